@@ -1,0 +1,59 @@
+"""Differentiable simulation of seismic pounding between two adjacent structures.
+
+>>> import jaxpound as jp
+>>> response = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+>>> bool(response.min_gap > 0.3)
+True
+"""
+
+from jaxpound import paper
+from jaxpound.fractional import FullHistory, ModalHistory, gl_weights, rod_force
+from jaxpound.friction import EventResolved, Smoothed, Switching
+from jaxpound.ground import Record, Ricker, arias_intensity, pga, pgv
+from jaxpound.records import read_record
+from jaxpound.response import Demand, Energy, Phase, Response
+from jaxpound.simulation import (
+    PAPER_SCHEME,
+    Scheme,
+    TimeGrid,
+    demand,
+    simulate,
+    stability_limit,
+)
+from jaxpound.structures import AdjacentStructures, ZenerRod
+from jaxpound.units import STANDARD_GRAVITY, Building, Scales, dimensionless
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "PAPER_SCHEME",
+    "STANDARD_GRAVITY",
+    "AdjacentStructures",
+    "Building",
+    "Demand",
+    "Energy",
+    "EventResolved",
+    "FullHistory",
+    "ModalHistory",
+    "Phase",
+    "Record",
+    "Response",
+    "Ricker",
+    "Scales",
+    "Scheme",
+    "Smoothed",
+    "Switching",
+    "TimeGrid",
+    "ZenerRod",
+    "arias_intensity",
+    "demand",
+    "dimensionless",
+    "gl_weights",
+    "paper",
+    "pga",
+    "pgv",
+    "read_record",
+    "rod_force",
+    "simulate",
+    "stability_limit",
+]

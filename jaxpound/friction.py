@@ -1,0 +1,306 @@
+r"""The friction link: the set-valued Coulomb law q ∈ μ Sgn(w), w = x1' − x2', over one time step.
+
+The slip velocity obeys w' = A − R q, with A = −f1 + ρ f2 the relative acceleration without friction
+(the ground's drops out) and R = 1 + ρ. A law takes w at t_m − h/2 to t_m + h/2. Within a step time
+is counted by τ from 0 to 1, and A(τ) = A_m + D (τ − ½) with D = A_m − A_{m−1}.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxpound._checks import Rule, enforce
+
+
+class Slip(NamedTuple):
+    """What a friction law makes of one step, from t_m − h/2 to t_m + h/2.
+
+    ``jump`` is what the drift from t_m to t_{m+1} misses of x1 − x2 because friction changed within
+    the step. ``turns`` says whether w vanished in the step, ``turn_time`` when (after t_m) and
+    ``turn`` by how much x1 − x2 differs there from its value at t_m. ``phase`` is the direction of
+    slip after the step, 0 in stick; ``change_time`` is when it took over (after t_m).
+    """
+
+    velocity: jax.Array  # w at t_m + h/2
+    mean_force: jax.Array  # q, mean over the step
+    force: jax.Array  # q at t_m
+    velocity_now: jax.Array  # w at t_m
+    jump: jax.Array
+    turns: jax.Array
+    turn_time: jax.Array
+    turn: jax.Array
+    phase: jax.Array
+    change_time: jax.Array
+
+
+class FrictionLaw(Protocol):
+    """A law of friction, evaluated as the mean force over one step."""
+
+    def slide(
+        self,
+        w: jax.Array,
+        phase: jax.Array,
+        a: jax.Array,
+        a_last: jax.Array,
+        inverse_mass: jax.Array,
+        mu: jax.Array,
+        h: Any,
+    ) -> Slip:
+        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EventResolved:
+    """Coulomb's law with the instants of stopping and of breaking away found within the step.
+
+    The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event,
+    θ < φ < 1 a stop after which friction soon fails to hold, θ = φ a reversal. All three follow in
+    closed form from the linear A(τ), and w is continuous in every parameter across all cases. Value
+    and gradient of a run are second-order accurate in h.
+    """
+
+    def slide(
+        self,
+        w: jax.Array,
+        phase: jax.Array,
+        a: jax.Array,
+        a_last: jax.Array,
+        inverse_mass: jax.Array,
+        mu: jax.Array,
+        h: Any,
+    ) -> Slip:
+        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+        d = a - a_last
+        hold = inverse_mass * mu  # stick lasts while |A| ≤ Rμ
+
+        def accelerate(direction: jax.Array, start: Any, end: Any) -> jax.Array:
+            """Change of w in slip with the given direction between two τ."""
+            span = end - start
+            return h * span * (a - direction * hold + d * (start + end - 1) / 2)
+
+        # Slip, until w vanishes at θ: a root of w + h [(b − D/2) θ + D θ²/2] = 0, b = A − Rμ σ.
+        before = jnp.sign(w)
+        stops = before * (w + accelerate(before, 0.0, 1.0)) <= 0
+        slips_first = before != 0
+        solve = stops & slips_first
+        speed = jnp.where(solve, jnp.abs(w) / h, 1.0)
+        half = jnp.where(solve, before * (d / 2 - (a - before * hold)), 1.0)
+        bend = jnp.where(solve, before * d, 0.0)
+        root = jnp.sqrt(jnp.maximum(half**2 - 2 * bend * speed, _tiny(w)))
+        theta = jnp.where(solve, jnp.minimum(2 * speed / (half + root), 1.0), 1.0)
+        theta = jnp.where(slips_first, theta, 0.0)
+
+        # Stick, until |A| exceeds Rμ at φ.
+        a_stop = a + d * (theta - 0.5)
+        a_end = a + d / 2
+        sticks = stops & (jnp.abs(a_stop) <= hold)
+        holds = sticks & (jnp.abs(a_end) <= hold)
+        after = jnp.sign(jnp.where(sticks, a_end, a_stop))
+        breaks = sticks & ~holds
+        excess = jnp.where(breaks, a_end - after * hold, 0.0)
+        steep = jnp.where(breaks, d, 1.0)
+        phi = jnp.where(holds, 1.0, jnp.where(breaks, 1 - excess / steep, theta))
+
+        # Slip again, from rest.
+        w_slip = w + accelerate(before, 0.0, 1.0)
+        w_break = h * excess * (excess / steep) / 2
+        w_reverse = accelerate(after, theta, 1.0)
+        w_new = jnp.where(
+            stops, jnp.where(holds, 0.0, jnp.where(breaks, w_break, w_reverse)), w_slip
+        )
+
+        slipping = theta >= 0.5
+        stuck = ~slipping & (phi >= 0.5)
+        force = jnp.where(slipping, before * mu, jnp.where(stuck, a / inverse_mass, after * mu))
+        w_now = jnp.where(
+            slipping,
+            w + accelerate(before, 0.0, 0.5),
+            jnp.where(stuck, 0.0, w_new - accelerate(after, 0.5, 1.0)),
+        )
+
+        # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
+        s = h * (theta - 0.5)
+        slope = a_stop - before * hold
+        slope_after = jnp.where(sticks, 0.0, a_stop - after * hold)
+        event = stops & slips_first
+        new_phase = jnp.where(holds, 0.0, jnp.where(stops, after, before))
+        return Slip(
+            velocity=w_new,
+            mean_force=(a - (w_new - w) / h) / inverse_mass,
+            force=force,
+            velocity_now=w_now,
+            jump=jnp.where(event, (slope_after - slope) * s**2 / 2, 0.0),
+            turns=event,
+            turn_time=s,
+            turn=-(a - before * hold + 2 / 3 * d * (theta - 0.5)) * s**2 / 2,
+            phase=new_phase,
+            change_time=jnp.where(holds, s, h * (phi - 0.5)),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Switching:
+    """The paper's law (eqs. 10–12): stick or slip for the whole step, chosen by ``jnp.where``.
+
+    Stick gives way when the force that holds, A/R, exceeds μ; slip ends, in stick or in slip the
+    other way, one step after w has changed sign. First-order accurate, and its derivatives miss how
+    the switching instants move with the parameters.
+    """
+
+    def slide(
+        self,
+        w: jax.Array,
+        phase: jax.Array,
+        a: jax.Array,
+        a_last: jax.Array,
+        inverse_mass: jax.Array,
+        mu: jax.Array,
+        h: Any,
+    ) -> Slip:
+        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+        hold = a / inverse_mass
+        leaves = (phase == 0) | (w * phase <= 0)
+        pushed = jnp.where(jnp.abs(hold) <= mu, 0.0, jnp.where(phase == 0, jnp.sign(hold), -phase))
+        new_phase = jnp.where(leaves, pushed, phase)
+        sticks = new_phase == 0
+        force = jnp.where(sticks, hold, mu * new_phase)
+        w_new = jnp.where(sticks, 0.0, w + h * (a - inverse_mass * force))
+        turns, turn_time, turn = vertex(w, w_new, h)
+        return Slip(
+            velocity=w_new,
+            mean_force=force,
+            force=force,
+            velocity_now=(w + w_new) / 2,
+            jump=jnp.zeros_like(w),
+            turns=turns,
+            turn_time=turn_time,
+            turn=turn,
+            phase=new_phase,
+            change_time=jnp.where(phase == 0, 0.0, -h) * jnp.ones_like(w),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Smoothed:
+    """Regularised friction, q = μ tanh(w / velocity), by an L-stable second-order implicit step.
+
+    w' = A − R μ tanh(w/v_s) is taken over the step by the two-stage SDIRK method with γ = 1 − 1/√2
+    (Alexander 1977); each stage is one monotone scalar equation. No width is unstable, and v_s → 0
+    gives stick (w = 0) wherever Coulomb's law does. There is no true stick: blocks creep at
+    w ≈ v_s A/(Rμ), so that ``phase`` is the sign of w.
+
+    Parameters
+    ----------
+    velocity
+        v_s > 0, the slip velocity at which friction reaches 76 % of μ, in units of g/ω1.
+
+    Raises
+    ------
+    ValueError
+        If velocity is not positive and finite.
+    """
+
+    velocity: float
+
+    def __post_init__(self) -> None:
+        rule = Rule("velocity", self.velocity, 0 < self.velocity < float("inf"), "positive, finite")
+        enforce("Smoothed", [rule])
+        object.__setattr__(self, "velocity", float(self.velocity))
+
+    def slide(
+        self,
+        w: jax.Array,
+        phase: jax.Array,
+        a: jax.Array,
+        a_last: jax.Array,
+        inverse_mass: jax.Array,
+        mu: jax.Array,
+        h: Any,
+    ) -> Slip:
+        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+        # Below √tiny widths are alike, and brake / width stays finite.
+        width = jnp.maximum(jnp.asarray(self.velocity, w.dtype), _tiny(w) ** 0.5)
+        share = 1 - 0.5**0.5
+        brake = h * share * inverse_mass * mu
+        push = h * share * a
+        stage = _creep(w + push, brake, width)
+        slope = (stage - w) / share  # h w' at the first stage
+        w_new = _creep(w + (1 - share) * slope + push, brake, width)
+        w_now = (w + w_new) / 2
+        turns, turn_time, turn = vertex(w, w_new, h)
+        return Slip(
+            velocity=w_new,
+            mean_force=(a - (w_new - w) / h) / inverse_mass,
+            force=mu * jnp.tanh(_ratio(w_now, width)),
+            velocity_now=w_now,
+            jump=jnp.zeros_like(w),
+            turns=turns,
+            turn_time=turn_time,
+            turn=turn,
+            phase=jnp.sign(w_new),
+            change_time=turn_time,
+        )
+
+
+def vertex(before: jax.Array, after: jax.Array, h: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Extremum of a series near t_m from its mean velocities in the steps before and after t_m.
+
+    Returns whether the parabola through the three values turns within h/2 of t_m, when (after
+    t_m), and the extremum less the value at t_m.
+    """
+    turns = before * after < 0
+    mean = (before + after) / 2
+    gain = jnp.where(turns, after - before, 1.0)
+    time = jnp.where(turns, -mean / gain * h, 0.0)
+    return turns, time, mean * time / 2
+
+
+def _tiny(x: jax.Array) -> Any:
+    return jnp.finfo(x.dtype).tiny
+
+
+def _ratio(w: jax.Array, width: jax.Array) -> jax.Array:
+    # tanh is ±1 to rounding from 40 on; the limit keeps w/width, and its derivative, finite.
+    near = jnp.abs(w) < 40 * width
+    return jnp.where(near, jnp.where(near, w, 0.0) / width, 40 * jnp.sign(w))
+
+
+@jax.custom_jvp
+def _creep(push: jax.Array, brake: jax.Array, width: jax.Array) -> jax.Array:
+    """The w that solves w + brake tanh(w / width) = push, for brake ≥ 0 and width > 0."""
+    goal = jnp.abs(push)
+    # For w > 0 the left side is concave: from below the root, Newton's method climbs to it.
+    start = jnp.maximum(goal - brake, goal / (1 + brake / width))
+
+    def improve(carry: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+        w, _, turn = carry
+        t = jnp.tanh(_ratio(w, width))
+        better = w + (goal - w - brake * t) / (1 + brake / width * (1 - t * t))
+        better = jnp.clip(better, w, goal)
+        return better, better - w, turn + 1
+
+    def unsettled(carry: tuple[Any, Any, Any]) -> Any:
+        w, change, turn = carry
+        return (turn < 400) & (change > 4 * jnp.finfo(w.dtype).eps * w)
+
+    w, _, _ = lax.while_loop(unsettled, improve, (start, jnp.full_like(start, jnp.inf), 0))
+    return jnp.sign(push) * w
+
+
+@_creep.defjvp
+def _creep_jvp(primals: Any, tangents: Any) -> Any:
+    push, brake, width = primals
+    d_push, d_brake, d_width = tangents
+    w = _creep(push, brake, width)
+    y = _ratio(w, width)
+    t = jnp.tanh(y)
+    # With s = sech², dw (1 + brake s / width) = d_push − t d_brake + (brake s / width) y d_width;
+    # dividing by 1 + brake s / width is safe at any size of it.
+    stiff = brake / width * (1 - t * t)
+    change = (d_push - t * d_brake) / (1 + stiff) + stiff / (1 + stiff) * y * d_width
+    return w, change

@@ -1,0 +1,344 @@
+"""Ground motions: anything with ``acceleration(t)``, their sums and scalings, and their measures.
+
+In the dimensionless model (eq. 9) acceleration is in units of g and time in units of 1/ω1; a record
+as read from a file is in g and seconds (``Scales.to_dimensionless`` turns one into the other).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.integrate import trapezoid
+from jaxtyping import Array, ArrayLike, Float
+from scipy.signal import detrend, resample_poly
+
+from jaxpound._checks import Rule, enforce, finite, is_traced, real
+from jaxpound._pytree import label, pytree_dataclass
+
+if TYPE_CHECKING:
+    from jaxpound.simulation import TimeGrid
+
+
+@runtime_checkable
+class Ground(Protocol):
+    """What the simulator asks of a ground motion."""
+
+    def acceleration(self, t: ArrayLike) -> Any:
+        """Ground acceleration u''(t), of the shape of ``t``."""
+
+
+GroundLike = Ground | Callable[[Any], Any]
+
+
+class _Combinable:
+    """Sums and scalings of ground motions: ``a + b``, ``a - b``, ``2 * a``, ``-a``."""
+
+    def __add__(self, other: GroundLike) -> Sum:
+        return Sum((self, other))
+
+    def __radd__(self, other: GroundLike) -> Sum:
+        return Sum((other, self))
+
+    def __sub__(self, other: GroundLike) -> Sum:
+        return Sum((self, Scaled(other, -1.0)))
+
+    def __mul__(self, factor: ArrayLike) -> Scaled:
+        return Scaled(self, factor)
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> Scaled:
+        return Scaled(self, -1.0)
+
+
+@pytree_dataclass
+class Sum(_Combinable):
+    """The sum of several ground motions; a plain function of t counts as one."""
+
+    grounds: tuple[Any, ...]
+
+    def acceleration(self, t: ArrayLike) -> Any:
+        """Sum of the accelerations, of the shape of ``t``."""
+        return sum(accelerate(ground, t) for ground in self.grounds)
+
+
+@pytree_dataclass
+class Scaled(_Combinable):
+    """A ground motion times a real factor."""
+
+    ground: Any
+    factor: Any
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factor", real("Scaled", "factor", self.factor))
+        enforce("Scaled", self.rules())
+
+    def rules(self) -> list[Rule]:
+        """The rule of the factor."""
+        return [Rule("factor", self.factor, finite(self.factor), "finite")]
+
+    def acceleration(self, t: ArrayLike) -> Any:
+        """Factor times the acceleration, of the shape of ``t``."""
+        return self.factor * accelerate(self.ground, t)
+
+
+@pytree_dataclass
+class Ricker(_Combinable):
+    r"""A sum of Ricker wavelets, in closed form (paper, eq. 6).
+
+    With :math:`a = π/t_p`, :math:`s = t - t_s` and :math:`v = (a s)^2`, each wavelet is
+    :math:`u = u_0 (2v - 1) e^{-v}`.
+
+    Parameters
+    ----------
+    amplitude
+        u0, the displacement amplitude: one for all wavelets, as in the paper, or one each.
+    periods
+        t_p > 0, one per wavelet, shape (n,) (a number is one wavelet).
+    arrivals
+        t_s, the instants of the wavelets' centres, shape (n,).
+
+    Raises
+    ------
+    ValueError
+        If periods and arrivals differ in shape, a period is not positive, or anything known is not
+        finite.
+    """
+
+    amplitude: Any
+    periods: Any
+    arrivals: Any
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "periods", "arrivals"):
+            object.__setattr__(self, name, real("Ricker", name, getattr(self, name)))
+        amplitudes, periods, arrivals = (
+            jnp.shape(x) for x in (self.amplitude, self.periods, self.arrivals)
+        )
+        if periods != arrivals:
+            raise ValueError(
+                f"Ricker: periods of shape {periods} and arrivals of shape {arrivals} "
+                "must have one entry per wavelet"
+            )
+        if amplitudes not in ((), periods):
+            raise ValueError(
+                f"Ricker: amplitude of shape {amplitudes} must be one number or, like periods, "
+                f"of shape {periods}"
+            )
+        enforce("Ricker", self.rules())
+
+    def rules(self) -> list[Rule]:
+        """The rules of the wavelets' parameters."""
+        u0, tp, ts = self.amplitude, self.periods, self.arrivals
+        return [
+            Rule("amplitude", u0, finite(u0), "finite"),
+            Rule("periods", tp, (tp > 0) & finite(tp), "positive and finite"),
+            Rule("arrivals", ts, finite(ts), "finite"),
+        ]
+
+    def displacement(self, t: ArrayLike) -> jax.Array:
+        """u(t), of the shape of ``t``."""
+        return self._sum(t, lambda a, s, v: 2 * v - 1)
+
+    def velocity(self, t: ArrayLike) -> jax.Array:
+        """u'(t), of the shape of ``t``."""
+        return self._sum(t, lambda a, s, v: 2 * a**2 * s * (3 - 2 * v))
+
+    def acceleration(self, t: ArrayLike) -> jax.Array:
+        """u''(t), of the shape of ``t``."""
+        return self._sum(t, lambda a, s, v: 2 * a**2 * (4 * v**2 - 12 * v + 3))
+
+    def _sum(self, t: ArrayLike, shape: Callable[..., Any]) -> jax.Array:
+        a = jnp.pi / jnp.atleast_1d(self.periods)
+        s = jnp.asarray(t)[..., None] - jnp.atleast_1d(self.arrivals)
+        v = (a * s) ** 2
+        return jnp.sum(self.amplitude * shape(a, s, v) * jnp.exp(-v), axis=-1)
+
+
+@pytree_dataclass
+class Record(_Combinable):
+    """A recorded accelerogram: uniform samples from t = 0, joined by straight lines.
+
+    Before the first sample and after the last the ground is at rest; the acceleration goes linearly
+    to zero within one sample interval there.
+
+    Parameters
+    ----------
+    acceleration
+        Samples, shape (n,), n ≥ 2, in g.
+    dt
+        Sample interval > 0, in seconds (dimensionless after ``Scales.to_dimensionless``).
+    name
+        For titles and tables; transformations such as ``jit`` drop it.
+
+    Raises
+    ------
+    ValueError
+        If the samples are not one-dimensional, fewer than two or not finite, or dt ≤ 0.
+    """
+
+    samples: Any
+    dt: Any
+    name: str = label(default="")
+
+    def __init__(self, acceleration: Any, dt: Any, name: str = "") -> None:
+        samples = real("Record", "acceleration", acceleration)
+        if jnp.ndim(samples) != 1 or jnp.size(samples) < 2:
+            raise ValueError(
+                f"Record: acceleration of shape {jnp.shape(samples)} must be one-dimensional "
+                "with at least two samples"
+            )
+        object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "dt", real("Record", "dt", dt))
+        object.__setattr__(self, "name", name)
+        enforce("Record", self.rules())
+
+    def rules(self) -> list[Rule]:
+        """The rules of a record."""
+        samples, dt = self.samples, self.dt
+        return [
+            Rule("acceleration", samples, finite(samples), "finite"),
+            Rule("dt", dt, (dt > 0) & finite(dt), "positive and finite"),
+        ]
+
+    def acceleration(self, t: ArrayLike) -> jax.Array:
+        """u''(t) by linear interpolation, of the shape of ``t``."""
+        samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
+        place = jnp.clip(jnp.asarray(t) / self.dt + 1, 0, samples.size - 1)
+        left = jnp.minimum(place.astype(int), samples.size - 2)
+        share = place - left
+        return (1 - share) * samples[left] + share * samples[left + 1]
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return jnp.shape(self.samples)[-1]
+
+    @property
+    def duration(self) -> Any:
+        """Time of the last sample."""
+        return (self.n_samples - 1) * self.dt
+
+    def scaled_to_pga(self, pga: ArrayLike) -> Record:
+        """The record scaled to the peak ground acceleration ``pga`` > 0."""
+        enforce("Record.scaled_to_pga", [Rule("pga", pga, jnp.asarray(pga) > 0, "positive")])
+        samples = jnp.asarray(self.samples)
+        peak = jnp.max(jnp.abs(samples))
+        enforce("Record.scaled_to_pga", [Rule("the record's own peak", peak, peak > 0, "positive")])
+        return Record(samples * (pga / peak), self.dt, self.name)
+
+    def baseline_corrected(self, kind: str = "linear") -> Record:
+        """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
+        types = {"mean": "constant", "linear": "linear"}
+        if kind not in types:
+            raise ValueError(f"baseline_corrected: kind = {kind!r} must be 'mean' or 'linear'")
+        samples = detrend(np.asarray(self.samples), type=types[kind])
+        return Record(samples, self.dt, self.name)
+
+    def resampled(self, dt: float) -> Record:
+        """The record at another sample interval.
+
+        A finer one inserts points on the straight lines between samples, which leaves the motion
+        as the simulator sees it unchanged where the old samples are among the new ones; a coarser
+        one low-passes first (``scipy.signal.resample_poly``), so that nothing aliases.
+        """
+        enforce("Record.resampled", [Rule("dt", dt, 0 < dt < np.inf, "positive and finite")])
+        if dt <= self.dt:
+            n = int(np.floor(self.duration / dt * (1 + 1e-12))) + 1
+            return Record(self.acceleration(dt * np.arange(n)), dt, self.name)
+        ratio = Fraction(float(self.dt / dt)).limit_denominator(1000)
+        if abs(ratio.numerator / ratio.denominator * dt / self.dt - 1) > 1e-9:
+            raise ValueError(
+                f"Record.resampled: dt = {dt} must be a ratio of whole numbers up to 1000 times "
+                f"the record's dt = {self.dt}"
+            )
+        samples = np.asarray(self.samples)
+        return Record(resample_poly(samples, ratio.numerator, ratio.denominator), dt, self.name)
+
+    def __repr__(self) -> str:
+        if is_traced((self.samples, self.dt)) or jnp.ndim(self.dt):
+            return f"Record({jnp.shape(self.samples)} samples)"
+        title = f"{self.name!r}, " if self.name else ""
+        return (
+            f"Record({title}{self.n_samples} samples, dt = {float(self.dt):.6g}, "
+            f"duration {float(self.duration):.6g}, peak {float(pga(self)):.4g})"
+        )
+
+
+def accelerate(ground: GroundLike, t: ArrayLike) -> Any:
+    """Acceleration at ``t`` of a ground motion or of a plain function of t."""
+    return ground.acceleration(t) if isinstance(ground, Ground) else ground(t)
+
+
+def ground_rules(ground: Any) -> list[Rule]:
+    """The rules of a ground motion's parameters, of all its parts."""
+    if isinstance(ground, Sum):
+        return [rule for part in ground.grounds for rule in ground_rules(part)]
+    if isinstance(ground, Scaled):
+        return [*ground.rules(), *ground_rules(ground.ground)]
+    return ground.rules() if hasattr(ground, "rules") else []
+
+
+def sampled(ground: GroundLike, grid: TimeGrid) -> Record:
+    """The ground motion as a record with the time grid's own interval.
+
+    This is how the simulator takes a ground motion that is not a pytree of arrays (a Python
+    function, say): it is evaluated once on the grid, by array or, failing that, element by element.
+
+    Raises
+    ------
+    ValueError
+        If it returns anything but a real number for each instant.
+    """
+    t = grid.times()
+    try:
+        values = accelerate(ground, t)
+    except (TypeError, ValueError):
+        values = [accelerate(ground, float(instant)) for instant in t]
+    values = jnp.asarray(values)
+    if values.ndim == 0:
+        values = jnp.broadcast_to(values, t.shape)
+    if values.shape != t.shape:
+        raise ValueError(
+            f"ground: acceleration(t) of shape {values.shape} must have the shape of t, {t.shape}"
+        )
+    return Record(values, grid.dt)
+
+
+def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
+    """Peak ground acceleration max |u''|, in g; a ``Record`` needs no grid."""
+    return jnp.max(jnp.abs(_samples(ground, grid)[0]))
+
+
+def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) -> Float[Array, ""]:
+    """Peak ground velocity max |u'|, from rest, by the trapezoidal rule.
+
+    With a record in g and seconds, ``gravity=9.80665`` gives m/s.
+    """
+    a, dt = _samples(ground, grid)
+    velocity = gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2)
+    return jnp.max(jnp.abs(velocity))
+
+
+def arias_intensity(
+    ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0
+) -> Float[Array, ""]:
+    """Arias intensity (π/2) ∫ u''² dt × gravity, u'' in g (Arias 1970), by the trapezoidal rule.
+
+    With a record in g and seconds, ``gravity=9.80665`` gives m/s.
+    """
+    a, dt = _samples(ground, grid)
+    return jnp.pi / 2 * gravity * trapezoid(a**2, dx=dt)
+
+
+def _samples(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, Any]:
+    if grid is not None:
+        return jnp.asarray(sampled(ground, grid).samples), grid.dt
+    if isinstance(ground, Record):
+        return jnp.asarray(ground.samples), ground.dt
+    raise ValueError(f"grid = None must be a TimeGrid for a {type(ground).__name__}")

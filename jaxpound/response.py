@@ -1,0 +1,266 @@
+"""What a run returns: the series of ``Response``, the scalars of ``Demand``, the energy balance."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxpound._checks import is_traced
+from jaxpound._pytree import pytree_dataclass, static
+
+
+class Instant(NamedTuple):
+    """The state of the system at one instant t_m, and what friction did around it."""
+
+    time: jax.Array
+    x1: jax.Array
+    x2: jax.Array
+    v1: jax.Array
+    v2: jax.Array
+    f1: jax.Array
+    f2: jax.Array
+    friction: jax.Array
+    ground_acceleration: jax.Array
+    gap: jax.Array
+    slip_velocity: jax.Array
+    turn_gap: jax.Array  # gap where the slip velocity vanishes within h/2 of t_m, else +inf
+    turn_time: jax.Array
+    phase: jax.Array  # direction of slip at t_m + h/2, 0 in stick
+    change_time: jax.Array  # when that phase took over, if it differs from the last
+
+
+@pytree_dataclass
+class Demand:
+    """Scalars of a run, as a designer asks for them. A batch has arrays in their place.
+
+    Dimensionless as in eq. (9) (length g/ω1², time 1/ω1, force m1 g), or SI after ``Scales.to_si``.
+    """
+
+    min_gap: Any
+    """Smallest gap ξ, at an instant where the slip velocity vanishes or at an end of the run."""
+    min_gap_time: Any
+    """When the gap is smallest."""
+    peak_x1: Any
+    """Largest |x1|, displacement of block 1 relative to the ground, over the grid."""
+    peak_x2: Any
+    """Largest |x2| over the grid."""
+    peak_f1: Any
+    """Largest |f1|, rod force (base shear) of structure 1, over the grid."""
+    peak_f2: Any
+    """Largest |f2| over the grid, in the units of f1 (m1 g)."""
+    peak_acceleration_1: Any
+    """Largest absolute acceleration |x1'' + u''| of block 1 over the grid."""
+    peak_acceleration_2: Any
+    """Largest absolute acceleration |x2'' + u''| of block 2 over the grid."""
+    slip_distance: Any
+    """Distance slid by the damper, ∫ |x1' − x2'| dt."""
+    friction_work: Any
+    """Energy taken by the damper, ∫ q (x1' − x2') dt."""
+    residual_offset: Any
+    """x2 − x1 at the end of the run: by how much the gap has changed."""
+
+    @property
+    def pounds(self) -> Any:
+        """1.0 where the gap closes (min_gap ≤ 0), else 0.0; NaN where the run is invalid."""
+        gap = jnp.asarray(self.min_gap)
+        return jnp.where(jnp.isnan(gap), jnp.nan, (gap <= 0).astype(gap.dtype))
+
+    def __repr__(self) -> str:
+        names = list(self.__dict__)
+        if is_traced(self) or jnp.ndim(self.min_gap):
+            return f"Demand(batch of shape {jnp.shape(self.min_gap)}: {', '.join(names)})"
+        values = {name: float(getattr(self, name)) for name in names}
+        values["pounds"] = float(self.pounds)
+        return "Demand(\n" + "".join(f"    {k:20s} {v:.8g}\n" for k, v in values.items()) + ")"
+
+
+class Tally(NamedTuple):
+    """A ``Demand`` in the making: folded over the instants of a run."""
+
+    min_gap: jax.Array
+    min_gap_time: jax.Array
+    gap: jax.Array
+    peaks: jax.Array  # of |x1|, |x2|, |f1|, |f2| and both absolute accelerations
+    slid: jax.Array  # ∫ |w| dt and ∫ q w dt
+
+    @staticmethod
+    def start(initial_gap: jax.Array) -> Tally:
+        """Nothing has happened yet."""
+        zero = jnp.zeros_like(initial_gap)
+        return Tally(initial_gap, zero, initial_gap, jnp.stack([zero] * 6), jnp.stack([zero] * 2))
+
+    def observe(self, now: Instant, mass_ratio: jax.Array, dt: float, last: jax.Array) -> Tally:
+        """Take one instant into account; ``last`` tells whether the run ends with it."""
+        # The gap is smallest where the slip velocity vanishes, or at an end of the run.
+        turns_in_time = ~last | (now.turn_time <= now.time)
+        turn_gap = jnp.where(turns_in_time, now.turn_gap, jnp.inf)
+        ends = last & (now.gap < turn_gap)
+        gap = jnp.where(ends, now.gap, turn_gap)
+        lower = gap < self.min_gap
+
+        a1 = -now.f1 - now.friction
+        a2 = mass_ratio * (now.friction - now.f2)
+        seen = jnp.stack([now.x1, now.x2, now.f1, now.f2, a1, a2])
+        sliding = jnp.stack([jnp.abs(now.slip_velocity), now.friction * now.slip_velocity])
+        # Trapezoidal sums; the run starts at rest.
+        share = jnp.where(last, dt / 2, dt).astype(sliding.dtype)
+        return Tally(
+            min_gap=jnp.where(lower, gap, self.min_gap),
+            min_gap_time=jnp.where(
+                lower, jnp.where(ends, now.time, now.turn_time), self.min_gap_time
+            ),
+            gap=now.gap,
+            peaks=jnp.maximum(self.peaks, jnp.abs(seen)),
+            slid=self.slid + share * sliding,
+        )
+
+    def demand(self, initial_gap: jax.Array) -> Demand:
+        """The scalars of the instants seen."""
+        peak_x1, peak_x2, peak_f1, peak_f2, peak_a1, peak_a2 = self.peaks
+        slip_distance, friction_work = self.slid
+        return Demand(
+            min_gap=self.min_gap,
+            min_gap_time=self.min_gap_time,
+            peak_x1=peak_x1,
+            peak_x2=peak_x2,
+            peak_f1=peak_f1,
+            peak_f2=peak_f2,
+            peak_acceleration_1=peak_a1,
+            peak_acceleration_2=peak_a2,
+            slip_distance=slip_distance,
+            friction_work=friction_work,
+            residual_offset=self.gap - initial_gap,
+        )
+
+
+class Phase(NamedTuple):
+    """An interval of 'stick', 'slip right' (x1' > x2') or 'slip left', and its ends."""
+
+    kind: str
+    start: float
+    end: float
+
+
+class Energy(NamedTuple):
+    """Terms of the energy balance over time (relative motion), each by its own quadrature.
+
+    The terms are cumulative trapezoidal integrals of the powers at the grid's instants, not the
+    scheme's telescoping sums, so that ``residual`` = rods + friction + kinetic − input measures the
+    error of the run. Shape (n_steps+1,) each; unit (m1 g)(g/ω1²), or J in SI.
+    """
+
+    input: Any
+    kinetic: Any
+    rods: Any
+    friction: Any
+    residual: Any
+
+
+@pytree_dataclass
+class Response:
+    """Time series of a run, each of shape (n_steps+1,), and what follows from them.
+
+    Dimensionless as in eq. (9): time 1/ω1, length g/ω1², force m1 g, acceleration g;
+    ``Scales.to_si`` gives the same object in s, m, N and m/s². A batch has a leading axis.
+    """
+
+    time: Any
+    x1: Any
+    x2: Any
+    v1: Any
+    v2: Any
+    f1: Any
+    f2: Any
+    friction: Any
+    """Force q of the damper: positive when it pulls block 1 back (x1' > x2' in slip)."""
+    ground_acceleration: Any
+    gap: Any
+    """ξ = ξ0 + x2 − x1; pounding is ξ ≤ 0."""
+    phase: Any
+    """Direction of slip half a step after each instant: 1, −1, or 0 in stick."""
+    change_time: Any
+    """Where ``phase`` differs from the entry before: when it changed."""
+    mass_1: Any
+    mass_2: Any
+    demand: Demand
+    """The scalars of the run."""
+    method: str = static(default="")
+    """The scheme in words."""
+    si: bool = static(default=False)
+    """Whether the numbers are SI."""
+
+    @property
+    def min_gap(self) -> Any:
+        """Smallest gap of the run (not only of its grid)."""
+        return self.demand.min_gap
+
+    @property
+    def slip_velocity(self) -> Any:
+        """x1' − x2'."""
+        return self.v1 - self.v2
+
+    @property
+    def absolute_accelerations(self) -> tuple[Any, Any]:
+        """x1'' + u'' and x2'' + u'' of eq. (9), in g (m/s² in SI)."""
+        m1, m2 = (jnp.asarray(m)[..., None] for m in (self.mass_1, self.mass_2))
+        return (-self.f1 - self.friction) / m1, (self.friction - self.f2) / m2
+
+    @property
+    def energy(self) -> Energy:
+        """Energy balance over time."""
+        m1, m2 = (jnp.asarray(m)[..., None] for m in (self.mass_1, self.mass_2))
+        rods = self._integral(self.f1 * self.v1 + self.f2 * self.v2)
+        friction = self._integral(self.friction * self.slip_velocity)
+        kinetic = (m1 * self.v1**2 + m2 * self.v2**2) / 2
+        supplied = self._integral(-self.ground_acceleration * (m1 * self.v1 + m2 * self.v2))
+        return Energy(supplied, kinetic, rods, friction, rods + friction + kinetic - supplied)
+
+    def phases(self) -> list[Phase]:
+        """Intervals of stick and slip in order, with the instants found within the steps.
+
+        Raises
+        ------
+        ValueError
+            For a batch (take one response of it first) and for an invalid run.
+        """
+        if jnp.ndim(self.time) != 1:
+            shape = jnp.shape(self.time)
+            raise ValueError(f"phases: a batch of shape {shape} must be indexed to one response")
+        time, phase = np.asarray(self.time), np.asarray(self.phase)
+        if not np.isfinite(phase).all():
+            raise ValueError("phases: the run is invalid (its results are NaN)")
+        changes = np.flatnonzero(np.diff(phase)) + 1
+        instants = np.clip(np.asarray(self.change_time)[changes], time[0], time[-1])
+        kinds = {0: "stick", 1: "slip right", -1: "slip left"}
+        bounds = [float(time[0]), *instants.tolist(), float(time[-1])]
+        directions = [int(phase[0]), *phase[changes].tolist()]
+        return [
+            Phase(kinds[direction], start, end)
+            for direction, start, end in zip(directions, bounds[:-1], bounds[1:], strict=True)
+        ]
+
+    def _integral(self, power: Any) -> Float[Array, "... time"]:
+        steps = jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2
+        return jnp.concatenate([jnp.zeros_like(power[..., :1]), jnp.cumsum(steps, axis=-1)], -1)
+
+    def __repr__(self) -> str:
+        shape = jnp.shape(self.time)
+        if is_traced(self) or len(shape) != 1:
+            return f"Response(batch of shape {shape}: {self.method})"
+        length, second, force = ("m", "s", "N") if self.si else ("g/ω1²", "1/ω1", "m1 g")
+        d, n = self.demand, shape[0] - 1
+        step = float(self.time[1] - self.time[0])
+        return (
+            f"Response({self.method}\n"
+            f"    {n} steps of {step:.6g} {second}, until {float(self.time[-1]):.6g} {second}\n"
+            f"    min gap      {float(d.min_gap):.6g} {length} at {float(d.min_gap_time):.6g} "
+            f"{second}{'   POUNDS' if float(d.min_gap) <= 0 else ''}\n"
+            f"    peaks        |x1| {float(d.peak_x1):.4g}, |x2| {float(d.peak_x2):.4g} {length};  "
+            f"|f1| {float(d.peak_f1):.4g}, |f2| {float(d.peak_f2):.4g} {force}\n"
+            f"    damper       {len(self.phases())} phases, slid {float(d.slip_distance):.4g} "
+            f"{length}, offset left {float(d.residual_offset):.4g} {length})"
+        )
