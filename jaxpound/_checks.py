@@ -6,6 +6,7 @@ turns every result into NaN where it is not (under ``jit``, ``vmap`` or ``grad``
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -29,16 +30,68 @@ def is_traced(tree: Any) -> bool:
 
 
 def real(owner: str, name: str, value: Any) -> Any:
-    """``value`` if it is a real number, an array of them, or traced; else a ``ValueError``."""
+    """``value`` as floating-point numbers if it is real or traced; else a ``ValueError``.
+
+    Floats keep their precision. Integers become floats, which do not overflow and have gradients;
+    lists and arrays that JAX cannot take (of another byte order, say) become NumPy arrays.
+    """
     if isinstance(value, jax.core.Tracer):
         return value
+    if isinstance(value, list | tuple) and is_traced(value):
+        return jnp.asarray(value)
     try:
+        value = float(value) if type(value) is int else value
         array = np.asarray(value)
     except Exception as error:
-        raise ValueError(f"{owner}: {name} = {value!r} is not a number ({error})") from error
+        shown = reprlib.repr(value)
+        raise ValueError(f"{owner}: {name} = {shown} is not a number ({error})") from error
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{owner}: {name} = {value!r} must be a real number")
-    return value if hasattr(value, "dtype") or np.isscalar(value) else array
+        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be a real number")
+    if isinstance(value, jax.Array):
+        return value if array.dtype.kind == "f" else value.astype(float)
+    if isinstance(value, float):
+        return value
+    if array.dtype not in (np.float16, np.float32, np.float64):
+        array = array.astype(np.float64)
+    return array[()] if isinstance(value, np.generic) else array
+
+
+def number(owner: str, name: str, value: Any) -> Any:
+    """``real``, for what must be one number."""
+    value = real(owner, name, value)
+    if jnp.ndim(value):
+        raise ValueError(f"{owner}: {name} of shape {jnp.shape(value)} must be one number")
+    return value
+
+
+def positive(owner: str, **values: Any) -> list[Any]:
+    """``real`` of each value; a ``ValueError`` for a known one that is not positive and finite."""
+    numbers = [real(owner, name, value) for name, value in values.items()]
+    enforce(
+        owner,
+        [
+            Rule(name, x, (x > 0) & finite(x), "positive and finite")
+            for name, x in zip(values, numbers, strict=True)
+        ],
+    )
+    return numbers
+
+
+def one_batch(owner: str, **values: Any) -> None:
+    """A ``ValueError`` for arrays whose shapes do not make one batch."""
+    shapes = {name: jnp.shape(value) for name, value in values.items()}
+    try:
+        np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"{owner}: the shapes of {listed} must make one batch") from None
+
+
+def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
+    """A ``ValueError`` for an object of another type."""
+    if not isinstance(value, kinds):
+        wanted = " or ".join(kind.__name__ for kind in kinds)
+        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be of type {wanted}")
 
 
 def finite(x: Any) -> Any:
@@ -65,9 +118,9 @@ def all_hold(rules: Iterable[Rule]) -> jax.Array:
 
 
 def _culprit(rule: Rule) -> str:
-    value = np.asarray(rule.value)
+    value, holds = np.broadcast_arrays(rule.value, rule.holds)
     if value.ndim == 0:
         return f"{value.item():.8g}"
-    index = np.unravel_index(np.argmin(np.broadcast_to(rule.holds, value.shape)), value.shape)
+    index = np.unravel_index(np.argmin(holds), holds.shape)
     place = ", ".join(str(i) for i in index)
     return f"{value[index]:.8g} (at index [{place}])"

@@ -17,9 +17,9 @@ def static(**kwargs: Any) -> Any:
     return dataclasses.field(metadata={_ROLE: "static"}, **kwargs)
 
 
-def label(**kwargs: Any) -> Any:
+def label(*, default: Any) -> Any:
     """A field for people: transformations drop it, so that it never causes a recompilation."""
-    return dataclasses.field(metadata={_ROLE: "label"}, compare=False, **kwargs)
+    return dataclasses.field(default=default, metadata={_ROLE: "label"}, compare=False)
 
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(static, label))

@@ -17,20 +17,15 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxpound._checks import Rule, enforce, real
+from jaxpound._checks import Rule, enforce, finite, real
 from jaxpound.structures import ZenerRod
 
 
-def gl_weights(order: ArrayLike, n: int) -> Float[Array, "n+1 ..."]:
-    """Grünwald–Letnikov weights ω_0 … ω_n of a derivative of the given order (paper, eq. 11).
-
-    The index of the weight leads; the shape of ``order`` follows.
-    """
-    order = jnp.asarray(order, jnp.result_type(order, float))
-    j = jnp.arange(1, n + 1).reshape(-1, *[1] * order.ndim)
-    return jnp.concatenate(
-        [jnp.ones((1, *order.shape), order.dtype), jnp.cumprod(1 - (order + 1) / j, axis=0)]
-    )
+def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... n+1"]:
+    """Grünwald–Letnikov weights ω_0 … ω_n of a derivative of the given order (paper, eq. 11)."""
+    order = jnp.asarray(order, jnp.result_type(order, float))[..., None]
+    j = jnp.arange(1, n + 1).reshape(*[1] * (order.ndim - 1), n)
+    return jnp.concatenate([jnp.ones_like(order), jnp.cumprod(1 - (order + 1) / j, axis=-1)], -1)
 
 
 class History(Protocol):
@@ -61,7 +56,7 @@ class FullHistory:
 
     def kernel(self, order: jax.Array, n_steps: int) -> jax.Array:
         """Weights ω_n … ω_0 followed by zeros, so that each step's weights are one window of it."""
-        weights = jnp.moveaxis(gl_weights(order, n_steps), 0, -1)[..., ::-1]
+        weights = gl_weights(order, n_steps)[..., ::-1]
         return jnp.concatenate([weights, jnp.zeros_like(weights[..., 1:])], -1)
 
     def empty(self, kernel: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -130,10 +125,11 @@ class ModalHistory:
 
     def kernel(self, order: jax.Array, n_steps: int) -> _ModalKernel:
         """Exponents and weights for a run of ``n_steps`` steps; differentiable in the order."""
-        decay, fit = _modes(n_steps, self.n_modes(n_steps))
-        weight = jnp.tensordot(jnp.asarray(fit, order.dtype), _spectrum(order, n_steps, jnp), 1)
-        along_modes = (-1, *[1] * order.ndim)
-        return _ModalKernel(-order, jnp.asarray(decay, order.dtype).reshape(along_modes), weight)
+        rates, fit = _modes(n_steps, self.n_modes(n_steps))
+        spectrum = _spectrum(order, n_steps, jnp).astype(order.dtype)
+        weight = spectrum @ jnp.asarray(fit.T, order.dtype)
+        decay = jnp.broadcast_to(jnp.asarray(rates, order.dtype), weight.shape)
+        return _ModalKernel(-order, decay, weight)
 
     def empty(self, kernel: _ModalKernel) -> tuple[jax.Array, jax.Array]:
         """The last c and the modes y_k."""
@@ -142,14 +138,14 @@ class ModalHistory:
     def total(self, kernel: _ModalKernel, memory: tuple[jax.Array, jax.Array]) -> jax.Array:
         """S_m = ω_1 c_{m−1} + W·y."""
         last, y = memory
-        return kernel.first * last + jnp.sum(kernel.weight * y, axis=0)
+        return kernel.first * last + jnp.sum(kernel.weight * y, axis=-1)
 
     def push(
         self, kernel: _ModalKernel, memory: tuple[jax.Array, jax.Array], c: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         """Y ← s y + c_{m−1}; the last c becomes c_m."""
         last, y = memory
-        return c, kernel.decay * y + last
+        return c, kernel.decay * y + last[..., None]
 
 
 # For j ≥ 2, ω_j = −(sin πγ/π) ∫_0^∞ e^{−u(j−2)} e^{−u(2−γ)} (1 − e^{−u})^γ du. The trapezoidal rule
@@ -164,8 +160,9 @@ def _decay_rates(n_steps: int) -> np.ndarray:
 
 
 def _spectrum(order: Any, n_steps: int, xp: Any) -> Any:
-    """Weights (dense, ...) of the dense sum of exponentials over ``_decay_rates``, at any order."""
-    u = _decay_rates(n_steps).reshape(-1, *[1] * xp.ndim(order))
+    """Weights (..., dense) of the dense sum of exponentials over ``_decay_rates``, at any order."""
+    order = xp.expand_dims(order, -1)
+    u = _decay_rates(n_steps).reshape(*[1] * (order.ndim - 1), -1)
     shape = np.exp(-2 * u) * u * _LOG_STEP / np.pi
     growth = np.log(np.expm1(u))
     # sin π(1−γ) rather than sin πγ, so that the classical limit γ = 1 is exactly zero.
@@ -203,7 +200,7 @@ def _modes(n_steps: int, modes: int) -> tuple[np.ndarray, np.ndarray]:
 def _weight_errors(orders: np.ndarray, n_steps: int, modes: int) -> np.ndarray:
     """Σ_{j=2}^{n_steps} |Δω_j| for each order."""
     decay, fit = _modes(n_steps, modes)
-    weights = fit @ _spectrum(orders, n_steps, np)
+    weights = fit @ _spectrum(orders, n_steps, np).T
     exact = np.cumprod(1 - (orders + 1) / np.arange(1, n_steps + 1)[:, None], axis=0)
     j = np.arange(2, n_steps + 1)
     return sum(
@@ -323,6 +320,16 @@ def rod_force(
     Returns
     -------
     f_0, f_1, …, shape (n,).
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule.
+
+    Notes
+    -----
+    Where the displacement jumps, order 2 needs the mean of both sides as the sample: for x = 1 from
+    t = 0 on, x_0 = 1/2.
     """
     x = jnp.asarray(real("rod_force", "displacement", displacement))
     enforce(
@@ -330,6 +337,7 @@ def rod_force(
         [
             Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
             Rule("order", order, order in (1, 2), "1 or 2"),
+            Rule("displacement", x, finite(x), "finite"),
             Rule("number of samples", x.size, x.ndim == 1 and x.size > 2, "at least 3, in one row"),
         ],
     )

@@ -83,6 +83,10 @@ class EventResolved:
             span = end - start
             return h * span * (a - direction * hold + d * (start + end - 1) / 2)
 
+        def along(direction: jax.Array, velocity: jax.Array) -> jax.Array:
+            """The velocity, or none where it would be against the direction of slip."""
+            return direction * jnp.maximum(direction * velocity, 0.0)
+
         # Slip, until w vanishes at θ: a root of w + h [(b − D/2) θ + D θ²/2] = 0, b = A − Rμ σ.
         before = jnp.sign(w)
         stops = before * (w + accelerate(before, 0.0, 1.0)) <= 0
@@ -100,8 +104,9 @@ class EventResolved:
         a_end = a + d / 2
         sticks = stops & (jnp.abs(a_stop) <= hold)
         holds = sticks & (jnp.abs(a_end) <= hold)
-        after = jnp.sign(jnp.where(sticks, a_end, a_stop))
         breaks = sticks & ~holds
+        push = accelerate(jnp.zeros_like(w), theta, 1.0)
+        after = jnp.sign(jnp.where(sticks, a_end, push))
         excess = jnp.where(breaks, a_end - after * hold, 0.0)
         steep = jnp.where(breaks, d, 1.0)
         phi = jnp.where(holds, 1.0, jnp.where(breaks, 1 - excess / steep, theta))
@@ -109,26 +114,27 @@ class EventResolved:
         # Slip again, from rest.
         w_slip = w + accelerate(before, 0.0, 1.0)
         w_break = h * excess * (excess / steep) / 2
-        w_reverse = accelerate(after, theta, 1.0)
-        w_new = jnp.where(
-            stops, jnp.where(holds, 0.0, jnp.where(breaks, w_break, w_reverse)), w_slip
-        )
+        w_reverse = after * jnp.maximum(jnp.abs(push) - h * hold * (1 - theta), 0.0)
+        w_stop = jnp.where(holds, 0.0, jnp.where(breaks, w_break, w_reverse))
+        # Without friction nothing ever sticks, not even the smallest motion about rest.
+        w_new = jnp.where(stops & (hold > 0), w_stop, w_slip)
 
         slipping = theta >= 0.5
         stuck = ~slipping & (phi >= 0.5)
         force = jnp.where(slipping, before * mu, jnp.where(stuck, a / inverse_mass, after * mu))
         w_now = jnp.where(
             slipping,
-            w + accelerate(before, 0.0, 0.5),
-            jnp.where(stuck, 0.0, w_new - accelerate(after, 0.5, 1.0)),
+            along(before, w + accelerate(before, 0.0, 0.5)),
+            jnp.where(stuck, 0.0, along(after, w_new - accelerate(after, 0.5, 1.0))),
         )
+        w_now = jnp.where(hold > 0, w_now, w + accelerate(before, 0.0, 0.5))
 
         # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
         s = h * (theta - 0.5)
         slope = a_stop - before * hold
         slope_after = jnp.where(sticks, 0.0, a_stop - after * hold)
         event = stops & slips_first
-        new_phase = jnp.where(holds, 0.0, jnp.where(stops, after, before))
+        new_phase = jnp.where(stops, jnp.sign(w_new), before)
         return Slip(
             velocity=w_new,
             mean_force=(a - (w_new - w) / h) / inverse_mass,

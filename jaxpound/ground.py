@@ -7,7 +7,9 @@ as read from a file is in g and seconds (``Scales.to_dimensionless`` turns one i
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import jax
@@ -15,9 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.integrate import trapezoid
 from jaxtyping import Array, ArrayLike, Float
-from scipy.signal import detrend, resample_poly
 
-from jaxpound._checks import Rule, enforce, finite, is_traced, real
+from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
 from jaxpound._pytree import label, pytree_dataclass
 
 if TYPE_CHECKING:
@@ -36,21 +37,34 @@ GroundLike = Ground | Callable[[Any], Any]
 
 
 class _Combinable:
-    """Sums and scalings of ground motions: ``a + b``, ``a - b``, ``2 * a``, ``-a``."""
+    """Sums and scalings: ``a + b``, ``a - b``, ``2 * a``, ``a / 2``, ``-a``, ``sum([a, b])``.
+
+    A plain function of t may be one of the two that are added or subtracted.
+    """
+
+    __array_ufunc__ = None  # a NumPy factor on the left leaves the product to us
 
     def __add__(self, other: GroundLike) -> Sum:
         return Sum((self, other))
 
-    def __radd__(self, other: GroundLike) -> Sum:
+    def __radd__(self, other: GroundLike | int) -> Any:
+        if isinstance(other, int) and other == 0:  # where the builtin sum starts
+            return self
         return Sum((other, self))
 
     def __sub__(self, other: GroundLike) -> Sum:
         return Sum((self, Scaled(other, -1.0)))
 
+    def __rsub__(self, other: GroundLike) -> Sum:
+        return Sum((other, Scaled(self, -1.0)))
+
     def __mul__(self, factor: ArrayLike) -> Scaled:
         return Scaled(self, factor)
 
     __rmul__ = __mul__
+
+    def __truediv__(self, divisor: ArrayLike) -> Scaled:
+        return Scaled(self, 1 / number("Scaled", "divisor", divisor))
 
     def __neg__(self) -> Scaled:
         return Scaled(self, -1.0)
@@ -61,6 +75,13 @@ class Sum(_Combinable):
     """The sum of several ground motions; a plain function of t counts as one."""
 
     grounds: tuple[Any, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "grounds", tuple(self.grounds))
+        if not self.grounds:
+            raise ValueError("Sum: grounds = () must hold at least one ground motion")
+        for i, ground in enumerate(self.grounds):
+            _require_ground(f"Sum: grounds[{i}]", ground)
 
     def acceleration(self, t: ArrayLike) -> Any:
         """Sum of the accelerations, of the shape of ``t``."""
@@ -75,7 +96,8 @@ class Scaled(_Combinable):
     factor: Any
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "factor", real("Scaled", "factor", self.factor))
+        _require_ground("Scaled: ground", self.ground)
+        object.__setattr__(self, "factor", number("Scaled", "factor", self.factor))
         enforce("Scaled", self.rules())
 
     def rules(self) -> list[Rule]:
@@ -106,8 +128,7 @@ class Ricker(_Combinable):
     Raises
     ------
     ValueError
-        If periods and arrivals differ in shape, a period is not positive, or anything known is not
-        finite.
+        If the shapes are others, a period is not positive, or anything known is not finite.
     """
 
     amplitude: Any
@@ -124,6 +145,11 @@ class Ricker(_Combinable):
             raise ValueError(
                 f"Ricker: periods of shape {periods} and arrivals of shape {arrivals} "
                 "must have one entry per wavelet"
+            )
+        if len(periods) > 1:
+            raise ValueError(
+                f"Ricker: periods of shape {periods} must be a number or one-dimensional; "
+                "a batch of ground motions goes through jax.vmap"
             )
         if amplitudes not in ((), periods):
             raise ValueError(
@@ -154,10 +180,14 @@ class Ricker(_Combinable):
         return self._sum(t, lambda a, s, v: 2 * a**2 * (4 * v**2 - 12 * v + 3))
 
     def _sum(self, t: ArrayLike, shape: Callable[..., Any]) -> jax.Array:
-        a = jnp.pi / jnp.atleast_1d(self.periods)
-        s = jnp.asarray(t)[..., None] - jnp.atleast_1d(self.arrivals)
+        t = jnp.asarray(t)
+        u0, tp, ts = (
+            jnp.expand_dims(jnp.atleast_1d(x), tuple(range(t.ndim)))
+            for x in (self.amplitude, self.periods, self.arrivals)
+        )
+        a, s = jnp.pi / tp, t[..., None] - ts
         v = (a * s) ** 2
-        return jnp.sum(self.amplitude * shape(a, s, v) * jnp.exp(-v), axis=-1)
+        return jnp.sum(u0 * shape(a, s, v) * jnp.exp(-v), axis=-1)
 
 
 @pytree_dataclass
@@ -179,7 +209,8 @@ class Record(_Combinable):
     Raises
     ------
     ValueError
-        If the samples are not one-dimensional, fewer than two or not finite, or dt ≤ 0.
+        If the samples are not one-dimensional, fewer than two or not finite, dt is not a number
+        > 0, or the name is not a string.
     """
 
     samples: Any
@@ -194,7 +225,9 @@ class Record(_Combinable):
                 "with at least two samples"
             )
         object.__setattr__(self, "samples", samples)
-        object.__setattr__(self, "dt", real("Record", "dt", dt))
+        if not isinstance(name, str):
+            raise ValueError(f"Record: name = {name!r} must be a string")
+        object.__setattr__(self, "dt", number("Record", "dt", dt))
         object.__setattr__(self, "name", name)
         enforce("Record", self.rules())
 
@@ -226,18 +259,23 @@ class Record(_Combinable):
 
     def scaled_to_pga(self, pga: ArrayLike) -> Record:
         """The record scaled to the peak ground acceleration ``pga`` > 0."""
-        enforce("Record.scaled_to_pga", [Rule("pga", pga, jnp.asarray(pga) > 0, "positive")])
-        samples = jnp.asarray(self.samples)
-        peak = jnp.max(jnp.abs(samples))
-        enforce("Record.scaled_to_pga", [Rule("the record's own peak", peak, peak > 0, "positive")])
-        return Record(samples * (pga / peak), self.dt, self.name)
+        owner = "Record.scaled_to_pga"
+        (pga,) = positive(owner, pga=number(owner, "pga", pga))
+        peak = abs(self.samples).max()
+        enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
+        samples = (self.samples * (pga / peak)).astype(self.samples.dtype)
+        return Record(samples, self.dt, self.name)
 
     def baseline_corrected(self, kind: str = "linear") -> Record:
         """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
-        types = {"mean": "constant", "linear": "linear"}
-        if kind not in types:
-            raise ValueError(f"baseline_corrected: kind = {kind!r} must be 'mean' or 'linear'")
-        samples = detrend(np.asarray(self.samples), type=types[kind])
+        if kind not in ("mean", "linear"):
+            raise ValueError(
+                f"Record.baseline_corrected: kind = {kind!r} must be 'mean' or 'linear'"
+            )
+        samples = self.samples - self.samples.mean()
+        if kind == "linear":
+            ramp = np.linspace(-1, 1, self.n_samples, dtype=samples.dtype)  # of mean zero
+            samples = samples - ramp * (ramp @ samples / (ramp @ ramp))
         return Record(samples, self.dt, self.name)
 
     def resampled(self, dt: float) -> Record:
@@ -246,23 +284,44 @@ class Record(_Combinable):
         A finer one inserts points on the straight lines between samples, which leaves the motion
         as the simulator sees it unchanged where the old samples are among the new ones; a coarser
         one low-passes first (``scipy.signal.resample_poly``), so that nothing aliases.
+
+        Raises
+        ------
+        ValueError
+            If dt is not a positive number, is above the record's duration, or is coarser in no
+            ratio of whole numbers to the record's own; if either interval is traced.
         """
-        enforce("Record.resampled", [Rule("dt", dt, 0 < dt < np.inf, "positive and finite")])
-        if dt <= self.dt:
-            n = int(np.floor(self.duration / dt * (1 + 1e-12))) + 1
-            return Record(self.acceleration(dt * np.arange(n)), dt, self.name)
-        ratio = Fraction(float(self.dt / dt)).limit_denominator(1000)
-        if abs(ratio.numerator / ratio.denominator * dt / self.dt - 1) > 1e-9:
+        owner = "Record.resampled"
+        if is_traced((dt, self.dt)):
+            raise ValueError(f"{owner}: dt decides the number of samples and cannot be traced")
+        positive(owner, dt=number(owner, "dt", dt))
+        dt, old = float(dt), float(self.dt)
+        if dt > self.duration:
             raise ValueError(
-                f"Record.resampled: dt = {dt} must be a ratio of whole numbers up to 1000 times "
-                f"the record's dt = {self.dt}"
+                f"{owner}: dt = {dt:.8g} must be at most the record's duration, {self.duration:.8g}"
             )
-        samples = np.asarray(self.samples)
-        return Record(resample_poly(samples, ratio.numerator, ratio.denominator), dt, self.name)
+        if dt <= old:
+            n = int((self.n_samples - 1) * old / dt * (1 + 1e-7)) + 1
+            place = np.minimum(np.arange(n) * (dt / old), self.n_samples - 1)
+            left = np.minimum(place.astype(int), self.n_samples - 2)
+            share = (place - left).astype(self.samples.dtype)
+            samples = (1 - share) * self.samples[left] + share * self.samples[left + 1]
+            return Record(samples, dt, self.name)
+        ratio = Fraction(old / dt).limit_denominator(1000)
+        if abs(ratio * Fraction(dt) / Fraction(old) - 1) > 1e-7:
+            raise ValueError(
+                f"{owner}: dt = {dt:.8g} must be a ratio of whole numbers up to 1000 times "
+                f"the record's dt = {old:.8g}"
+            )
+        from scipy.signal import resample_poly  # takes as long to import as all the rest
+
+        samples = resample_poly(np.asarray(self.samples), ratio.numerator, ratio.denominator)
+        return Record(samples, dt, self.name)
 
     def __repr__(self) -> str:
-        if is_traced((self.samples, self.dt)) or jnp.ndim(self.dt):
-            return f"Record({jnp.shape(self.samples)} samples)"
+        shape = np.shape(self.samples)
+        if is_traced((self.samples, self.dt)) or len(shape) != 1 or np.ndim(self.dt):
+            return f"Record({shape} samples)"
         title = f"{self.name!r}, " if self.name else ""
         return (
             f"Record({title}{self.n_samples} samples, dt = {float(self.dt):.6g}, "
@@ -288,26 +347,40 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Record:
     """The ground motion as a record with the time grid's own interval.
 
     This is how the simulator takes a ground motion that is not a pytree of arrays (a Python
-    function, say): it is evaluated once on the grid, by array or, failing that, element by element.
+    function, say): it is evaluated once on the grid, by array or, if it raises ``TypeError`` or
+    ``ValueError`` there, by ``jax.vmap`` or at last instant by instant. An error then is its own.
 
     Raises
     ------
     ValueError
-        If it returns anything but a real number for each instant.
+        If it returns anything but a finite real number for each instant.
     """
-    t = grid.times()
-    try:
-        values = accelerate(ground, t)
-    except (TypeError, ValueError):
+    _require_ground("ground", ground)
+    return Record(_on_grid(ground, grid.times()), grid.dt)
+
+
+def _on_grid(ground: GroundLike, t: np.ndarray) -> Any:
+    if isinstance(ground, Sum):
+        return sum(_on_grid(part, t) for part in ground.grounds)
+    if isinstance(ground, Scaled):
+        return ground.factor * _on_grid(ground.ground, t)
+    values: Any = None
+    for whole in (partial(accelerate, ground), jax.vmap(partial(accelerate, ground))):
+        with suppress(TypeError, ValueError):
+            values = whole(t)
+            break
+    else:
         values = [accelerate(ground, float(instant)) for instant in t]
-    values = jnp.asarray(values)
-    if values.ndim == 0:
-        values = jnp.broadcast_to(values, t.shape)
-    if values.shape != t.shape:
+        if not is_traced(values):  # one by one: JAX would compile a program of as many inputs
+            values = [np.asarray(value) for value in values]
+    values = real("ground", "acceleration(t)", values)
+    if jnp.shape(values) not in ((), t.shape):
         raise ValueError(
-            f"ground: acceleration(t) of shape {values.shape} must have the shape of t, {t.shape}"
+            f"ground: acceleration(t) of shape {jnp.shape(values)} must have the shape of t, "
+            f"{t.shape}"
         )
-    return Record(values, grid.dt)
+    enforce("ground", [Rule("acceleration(t)", values, finite(values), "finite")])
+    return jnp.broadcast_to(values, t.shape)
 
 
 def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
@@ -337,8 +410,13 @@ def arias_intensity(
 
 
 def _samples(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, Any]:
-    if grid is not None:
-        return jnp.asarray(sampled(ground, grid).samples), grid.dt
-    if isinstance(ground, Record):
+    if grid is None and isinstance(ground, Record):
         return jnp.asarray(ground.samples), ground.dt
-    raise ValueError(f"grid = None must be a TimeGrid for a {type(ground).__name__}")
+    if grid is None or not hasattr(grid, "times"):
+        raise ValueError(f"grid = {grid!r} must be a TimeGrid for a {type(ground).__name__}")
+    return jnp.asarray(sampled(ground, grid).samples), grid.dt
+
+
+def _require_ground(name: str, value: Any) -> None:
+    if not (callable(value) or isinstance(value, Ground)):
+        raise ValueError(f"{name} = {value!r} must have acceleration(t) or be a function of t")

@@ -9,7 +9,16 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import Rule, enforce, finite, is_traced, real
+from jaxpound._checks import (
+    Rule,
+    enforce,
+    finite,
+    instance,
+    is_traced,
+    one_batch,
+    positive,
+    real,
+)
 from jaxpound._pytree import pytree_dataclass
 
 
@@ -40,6 +49,7 @@ class ZenerRod:
     def __post_init__(self) -> None:
         for name in ("order", "tau_f", "tau_x"):
             object.__setattr__(self, name, real("ZenerRod", name, getattr(self, name)))
+        one_batch("ZenerRod", order=self.order, tau_f=self.tau_f, tau_x=self.tau_x)
         enforce("ZenerRod", self.rules())
 
     def rules(self, prefix: str = "") -> list[Rule]:
@@ -86,31 +96,57 @@ class ZenerRod:
 
     def natural_frequency(self, stiffness: ArrayLike = 1.0, mass: ArrayLike = 1.0) -> jax.Array:
         """Frequency ω_n of a block on the rod: mass ω_n² = stiffness Re K*(iω_n)."""
-        elastic = jnp.sqrt(jnp.asarray(stiffness) / mass)
-        # ω ← √(k K'(ω)/m) contracts by at least γ/2 ≤ 1/2 a turn, so 60 turns reach rounding.
-        start = elastic * jnp.ones_like(self.storage_modulus(elastic))
-        omega, _ = lax.scan(
-            lambda w, _: (elastic * jnp.sqrt(self.storage_modulus(w)), None), start, length=60
-        )
-        return omega
+        stiffness, mass = positive("natural_frequency", stiffness=stiffness, mass=mass)
+        return _natural_frequency(self, stiffness / mass)
 
     def damping_ratio(self, stiffness: ArrayLike = 1.0, mass: ArrayLike = 1.0) -> jax.Array:
         """Equivalent viscous damping ratio at the natural frequency: half the loss factor there."""
         return self.loss_factor(self.natural_frequency(stiffness, mass)) / 2
 
     def _moduli(self, omega: ArrayLike) -> tuple[jax.Array, jax.Array]:
+        # K* = 1 + (τ_x − τ_f) z / (1 + τ_f z) with z = (iω)^γ. With a = 1/(1 + τ_f |z|) and
+        # b = 1 − a nothing overflows, and the elastic rod is elastic to the last digit.
         angle = jnp.pi / 2 * self.order
         size = jnp.asarray(omega) ** self.order
-        real_, imag = size * jnp.cos(angle), size * jnp.sin(angle)
-        below = (1 + self.tau_f * real_) ** 2 + (self.tau_f * imag) ** 2
-        both = self.tau_x + self.tau_f
-        storage = (1 + both * real_ + self.tau_x * self.tau_f * size**2) / below
-        loss = (self.tau_x - self.tau_f) * imag / below
+        a = 1 / (1 + self.tau_f * size)
+        b = self.tau_f * size * a
+        excess = (self.tau_x - self.tau_f) * (size * a)
+        below = a**2 + 2 * a * b * jnp.cos(angle) + b**2
+        storage = 1 + excess * (b + a * jnp.cos(angle)) / below
+        loss = excess * a * jnp.sin(angle) / below
         return storage, loss
 
 
+@jax.jit
+def _natural_frequency(rod: ZenerRod, ratio: jax.Array) -> jax.Array:
+    """The root ω of ω² = ratio K'(ω), with its derivatives up to the third."""
+    known_rod, known_ratio = jax.tree.map(lax.stop_gradient, (rod, ratio))
+
+    def halve(bracket: tuple[jax.Array, jax.Array], _: None) -> tuple[Any, None]:
+        low, high = bracket
+        middle = jnp.sqrt(low * high)
+        above = middle**2 > known_ratio * known_rod.storage_modulus(middle)
+        return (jnp.where(above, low, middle), jnp.where(above, middle, high)), None
+
+    # K'(ω)/ω² falls with ω, and 1 ≤ K' ≤ τ_x/τ_f brackets the root; 60 halvings reach rounding.
+    elastic = jnp.sqrt(known_ratio)
+    low = elastic * jnp.ones_like(known_rod.storage_modulus(elastic))
+    high = low * jnp.sqrt(known_rod.instantaneous_modulus)
+    (low, high), _ = lax.scan(halve, (low, high), length=60)
+    omega = jnp.sqrt(low * high)
+
+    # A bracket cannot be differentiated; Newton's steps from its end can.
+    def excess(w: jax.Array) -> jax.Array:
+        return w**2 - ratio * rod.storage_modulus(w)
+
+    for _ in range(2):
+        value, slope = jax.jvp(excess, (omega,), (jnp.ones_like(omega),))
+        omega = omega - value / slope
+    return omega
+
+
 def _shown(value: Any) -> str:
-    return f" = {value:.8g}" if not is_traced(value) and jnp.ndim(value) == 0 else ""
+    return f" = {float(value):.8g}" if not is_traced(value) and jnp.ndim(value) == 0 else ""
 
 
 @pytree_dataclass
@@ -146,9 +182,7 @@ class AdjacentStructures:
 
     def __post_init__(self) -> None:
         for name in ("rod_1", "rod_2"):
-            if not isinstance(getattr(self, name), ZenerRod):
-                value = getattr(self, name)
-                raise ValueError(f"AdjacentStructures: {name} = {value!r} must be a ZenerRod")
+            instance("AdjacentStructures", name, getattr(self, name), ZenerRod)
         for name in ("mass_ratio", "stiffness_ratio", "friction", "initial_gap"):
             object.__setattr__(self, name, real("AdjacentStructures", name, getattr(self, name)))
         enforce("AdjacentStructures", self._own_rules())

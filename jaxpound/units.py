@@ -8,7 +8,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, finite, is_traced, real
+from jaxpound._checks import (
+    Rule,
+    enforce,
+    finite,
+    instance,
+    is_traced,
+    number,
+    one_batch,
+    positive,
+    real,
+)
 from jaxpound._pytree import pytree_dataclass
 from jaxpound.ground import Record
 from jaxpound.response import Demand, Response
@@ -47,12 +57,12 @@ class Building:
     tau_x: Any
 
     def __post_init__(self) -> None:
-        for name in ("mass", "stiffness"):
-            object.__setattr__(self, name, real("Building", name, getattr(self, name)))
         rod = ZenerRod(self.order, self.tau_f, self.tau_x)
-        for name in ("order", "tau_f", "tau_x"):
-            object.__setattr__(self, name, getattr(rod, name))
-        _require_positive("Building", mass=self.mass, stiffness=self.stiffness)
+        mass, stiffness = positive("Building", mass=self.mass, stiffness=self.stiffness)
+        values = {"mass": mass, "stiffness": stiffness, **vars(rod)}
+        one_batch("Building", **values)
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @classmethod
     def from_period(
@@ -86,23 +96,26 @@ class Building:
         ValueError
             If a known value breaks its rule, or no rod of this order and τ_f damps as much.
         """
-        _require_positive("Building.from_period", mass=mass, period=period)
-        zeta = real("Building.from_period", "damping_ratio", damping_ratio)
+        owner = "Building.from_period"
+        mass, period = positive(owner, mass=mass, period=period)
+        zeta = real(owner, "damping_ratio", damping_ratio)
         rule = Rule("damping_ratio", zeta, (zeta >= 0) & finite(zeta), "finite and not negative")
-        enforce("Building.from_period", [rule])
+        enforce(owner, [rule])
+        order = ZenerRod(order, 1.0, 1.0).order
         omega = 2 * np.pi / period
         size = omega**order
-        tau_f = 0.01 / size if tau_f is None else tau_f
-        ZenerRod(order, tau_f, tau_f)  # states the rules of order and tau_f
-        xp = jnp if is_traced((mass, period, zeta, order, tau_f)) else np
+        tau_f = 0.01 / size if tau_f is None else ZenerRod(order, tau_f, tau_f).tau_f
+        one_batch(owner, mass=mass, period=period, damping_ratio=zeta, order=order, tau_f=tau_f)
+        xp = jnp if is_traced((period, order)) else np
         c, s = size * xp.cos(np.pi / 2 * order), size * xp.sin(np.pi / 2 * order)
         # Loss − 2ζ storage = 0 is linear in τ_x (numerators of K* over |1 + τ_f (iω)^γ|²).
         gain = s - 2 * zeta * (c + tau_f * size**2)
         largest = s / (c + tau_f * size**2) / 2
         text = "below what a rod of this order and tau_f can give"
-        if not is_traced(largest):
-            text += f", {np.max(largest):.4g}"
-        enforce("Building.from_period", [Rule("damping_ratio", zeta, gain > 0, text)])
+        if not is_traced((largest, gain)):
+            first = np.argmin(gain > 0)  # the one the message is about
+            text += f", {np.broadcast_to(largest, np.shape(gain)).flat[first]:.8g}"
+        enforce(owner, [Rule("damping_ratio", zeta, gain > 0, text)])
         tau_x = (2 * zeta * (1 + tau_f * c) + tau_f * s) / gain
         below = (1 + tau_f * c) ** 2 + (tau_f * s) ** 2
         storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
@@ -142,9 +155,9 @@ class Scales:
     gravity: Any = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        for name in ("mass", "frequency", "gravity"):
-            object.__setattr__(self, name, real("Scales", name, getattr(self, name)))
-        _require_positive("Scales", mass=self.mass, frequency=self.frequency, gravity=self.gravity)
+        values = vars(self).copy()
+        for name, value in zip(values, positive("Scales", **values), strict=True):
+            object.__setattr__(self, name, value)
 
     @property
     def time(self) -> Any:
@@ -162,12 +175,26 @@ class Scales:
         return self.mass * self.gravity
 
     def grid(self, duration: float, dt: float) -> TimeGrid:
-        """The dimensionless time grid for a duration and a step in seconds."""
-        omega = float(self.frequency)
-        return TimeGrid.until(duration * omega, dt * omega)
+        """The dimensionless time grid for a duration and a step in seconds.
+
+        Raises
+        ------
+        ValueError
+            If duration or dt is not a positive number, or anything is traced: a grid is static.
+        """
+        if is_traced((self.frequency, duration, dt)):
+            raise ValueError("Scales.grid: a grid shapes the program and cannot be traced")
+        omega = float(number("Scales.grid", "frequency", self.frequency))
+        positive(
+            "Scales.grid",
+            duration=number("Scales.grid", "duration", duration),
+            dt=number("Scales.grid", "dt", dt),
+        )
+        return TimeGrid.until(float(duration) * omega, float(dt) * omega)
 
     def to_dimensionless(self, record: Record) -> Record:
         """A record in g and seconds as a record in g and units of 1/ω1."""
+        instance("Scales.to_dimensionless", "record", record, Record)
         return Record(record.samples, record.dt * self.frequency, record.name)
 
     @overload
@@ -184,6 +211,7 @@ class Scales:
         ValueError
             If the result is in SI units already.
         """
+        instance("Scales.to_si", "result", result, Response, Demand)
         if isinstance(result, Demand):
             return self._demand_to_si(result)
         if result.si:
@@ -228,6 +256,7 @@ class Scales:
 
     def to_buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:
         """Inverse of ``dimensionless``: both buildings, friction force (N) and gap (m)."""
+        instance("Scales.to_buildings", "structures", structures, AdjacentStructures)
         k1 = self.mass * self.frequency**2
         masses = self.mass, self.mass / structures.mass_ratio
         stiffnesses = k1, structures.stiffness_ratio * k1
@@ -276,12 +305,13 @@ def dimensionless(
     ValueError
         If a known value breaks its rule.
     """
+    instance("dimensionless", "building_1", building_1, Building)
+    instance("dimensionless", "building_2", building_2, Building)
+    friction_force = real("dimensionless", "friction_force", friction_force)
+    gap = real("dimensionless", "gap", gap)
     rules = [
         Rule(name, value, (value >= 0) & finite(value), "finite and not negative")
-        for name, value in (
-            ("friction_force", real("dimensionless", "friction_force", friction_force)),
-            ("gap", real("dimensionless", "gap", gap)),
-        )
+        for name, value in (("friction_force", friction_force), ("gap", gap))
     ]
     enforce("dimensionless", rules)
     scales = Scales(building_1.mass, (building_1.stiffness / building_1.mass) ** 0.5, gravity)
@@ -298,11 +328,3 @@ def dimensionless(
         initial_gap=gap / scales.length,
     )
     return structures, scales
-
-
-def _require_positive(owner: str, **values: Any) -> None:
-    rules = []
-    for name, given in values.items():
-        value = real(owner, name, given)
-        rules.append(Rule(name, value, (value > 0) & finite(value), "positive and finite"))
-    enforce(owner, rules)

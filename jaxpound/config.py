@@ -1,0 +1,261 @@
+"""What ``jaxpound simulate`` is told in a TOML file: two buildings, damper, ground, run; in SI."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from jaxpound.friction import EventResolved, FrictionLaw, Smoothed, Switching
+from jaxpound.ground import Record, pga
+from jaxpound.simulation import Scheme, TimeGrid, stability_limit
+from jaxpound.structures import AdjacentStructures
+from jaxpound.units import Building, Scales, dimensionless
+
+_BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
+_BY_PERIOD = ("mass", "period", "damping_ratio")
+_BUILDING = dict.fromkeys((*_BY_ROD, *_BY_PERIOD), float)
+
+# Allowed keys of each table ("" is the top level): a number, a whole number, or one of some words.
+_KEYS: dict[str, dict[str, Any]] = {
+    "": {"gap": float},
+    "building_1": _BUILDING,
+    "building_2": _BUILDING,
+    "damper": {"friction_force": float},
+    "ground": {"baseline": ("none", "mean", "linear"), "scale": float, "pga": float},
+    "run": {
+        "duration": float,
+        "dt": float,
+        "friction": ("event-resolved", "switching", "smoothed"),
+        "smoothing_velocity": float,
+        "order": int,
+    },
+    "output": {"series": ("npz", "csv", "none")},
+}
+_MOST_STEPS = 1_000_000
+_MOST_PGA = 20.0  # in g, several times the largest ever recorded: beyond it the units are wrong
+_STEPS_PER_PERIOD = 50
+
+
+@dataclasses.dataclass(frozen=True)
+class Configuration:
+    """Two buildings in SI units, what shakes them and how the run is made.
+
+    ``source`` is the file's name, the start of every message; ``given`` is what the file says.
+    """
+
+    source: str
+    given: dict[str, Any]
+    building_1: Building
+    building_2: Building
+    structures: AdjacentStructures
+    scales: Scales
+    scheme: Scheme
+
+    @property
+    def series(self) -> str:
+        """Format of the time series: "npz", "csv" or "none"."""
+        return self.given.get("output", {}).get("series", "npz")
+
+    def shaking(self, record: Record) -> Record:
+        """The record with the baseline correction and the scaling asked for.
+
+        Raises
+        ------
+        ValueError
+            If the target PGA is not positive or the record is zero throughout; if the result
+            exceeds any earthquake.
+        """
+        ground = self.given.get("ground", {})
+        if (baseline := ground.get("baseline", "none")) != "none":
+            record = record.baseline_corrected(baseline)
+        if "pga" in ground:
+            with _named(f"{self.source}: [ground]"):
+                record = record.scaled_to_pga(ground["pga"])
+        elif (scale := ground.get("scale", 1.0)) != 1:
+            record = Record(record.samples * scale, record.dt, record.name)
+        if not (peak := float(pga(record))) <= _MOST_PGA:
+            rule = f"at most {_MOST_PGA:g} g: are the record's units right?"
+            raise ValueError(f"{self.source}: record: PGA = {peak:.4g} g must be {rule}")
+        return record
+
+    def grid(self, record: Record) -> TimeGrid:
+        """The dimensionless time grid of the run.
+
+        Raises
+        ------
+        ValueError
+            If dt or duration breaks its rule.
+        """
+        run = self.given.get("run", {})
+        limit = stability_limit(self.structures, self.scheme) * float(self.scales.time)
+        if "dt" not in run:
+            dt = self._time_step(float(record.dt), limit)
+        elif (dt := run["dt"]) <= 0 or dt >= limit:
+            rule = f"positive and below the stability limit {limit:.6g} s of these buildings"
+            raise ValueError(f"{self.source}: [run] dt = {dt:.6g} s must be {rule}")
+        elif dt > record.dt * (1 + 1e-9):
+            rule = f"at most the record's, {float(record.dt):.6g} s: samples would be skipped"
+            raise ValueError(f"{self.source}: [run] dt = {dt:.6g} s must be {rule}")
+        duration = run.get("duration", float(record.duration))
+        if not 2 * dt <= duration <= _MOST_STEPS * dt:
+            rule = f"between 2 and {_MOST_STEPS:,} steps of dt = {dt:.6g} s"
+            raise ValueError(f"{self.source}: [run] duration = {duration:.6g} s must be {rule}")
+        return self.scales.grid(duration, dt)
+
+    def _time_step(self, record_dt: float, limit: float) -> float:
+        """The record's dt, or a whole fraction of it, so that no sample is missed."""
+        periods = [float(b.natural_period) for b in (self.building_1, self.building_2)]
+        largest = min(min(periods) / _STEPS_PER_PERIOD, limit / 2)
+        return record_dt / math.ceil(record_dt / largest * (1 - 1e-9))
+
+
+def example() -> str:
+    """The documented example configuration, as text."""
+    file = resources.files("jaxpound") / "example_config.toml"
+    return file.read_text(encoding="utf-8")
+
+
+def read_config(path: Path | None) -> Configuration:
+    """Read and check a configuration file, or the example if ``path`` is None.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is not TOML, has a key that is not allowed, lacks one that is needed, or a value is
+        of the wrong type or breaks its rule. The message names file, table, key, value and rule.
+    """
+    source = "example configuration" if path is None else str(path)
+    try:
+        text = example() if path is None else path.read_bytes().decode("utf-8")
+        given = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source}: must be text in UTF-8 ({error})") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{source}{_place(str(error))}: {error}") from error
+    _check_keys(source, given)
+    for table in ("building_1", "building_2", "damper"):
+        if table not in given:
+            raise ValueError(f"{source}: lacks the table [{table}]")
+    friction_force = _needed(source, given, "damper", "friction_force")
+    gap = _needed(source, given, "", "gap")
+    left, right = (_building(source, given, table) for table in ("building_1", "building_2"))
+    with _named(f"{source}:"):
+        structures, scales = dimensionless(left, right, friction_force, gap)
+    scheme = _scheme(source, given.get("run", {}), scales)
+    return Configuration(source, given, left, right, structures, scales, scheme)
+
+
+def _place(message: str) -> str:
+    line = re.search(r"at line (\d+)", message)
+    return f":{line[1]}" if line else ""
+
+
+def _check_keys(source: str, given: dict[str, Any]) -> None:
+    for name, value in given.items():
+        if name not in _KEYS or name == "":
+            if name not in _KEYS[""]:
+                raise ValueError(f"{source}: {_unknown('', name)}")
+            _check_value(source, "", name, value)
+        elif not isinstance(value, dict):
+            raise ValueError(f"{source}: {name} = {value!r} must be a table, [{name}]")
+        else:
+            for key, entry in value.items():
+                if key not in _KEYS[name]:
+                    raise ValueError(f"{source}: {_unknown(name, key)}")
+                _check_value(source, name, key, entry)
+    ground = given.get("ground", {})
+    if "scale" in ground and "pga" in ground:
+        raise ValueError(f"{source}: [ground] must have scale or pga, not both")
+
+
+def _unknown(table: str, key: str) -> str:
+    """What is wrong with a key that is not allowed here, and what may have been meant."""
+    allowed = [*_KEYS[table], *(name for name in _KEYS if name and not table)]
+    where = f"[{table}] has" if table else "the top level has"
+    homes = [_title(other) for other in _KEYS if key in _KEYS[other]]
+    close = difflib.get_close_matches(key.lower(), allowed, n=1)
+    if homes:
+        hint = f"it belongs in {' or '.join(homes)}"
+    elif close:
+        hint = f"did you mean {close[0]!r}?"
+    else:
+        hint = f"allowed are {', '.join(allowed)}"
+    return f"{where} an unknown key {key!r}; {hint}"
+
+
+def _title(table: str) -> str:
+    return f"[{table}]" if table else "the top level, before the first [table]"
+
+
+def _check_value(source: str, table: str, key: str, value: Any) -> None:
+    kind = _KEYS[table][key]
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if kind is float:
+        right, rule = number and abs(value) <= sys.float_info.max, "a finite number"
+    elif kind is int:
+        right, rule = number and isinstance(value, int), "a whole number"
+    else:
+        right, rule = value in kind, "one of " + ", ".join(f'"{word}"' for word in kind)
+    if not right:
+        raise ValueError(f"{source}: {_prefix(table)}{key} = {value!r} must be {rule}")
+
+
+def _prefix(table: str) -> str:
+    return f"[{table}] " if table else ""
+
+
+def _needed(source: str, given: dict[str, Any], table: str, key: str) -> Any:
+    values = given[table] if table else given
+    if key not in values:
+        raise ValueError(f"{source}: lacks the key {key!r} in {_title(table)}")
+    return values[key]
+
+
+def _building(source: str, given: dict[str, Any], table: str) -> Building:
+    values = given[table]
+    ways = f"{', '.join(_BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
+    by_period = not values.keys().isdisjoint(("period", "damping_ratio"))
+    clashing = [key for key in ("stiffness", "tau_x") if by_period and key in values]
+    if clashing:
+        raise ValueError(f"{source}: [{table}] must not have {clashing[0]} here; give {ways}")
+    missing = [key for key in (_BY_PERIOD if by_period else _BY_ROD) if key not in values]
+    if missing:
+        raise ValueError(f"{source}: [{table}] lacks {', '.join(missing)}; give {ways}")
+    numbers = {key: float(value) for key, value in values.items()}
+    with _named(f"{source}: [{table}]"):
+        return Building.from_period(**numbers) if by_period else Building(**numbers)
+
+
+def _scheme(source: str, run: dict[str, Any], scales: Scales) -> Scheme:
+    name, velocity = run.get("friction", "event-resolved"), run.get("smoothing_velocity")
+    if (name == "smoothed") != (velocity is not None):
+        rule = 'must be given with friction = "smoothed", and only then'
+        raise ValueError(f"{source}: [run] smoothing_velocity {rule}")
+    law: FrictionLaw = Switching() if name == "switching" else EventResolved()
+    if velocity is not None:
+        if velocity <= 0:
+            rule = "must be positive"
+            raise ValueError(f"{source}: [run] smoothing_velocity = {velocity:.6g} m/s {rule}")
+        law = Smoothed(velocity * float(scales.time / scales.length))
+    with _named(f"{source}: [run]"):
+        return Scheme(law, order=run.get("order", 2))
+
+
+@contextmanager
+def _named(place: str) -> Iterator[None]:
+    """Put the place in the file where the core's messages have the name of a class."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{place} {re.sub(r'^[A-Za-z_.]+: ', '', str(error))}") from error

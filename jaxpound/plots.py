@@ -1,0 +1,292 @@
+"""Figures of a run: every function draws one ``Response`` into given axes and returns them.
+
+Nothing here changes matplotlib's settings. With ``ax=None`` the axes belong to a new pyplot figure
+of column width (9 cm), which a notebook shows; with axes given, pyplot is not touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxpound.response import Response
+
+# Okabe and Ito's colours, which stay apart for every kind of colour vision.
+COLOURS = {
+    "structure 1": "#0072B2",
+    "structure 2": "#D55E00",
+    "ground": "#000000",
+    "damper": "#009E73",
+    "rods": "#CC79A7",
+    "kinetic": "#56B4E9",
+    "stick": "#56B4E9",
+    "pounding": "#E69F00",
+    "residual": "#7F7F7F",
+}
+
+FIGURE_SIZE = (3.54, 2.36)
+"""Width and height of a new figure in inches: 9 cm by 6 cm."""
+
+_FONT_SIZE = 8
+_LINE_WIDTH = 0.9
+_LINE_ALPHA = 0.85  # where two lines run close together, both are seen
+_SHADE = 0.3
+
+_DIMENSIONLESS = {
+    "time": r"$1/\omega_1$",
+    "length": r"$g/\omega_1^2$",
+    "velocity": r"$g/\omega_1$",
+    "acceleration": "$g$",
+    "force": "$m_1 g$",
+    "energy": r"$m_1 g^2/\omega_1^2$",
+}
+_SI = {
+    "time": "s",
+    "length": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s²",
+    "force": "N",
+    "energy": "J",
+}
+
+
+class _Curve(NamedTuple):
+    label: str
+    colour: str
+    values: Any
+
+
+def ground_motion(response: Response, ax: Axes | None = None) -> Axes:
+    """Ground acceleration u'' over time."""
+    curve = _Curve("$u''$", "ground", response.ground_acceleration)
+    return _over_time(response, ax, "ground acceleration", "acceleration", [curve])
+
+
+def displacements(response: Response, ax: Axes | None = None) -> Axes:
+    """Displacements x1 and x2, relative to the ground, over time."""
+    curves = _pair("$x_1$", response.x1, "$x_2$", response.x2)
+    return _over_time(response, ax, "displacement", "length", curves)
+
+
+def velocities(response: Response, ax: Axes | None = None) -> Axes:
+    """Velocities x1' and x2', relative to the ground, over time."""
+    curves = _pair("$x_1'$", response.v1, "$x_2'$", response.v2)
+    return _over_time(response, ax, "velocity", "velocity", curves)
+
+
+def rod_forces(response: Response, ax: Axes | None = None) -> Axes:
+    """Rod forces f1 and f2 (base shears) over time."""
+    curves = _pair("$f_1$", response.f1, "$f_2$", response.f2)
+    return _over_time(response, ax, "rod force", "force", curves)
+
+
+def gap(response: Response, ax: Axes | None = None) -> Axes:
+    """Gap ξ over time, its minimum marked with value and time.
+
+    The minimum is that of ``response.demand``, which may lie between instants of the grid. The
+    region of pounding, ξ ≤ 0, is shaded if the gap comes near it.
+    """
+    ax = _over_time(response, ax, "gap", "length", [_Curve(r"$\xi$", "damper", response.gap)])
+    low, high = float(response.min_gap), float(np.max(response.gap))
+    span = (high - low) or abs(high) or 1.0
+    bottom = low - 0.25 * span  # room for the label
+    if low < 0.3 * span:
+        bottom = min(bottom, -0.15 * span)
+        ax.axhspan(bottom, 0, label=r"pounding, $\xi \leq 0$", **_shade("pounding"))
+        _legend(ax)
+    ax.set_ylim(bottom=bottom)
+
+    time = float(response.demand.min_gap_time)
+    ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
+    place = time / float(response.time[-1])
+    units = (" m", " s") if response.si else ("", "")
+    ax.annotate(
+        rf"min $\xi$ = {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−"),
+        (time, low),
+        xytext=(0, -5),
+        textcoords="offset points",
+        horizontalalignment="left" if place < 0.3 else "right" if place > 0.7 else "center",
+        verticalalignment="top",
+        fontsize=_FONT_SIZE,
+    )
+    return ax
+
+
+def friction_force(response: Response, ax: Axes | None = None) -> Axes:
+    """Friction force q of the damper over time, the intervals of stick shaded."""
+    curve = _Curve("$q$", "damper", response.friction)
+    ax = _over_time(response, ax, "friction force", "force", [curve])
+    sticks = [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]
+    if sticks:
+        across = ax.get_xaxis_transform()
+        ax.broken_barh(sticks, (0, 1), transform=across, label="stick", **_shade("stick"))
+        _legend(ax)
+    return ax
+
+
+def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
+    """Rod force over displacement of both structures: f1 over x1, f2 over x2."""
+    ax = _axes(response, ax)
+    factor, unit = _unit(response, "force", response.f1, response.f2)
+    for x, curve in zip(
+        (response.x1, response.x2),
+        _pair("structure 1", response.f1, "structure 2", response.f2),
+        strict=True,
+    ):
+        _draw(ax, x, factor, curve)
+    _label(
+        ax, f"displacement $x_1$, $x_2$ ({_length(response)})", f"rod force $f_1$, $f_2$ ({unit})"
+    )
+    _legend(ax)
+    return ax
+
+
+def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
+    """Friction force q over slip x1 − x2: the enclosed area is the energy taken by the damper."""
+    ax = _axes(response, ax)
+    factor, unit = _unit(response, "force", response.friction)
+    _draw(ax, response.x1 - response.x2, factor, _Curve("$q$", "damper", response.friction))
+    _label(ax, f"slip $x_1 - x_2$ ({_length(response)})", f"friction force $q$ ({unit})")
+    return ax
+
+
+def energy(response: Response, ax: Axes | None = None) -> Axes:
+    """Energy over time: what damper, rods and motion hold, stacked, under the input.
+
+    The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
+    What is between the two is the residual of the balance, drawn on its own as well.
+    """
+    ax = _axes(response, ax)
+    terms = response.energy
+    factor, unit = _unit(response, "energy", terms.input)
+    time = np.asarray(response.time)
+    parts = {"friction": "damper", "rods": "rods", "kinetic": "kinetic"}
+    ax.stackplot(
+        time,
+        *(factor * np.asarray(getattr(terms, name)) for name in parts),
+        labels=list(parts),
+        colors=[COLOURS[colour] for colour in parts.values()],
+        alpha=0.6,
+        linewidth=0,
+    )
+    _draw(ax, time, factor, _Curve("input", "ground", terms.input))
+    _draw(ax, time, factor, _Curve("residual", "residual", terms.residual), linestyle="--")
+    ax.margins(x=0)
+    _label(ax, _time(response), f"energy $E$ ({unit})")
+    _legend(ax, columns=3)
+    return ax
+
+
+def figure(draw: Callable[[Response, Axes], Axes], response: Response) -> Figure:
+    """A figure of column width with one drawing of this module in it, unknown to pyplot."""
+    result = Figure(figsize=FIGURE_SIZE, layout="constrained")
+    draw(response, result.add_subplot())
+    return result
+
+
+def paper_figures(response: Response) -> dict[str, Figure]:
+    """The six figures of the paper's numerical example, of one run.
+
+    Returns
+    -------
+    ``"figure_3"`` ground motion, ``"figure_4"`` displacements, ``"figure_5"`` velocities,
+    ``"figure_6"`` gap, ``"figure_7"`` friction force with the phases of stick, ``"figure_8"`` rod
+    forces. This order of the paper's Figures 3 to 8 is an assumption: the project has the paper's
+    equations and parameters, but not its figures.
+    """
+    drawings = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
+    return {
+        f"figure_{number}": figure(draw, response) for number, draw in enumerate(drawings, start=3)
+    }
+
+
+def _pair(label_1: str, values_1: Any, label_2: str, values_2: Any) -> list[_Curve]:
+    return [_Curve(label_1, "structure 1", values_1), _Curve(label_2, "structure 2", values_2)]
+
+
+def _over_time(
+    response: Response, ax: Axes | None, words: str, quantity: str, curves: Sequence[_Curve]
+) -> Axes:
+    ax = _axes(response, ax)
+    factor, unit = _unit(response, quantity, *(curve.values for curve in curves))
+    for curve in curves:
+        _draw(ax, response.time, factor, curve)
+    symbols = ", ".join(curve.label for curve in curves)
+    ax.margins(x=0)
+    _label(ax, _time(response), f"{words} {symbols} ({unit})")
+    if len(curves) > 1:
+        _legend(ax)
+    return ax
+
+
+def _axes(response: Response, ax: Axes | None) -> Axes:
+    if np.ndim(response.time) != 1:
+        shape = np.shape(response.time)
+        raise ValueError(f"plots: a batch of shape {shape} must be indexed to one response")
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot  # only here, so that no window system is asked for
+
+    return pyplot.subplots(figsize=FIGURE_SIZE, layout="constrained")[1]
+
+
+def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:
+    y = factor * np.asarray(curve.values)
+    style |= {"color": COLOURS[curve.colour], "linewidth": _LINE_WIDTH, "alpha": _LINE_ALPHA}
+    ax.plot(np.asarray(x), y, label=curve.label, **style)
+
+
+def _shade(colour: str) -> dict[str, Any]:
+    return {"facecolor": COLOURS[colour], "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
+
+
+def _unit(response: Response, quantity: str, *series: Any) -> tuple[float, str]:
+    """Factor and name of the unit for the series: as they are, or in kN, MN, kJ, MJ if large."""
+    if not response.si:
+        return 1.0, _DIMENSIONLESS[quantity]
+    unit = _SI[quantity]
+    if quantity in ("force", "energy"):
+        peak = max(float(np.max(np.abs(values))) for values in series)
+        for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
+            if peak * factor >= 10:
+                return factor, prefix + unit
+    return 1.0, unit
+
+
+def _time(response: Response) -> str:
+    return f"time $t$ ({_unit(response, 'time')[1]})"
+
+
+def _length(response: Response) -> str:
+    return _unit(response, "length")[1]
+
+
+def _label(ax: Axes, x: str, y: str) -> None:
+    ax.set_xlabel(x, fontsize=_FONT_SIZE)
+    ax.set_ylabel(y, fontsize=_FONT_SIZE)
+    ax.tick_params(labelsize=_FONT_SIZE)
+    ax.locator_params(axis="x", nbins=5)  # more would touch at column width
+    ax.grid(True, color="0.88", linewidth=0.6)
+    ax.set_axisbelow(True)
+
+
+def _legend(ax: Axes, columns: int = 4) -> None:
+    """A legend in a strip of its own, above everything drawn."""
+    ax.autoscale(axis="y")
+    low, high = ax.get_ylim()
+    handles, _ = ax.get_legend_handles_labels()
+    rows = -(-len(handles) // columns)
+    ax.set_ylim(low, high + 0.16 * rows * (high - low))
+    ax.legend(
+        loc="upper right",
+        ncols=columns,
+        fontsize=_FONT_SIZE,
+        frameon=False,
+        handlelength=1.2,
+        columnspacing=1.0,
+        borderaxespad=0.2,
+    )

@@ -1,0 +1,536 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from reference import convergence_order, load, paper_algorithm, paper_gradient
+from scipy.interpolate import CubicHermiteSpline
+
+import jaxpound as jp
+
+PAPER = load("paper_case")
+ELASTIC = jp.ZenerRod(0.5, 0.1, 0.1)
+
+
+def paper_run(dt, scheme=None, duration=20.0):
+    grid = jp.TimeGrid.until(duration, dt)
+    return jp.simulate(jp.paper.structures(), jp.paper.ground(), grid, scheme or jp.Scheme())
+
+
+@pytest.fixture(scope="module")
+def fine():
+    return paper_run(0.002)
+
+
+# One block on one rod.
+
+
+@pytest.mark.parametrize("rod", ["rod_1", "rod_2"])
+@pytest.mark.parametrize("order", [1, 2])
+def test_step_response_against_the_inverse_laplace_transform(rod, order):
+    case = load("rods")[rod]
+    times = np.array([float(t) for t in case["step_response"]])
+    exact = np.array(list(case["step_response"].values()))
+    tested = jp.ZenerRod(case["order"], case["tau_f"], case["tau_x"])
+    # Without friction block 2 is alone: mass 1 (ρ = 1) on the stiffness ε.
+    structures = jp.AdjacentStructures(ELASTIC, tested, 1.0, float(case["stiffness"]), 0.0, 1.0)
+    steps, errors = [0.02, 0.01, 0.005], []
+    for h in steps:
+        grid = jp.TimeGrid.until(20.0, h)
+        run = jp.simulate(structures, lambda t: 1.0, grid, jp.Scheme(order=order))
+        errors.append(np.abs(np.asarray(run.x2)[np.round(times / h).astype(int)] - exact).max())
+    print(rod, order, errors)
+    assert errors[-1] < {1: 1e-3, 2: 1e-5}[order]
+    assert abs(convergence_order(steps, errors) - order) < 0.15
+
+
+# Den Hartog's oscillator with dry friction.
+
+
+def den_hartog(r, b, cycles=60):
+    """x1 − x2 = y of y'' + y + b sgn(y') = cos(r t) − 1: a block 2 so heavy that it stands still.
+
+    The ground starts from rest at u = 0, so that its motion is cos(r t) − 1; the offset moves the
+    steady state, not its amplitude.
+    """
+    structures = jp.AdjacentStructures(ELASTIC, ELASTIC, 1e-9, 1.0, b, 100.0)
+    grid = jp.TimeGrid.until(cycles * 2 * np.pi / r, 0.01)
+    run = jp.simulate(structures, lambda t: -(r**2) * jnp.cos(r * t), grid)
+    return run, np.asarray(run.x1 - run.x2)[-round(2 * 2 * np.pi / r / 0.01) :]
+
+
+@pytest.mark.parametrize("case", load("den_hartog")["cases"], ids=lambda c: f"r{c['r']}b{c['b']}")
+def test_den_hartog_s_steady_amplitude(case):
+    _, steady = den_hartog(case["r"], case["b"])
+    assert np.ptp(steady) / 2 == pytest.approx(case["X"], rel=1e-3)
+
+
+def test_den_hartog_s_oscillator_is_stuck_until_the_spring_exceeds_friction():
+    """Held still, the block feels |cos(r t) − 1| ≤ 2."""
+    stuck, _ = den_hartog(0.8, 2.001, cycles=3)
+    assert float(stuck.demand.slip_distance) == 0
+    assert [p.kind for p in stuck.phases()] == ["stick"]
+    sliding, _ = den_hartog(0.8, 1.999, cycles=3)
+    assert float(sliding.demand.slip_distance) > 0
+
+
+# The paper's case.
+
+
+def test_min_gap_of_the_paper_s_case(fine):
+    assert float(fine.min_gap) - 1 == pytest.approx(PAPER["min_gap"], abs=3e-6)
+    assert float(fine.demand.min_gap_time) == pytest.approx(PAPER["t_min"], abs=1e-4)
+    assert float(paper_run(0.02).min_gap) - 1 == pytest.approx(PAPER["min_gap"], abs=2e-4)
+
+
+def test_all_phase_changes_of_the_paper_s_case(fine):
+    kinds = {0: "stick", 1: "slip right", -1: "slip left"}
+    phases = fine.phases()
+    assert phases[0].kind == "stick"
+    assert [p.kind for p in phases[1:]] == [kinds[event[1]] for event in PAPER["events"]]
+    late = [p.start - event[0] for p, event in zip(phases[1:], PAPER["events"], strict=True)]
+    assert np.abs(late).max() < 2e-5  # a hundredth of the step
+
+
+def errors_at_reference_times(run):
+    """Largest errors of x and v, interpolated between instants by the run's own derivatives."""
+    t = np.asarray(run.time)
+    a1, a2 = (np.asarray(a - run.ground_acceleration) for a in run.absolute_accelerations)
+    x_error, v_error = 0.0, 0.0
+    for x, v, a, block in ((run.x1, run.v1, a1, "1"), (run.x2, run.v2, a2, "2")):
+        x, v = np.asarray(x), np.asarray(v)
+        x_there = CubicHermiteSpline(t, x, v)(PAPER["t"])
+        v_there = CubicHermiteSpline(t, v, a)(PAPER["t"])
+        x_error = max(x_error, np.abs(x_there - PAPER["x" + block]).max())
+        v_error = max(v_error, np.abs(v_there - PAPER["v" + block]).max())
+    return x_error, v_error
+
+
+def test_displacements_and_velocities_of_the_paper_s_case(fine):
+    x_error, v_error = errors_at_reference_times(fine)
+    print(x_error, v_error)
+    assert x_error < 2e-5
+    assert v_error < 5e-5
+
+
+def test_friction_force_of_the_paper_s_case(fine):
+    q = np.interp(PAPER["t"], np.asarray(fine.time), np.asarray(fine.friction))
+    np.testing.assert_allclose(q, PAPER["q"], atol=2e-5)
+
+
+def test_second_order_through_the_phase_changes():
+    steps = [0.02, 0.01, 0.005]
+    runs = [paper_run(h) for h in steps]
+    x_errors, v_errors = zip(*[errors_at_reference_times(run) for run in runs], strict=True)
+    gap_errors = [abs(float(run.min_gap) - 1 - PAPER["min_gap"]) for run in runs]
+    for errors in (x_errors, v_errors, gap_errors):
+        print(errors)
+        assert abs(convergence_order(steps, errors) - 2) < 0.25
+
+
+def test_the_paper_s_scheme_is_the_paper_s_algorithm():
+    """Instant by instant, through stick, slip and reversal, against plain NumPy loops."""
+    structures, ground, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.01, 1400)
+    run = jp.simulate(structures, ground, grid, jp.PAPER_SCHEME)
+    t = grid.times()
+    shaking = dict(zip(t.tolist(), np.asarray(ground.acceleration(t)).tolist(), strict=True))
+    x1, x2, q = paper_algorithm(structures, lambda s: shaking[s], 0.01, 1400)
+    assert {p.kind for p in run.phases()} == {"stick", "slip right", "slip left"}
+    np.testing.assert_allclose(run.x1, x1, atol=1e-10)
+    np.testing.assert_allclose(run.x2, x2, atol=1e-10)
+    np.testing.assert_allclose(run.friction[1:], q[1:], atol=1e-8)
+
+
+def test_the_paper_s_scheme_has_its_known_error_and_order_one():
+    steps = [0.008, 0.004, 0.002]
+    errors = [
+        abs(float(paper_run(h, jp.PAPER_SCHEME).min_gap) - 1 - PAPER["min_gap"]) for h in steps
+    ]
+    assert errors[-1] == pytest.approx(6.4e-4, abs=0.1e-4)
+    assert abs(convergence_order(steps, errors) - 1) < 0.4  # ragged: it switches by whole steps
+
+
+@pytest.mark.parametrize("h", [0.02, 0.002])
+def test_modal_history_stands_for_full_history(h):
+    full = paper_run(h, jp.Scheme(history=jp.FullHistory()))
+    modal = paper_run(h)
+    assert np.abs(full.x1 - modal.x1).max() < 1e-6
+    assert np.abs(full.x2 - modal.x2).max() < 1e-6
+
+
+def test_nine_derivatives_of_the_paper_s_case():
+    def min_gap(structures):
+        return jp.demand(structures, jp.paper.ground(), jp.TimeGrid.until(20.0, 0.02)).min_gap
+
+    reverse = jax.grad(min_gap)(jp.paper.structures())
+    forward = jax.jacfwd(min_gap)(jp.paper.structures())
+    for name, (ours, true) in paper_gradient(reverse).items():
+        assert ours == pytest.approx(true, abs=1e-3), name
+    for one, other in zip(jax.tree.leaves(reverse), jax.tree.leaves(forward), strict=True):
+        assert one == pytest.approx(float(other), rel=1e-9, abs=1e-12)
+    assert float(reverse.initial_gap) == 1
+
+
+# Friction in the limit, and the energy balance.
+
+
+def test_smoothed_friction_tends_to_the_event_resolved_response(fine):
+    distances = []
+    for velocity in (0.1, 0.01, 0.001):
+        run = paper_run(0.002, jp.Scheme(jp.Smoothed(velocity)))
+        distances.append(np.abs(run.x1 - fine.x1).max())
+    assert distances[0] > 4 * distances[1] > 16 * distances[2]
+
+
+@pytest.mark.parametrize("velocity", [1e-6, 1e-30, 1e-300])
+def test_no_width_overflows(velocity, fine):
+    run = paper_run(0.002, jp.Scheme(jp.Smoothed(velocity)))
+    assert np.abs(run.x1 - fine.x1).max() < 1e-3
+
+
+def test_smoothed_friction_of_a_resolved_width_is_second_order():
+    """Against the same law on a four times finer grid; the width spans several steps."""
+    scheme, steps = jp.Scheme(jp.Smoothed(0.3)), [0.02, 0.01, 0.005]
+    truth = paper_run(0.00125, scheme)
+    errors = [
+        np.abs(paper_run(h, scheme).x1 - truth.x1[:: round(h / 0.00125)]).max() for h in steps
+    ]
+    print(errors)
+    assert abs(convergence_order(steps, errors) - 2) < 0.3
+
+
+@pytest.mark.parametrize(("scheme", "order"), [(jp.Scheme(), 2), (jp.PAPER_SCHEME, 1)])
+def test_energy_residual_falls_at_least_at_the_order_of_the_scheme(scheme, order):
+    steps = [0.02, 0.01, 0.005]
+    runs = [paper_run(h, scheme) for h in steps]
+    errors = [np.abs(run.energy.residual).max() / run.energy.input.max() for run in runs]
+    print(errors)
+    assert errors[-1] < 3e-4
+    assert convergence_order(steps, errors) > order - 0.25
+
+
+# Invariants of every run.
+
+rods = st.builds(
+    lambda order, tau_f, ratio: jp.ZenerRod(order, tau_f, tau_f * ratio),
+    st.floats(0.05, 1.0),
+    st.floats(0.01, 1.0),
+    st.floats(1.0, 20.0),
+)
+structures_ = st.builds(
+    jp.AdjacentStructures,
+    rods,
+    rods,
+    st.floats(0.3, 3.0),
+    st.floats(0.3, 3.0),
+    st.floats(0.0, 1.0).map(lambda x: round(x, 4)),
+    st.floats(0.0, 2.0).map(lambda x: round(x, 4)),
+)
+grounds = st.builds(
+    jp.Ricker,
+    st.floats(-1.0, 1.0),
+    st.lists(st.floats(0.8, 4.0), min_size=3, max_size=3),
+    st.lists(st.floats(0.0, 6.0), min_size=3, max_size=3),
+)
+GRID = jp.TimeGrid(0.02, 600)
+
+
+@given(structures_, grounds)
+def test_invariants(structures, ground):
+    run = jp.simulate(structures, ground, GRID)
+    q, slip = np.asarray(run.friction), np.asarray(run.slip_velocity)
+    mu = structures.friction
+    assert (np.abs(q) <= mu).all()
+    assert (q * slip >= 0).all()
+    # Stick is stick: no slip velocity, and a gap that stays as it is.
+    stuck = np.asarray(run.phase[:-1]) == 0
+    still = stuck & np.r_[True, stuck[:-1]]
+    assert np.abs(slip[:-1][still]).max(initial=0.0) < 1e-14
+    assert np.abs(np.diff(run.gap)[stuck]).max(initial=0.0) <= 1e-4 * (1 + mu)
+    inside = stuck[:-1] & stuck[1:]
+    assert (np.diff(run.gap)[1:][inside] == 0).all()
+    # Friction takes energy at every instant.
+    assert np.diff(run.energy.friction).min() >= -1e-15
+    # The smallest gap is at most that of the grid, and that of the grid is close.
+    assert float(run.min_gap) <= float(run.gap.min()) + 1e-3
+    assert float(run.min_gap) >= float(run.gap.min()) - 1e-2
+    # Where blocks come to rest with the ground, the rods have done no negative work.
+    assert float(run.energy.rods[-1]) >= -1e-3 * float(run.energy.kinetic.max() + 1e-9)
+
+
+@given(structures_, grounds)
+def test_swapping_the_structures_mirrors_the_response(structures, ground):
+    """Seen in block 2's own units: times √(ρε), lengths and forces by what follows (eq. 8)."""
+    frequency = 1.5  # ω2 / ω1
+    s = dataclasses.replace(structures, stiffness_ratio=frequency**2 / structures.mass_ratio)
+    swapped = jp.AdjacentStructures(
+        rod_1=dataclasses.replace(
+            s.rod_2,
+            tau_f=s.rod_2.tau_f * frequency**s.rod_2.order,
+            tau_x=s.rod_2.tau_x * frequency**s.rod_2.order,
+        ),
+        rod_2=dataclasses.replace(
+            s.rod_1,
+            tau_f=s.rod_1.tau_f * frequency**s.rod_1.order,
+            tau_x=s.rod_1.tau_x * frequency**s.rod_1.order,
+        ),
+        mass_ratio=1 / s.mass_ratio,
+        stiffness_ratio=1 / s.stiffness_ratio,
+        friction=s.friction * s.mass_ratio,
+        initial_gap=s.initial_gap * frequency**2,
+    )
+    t = GRID.times()
+    samples = np.asarray(ground.acceleration(t))
+    one = jp.simulate(s, jp.Record(samples, GRID.dt), GRID)
+    # Seen from the other side everything runs the other way, the ground too.
+    grid = jp.TimeGrid(GRID.dt * frequency, GRID.n_steps)
+    other = jp.simulate(swapped, jp.Record(-samples, grid.dt), grid)
+    length = frequency**2
+    np.testing.assert_allclose(other.x1, -one.x2 * length, atol=2e-9 * length)
+    np.testing.assert_allclose(other.x2, -one.x1 * length, atol=2e-9 * length)
+    np.testing.assert_allclose(other.gap, one.gap * length, atol=4e-9 * length)
+    assert float(other.min_gap) == pytest.approx(float(one.min_gap) * length, abs=4e-9 * length)
+
+
+@given(rods, grounds, st.floats(0.0, 1.0))
+def test_equal_structures_never_slip(rod, ground, friction):
+    run = jp.simulate(jp.AdjacentStructures(rod, rod, 1.0, 1.0, friction, 0.5), ground, GRID)
+    np.testing.assert_array_equal(run.gap, 0.5)
+    assert (run.demand.min_gap, run.demand.slip_distance, run.demand.friction_work) == (0.5, 0, 0)
+
+
+@given(structures_)
+def test_without_shaking_nothing_moves(structures):
+    run = jp.simulate(structures, jp.Ricker(0.0, 1.0, 2.0), GRID)
+    for name in ("x1", "x2", "v1", "v2", "f1", "f2", "friction"):
+        np.testing.assert_array_equal(getattr(run, name), 0)
+    assert float(run.min_gap) == structures.initial_gap
+
+
+@given(structures_, grounds)
+def test_the_response_scales_with_the_shaking(structures, ground):
+    """Twice the ground motion and twice the friction force give twice the response."""
+    doubled = dataclasses.replace(
+        structures, friction=2 * structures.friction, initial_gap=2 * structures.initial_gap
+    )
+    one, two = jp.simulate(structures, ground, GRID), jp.simulate(doubled, 2 * ground, GRID)
+    np.testing.assert_allclose(two.x1, 2 * one.x1, rtol=1e-9, atol=1e-10)
+    assert float(two.min_gap) == pytest.approx(2 * float(one.min_gap), rel=1e-9, abs=1e-10)
+
+
+# Transformations and precision.
+
+
+def test_demand_is_the_simulation_s():
+    for scheme in (jp.Scheme(), jp.Scheme(jp.Smoothed(0.01)), jp.PAPER_SCHEME):
+        run = paper_run(0.02, scheme)
+        scalars = jp.demand(
+            jp.paper.structures(), jp.paper.ground(), jp.TimeGrid.until(20.0, 0.02), scheme
+        )
+        for name, value in vars(scalars).items():
+            assert float(value) == pytest.approx(float(getattr(run.demand, name)), rel=1e-12), name
+        assert float(scalars.peak_x1) == np.abs(run.x1).max()
+        assert float(scalars.peak_f2) == np.abs(run.f2).max()
+        a1, a2 = run.absolute_accelerations
+        assert float(scalars.peak_acceleration_1) == pytest.approx(float(np.abs(a1).max()))
+        assert float(scalars.peak_acceleration_2) == pytest.approx(float(np.abs(a2).max()))
+        work = np.trapezoid(run.friction * run.slip_velocity, run.time)
+        assert float(scalars.friction_work) == pytest.approx(work)
+        distance = np.trapezoid(np.abs(run.slip_velocity), run.time)
+        assert float(scalars.slip_distance) == pytest.approx(distance)
+        assert float(scalars.residual_offset) == pytest.approx(float(run.gap[-1] - 1))
+        assert float(scalars.pounds) == 0
+
+
+def test_float32_stays_float32_and_close():
+    single = jax.tree.map(np.float32, (jp.paper.structures(), jp.paper.ground()))
+    grid = jp.TimeGrid(0.01, 2000)
+    run = jp.simulate(*single, grid)
+    assert {leaf.dtype for leaf in jax.tree.leaves(run)} == {jnp.dtype("float32")}
+    double = jp.demand(jp.paper.structures(), jp.paper.ground(), grid)
+    assert float(run.min_gap) == pytest.approx(float(double.min_gap), abs=1e-3)
+
+
+def test_compiled_and_eager_runs_agree():
+    structures, ground, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.05, 40)
+    for scheme in (jp.Scheme(), jp.Scheme(jp.Smoothed(0.1)), jp.PAPER_SCHEME):
+        compiled = jax.jit(lambda s, scheme=scheme: jp.simulate(s, ground, grid, scheme))(
+            structures
+        )
+        with jax.disable_jit():
+            eager = jp.simulate(structures, ground, grid, scheme)
+        np.testing.assert_allclose(eager.x1, compiled.x1, rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(eager.gap, compiled.gap, rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("scheme", [jp.Scheme(), jp.Scheme(jp.Smoothed(0.01)), jp.PAPER_SCHEME])
+def test_a_batch_is_the_loop_over_every_leaf(scheme):
+    rng = np.random.default_rng(3)
+
+    def vary(leaf):
+        return np.asarray(leaf)[None] * rng.uniform(0.9, 1.1, (3, *np.shape(leaf)))
+
+    pair = (jp.paper.structures(), jp.paper.ground())
+    batch = jax.tree.map(vary, pair)
+    grid = jp.TimeGrid(0.02, 500)
+    together = jax.vmap(lambda s, g: jp.simulate(s, g, grid, scheme))(*batch)
+    assert together.x1.shape == (3, 501)
+    for i in range(3):
+        alone = jp.simulate(*jax.tree.map(lambda leaf, i=i: leaf[i], batch), grid, scheme)
+        np.testing.assert_allclose(together.x1[i], alone.x1, rtol=1e-9, atol=1e-12)
+        assert float(together.min_gap[i]) == pytest.approx(float(alone.min_gap), rel=1e-10)
+        np.testing.assert_allclose(together.energy.residual[i], alone.energy.residual, atol=1e-10)
+
+
+def test_records_and_user_functions_shake_as_the_wavelets_they_sample():
+    structures, ground, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 600)
+    expected = float(jp.demand(structures, ground, grid).min_gap)
+    record = jp.Record(np.asarray(ground.acceleration(grid.times())), grid.dt)
+
+    class Shaker:
+        def acceleration(self, t):
+            return ground.acceleration(t)
+
+    for same in (record, ground.acceleration, Shaker(), 0.5 * ground + 0.5 * ground):
+        found = float(jp.demand(structures, same, grid).min_gap)
+        assert found == pytest.approx(expected, abs=1e-12)
+    mixed = 0.5 * ground + (lambda t: 0.5 * np.asarray(ground.acceleration(t)))
+    assert float(jp.demand(structures, mixed, grid).min_gap) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_new_user_function_is_never_mistaken_for_an_old_one():
+    class Shaker:
+        strength = 1.0
+
+        def acceleration(self, t):
+            return self.strength * np.sin(t)
+
+    shaker, grid = Shaker(), jp.TimeGrid(0.02, 300)
+    one = float(jp.demand(jp.paper.structures(), shaker, grid).peak_x1)
+    shaker.strength = 2.0
+    assert float(jp.demand(jp.paper.structures(), shaker, grid).peak_x1) > 1.5 * one
+
+
+def test_values_do_not_retrace():
+    traces = []
+
+    @jax.jit
+    def min_gap(structures, ground):
+        traces.append(1)
+        return jp.demand(structures, ground, jp.TimeGrid(0.02, 50)).min_gap
+
+    for friction in (0.1, 0.2, 0.3):
+        structures = dataclasses.replace(jp.paper.structures(), friction=friction)
+        min_gap(structures, jp.paper.ground())
+        min_gap(structures, jp.Record([0.0, 0.1, friction], 0.5, name=f"record {friction}"))
+    assert len(traces) == 2
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize("scheme", [jp.Scheme(), jp.Scheme(order=1)])
+def test_the_stability_limit_is_where_stepping_starts_to_diverge(scheme):
+    """Just below the limit a block at rest that is pushed once stays bounded, just above it not."""
+    structures = dataclasses.replace(jp.paper.structures(), friction=0.0)
+    limit = jp.stability_limit(structures, scheme)
+    push = jp.Ricker(0.01, 2.0, 1.0)
+    below = jp.simulate(structures, push, jp.TimeGrid(0.99 * limit, 2000), scheme)
+    assert np.abs(below.x2).max() < 1
+    if scheme.order == 1:
+        t = 1.01 * limit
+        with np.errstate(over="ignore", invalid="ignore"):
+            x1, x2, _ = paper_algorithm(structures, lambda s: float(push.acceleration(s)), t, 1000)
+        assert not max(np.abs(x1).max(), np.abs(x2).max()) < 1e6
+
+
+def test_a_step_above_the_limit_is_refused_with_the_limit():
+    limit = jp.stability_limit(jp.paper.structures())
+    message = rf"dt = .* must be below the stability limit {limit:.8g}"
+    with pytest.raises(ValueError, match=message):
+        jp.demand(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(1.01 * limit, 100))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jp.TimeGrid(0.0, 10), "dt = 0 must be positive"),
+        (lambda: jp.TimeGrid(float("nan"), 10), "dt = nan must be positive"),
+        (lambda: jp.TimeGrid(0.1, 1), "n_steps = 1 must be a whole number, at least 2"),
+        (lambda: jp.TimeGrid(0.1, 10.5), "n_steps = 10.5 must be a whole number"),
+        (lambda: jp.TimeGrid.until(-1.0, 0.1), "duration = -1 must be positive"),
+        (lambda: jp.Scheme(order=3), "order = 3 must be 1 or 2"),
+        (lambda: jp.Scheme(friction="dry"), "friction = 'dry' must be a friction law"),
+        (lambda: jp.Scheme(history=None), "history = None must be a history"),
+        (lambda: jp.Scheme(start="jump"), "start = 'jump' must be 'rest' or 'paper'"),
+    ],
+)
+def test_bad_grids_and_schemes_are_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_bad_arguments_are_named():
+    s, g, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 100)
+    with pytest.raises(ValueError, match="structures = 'x' must be of type AdjacentStructures"):
+        jp.simulate("x", g, grid)
+    with pytest.raises(ValueError, match="ground = 3 must have acceleration"):
+        jp.simulate(s, 3, grid)
+    with pytest.raises(ValueError, match="grid = 100 must be of type TimeGrid"):
+        jp.demand(s, g, 100)
+    with pytest.raises(ValueError, match=r"friction of shape \(2,\) must be one number"):
+        jp.demand(dataclasses.replace(s, friction=np.array([0.1, 0.2])), g, grid)
+    with pytest.raises(ValueError, match="finite"):
+        jp.demand(s, lambda t: np.full_like(t, np.nan), grid)
+
+
+invalid = {
+    "order": lambda s, x: dataclasses.replace(s, rod_1=jp.ZenerRod(1.0 + x, 0.1, 1.0)),
+    "tau_f": lambda s, x: dataclasses.replace(s, rod_2=jp.ZenerRod(0.5, -x, 1.0)),
+    "tau_x": lambda s, x: dataclasses.replace(s, rod_1=jp.ZenerRod(0.5, 0.1, 0.1 - x)),
+    "mass_ratio": lambda s, x: dataclasses.replace(s, mass_ratio=-x),
+    "stiffness_ratio": lambda s, x: dataclasses.replace(s, stiffness_ratio=-x),
+    "friction": lambda s, x: dataclasses.replace(s, friction=-x),
+    "gap": lambda s, x: dataclasses.replace(s, initial_gap=-x),
+    "nan": lambda s, x: dataclasses.replace(s, friction=x + np.nan),
+    "unstable": lambda s, x: dataclasses.replace(s, stiffness_ratio=1e6 * x),
+}
+
+
+@pytest.mark.parametrize("name", invalid)
+def test_a_traced_invalid_run_is_nan_in_every_result(name):
+    """Under vmap values are traced and cannot raise; only the invalid entry of a batch is NaN."""
+    s, g, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 50)
+
+    def run(x, valid):
+        bad = invalid[name](s, x)
+        pick = jax.tree.map(lambda a, b: jnp.where(valid, a, b), s, bad)
+        return jp.simulate(pick, g, grid)
+
+    both = jax.vmap(run)(jnp.array([0.05, 0.05]), jnp.array([True, False]))
+    series = {k: v for k, v in vars(both).items() if isinstance(v, jax.Array | jp.Demand)}
+    del series["mass_1"], series["mass_2"]
+    for path, leaf in jax.tree_util.tree_leaves_with_path((series, both.demand.pounds)):
+        assert np.isfinite(leaf[0]).all(), path
+        assert np.isnan(leaf[1]).all(), path
+
+
+def test_a_traced_invalid_ground_motion_is_nan_in_every_result():
+    s, grid = jp.paper.structures(), jp.TimeGrid(0.02, 50)
+
+    def ricker(period):
+        return jp.demand(s, 2.0 * jp.Ricker(0.5, period, 1.0), grid)
+
+    def record(sample):
+        return jp.demand(s, jp.Record(jnp.array([0.0, 0.1, 0.2]).at[1].set(sample), 0.1), grid)
+
+    for result in (jax.jit(ricker)(-1.0), jax.jit(record)(jnp.nan)):
+        assert all(np.isnan(leaf) for leaf in jax.tree.leaves((result, result.pounds)))
+
+
+def test_a_run_that_overflows_raises():
+    with pytest.raises(FloatingPointError, match="non-finite"):
+        jp.demand(jp.paper.structures(), 1e308 * jp.Ricker(1e5, 1.0, 0.1), jp.TimeGrid(0.02, 50))
