@@ -175,6 +175,7 @@ def _paper(args: argparse.Namespace) -> None:
 
     from jaxpound import plots
 
+    _write_figures({"overview": plots.overview(response)}, args.out)
     _write_figures(plots.paper_figures(response), args.out)
 
 
@@ -252,7 +253,7 @@ def _simulate(args: argparse.Namespace) -> None:
     print(path)
     _write_series(response, args.out, configuration.series)
     figures = {name: plots.figure(getattr(plots, name), response) for name in _SIMULATE_FIGURES}
-    _write_figures(figures, args.out)
+    _write_figures({"overview": plots.overview(response)} | figures, args.out)
 
 
 def _summary(

@@ -188,6 +188,18 @@ def figure(draw: Callable[[Response, Axes], Axes], response: Response) -> Figure
     return result
 
 
+def overview(response: Response) -> Figure:
+    """Ground motion, displacements, friction force and gap, one above the other over time."""
+    drawings = (ground_motion, displacements, friction_force, gap)
+    result = Figure(figsize=(2 * FIGURE_SIZE[0], 3.3 * FIGURE_SIZE[1]), layout="constrained")
+    panels = result.subplots(len(drawings), sharex=True)
+    for draw, ax in zip(drawings, panels, strict=True):
+        draw(response, ax)
+        ax.label_outer()
+    result.align_ylabels(panels)
+    return result
+
+
 def paper_figures(response: Response) -> dict[str, Figure]:
     """The six figures of the paper's numerical example, of one run.
 

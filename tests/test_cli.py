@@ -34,7 +34,7 @@ def run(*arguments: object) -> str:
 
 def is_figure(path: Path) -> bool:
     height, width, _ = imread(path).shape
-    return (width, height) == (1062, 708)
+    return (width, height) == ((2124, 2336) if path.stem == "overview" else (1062, 708))
 
 
 @pytest.fixture(scope="module")
@@ -131,9 +131,9 @@ def test_paper_table_has_the_paper_s_own_scheme_and_its_error(paper_run):
 def test_paper_writes_its_six_figures_and_prints_their_paths(paper_run):
     screen, out = paper_run
     names = [f"figure_{n}.png" for n in range(3, 9)]
-    assert sorted(path.name for path in out.iterdir()) == names
-    assert screen.splitlines()[-6:] == [str(out / name) for name in names]
-    assert all(is_figure(out / name) for name in names)
+    assert sorted(path.name for path in out.iterdir()) == [*names, "overview.png"]
+    assert screen.splitlines()[-7:] == [str(out / name) for name in ("overview.png", *names)]
+    assert all(is_figure(path) for path in out.iterdir())
 
 
 def test_a_phase_too_many_or_too_few_shows_as_a_dash():
@@ -225,7 +225,7 @@ def test_el_centro_screen_says_what_the_summary_says(el_centro_run):
     shears = [f"{results[f'building_{i}']['base_shear_N'] / 1e3:.4g}" for i in (1, 2)]
     assert re.search(rf"peak base shear +{shears[0]} +{shears[1]} kN", screen)
     assert f"damper {results['damper_energy_J'] / 1e3:.4g} kJ" in screen
-    printed = screen.splitlines()[-9:]
+    printed = screen.splitlines()[-10:]
     assert sorted(printed) == sorted(str(path) for path in out.iterdir())
 
 
@@ -252,7 +252,7 @@ def test_el_centro_files_can_be_read_back(el_centro_run, el_centro_response):
         0.2807955 * jp.STANDARD_GRAVITY
     )
     figures = {path.stem for path in out.glob("*.png")}
-    assert figures == set(cli._SIMULATE_FIGURES)
+    assert figures == {"overview", *cli._SIMULATE_FIGURES}
     assert all(is_figure(path) for path in out.glob("*.png"))
 
 

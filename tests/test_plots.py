@@ -277,6 +277,15 @@ def test_paper_figures(response):
     assert all(label.startswith(word) for label, word in zip(labels, words, strict=True))
 
 
+def test_overview_shows_four_series_over_one_time_axis(response):
+    panels = plots.overview(response).axes
+    words = ["ground acceleration", "displacement", "friction force", "gap"]
+    for ax, word in zip(panels, words, strict=True):
+        assert ax.get_ylabel().startswith(word)
+        assert ax.get_xlim() == (0, float(response.time[-1]))
+    assert [bool(ax.get_xlabel()) for ax in panels] == [False, False, False, True]
+
+
 @pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
 def test_a_batch_is_refused(draw, response, ax):
     batch = jax.tree.map(lambda x: np.stack([x, x]), response)

@@ -1,0 +1,104 @@
+"""The house's own rules: silence on import, one direction of imports, the public names."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import jaxpound as jp
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "jaxpound"
+
+# From the ground floor up; a module imports only from below itself.
+FLOORS = [
+    {"_pytree", "_checks"},
+    {"structures", "ground"},
+    {"records", "fractional", "friction", "response"},
+    {"simulation"},
+    {"units", "paper"},
+    {"plots", "config"},
+    {"cli"},
+    {"__main__"},
+]
+
+
+def imports(module):
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text())
+    for_types_only = {
+        node
+        for test in ast.walk(tree)
+        if isinstance(test, ast.If) and ast.unparse(test.test) == "TYPE_CHECKING"
+        for node in ast.walk(test)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node not in for_types_only:
+            yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def test_every_module_has_its_floor():
+    modules = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__"}
+    assert modules == set().union(*FLOORS)
+
+
+@pytest.mark.parametrize("level", range(len(FLOORS)))
+def test_no_import_runs_upwards(level):
+    below = set().union(*FLOORS[:level])
+    for module in FLOORS[level]:
+        ours = [m.partition(".")[2] for m in imports(module) if m.startswith("jaxpound.")]
+        assert set(ours) <= below | FLOORS[level] - {module}, module
+
+
+def test_only_plots_imports_matplotlib():
+    for path in PACKAGE.glob("*.py"):
+        if path.stem != "plots":
+            assert not any("matplotlib" in (m or "") for m in imports(path.stem)), path.stem
+
+
+def test_import_is_silent_and_changes_nothing():
+    code = (
+        "import jax; before = dict(jax.config.values); import jaxpound, sys; "
+        "assert jax.config.values == before; assert 'matplotlib' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_public_names_are_documented():
+    for name in jp.__all__:
+        thing = getattr(jp, name)
+        if callable(thing) or name == "paper":
+            assert thing.__doc__, name
+
+
+def test_the_example_in_the_package_s_docstring():
+    import doctest
+
+    assert doctest.testmod(jp).failed == 0
+
+
+def readme_blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+
+
+@pytest.mark.parametrize("block", readme_blocks("python"))
+def test_readme_s_python_examples_run(block):
+    exec(compile(block, "README.md", "exec"), {})
+
+
+def test_readme_and_ci_agree_on_the_test_command():
+    command = 'pip install -e ".[test]" && pytest'
+    assert any(command in block for block in readme_blocks("sh"))
+
+
+def test_versions_agree():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert "version" in project["project"]["dynamic"]
+    assert f"version: {jp.__version__}" in (ROOT / "CITATION.cff").read_text()
+    assert f"## {jp.__version__}" in (ROOT / "CHANGELOG.md").read_text()

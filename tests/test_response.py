@@ -1,0 +1,126 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+
+N = 200
+
+
+@pytest.fixture(scope="module")
+def run():
+    return jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 1000))
+
+
+def synthetic(**series):
+    """A response of block 1 alone, of given series."""
+    t = np.linspace(0, 2, N + 1)
+    zero = np.zeros(N + 1)
+    names = ("x1", "x2", "v1", "v2", "f1", "f2", "friction", "ground_acceleration", "gap")
+    values = dict.fromkeys((*names, "phase", "change_time"), zero) | {
+        name: f(t) for name, f in series.items()
+    }
+    scalars = jp.Demand(*np.zeros(11))
+    return jp.Response(time=t, **values, mass_1=1.0, mass_2=4.0, demand=scalars)
+
+
+def test_energy_terms_are_the_integrals_of_the_powers():
+    """A motion that solves no equation: each term alone against its closed form."""
+    run = synthetic(
+        v1=lambda t: np.sin(t),
+        v2=lambda t: t,
+        f1=lambda t: 3 * np.cos(t),
+        f2=lambda t: 2 + 0 * t,
+        friction=lambda t: 0.5 + 0 * t,
+        ground_acceleration=lambda t: -1 + 0 * t,
+    )
+    t, energy = np.asarray(run.time), run.energy
+    close = {"atol": 2e-4}
+    np.testing.assert_allclose(energy.rods, 1.5 * np.sin(t) ** 2 + t**2, **close)
+    np.testing.assert_allclose(energy.friction, 0.5 * (1 - np.cos(t)) - 0.25 * t**2, **close)
+    np.testing.assert_allclose(energy.kinetic, np.sin(t) ** 2 / 2 + 2 * t**2, **close)
+    np.testing.assert_allclose(energy.input, 1 - np.cos(t) + 2 * t**2, **close)
+    balance = energy.rods + energy.friction + energy.kinetic - energy.input
+    np.testing.assert_allclose(energy.residual, balance, atol=1e-15)
+
+
+def test_the_residual_notices_a_wrong_force(run):
+    wrong = jax.tree.map(lambda x: x, run)
+    object.__setattr__(wrong, "f1", run.f1 * 1.1)
+    sound, broken = (np.abs(r.energy.residual).max() for r in (run, wrong))
+    assert broken > 3 * sound
+
+
+def test_phases_are_the_runs_of_equal_direction_at_their_instants():
+    direction = np.repeat([0, 1, -1, 0], [50, 60, 40, 51]).astype(float)
+    t = np.linspace(0, 2, N + 1)
+    run = synthetic(phase=lambda t: direction, change_time=lambda t: t + 0.003)
+    phases = run.phases()
+    assert [p.kind for p in phases] == ["stick", "slip right", "slip left", "stick"]
+    starts = [0.0, *(t[[50, 110, 150]] + 0.003)]
+    np.testing.assert_allclose([p.start for p in phases], starts)
+    np.testing.assert_allclose([p.end for p in phases], [*starts[1:], 2.0])
+
+
+def test_phases_cover_the_run_without_holes(run):
+    phases = run.phases()
+    assert (phases[0].start, phases[-1].end) == (0, float(run.time[-1]))
+    for one, following in zip(phases[:-1], phases[1:], strict=True):
+        assert one.end == following.start > one.start
+        assert one.kind != following.kind
+
+
+def test_slip_velocity_has_the_sign_of_its_phase(run):
+    t, w = np.asarray(run.time), np.asarray(run.slip_velocity)
+    for phase in run.phases():
+        inside = w[(t > phase.start + 0.02) & (t < phase.end - 0.02)]
+        sign = {"stick": 0, "slip right": 1, "slip left": -1}[phase.kind]
+        assert (np.sign(inside) == sign).all(), phase
+
+
+def test_absolute_accelerations_are_those_of_the_blocks(run):
+    """Against second differences of x plus u'', away from the kinks."""
+    t = np.asarray(run.time)
+    changes = np.array([p.start for p in run.phases()[1:]])
+    away = np.abs(t[1:-1, None] - changes).min(axis=1) > 0.04
+    for x, a in zip((run.x1, run.x2), run.absolute_accelerations, strict=True):
+        seen = np.diff(np.asarray(x), 2) / 0.02**2 + np.asarray(run.ground_acceleration)[1:-1]
+        np.testing.assert_allclose(seen[away], np.asarray(a)[1:-1][away], atol=0.02)
+
+
+def test_gap_follows_the_blocks(run):
+    np.testing.assert_allclose(run.gap, 1 + run.x2 - run.x1, atol=1e-14)
+
+
+def test_pounds_tells_whether_the_gap_closes():
+    def pounds(gap):
+        structures = jp.AdjacentStructures(
+            jp.paper.structures().rod_1, jp.paper.structures().rod_2, 1.0, 2.0, 0.25, gap
+        )
+        return jp.demand(structures, jp.paper.ground(), jp.TimeGrid(0.02, 500)).pounds
+
+    np.testing.assert_array_equal(jax.vmap(pounds)(jnp.array([0.5, 0.6, 0.7, 0.8])), [1, 1, 0, 0])
+
+
+def test_results_print_themselves(run):
+    text = repr(run)
+    assert "EventResolved" in text
+    assert "1000 steps of 0.02" in text
+    assert f"{float(run.min_gap):.6g}" in text
+    assert "12 phases" in text
+    assert "POUNDS" not in text
+    text = repr(run.demand)
+    for name, value in vars(run.demand).items():
+        assert f"{name:20s} {float(value):.8g}" in text
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
+    assert "batch of shape (2, 1001)" in repr(batch)
+    assert "batch of shape (2,)" in repr(batch.demand)
+
+
+def test_a_batch_and_an_invalid_run_have_no_phases(run):
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
+    with pytest.raises(ValueError, match=r"batch of shape \(2, 1001\) must be indexed"):
+        batch.phases()
+    with pytest.raises(ValueError, match="the run is invalid"):
+        jax.tree.map(lambda x: x * jnp.nan, run).phases()

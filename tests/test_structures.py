@@ -1,0 +1,368 @@
+"""Fractional Zener rods and the pair of structures on them."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+import jaxpound as jp
+
+
+def log_uniform(low, high):
+    return st.floats(np.log10(low), np.log10(high)).map(lambda x: 10.0**x)
+
+
+orders = st.floats(0.01, 1.0)
+taus = log_uniform(1e-4, 1e3)
+ratios = st.just(1.0) | log_uniform(1.0, 1e5)
+frequencies = log_uniform(1e-5, 1e5)
+zener_rods = st.builds(lambda g, tau, r: jp.ZenerRod(g, tau, tau * r), orders, taus, ratios)
+
+
+def modulus(rod, omega):
+    """K*(iω) of the law f + τ_f D^γ f = x + τ_x D^γ x, in complex arithmetic."""
+    z = (1j * omega) ** rod.order
+    return (1 + rod.tau_x * z) / (1 + rod.tau_f * z)
+
+
+def structures(**changes):
+    values = {
+        "rod_1": jp.ZenerRod(0.23, 0.004, 1.183),
+        "rod_2": jp.ZenerRod(0.53, 0.2, 4.0),
+        "mass_ratio": 1.5,
+        "stiffness_ratio": 2.0,
+        "friction": 0.25,
+        "initial_gap": 1.0,
+    }
+    return jp.AdjacentStructures(**(values | changes))
+
+
+# Moduli
+
+
+@pytest.mark.parametrize("order", [0.3, 0.8, 1.0])
+def test_slow_motion_sees_the_static_modulus(order):
+    rod = jp.ZenerRod(order, 0.1, 2.0)
+    omega = 1e-18 ** (1 / order)
+    assert rod.static_modulus == 1
+    assert rod.storage_modulus(omega) == pytest.approx(1, rel=1e-15)
+    assert rod.loss_modulus(omega) == pytest.approx(0, abs=1e-15)
+    assert rod.storage_modulus(0.0) == 1
+
+
+@pytest.mark.parametrize("order", [0.3, 0.8, 1.0])
+def test_fast_motion_sees_the_instantaneous_modulus(order):
+    rod = jp.ZenerRod(order, 0.1, 2.0)
+    for omega in (1e18 ** (1 / order), 1e250):
+        assert rod.storage_modulus(omega) == pytest.approx(2.0 / 0.1, rel=1e-15)
+        assert rod.loss_modulus(omega) == pytest.approx(0, abs=1e-15)
+    assert rod.instantaneous_modulus == 2.0 / 0.1
+
+
+@given(zener_rods, frequencies)
+def test_moduli_are_those_of_the_law_in_complex_arithmetic(rod, omega):
+    expected = modulus(rod, omega)
+    np.testing.assert_allclose(rod.complex_modulus(omega), expected, rtol=1e-13)
+    np.testing.assert_allclose(rod.storage_modulus(omega), expected.real, rtol=1e-13)
+    np.testing.assert_allclose(
+        rod.loss_modulus(omega), expected.imag, rtol=1e-11, atol=1e-13 * abs(expected)
+    )
+    np.testing.assert_allclose(
+        rod.loss_factor(omega), expected.imag / expected.real, rtol=1e-11, atol=1e-13
+    )
+
+
+@given(zener_rods, frequencies, st.floats(1.0, 100.0))
+def test_rods_take_energy_and_stiffen_with_frequency(rod, omega, faster):
+    storage = rod.storage_modulus(omega)
+    assert rod.loss_modulus(omega) >= 0
+    assert storage >= 1
+    assert storage <= rod.instantaneous_modulus * (1 + 1e-14)
+    assert rod.storage_modulus(faster * omega) >= storage * (1 - 1e-14)
+
+
+@given(orders, taus, frequencies)
+def test_equal_relaxation_times_make_an_elastic_rod(order, tau, omega):
+    rod = jp.ZenerRod(order, tau, tau)
+    assert rod.storage_modulus(omega) == 1
+    assert rod.loss_modulus(omega) == 0
+    assert rod.damping_ratio(stiffness=omega) == 0
+
+
+@given(taus, ratios, frequencies)
+def test_order_one_is_the_classical_zener_solid(tau_f, ratio, omega):
+    tau_x = tau_f * ratio
+    rod = jp.ZenerRod(1, tau_f, tau_x)
+    below = 1 + (tau_f * omega) ** 2
+    storage = (1 + tau_f * tau_x * omega**2) / below
+    np.testing.assert_allclose(rod.storage_modulus(omega), storage, rtol=1e-13)
+    np.testing.assert_allclose(
+        rod.loss_modulus(omega), (tau_x - tau_f) * omega / below, rtol=1e-12, atol=1e-14 * storage
+    )
+
+
+def test_moduli_take_arrays_and_lists_of_frequencies():
+    rod = jp.ZenerRod(0.5, 0.1, 2.0)
+    omega = np.array([[0.5, 1.0, 2.0], [3.0, 4.0, 5.0]])
+    np.testing.assert_allclose(rod.complex_modulus(omega), modulus(rod, omega), rtol=1e-14)
+    np.testing.assert_allclose(
+        rod.loss_modulus([3, 4]), modulus(rod, omega[1, :2]).imag, rtol=1e-13
+    )
+
+
+# Natural frequency and damping
+
+
+@given(zener_rods, log_uniform(1e-3, 1e10), log_uniform(1e-3, 1e7))
+@example(jp.ZenerRod(1.0, 0.01, 100.0), 1.0, 1.0)  # stiffens almost as ω²
+@example(jp.ZenerRod(1.0, 1e-3, 1e3), 1.0, 1.0)
+@example(jp.ZenerRod(0.5, 0.1, 0.1), 2.0, 3.0)
+def test_natural_frequency_balances_inertia_and_the_rod(rod, stiffness, mass):
+    omega = float(rod.natural_frequency(stiffness, mass))
+    assert mass * omega**2 == pytest.approx(stiffness * modulus(rod, omega).real, rel=1e-12)
+
+
+@given(zener_rods, log_uniform(1e-3, 1e10), log_uniform(1e-3, 1e7))
+def test_damping_ratio_is_half_the_loss_factor_at_the_natural_frequency(rod, stiffness, mass):
+    at_rest = modulus(rod, float(rod.natural_frequency(stiffness, mass)))
+    zeta = rod.damping_ratio(stiffness, mass)
+    assert zeta == pytest.approx(at_rest.imag / at_rest.real / 2, rel=1e-9, abs=1e-13)
+
+
+def test_elastic_natural_frequency_is_the_textbook_one():
+    rod = jp.ZenerRod(0.4, 0.3, 0.3)
+    assert rod.natural_frequency(8.0, 2.0) == pytest.approx(2.0, rel=1e-15)
+    assert rod.natural_frequency() == pytest.approx(1.0, rel=1e-15)
+
+
+def test_pair_reports_both_uncoupled_structures():
+    pair = structures(mass_ratio=3.0, stiffness_ratio=2.0)
+    omega_1, omega_2 = (float(omega) for omega in pair.natural_frequencies)
+    # Eq. (9) without ground and friction: x1'' = −f1 and x2'' = −ρ f2, with f2 in units of ε.
+    assert omega_1**2 == pytest.approx(modulus(pair.rod_1, omega_1).real, rel=1e-13)
+    assert omega_2**2 == pytest.approx(3.0 * 2.0 * modulus(pair.rod_2, omega_2).real, rel=1e-13)
+    for zeta, rod, omega in zip(
+        pair.damping_ratios, (pair.rod_1, pair.rod_2), (omega_1, omega_2), strict=True
+    ):
+        at_rest = modulus(rod, omega)
+        assert zeta == pytest.approx(at_rest.imag / at_rest.real / 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, "a", None])
+def test_natural_frequency_refuses_bad_stiffness_and_mass(bad):
+    rod = jp.ZenerRod(0.5, 0.1, 2.0)
+    with pytest.raises(ValueError, match="natural_frequency: stiffness = "):
+        rod.natural_frequency(stiffness=bad)
+    with pytest.raises(ValueError, match="natural_frequency: mass = "):
+        rod.damping_ratio(mass=bad)
+
+
+# Derivatives, batches
+
+
+QUANTITIES = {
+    "storage": lambda rod: rod.storage_modulus(1.7),
+    "loss": lambda rod: rod.loss_modulus(1.7),
+    "frequency": lambda rod: rod.natural_frequency(3.0, 0.5),
+    "damping": lambda rod: rod.damping_ratio(3.0, 0.5),
+}
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=QUANTITIES)
+def test_gradients_agree_with_central_differences(quantity):
+    f = jax.jit(lambda p: quantity(jp.ZenerRod(p[0], p[1], p[2])))
+    gradient = jax.jit(jax.grad(f))
+    for at in ([0.3, 0.1, 2.0], [1.0, 0.1, 2.0], [0.6, 0.5, 0.5], [1.0, 0.01, 50.0]):
+        point = np.array(at)  # traced, it may step out of the rules: the formulas go on smoothly
+        steps = 1e-5 * np.diag(point)
+        differences = [float(f(point + d) - f(point - d)) / (2 * d.sum()) for d in steps]
+        np.testing.assert_allclose(gradient(point), differences, rtol=1e-7, atol=1e-8)
+
+
+def test_second_derivative_of_the_natural_frequency_agrees_with_differences():
+    def slope(tau_x):
+        return jax.grad(lambda t: jp.ZenerRod(0.7, 0.01, t).natural_frequency())(tau_x)
+
+    h = 1e-5
+    difference = (slope(2.0 + h) - slope(2.0 - h)) / (2 * h)
+    assert jax.grad(slope)(2.0) == pytest.approx(float(difference), rel=1e-6)
+
+
+def test_batched_and_compiled_rods_are_the_single_ones():
+    parameters = np.array([[0.2, 0.01, 1.0], [0.5, 0.1, 0.1], [1.0, 0.5, 3.0]])
+    batch = jp.ZenerRod(*parameters.T)
+    for quantity in QUANTITIES.values():
+        single = [quantity(jp.ZenerRod(*row)) for row in parameters]
+        np.testing.assert_allclose(quantity(batch), single, rtol=1e-14)
+        np.testing.assert_allclose(jax.jit(jax.vmap(quantity))(batch), single, rtol=1e-14)
+
+
+def test_whole_numbers_are_differentiable_parameters():
+    pair = structures(rod_2=jp.ZenerRod(1, 1, 1), mass_ratio=2, stiffness_ratio=8)
+    gradient = jax.grad(lambda s: s.natural_frequencies[1])(pair)
+    # The elastic block 2 has ω = √(ρ ε).
+    assert gradient.mass_ratio == pytest.approx(1.0, rel=1e-13)
+    assert gradient.stiffness_ratio == pytest.approx(0.25, rel=1e-13)
+
+
+def test_single_precision_stays_single_precision():
+    rod = jp.ZenerRod(*np.array([0.5, 0.1, 2.0], np.float32))
+    omega = rod.natural_frequency()
+    assert omega.dtype == jnp.float32
+    assert rod.complex_modulus(omega).dtype == jnp.complex64
+    assert omega**2 == pytest.approx(modulus(rod, float(omega)).real, rel=1e-6)
+
+
+# Validation
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"order": 0}, r"order = 0 must be in \(0, 1\]"),
+        ({"order": 1.5}, r"order = 1\.5 must be in \(0, 1\]"),
+        ({"order": np.nan}, r"order = nan must be in \(0, 1\]"),
+        ({"order": "0.5"}, "order = '0.5' must be a real number"),
+        ({"order": None}, "order = None must be a real number"),
+        ({"order": True}, "order = True must be a real number"),
+        ({"order": 0.5j}, "order = 0.5j must be a real number"),
+        ({"order": [0.5, 2.0]}, r"order = 2 \(at index \[1\]\) must be in \(0, 1\]"),
+        ({"tau_f": 0.0}, "tau_f = 0 must be positive and finite"),
+        ({"tau_f": -0.1}, r"tau_f = -0\.1 must be positive and finite"),
+        ({"tau_f": np.nan}, "tau_f = nan must be positive and finite"),
+        ({"tau_f": [0.1, -1.0]}, r"tau_f = -1 \(at index \[1\]\) must be positive"),
+        ({"tau_x": 0.05}, r"tau_x = 0\.05 must be finite and at least tau_f = 0\.1"),
+        ({"tau_x": np.inf}, "tau_x = inf must be finite and at least tau_f"),
+        ({"tau_x": [1.0, 0.01]}, r"tau_x = 0\.01 \(at index \[1\]\) must be finite and at least"),
+        ({"tau_f": [0.1, 3.0]}, r"tau_x = 2 \(at index \[1\]\) must be finite and at least tau_f"),
+        ({"tau_f": np.array(3.0)}, "tau_x = 2 must be finite and at least tau_f = 3 "),
+        ({"order": [0.5, 0.6], "tau_f": [0.1] * 3}, r"order \(2,\), tau_f \(3,\), tau_x \(\)"),
+    ],
+)
+def test_rod_refuses_bad_values(changes, message):
+    with pytest.raises(ValueError, match=f"^ZenerRod: .*{message}"):
+        jp.ZenerRod(**({"order": 0.5, "tau_f": 0.1, "tau_x": 2.0} | changes))
+
+
+@pytest.mark.parametrize("name", ["mass_ratio", "stiffness_ratio"])
+@pytest.mark.parametrize("bad", [0, -1.5, np.nan, np.inf, [1.0, -1.0]])
+def test_ratios_must_be_positive(name, bad):
+    with pytest.raises(ValueError, match=f"AdjacentStructures: {name} = .* positive and finite"):
+        structures(**{name: bad})
+
+
+@pytest.mark.parametrize("name", ["friction", "initial_gap"])
+@pytest.mark.parametrize("bad", [-1e-9, np.nan, np.inf, [0.0, -1.0]])
+def test_friction_and_gap_must_not_be_negative(name, bad):
+    with pytest.raises(ValueError, match=f"AdjacentStructures: {name} = .* and not negative"):
+        structures(**{name: bad})
+
+
+@pytest.mark.parametrize("name", ["mass_ratio", "stiffness_ratio", "friction", "initial_gap"])
+@pytest.mark.parametrize("bad", [None, "2", True, 2j])
+def test_parameters_of_the_pair_must_be_real_numbers(name, bad):
+    with pytest.raises(ValueError, match=f"AdjacentStructures: {name} = .* must be a real number"):
+        structures(**{name: bad})
+
+
+@pytest.mark.parametrize("name", ["rod_1", "rod_2"])
+@pytest.mark.parametrize("bad", [None, 0.5, (0.5, 0.1, 2.0), structures()])
+def test_rods_must_be_rods(name, bad):
+    with pytest.raises(ValueError, match=f"AdjacentStructures: {name} = .* of type ZenerRod"):
+        structures(**{name: bad})
+
+
+def test_limits_of_the_rules_are_allowed():
+    jp.ZenerRod(1, 0.1, 0.1)
+    structures(friction=0, initial_gap=0)
+
+
+def test_traced_values_never_raise():
+    def build(x):
+        rod = jp.ZenerRod(x, x, x)
+        return structures(rod_1=rod, mass_ratio=x, stiffness_ratio=x, friction=x, initial_gap=x)
+
+    for bad in (jnp.nan, -1.0, jnp.inf):
+        assert type(jax.jit(build)(bad)) is jp.AdjacentStructures
+        assert jax.vmap(build)(jnp.full(3, bad)).friction.shape == (3,)
+        assert jax.grad(lambda x: build(x).friction)(bad) == 1
+
+
+# Pytree
+
+
+def test_every_parameter_is_a_leaf_with_a_readable_path():
+    leaves = jax.tree_util.tree_leaves_with_path(structures())
+    assert [jax.tree_util.keystr(path) for path, _ in leaves] == [
+        ".rod_1.order",
+        ".rod_1.tau_f",
+        ".rod_1.tau_x",
+        ".rod_2.order",
+        ".rod_2.tau_f",
+        ".rod_2.tau_x",
+        ".mass_ratio",
+        ".stiffness_ratio",
+        ".friction",
+        ".initial_gap",
+    ]
+    assert [leaf for _, leaf in leaves] == [0.23, 0.004, 1.183, 0.53, 0.2, 4.0, 1.5, 2.0, 0.25, 1.0]
+
+
+@pytest.mark.parametrize(
+    "leaf", [None, object(), -1.0, "text"], ids=lambda leaf: type(leaf).__name__
+)
+def test_rebuilding_takes_any_leaf(leaf):
+    structure = jax.tree.structure(structures())
+    rebuilt = jax.tree.unflatten(structure, [leaf] * structure.num_leaves)
+    assert type(rebuilt) is jp.AdjacentStructures
+    assert type(rebuilt.rod_2) is jp.ZenerRod
+    assert rebuilt.rod_2.tau_x is leaf
+    assert rebuilt.friction is leaf
+    repr(rebuilt)
+
+
+def test_gradient_is_an_object_of_the_same_class():
+    gradient = jax.grad(lambda s: s.mass_ratio * s.friction + s.rod_2.tau_x**2)(structures())
+    assert type(gradient) is jp.AdjacentStructures
+    assert type(gradient.rod_2) is jp.ZenerRod
+    assert (gradient.mass_ratio, gradient.friction, gradient.rod_2.tau_x) == (0.25, 1.5, 8.0)
+    assert (gradient.initial_gap, gradient.rod_1.order) == (0.0, 0.0)
+
+
+def test_replacement_is_validated_and_leaves_the_original():
+    pair = structures()
+    assert dataclasses.replace(pair, friction=0.5).friction == 0.5
+    assert pair.friction == 0.25
+    with pytest.raises(ValueError, match="friction = -1"):
+        dataclasses.replace(pair, friction=-1.0)
+    with pytest.raises(ValueError, match=r"tau_x = 0\.001"):
+        dataclasses.replace(pair.rod_1, tau_x=0.001)
+
+
+def test_objects_are_frozen():
+    pair = structures()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        pair.friction = 1.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        pair.rod_1.order = 1.0
+
+
+def test_vmap_takes_and_returns_structures_with_axes_for_some_leaves():
+    frictions = jnp.array([0.1, 0.2, 0.3])
+    paths = jax.tree_util.tree_map_with_path
+    keystr = jax.tree_util.keystr
+    pair = paths(lambda p, x: frictions if keystr(p) == ".friction" else x, structures())
+    axes = paths(lambda p, x: 0 if keystr(p) == ".friction" else None, pair)
+
+    def doubled(s):
+        return jax.tree.map(lambda x: 2.0 * x, s)
+
+    result = jax.vmap(doubled, in_axes=(axes,), out_axes=axes)(pair)
+    assert type(result) is jp.AdjacentStructures
+    np.testing.assert_allclose(result.friction, [0.2, 0.4, 0.6])
+    assert jnp.shape(result.rod_1.order) == ()
+    assert jax.vmap(doubled, in_axes=(axes,))(pair).rod_1.order.shape == (3,)
