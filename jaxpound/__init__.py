@@ -7,19 +7,15 @@ True
 """
 
 from jaxpound import paper
-from jaxpound.fractional import FullHistory, ModalHistory, gl_weights, rod_force
+from jaxpound.fractional import FullHistory, ModalHistory, gl_weights
 from jaxpound.friction import EventResolved, Smoothed, Switching
-from jaxpound.ground import Record, Ricker, arias_intensity, pga, pgv
+from jaxpound.ground import Record, Ricker
+from jaxpound.intensity import arias_intensity, pga, pgv
 from jaxpound.records import read_record
 from jaxpound.response import Demand, Energy, Phase, Response
-from jaxpound.simulation import (
-    PAPER_SCHEME,
-    Scheme,
-    TimeGrid,
-    demand,
-    simulate,
-    stability_limit,
-)
+from jaxpound.rods import rod_force
+from jaxpound.scheme import PAPER_SCHEME, Scheme, TimeGrid, stability_limit
+from jaxpound.simulation import demand, simulate
 from jaxpound.structures import AdjacentStructures, ZenerRod
 from jaxpound.units import STANDARD_GRAVITY, Building, Scales, dimensionless
 

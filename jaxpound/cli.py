@@ -9,7 +9,6 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -17,31 +16,10 @@ import jax
 import numpy as np
 
 import jaxpound as jp
-from jaxpound import config
-from jaxpound.config import Configuration
+from jaxpound import config, report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# The paper's case by an independent event-driven solver: no Grünwald–Letnikov sum and no fixed
-# step, but each rod's exact relaxation spectrum, integrated adaptively (rtol 1e-9) between located
-# events. Good to 1e-7 in the gap and 1e-6 in the times.
-REFERENCE_MIN = -0.6953576904934496  # min of x2 − x1, in g/ω1²
-REFERENCE_MIN_TIME = 7.485141646677831  # in 1/ω1
-REFERENCE_CHANGES = (
-    (0.6407985927504466, "slip left"),
-    (1.1918951848944157, "slip right"),
-    (1.75850180068001, "slip left"),
-    (2.6526652617070234, "slip right"),
-    (3.431842922335319, "slip left"),
-    (4.178860121161499, "slip right"),
-    (4.673135468619, "slip left"),
-    (5.835848983491708, "slip right"),
-    (7.485141646677831, "slip left"),
-    (9.406650925155228, "slip right"),
-    (11.440562762815782, "stick"),
-)
-PAPER_SCHEME_ERROR = -6.4e-4  # of the paper's own scheme in that minimum, at the paper's step
 
 _SIMULATE_FIGURES = (
     "ground_motion",
@@ -171,59 +149,12 @@ def _paper(args: argparse.Namespace) -> None:
     case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
     response = jp.simulate(*case)
     papers_own = float(jp.demand(*case, jp.PAPER_SCHEME).min_gap) - case[0].initial_gap
-    print(_paper_table(response, papers_own, case[0].initial_gap))
+    print(report.paper_table(response, papers_own, case[0].initial_gap))
 
     from jaxpound import plots
 
     _write_figures({"overview": plots.overview(response)}, args.out)
     _write_figures(plots.paper_figures(response), args.out)
-
-
-def _paper_table(response: jp.Response, papers_own: float, initial_gap: float) -> str:
-    changes = [(phase.start, phase.kind) for phase in response.phases()[1:]]
-    rows: list[tuple[str, float | None, float | None]] = [
-        ("min of x2 - x1", float(response.min_gap) - initial_gap, REFERENCE_MIN),
-        ("  at t", float(response.demand.min_gap_time), REFERENCE_MIN_TIME),
-        ("phase changes", len(changes), len(REFERENCE_CHANGES)),
-    ]
-    pairs = zip_longest(changes, REFERENCE_CHANGES, fillvalue=(None, ""))
-    for (time, kind), (reference, expected) in pairs:
-        rows.append((f"  {kind or expected} from t", time, reference))
-    rows += [
-        ("energy residual / input", _relative_residual(response), None),
-        ("min by the paper's scheme", papers_own, REFERENCE_MIN),
-    ]
-    return "\n".join(
-        [
-            f"The paper's case: {response.time.size - 1} steps of {float(response.time[1]):.6g}",
-            response.method,
-            "Dimensionless: length g/omega1^2, time 1/omega1. The reference is an independent",
-            "event-driven solver. The paper gives no initial gap; pounding is x2 - x1 <= -gap.",
-            "",
-            f"{'':28}{'jaxpound':>14}{'reference':>14}{'difference':>13}",
-            *(_table_row(*row) for row in rows),
-            "",
-            "The paper's scheme (order 1, switching friction) is known to miss the minimum by "
-            f"{PAPER_SCHEME_ERROR:.1e}.",
-        ]
-    )
-
-
-def _table_row(name: str, value: float | None, reference: float | None) -> str:
-    cells = [
-        f"{'-':>14}" if x is None else f"{x:14d}" if isinstance(x, int) else f"{x:14.8f}"
-        for x in (value, reference)
-    ]
-    known = value is not None and reference is not None
-    cells.append(f"{value - reference:13.1e}" if known else f"{'-':>13}")  # type: ignore[operator]
-    return f"{name:28}{''.join(cells)}"
-
-
-def _relative_residual(response: jp.Response) -> float:
-    """Largest residual of the energy balance over the largest input; 0 for a run at rest."""
-    energy = response.energy
-    largest = float(np.max(np.abs(energy.input)))
-    return float(np.max(np.abs(energy.residual))) / largest if largest else 0.0
 
 
 # --- simulate -----------------------------------------------------------------------------------
@@ -242,9 +173,9 @@ def _simulate(args: argparse.Namespace) -> None:
     response = scales.to_si(
         jp.simulate(configuration.structures, shaking, grid, configuration.scheme)
     )
-    summary = _summary(configuration, args.record, record, response)
+    summary = report.summary(configuration, args.record, record, response)
     text = json.dumps(summary, indent=2, allow_nan=False)
-    print(_report(summary))
+    print(report.as_text(summary))
 
     from jaxpound import plots
 
@@ -254,110 +185,6 @@ def _simulate(args: argparse.Namespace) -> None:
     _write_series(response, args.out, configuration.series)
     figures = {name: plots.figure(getattr(plots, name), response) for name in _SIMULATE_FIGURES}
     _write_figures({"overview": plots.overview(response)} | figures, args.out)
-
-
-def _summary(
-    configuration: Configuration, file: Path, record: jp.Record, response: jp.Response
-) -> dict[str, Any]:
-    """What was run, and the scalars that came out of it; units are in the names."""
-    demand = response.demand
-    at_end = {name: float(term[-1]) for name, term in response.energy._asdict().items()}
-    results: dict[str, Any] = {
-        "min_gap_m": float(demand.min_gap),
-        "min_gap_time_s": float(demand.min_gap_time),
-        "pounds": bool(demand.pounds),
-        "overlap_m": max(0.0, -float(demand.min_gap)),
-        "first_contact_s": _first_contact(response) if demand.pounds else None,
-        "slip_distance_m": float(demand.slip_distance),
-        "residual_offset_m": float(demand.residual_offset),
-        "input_energy_J": at_end["input"],
-        "damper_energy_J": at_end["friction"],
-        "rods_energy_J": at_end["rods"],
-        "kinetic_energy_J": at_end["kinetic"],
-        "energy_residual_over_input": _relative_residual(response),
-    }
-    for i, building in enumerate((configuration.building_1, configuration.building_2), start=1):
-        results[f"building_{i}"] = {
-            "period_s": float(building.natural_period),
-            "damping_ratio": float(building.damping_ratio),
-            "peak_displacement_m": float(getattr(demand, f"peak_x{i}")),
-            "peak_absolute_acceleration_m_per_s2": float(getattr(demand, f"peak_acceleration_{i}")),
-            "base_shear_N": float(getattr(demand, f"peak_f{i}")),
-        }
-    return {
-        "jaxpound": jp.__version__,
-        "record": {
-            "file": str(file),
-            "pga_g": float(jp.pga(record)),
-            "duration_s": float(record.duration),
-            "dt_s": float(record.dt),
-        },
-        "run": {
-            "steps": response.time.size - 1,
-            "dt_s": float(response.time[1]),
-            "method": response.method,
-        },
-        "configuration": configuration.given,
-        "results": results,
-    }
-
-
-def _first_contact(response: jp.Response) -> float:
-    """When the gap first closes, by the straight line between instants of the grid."""
-    time, gap = np.asarray(response.time), np.asarray(response.gap)
-    closed = np.flatnonzero(gap <= 0)
-    if closed.size == 0:  # it opens again before the next instant
-        return float(response.demand.min_gap_time)
-    around = [closed[0], max(closed[0] - 1, 0)]
-    return float(np.interp(0.0, gap[around], time[around]))
-
-
-def _report(summary: dict[str, Any]) -> str:
-    """The summary as text for the screen."""
-    record, run, results = summary["record"], summary["run"], summary["results"]
-    given = summary["configuration"]
-    supplied = results["input_energy_J"]
-    taken = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
-    shares = ", ".join(
-        f"{name} {energy / 1e3:.4g} kJ ({energy / supplied if supplied else 0:.0%})"
-        for name, energy in taken.items()
-    )
-    columns = [
-        ("natural period", "period_s", 1, "s"),
-        ("damping ratio", "damping_ratio", 100, "%"),
-        ("peak displacement", "peak_displacement_m", 1, "m"),
-        ("peak absolute acc.", "peak_absolute_acceleration_m_per_s2", 1, "m/s2"),
-        ("peak base shear", "base_shear_N", 1e-3, "kN"),
-    ]
-    lines = [
-        f"Record   {record['file']}: PGA {record['pga_g']:.4g} g, {record['duration_s']:.6g} s",
-        f"Run      {run['steps']} steps of {run['dt_s']:.4g} s; {run['method']}",
-        "",
-        f"{'':20}{'building 1':>12}{'building 2':>12}",
-    ]
-    for words, key, factor, unit in columns:
-        both = (factor * results[f"building_{i}"][key] for i in (1, 2))
-        lines.append(f"{words:20}{''.join(f'{value:12.4g}' for value in both)} {unit}")
-    lines += [
-        "",
-        f"Gap      {given['gap']:.4g} m at rest, smallest {results['min_gap_m']:.4g} m "
-        f"at {results['min_gap_time_s']:.5g} s",
-        _verdict(results),
-        f"Damper   slip force {given['damper']['friction_force'] / 1e3:.4g} kN, slid "
-        f"{results['slip_distance_m']:.4g} m, offset left {results['residual_offset_m']:.4g} m",
-        f"Energy   input {supplied / 1e3:.4g} kJ: {shares}; "
-        f"residual {results['energy_residual_over_input']:.1e} of the input",
-    ]
-    return "\n".join(lines)
-
-
-def _verdict(results: dict[str, Any]) -> str:
-    if not results["pounds"]:
-        return "         no pounding"
-    return (
-        f"         POUNDS: overlap {results['overlap_m']:.4g} m, first contact at "
-        f"{results['first_contact_s']:.5g} s; contact itself is not modelled"
-    )
 
 
 # --- files --------------------------------------------------------------------------------------

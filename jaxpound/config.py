@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from jaxpound.friction import EventResolved, FrictionLaw, Smoothed, Switching
-from jaxpound.ground import Record, pga
-from jaxpound.simulation import Scheme, TimeGrid, stability_limit
+from jaxpound.ground import Record
+from jaxpound.intensity import pga
+from jaxpound.scheme import Scheme, TimeGrid, stability_limit
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Building, Scales, dimensionless
 

@@ -1,4 +1,4 @@
-"""Ground motions: anything with ``acceleration(t)``, their sums and scalings, and their measures.
+"""Ground motions: anything with ``acceleration(t)``, their sums and scalings.
 
 In the dimensionless model (eq. 9) acceleration is in units of g and time in units of 1/ω1; a record
 as read from a file is in g and seconds (``Scales.to_dimensionless`` turns one into the other).
@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.integrate import trapezoid
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
 from jaxpound._pytree import label, pytree_dataclass
 
 if TYPE_CHECKING:
-    from jaxpound.simulation import TimeGrid
+    from jaxpound.scheme import TimeGrid
 
 
 @runtime_checkable
@@ -325,7 +324,7 @@ class Record(_Combinable):
         title = f"{self.name!r}, " if self.name else ""
         return (
             f"Record({title}{self.n_samples} samples, dt = {float(self.dt):.6g}, "
-            f"duration {float(self.duration):.6g}, peak {float(pga(self)):.4g})"
+            f"duration {float(self.duration):.6g}, peak {float(abs(self.samples).max()):.4g})"
         )
 
 
@@ -381,40 +380,6 @@ def _on_grid(ground: GroundLike, t: np.ndarray) -> Any:
         )
     enforce("ground", [Rule("acceleration(t)", values, finite(values), "finite")])
     return jnp.broadcast_to(values, t.shape)
-
-
-def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
-    """Peak ground acceleration max |u''|, in g; a ``Record`` needs no grid."""
-    return jnp.max(jnp.abs(_samples(ground, grid)[0]))
-
-
-def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) -> Float[Array, ""]:
-    """Peak ground velocity max |u'|, from rest, by the trapezoidal rule.
-
-    With a record in g and seconds, ``gravity=9.80665`` gives m/s.
-    """
-    a, dt = _samples(ground, grid)
-    velocity = gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2)
-    return jnp.max(jnp.abs(velocity))
-
-
-def arias_intensity(
-    ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0
-) -> Float[Array, ""]:
-    """Arias intensity (π/2) ∫ u''² dt × gravity, u'' in g (Arias 1970), by the trapezoidal rule.
-
-    With a record in g and seconds, ``gravity=9.80665`` gives m/s.
-    """
-    a, dt = _samples(ground, grid)
-    return jnp.pi / 2 * gravity * trapezoid(a**2, dx=dt)
-
-
-def _samples(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, Any]:
-    if grid is None and isinstance(ground, Record):
-        return jnp.asarray(ground.samples), ground.dt
-    if grid is None or not hasattr(grid, "times"):
-        raise ValueError(f"grid = {grid!r} must be a TimeGrid for a {type(ground).__name__}")
-    return jnp.asarray(sampled(ground, grid).samples), grid.dt
 
 
 def _require_ground(name: str, value: Any) -> None:

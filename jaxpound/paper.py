@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jaxpound.ground import Ricker
-from jaxpound.simulation import TimeGrid
+from jaxpound.scheme import TimeGrid
 from jaxpound.structures import AdjacentStructures, ZenerRod
 
 

@@ -22,7 +22,7 @@ from jaxpound._checks import (
 from jaxpound._pytree import pytree_dataclass
 from jaxpound.ground import Record
 from jaxpound.response import Demand, Response
-from jaxpound.simulation import TimeGrid
+from jaxpound.scheme import TimeGrid
 from jaxpound.structures import AdjacentStructures, ZenerRod
 
 STANDARD_GRAVITY = 9.80665

@@ -16,7 +16,7 @@ import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound import cli, config
+from jaxpound import cli, config, report
 
 ORACLE = Path(__file__).parent / "oracles" / "paper_case.json"
 PHASES = {0: "stick", 1: "slip right", -1: "slip left"}
@@ -77,10 +77,10 @@ def row(screen: str, name: str) -> list[float]:
 
 def test_reference_values_are_the_oracle_s():
     oracle = json.loads(ORACLE.read_text())
-    assert oracle["min_gap"] == cli.REFERENCE_MIN
-    assert oracle["t_min"] == cli.REFERENCE_MIN_TIME
+    assert oracle["min_gap"] == report.REFERENCE_MIN
+    assert oracle["t_min"] == report.REFERENCE_MIN_TIME
     changes = [(time, PHASES[phase]) for time, phase in oracle["events"]]
-    assert changes == list(cli.REFERENCE_CHANGES)
+    assert changes == list(report.REFERENCE_CHANGES)
 
 
 def test_paper_table_has_the_api_s_numbers(paper_run):
@@ -90,11 +90,11 @@ def test_paper_table_has_the_api_s_numbers(paper_run):
 
     value, reference, difference = row(screen, "min of x2 - x1")
     assert value == pytest.approx(float(response.min_gap) - 1, abs=1e-8)
-    assert reference == pytest.approx(cli.REFERENCE_MIN, abs=1e-8)
+    assert reference == pytest.approx(report.REFERENCE_MIN, abs=1e-8)
     assert difference == pytest.approx(value - reference, abs=1e-7)
     assert abs(difference) < 1e-5
     assert row(screen, "at t")[:2] == pytest.approx(
-        [float(response.demand.min_gap_time), cli.REFERENCE_MIN_TIME], abs=1e-8
+        [float(response.demand.min_gap_time), report.REFERENCE_MIN_TIME], abs=1e-8
     )
     assert row(screen, "phase changes") == [11, 11, 0]
 
@@ -110,7 +110,7 @@ def test_paper_table_has_every_phase_change_beside_the_reference(paper_run):
     printed = re.findall(r"(?m)^  (\S.*) from t +(\S+) +(\S+) +(\S+)$", screen)
     assert len(printed) == 11
     for cells, phase, (time, kind) in zip(
-        printed, response.phases()[1:], cli.REFERENCE_CHANGES, strict=True
+        printed, response.phases()[1:], report.REFERENCE_CHANGES, strict=True
     ):
         assert cells[0] == phase.kind == kind
         assert float(cells[1]) == pytest.approx(phase.start, abs=1e-8)
@@ -124,7 +124,7 @@ def test_paper_table_has_the_paper_s_own_scheme_and_its_error(paper_run):
     case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
     own = jp.demand(*case, jp.Scheme(jp.Switching(), order=1, start="paper"))
     assert value == pytest.approx(float(own.min_gap) - 1, abs=1e-6)
-    assert difference == pytest.approx(cli.PAPER_SCHEME_ERROR, rel=0.02)
+    assert difference == pytest.approx(report.PAPER_SCHEME_ERROR, rel=0.02)
     assert value - reference == pytest.approx(difference, rel=0.02)
 
 
@@ -137,8 +137,8 @@ def test_paper_writes_its_six_figures_and_prints_their_paths(paper_run):
 
 
 def test_a_phase_too_many_or_too_few_shows_as_a_dash():
-    assert cli._table_row("stick from t", None, 1.5).split()[-3:] == ["-", "1.50000000", "-"]
-    assert cli._table_row("stick from t", 1.5, None).split()[-3:] == ["1.50000000", "-", "-"]
+    assert report._table_row("stick from t", None, 1.5).split()[-3:] == ["-", "1.50000000", "-"]
+    assert report._table_row("stick from t", 1.5, None).split()[-3:] == ["1.50000000", "-", "-"]
 
 
 # --- simulate -----------------------------------------------------------------------------------

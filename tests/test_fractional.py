@@ -8,7 +8,7 @@ from reference import convergence_order, load
 from scipy.special import gamma
 
 import jaxpound as jp
-from jaxpound.fractional import nyquist_stiffness
+from jaxpound.rods import nyquist_stiffness
 
 ORDERS = [0.05, 0.23, 0.53, 0.8, 0.95]
 orders = st.floats(0.05, 0.95)

@@ -17,11 +17,13 @@ PACKAGE = ROOT / "jaxpound"
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
     {"_pytree", "_checks"},
-    {"structures", "ground"},
-    {"records", "fractional", "friction", "response"},
-    {"simulation"},
+    {"structures", "ground", "fractional", "friction", "response"},
+    {"records", "rods"},
+    {"scheme"},
+    {"intensity", "simulation"},
     {"units", "paper"},
     {"plots", "config"},
+    {"report"},
     {"cli"},
     {"__main__"},
 ]

@@ -33,7 +33,8 @@ def write(tmp_path):
 def assert_reads(path, values, step, **arguments):
     record = read_record(path, **arguments)
     assert isinstance(record, Record)
-    assert isinstance(record.samples, np.ndarray) and record.samples.dtype == np.float64
+    assert isinstance(record.samples, np.ndarray)
+    assert record.samples.dtype == np.float64
     np.testing.assert_allclose(record.samples, values, rtol=1e-14, atol=0)
     assert record.dt == step
 

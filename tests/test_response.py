@@ -1,3 +1,5 @@
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,7 +68,7 @@ def test_phases_are_the_runs_of_equal_direction_at_their_instants():
 def test_phases_cover_the_run_without_holes(run):
     phases = run.phases()
     assert (phases[0].start, phases[-1].end) == (0, float(run.time[-1]))
-    for one, following in zip(phases[:-1], phases[1:], strict=True):
+    for one, following in itertools.pairwise(phases):
         assert one.end == following.start > one.start
         assert one.kind != following.kind
 

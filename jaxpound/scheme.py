@@ -1,0 +1,133 @@
+"""How eq. (9) is discretised: time grid, scheme, and the largest stable step."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import Rule, enforce, is_traced
+from jaxpound.fractional import FullHistory, History, ModalHistory
+from jaxpound.friction import EventResolved, FrictionLaw, Switching
+from jaxpound.rods import nyquist_stiffness
+from jaxpound.structures import AdjacentStructures
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeGrid:
+    """Instants 0, dt, …, n_steps·dt. Static: another grid is another compiled program.
+
+    Parameters
+    ----------
+    dt
+        Time step > 0, in units of 1/ω1.
+    n_steps
+        Number of steps, at least 2.
+
+    Raises
+    ------
+    ValueError
+        If a value breaks its rule.
+    """
+
+    dt: float
+    n_steps: int
+
+    def __post_init__(self) -> None:
+        dt, n = self.dt, self.n_steps
+        if is_traced((dt, n)):
+            raise ValueError("TimeGrid: dt and n_steps shape the program and cannot be traced")
+        whole = isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 2
+        enforce(
+            "TimeGrid",
+            [
+                Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
+                Rule("n_steps", n, whole, "a whole number, at least 2"),
+            ],
+        )
+        object.__setattr__(self, "dt", float(dt))
+        object.__setattr__(self, "n_steps", int(n))
+
+    @classmethod
+    def until(cls, duration: float, dt: float) -> TimeGrid:
+        """The grid of step ``dt`` whose last instant is the first at or after ``duration``."""
+        enforce(
+            "TimeGrid.until",
+            [
+                Rule("duration", duration, 0 < duration < np.inf, "positive and finite"),
+                Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
+            ],
+        )
+        return cls(dt, int(np.ceil(duration / dt * (1 - 1e-12))))
+
+    @property
+    def duration(self) -> float:
+        """The last instant, n_steps·dt."""
+        return self.n_steps * self.dt
+
+    def times(self) -> np.ndarray:
+        """All instants, shape (n_steps+1,)."""
+        return self.dt * np.arange(self.n_steps + 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scheme:
+    """How eq. (9) is discretised. Static: another scheme is another compiled program.
+
+    Parameters
+    ----------
+    friction
+        Friction law: ``EventResolved()``, ``Switching()`` or ``Smoothed(velocity)``.
+    order
+        Order of accuracy of the rods: 1 (the paper, eq. 10) or 2.
+    history
+        ``ModalHistory()`` or ``FullHistory()``.
+    start
+        ``"rest"`` starts with the half kick of a block at rest, second-order accurate;
+        ``"paper"`` sets x_0 = x_1 = 0, first-order accurate.
+    """
+
+    friction: FrictionLaw = EventResolved()
+    order: int = 2
+    history: History = ModalHistory()
+    start: str = "rest"
+
+    def __post_init__(self) -> None:
+        if not hasattr(self.friction, "slide"):
+            raise ValueError(f"Scheme: friction = {self.friction!r} must be a friction law")
+        if self.order not in (1, 2):
+            raise ValueError(f"Scheme: order = {self.order!r} must be 1 or 2")
+        if not hasattr(self.history, "kernel"):
+            raise ValueError(f"Scheme: history = {self.history!r} must be a history")
+        if self.start not in ("rest", "paper"):
+            raise ValueError(f"Scheme: start = {self.start!r} must be 'rest' or 'paper'")
+
+
+PAPER_SCHEME = Scheme(Switching(), order=1, history=FullHistory(), start="paper")
+"""The paper's scheme (eqs. 10–12): order 1, full history, switching friction, x_0 = x_1 = 0."""
+
+
+def stability_limit(structures: AdjacentStructures, scheme: Scheme = Scheme()) -> float:
+    """Largest stable time step, in units of 1/ω1, of structures whose values are known.
+
+    Where the scheme loses stability the fastest motion of the grid, x_m = (−1)^m, neither grows nor
+    decays: h² max(K1, ρ K2) = 4 with each rod's stiffness for that motion.
+    """
+    known = jax.tree.map(np.asarray, structures)
+    slowest = np.maximum(1.0, known.mass_ratio * known.stiffness_ratio).max()
+    low, high = 0.0, 2 / slowest**0.5  # the static stiffness bounds the step from above
+    for _ in range(60):
+        middle = (low + high) / 2
+        stable = (courant(known, middle, scheme, np) < 1).all()
+        low, high = (middle, high) if stable else (low, middle)
+    return float(low)
+
+
+def courant(structures: AdjacentStructures, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:
+    """h² max(K1, ρ K2) / 4: below 1 where explicit stepping is stable."""
+    stiff_1 = nyquist_stiffness(structures.rod_1, 1.0, dt, scheme.order)
+    stiff_2 = nyquist_stiffness(structures.rod_2, structures.stiffness_ratio, dt, scheme.order)
+    return dt**2 / 4 * xp.maximum(stiff_1, structures.mass_ratio * stiff_2)
