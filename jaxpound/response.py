@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
@@ -62,6 +63,8 @@ class Demand:
     """Energy taken by the damper, ∫ q (x1' − x2') dt."""
     residual_offset: Any
     """x2 − x1 at the end of the run: by how much the gap has changed."""
+    si: bool = static(default=False)
+    """Whether the numbers are SI."""
 
     @property
     def pounds(self) -> Any:
@@ -69,13 +72,17 @@ class Demand:
         gap = jnp.asarray(self.min_gap)
         return jnp.where(jnp.isnan(gap), jnp.nan, (gap <= 0).astype(gap.dtype))
 
+    def scalars(self) -> dict[str, Any]:
+        """All of them by name, with ``pounds``: a row of a table, or the columns of a batch."""
+        names = [field.name for field in dataclasses.fields(self) if field.name != "si"]
+        return {name: getattr(self, name) for name in names} | {"pounds": self.pounds}
+
     def __repr__(self) -> str:
-        names = list(self.__dict__)
+        units = "SI" if self.si else "dimensionless"
         if is_traced(self) or jnp.ndim(self.min_gap):
-            return f"Demand(batch of shape {jnp.shape(self.min_gap)}: {', '.join(names)})"
-        values = {name: float(getattr(self, name)) for name in names}
-        values["pounds"] = float(self.pounds)
-        return "Demand(\n" + "".join(f"    {k:20s} {v:.8g}\n" for k, v in values.items()) + ")"
+            return f"Demand({units}, batch of shape {jnp.shape(self.min_gap)})"
+        lines = [f"    {name:20s} {float(x):.8g}\n" for name, x in self.scalars().items()]
+        return f"Demand({units}\n{''.join(lines)})"
 
 
 class Tally(NamedTuple):

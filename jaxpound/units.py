@@ -212,10 +212,10 @@ class Scales:
             If the result is in SI units already.
         """
         instance("Scales.to_si", "result", result, Response, Demand)
-        if isinstance(result, Demand):
-            return self._demand_to_si(result)
         if result.si:
             raise ValueError("to_si: result must be dimensionless, but is in SI units already")
+        if isinstance(result, Demand):
+            return self._demand_to_si(result)
         time, length, force, gravity = self.time, self.length, self.force, self.gravity
         speed = length / time
         return Response(
@@ -252,6 +252,7 @@ class Scales:
             slip_distance=demand.slip_distance * length,
             friction_work=demand.friction_work * force * length,
             residual_offset=demand.residual_offset * length,
+            si=True,
         )
 
     def to_buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:

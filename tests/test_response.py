@@ -113,7 +113,7 @@ def test_results_print_themselves(run):
     assert "12 phases" in text
     assert "POUNDS" not in text
     text = repr(run.demand)
-    for name, value in vars(run.demand).items():
+    for name, value in run.demand.scalars().items():
         assert f"{name:20s} {float(value):.8g}" in text
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
     assert "batch of shape (2, 1001)" in repr(batch)

@@ -377,8 +377,9 @@ def test_phases_are_in_seconds():
 
 def test_converting_twice_is_refused():
     _, scales, si = sliding()
-    with pytest.raises(ValueError, match="to_si: result must be dimensionless"):
-        scales.to_si(si)
+    for result in (si, si.demand):
+        with pytest.raises(ValueError, match="to_si: result must be dimensionless"):
+            scales.to_si(result)
 
 
 def test_batches_of_results_are_converted():
