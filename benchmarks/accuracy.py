@@ -1,0 +1,49 @@
+"""Errors of the paper's case by step and scheme, against the independent event-driven reference.
+
+python benchmarks/accuracy.py
+"""
+
+import jax
+import numpy as np
+
+import jaxpound as jp
+from jaxpound.report import REFERENCE_CHANGES, REFERENCE_MIN
+
+jax.config.update("jax_enable_x64", True)
+
+SCHEMES = {
+    "default": jp.Scheme(),
+    "order 1, event-resolved": jp.Scheme(order=1),
+    "order 2, switching": jp.Scheme(jp.Switching()),
+    "the paper's": jp.PAPER_SCHEME,
+}
+
+
+def errors(scheme, h):
+    structures = jp.paper.structures()
+    run = jp.simulate(structures, jp.paper.ground(), jp.TimeGrid.until(20.0, h), scheme)
+    min_error = float(run.min_gap) - structures.initial_gap - REFERENCE_MIN
+    changes = run.phases()[1:]
+    if [p.kind for p in changes] == [kind for _, kind in REFERENCE_CHANGES]:
+        late = [p.start - time for p, (time, _) in zip(changes, REFERENCE_CHANGES, strict=True)]
+        worst_change = f"{np.abs(late).max():10.1e}"
+    else:
+        worst_change = f"{len(changes):>6} not {len(REFERENCE_CHANGES)}"
+    energy = run.energy
+    residual = float(np.abs(energy.residual).max() / energy.input.max())
+    return min_error, worst_change, residual
+
+
+def main():
+    print("The paper's case: errors of min(x2 - x1), of the latest of 11 phase changes, and of")
+    print("the energy balance relative to the input")
+    print(f"{'scheme':25}{'h':>7}{'steps':>7}{'minimum':>10}{'change':>10}{'energy':>10}")
+    for name, scheme in SCHEMES.items():
+        for h in (0.04, 0.02, 0.01, 0.005, 0.002):
+            min_error, worst_change, residual = errors(scheme, h)
+            numbers = f"{min_error:10.1e}{worst_change:>10}{residual:10.1e}"
+            print(f"{name:25}{h:7}{round(20 / h):7}{numbers}")
+
+
+if __name__ == "__main__":
+    main()
