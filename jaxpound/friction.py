@@ -17,6 +17,18 @@ from jax import lax
 from jaxpound._checks import Rule, enforce
 
 
+class Link(NamedTuple):
+    """What a friction law is told of a step, from t_m − h/2 to t_m + h/2."""
+
+    velocity: jax.Array  # w at t_m − h/2
+    phase: jax.Array  # direction of slip before the step, 0 in stick
+    pull: jax.Array  # A_m
+    last_pull: jax.Array  # A_{m−1}
+    inverse_mass: jax.Array  # R
+    friction: jax.Array  # μ
+    dt: Any  # h
+
+
 class Slip(NamedTuple):
     """What a friction law makes of one step, from t_m − h/2 to t_m + h/2.
 
@@ -41,17 +53,8 @@ class Slip(NamedTuple):
 class FrictionLaw(Protocol):
     """A law of friction, evaluated as the mean force over one step."""
 
-    def slide(
-        self,
-        w: jax.Array,
-        phase: jax.Array,
-        a: jax.Array,
-        a_last: jax.Array,
-        inverse_mass: jax.Array,
-        mu: jax.Array,
-        h: Any,
-    ) -> Slip:
-        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,17 +67,9 @@ class EventResolved:
     and gradient of a run are second-order accurate in h.
     """
 
-    def slide(
-        self,
-        w: jax.Array,
-        phase: jax.Array,
-        a: jax.Array,
-        a_last: jax.Array,
-        inverse_mass: jax.Array,
-        mu: jax.Array,
-        h: Any,
-    ) -> Slip:
-        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
+        w, _, a, a_last, inverse_mass, mu, h = link
         d = a - a_last
         hold = inverse_mass * mu  # stick lasts while |A| ≤ Rμ
 
@@ -158,17 +153,9 @@ class Switching:
     the switching instants move with the parameters.
     """
 
-    def slide(
-        self,
-        w: jax.Array,
-        phase: jax.Array,
-        a: jax.Array,
-        a_last: jax.Array,
-        inverse_mass: jax.Array,
-        mu: jax.Array,
-        h: Any,
-    ) -> Slip:
-        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
+        w, phase, a, _, inverse_mass, mu, h = link
         hold = a / inverse_mass
         leaves = (phase == 0) | (w * phase <= 0)
         pushed = jnp.where(jnp.abs(hold) <= mu, 0.0, jnp.where(phase == 0, jnp.sign(hold), -phase))
@@ -218,17 +205,9 @@ class Smoothed:
         enforce("Smoothed", [rule])
         object.__setattr__(self, "velocity", float(self.velocity))
 
-    def slide(
-        self,
-        w: jax.Array,
-        phase: jax.Array,
-        a: jax.Array,
-        a_last: jax.Array,
-        inverse_mass: jax.Array,
-        mu: jax.Array,
-        h: Any,
-    ) -> Slip:
-        """One step: w at t_m − h/2, phase, A_m, A_{m−1}, R, μ, h."""
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
+        w, _, a, _, inverse_mass, mu, h = link
         # Below √tiny widths are alike, and brake / width stays finite.
         width = jnp.maximum(jnp.asarray(self.velocity, w.dtype), _tiny(w) ** 0.5)
         share = 1 - 0.5**0.5

@@ -16,6 +16,7 @@ import numpy as np
 from jax import lax
 
 from jaxpound._checks import all_hold, enforce, is_traced
+from jaxpound.friction import Link
 from jaxpound.ground import Ground, GroundLike, ground_rules, sampled
 from jaxpound.response import Demand, Instant, Response, Tally
 from jaxpound.rods import RodLaw, RodState, rod_at_rest, rod_law, rod_step
@@ -60,7 +61,8 @@ def step(
     # Friction over the step from t_m − h/2 to t_m + h/2.
     pull = rho * f2 - f1
     w = state.slip_velocity
-    slip = scheme.friction.slide(w, state.phase, pull, state.pull, 1 + rho, laws.friction, dt)
+    link = Link(w, state.phase, pull, state.pull, 1 + rho, laws.friction, dt)
+    slip = scheme.friction.slide(link)
 
     # Kick.
     shaking = ground.acceleration(time).astype(x1.dtype)
