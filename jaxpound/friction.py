@@ -84,12 +84,16 @@ class EventResolved:
 
         # Slip, until w vanishes at θ: a root of w + h [(b − D/2) θ + D θ²/2] = 0, b = A − Rμ σ.
         before = jnp.sign(w)
-        stops = before * (w + accelerate(before, 0.0, 1.0)) <= 0
         slips_first = before != 0
+        speed = jnp.abs(w) / h
+        half = before * (d / 2 - (a - before * hold))
+        bend = before * d
+        dips = (half > 0) & (bend > half) & (half**2 >= 2 * bend * speed)  # both roots within
+        stops = (before * (w + accelerate(before, 0.0, 1.0)) <= 0) | dips
         solve = stops & slips_first
-        speed = jnp.where(solve, jnp.abs(w) / h, 1.0)
-        half = jnp.where(solve, before * (d / 2 - (a - before * hold)), 1.0)
-        bend = jnp.where(solve, before * d, 0.0)
+        speed = jnp.where(solve, speed, 1.0)
+        half = jnp.where(solve, half, 1.0)
+        bend = jnp.where(solve, bend, 0.0)
         root = jnp.sqrt(jnp.maximum(half**2 - 2 * bend * speed, _tiny(w)))
         theta = jnp.where(solve, jnp.minimum(2 * speed / (half + root), 1.0), 1.0)
         theta = jnp.where(slips_first, theta, 0.0)
@@ -116,7 +120,11 @@ class EventResolved:
 
         slipping = theta >= 0.5
         stuck = ~slipping & (phi >= 0.5)
-        force = jnp.where(slipping, before * mu, jnp.where(stuck, a / inverse_mass, after * mu))
+        # A push that reverses nothing leaves the link stuck, with what force it has.
+        idle = stops & ~sticks & (w_reverse == 0)
+        stuck = stuck | (~slipping & idle)
+        held = jnp.clip(a / inverse_mass, -mu, mu)
+        force = jnp.where(slipping, before * mu, jnp.where(stuck, held, after * mu))
         w_now = jnp.where(
             slipping,
             along(before, w + accelerate(before, 0.0, 0.5)),

@@ -246,6 +246,20 @@ class Record(_Combinable):
         share = place - left
         return (1 - share) * samples[left] + share * samples[left + 1]
 
+    def velocity_function(self) -> Callable[[Any], jax.Array]:
+        """u'(t), exactly integrated from rest; the sums over samples are made once, here."""
+        samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
+        sums = jnp.pad(jnp.cumsum((samples[1:] + samples[:-1]) / 2), (1, 0))
+
+        def velocity(t: Any) -> jax.Array:
+            place = jnp.clip(jnp.asarray(t) / self.dt + 1, 0, samples.size - 1)
+            left = jnp.minimum(place.astype(int), samples.size - 2)
+            share = place - left
+            slope = samples[left + 1] - samples[left]
+            return self.dt * (sums[left] + share * (samples[left] + share * slope / 2))
+
+        return velocity
+
     @property
     def n_samples(self) -> int:
         """Number of samples."""
@@ -328,6 +342,41 @@ class Record(_Combinable):
         )
 
 
+@pytree_dataclass
+class Sampled(_Combinable):
+    """Values at the instants m·dt of a time grid, and nothing in between."""
+
+    samples: Any
+    dt: Any
+
+    def acceleration(self, t: ArrayLike) -> jax.Array:
+        """u''(t) at an instant of the grid, of the shape of ``t``."""
+        return jnp.asarray(self.samples)[jnp.round(jnp.asarray(t) / self.dt).astype(int)]
+
+    def rules(self) -> list[Rule]:
+        """The rule of the values."""
+        return [Rule("acceleration", self.samples, finite(self.samples), "finite")]
+
+
+def mean_acceleration(ground: Any) -> Callable[[Any, Any], Any]:
+    """A function of t and h: the mean of u'' over h about t, as a step of the simulator takes it.
+
+    A record's kinks lie on the instants of the grid, where u'' at a point has no derivative by the
+    time scale; its mean, from the exact integral, has one and is closer. Of a smooth ground motion
+    the value at t is the mean to second order.
+    """
+    if isinstance(ground, Sum):
+        means = [mean_acceleration(part) for part in ground.grounds]
+        return lambda t, h: sum(mean(t, h) for mean in means)
+    if isinstance(ground, Scaled):
+        mean = mean_acceleration(ground.ground)
+        return lambda t, h: ground.factor * mean(t, h)
+    if not isinstance(ground, Record):
+        return lambda t, h: ground.acceleration(t)
+    integral = ground.velocity_function()
+    return lambda t, h: (integral(t + h / 2) - integral(t - h / 2)) / h
+
+
 def accelerate(ground: GroundLike, t: ArrayLike) -> Any:
     """Acceleration at ``t`` of a ground motion or of a plain function of t."""
     return ground.acceleration(t) if isinstance(ground, Ground) else ground(t)
@@ -342,8 +391,8 @@ def ground_rules(ground: Any) -> list[Rule]:
     return ground.rules() if hasattr(ground, "rules") else []
 
 
-def sampled(ground: GroundLike, grid: TimeGrid) -> Record:
-    """The ground motion as a record with the time grid's own interval.
+def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
+    """The ground motion at the instants of a time grid.
 
     This is how the simulator takes a ground motion that is not a pytree of arrays (a Python
     function, say): it is evaluated once on the grid, by array or, if it raises ``TypeError`` or
@@ -355,7 +404,7 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Record:
         If it returns anything but a finite real number for each instant.
     """
     _require_ground("ground", ground)
-    return Record(_on_grid(ground, grid.times()), grid.dt)
+    return Sampled(_on_grid(ground, grid.times()), grid.dt)
 
 
 def _on_grid(ground: GroundLike, t: np.ndarray) -> Any:

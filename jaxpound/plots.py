@@ -239,6 +239,8 @@ def _axes(response: Response, ax: Axes | None) -> Axes:
     if np.ndim(response.time) != 1:
         shape = np.shape(response.time)
         raise ValueError(f"plots: a batch of shape {shape} must be indexed to one response")
+    if not np.isfinite(response.min_gap):
+        raise ValueError("plots: the run is invalid (its results are NaN)")
     if ax is not None:
         return ax
     from matplotlib import pyplot  # only here, so that no window system is asked for

@@ -252,12 +252,14 @@ class Response:
 
     def _integral(self, power: Any) -> Float[Array, "... time"]:
         steps = jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2
-        return jnp.concatenate([jnp.zeros_like(power[..., :1]), jnp.cumsum(steps, axis=-1)], -1)
+        return jnp.concatenate([0 * power[..., :1], jnp.cumsum(steps, axis=-1)], -1)
 
     def __repr__(self) -> str:
         shape = jnp.shape(self.time)
         if is_traced(self) or len(shape) != 1:
             return f"Response(batch of shape {shape}: {self.method})"
+        if not jnp.isfinite(self.demand.min_gap):
+            return f"Response(an invalid run: every result is NaN; {self.method})"
         length, second, force = ("m", "s", "N") if self.si else ("g/ω1²", "1/ω1", "m1 g")
         d, n = self.demand, shape[0] - 1
         step = float(self.time[1] - self.time[0])

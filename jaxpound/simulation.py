@@ -17,7 +17,7 @@ from jax import lax
 
 from jaxpound._checks import all_hold, enforce, is_traced
 from jaxpound.friction import Link
-from jaxpound.ground import Ground, GroundLike, ground_rules, sampled
+from jaxpound.ground import Ground, GroundLike, ground_rules, mean_acceleration, sampled
 from jaxpound.response import Demand, Instant, Response, Tally
 from jaxpound.rods import RodLaw, RodState, rod_at_rest, rod_law, rod_step
 from jaxpound.scheme import Scheme, TimeGrid, courant, stability_limit
@@ -49,9 +49,17 @@ class State(NamedTuple):
 
 
 def step(
-    laws: _Laws, state: State, time: jax.Array, ground: Ground, dt: float, scheme: Scheme
+    laws: _Laws,
+    state: State,
+    time: jax.Array,
+    shaking: tuple[jax.Array, jax.Array],
+    dt: float,
+    scheme: Scheme,
 ) -> tuple[State, Instant]:
-    """One step of eq. (9): from t_m to t_{m+1}, and what is seen at t_m."""
+    """One step of eq. (9): from t_m to t_{m+1}, and what is seen at t_m.
+
+    ``shaking`` is u'' at t_m, and its mean over the step from t_m − h/2 to t_m + h/2.
+    """
     x1, x2 = state.x1, state.x1 - state.slip
     rho = laws.mass_ratio
 
@@ -65,8 +73,8 @@ def step(
     slip = scheme.friction.slide(link)
 
     # Kick.
-    shaking = ground.acceleration(time).astype(x1.dtype)
-    v1 = state.v1 - dt * (f1 + slip.mean_force + shaking)
+    shaking_now, shaking_mean = (x.astype(x1.dtype) for x in shaking)
+    v1 = state.v1 - dt * (f1 + slip.mean_force + shaking_mean)
 
     # Drift. What friction's change within the step displaces is shared as the masses have it.
     after = State(
@@ -92,7 +100,7 @@ def step(
         f1=f1,
         f2=f2,
         friction=slip.force,
-        ground_acceleration=shaking,
+        ground_acceleration=shaking_now,
         gap=gap,
         slip_velocity=slip.velocity_now,
         turn_gap=jnp.where(slip.turns, gap - slip.turn, jnp.inf),
@@ -216,8 +224,9 @@ def _run(
     valid &= all_hold(ground_rules(ground))
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
     # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
-    shaking = ground.acceleration(jnp.zeros((), dtype)).astype(dtype)
-    before = dt * shaking * (0.5 if scheme.start == "rest" else 1.0)
+    mean = mean_acceleration(ground)
+    before = dt * mean(jnp.zeros((), dtype), dt) * (0.5 if scheme.start == "rest" else 1.0)
+    before = before.astype(dtype)
     state = State(
         x1=zero,
         v1=before,
@@ -230,7 +239,9 @@ def _run(
 
     def advance(carry: tuple[State, Tally], m: jax.Array) -> tuple[tuple[State, Tally], Any]:
         state, tally = carry
-        state, now = step(laws, state, m.astype(dtype) * dt, ground, dt, scheme)
+        time = m.astype(dtype) * dt
+        shaking = (ground.acceleration(time), mean(time, dt))
+        state, now = step(laws, state, time, shaking, dt, scheme)
         tally = tally.observe(now, rho, dt, m == n)
         return (state, tally), (now if keep else None)
 
@@ -239,7 +250,8 @@ def _run(
     result = tally.demand(laws.initial_gap), series
     # One that fails on its way is NaN throughout as well.
     finite = jnp.isfinite(state.x1) & jnp.isfinite(state.slip)
-    return jax.tree.map(lambda x: jnp.where(finite, x, jnp.nan), result)
+    # A factor, not a choice, so that its derivatives are NaN as well.
+    return jax.tree.map(lambda x: x * jnp.where(finite, 1.0, jnp.nan).astype(dtype), result)
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))

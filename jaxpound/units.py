@@ -116,7 +116,8 @@ class Building:
             first = np.argmin(gain > 0)  # the one the message is about
             text += f", {np.broadcast_to(largest, np.shape(gain)).flat[first]:.8g}"
         enforce(owner, [Rule("damping_ratio", zeta, gain > 0, text)])
-        tau_x = (2 * zeta * (1 + tau_f * c) + tau_f * s) / gain
+        # As a sum of positive terms, so that τ_x ≥ τ_f to the last digit.
+        tau_x = tau_f + 2 * zeta * (1 + 2 * tau_f * c + (tau_f * size) ** 2) / gain
         below = (1 + tau_f * c) ** 2 + (tau_f * s) ** 2
         storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
         return cls(mass, mass * omega**2 / storage, order, tau_f, tau_x)

@@ -58,6 +58,7 @@ def brute_force(w, a, a_last, rho, mu, n=4000):
 @example({"w": 0.05, "a": -1.0, "a_last": -1.0, "rho": 1.0, "mu": 0.1})  # reverses
 @example({"w": 0.05, "a": 0.1, "a_last": 0.1, "rho": 1.0, "mu": 0.5})  # sticks
 @example({"w": 0.0, "a": 1.0, "a_last": 0.5, "rho": 1.0, "mu": 0.5})  # breaks away
+@example({"w": 0.002, "a": 0.0, "a_last": -2.0, "rho": 1.0, "mu": 0.3})  # stops for a while
 @example({"w": 0.02, "a": 0.98, "a_last": 0.0, "rho": 1.0, "mu": 0.6})  # stops, then breaks away
 def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
     slip = slide(jp.EventResolved(), **case)

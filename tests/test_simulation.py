@@ -250,16 +250,17 @@ def test_invariants(structures, ground):
     stuck = np.asarray(run.phase[:-1]) == 0
     still = stuck & np.r_[True, stuck[:-1]]
     assert np.abs(slip[:-1][still]).max(initial=0.0) < 1e-14
-    assert np.abs(np.diff(run.gap)[stuck]).max(initial=0.0) <= 1e-4 * (1 + mu)
+    pull = np.abs(structures.mass_ratio * run.f2 - run.f1).max() + (1 + structures.mass_ratio) * mu
+    assert np.abs(np.diff(run.gap)[stuck]).max(initial=0.0) <= GRID.dt**2 / 4 * pull
     inside = stuck[:-1] & stuck[1:]
     assert (np.diff(run.gap)[1:][inside] == 0).all()
     # Friction takes energy at every instant.
-    assert np.diff(run.energy.friction).min() >= -1e-15
+    assert np.diff(run.energy.friction).min() >= -1e-14 * (1 + run.energy.friction[-1])
     # The smallest gap is at most that of the grid, and that of the grid is close.
     assert float(run.min_gap) <= float(run.gap.min()) + 1e-3
     assert float(run.min_gap) >= float(run.gap.min()) - 1e-2
-    # Where blocks come to rest with the ground, the rods have done no negative work.
-    assert float(run.energy.rods[-1]) >= -1e-3 * float(run.energy.kinetic.max() + 1e-9)
+    # The rods are passive: they never give back more than they took, up to the quadrature.
+    assert run.energy.rods.min() >= -1e-3 * (run.energy.kinetic.max() + 1e-9)
 
 
 @given(structures_, grounds)
@@ -386,16 +387,41 @@ def test_a_batch_is_the_loop_over_every_leaf(scheme):
         np.testing.assert_allclose(together.energy.residual[i], alone.energy.residual, atol=1e-10)
 
 
-def test_records_and_user_functions_shake_as_the_wavelets_they_sample():
+def test_a_record_shakes_as_the_wavelets_it_samples():
+    structures, ground, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 600)
+    record = jp.Record(np.asarray(ground.acceleration(0.005 * np.arange(2500))), 0.005)
+    smooth, sampled = (float(jp.demand(structures, g, grid).min_gap) for g in (ground, record))
+    assert sampled == pytest.approx(smooth, abs=2e-3)
+    fine = jp.TimeGrid(0.0025, 4800)
+    smooth, sampled = (float(jp.demand(structures, g, fine).min_gap) for g in (ground, record))
+    assert sampled == pytest.approx(smooth, abs=2e-4)
+
+
+def test_gradient_by_the_time_scale_of_a_rough_record():
+    """The record's kinks lie on the grid; the truth is a central difference on a finer one."""
+    rough = np.random.default_rng(5).normal(size=300)
+
+    def min_gap(interval, dt):
+        record = jp.Record(rough, interval)
+        return jp.demand(jp.paper.structures(), record, jp.TimeGrid.until(14.0, dt)).min_gap
+
+    h = 1e-5
+    truth = float(min_gap(0.05 + h, 0.00125) - min_gap(0.05 - h, 0.00125)) / (2 * h)
+    coarse, fine = (float(jax.grad(min_gap)(0.05, dt)) for dt in (0.025, 0.005))
+    print(truth, coarse, fine)
+    assert fine == pytest.approx(truth, rel=0.02)
+    assert coarse == pytest.approx(truth, rel=0.2)
+
+
+def test_user_functions_shake_as_the_wavelets_they_sample():
     structures, ground, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 600)
     expected = float(jp.demand(structures, ground, grid).min_gap)
-    record = jp.Record(np.asarray(ground.acceleration(grid.times())), grid.dt)
 
     class Shaker:
         def acceleration(self, t):
             return ground.acceleration(t)
 
-    for same in (record, ground.acceleration, Shaker(), 0.5 * ground + 0.5 * ground):
+    for same in (ground.acceleration, Shaker(), 0.5 * ground + 0.5 * ground):
         found = float(jp.demand(structures, same, grid).min_gap)
         assert found == pytest.approx(expected, abs=1e-12)
     mixed = 0.5 * ground + (lambda t: 0.5 * np.asarray(ground.acceleration(t)))
@@ -518,6 +544,29 @@ def test_a_traced_invalid_run_is_nan_in_every_result(name):
     for path, leaf in jax.tree_util.tree_leaves_with_path((series, both.demand.pounds)):
         assert np.isfinite(leaf[0]).all(), path
         assert np.isnan(leaf[1]).all(), path
+
+
+@pytest.mark.parametrize("name", invalid)
+def test_derivatives_of_an_invalid_run_are_nan(name):
+    """A zero would look like an optimum."""
+    s, g, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 50)
+
+    def min_gap(x):
+        return jp.demand(invalid[name](s, x), g, grid).min_gap
+
+    assert np.isnan(jax.jit(jax.jacfwd(min_gap))(0.05))
+
+
+def test_an_invalid_run_says_so():
+    run = jax.jit(
+        lambda mu: jp.simulate(
+            dataclasses.replace(jp.paper.structures(), friction=mu),
+            jp.paper.ground(),
+            jp.TimeGrid(0.02, 50),
+        )
+    )(-1.0)
+    assert "invalid run" in repr(run)
+    assert np.isnan(run.energy.residual).all()
 
 
 def test_a_traced_invalid_ground_motion_is_nan_in_every_result():
