@@ -221,6 +221,6 @@ def _write_series(response: jp.Response, out: Path, kind: str) -> None:
         np.savez(path, **arrays)  # type: ignore[arg-type]
     elif kind == "csv":
         table = np.column_stack(list(arrays.values()))
-        np.savetxt(path, table, "%.10g", delimiter=",", header=",".join(arrays), comments="")
+        np.savetxt(path, table, "%.17g", delimiter=",", header=",".join(arrays), comments="")
     if kind != "none":
         print(path)

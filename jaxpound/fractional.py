@@ -16,7 +16,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxpound._checks import Rule, enforce
+from jaxpound._checks import Rule, enforce, number
 
 
 def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... n+1"]:
@@ -105,7 +105,8 @@ class ModalHistory:
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
-        rules = [Rule("tolerance", self.tolerance, 1e-9 <= self.tolerance < 1, "in [1e-9, 1)")]
+        tolerance = number("ModalHistory", "tolerance", self.tolerance)
+        rules = [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "in [1e-9, 1)")]
         if self.modes is not None:
             whole = isinstance(self.modes, int) and 1 <= self.modes <= _MOST_MODES
             text = f"a whole number from 1 to {_MOST_MODES}"

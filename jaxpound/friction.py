@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._checks import Rule, enforce
+from jaxpound._checks import Rule, enforce, is_traced, number
 
 
 class Link(NamedTuple):
@@ -63,8 +63,9 @@ class EventResolved:
 
     The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event,
     θ < φ < 1 a stop after which friction soon fails to hold, θ = φ a reversal. All three follow in
-    closed form from the linear A(τ), and w is continuous in every parameter across all cases. Value
-    and gradient of a run are second-order accurate in h.
+    closed form from the linear A(τ). Value and gradient of a run are second-order accurate in h.
+    More events than these in one step, such as a breakaway that turns back within it, are not
+    followed; the force stays within ±μ all the same.
     """
 
     def slide(self, link: Link) -> Slip:
@@ -209,9 +210,12 @@ class Smoothed:
     velocity: float
 
     def __post_init__(self) -> None:
-        rule = Rule("velocity", self.velocity, 0 < self.velocity < float("inf"), "positive, finite")
+        if is_traced(self.velocity):
+            raise ValueError("Smoothed: velocity shapes the program and cannot be traced")
+        velocity = number("Smoothed", "velocity", self.velocity)
+        rule = Rule("velocity", velocity, 0 < velocity < float("inf"), "positive and finite")
         enforce("Smoothed", [rule])
-        object.__setattr__(self, "velocity", float(self.velocity))
+        object.__setattr__(self, "velocity", float(velocity))
 
     def slide(self, link: Link) -> Slip:
         """One step of the link."""

@@ -156,8 +156,9 @@ class Energy(NamedTuple):
     """Terms of the energy balance over time (relative motion), each by its own quadrature.
 
     The terms are cumulative trapezoidal integrals of the powers at the grid's instants, not the
-    scheme's telescoping sums, so that ``residual`` = rods + friction + kinetic − input measures the
-    error of the run. Shape (n_steps+1,) each; unit (m1 g)(g/ω1²), or J in SI.
+    scheme's telescoping sums, so that ``residual`` = rods + friction + kinetic − input can fail: it
+    measures how well motion, forces and quadrature agree (not the rods' law). Shape (n_steps+1,)
+    each; unit (m1 g)(g/ω1²), or J in SI.
     """
 
     input: Any

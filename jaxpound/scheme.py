@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, is_traced
+from jaxpound._checks import Rule, enforce, is_traced, number
 from jaxpound.fractional import FullHistory, History, ModalHistory
 from jaxpound.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.rods import nyquist_stiffness
@@ -40,6 +40,8 @@ class TimeGrid:
         dt, n = self.dt, self.n_steps
         if is_traced((dt, n)):
             raise ValueError("TimeGrid: dt and n_steps shape the program and cannot be traced")
+        dt = number("TimeGrid", "dt", dt)
+        number("TimeGrid", "n_steps", n)
         whole = isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 2
         enforce(
             "TimeGrid",
@@ -96,11 +98,11 @@ class Scheme:
     start: str = "rest"
 
     def __post_init__(self) -> None:
-        if not hasattr(self.friction, "slide"):
+        if not hasattr(self.friction, "slide") or isinstance(self.friction, type):
             raise ValueError(f"Scheme: friction = {self.friction!r} must be a friction law")
         if self.order not in (1, 2):
             raise ValueError(f"Scheme: order = {self.order!r} must be 1 or 2")
-        if not hasattr(self.history, "kernel"):
+        if not hasattr(self.history, "kernel") or isinstance(self.history, type):
             raise ValueError(f"Scheme: history = {self.history!r} must be a history")
         if self.start not in ("rest", "paper"):
             raise ValueError(f"Scheme: start = {self.start!r} must be 'rest' or 'paper'")
