@@ -80,7 +80,7 @@ class Sum(_Combinable):
         if not self.grounds:
             raise ValueError("Sum: grounds = () must hold at least one ground motion")
         for i, ground in enumerate(self.grounds):
-            _require_ground(f"Sum: grounds[{i}]", ground)
+            require_ground(f"Sum: grounds[{i}]", ground)
 
     def acceleration(self, t: ArrayLike) -> Any:
         """Sum of the accelerations, of the shape of ``t``."""
@@ -95,7 +95,7 @@ class Scaled(_Combinable):
     factor: Any
 
     def __post_init__(self) -> None:
-        _require_ground("Scaled: ground", self.ground)
+        require_ground("Scaled: ground", self.ground)
         object.__setattr__(self, "factor", number("Scaled", "factor", self.factor))
         enforce("Scaled", self.rules())
 
@@ -241,9 +241,7 @@ class Record(_Combinable):
     def acceleration(self, t: ArrayLike) -> jax.Array:
         """u''(t) by linear interpolation, of the shape of ``t``."""
         samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
-        place = jnp.clip(jnp.asarray(t) / self.dt + 1, 0, samples.size - 1)
-        left = jnp.minimum(place.astype(int), samples.size - 2)
-        share = place - left
+        left, share = self._place(t)
         return (1 - share) * samples[left] + share * samples[left + 1]
 
     def velocity_function(self) -> Callable[[Any], jax.Array]:
@@ -252,13 +250,18 @@ class Record(_Combinable):
         sums = jnp.pad(jnp.cumsum((samples[1:] + samples[:-1]) / 2), (1, 0))
 
         def velocity(t: Any) -> jax.Array:
-            place = jnp.clip(jnp.asarray(t) / self.dt + 1, 0, samples.size - 1)
-            left = jnp.minimum(place.astype(int), samples.size - 2)
-            share = place - left
+            left, share = self._place(t)
             slope = samples[left + 1] - samples[left]
             return self.dt * (sums[left] + share * (samples[left] + share * slope / 2))
 
         return velocity
+
+    def _place(self, t: ArrayLike) -> tuple[jax.Array, jax.Array]:
+        """Sample to the left of t, among samples with a zero at either end, and the way from it."""
+        last = self.n_samples + 1
+        place = jnp.clip(jnp.asarray(t) / self.dt + 1, 0, last)
+        left = jnp.minimum(place.astype(int), last - 1)
+        return left, place - left
 
     @property
     def n_samples(self) -> int:
@@ -403,7 +406,7 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
     ValueError
         If it returns anything but a finite real number for each instant.
     """
-    _require_ground("ground", ground)
+    require_ground("ground", ground)
     return Sampled(_on_grid(ground, grid.times()), grid.dt)
 
 
@@ -431,6 +434,7 @@ def _on_grid(ground: GroundLike, t: np.ndarray) -> Any:
     return jnp.broadcast_to(values, t.shape)
 
 
-def _require_ground(name: str, value: Any) -> None:
+def require_ground(name: str, value: Any) -> None:
+    """A ``ValueError`` for what is neither a ground motion nor a function of t."""
     if not (callable(value) or isinstance(value, Ground)):
         raise ValueError(f"{name} = {value!r} must have acceleration(t) or be a function of t")

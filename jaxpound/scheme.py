@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, is_traced, number
+from jaxpound._checks import Rule, enforce, is_traced, number, positive
 from jaxpound.fractional import FullHistory, History, ModalHistory
 from jaxpound.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.rods import nyquist_stiffness
@@ -56,13 +56,7 @@ class TimeGrid:
     @classmethod
     def until(cls, duration: float, dt: float) -> TimeGrid:
         """The grid of step ``dt`` whose last instant is the first at or after ``duration``."""
-        enforce(
-            "TimeGrid.until",
-            [
-                Rule("duration", duration, 0 < duration < np.inf, "positive and finite"),
-                Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
-            ],
-        )
+        positive("TimeGrid.until", duration=duration, dt=dt)
         return cls(dt, int(np.ceil(duration / dt * (1 - 1e-12))))
 
     @property
@@ -119,8 +113,8 @@ def stability_limit(structures: AdjacentStructures, scheme: Scheme = Scheme()) -
     decays: h² max(K1, ρ K2) = 4 with each rod's stiffness for that motion.
     """
     known = jax.tree.map(np.asarray, structures)
-    slowest = np.maximum(1.0, known.mass_ratio * known.stiffness_ratio).max()
-    low, high = 0.0, 2 / slowest**0.5  # the static stiffness bounds the step from above
+    stiffest = np.maximum(1.0, known.mass_ratio * known.stiffness_ratio).max()
+    low, high = 0.0, 2 / stiffest**0.5  # the static stiffness bounds the step from above
     for _ in range(60):
         middle = (low + high) / 2
         stable = (courant(known, middle, scheme, np) < 1).all()

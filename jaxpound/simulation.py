@@ -15,9 +15,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxpound._checks import all_hold, enforce, is_traced
+from jaxpound._checks import all_hold, enforce, instance, is_traced
 from jaxpound.friction import Link
-from jaxpound.ground import Ground, GroundLike, ground_rules, mean_acceleration, sampled
+from jaxpound.ground import (
+    Ground,
+    GroundLike,
+    ground_rules,
+    mean_acceleration,
+    require_ground,
+    sampled,
+)
 from jaxpound.response import Demand, Instant, Response, Tally
 from jaxpound.rods import RodLaw, RodState, rod_at_rest, rod_law, rod_step
 from jaxpound.scheme import Scheme, TimeGrid, courant, stability_limit
@@ -172,15 +179,10 @@ def _prepare(
     structures: AdjacentStructures, ground: GroundLike, grid: TimeGrid, scheme: Scheme
 ) -> Ground:
     """Refuse what is known to be wrong; put the ground motion in a form that can be traced."""
-    for name, value, kind in (
-        ("structures", structures, AdjacentStructures),
-        ("grid", grid, TimeGrid),
-        ("scheme", scheme, Scheme),
-    ):
-        if not isinstance(value, kind):
-            raise ValueError(f"{name} = {value!r} must be of type {kind.__name__}")
-    if not (callable(ground) or isinstance(ground, Ground)):
-        raise ValueError(f"ground = {ground!r} must have acceleration(t) or be a function of t")
+    instance("run", "structures", structures, AdjacentStructures)
+    instance("run", "grid", grid, TimeGrid)
+    instance("run", "scheme", scheme, Scheme)
+    require_ground("ground", ground)
     for rule in structures.rules():
         if jnp.ndim(rule.value):
             raise ValueError(
