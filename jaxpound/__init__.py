@@ -7,6 +7,7 @@ True
 """
 
 from jaxpound import paper
+from jaxpound.batches import in_chunks, use_cores
 from jaxpound.fractional import FullHistory, ModalHistory, gl_weights
 from jaxpound.friction import EventResolved, Smoothed, Switching
 from jaxpound.ground import Record, Ricker
@@ -45,6 +46,7 @@ __all__ = [
     "demand",
     "dimensionless",
     "gl_weights",
+    "in_chunks",
     "paper",
     "pga",
     "pgv",
@@ -52,4 +54,5 @@ __all__ = [
     "rod_force",
     "simulate",
     "stability_limit",
+    "use_cores",
 ]

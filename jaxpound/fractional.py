@@ -7,6 +7,8 @@ with an error bound that is known before a run.
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
@@ -26,10 +28,16 @@ def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... n+1"]:
     return jnp.concatenate([jnp.ones_like(order), jnp.cumprod(1 - (order + 1) / j, axis=-1)], -1)
 
 
-class History(Protocol):
-    """How S_m = Σ_{j≥1} ω_j c_{m−j} is kept: a kernel fixed for the run, and a memory.
+# Within a block of steps the sum is taken term by term, what went before it in one matrix product.
+# Few steps, so that written out they compile soon; many enough that modes are seldom touched.
+BLOCK = 4
 
-    Orders, c and S have any shape, such as (2,) for two rods.
+
+class History(Protocol):
+    """How S_m = Σ_{j≥1} ω_j c_{m−j} remembers: c enters, and adds to S, by blocks of steps.
+
+    The block that starts at step m0 adds c_{m0−1}, c_{m0}, … by itself; the memory holds what was
+    before. Orders are numbers, so that one history serves one rod.
     """
 
     def kernel(self, order: jax.Array, n_steps: int) -> Any:
@@ -38,49 +46,105 @@ class History(Protocol):
     def empty(self, kernel: Any) -> Any:
         """The memory at rest."""
 
-    def total(self, kernel: Any, memory: Any) -> jax.Array:
-        """S_m, from the memory of c_0 … c_{m−1}."""
+    def ahead(self, kernel: Any, memory: Any, start: jax.Array) -> jax.Array:
+        """What c_0 … c_{m0−2} add to S at m0 = start and the steps after it, shape (BLOCK,)."""
 
-    def push(self, kernel: Any, memory: Any, c: jax.Array) -> Any:
-        """The memory with c_m added."""
+    def absorb(self, kernel: Any, memory: Any, start: jax.Array, c: jax.Array) -> Any:
+        """The memory with the BLOCK values from c_{m0−1} on added."""
+
+
+def scan_with_history(
+    advance: Callable[[Any, list[jax.Array], jax.Array], tuple[Any, list[jax.Array], Any]],
+    carry: Any,
+    n_steps: int,
+    orders: Sequence[jax.Array],
+    history: History,
+    checkpoint: bool = False,
+) -> tuple[Any, Any]:
+    """``lax.scan`` of advance(carry, sums, m) → (carry, c, out) over m = 0 … n_steps.
+
+    ``sums`` are S_m of each order, ``c`` the values c_m to be remembered. To fill whole blocks some
+    steps m < 0 come first: ``advance`` must leave a system at rest there at rest, with c = 0.
+    ``checkpoint`` splits the scan into about √n_steps segments, of which reverse mode keeps the
+    first state only.
+    """
+    blocks = -(-(n_steps + 1) // BLOCK)
+    segment = math.isqrt(blocks - 1) + 1 if checkpoint else blocks
+    segments = -(-blocks // segment)
+    idle = segments * segment * BLOCK - (n_steps + 1)
+
+    kernels = [history.kernel(order, n_steps) for order in orders]
+    near = [gl_weights(order, BLOCK) for order in orders]
+
+    def block(state: Any, _: None) -> tuple[Any, Any]:
+        start, carry, memories, recent = state
+        ahead = [
+            lax.split(history.ahead(kernel, memory, start), (1,) * BLOCK)
+            for kernel, memory in zip(kernels, memories, strict=True)
+        ]
+        past = [[c] for c in recent]  # c_{m0−1} and on
+        out = []
+        for i in range(BLOCK):
+            sums = [
+                far[i].squeeze() + sum(weight[j] * c[-j] for j in range(1, i + 2))
+                for far, weight, c in zip(ahead, near, past, strict=True)
+            ]
+            carry, new, seen = advance(carry, sums, start + i)
+            past = [[*c, now] for c, now in zip(past, new, strict=True)]
+            out.append(seen)
+        memories = [
+            history.absorb(kernel, memory, start, jnp.stack(c[:-1]))
+            for kernel, memory, c in zip(kernels, memories, past, strict=True)
+        ]
+        return (start + BLOCK, carry, memories, [c[-1] for c in past]), out
+
+    def run(state: Any, _: None) -> tuple[Any, Any]:
+        return lax.scan(block, state, length=segment)
+
+    memories, recent = [history.empty(kernel) for kernel in kernels], [0 * x for x in orders]
+    state = jnp.asarray(-idle), carry, memories, recent
+    if checkpoint:
+        state, out = lax.scan(jax.checkpoint(run, prevent_cse=False), state, length=segments)
+    else:
+        state, out = run(state, None)
+    series = jax.tree.map(lambda *x: jnp.stack(x, -1).reshape(-1)[idle:], *out)
+    return state[1], series
 
 
 @dataclasses.dataclass(frozen=True)
 class FullHistory:
     """The sum as it stands (eq. 10): O(n) work a step and O(n) memory; the reference.
 
-    Reverse-mode differentiation stores the memory of every step, O(n²) numbers.
+    Reverse-mode differentiation stores the memory of every block, O(n²) numbers.
     """
 
     def kernel(self, order: jax.Array, n_steps: int) -> jax.Array:
-        """Weights ω_n … ω_0 followed by zeros, so that each step's weights are one window of it."""
-        weights = gl_weights(order, n_steps)[..., ::-1]
-        return jnp.concatenate([weights, jnp.zeros_like(weights[..., 1:])], -1)
+        """Weights, the last first, then zeros, so that each step's weights are one window of it."""
+        weights = gl_weights(order, n_steps + BLOCK)[::-1]
+        return jnp.concatenate([weights, jnp.zeros_like(weights)])
 
-    def empty(self, kernel: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """All c_m of the run to come, and m."""
-        n_steps = kernel.shape[-1] // 2
-        return jnp.zeros_like(kernel[..., : n_steps + 1]), jnp.zeros((), jnp.int32)
+    def empty(self, kernel: jax.Array) -> jax.Array:
+        """All c_m of the run to come, from c_{−BLOCK} on."""
+        return jnp.zeros_like(kernel[1 : kernel.size // 2])
 
-    def total(self, kernel: jax.Array, memory: tuple[jax.Array, jax.Array]) -> jax.Array:
-        """S_m; weights past the present meet entries of c that are still zero."""
-        c, m = memory
-        n = c.shape[-1]
-        window = lax.dynamic_slice_in_dim(kernel, n - 1 - m, n, axis=-1)
-        return jnp.vecdot(c, window)
+    def ahead(self, kernel: jax.Array, memory: jax.Array, start: jax.Array) -> jax.Array:
+        """Weights past the present meet entries of c that are still zero."""
+        n = memory.size
+        first = [n - BLOCK - start - i for i in range(BLOCK)]
+        return jnp.stack([lax.dynamic_slice(kernel, (i,), (n,)) @ memory for i in first])
 
-    def push(
-        self, kernel: jax.Array, memory: tuple[jax.Array, jax.Array], c: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
-        """Write c_m in its place."""
-        past, m = memory
-        return past.at[..., m].set(c), m + 1
+    def absorb(
+        self, kernel: jax.Array, memory: jax.Array, start: jax.Array, c: jax.Array
+    ) -> jax.Array:
+        """Write c in its place."""
+        return lax.dynamic_update_slice(memory, c, (start - 1 + BLOCK,))
 
 
 class _ModalKernel(NamedTuple):
-    first: jax.Array  # ω_1
-    decay: jax.Array  # s_k
     weight: jax.Array  # W_k, with ω_j ≈ Σ_k W_k s_k^{j−2} for j ≥ 2
+    decay: jax.Array  # s_k over a block
+    ahead: jax.Array  # s_k^i, shape (modes, BLOCK)
+    absorb: jax.Array  # the same backwards, transposed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,27 +188,25 @@ class ModalHistory:
 
     def kernel(self, order: jax.Array, n_steps: int) -> _ModalKernel:
         """Exponents and weights for a run of ``n_steps`` steps; differentiable in the order."""
-        rates, fit = _modes(n_steps, self.n_modes(n_steps))
-        spectrum = _spectrum(order, n_steps, jnp).astype(order.dtype)
-        weight = spectrum @ jnp.asarray(fit.T, order.dtype)
-        decay = jnp.broadcast_to(jnp.asarray(rates, order.dtype), weight.shape)
-        return _ModalKernel(-order, decay, weight)
+        decay, fit = _modes(n_steps, self.n_modes(n_steps))
+        weight = jnp.asarray(fit) @ _spectrum(order, n_steps, jnp)
+        powers = decay[:, None] ** np.arange(BLOCK)
+        constants = decay**BLOCK, powers, powers[:, ::-1].T
+        return _ModalKernel(*(jnp.asarray(x, order.dtype) for x in (weight, *constants)))
 
-    def empty(self, kernel: _ModalKernel) -> tuple[jax.Array, jax.Array]:
-        """The last c and the modes y_k."""
-        return jnp.zeros_like(kernel.first), jnp.zeros_like(kernel.weight)
+    def empty(self, kernel: _ModalKernel) -> jax.Array:
+        """The modes y_k = Σ_{j≥2} s_k^{j−2} c_{m0−j}."""
+        return jnp.zeros_like(kernel.weight)
 
-    def total(self, kernel: _ModalKernel, memory: tuple[jax.Array, jax.Array]) -> jax.Array:
-        """S_m = ω_1 c_{m−1} + W·y."""
-        last, y = memory
-        return kernel.first * last + jnp.sum(kernel.weight * y, axis=-1)
+    def ahead(self, kernel: _ModalKernel, memory: jax.Array, start: jax.Array) -> jax.Array:
+        """Σ_k W_k s_k^i y_k for i = 0 … BLOCK − 1."""
+        return (kernel.weight * memory) @ kernel.ahead
 
-    def push(
-        self, kernel: _ModalKernel, memory: tuple[jax.Array, jax.Array], c: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
-        """Y ← s y + c_{m−1}; the last c becomes c_m."""
-        last, y = memory
-        return c, kernel.decay * y + last[..., None]
+    def absorb(
+        self, kernel: _ModalKernel, memory: jax.Array, start: jax.Array, c: jax.Array
+    ) -> jax.Array:
+        """Let the modes decay over a block, and add its c."""
+        return kernel.decay * memory + c @ kernel.absorb
 
 
 # For j ≥ 2, ω_j = −(sin πγ/π) ∫_0^∞ e^{−u(j−2)} e^{−u(2−γ)} (1 − e^{−u})^γ du. The trapezoidal rule

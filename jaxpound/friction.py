@@ -8,7 +8,8 @@ is counted by τ from 0 to 1, and A(τ) = A_m + D (τ − ½) with D = A_m − A
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, Protocol
+from functools import partial
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -46,12 +47,16 @@ class Slip(NamedTuple):
     turns: jax.Array
     turn_time: jax.Array
     turn: jax.Array
+    turn_forces: tuple[jax.Array, jax.Array]  # q before and after it
     phase: jax.Array
     change_time: jax.Array
 
 
 class FrictionLaw(Protocol):
     """A law of friction, evaluated as the mean force over one step."""
+
+    set_valued: ClassVar[bool]
+    """Whether |q| = μ in any slip."""
 
     def slide(self, link: Link) -> Slip:
         """One step of the link."""
@@ -68,89 +73,120 @@ class EventResolved:
     followed; the force stays within ±μ all the same.
     """
 
+    set_valued: ClassVar[bool] = True
+
     def slide(self, link: Link) -> Slip:
         """One step of the link."""
         w, _, a, a_last, inverse_mass, mu, h = link
-        d = a - a_last
-        hold = inverse_mass * mu  # stick lasts while |A| ≤ Rμ
-
-        def accelerate(direction: jax.Array, start: Any, end: Any) -> jax.Array:
-            """Change of w in slip with the given direction between two τ."""
-            span = end - start
-            return h * span * (a - direction * hold + d * (start + end - 1) / 2)
-
-        def along(direction: jax.Array, velocity: jax.Array) -> jax.Array:
-            """The velocity, or none where it would be against the direction of slip."""
-            return direction * jnp.maximum(direction * velocity, 0.0)
-
-        # Slip, until w vanishes at θ: a root of w + h [(b − D/2) θ + D θ²/2] = 0, b = A − Rμ σ.
-        before = jnp.sign(w)
-        slips_first = before != 0
-        speed = jnp.abs(w) / h
-        half = before * (d / 2 - (a - before * hold))
-        bend = before * d
-        dips = (half > 0) & (bend > half) & (half**2 >= 2 * bend * speed)  # both roots within
-        stops = (before * (w + accelerate(before, 0.0, 1.0)) <= 0) | dips
-        solve = stops & slips_first
-        speed = jnp.where(solve, speed, 1.0)
-        half = jnp.where(solve, half, 1.0)
-        bend = jnp.where(solve, bend, 0.0)
-        root = jnp.sqrt(jnp.maximum(half**2 - 2 * bend * speed, _tiny(w)))
-        theta = jnp.where(solve, jnp.minimum(2 * speed / (half + root), 1.0), 1.0)
-        theta = jnp.where(slips_first, theta, 0.0)
-
-        # Stick, until |A| exceeds Rμ at φ.
-        a_stop = a + d * (theta - 0.5)
-        a_end = a + d / 2
-        sticks = stops & (jnp.abs(a_stop) <= hold)
-        holds = sticks & (jnp.abs(a_end) <= hold)
-        breaks = sticks & ~holds
-        push = accelerate(jnp.zeros_like(w), theta, 1.0)
-        after = jnp.sign(jnp.where(sticks, a_end, push))
-        excess = jnp.where(breaks, a_end - after * hold, 0.0)
-        steep = jnp.where(breaks, d, 1.0)
-        phi = jnp.where(holds, 1.0, jnp.where(breaks, 1 - excess / steep, theta))
-
-        # Slip again, from rest.
-        w_slip = w + accelerate(before, 0.0, 1.0)
-        w_break = h * excess * (excess / steep) / 2
-        w_reverse = after * jnp.maximum(jnp.abs(push) - h * hold * (1 - theta), 0.0)
-        w_stop = jnp.where(holds, 0.0, jnp.where(breaks, w_break, w_reverse))
-        # Without friction nothing ever sticks, not even the smallest motion about rest.
-        w_new = jnp.where(stops & (hold > 0), w_stop, w_slip)
-
-        slipping = theta >= 0.5
-        stuck = ~slipping & (phi >= 0.5)
-        # A push that reverses nothing leaves the link stuck, with what force it has.
-        idle = stops & ~sticks & (w_reverse == 0)
-        stuck = stuck | (~slipping & idle)
-        held = jnp.clip(a / inverse_mass, -mu, mu)
-        force = jnp.where(slipping, before * mu, jnp.where(stuck, held, after * mu))
-        w_now = jnp.where(
-            slipping,
-            along(before, w + accelerate(before, 0.0, 0.5)),
-            jnp.where(stuck, 0.0, along(after, w_new - accelerate(after, 0.5, 1.0))),
-        )
-        w_now = jnp.where(hold > 0, w_now, w + accelerate(before, 0.0, 0.5))
-
-        # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
-        s = h * (theta - 0.5)
-        slope = a_stop - before * hold
-        slope_after = jnp.where(sticks, 0.0, a_stop - after * hold)
-        event = stops & slips_first
-        new_phase = jnp.where(stops, jnp.sign(w_new), before)
+        step = _resolved(w, a, a - a_last, inverse_mass * mu, h)
         return Slip(
-            velocity=w_new,
-            mean_force=(a - (w_new - w) / h) / inverse_mass,
-            force=force,
-            velocity_now=w_now,
-            jump=jnp.where(event, (slope_after - slope) * s**2 / 2, 0.0),
-            turns=event,
-            turn_time=s,
-            turn=-(a - before * hold + 2 / 3 * d * (theta - 0.5)) * s**2 / 2,
-            phase=new_phase,
-            change_time=jnp.where(holds, s, h * (phi - 0.5)),
+            velocity=step.velocity,
+            mean_force=(a - (step.velocity - w) / h) / inverse_mass,
+            force=step.resistance / inverse_mass,
+            velocity_now=step.velocity_now,
+            jump=step.jump,
+            turns=step.turns > 0,
+            turn_time=step.turn_time,
+            turn=step.turn,
+            turn_forces=(step.before / inverse_mass, step.after / inverse_mass),
+            phase=step.phase,
+            change_time=step.change_time,
         )
+
+
+class _Resolved(NamedTuple):
+    velocity: jax.Array  # w at t_m + h/2
+    resistance: jax.Array  # R q at t_m
+    velocity_now: jax.Array
+    jump: jax.Array
+    turns: jax.Array  # 1 or 0
+    turn_time: jax.Array
+    turn: jax.Array
+    before: jax.Array  # R q before it, and after it
+    after: jax.Array
+    phase: jax.Array
+    change_time: jax.Array
+
+
+def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h: Any) -> _Resolved:
+    """Events of a step in which A(τ) = pull + rise (τ − ½), and stick lasts while |A| ≤ hold."""
+    # Seen along the slip: speed × h is |w|, and a − hold what accelerates it.
+    slips_first = w != 0
+    way = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
+    speed, a, d = way * w / h, way * pull, way * rise
+
+    # Slip, until the speed vanishes at θ: a root of speed − half θ + d θ²/2 = 0.
+    drive = a - jnp.where(slips_first, hold, 0.0)
+    half = d / 2 - drive
+    below = half**2 - 2 * d * speed
+    dips = (half > 0) & (d > half) & (below >= 0)  # both roots within the step
+    stops = (speed + drive <= 0) | dips | ~slips_first
+    solve = stops & slips_first
+    root = jnp.sqrt(jnp.where(solve, jnp.maximum(below, _tiny(w)), 1.0))
+    theta = 2 * speed / jnp.where(solve, half + root, 1.0)
+    theta = jnp.where(solve, jnp.minimum(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
+
+    # Stick, until |A| exceeds what holds at φ.
+    a_stop, a_end, a_rest = a + d * (theta - 0.5), a + d / 2, a + d * theta / 2
+    sticks = stops & (jnp.abs(a_stop) <= hold)
+    breaks = sticks & (jnp.abs(a_end) > hold)
+    excess = jnp.where(breaks, jnp.abs(a_end) - hold, 0.0)
+    left = excess / jnp.where(breaks, jnp.abs(d), 1.0)  # 1 − φ
+    phi = jnp.where(sticks, 1 - left, theta)
+
+    # Slip again, from rest.
+    after = jnp.sign(jnp.where(sticks, a_end, a_rest))
+    gained = (1 - theta) * jnp.maximum(jnp.abs(a_rest) - hold, 0.0)
+    gained = jnp.where(sticks, excess * left / 2, gained)
+    # Without friction nothing ever sticks, not even the smallest motion about rest.
+    w_new = h * jnp.where(stops & (hold > 0), after * gained, speed + drive)
+
+    slipping = theta >= 0.5
+    # A push that reverses nothing leaves the link stuck, with what force it has.
+    stuck = ~slipping & ((phi >= 0.5) | (stops & (gained == 0)))
+    resistance = jnp.where(stuck, jnp.clip(a, -hold, hold), after * hold)
+    before_now = h * (speed + (drive - d / 4) / 2)
+    after_now = jnp.maximum(after * (w_new - h / 2 * (a + d / 4)) + h / 2 * hold, 0.0)
+    w_now = jnp.where(stuck, 0.0, after * after_now)
+    w_now = jnp.where(slipping, jnp.maximum(before_now, 0.0), w_now)
+
+    # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
+    s = h * (theta - 0.5)
+    released = jnp.where(sticks, hold - a_stop, hold - after * hold)
+    return _Resolved(
+        velocity=way * w_new,
+        resistance=way * jnp.where(slipping, hold, resistance),
+        velocity_now=way * jnp.where(hold > 0, w_now, before_now),
+        jump=way * jnp.where(solve, released * s**2 / 2, 0.0),
+        turns=solve.astype(w.dtype),
+        turn_time=s,
+        turn=-way * (drive + 2 / 3 * d * (theta - 0.5)) * s**2 / 2,
+        before=way * hold,
+        after=way * jnp.clip(a_stop, -hold, hold),
+        phase=way * jnp.where(stops, jnp.sign(w_new), 1.0),
+        change_time=jnp.where(sticks & ~breaks, s, h * (phi - 0.5)),
+    )
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(4,))
+def _resolved(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Resolved:
+    return _resolve(w, pull, rise, hold, h)
+
+
+@_resolved.defjvp
+def _resolved_jvp(h: Any, primals: Any, tangents: Any) -> Any:
+    # One partial derivative by each of the four: reverse mode keeps these instead of the step's
+    # many intermediates, and forward mode finds them once for all directions.
+    out, parts = None, []
+    for i, (x, tangent) in enumerate(zip(primals, tangents, strict=True)):
+
+        def along(x: Any, i: int = i) -> Any:
+            values: list[Any] = [*primals[:i], x, *primals[i + 1 :], h]
+            return _resolve(*values)
+
+        out, slopes = jax.jvp(along, (x,), (jnp.ones_like(x),))
+        parts.append([slope * tangent for slope in slopes])
+    return out, _Resolved(*[sum(part[1:], part[0]) for part in zip(*parts, strict=True)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,6 +197,8 @@ class Switching:
     other way, one step after w has changed sign. First-order accurate, and its derivatives miss how
     the switching instants move with the parameters.
     """
+
+    set_valued: ClassVar[bool] = True
 
     def slide(self, link: Link) -> Slip:
         """One step of the link."""
@@ -182,6 +220,7 @@ class Switching:
             turns=turns,
             turn_time=turn_time,
             turn=turn,
+            turn_forces=(force, force),
             phase=new_phase,
             change_time=jnp.where(phase == 0, 0.0, -h) * jnp.ones_like(w),
         )
@@ -208,6 +247,7 @@ class Smoothed:
     """
 
     velocity: float
+    set_valued: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if is_traced(self.velocity):
@@ -239,6 +279,7 @@ class Smoothed:
             turns=turns,
             turn_time=turn_time,
             turn=turn,
+            turn_forces=(jnp.zeros_like(w), jnp.zeros_like(w)),
             phase=jnp.sign(w_new),
             change_time=turn_time,
         )

@@ -5,33 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import is_traced
 from jaxpound._pytree import pytree_dataclass, static
-
-
-class Instant(NamedTuple):
-    """The state of the system at one instant t_m, and what friction did around it."""
-
-    time: jax.Array
-    x1: jax.Array
-    x2: jax.Array
-    v1: jax.Array
-    v2: jax.Array
-    f1: jax.Array
-    f2: jax.Array
-    friction: jax.Array
-    ground_acceleration: jax.Array
-    gap: jax.Array
-    slip_velocity: jax.Array
-    turn_gap: jax.Array  # gap where the slip velocity vanishes within h/2 of t_m, else +inf
-    turn_time: jax.Array
-    phase: jax.Array  # direction of slip at t_m + h/2, 0 in stick
-    change_time: jax.Array  # when that phase took over, if it differs from the last
 
 
 @pytree_dataclass
@@ -42,27 +21,29 @@ class Demand:
     """
 
     min_gap: Any
-    """Smallest gap ξ, at an instant where the slip velocity vanishes or at an end of the run."""
+    """Smallest gap ξ, where the slip velocity vanishes or at an end of the run."""
     min_gap_time: Any
     """When the gap is smallest."""
     peak_x1: Any
-    """Largest |x1|, displacement of block 1 relative to the ground, over the grid."""
+    """Largest |x1|, displacement of block 1 relative to the ground."""
     peak_x2: Any
-    """Largest |x2| over the grid."""
+    """Largest |x2|."""
     peak_f1: Any
-    """Largest |f1|, rod force (base shear) of structure 1, over the grid."""
+    """Largest |f1|, rod force (base shear) of structure 1."""
     peak_f2: Any
-    """Largest |f2| over the grid, in the units of f1 (m1 g)."""
+    """Largest |f2|, in the units of f1 (m1 g)."""
     peak_acceleration_1: Any
-    """Largest absolute acceleration |x1'' + u''| of block 1 over the grid."""
+    """Largest absolute acceleration |x1'' + u''| of block 1."""
     peak_acceleration_2: Any
-    """Largest absolute acceleration |x2'' + u''| of block 2 over the grid."""
+    """Largest absolute acceleration |x2'' + u''| of block 2."""
     slip_distance: Any
     """Distance slid by the damper, ∫ |x1' − x2'| dt."""
     friction_work: Any
     """Energy taken by the damper, ∫ q (x1' − x2') dt."""
     residual_offset: Any
     """x2 − x1 at the end of the run: by how much the gap has changed."""
+    soft_min_gap: Any = None
+    """−T log of the mean of e^(−ξ/T) over the run, for the temperature T given to ``demand``."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
 
@@ -75,7 +56,9 @@ class Demand:
     def scalars(self) -> dict[str, Any]:
         """All of them by name, with ``pounds``: a row of a table, or the columns of a batch."""
         names = [field.name for field in dataclasses.fields(self) if field.name != "si"]
-        return {name: getattr(self, name) for name in names} | {"pounds": self.pounds}
+        values = {name: getattr(self, name) for name in names}
+        known = {name: value for name, value in values.items() if value is not None}
+        return known | {"pounds": self.pounds}
 
     def __repr__(self) -> str:
         units = "SI" if self.si else "dimensionless"
@@ -83,65 +66,6 @@ class Demand:
             return f"Demand({units}, batch of shape {jnp.shape(self.min_gap)})"
         lines = [f"    {name:20s} {float(x):.8g}\n" for name, x in self.scalars().items()]
         return f"Demand({units}\n{''.join(lines)})"
-
-
-class Tally(NamedTuple):
-    """A ``Demand`` in the making: folded over the instants of a run."""
-
-    min_gap: jax.Array
-    min_gap_time: jax.Array
-    gap: jax.Array
-    peaks: jax.Array  # of |x1|, |x2|, |f1|, |f2| and both absolute accelerations
-    slid: jax.Array  # ∫ |w| dt and ∫ q w dt
-
-    @staticmethod
-    def start(initial_gap: jax.Array) -> Tally:
-        """Nothing has happened yet."""
-        zero = jnp.zeros_like(initial_gap)
-        return Tally(initial_gap, zero, initial_gap, jnp.stack([zero] * 6), jnp.stack([zero] * 2))
-
-    def observe(self, now: Instant, mass_ratio: jax.Array, dt: float, last: jax.Array) -> Tally:
-        """Take one instant into account; ``last`` tells whether the run ends with it."""
-        # The gap is smallest where the slip velocity vanishes, or at an end of the run.
-        turns_in_time = ~last | (now.turn_time <= now.time)
-        turn_gap = jnp.where(turns_in_time, now.turn_gap, jnp.inf)
-        ends = last & (now.gap < turn_gap)
-        gap = jnp.where(ends, now.gap, turn_gap)
-        lower = gap < self.min_gap
-
-        a1 = -now.f1 - now.friction
-        a2 = mass_ratio * (now.friction - now.f2)
-        seen = jnp.stack([now.x1, now.x2, now.f1, now.f2, a1, a2])
-        sliding = jnp.stack([jnp.abs(now.slip_velocity), now.friction * now.slip_velocity])
-        # Trapezoidal sums; the run starts at rest.
-        share = jnp.where(last, dt / 2, dt).astype(sliding.dtype)
-        return Tally(
-            min_gap=jnp.where(lower, gap, self.min_gap),
-            min_gap_time=jnp.where(
-                lower, jnp.where(ends, now.time, now.turn_time), self.min_gap_time
-            ),
-            gap=now.gap,
-            peaks=jnp.maximum(self.peaks, jnp.abs(seen)),
-            slid=self.slid + share * sliding,
-        )
-
-    def demand(self, initial_gap: jax.Array) -> Demand:
-        """The scalars of the instants seen."""
-        peak_x1, peak_x2, peak_f1, peak_f2, peak_a1, peak_a2 = self.peaks
-        slip_distance, friction_work = self.slid
-        return Demand(
-            min_gap=self.min_gap,
-            min_gap_time=self.min_gap_time,
-            peak_x1=peak_x1,
-            peak_x2=peak_x2,
-            peak_f1=peak_f1,
-            peak_f2=peak_f2,
-            peak_acceleration_1=peak_a1,
-            peak_acceleration_2=peak_a2,
-            slip_distance=slip_distance,
-            friction_work=friction_work,
-            residual_offset=self.gap - initial_gap,
-        )
 
 
 class Phase(NamedTuple):

@@ -10,39 +10,29 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, real
-from jaxpound.fractional import History, ModalHistory
+from jaxpound.fractional import History, ModalHistory, scan_with_history
 from jaxpound.structures import ZenerRod
 
 
 class RodLaw(NamedTuple):
-    """A rod's law over one step, f_m = stiffness x_m + lag (K x_{m−1} − f_{m−1}) + memory S_m.
+    """A rod's law over one step.
 
-    Fields have the shape of the rod's parameters: () for one rod, (2,) for two side by side.
+    f_m = [stiffness x_m + lag (K x_{m−1} − f_{m−1}) + memory S_m] / divisor.
     """
 
     stiffness: jax.Array
     lag: jax.Array
     memory: jax.Array
+    divisor: jax.Array
     modulus: jax.Array  # K
     tau_f: jax.Array
     tau_x: jax.Array
-    kernel: Any
 
 
-class RodState(NamedTuple):
-    """What a rod remembers: K x_{m−1} − f_{m−1}, and its history."""
-
-    excess: jax.Array
-    memory: Any
-
-
-def rod_law(
-    rod: ZenerRod, modulus: ArrayLike, dt: float, n_steps: int, order: int, history: History
-) -> RodLaw:
+def rod_law(rod: ZenerRod, modulus: ArrayLike, dt: float, order: int) -> RodLaw:
     """The rod as the scheme of the given order sees it at step ``dt``.
 
     Order 1 is the paper's eq. (10). Order 2 puts the whole Zener law at t_m − γh/2, where the
@@ -51,34 +41,24 @@ def rod_law(
     gamma = jnp.asarray(rod.order)
     s = gamma / 2 if order == 2 else jnp.zeros_like(gamma)
     speed = dt**-gamma
-    denominator = 1 - s + rod.tau_f * speed
     return RodLaw(
-        stiffness=modulus * (1 - s + rod.tau_x * speed) / denominator,
-        lag=s / denominator,
-        memory=speed / denominator,
+        stiffness=modulus * (1 - s + rod.tau_x * speed),
+        lag=s,
+        memory=speed,
+        divisor=1 - s + rod.tau_f * speed,
         modulus=jnp.asarray(modulus, gamma.dtype),
         tau_f=jnp.asarray(rod.tau_f),
         tau_x=jnp.asarray(rod.tau_x),
-        kernel=history.kernel(gamma, n_steps),
     )
-
-
-def rod_at_rest(law: RodLaw, history: History) -> RodState:
-    """The rod before t = 0."""
-    return RodState(jnp.zeros_like(law.stiffness), history.empty(law.kernel))
 
 
 def rod_step(
-    law: RodLaw, state: RodState, x: jax.Array, history: History
-) -> tuple[RodState, jax.Array]:
-    """Force f_m at displacement x_m, and the rod's state after it."""
-    f = (
-        law.stiffness * x
-        + law.lag * state.excess
-        + law.memory * history.total(law.kernel, state.memory)
-    )
-    c = law.modulus * law.tau_x * x - law.tau_f * f
-    return RodState(law.modulus * x - f, history.push(law.kernel, state.memory, c)), f
+    law: RodLaw, excess: jax.Array, total: jax.Array, x: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Force f_m from K x_{m−1} − f_{m−1}, S_m and x_m; then K x_m − f_m, and c_m to remember."""
+    # Kept as a division: XLA works a quotient out once, a product again wherever f is used.
+    f = (law.stiffness * x + law.lag * excess + law.memory * total) / law.divisor
+    return f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f
 
 
 def rod_force(
@@ -132,12 +112,17 @@ def rod_force(
         ],
     )
     history = ModalHistory() if history is None else history
-    law = rod_law(rod, stiffness, dt, x.size - 1, order, history)
-    law = jax.tree.map(lambda a: jnp.asarray(a, jnp.result_type(x, float)), law)
-    _, f = lax.scan(
-        lambda state, xm: rod_step(law, state, xm, history), rod_at_rest(law, history), x
-    )
-    return f
+    dtype = jnp.result_type(x, float)
+    x, rod = jax.tree.map(lambda a: jnp.asarray(a, dtype), (x, rod))
+    law = rod_law(rod, jnp.asarray(stiffness, dtype), dt, order)
+
+    def advance(excess: jax.Array, sums: list[jax.Array], m: jax.Array) -> Any:
+        before = jnp.where(m < 0, jnp.zeros((), dtype), x[jnp.maximum(m, 0)])
+        f, excess, c = rod_step(law, excess, sums[0], before)
+        return excess, [c], f
+
+    rest = jnp.zeros((), dtype)
+    return scan_with_history(advance, rest, x.size - 1, [rod.order], history)[1]
 
 
 def nyquist_stiffness(rod: ZenerRod, modulus: ArrayLike, dt: ArrayLike, order: int) -> Any:

@@ -7,15 +7,18 @@ cancellation. Block 1 and the relative motion x1 − x2 are the unknowns, so tha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jaxtyping import ArrayLike
 
-from jaxpound._checks import all_hold, enforce, instance, is_traced
+from jaxpound._checks import Rule, all_hold, enforce, finite, instance, is_traced, number
+from jaxpound.batches import spread
+from jaxpound.fractional import scan_with_history
 from jaxpound.friction import Link
 from jaxpound.ground import (
     Ground,
@@ -25,32 +28,31 @@ from jaxpound.ground import (
     require_ground,
     sampled,
 )
-from jaxpound.response import Demand, Instant, Response, Tally
-from jaxpound.rods import RodLaw, RodState, rod_at_rest, rod_law, rod_step
+from jaxpound.response import Demand, Response
+from jaxpound.rods import RodLaw, rod_law, rod_step
 from jaxpound.scheme import Scheme, TimeGrid, courant, stability_limit
 from jaxpound.structures import AdjacentStructures
-
-# Two steps a turn of the loop halve what the loop itself costs a single run on a CPU.
-_UNROLL = 2
+from jaxpound.tally import Instant, Tally
 
 
 class _Laws(NamedTuple):
     """Constants of a run."""
 
-    rods: RodLaw
+    rod_1: RodLaw
+    rod_2: RodLaw
     mass_ratio: jax.Array
     friction: jax.Array
-    initial_gap: jax.Array
 
 
 class State(NamedTuple):
-    """Positions at t_m, velocities at t_m − h/2, and what rods and damper remember."""
+    """Positions at t_m, velocities at t_m − h/2, and what rods and damper remember of t_{m−1}."""
 
     x1: jax.Array
     v1: jax.Array
     slip: jax.Array  # x1 − x2
     slip_velocity: jax.Array
-    rods: RodState
+    excess_1: jax.Array  # K1 x1 − f1
+    excess_2: jax.Array
     phase: jax.Array
     pull: jax.Array  # A_{m−1} = −f1 + ρ f2
 
@@ -58,20 +60,23 @@ class State(NamedTuple):
 def step(
     laws: _Laws,
     state: State,
+    sums: list[jax.Array],
     time: jax.Array,
-    shaking: tuple[jax.Array, jax.Array],
+    shaking: jax.Array,
     dt: float,
     scheme: Scheme,
-) -> tuple[State, Instant]:
-    """One step of eq. (9): from t_m to t_{m+1}, and what is seen at t_m.
+) -> tuple[State, list[jax.Array], Instant]:
+    """One step of eq. (9): the state at t_{m+1}, both rods' c_m, and what is seen at t_m.
 
-    ``shaking`` is u'' at t_m, and its mean over the step from t_m − h/2 to t_m + h/2.
+    ``sums`` are both rods' history sums S_m; ``shaking`` is the mean of u'' over the step from
+    t_m − h/2 to t_m + h/2.
     """
     x1, x2 = state.x1, state.x1 - state.slip
     rho = laws.mass_ratio
 
     # Rod forces at t_m.
-    rods, (f1, f2) = rod_step(laws.rods, state.rods, jnp.stack([x1, x2]), scheme.history)
+    f1, excess_1, c1 = rod_step(laws.rod_1, state.excess_1, sums[0], x1)
+    f2, excess_2, c2 = rod_step(laws.rod_2, state.excess_2, sums[1], x2)
 
     # Friction over the step from t_m − h/2 to t_m + h/2.
     pull = rho * f2 - f1
@@ -80,8 +85,7 @@ def step(
     slip = scheme.friction.slide(link)
 
     # Kick.
-    shaking_now, shaking_mean = (x.astype(x1.dtype) for x in shaking)
-    v1 = state.v1 - dt * (f1 + slip.mean_force + shaking_mean)
+    v1 = state.v1 - dt * (f1 + slip.mean_force + shaking)
 
     # Drift. What friction's change within the step displaces is shared as the masses have it.
     after = State(
@@ -89,33 +93,31 @@ def step(
         v1=v1,
         slip=state.slip + dt * slip.velocity + slip.jump,
         slip_velocity=slip.velocity,
-        rods=rods,
+        excess_1=excess_1,
+        excess_2=excess_2,
         phase=slip.phase,
         pull=pull,
     )
 
     # At t_m the centre of mass moves with its mean velocity; the slip velocity has a kink.
     kink = slip.velocity_now - (w + slip.velocity) / 2
-    v1_now = (state.v1 + v1) / 2 + kink / (1 + rho)
-    gap = laws.initial_gap - state.slip
     now = Instant(
         time=time,
         x1=x1,
-        x2=x2,
-        v1=v1_now,
-        v2=v1_now - slip.velocity_now,
+        slip=state.slip,
+        v1=(state.v1 + v1) / 2 + kink / (1 + rho),
+        slip_velocity=slip.velocity_now,
         f1=f1,
         f2=f2,
         friction=slip.force,
-        ground_acceleration=shaking_now,
-        gap=gap,
-        slip_velocity=slip.velocity_now,
-        turn_gap=jnp.where(slip.turns, gap - slip.turn, jnp.inf),
-        turn_time=time + slip.turn_time,
+        turns=slip.turns,
+        turn_time=slip.turn_time,
+        turn=slip.turn,
+        turn_friction=slip.turn_forces,
         phase=slip.phase,
         change_time=time + slip.change_time,
     )
-    return after, now
+    return after, [c1, c2], now
 
 
 def simulate(
@@ -165,14 +167,46 @@ def demand(
     ground: GroundLike,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
+    *,
+    temperature: ArrayLike | None = None,
 ) -> Demand:
     """Scalars of a run, streamed: as ``simulate(...).demand``, in O(modes) memory.
 
-    Parameters, errors and transformations are those of ``simulate``; a batch is
-    ``jax.vmap`` of this function.
+    A batch is ``jax.vmap`` of this function; where JAX has several devices of a kind (the cores of
+    a CPU after ``use_cores``), a batch is spread over them.
+
+    Parameters
+    ----------
+    structures, ground, grid, scheme
+        As of ``simulate``.
+    temperature
+        T > 0, in the unit of the gap, asks for ``Demand.soft_min_gap``, −T log of the mean of
+        e^(−ξ/T) over the run: smooth in every parameter, and between the smallest gap (T → 0) and
+        the mean (T → ∞).
+
+    Returns
+    -------
+    Demand
+
+    Raises
+    ------
+    ValueError
+        As ``simulate``, and if temperature is not positive and finite.
+    FloatingPointError
+        As ``simulate``.
     """
     ground = _prepare(structures, ground, grid, scheme)
-    return _finished(_demand(structures, ground, grid, scheme))
+    if temperature is not None:
+        temperature = number("demand", "temperature", temperature)
+        enforce("demand", _temperature_rules(temperature))
+    return _finished(_demand(structures, ground, grid, scheme, temperature))
+
+
+def _temperature_rules(temperature: Any) -> list[Rule]:
+    if temperature is None:
+        return []
+    holds = (temperature > 0) & finite(temperature)
+    return [Rule("temperature", temperature, holds, "positive and finite")]
 
 
 def _prepare(
@@ -205,51 +239,60 @@ def _prepare(
 
 
 def _run(
-    structures: AdjacentStructures, ground: Ground, grid: TimeGrid, scheme: Scheme, keep: bool
-) -> tuple[Demand, Any]:
-    """The scalars of a run, and its instants if they are to be kept."""
+    structures: AdjacentStructures,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    temperature: ArrayLike | None,
+    keep: Sequence[str],
+) -> tuple[Demand, list[jax.Array]]:
+    """The scalars of a run, and the series of an instant's fields that are to be kept."""
+    structures, ground, temperature = spread((structures, ground, temperature))
     dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
-    structures, ground = jax.tree.map(lambda x: jnp.asarray(x, dtype), (structures, ground))
+    structures, ground, temperature = jax.tree.map(
+        lambda x: jnp.asarray(x, dtype), (structures, ground, temperature)
+    )
     dt, n = grid.dt, grid.n_steps
-    rho, history = structures.mass_ratio, scheme.history
-    both = jax.tree.map(lambda *rods: jnp.stack(rods), structures.rod_1, structures.rod_2)
-    modulus = jnp.stack([jnp.ones((), dtype), structures.stiffness_ratio])
+    rho = structures.mass_ratio
     laws = _Laws(
-        rods=rod_law(both, modulus, dt, n, scheme.order, history),
+        rod_1=rod_law(structures.rod_1, jnp.ones((), dtype), dt, scheme.order),
+        rod_2=rod_law(structures.rod_2, structures.stiffness_ratio, dt, scheme.order),
         mass_ratio=rho,
         friction=structures.friction,
-        initial_gap=structures.initial_gap,
     )
 
     # A run that breaks a rule starts from NaN, and so is NaN throughout.
     valid = all_hold(structures.rules()) & (courant(structures, dt, scheme) < 1)
-    valid &= all_hold(ground_rules(ground))
+    valid &= all_hold([*ground_rules(ground), *_temperature_rules(temperature)])
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
     # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
     mean = mean_acceleration(ground)
     before = dt * mean(jnp.zeros((), dtype), dt) * (0.5 if scheme.start == "rest" else 1.0)
     before = before.astype(dtype)
-    state = State(
-        x1=zero,
-        v1=before,
-        slip=zero,
-        slip_velocity=zero,
-        rods=rod_at_rest(laws.rods, history),
-        phase=zero,
-        pull=zero,
-    )
 
-    def advance(carry: tuple[State, Tally], m: jax.Array) -> tuple[tuple[State, Tally], Any]:
+    def advance(
+        carry: tuple[State, Tally], sums: list[jax.Array], m: jax.Array
+    ) -> tuple[tuple[State, Tally], list[jax.Array], list[jax.Array]]:
         state, tally = carry
         time = m.astype(dtype) * dt
-        shaking = (ground.acceleration(time), mean(time, dt))
-        state, now = step(laws, state, time, shaking, dt, scheme)
-        tally = tally.observe(now, rho, dt, m == n)
-        return (state, tally), (now if keep else None)
+        shaking = mean(jnp.maximum(time, 0), dt).astype(dtype)
+        shaking = jnp.where(m < 0, zero, shaking)
+        state = state._replace(v1=jnp.where(m == 0, before, state.v1))
+        state, c, now = step(laws, state, sums, time, shaking, dt, scheme)
+        tally = tally.observe(now, rho, dt, m == n, temperature)
+        return (state, tally), c, [getattr(now, name) for name in keep]
 
-    carry = (state, Tally.start(laws.initial_gap + zero))
-    (state, tally), series = lax.scan(advance, carry, jnp.arange(n + 1), unroll=_UNROLL)
-    result = tally.demand(laws.initial_gap), series
+    rest = State(*[zero] * len(State._fields))
+    (state, tally), series = scan_with_history(
+        advance,
+        (rest, Tally.start(zero, temperature is not None)),
+        n,
+        [structures.rod_1.order, structures.rod_2.order],
+        scheme.history,
+        scheme.checkpoint,
+    )
+    slip_force = structures.friction if scheme.friction.set_valued else None
+    result = tally.demand(structures.initial_gap, slip_force, temperature), series
     # One that fails on its way is NaN throughout as well.
     finite = jnp.isfinite(state.x1) & jnp.isfinite(state.slip)
     # A factor, not a choice, so that its derivatives are NaN as well.
@@ -258,24 +301,41 @@ def _run(
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
 def _demand(
-    structures: AdjacentStructures, ground: Ground, grid: TimeGrid, scheme: Scheme
+    structures: AdjacentStructures,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    temperature: ArrayLike | None,
 ) -> Demand:
-    return _run(structures, ground, grid, scheme, keep=False)[0]
+    return _run(structures, ground, grid, scheme, temperature, keep=())[0]
+
+
+_KEPT = ("x1", "slip", "v1", "slip_velocity", "f1", "f2", "friction", "phase", "change_time")
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
 def _simulate(
     structures: AdjacentStructures, ground: Ground, grid: TimeGrid, scheme: Scheme
 ) -> Response:
-    scalars, series = _run(structures, ground, grid, scheme, keep=True)
-    seen = series._asdict()
-    for name in ("slip_velocity", "turn_gap", "turn_time"):
-        del seen[name]
-    one = jnp.ones_like(scalars.min_gap)
+    scalars, kept = _run(structures, ground, grid, scheme, None, _KEPT)
+    x1, slip, v1, slip_velocity, f1, f2, friction, phase, change_time = kept
+    # What follows from the rest is not carried out of the scan; an invalid run's is NaN too.
+    time = jnp.asarray(grid.times(), x1.dtype)
     return Response(
-        **seen,
-        mass_1=one,
-        mass_2=one / structures.mass_ratio,
+        time=time + 0 * x1,
+        x1=x1,
+        x2=x1 - slip,
+        v1=v1,
+        v2=v1 - slip_velocity,
+        f1=f1,
+        f2=f2,
+        friction=friction,
+        ground_acceleration=jax.vmap(ground.acceleration)(time).astype(x1.dtype) + 0 * x1,
+        gap=structures.initial_gap - slip,
+        phase=phase,
+        change_time=change_time,
+        mass_1=jnp.ones_like(scalars.min_gap),
+        mass_2=jnp.ones_like(scalars.min_gap) / structures.mass_ratio,
         demand=scalars,
         method=f"{scheme.friction}, order {scheme.order}, {scheme.history}",
     )

@@ -253,6 +253,7 @@ class Scales:
             slip_distance=demand.slip_distance * length,
             friction_work=demand.friction_work * force * length,
             residual_offset=demand.residual_offset * length,
+            soft_min_gap=None if demand.soft_min_gap is None else demand.soft_min_gap * length,
             si=True,
         )
 

@@ -207,8 +207,9 @@ def test_el_centro_summary_has_the_api_s_numbers(el_centro_run, el_centro_respon
     assert first["peak_displacement_m"] == pytest.approx(float(demand.peak_x1))
     assert results["building_2"]["base_shear_N"] == pytest.approx(float(demand.peak_f2))
     a2 = el_centro_response.absolute_accelerations[1]
-    peak = float(np.abs(a2).max())
-    assert results["building_2"]["peak_absolute_acceleration_m_per_s2"] == pytest.approx(peak)
+    peak = results["building_2"]["peak_absolute_acceleration_m_per_s2"]
+    assert peak == pytest.approx(float(demand.peak_acceleration_2))
+    assert 1 <= peak / np.abs(a2).max() < 1.01  # the grid may miss the top
     assert not results["pounds"]
     assert results["overlap_m"] == 0
     assert results["first_contact_s"] is None

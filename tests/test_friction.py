@@ -9,7 +9,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 import jaxpound as jp
-from jaxpound.friction import Link, _creep
+from jaxpound.friction import Link, _creep, _resolve, _resolved
 
 H = 0.1
 moderate = st.floats(-2, 2).map(lambda x: round(x, 3))
@@ -199,3 +199,23 @@ def test_no_width_is_unstable():
 def test_smoothed_friction_needs_a_positive_width(velocity):
     with pytest.raises(ValueError, match=f"Smoothed: velocity = {velocity:g} must be positive"):
         jp.Smoothed(velocity)
+
+
+def test_the_step_s_derivatives_are_those_of_its_own_formulas():
+    """The rule that serves both modes against plain forward differentiation, in every case."""
+    random = np.random.default_rng(3)
+    n = 4000
+    w = random.normal(size=n) * 0.03 * (random.random(n) < 0.8)
+    pull, hold = random.normal(size=n), np.abs(random.normal(size=n)) * (random.random(n) < 0.9)
+    rise = random.normal(size=n) * random.choice([0.01, 1.0, 5.0], n)
+
+    def jacobian(formulas, mode):
+        def outcome(x):
+            return jnp.stack(formulas(*x, H))
+
+        return jax.jit(jax.vmap(mode(outcome)))(np.stack([w, pull, rise, hold], -1))
+
+    plain = jacobian(_resolve, jax.jacfwd)
+    assert np.isfinite(plain).all()
+    for mode in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(jacobian(_resolved, mode), plain, rtol=1e-12, atol=1e-12)

@@ -16,9 +16,9 @@ PACKAGE = ROOT / "jaxpound"
 
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
-    {"_pytree", "_checks"},
+    {"_pytree", "_checks", "batches"},
     {"structures", "ground", "fractional", "friction", "response"},
-    {"records", "rods"},
+    {"records", "rods", "tally"},
     {"scheme"},
     {"intensity", "simulation"},
     {"units", "paper"},

@@ -334,17 +334,100 @@ def test_demand_is_the_simulation_s():
         )
         for name, value in run.demand.scalars().items():
             assert float(scalars.scalars()[name]) == pytest.approx(float(value), rel=1e-12), name
-        assert float(scalars.peak_x1) == np.abs(run.x1).max()
-        assert float(scalars.peak_f2) == np.abs(run.f2).max()
-        a1, a2 = run.absolute_accelerations
-        assert float(scalars.peak_acceleration_1) == pytest.approx(float(np.abs(a1).max()))
-        assert float(scalars.peak_acceleration_2) == pytest.approx(float(np.abs(a2).max()))
+        accelerations = run.absolute_accelerations
+        for name, series in zip(
+            ("x1", "x2", "f1", "f2", "acceleration_1", "acceleration_2"),
+            (run.x1, run.x2, run.f1, run.f2, *accelerations),
+            strict=True,
+        ):
+            seen = float(np.abs(series).max())  # the grid may miss the top, by a little
+            assert seen <= float(getattr(scalars, f"peak_{name}")) < 1.01 * seen, name
         work = np.trapezoid(run.friction * run.slip_velocity, run.time)
-        assert float(scalars.friction_work) == pytest.approx(work)
+        assert float(scalars.friction_work) == pytest.approx(work, rel=5e-3)
         distance = np.trapezoid(np.abs(run.slip_velocity), run.time)
-        assert float(scalars.slip_distance) == pytest.approx(distance)
+        assert float(scalars.slip_distance) == pytest.approx(distance, rel=5e-3)
         assert float(scalars.residual_offset) == pytest.approx(float(run.gap[-1] - 1))
         assert float(scalars.pounds) == 0
+
+
+def test_checkpoints_change_no_result_and_no_derivative():
+    grid = jp.TimeGrid.until(20.0, 0.04)
+
+    def gap(structures, checkpoint):
+        scheme = jp.Scheme(checkpoint=checkpoint)
+        return jp.demand(structures, jp.paper.ground(), grid, scheme).min_gap
+
+    for history in (jp.ModalHistory(), jp.FullHistory()):
+        runs = [
+            jp.simulate(
+                jp.paper.structures(), jp.paper.ground(), grid, jp.Scheme(history=history, **more)
+            )
+            for more in ({}, {"checkpoint": True})
+        ]
+        np.testing.assert_allclose(runs[0].x1, runs[1].x1, atol=1e-13)
+        np.testing.assert_allclose(runs[0].gap, runs[1].gap, atol=1e-13)
+    plain, checked = (jax.grad(gap)(jp.paper.structures(), on) for on in (False, True))
+    for one, other in zip(jax.tree.leaves(plain), jax.tree.leaves(checked), strict=True):
+        assert float(other) == pytest.approx(float(one), rel=1e-10, abs=1e-13)
+
+
+def test_the_soft_minimum_is_its_definition_between_minimum_and_mean():
+    grid = jp.TimeGrid.until(20.0, 0.02)
+    case = jp.paper.structures(), jp.paper.ground(), grid
+    gap, time = (np.asarray(x) for x in (jp.simulate(*case).gap, grid.times()))
+    for temperature in (1e-3, 0.02, 0.3, 100.0):
+        scalars = jp.demand(*case, temperature=temperature)
+        mean = np.trapezoid(np.exp(-(gap - gap.min()) / temperature), time) / 20
+        expected = gap.min() - temperature * np.log(mean)
+        assert float(scalars.soft_min_gap) == pytest.approx(expected, rel=1e-9)
+        assert float(scalars.min_gap) < expected < np.trapezoid(gap, time) / 20 + 1e-12
+    assert jp.demand(*case).soft_min_gap is None
+    near = jp.demand(*case, temperature=1e-4)
+    assert float(near.soft_min_gap) == pytest.approx(float(near.min_gap), abs=1e-3)
+
+
+def test_the_soft_minimum_s_derivative_against_differences():
+    def soft(mu, temperature):
+        structures = dataclasses.replace(jp.paper.structures(), friction=mu)
+        grid = jp.TimeGrid.until(20.0, 0.02)
+        return jp.demand(structures, jp.paper.ground(), grid, temperature=temperature).soft_min_gap
+
+    slopes = jax.grad(soft, argnums=(0, 1))(0.25, 0.05)
+    by_mu = (soft(0.2501, 0.05) - soft(0.2499, 0.05)) / 2e-4
+    by_temperature = (soft(0.25, 0.0501) - soft(0.25, 0.0499)) / 2e-4
+    np.testing.assert_allclose(slopes, (by_mu, by_temperature), rtol=1e-3)
+
+
+@pytest.mark.parametrize("temperature", [0.0, -1.0, np.nan, np.inf, "hot", [0.1, 0.2]])
+def test_an_impossible_temperature_is_refused(temperature):
+    with pytest.raises(ValueError, match="demand: temperature"):
+        jp.demand(
+            jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 10), temperature=temperature
+        )
+
+
+def test_new_values_do_not_trace_again():
+    traces = []
+
+    def gap(friction, amplitude):
+        traces.append(friction)
+        structures = dataclasses.replace(jp.paper.structures(), friction=friction)
+        return jp.demand(structures, jp.Ricker(amplitude, [2.0], [3.0]), jp.TimeGrid(0.04, 50))
+
+    batch = jax.jit(jax.vmap(lambda *x: gap(*x).min_gap))
+    slope = jax.jit(jax.vmap(jax.grad(lambda *x: gap(*x).min_gap)))
+    for compiled in (batch, slope):
+        for scale in (0.1, 0.2, 0.3):
+            compiled(scale * jnp.ones(4), jnp.linspace(0.1, 1, 4))
+    assert len(traces) == 2
+    size = simulation._demand._cache_size()
+    for mu in (0.1, 0.2, 0.3):
+        jp.demand(
+            dataclasses.replace(jp.paper.structures(), friction=mu),
+            jp.Ricker(mu, [2.0], [3.0]),
+            jp.TimeGrid(0.04, 51),
+        )
+    assert simulation._demand._cache_size() == size + 1
 
 
 def test_float32_stays_float32_and_close():

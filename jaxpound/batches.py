@@ -1,0 +1,179 @@
+"""Batches: spread over the devices that JAX has, and run in chunks where they exceed memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import cache
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+from jax.custom_batching import custom_vmap
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+
+T = TypeVar("T")
+
+# Fewer runs than this a device are not worth the coordination.
+_SMALLEST_SHARE = 16
+
+
+def use_cores(n: int | None = None) -> int:
+    """Let JAX see ``n`` cores of this machine's CPU as devices, over which batches are spread.
+
+    A run uses one core; ``jax.vmap`` of ``demand`` or ``simulate`` then uses all. Call it once,
+    before JAX computes anything: ``jax.config.update("jax_num_cpu_devices", n)`` with a check.
+
+    Parameters
+    ----------
+    n
+        Number of cores; by default all that this process may use.
+
+    Returns
+    -------
+    The number of CPU devices, ``n``.
+
+    Raises
+    ------
+    ValueError
+        If n is not a positive whole number.
+    RuntimeError
+        If JAX has started with another number of CPU devices already.
+    """
+    if n is None:
+        n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    if not isinstance(n, int) or isinstance(n, bool) or n < 1:
+        raise ValueError(f"use_cores: n = {n!r} must be a positive whole number")
+    try:
+        jax.config.update("jax_num_cpu_devices", n)
+    except RuntimeError as error:
+        started = len(jax.devices("cpu"))
+        if started != n:
+            raise RuntimeError(
+                f"use_cores: n = {n} must be set before JAX computes anything; "
+                f"it has started with {started}"
+            ) from error
+    return n
+
+
+def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Callable[..., T]:
+    """As ``jax.vmap(function)``, for batches of any size: chunk by chunk, one compiled program.
+
+    Memory beyond arguments and results does not grow with the batch, and a chunk that fits the
+    caches is faster too. ``function`` takes and returns pytrees of arrays; every argument is
+    batched along its first axis. Chunks are spread over the devices that JAX has; the last is
+    filled up with copies of its last run.
+
+    Parameters
+    ----------
+    function
+        What to do with one run, such as ``lambda structures, ground: jp.demand(...)``, a gradient
+        of it, or a draw by ``jax.random.fold_in(key, index)`` followed by a run.
+    chunk_size
+        Runs at a time, rounded up to a multiple of the number of devices; by default 512 for every
+        core of a CPU (what fits its cache), 65,536 for every other device.
+
+    Returns
+    -------
+    A function of the same arguments whose results are NumPy arrays with a leading axis.
+
+    Raises
+    ------
+    ValueError
+        If chunk_size is not a positive whole number, or (when called) if the arguments are not
+        arrays with one and the same length, at least 1.
+    """
+    if chunk_size is not None and (
+        not isinstance(chunk_size, int) or isinstance(chunk_size, bool) or chunk_size < 1
+    ):
+        raise ValueError(f"in_chunks: chunk_size = {chunk_size!r} must be a positive whole number")
+    run = jax.jit(jax.vmap(function))
+
+    def mapped(*args: Any) -> T:
+        n = _batch_size(args)
+        devices = jax.local_devices()
+        size = chunk_size or len(devices) * (512 if devices[0].platform == "cpu" else 65_536)
+        size = -(-min(size, n) // len(devices)) * len(devices)
+        mesh = _mesh()
+        results: Any = None
+
+        def chunk(start: int) -> Any:
+            rows = np.minimum(np.arange(start, start + size), n - 1)
+            part = jax.tree.map(lambda x: x[rows], args)
+            return run(*(part if mesh is None else jax.device_put(part, _split(mesh))))
+
+        def keep(start: int, part: Any) -> None:
+            nonlocal results
+            if results is None:
+                results = jax.tree.map(lambda x: np.empty((n, *x.shape[1:]), x.dtype), part)
+            rows = slice(start, min(start + size, n))
+            for whole, piece in zip(*map(jax.tree.leaves, (results, part)), strict=True):
+                whole[rows] = np.asarray(piece)[: rows.stop - start]
+
+        # One chunk computes while the next is being prepared.
+        before = 0, chunk(0)
+        for start in range(size, n, size):
+            following = start, chunk(start)
+            keep(*before)
+            before = following
+        keep(*before)
+        return results
+
+    return mapped
+
+
+def spread(tree: T) -> T:
+    """``tree`` itself; under ``jax.vmap``, its batch is spread over the devices that JAX has.
+
+    Nothing happens where the batch cannot be divided evenly, where it is small, or inside a
+    sharding that the caller has set up.
+    """
+    return jax.tree.map(_spread, tree)
+
+
+@jax.custom_jvp
+def _spread(x: Any) -> Any:
+    return _placed(x)
+
+
+@_spread.defjvp
+def _spread_jvp(primals: Any, tangents: Any) -> Any:
+    return _placed(*primals), *tangents
+
+
+@custom_vmap
+def _placed(x: Any) -> Any:
+    return x
+
+
+@_placed.def_vmap
+def _placed_batch(size: int, batched: list[bool], x: Any) -> Any:
+    mesh = _mesh()
+    if not batched[0] or mesh is None or not jax.sharding.get_abstract_mesh().empty:
+        return x, batched[0]
+    if size % mesh.size or size < mesh.size * _SMALLEST_SHARE:
+        return _placed(x), True  # an outer vmap may still divide its own axis
+    return jax.lax.with_sharding_constraint(x, _split(mesh)), True
+
+
+@cache
+def _mesh() -> Mesh | None:
+    devices = jax.local_devices()
+    if len(devices) < 2 or jax.process_count() > 1:
+        return None
+    return Mesh(np.array(devices), ("runs",), axis_types=(AxisType.Auto,))
+
+
+def _split(mesh: Mesh) -> NamedSharding:
+    return NamedSharding(mesh, PartitionSpec("runs"))
+
+
+def _batch_size(args: tuple[Any, ...]) -> int:
+    shapes = [np.shape(leaf) for leaf in jax.tree.leaves(args)]
+    sizes = {shape[0] if shape else None for shape in shapes}
+    if len(sizes) != 1 or None in sizes or 0 in sizes:
+        raise ValueError(
+            f"in_chunks: arguments of shapes {', '.join(map(str, shapes))} must be arrays with "
+            "the same number of runs, at least 1, along their first axis"
+        )
+    return shapes[0][0]
