@@ -11,9 +11,9 @@ import sys
 import time
 
 import jax
-import numba
 import numpy as np
 from jax.extend.core import jaxprs_in_params
+from peers import paper_algorithm
 
 import jaxpound as jp
 
@@ -32,45 +32,6 @@ run = jp.{call}(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
 jax.block_until_ready(run.min_gap)
 print(time.perf_counter() - start)
 """
-
-
-@numba.njit
-def paper_algorithm(order, tau_f, tau_x, stiffness, mass_ratio, friction, shaking, h):
-    """Eqs. (10)–(12) as printed (with h^−β in the second line of eq. 10): the double loop."""
-    n = shaking.size - 1
-    weights = np.ones((2, n + 1))
-    speed = np.empty(2)
-    for i in range(2):
-        speed[i] = h ** -order[i]
-        for j in range(1, n + 1):
-            weights[i, j] = (1 - (order[i] + 1) / j) * weights[i, j - 1]
-    x, past = np.zeros((2, n + 2)), np.zeros((2, n + 1))
-    f = np.zeros(2)
-    phase, least = 0.0, 0.0
-    for m in range(1, n + 1):
-        for i in range(2):
-            memory = 0.0
-            for j in range(1, m + 1):
-                memory += weights[i, j] * past[i, m - j]
-            elastic = stiffness[i] * x[i, m] * (1 + tau_x[i] * speed[i])
-            f[i] = (elastic + speed[i] * memory) / (1 + tau_f[i] * speed[i])
-            past[i, m] = stiffness[i] * tau_x[i] * x[i, m] - tau_f[i] * f[i]
-        hold = (-f[0] + mass_ratio * f[1]) / (1 + mass_ratio)
-        slip = (x[0, m] - x[0, m - 1]) - (x[1, m] - x[1, m - 1])
-        if phase == 0:
-            if abs(hold) > friction:
-                phase = np.sign(hold)
-        elif slip * phase <= 0:
-            phase = 0.0 if abs(hold) <= friction else -phase
-        q = hold if phase == 0 else friction * phase
-        x[0, m + 1] = 2 * x[0, m] - x[0, m - 1] + h**2 * (-f[0] - q - shaking[m])
-        if phase == 0:
-            x[1, m + 1] = x[0, m + 1] - (x[0, m] - x[1, m])
-        else:
-            push = mass_ratio * (q - f[1]) - shaking[m]
-            x[1, m + 1] = 2 * x[1, m] - x[1, m - 1] + h**2 * push
-        least = min(least, x[1, m] - x[0, m])
-    return least
 
 
 def paper_run():

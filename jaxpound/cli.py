@@ -6,6 +6,7 @@ matplotlib is imported only where figures are drawn, so that help and refusals c
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 from collections.abc import Sequence
@@ -37,6 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = _parser().parse_args(argv)
         jax.config.update("jax_enable_x64", True)
+        with contextlib.suppress(RuntimeError):  # called where JAX runs already
+            jp.use_cores()
         args.run(args)
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""

@@ -59,20 +59,25 @@ def scan_with_history(
     n_steps: int,
     orders: Sequence[jax.Array],
     history: History,
+    segmented: bool = False,
     checkpoint: bool = False,
 ) -> tuple[Any, Any]:
     """``lax.scan`` of advance(carry, sums, m) → (carry, c, out) over m = 0 … n_steps.
 
     ``sums`` are S_m of each order, ``c`` the values c_m to be remembered. To fill whole blocks some
     steps m < 0 come first: ``advance`` must leave a system at rest there at rest, with c = 0.
-    ``checkpoint`` splits the scan into about √n_steps segments, of which reverse mode keeps the
-    first state only.
+    ``segmented`` splits the scan into about √n_steps segments, whose small outputs XLA fills faster
+    on a CPU; with ``checkpoint`` reverse mode keeps the first state of each only.
     """
     blocks = -(-(n_steps + 1) // BLOCK)
-    segment = math.isqrt(blocks - 1) + 1 if checkpoint else blocks
+    segment = blocks
+    if segmented or checkpoint:
+        root = math.isqrt(blocks - 1) + 1
+        segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
     segments = -(-blocks // segment)
     idle = segments * segment * BLOCK - (n_steps + 1)
 
+    advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
     kernels = [history.kernel(order, n_steps) for order in orders]
     near = [gl_weights(order, BLOCK) for order in orders]
 
@@ -101,12 +106,14 @@ def scan_with_history(
     def run(state: Any, _: None) -> tuple[Any, Any]:
         return lax.scan(block, state, length=segment)
 
-    memories, recent = [history.empty(kernel) for kernel in kernels], [0 * x for x in orders]
+    # As the carry is, so that memories too may differ between the shards of a ``jax.shard_map``.
+    rest = 0 * jax.tree.leaves(carry)[0]
+    memories = [jax.tree.map(lambda y: y + rest, history.empty(kernel)) for kernel in kernels]
+    recent = [rest for _ in kernels]
     state = jnp.asarray(-idle), carry, memories, recent
     if checkpoint:
-        state, out = lax.scan(jax.checkpoint(run, prevent_cse=False), state, length=segments)
-    else:
-        state, out = run(state, None)
+        run = jax.checkpoint(run, prevent_cse=False)
+    state, out = lax.scan(run, state, length=segments) if segments > 1 else run(state, None)
     series = jax.tree.map(lambda *x: jnp.stack(x, -1).reshape(-1)[idle:], *out)
     return state[1], series
 
@@ -140,7 +147,12 @@ class FullHistory:
         return lax.dynamic_update_slice(memory, c, (start - 1 + BLOCK,))
 
 
-class _ModalKernel(NamedTuple):
+# Modes are kept in groups small enough that a group's matrices take 512 bytes: loops whose buffers
+# are that small XLA runs on a CPU without its scheduler.
+_GROUP = 16
+
+
+class _Modes(NamedTuple):
     weight: jax.Array  # W_k, with ω_j ≈ Σ_k W_k s_k^{j−2} for j ≥ 2
     decay: jax.Array  # s_k over a block
     ahead: jax.Array  # s_k^i, shape (modes, BLOCK)
@@ -186,27 +198,32 @@ class ModalHistory:
         j = np.arange(2, n_steps + 1)
         return float(_weight_errors(np.array([order]), n_steps, self.n_modes(n_steps), j).sum())
 
-    def kernel(self, order: jax.Array, n_steps: int) -> _ModalKernel:
+    def kernel(self, order: jax.Array, n_steps: int) -> list[_Modes]:
         """Exponents and weights for a run of ``n_steps`` steps; differentiable in the order."""
         decay, fit = _modes(n_steps, self.n_modes(n_steps))
         weight = jnp.asarray(fit) @ _spectrum(order, n_steps, jnp)
         powers = decay[:, None] ** np.arange(BLOCK)
-        constants = decay**BLOCK, powers, powers[:, ::-1].T
-        return _ModalKernel(*(jnp.asarray(x, order.dtype) for x in (weight, *constants)))
+        ahead, absorb = jnp.asarray(powers, order.dtype), jnp.asarray(powers[:, ::-1], order.dtype)
+        far = jnp.asarray(decay**BLOCK, order.dtype)
+        weight = weight.astype(order.dtype)
+        groups = np.array_split(np.arange(decay.size), -(-decay.size // _GROUP))
+        parts = [slice(group[0], group[-1] + 1) for group in groups]
+        return [_Modes(weight[k], far[k], ahead[k], absorb[k].T) for k in parts]
 
-    def empty(self, kernel: _ModalKernel) -> jax.Array:
+    def empty(self, kernel: list[_Modes]) -> list[jax.Array]:
         """The modes y_k = Σ_{j≥2} s_k^{j−2} c_{m0−j}."""
-        return jnp.zeros_like(kernel.weight)
+        return [jnp.zeros_like(modes.weight) for modes in kernel]
 
-    def ahead(self, kernel: _ModalKernel, memory: jax.Array, start: jax.Array) -> jax.Array:
+    def ahead(self, kernel: list[_Modes], memory: list[jax.Array], start: jax.Array) -> jax.Array:
         """Σ_k W_k s_k^i y_k for i = 0 … BLOCK − 1."""
-        return (kernel.weight * memory) @ kernel.ahead
+        parts = [(m.weight * y) @ m.ahead for m, y in zip(kernel, memory, strict=True)]
+        return sum(parts[1:], parts[0])
 
     def absorb(
-        self, kernel: _ModalKernel, memory: jax.Array, start: jax.Array, c: jax.Array
-    ) -> jax.Array:
+        self, kernel: list[_Modes], memory: list[jax.Array], start: jax.Array, c: jax.Array
+    ) -> list[jax.Array]:
         """Let the modes decay over a block, and add its c."""
-        return kernel.decay * memory + c @ kernel.absorb
+        return [m.decay * y + c @ m.absorb for m, y in zip(kernel, memory, strict=True)]
 
 
 # For j ≥ 2, ω_j = −(sin πγ/π) ∫_0^∞ e^{−u(j−2)} e^{−u(2−γ)} (1 − e^{−u})^γ du. The trapezoidal rule

@@ -173,7 +173,8 @@ def demand(
     """Scalars of a run, streamed: as ``simulate(...).demand``, in O(modes) memory.
 
     A batch is ``jax.vmap`` of this function; where JAX has several devices of a kind (the cores of
-    a CPU after ``use_cores``), a batch is spread over them.
+    a CPU after ``use_cores``), a batch that they can share evenly is spread over them.
+    ``in_chunks`` spreads batches of any size, and keeps them in the caches.
 
     Parameters
     ----------
@@ -289,7 +290,8 @@ def _run(
         n,
         [structures.rod_1.order, structures.rod_2.order],
         scheme.history,
-        scheme.checkpoint,
+        segmented=bool(keep),
+        checkpoint=scheme.checkpoint,
     )
     slip_force = structures.friction if scheme.friction.set_valued else None
     result = tally.demand(structures.initial_gap, slip_force, temperature), series

@@ -86,8 +86,7 @@ odd = jax.vmap(gaps)(*batch(33))
 chunks = jp.in_chunks(gaps, 16)(*batch(39))
 # Inside a sharding of the caller's own nothing is spread again.
 mesh = Mesh(np.array(jax.devices()), ("mine",))
-own = jax.shard_map(
-    jax.vmap(gaps), mesh=mesh, in_specs=P("mine"), out_specs=P("mine"), check_vma=False)
+own = jax.shard_map(jax.vmap(gaps), mesh=mesh, in_specs=P("mine"), out_specs=P("mine"))
 own = jax.jit(own)(*map(jax.numpy.asarray, batch(64)))
 results = dict(whole=whole.min_gap, slope=slope, forward=forward, mean=mean, table=table,
                odd=odd.min_gap, chunks=chunks.min_gap, own=own.min_gap)

@@ -547,3 +547,13 @@ def test_python_m_jaxpound():
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.startswith("usage: jaxpound")
     assert done.stderr == ""
+
+
+def test_the_command_line_uses_every_core():
+    program = (
+        "import os, jax; from jaxpound.cli import main; "
+        "assert main(['simulate', '--record', 'missing.at2', '--out', 'none']) == 2; "
+        "assert len(jax.devices('cpu')) == len(os.sched_getaffinity(0)), jax.devices()"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
