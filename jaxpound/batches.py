@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
@@ -16,6 +17,9 @@ T = TypeVar("T")
 
 # Fewer runs than this a device are not worth the coordination.
 _SMALLEST_SHARE = 16
+
+# Longer series that all runs share, such as a record, are not copied for each.
+_SMALL = 64
 
 
 def use_cores(n: int | None = None) -> int:
@@ -125,35 +129,44 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
 def spread(tree: T) -> T:
     """``tree`` itself; under ``jax.vmap``, its batch is spread over the devices that JAX has.
 
-    Nothing happens where the batch cannot be divided evenly, where it is small, or inside a
-    sharding that the caller has set up.
+    It is not spread where it cannot be divided evenly, where it is small, or inside a sharding that
+    the caller has set up. Parameters that all runs share are given to each of them, but for long
+    series: derivatives then stay apart to the end, and are not summed over the batch at every step.
     """
-    return jax.tree.map(_spread, tree)
+    leaves, structure = jax.tree.flatten(tree)
+    return jax.tree.unflatten(structure, _spread(*leaves))
 
 
 @jax.custom_jvp
-def _spread(x: Any) -> Any:
-    return _placed(x)
+def _spread(*leaves: Any) -> list[Any]:
+    return _placed(*leaves)
 
 
 @_spread.defjvp
 def _spread_jvp(primals: Any, tangents: Any) -> Any:
-    return _placed(*primals), *tangents
+    return _placed(*primals), list(tangents)
 
 
 @custom_vmap
-def _placed(x: Any) -> Any:
-    return x
+def _placed(*leaves: Any) -> list[Any]:
+    return list(leaves)
 
 
 @_placed.def_vmap
-def _placed_batch(size: int, batched: list[bool], x: Any) -> Any:
+def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
+    def given(x: Any) -> Any:
+        return jnp.broadcast_to(x, (size, *jnp.shape(x)))
+
+    own = [b or jnp.size(x) <= _SMALL for x, b in zip(leaves, batched, strict=True)]
+    rows = [given(x) if o and not b else x for x, b, o in zip(leaves, batched, own, strict=True)]
     mesh = _mesh()
-    if not batched[0] or mesh is None or not jax.sharding.get_abstract_mesh().empty:
-        return x, batched[0]
+    if mesh is None or not jax.sharding.get_abstract_mesh().empty:
+        return rows, own
     if size % mesh.size or size < mesh.size * _SMALLEST_SHARE:
-        return _placed(x), True  # an outer vmap may still divide its own axis
-    return jax.lax.with_sharding_constraint(x, _split(mesh)), True
+        return _placed(*rows), own  # an outer vmap may still divide its own axis
+    split = _split(mesh)
+    pairs = zip(rows, own, strict=True)
+    return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], own
 
 
 @cache

@@ -235,6 +235,11 @@ class Smoothed:
     gives stick (w = 0) wherever Coulomb's law does. There is no true stick: blocks creep at
     w ≈ v_s A/(Rμ), so that ``phase`` is the sign of w.
 
+    The gradient tends to that of ``EventResolved`` as v_s falls, if steps resolve it: a v_s that
+    steps jump over spoils the gradient, much more than the value. Take at least h/2 times the
+    largest relative acceleration, half of ``abs(diff(v1 - v2)).max()`` of a run, and shorten the
+    step to go narrower (``benchmarks/gradients.py``).
+
     Parameters
     ----------
     velocity
