@@ -267,19 +267,22 @@ def widths():
 
 
 def checkpoints():
-    print(f"\nReverse mode of one run of {PAPER_GRID.n_steps:,} steps")
-    compiled = {}
-    for checkpoint in (False, True):
-        scheme = jp.Scheme(checkpoint=checkpoint)
+    print("\nReverse mode of one run: memory and time, plain and by checkpoints")
+    for n in (2500, 10_000, 40_000):
+        runs = {}
+        for checkpoint in (False, True):
+            grid, scheme = jp.TimeGrid(20 / n, n), jp.Scheme(checkpoint=checkpoint)
 
-        def gap(structures, scheme=scheme):
-            return jp.demand(structures, jp.paper.ground(), PAPER_GRID, scheme).min_gap
+            def gap(structures, grid=grid, scheme=scheme):
+                return jp.demand(structures, jp.paper.ground(), grid, scheme).min_gap
 
-        compiled[checkpoint] = jax.jit(jax.grad(gap)).lower(CASE).compile()
-    times = best({name: ready(f, CASE) for name, f in compiled.items()}, 3)
-    for name, function in compiled.items():
-        memory = function.memory_analysis().temp_size_in_bytes / 2**20
-        print(f"  checkpoint={name!s:5} {memory:8.2f} MiB {1e3 * times[name]:8.0f} ms")
+            runs[checkpoint] = jax.jit(jax.grad(gap)).lower(CASE).compile()
+        times = best({checkpoint: ready(run, CASE) for checkpoint, run in runs.items()}, 3)
+        memory = [run.memory_analysis().temp_size_in_bytes / 2**20 for run in runs.values()]
+        print(
+            f"  {n:6,} steps {memory[0]:8.2f} and {memory[1]:5.2f} MiB,"
+            f" {1e3 * times[False]:6.0f} and {1e3 * times[True]:4.0f} ms"
+        )
 
 
 def many():

@@ -13,6 +13,8 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
+from jaxpound._checks import is_traced
+
 T = TypeVar("T")
 
 # Fewer runs than this a device are not worth the coordination.
@@ -25,8 +27,12 @@ _SMALL = 64
 def use_cores(n: int | None = None) -> int:
     """Let JAX see ``n`` cores of this machine's CPU as devices, over which batches are spread.
 
-    A run uses one core; ``jax.vmap`` of ``demand`` or ``simulate`` then uses all. Call it once,
-    before JAX computes anything: ``jax.config.update("jax_num_cpu_devices", n)`` with a check.
+    A run uses one core. ``jax.vmap`` of ``demand`` or ``simulate`` then uses all, if its batch is
+    a multiple of n and at least 16 n; ``in_chunks`` uses them for a batch of any size. Call it
+    once, before JAX computes anything: ``jax.config.update("jax_num_cpu_devices", n)``, checked.
+
+    Results lie where they were computed, spread over the devices. Within ``jax.default_device(d)``,
+    and only there, arrays that are committed to one device can be batched: nothing is spread.
 
     Parameters
     ----------
@@ -45,11 +51,12 @@ def use_cores(n: int | None = None) -> int:
         If JAX has started with another number of CPU devices already.
     """
     if n is None:
-        n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    if not isinstance(n, int) or isinstance(n, bool) or n < 1:
+        known = hasattr(os, "sched_getaffinity")
+        n = len(os.sched_getaffinity(0)) if known else os.cpu_count() or 1
+    if not _is_count(n):
         raise ValueError(f"use_cores: n = {n!r} must be a positive whole number")
     try:
-        jax.config.update("jax_num_cpu_devices", n)
+        jax.config.update("jax_num_cpu_devices", int(n))
     except RuntimeError as error:
         started = len(jax.devices("cpu"))
         if started != n:
@@ -66,13 +73,14 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
     Memory beyond arguments and results does not grow with the batch, and a chunk that fits the
     caches is faster too. ``function`` takes and returns pytrees of arrays; every argument is
     batched along its first axis. Chunks are spread over the devices that JAX has; the last is
-    filled up with copies of its last run.
+    filled up with copies of its last run. It compiles at its first call: keep it for more calls.
 
     Parameters
     ----------
     function
         What to do with one run, such as ``lambda structures, ground: jp.demand(...)``, a gradient
-        of it, or a draw by ``jax.random.fold_in(key, index)`` followed by a run.
+        of it, or a draw by ``jax.random.fold_in(key, index)`` followed by a run. What all runs
+        share, and what is to be differentiated, belongs inside it.
     chunk_size
         Runs at a time, rounded up to a multiple of the number of devices; by default 512 for every
         core of a CPU (what fits its cache), 65,536 for every other device.
@@ -85,18 +93,22 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
     ------
     ValueError
         If chunk_size is not a positive whole number, or (when called) if the arguments are not
-        arrays with one and the same length, at least 1.
+        arrays with one and the same length, at least 1, if the results are not numbers, or inside
+        ``jit``, ``vmap`` or ``grad``.
     """
-    if chunk_size is not None and (
-        not isinstance(chunk_size, int) or isinstance(chunk_size, bool) or chunk_size < 1
-    ):
+    if not callable(function):
+        raise ValueError(f"in_chunks: function = {function!r} must be a function")
+    if chunk_size is not None and not _is_count(chunk_size):
         raise ValueError(f"in_chunks: chunk_size = {chunk_size!r} must be a positive whole number")
     run = jax.jit(jax.vmap(function))
 
     def mapped(*args: Any) -> T:
         n = _batch_size(args)
+        _no_tracer(args)
         devices = jax.local_devices()
-        size = chunk_size or len(devices) * (512 if devices[0].platform == "cpu" else 65_536)
+        size = int(chunk_size or 0) or len(devices) * (
+            512 if devices[0].platform == "cpu" else 65_536
+        )
         size = -(-min(size, n) // len(devices)) * len(devices)
         mesh = _mesh()
         results: Any = None
@@ -108,8 +120,9 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
 
         def keep(start: int, part: Any) -> None:
             nonlocal results
+            _no_tracer(part)
             if results is None:
-                results = jax.tree.map(lambda x: np.empty((n, *x.shape[1:]), x.dtype), part)
+                results = jax.tree.map(lambda x: _room(n, x), part)
             rows = slice(start, min(start + size, n))
             for whole, piece in zip(*map(jax.tree.leaves, (results, part)), strict=True):
                 whole[rows] = np.asarray(piece)[: rows.stop - start]
@@ -144,7 +157,7 @@ def _spread(*leaves: Any) -> list[Any]:
 
 @_spread.defjvp
 def _spread_jvp(primals: Any, tangents: Any) -> Any:
-    return _placed(*primals), list(tangents)
+    return _spread(*primals), list(tangents)
 
 
 @custom_vmap
@@ -159,11 +172,12 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
 
     own = [b or jnp.size(x) <= _SMALL for x, b in zip(leaves, batched, strict=True)]
     rows = [given(x) if o and not b else x for x, b, o in zip(leaves, batched, own, strict=True)]
-    mesh = _mesh()
+    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
+    mesh = None if chosen else _mesh()
     if mesh is None or not jax.sharding.get_abstract_mesh().empty:
         return rows, own
     if size % mesh.size or size < mesh.size * _SMALLEST_SHARE:
-        return _placed(*rows), own  # an outer vmap may still divide its own axis
+        return _spread(*rows), own  # an outer vmap may still divide its own axis
     split = _split(mesh)
     pairs = zip(rows, own, strict=True)
     return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], own
@@ -187,6 +201,25 @@ def _batch_size(args: tuple[Any, ...]) -> int:
     if len(sizes) != 1 or None in sizes or 0 in sizes:
         raise ValueError(
             f"in_chunks: arguments of shapes {', '.join(map(str, shapes))} must be arrays with "
-            "the same number of runs, at least 1, along their first axis"
+            "the same number of runs, at least 1, along their first axis; "
+            "what all runs share belongs inside the function"
         )
     return shapes[0][0]
+
+
+def _no_tracer(tree: Any) -> None:
+    if is_traced(tree):
+        raise ValueError(
+            "in_chunks runs outside jit, vmap and grad; take derivatives inside its function, "
+            "and the sum or mean of its results"
+        )
+
+
+def _room(n: int, x: jax.Array) -> np.ndarray:
+    if not isinstance(x.dtype, np.dtype):
+        raise ValueError(f"in_chunks: results of type {x.dtype} must be numbers")
+    return np.empty((n, *x.shape[1:]), x.dtype)
+
+
+def _is_count(n: Any) -> bool:
+    return isinstance(n, int | np.integer) and not isinstance(n, bool) and bool(n >= 1)

@@ -173,17 +173,18 @@ def demand(
     """Scalars of a run, streamed: as ``simulate(...).demand``, in O(modes) memory.
 
     A batch is ``jax.vmap`` of this function; where JAX has several devices of a kind (the cores of
-    a CPU after ``use_cores``), a batch that they can share evenly is spread over them.
-    ``in_chunks`` spreads batches of any size, and keeps them in the caches.
+    a CPU after ``use_cores``), a batch that they can share evenly, with at least 16 runs each, is
+    spread over them. ``in_chunks`` spreads batches of any size, and keeps them in the caches.
 
     Parameters
     ----------
     structures, ground, grid, scheme
         As of ``simulate``.
     temperature
-        T > 0, in the unit of the gap, asks for ``Demand.soft_min_gap``, −T log of the mean of
-        e^(−ξ/T) over the run: smooth in every parameter, and between the smallest gap (T → 0) and
-        the mean (T → ∞).
+        T > 0, dimensionless as the gap ξ (in g/ω1²), asks for ``Demand.soft_min_gap``, −T log of
+        the mean of e^(−ξ/T) over the run's instants: smooth in every parameter, and between the
+        smallest ξ of them (T → 0) and their mean (T → ∞). Never below the smallest, and nearer to
+        the mean the longer the quiet end of a run.
 
     Returns
     -------
@@ -348,6 +349,7 @@ def _finished(result: Any) -> Any:
     scalars = result.demand if isinstance(result, Response) else result
     if not is_traced(scalars) and not all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         raise FloatingPointError(
-            "the run ended in non-finite numbers: the ground motion returns some, or overflows"
+            "the run ended in non-finite numbers: the ground motion returns some or overflows, "
+            "or the temperature is too small"
         )
     return result

@@ -79,7 +79,6 @@ def devices(x): return len(x.sharding.device_set)
 whole = jax.vmap(gaps)(*batch(64))
 assert devices(whole.min_gap) == 2 and not whole.min_gap.sharding.is_fully_replicated
 slope = jax.vmap(jax.grad(lambda a, mu: gaps(a, mu).min_gap, argnums=(0, 1)))(*batch(64))
-forward = jax.vmap(jax.jacfwd(lambda a, mu: gaps(a, mu).min_gap, argnums=(0, 1)))(*batch(64))
 mean = jax.grad(lambda mu: jax.vmap(lambda a: gaps(a, mu).min_gap)(batch(64)[0]).mean())(0.2)
 table = jax.vmap(lambda a: jax.vmap(lambda mu: gaps(a, mu).min_gap)(batch(3)[1]))(batch(32)[0])
 odd = jax.vmap(gaps)(*batch(33))
@@ -88,14 +87,18 @@ chunks = jp.in_chunks(gaps, 16)(*batch(39))
 mesh = Mesh(np.array(jax.devices()), ("mine",))
 own = jax.shard_map(jax.vmap(gaps), mesh=mesh, in_specs=P("mine"), out_specs=P("mine"))
 own = jax.jit(own)(*map(jax.numpy.asarray, batch(64)))
-results = dict(whole=whole.min_gap, slope=slope, forward=forward, mean=mean, table=table,
-               odd=odd.min_gap, chunks=chunks.min_gap, own=own.min_gap)
+# Nor within a default device, so that arrays may be committed to it.
+with jax.default_device(jax.devices()[1]):
+    there = jax.vmap(gaps)(*jax.device_put(batch(64), jax.devices()[1])).min_gap
+assert devices(there) == 1
+results = dict(whole=whole.min_gap, slope=slope, mean=mean, table=table, odd=odd.min_gap,
+               chunks=chunks.min_gap, own=own.min_gap, there=there)
 np.savez(sys.argv[1], **{k: np.asarray(v) for k, v in results.items()})
 """
 
 
 def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
-    """Values, both modes of derivatives, a sum over the batch, nested and odd batches."""
+    """Values, derivatives, a mean over the batch, nested and odd batches, against a loop."""
     path = tmp_path / "two.npz"
     done = subprocess.run(
         [sys.executable, "-c", SHARDED, str(path)], capture_output=True, text=True, check=False
@@ -107,17 +110,48 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
     def gap(a, mu):
         return gaps(a, mu).min_gap
 
-    slope = jax.vmap(jax.grad(gap, argnums=(0, 1)))(a, mu)
+    run = jax.jit(jax.value_and_grad(gap, argnums=(0, 1)))
+
+    def loop(a, mu):
+        values, slopes = zip(*[run(*case) for case in zip(a, mu, strict=True)], strict=True)
+        return np.array(values), np.array(slopes).T
+
+    whole, slope = loop(a, mu)
     one = {
-        "whole": jax.vmap(gap)(a, mu),
+        "whole": whole,
         "slope": slope,
-        "forward": slope,
-        "mean": jax.vmap(jax.grad(gap, argnums=1))(a, np.full(64, 0.2)).mean(),
-        "table": jax.vmap(lambda a: jax.vmap(lambda mu: gap(a, mu))(batch(3)[1]))(batch(32)[0]),
-        "odd": jax.vmap(gap)(*batch(33)),
-        "chunks": jax.vmap(gap)(*batch(39)),
-        "own": jax.vmap(gap)(a, mu),
+        "mean": loop(a, np.full(64, 0.2))[1][1].mean(),
+        "table": [loop(np.full(3, x), batch(3)[1])[0] for x in batch(32)[0]],
+        "odd": loop(*batch(33))[0],
+        "chunks": loop(*batch(39))[0],
+        "own": whole,
+        "there": whole,
     }
     assert set(one) == set(two)
     for name, values in one.items():
         np.testing.assert_allclose(two[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_second_derivatives_of_a_batch_against_differences_of_the_first():
+    a, mu = batch(3)
+
+    def slope(a, mu):
+        return jax.jacfwd(lambda mu: gaps(a, mu).min_gap)(mu)
+
+    bend = jax.vmap(jax.jacfwd(slope, argnums=1))(a, mu)
+    step = 1e-6
+    slopes = [jax.vmap(slope)(a, mu + sign * step) for sign in (1, -1)]
+    np.testing.assert_allclose(bend, (slopes[0] - slopes[1]) / (2 * step), rtol=1e-5, atol=1e-7)
+    assert np.abs(bend).max() > 1e-3
+
+
+def test_chunks_inside_a_transformation_are_refused_by_name():
+    chunked = jp.in_chunks(lambda x: 2 * x)
+    with pytest.raises(ValueError, match="in_chunks runs outside jit, vmap and grad"):
+        jax.jit(chunked)(jnp.ones(3))
+    with pytest.raises(ValueError, match="in_chunks runs outside jit, vmap and grad"):
+        jax.grad(lambda y: jp.in_chunks(lambda x: x * y)(np.ones(3)).sum())(2.0)
+    with pytest.raises(ValueError, match=r"results of type key<fry> must be numbers"):
+        jp.in_chunks(lambda x: jax.random.key(0))(np.ones(3))
+    with pytest.raises(ValueError, match="in_chunks: function = 3 must be a function"):
+        jp.in_chunks(3)
