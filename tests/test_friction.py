@@ -77,7 +77,7 @@ def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
 @given(step)
 def test_friction_opposes_slip_and_stays_within_its_bound(case):
     slip = slide(jp.EventResolved(), **case)
-    assert abs(slip.force) <= case["mu"]
+    assert abs(slip.force) <= case["mu"] * (1 + 1e-15)
     assert abs(slip.mean_force) <= case["mu"] + 1e-12
     assert slip.force * slip.velocity_now >= 0
 
