@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxpound._branches import larger, smaller
 from jaxpound._checks import Rule, enforce, is_traced, number
 
 
@@ -122,9 +123,9 @@ def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h:
     dips = (half > 0) & (d > half) & (below >= 0)  # both roots within the step
     stops = (speed + drive <= 0) | dips | ~slips_first
     solve = stops & slips_first
-    root = jnp.sqrt(jnp.where(solve, jnp.maximum(below, _tiny(w)), 1.0))
+    root = jnp.sqrt(jnp.where(solve, larger(below, _tiny(w)), 1.0))
     theta = 2 * speed / jnp.where(solve, half + root, 1.0)
-    theta = jnp.where(solve, jnp.minimum(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
+    theta = jnp.where(solve, smaller(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
 
     # Stick, until |A| exceeds what holds at φ.
     a_stop, a_end, a_rest = a + d * (theta - 0.5), a + d / 2, a + d * theta / 2
@@ -136,19 +137,22 @@ def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h:
 
     # Slip again, from rest.
     after = jnp.sign(jnp.where(sticks, a_end, a_rest))
-    gained = (1 - theta) * jnp.maximum(jnp.abs(a_rest) - hold, 0.0)
+    gained = (1 - theta) * larger(jnp.abs(a_rest) - hold, 0.0)
     gained = jnp.where(sticks, excess * left / 2, gained)
-    # Without friction nothing ever sticks, not even the smallest motion about rest.
-    w_new = h * jnp.where(stops & (hold > 0), after * gained, speed + drive)
+    # Without friction nothing ever sticks, not even the smallest motion about rest: there the
+    # reversal's impulse, which is zero, counts for its derivative by hold.
+    turned = h * (speed + a - hold * (theta + after * (1 - theta)))
+    w_new = jnp.where(stops & (hold > 0), h * after * gained, turned)
 
     slipping = theta >= 0.5
     # A push that reverses nothing leaves the link stuck, with what force it has.
     stuck = ~slipping & ((phi >= 0.5) | (stops & (gained == 0)))
-    resistance = jnp.where(stuck, jnp.clip(a, -hold, hold), after * hold)
-    before_now = h * (speed + (drive - d / 4) / 2)
-    after_now = jnp.maximum(after * (w_new - h / 2 * (a + d / 4)) + h / 2 * hold, 0.0)
+    resistance = jnp.where(stuck, _held(a, hold), after * hold)
+    opposed = smaller(theta, 0.5) + after * larger(0.5 - theta, 0.0)
+    turned_now = h * (speed + (a - d / 4) / 2 - hold * opposed)
+    after_now = larger(after * (w_new - h / 2 * (a + d / 4)) + h / 2 * hold, 0.0)
     w_now = jnp.where(stuck, 0.0, after * after_now)
-    w_now = jnp.where(slipping, jnp.maximum(before_now, 0.0), w_now)
+    w_now = jnp.where(slipping, larger(turned_now, 0.0), w_now)
 
     # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
     s = h * (theta - 0.5)
@@ -156,16 +160,21 @@ def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h:
     return _Resolved(
         velocity=way * w_new,
         resistance=way * jnp.where(slipping, hold, resistance),
-        velocity_now=way * jnp.where(hold > 0, w_now, before_now),
+        velocity_now=way * jnp.where(hold > 0, w_now, turned_now),
         jump=way * jnp.where(solve, released * s**2 / 2, 0.0),
         turns=solve.astype(w.dtype),
         turn_time=s,
         turn=-way * (drive + 2 / 3 * d * (theta - 0.5)) * s**2 / 2,
         before=way * hold,
-        after=way * jnp.clip(a_stop, -hold, hold),
+        after=way * _held(a_stop, hold),
         phase=way * jnp.where(stops, jnp.sign(w_new), 1.0),
         change_time=jnp.where(sticks & ~breaks, s, h * (phi - 0.5)),
     )
+
+
+def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
+    # One limit, not two: at hold = 0 they would coincide.
+    return jnp.sign(a) * smaller(jnp.abs(a), hold)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(4,))

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxpound._branches import larger, smaller
 from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
 from jaxpound._pytree import label, pytree_dataclass
 
@@ -259,7 +260,7 @@ class Record(_Combinable):
     def _place(self, t: ArrayLike) -> tuple[jax.Array, jax.Array]:
         """Sample to the left of t, among samples with a zero at either end, and the way from it."""
         last = self.n_samples + 1
-        place = jnp.clip(jnp.asarray(t) / self.dt + 1, 0, last)
+        place = larger(smaller(jnp.asarray(t) / self.dt + 1, last), 0)
         left = jnp.minimum(place.astype(int), last - 1)
         return left, place - left
 

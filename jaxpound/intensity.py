@@ -9,13 +9,14 @@ import jax.numpy as jnp
 from jax.scipy.integrate import trapezoid
 from jaxtyping import Array, Float
 
+from jaxpound._branches import peak
 from jaxpound.ground import GroundLike, Record, sampled
 from jaxpound.scheme import TimeGrid
 
 
 def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
     """Peak ground acceleration max |u''|, in g; a ``Record`` needs no grid."""
-    return jnp.max(jnp.abs(_samples(ground, grid)[0]))
+    return peak(_samples(ground, grid)[0])
 
 
 def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) -> Float[Array, ""]:
@@ -25,7 +26,7 @@ def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) 
     """
     a, dt = _samples(ground, grid)
     velocity = gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2)
-    return jnp.max(jnp.abs(velocity))
+    return peak(velocity)
 
 
 def arias_intensity(

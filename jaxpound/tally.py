@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxpound._branches import larger
 from jaxpound.response import Demand
 
 
@@ -47,14 +48,14 @@ class Peak(NamedTuple):
         arch = smooth & (self.rise * rise < 0)
         bend = jnp.where(arch, rise - self.rise, 1.0)
         vertex = jnp.where(arch, self.last - (self.rise + rise) ** 2 / (8 * bend), y)
-        largest = jnp.maximum(self.largest, jnp.maximum(jnp.abs(y), jnp.abs(vertex)))
+        largest = larger(self.largest, larger(jnp.abs(y), jnp.abs(vertex)))
         return Peak(largest, y, rise)
 
     def reaching(self, *values: jax.Array) -> Peak:
         """The peak with further values, not samples, taken into account."""
         largest = self.largest
         for value in values:
-            largest = jnp.maximum(largest, jnp.abs(value))
+            largest = larger(largest, jnp.abs(value))
         return self._replace(largest=largest)
 
 
