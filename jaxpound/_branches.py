@@ -1,8 +1,9 @@
-"""The larger and the smaller of two numbers, for what is differentiated.
+"""The larger and the smaller of two numbers, where they are differentiated.
 
 ``jnp.maximum`` and ``jnp.max`` find the branch of their derivative by comparing the result with the
 operands. A compiled program may evaluate an operand twice, rounded differently; it then equals
-neither, and the derivative is lost as a zero, or as 0/0. Here a comparison decides, as in the value.
+neither, and the derivative is lost as a zero, or as 0/0. Here a comparison decides, as in the
+value.
 """
 
 from __future__ import annotations
@@ -24,6 +25,6 @@ def smaller(a: Any, b: Any) -> jax.Array:
 
 
 def peak(series: jax.Array) -> jax.Array:
-    """max |y| of a series y, shape (n,)."""
+    """Largest |y| of a series y, shape (n,)."""
     size = jnp.abs(series)
     return size[jnp.argmax(size)]

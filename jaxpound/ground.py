@@ -241,9 +241,17 @@ class Record(_Combinable):
 
     def acceleration(self, t: ArrayLike) -> jax.Array:
         """u''(t) by linear interpolation, of the shape of ``t``."""
+        return self.acceleration_function()(t)
+
+    def acceleration_function(self) -> Callable[[Any], Any]:
+        """u''(t); the samples are prepared once, here."""
         samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
-        left, share = self._place(t)
-        return (1 - share) * samples[left] + share * samples[left + 1]
+
+        def acceleration(t: Any) -> jax.Array:
+            left, share = self._place(t)
+            return (1 - share) * samples[left] + share * samples[left + 1]
+
+        return acceleration
 
     def velocity_function(self) -> Callable[[Any], jax.Array]:
         """u'(t), exactly integrated from rest; the sums over samples are made once, here."""
@@ -362,23 +370,23 @@ class Sampled(_Combinable):
         return [Rule("acceleration", self.samples, finite(self.samples), "finite")]
 
 
-def mean_acceleration(ground: Any) -> Callable[[Any, Any], Any]:
-    """A function of t and h: the mean of u'' over h about t, as a step of the simulator takes it.
+def acceleration_and_mean(ground: Any, h: float) -> Callable[[Any], tuple[Any, Any]]:
+    """A function of t: u''(t), and its mean over h about t, as a step of the simulator takes it.
 
     A record's kinks lie on the instants of the grid, where u'' at a point has no derivative by the
     time scale; its mean, from the exact integral, has one and is closer. Of a smooth ground motion
     the value at t is the mean to second order.
     """
     if isinstance(ground, Sum):
-        means = [mean_acceleration(part) for part in ground.grounds]
-        return lambda t, h: sum(mean(t, h) for mean in means)
+        parts = [acceleration_and_mean(part, h) for part in ground.grounds]
+        return lambda t: jax.tree.map(lambda *terms: sum(terms), *[part(t) for part in parts])
     if isinstance(ground, Scaled):
-        mean = mean_acceleration(ground.ground)
-        return lambda t, h: ground.factor * mean(t, h)
+        whole = acceleration_and_mean(ground.ground, h)
+        return lambda t: jax.tree.map(lambda a: ground.factor * a, whole(t))
     if not isinstance(ground, Record):
-        return lambda t, h: ground.acceleration(t)
-    integral = ground.velocity_function()
-    return lambda t, h: (integral(t + h / 2) - integral(t - h / 2)) / h
+        return lambda t: (ground.acceleration(t),) * 2
+    value, integral = ground.acceleration_function(), ground.velocity_function()
+    return lambda t: (value(t), (integral(t + h / 2) - integral(t - h / 2)) / h)
 
 
 def accelerate(ground: GroundLike, t: ArrayLike) -> Any:

@@ -42,6 +42,10 @@ class Demand:
     """Energy taken by the damper, ∫ q (x1' − x2') dt."""
     residual_offset: Any
     """x2 − x1 at the end of the run: by how much the gap has changed."""
+    pga: Any
+    """Peak ground acceleration, largest |u''| at the instants of the run."""
+    pgv: Any
+    """Peak ground velocity, largest |u'| there, from rest by the trapezoidal rule."""
     soft_min_gap: Any = None
     """−T log of the mean of e^(−ξ/T) over the run, for the temperature T given to ``demand``."""
     si: bool = static(default=False)

@@ -23,8 +23,8 @@ from jaxpound.friction import Link
 from jaxpound.ground import (
     Ground,
     GroundLike,
+    acceleration_and_mean,
     ground_rules,
-    mean_acceleration,
     require_ground,
     sampled,
 )
@@ -62,15 +62,16 @@ def step(
     state: State,
     sums: list[jax.Array],
     time: jax.Array,
-    shaking: jax.Array,
+    ground: tuple[jax.Array, jax.Array],
     dt: float,
     scheme: Scheme,
 ) -> tuple[State, list[jax.Array], Instant]:
     """One step of eq. (9): the state at t_{m+1}, both rods' c_m, and what is seen at t_m.
 
-    ``sums`` are both rods' history sums S_m; ``shaking`` is the mean of u'' over the step from
-    t_m − h/2 to t_m + h/2.
+    ``sums`` are both rods' history sums S_m; ``ground`` is u'' at t_m and its mean over the step
+    from t_m − h/2 to t_m + h/2.
     """
+    ground_acceleration, shaking = ground
     x1, x2 = state.x1, state.x1 - state.slip
     rho = laws.mass_ratio
 
@@ -103,6 +104,7 @@ def step(
     kink = slip.velocity_now - (w + slip.velocity) / 2
     now = Instant(
         time=time,
+        ground_acceleration=ground_acceleration,
         x1=x1,
         slip=state.slip,
         v1=(state.v1 + v1) / 2 + kink / (1 + rho),
@@ -268,8 +270,9 @@ def _run(
     valid &= all_hold([*ground_rules(ground), *_temperature_rules(temperature)])
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
     # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
-    mean = mean_acceleration(ground)
-    before = dt * mean(jnp.zeros((), dtype), dt) * (0.5 if scheme.start == "rest" else 1.0)
+    accelerations = acceleration_and_mean(ground, dt)
+    start = accelerations(jnp.zeros((), dtype))[1]
+    before = dt * start * (0.5 if scheme.start == "rest" else 1.0)
     before = before.astype(dtype)
 
     def advance(
@@ -277,10 +280,10 @@ def _run(
     ) -> tuple[tuple[State, Tally], list[jax.Array], list[jax.Array]]:
         state, tally = carry
         time = m.astype(dtype) * dt
-        shaking = mean(jnp.maximum(time, 0), dt).astype(dtype)
-        shaking = jnp.where(m < 0, zero, shaking)
+        now_and_mean = accelerations(jnp.maximum(time, 0))
+        a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
         state = state._replace(v1=jnp.where(m == 0, before, state.v1))
-        state, c, now = step(laws, state, sums, time, shaking, dt, scheme)
+        state, c, now = step(laws, state, sums, time, (a, mean), dt, scheme)
         tally = tally.observe(now, rho, dt, m == n, temperature)
         return (state, tally), c, [getattr(now, name) for name in keep]
 

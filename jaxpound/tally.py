@@ -20,6 +20,7 @@ class Instant(NamedTuple):
     """The state of the system at one instant t_m, and what friction did around it."""
 
     time: jax.Array
+    ground_acceleration: jax.Array
     x1: jax.Array
     slip: jax.Array  # x1 − x2
     v1: jax.Array
@@ -78,8 +79,30 @@ class LogMeanExp(NamedTuple):
         return self.largest + jnp.log(self.total / self.time)
 
 
+class GroundPeaks(NamedTuple):
+    """Largest ground acceleration and velocity at the instants, from rest."""
+
+    last: jax.Array  # u''
+    velocity: jax.Array
+    largest: jax.Array
+    largest_velocity: jax.Array
+
+    def observe(self, a: jax.Array, dt: float, starts: jax.Array) -> GroundPeaks:
+        """The peaks with one more acceleration, the first of all if the run ``starts``."""
+        gained = jnp.where(starts, 0.0, dt * (self.last + a) / 2)
+        velocity = self.velocity + gained
+        return GroundPeaks(
+            a,
+            velocity,
+            larger(self.largest, jnp.abs(a)),
+            larger(self.largest_velocity, jnp.abs(velocity)),
+        )
+
+
 class Tally(NamedTuple):
     """A ``Demand`` in the making."""
+
+    ground: GroundPeaks
 
     slip: jax.Array
     farthest: jax.Array  # largest x1 − x2, where the gap is smallest
@@ -101,7 +124,8 @@ class Tally(NamedTuple):
         """Nothing has happened yet; ``soft`` asks for the soft minimum of the gap as well."""
         peaks = [Peak(zero, zero, zero)] * 6
         softly = LogMeanExp(zero, zero, zero) if soft else None
-        fields: list[Any] = [*[zero] * 6, *peaks, zero, softly]
+        ground = GroundPeaks(zero, zero, zero, zero)
+        fields: list[Any] = [ground, *[zero] * 6, *peaks, zero, softly]
         return Tally(*fields)
 
     def observe(
@@ -139,6 +163,7 @@ class Tally(NamedTuple):
         if softly is not None:
             softly = softly.observe(now.slip / temperature, jnp.where(now.time < 0, 0.0, share))
         return Tally(
+            ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
             slip=now.slip,
             farthest=jnp.where(ends, now.slip, farthest),
             farthest_time=jnp.where(ends, now.time, farthest_time),
@@ -176,5 +201,7 @@ class Tally(NamedTuple):
             slip_distance=distance,
             friction_work=self.work if slip_force is None else slip_force * distance,
             residual_offset=-self.slip,
+            pga=self.ground.largest,
+            pgv=self.ground.largest_velocity,
             soft_min_gap=None if soft is None else initial_gap - temperature * soft.value(),
         )

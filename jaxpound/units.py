@@ -253,6 +253,8 @@ class Scales:
             slip_distance=demand.slip_distance * length,
             friction_work=demand.friction_work * force * length,
             residual_offset=demand.residual_offset * length,
+            pga=demand.pga * self.gravity,
+            pgv=demand.pgv * length / self.time,
             soft_min_gap=None if demand.soft_min_gap is None else demand.soft_min_gap * length,
             si=True,
         )

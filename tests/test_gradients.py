@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
-from reference import convergence_order, paper_gradient
+from reference import SOON, convergence_order, paper_gradient
 
 import jaxpound as jp
 
@@ -23,9 +23,6 @@ NAMES = [*(field.name for field in dataclasses.fields(jp.Demand) if field.name !
 SCHEME, GRID = jp.Scheme(), jp.TimeGrid.until(20.0, 0.04)
 NOISE = 0.1 * np.random.default_rng(0).normal(size=100)
 LANES = 128  # in every batch, so that each mode of a scheme is compiled once
-
-# Without fusion, which only saves time, reverse mode compiles in half the time.
-SOON = {"xla_disable_hlo_passes": "fusion", "xla_backend_optimization_level": 0}
 
 
 def vector(structures, ground):
@@ -69,7 +66,10 @@ def value(scheme, grid):
 @cache
 def forward(scheme, grid):
     """From a case and a direction to the scalars and their derivatives."""
-    return in_lanes(lambda x, d: jnp.stack(jax.jvp(lambda x: scalars(x, scheme, grid), (x,), (d,))))
+    return in_lanes(
+        lambda x, d: jnp.stack(jax.jvp(lambda x: scalars(x, scheme, grid), (x,), (d,))),
+        None if grid == GRID else SOON,
+    )
 
 
 @cache
@@ -236,13 +236,16 @@ def test_nine_derivatives_of_the_paper_s_case_at_three_steps():
 def test_every_scalar_and_its_derivatives_converge_at_order_two():
     """The gradient by all inputs as one: single derivatives cross their limits on the way.
 
-    Here the acceleration of block 2 peaks by a jump of friction: its derivatives are rough.
+    Here the acceleration of block 2 peaks by a jump of friction: its derivatives are rough. The
+    shaking's own peaks are those of the grid by definition.
     """
     steps, runs = [0.04, 0.02, 0.005], {h: paper_jacobian(h) for h in (0.04, 0.02, 0.005, 0.002)}
     fine, fine_slopes = runs[0.002]
     # To second order the distance to the fine run goes with h² − 0.002².
     effective = np.sqrt(np.array(steps) ** 2 - 0.002**2)
-    for i, name in enumerate(NAMES[:-1]):
+    for i, name in enumerate(NAMES):
+        if name in ("pga", "pgv", "pounds"):
+            continue
         errors = [abs(runs[h][0][i] - fine[i]) for h in steps]
         slopes = [np.linalg.norm(runs[h][1][i] - fine_slopes[i]) for h in steps]
         orders = [convergence_order(effective, e) for e in (errors, slopes)]
@@ -265,7 +268,8 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
         def min_gap(structures, scheme=scheme):
             return jp.demand(structures, jp.paper.ground(), grid, scheme).min_gap
 
-        gradient = paper_gradient(jax.jacfwd(min_gap)(jp.paper.structures()))
+        slopes = jax.jit(jax.jacfwd(min_gap), compiler_options=SOON)
+        gradient = paper_gradient(slopes(jp.paper.structures()))
         errors.append(max(abs(ours - true) for ours, true in gradient.values()))
     assert errors[0] > errors[1] > errors[2]
     assert convergence_order(widths, errors) > 0.5

@@ -23,7 +23,7 @@ def synthetic(**series):
     values = dict.fromkeys((*names, "phase", "change_time"), zero) | {
         name: f(t) for name, f in series.items()
     }
-    scalars = jp.Demand(*np.zeros(11))
+    scalars = jp.Demand(*np.zeros(13))
     return jp.Response(time=t, **values, mass_1=1.0, mass_2=4.0, demand=scalars)
 
 
