@@ -8,16 +8,27 @@ True
 
 from jaxpound import paper
 from jaxpound.batches import in_chunks, use_cores
+from jaxpound.distributions import LogNormal, Normal, Uniform
+from jaxpound.estimates import Estimate
 from jaxpound.fractional import FullHistory, ModalHistory, gl_weights
 from jaxpound.friction import EventResolved, Smoothed, Switching
 from jaxpound.ground import Record, Ricker
 from jaxpound.intensity import arias_intensity, pga, pgv
+from jaxpound.monte_carlo import monte_carlo
 from jaxpound.records import read_record
 from jaxpound.response import Demand, Energy, Phase, Response
 from jaxpound.rods import rod_force
+from jaxpound.scenarios import (
+    CustomDraw,
+    RandomRecord,
+    RandomRicker,
+    Scenarios,
+    UncertainStructures,
+)
 from jaxpound.scheme import PAPER_SCHEME, Scheme, TimeGrid, stability_limit
 from jaxpound.simulation import demand, simulate
 from jaxpound.structures import AdjacentStructures, ZenerRod
+from jaxpound.study import Study
 from jaxpound.units import STANDARD_GRAVITY, Building, Scales, dimensionless
 
 __version__ = "0.1.0"
@@ -27,26 +38,37 @@ __all__ = [
     "STANDARD_GRAVITY",
     "AdjacentStructures",
     "Building",
+    "CustomDraw",
     "Demand",
     "Energy",
+    "Estimate",
     "EventResolved",
     "FullHistory",
+    "LogNormal",
     "ModalHistory",
+    "Normal",
     "Phase",
+    "RandomRecord",
+    "RandomRicker",
     "Record",
     "Response",
     "Ricker",
     "Scales",
+    "Scenarios",
     "Scheme",
     "Smoothed",
+    "Study",
     "Switching",
     "TimeGrid",
+    "UncertainStructures",
+    "Uniform",
     "ZenerRod",
     "arias_intensity",
     "demand",
     "dimensionless",
     "gl_weights",
     "in_chunks",
+    "monte_carlo",
     "paper",
     "pga",
     "pgv",

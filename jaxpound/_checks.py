@@ -64,6 +64,14 @@ def number(owner: str, name: str, value: Any) -> Any:
     return value
 
 
+def count(owner: str, name: str, value: Any) -> int:
+    """``value`` as an integer; a ``ValueError`` for what is not a whole number from 1 on."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (whole and value >= 1):
+        raise ValueError(f"{owner}: {name} = {value!r} must be a positive whole number")
+    return int(value)
+
+
 def positive(owner: str, **values: Any) -> list[Any]:
     """``real`` of each value; a ``ValueError`` for a known one that is not positive and finite."""
     numbers = [real(owner, name, value) for name, value in values.items()]

@@ -13,7 +13,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
-from jaxpound._checks import is_traced
+from jaxpound._checks import count, is_traced
 
 T = TypeVar("T")
 
@@ -53,10 +53,9 @@ def use_cores(n: int | None = None) -> int:
     if n is None:
         known = hasattr(os, "sched_getaffinity")
         n = len(os.sched_getaffinity(0)) if known else os.cpu_count() or 1
-    if not _is_count(n):
-        raise ValueError(f"use_cores: n = {n!r} must be a positive whole number")
+    n = count("use_cores", "n", n)
     try:
-        jax.config.update("jax_num_cpu_devices", int(n))
+        jax.config.update("jax_num_cpu_devices", n)
     except RuntimeError as error:
         started = len(jax.devices("cpu"))
         if started != n:
@@ -98,17 +97,15 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
     """
     if not callable(function):
         raise ValueError(f"in_chunks: function = {function!r} must be a function")
-    if chunk_size is not None and not _is_count(chunk_size):
-        raise ValueError(f"in_chunks: chunk_size = {chunk_size!r} must be a positive whole number")
+    if chunk_size is not None:
+        chunk_size = count("in_chunks", "chunk_size", chunk_size)
     run = jax.jit(jax.vmap(function))
 
     def mapped(*args: Any) -> T:
         n = _batch_size(args)
         _no_tracer(args)
         devices = jax.local_devices()
-        size = int(chunk_size or 0) or len(devices) * (
-            512 if devices[0].platform == "cpu" else 65_536
-        )
+        size = chunk_size or runs_at_a_time()
         size = -(-min(size, n) // len(devices)) * len(devices)
         mesh = _mesh()
         results: Any = None
@@ -137,6 +134,12 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
         return results
 
     return mapped
+
+
+def runs_at_a_time() -> int:
+    """How many runs ``in_chunks`` takes at a time if it is not told."""
+    devices = jax.local_devices()
+    return len(devices) * (512 if devices[0].platform == "cpu" else 65_536)
 
 
 def spread(tree: T) -> T:
@@ -219,7 +222,3 @@ def _room(n: int, x: jax.Array) -> np.ndarray:
     if not isinstance(x.dtype, np.dtype):
         raise ValueError(f"in_chunks: results of type {x.dtype} must be numbers")
     return np.empty((n, *x.shape[1:]), x.dtype)
-
-
-def _is_count(n: Any) -> bool:
-    return isinstance(n, int | np.integer) and not isinstance(n, bool) and bool(n >= 1)

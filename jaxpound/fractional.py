@@ -201,7 +201,9 @@ class ModalHistory:
     def kernel(self, order: jax.Array, n_steps: int) -> list[_Modes]:
         """Exponents and weights for a run of ``n_steps`` steps; differentiable in the order."""
         decay, fit = _modes(n_steps, self.n_modes(n_steps))
-        weight = jnp.asarray(fit) @ _spectrum(order, n_steps, jnp)
+        widest = jax.dtypes.canonicalize_dtype(float)
+        spectrum = _spectrum(order.astype(widest), n_steps, jnp).astype(widest)
+        weight = jnp.asarray(fit, widest) @ spectrum
         powers = decay[:, None] ** np.arange(BLOCK)
         ahead, absorb = jnp.asarray(powers, order.dtype), jnp.asarray(powers[:, ::-1], order.dtype)
         far = jnp.asarray(decay**BLOCK, order.dtype)

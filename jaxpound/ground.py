@@ -419,6 +419,14 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
     return Sampled(_on_grid(ground, grid.times()), grid.dt)
 
 
+def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
+    """The ground motion itself if JAX can trace through it, else ``sampled`` on the grid."""
+    leaves = jax.tree.leaves(ground)
+    if isinstance(ground, Ground) and all(hasattr(x, "dtype") or np.isscalar(x) for x in leaves):
+        return ground
+    return sampled(ground, grid)
+
+
 def _on_grid(ground: GroundLike, t: np.ndarray) -> Any:
     if isinstance(ground, Sum):
         return sum(_on_grid(part, t) for part in ground.grounds)

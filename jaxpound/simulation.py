@@ -24,9 +24,9 @@ from jaxpound.ground import (
     Ground,
     GroundLike,
     acceleration_and_mean,
+    as_pytree,
     ground_rules,
     require_ground,
-    sampled,
 )
 from jaxpound.response import Demand, Response
 from jaxpound.rods import RodLaw, rod_law, rod_step
@@ -236,10 +236,7 @@ def _prepare(
                 f"grid: dt = {grid.dt:.8g} must be below the stability limit {limit:.8g} "
                 "of these structures"
             )
-    leaves = jax.tree.leaves(ground)
-    if isinstance(ground, Ground) and all(hasattr(x, "dtype") or np.isscalar(x) for x in leaves):
-        return ground
-    return sampled(ground, grid)
+    return as_pytree(ground, grid)
 
 
 def _run(

@@ -16,12 +16,16 @@ PACKAGE = ROOT / "jaxpound"
 
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
-    {"_pytree", "_checks", "_branches"},
+    {"_pytree", "_checks", "_branches", "_describe"},
+    {"distributions", "estimates", "sampling", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
     {"records", "rods", "tally"},
     {"scheme"},
     {"intensity", "simulation"},
-    {"units", "paper"},
+    {"units", "paper", "scenarios"},
+    {"study"},
+    {"chunks"},
+    {"monte_carlo"},
     {"plots", "config"},
     {"report"},
     {"cli"},

@@ -312,6 +312,8 @@ def test_every_scalar_of_a_demand_has_its_unit():
         "slip_distance": scales.length,
         "friction_work": scales.force * scales.length,
         "residual_offset": scales.length,
+        "pga": scales.gravity,
+        "pgv": scales.length / scales.time,
     }
     assert set(factors) == set(response.demand.scalars()) - {"pounds"}
     for demand in (si.demand, scales.to_si(response.demand)):

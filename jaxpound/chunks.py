@@ -1,0 +1,188 @@
+"""One chunk of a Monte Carlo study: what a worker must know, and what it does."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy
+
+import jaxpound
+from jaxpound._describe import describe, digest
+from jaxpound.batches import in_chunks, runs_at_a_time
+from jaxpound.estimates import Moments
+from jaxpound.ground import as_pytree
+from jaxpound.sampling import points
+from jaxpound.scenarios import ScenarioSet, parameter_names, parameters
+from jaxpound.scheme import Scheme, TimeGrid
+from jaxpound.simulation import demand
+from jaxpound.store import Store
+from jaxpound.study import moments
+
+Measure = Callable[[Any, Any], Any]
+"""A further column: from a scenario's structures and ground motion to one number."""
+
+Columns = dict[str, np.ndarray]
+
+_PROGRAMS: dict[str, Callable[[np.ndarray], Columns]] = {}
+_MOST_PROGRAMS = 4  # compiled ones that a process keeps
+
+
+class Outcome(NamedTuple):
+    """A finished chunk: its statistics and, without a store, its columns."""
+
+    moments: dict[str, Moments]
+    columns: Columns
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """All that a worker must know to run any chunk of a study."""
+
+    scenarios: ScenarioSet
+    grid: TimeGrid
+    scheme: Scheme
+    key: tuple[str, tuple[int, ...]]  # kind and numbers
+    sampling: str
+    n: int
+    chunk_size: int
+    measures: dict[str, Measure]
+    keep_parameters: bool
+    keep_failures: bool
+    x64: bool
+    names: tuple[str, ...] = ()  # of the columns
+    folder: Path | None = None
+    fingerprint: str = ""
+
+    def identity(self) -> dict[str, Any]:
+        """What determines every number of the study, in words; its number of samples does not."""
+        drawn = parameter_names(self.scenarios) if self.keep_parameters else ()
+        kind, numbers = self.key
+        versions = {
+            "jaxpound": jaxpound.__version__,
+            "jax": jax.__version__,
+            "scipy": scipy.__version__,
+        }
+        return {
+            "versions": versions,
+            "precision": "float64" if self.x64 else "float32",
+            "key": {"kind": kind, "numbers": list(numbers)},
+            "sampling": self.sampling,
+            "chunk_size": self.chunk_size,
+            "columns": self.columns(),
+            "parameters": list(drawn),
+            "grid": describe(self.grid),
+            "scheme": describe(self.scheme),
+            "scenarios": describe(self.scenarios),
+            "measures": describe(self.measures),
+            "program": self.program_digest(),
+        }
+
+    def program_digest(self) -> str:
+        """Checksum of what scenarios and measures compute, whatever functions they are made of."""
+
+        def drawn(z: jax.Array) -> Any:
+            structures, ground = self.scenarios.realize(z)
+            measured = {name: f(structures, ground) for name, f in self.measures.items()}
+            return structures, as_pytree(ground, self.grid), measured
+
+        traced = jax.jit(drawn).trace(self.normal())
+        return digest(traced.lower(lowering_platforms=("cpu",)).as_text().encode())
+
+    def normal(self) -> jax.ShapeDtypeStruct:
+        """Shape and type of z."""
+        return jax.ShapeDtypeStruct((self.scenarios.dimension,), jnp.zeros((), float).dtype)
+
+    def columns(self) -> list[str]:
+        """Names of the columns in their order, which JAX does not keep in a dictionary."""
+        names: list[str] = []
+
+        def collect(z: jax.Array) -> None:
+            for name, x in self.run(z).items():
+                names.append(name)
+                if x.shape:
+                    rule = "must be one number"
+                    raise ValueError(f"monte_carlo: {name!r} of shape {x.shape} {rule}")
+
+        jax.eval_shape(collect, self.normal())
+        return names
+
+    def run(self, z: jax.Array) -> dict[str, jax.Array]:
+        """The columns of one scenario."""
+        structures, ground = self.scenarios.realize(z)
+        result = demand(structures, ground, self.grid, self.scheme)
+        columns = result.scalars() | {"required_gap": structures.initial_gap - result.min_gap}
+        more = {name: f(structures, ground) for name, f in self.measures.items()}
+        if self.keep_parameters:
+            more |= parameters(self.scenarios, z)
+        if taken := columns.keys() & more.keys():
+            raise ValueError(
+                f"monte_carlo: {sorted(taken)[0]!r} is the name of a demand; rename it"
+            )
+        return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
+
+    def rows(self, chunk: int) -> range:
+        """Indices of the samples of a chunk."""
+        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, self.n))
+
+    def points(self, chunks: Sequence[int]) -> np.ndarray:
+        """Points of the samples of some chunks, shape (n, d)."""
+        kind, numbers = self.key
+        key = jax.random.wrap_key_data(jnp.asarray(numbers, jnp.uint32), impl=kind)
+        draw = points(self.sampling, key, self.scenarios.dimension)
+        rows = [self.rows(chunk) for chunk in chunks]
+        return np.concatenate([draw(some.start, some.stop) for some in rows])
+
+    def finish(self, chunk: int) -> Outcome:
+        """Run a chunk and put it in the store, if there is one."""
+        rows = self.rows(chunk)
+        with jax.enable_x64(self.x64):
+            if self.fingerprint not in _PROGRAMS:
+                for oldest in [*_PROGRAMS][: len(_PROGRAMS) - _MOST_PROGRAMS + 1]:
+                    del _PROGRAMS[oldest]
+                program: Any = in_chunks(self.run, self._runs_at_a_time())
+                _PROGRAMS[self.fingerprint] = program
+            z = self.points([chunk])
+            # Always batches of one size: one program, and the same rounding.
+            rest = -len(rows) % self._runs_at_a_time()
+            results = _PROGRAMS[self.fingerprint](np.concatenate([z, np.repeat(z[-1:], rest, 0)]))
+            columns = {name: results[name][: len(rows)] for name in self.names}
+            self._refuse_failures(columns, z, rows)
+        if self.folder is None:
+            return Outcome(moments(columns), columns)
+        Store(self.folder).write(chunk, columns)
+        return Outcome(moments(columns), {})
+
+    def finished(self, chunks: Sequence[int]) -> Iterator[tuple[int, Outcome]]:
+        """Those of the chunks that the store holds."""
+        if self.folder is not None:
+            store = Store(self.folder, self.n)
+            for chunk in chunks:
+                if (columns := store.read(chunk)) is not None:
+                    yield chunk, Outcome(moments(columns), {})
+
+    def _runs_at_a_time(self) -> int:
+        return min(self.chunk_size, runs_at_a_time())
+
+    def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
+        good = np.all([np.isfinite(x) for x in columns.values()], axis=0)
+        if good.all() or self.keep_failures:
+            return
+        first = int(np.argmin(good))
+        reason = next(
+            f"{name} is not finite" for name, x in columns.items() if not np.isfinite(x[first])
+        )
+        try:
+            structures, ground = self.scenarios.realize(jnp.asarray(z[first]))
+            demand(structures, ground, self.grid, self.scheme)
+        except (ValueError, FloatingPointError) as error:
+            reason = str(error)
+        raise ValueError(
+            f"monte_carlo: scenario {rows[first]} fails: {reason}; "
+            "keep_failures=True leaves such out"
+        )

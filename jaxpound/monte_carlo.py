@@ -1,0 +1,261 @@
+"""Monte Carlo over uncertain earthquakes and structures: chunk by chunk, kept on disk, continued.
+
+The sample of index i is the scenario of the point of index i, whatever the chunk size, the number
+of devices or the process that runs it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, as_completed
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from tqdm.auto import tqdm
+
+from jaxpound._checks import count, instance
+from jaxpound._describe import describe, digest
+from jaxpound.chunks import Measure, Outcome, Task
+from jaxpound.sampling import SAMPLINGS
+from jaxpound.scenarios import ScenarioSet
+from jaxpound.scheme import Scheme, TimeGrid
+from jaxpound.store import MANIFEST, Store
+from jaxpound.structures import AdjacentStructures
+from jaxpound.study import Study, total
+from jaxpound.units import Scales
+
+_CHUNK_SIZE = 16_384
+
+
+def monte_carlo(
+    scenarios: ScenarioSet,
+    n: int,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    key: int | jax.Array = 0,
+    *,
+    sampling: str = "plain",
+    store: str | PathLike[str] | None = None,
+    chunk_size: int | None = None,
+    measures: Mapping[str, Measure] | None = None,
+    keep_parameters: bool = False,
+    keep_failures: bool = False,
+    scales: Scales | None = None,
+    notes: Any = None,
+    executor: Executor | None = None,
+    shard: tuple[int, int] = (1, 1),
+    progress: bool = True,
+) -> Study:
+    """Demands of n random scenarios.
+
+    With a store, the same call goes on where an earlier one was stopped, at whatever instant, and
+    ends with the same files; a larger n makes the study grow. What is lost is at most the chunks
+    that were being run. Damaged chunks are made anew.
+
+    Parameters
+    ----------
+    scenarios
+        What is random: ``Scenarios``, or any object with ``dimension`` and ``realize``.
+    n
+        Number of samples, at most 2^31 (2^30 for Sobol points).
+    grid, scheme
+        As of ``simulate``.
+    key
+        A seed, or a key of ``jax.random``.
+    sampling
+        "plain" for independent samples, "sobol" for scrambled Sobol points (n best a power of 2).
+    store
+        A folder, made if needed, for a file a chunk. Without one the columns stay in memory.
+    chunk_size
+        Samples a chunk; 16,384 by default, or that of the store.
+    measures
+        Further columns by name: traceable functions of (structures, ground) to one number.
+    keep_parameters
+        Whether the scenarios' parameters are columns too. Without, ``Study.parameters`` makes them
+        again.
+    keep_failures
+        Whether runs that fail are kept, as NaN, and left out of every answer; else they raise.
+    scales
+        For answers in SI units.
+    notes
+        Anything that JSON can hold, kept with the study.
+    executor
+        Where chunks run: an executor of ``concurrent.futures``, such as Dask's
+        ``Client.get_executor()``. By default here, one after the other, each spread over all
+        devices. Its workers must see the store's folder; other processes must be started by
+        "spawn".
+    shard
+        (i, k), i from 1 to k: only every k-th chunk from the i-th, so that k processes that know
+        nothing of each other fill one store.
+    progress
+        Whether to show a progress bar with rate and time left.
+
+    Returns
+    -------
+    Study
+        The columns (all of ``Demand``, ``required_gap``, measures, parameters) and what follows
+        from them; for a shard, of its own chunks.
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule. If a scenario is invalid or its run fails: the message has
+        its index and the reason. If the store holds another study: what differs.
+    OSError
+        If the store cannot be written to. Finished chunks stay, and are used by the next call.
+    """
+    _check(scenarios, n, grid, scheme, sampling, measures or {}, scales, shard)
+    if store is None and shard != (1, 1):
+        raise ValueError(f"monte_carlo: shard = {shard} must come with a store to fill")
+    if store is not None and chunk_size is None and (Path(store) / MANIFEST).exists():
+        chunk_size = Store(store).chunk_size
+    size = count("monte_carlo", "chunk_size", chunk_size or _CHUNK_SIZE)
+    task = Task(
+        scenarios=scenarios,
+        grid=grid,
+        scheme=scheme,
+        key=_key(key),
+        sampling=sampling,
+        n=int(n),
+        chunk_size=size,
+        measures=dict(measures or {}),
+        keep_parameters=bool(keep_parameters),
+        keep_failures=bool(keep_failures),
+        x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
+    )
+    chunks = range(-(-task.n // size))
+    own = chunks[shard[0] - 1 :: shard[1]]
+    if not own:
+        rule = f"leave a chunk for each shard: the study has {len(chunks)}"
+        raise ValueError(f"monte_carlo: shard = {shard} must {rule}")
+    identity = task.identity()
+    context = {"notes": notes, "scales": describe(scales), "oscillators": _oscillators(scenarios)}
+    made = None
+    if store is not None:
+        made = Store.create(store, identity, task.n, context)
+    task = dataclasses.replace(
+        task,
+        names=tuple(identity["columns"]),
+        folder=made.folder if made else None,
+        fingerprint=digest(json.dumps(identity).encode()),
+    )
+
+    outcomes = dict(task.finished(own))
+    missing = [chunk for chunk in own if chunk not in outcomes]
+    rows = {chunk: len(task.rows(chunk)) for chunk in own}
+    with tqdm(
+        total=sum(rows.values()),
+        initial=sum(rows[chunk] for chunk in outcomes),
+        unit=" runs",
+        unit_scale=True,
+        disable=not progress,
+    ) as bar:
+        for chunk, outcome in _outcomes(task, missing, executor):
+            outcomes[chunk] = outcome
+            bar.update(rows[chunk])
+
+    more: dict[str, Any] = {
+        "scenarios": scenarios,
+        "points": partial(task.points, own),
+        "scales": scales,
+    }
+    if made is not None:
+        if all(made.has(chunk) for chunk in made.chunks()):
+            made.sweep()
+        return Study.of_store(made, {chunk: outcomes[chunk].moments for chunk in own}, **more)
+    kept = [outcomes.pop(chunk) for chunk in own]
+    columns = {name: np.concatenate([x.columns[name] for x in kept]) for name in kept[0].moments}
+    return Study(
+        np.arange(task.n),
+        {"n": task.n, **context, "identity": identity},
+        total([x.moments for x in kept]),
+        columns.__getitem__,
+        **more,
+    )
+
+
+def _check(
+    scenarios: Any,
+    n: Any,
+    grid: Any,
+    scheme: Any,
+    sampling: Any,
+    measures: Any,
+    scales: Any,
+    shard: Any,
+) -> None:
+    """Refuse what is wrong, by name."""
+    owner = "monte_carlo"
+    instance(owner, "scenarios", scenarios, ScenarioSet)
+    count(owner, "scenarios.dimension", scenarios.dimension)
+    instance(owner, "grid", grid, TimeGrid)
+    instance(owner, "scheme", scheme, Scheme)
+    instance(owner, "measures", measures, Mapping)
+    for name, measure in measures.items():
+        if not callable(measure):
+            raise ValueError(f"{owner}: measures[{name!r}] = {measure!r} must be a function")
+    if scales is not None:
+        instance(owner, "scales", scales, Scales)
+    if sampling not in SAMPLINGS:
+        raise ValueError(f"{owner}: sampling = {sampling!r} must be 'plain' or 'sobol'")
+    most = SAMPLINGS[sampling]
+    if count(owner, "n", n) > most:
+        raise ValueError(f"{owner}: n = {n} must be at most {most:,} for {sampling} sampling")
+    right = isinstance(shard, tuple) and len(shard) == 2
+    if not (right and all(isinstance(x, int) for x in shard) and 1 <= shard[0] <= shard[1]):
+        raise ValueError(f"{owner}: shard = {shard!r} must be (i, k) with 1 ≤ i ≤ k")
+
+
+def _key(key: Any) -> tuple[str, tuple[int, ...]]:
+    """Kind and numbers of a key, which can be written down."""
+    if isinstance(key, int | np.integer) and not isinstance(key, bool):
+        if not 0 <= key < 2**32:
+            raise ValueError(f"monte_carlo: key = {key} must be from 0 to 2^32 − 1")
+        key = jax.random.key(int(key))
+    if not isinstance(key, jax.Array) or jnp.shape(key)[-1:] not in ((), (2,), (4,)):
+        raise ValueError(
+            f"monte_carlo: key = {key!r} must be a whole number or a key of jax.random"
+        )
+    if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        key = jax.random.wrap_key_data(key)
+    numbers = np.asarray(jax.random.key_data(key)).ravel().tolist()
+    return str(jax.random.key_impl(key)), tuple(numbers)
+
+
+def _oscillators(scenarios: ScenarioSet) -> list[float]:
+    """Period and damping ratio of both structures of the median scenario, z = 0, uncoupled."""
+    structures, _ = scenarios.realize(jnp.zeros(scenarios.dimension))
+    instance("monte_carlo", "scenarios: structures", structures, AdjacentStructures)
+    frequencies, dampings = structures.natural_frequencies, structures.damping_ratios
+    periods = [2 * np.pi / float(omega) for omega in frequencies]
+    return [periods[0], float(dampings[0]), periods[1], float(dampings[1])]
+
+
+def _outcomes(
+    task: Task, chunks: Sequence[int], executor: Executor | None
+) -> Iterator[tuple[int, Outcome]]:
+    """Chunks as they are finished."""
+    if executor is None:
+        for chunk in chunks:
+            yield chunk, task.finish(chunk)
+        return
+    futures = {executor.submit(task.finish, chunk): chunk for chunk in chunks}
+    try:
+        for future in as_completed(futures):
+            chunk, outcome = futures[future], future.result()
+            if task.folder is not None and not Store(task.folder).has(chunk):
+                raise ValueError(
+                    f"monte_carlo: chunk {chunk} is not in {task.folder}: the executor's workers "
+                    "must see that folder"
+                )
+            yield chunk, outcome
+    finally:
+        for future in futures:
+            future.cancel()

@@ -1,0 +1,270 @@
+"""What a Monte Carlo study found: columns of demands, and the answers that follow from them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+from scipy import stats
+
+from jaxpound._checks import Rule, enforce, instance, number
+from jaxpound.estimates import (
+    Estimate,
+    Moments,
+    double_difference_correlation,
+    probability,
+    quantile,
+)
+from jaxpound.response import Demand
+from jaxpound.scenarios import ScenarioSet, parameter_names, parameters
+from jaxpound.store import Store
+from jaxpound.units import Scales
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+class Separation(NamedTuple):
+    """The gap that is exceeded with a probability, beside what the rules of codes ask for.
+
+    The rules combine the two peak displacements u1, u2 that are exceeded with that probability.
+    """
+
+    required_gap: Estimate
+    absolute_sum: float
+    """u1 + u2."""
+    srss: float
+    """√(u1² + u2²)."""
+    double_difference: float
+    """√(u1² + u2² − 2 ρ u1 u2), with the correlation coefficient ρ of the two oscillators."""
+    correlation: float
+    """ρ, of the median structures without damper (``double_difference_correlation``)."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Study:
+    """Demands of many random scenarios, column by column; ``monte_carlo`` makes it.
+
+    ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the gap
+    that an earthquake needs, initial gap − min gap, which does not depend on the gap there is;
+    measures and parameters that were asked for. Columns of a store are read when they are asked
+    for, one by one, so that n may exceed the memory. Runs that failed are NaN and left out of every
+    answer. Dimensionless as in eq. (9), or in SI units if there are ``scales``.
+
+    With Sobol points samples are not independent, and intervals are as wide as for independent
+    ones: too wide, as a rule.
+    """
+
+    indices: np.ndarray
+    """Indices of the samples, shape (n,)."""
+    about: dict[str, Any]
+    """How it was made: versions, key, scenarios, grid, scheme, notes."""
+    _moments: Mapping[str, Moments]
+    _read: Callable[[str], np.ndarray]
+    scenarios: ScenarioSet | None = None
+    points: Callable[[], np.ndarray] | None = None
+    """Makes the points z of the samples, shape (n, d), where the scenarios are known."""
+    scales: Scales | None = None
+
+    @staticmethod
+    def open(folder: str | PathLike[str]) -> Study:
+        """The study in a store: those of its chunks that are finished, in the units of its making.
+
+        Raises
+        ------
+        ValueError
+            If the folder holds no study, or no chunk of it is finished.
+        """
+        store = Store(folder)
+        found = {c: moments(x) for c in store.chunks() if (x := store.read(c)) is not None}
+        if not found:
+            raise ValueError(f"store {folder} must hold at least one finished chunk")
+        scales = store.manifest["scales"]
+        return Study.of_store(
+            store,
+            found,
+            scales=Scales(scales["mass"], scales["frequency"], scales["gravity"])
+            if scales
+            else None,
+        )
+
+    @staticmethod
+    def of_store(store: Store, found: Mapping[int, Mapping[str, Moments]], **more: Any) -> Study:
+        """The study of the chunks found in a store."""
+
+        def column(name: str) -> np.ndarray:
+            parts = [store.read(chunk, [name]) for chunk in found]
+            if None in parts:
+                raise ValueError(
+                    f"store {store.folder}: chunk {[*found][parts.index(None)]} is damaged; "
+                    "run monte_carlo again"
+                )
+            return np.concatenate([part[name] for part in parts if part is not None])
+
+        indices = np.concatenate([store.rows(chunk) for chunk in found])
+        return Study(indices, store.manifest, total(found.values()), column, **more)
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(self._moments)
+
+    @property
+    def failed(self) -> int:
+        """Number of runs that failed."""
+        return len(self) - self._moments["min_gap"].n
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._read(self._known(name)) * self._factor(name)
+
+    def moments(self, name: str) -> Moments:
+        """Number, mean, standard deviation, skewness and extremes of a column."""
+        return self._moments[self._known(name)].times(self._factor(name))
+
+    def in_si(self, scales: Scales) -> Study:
+        """The same study in SI units."""
+        instance("Study.in_si", "scales", scales, Scales)
+        return dataclasses.replace(self, scales=scales)
+
+    @property
+    def demand(self) -> Demand:
+        """All demands as a batch."""
+        names = [f.name for f in dataclasses.fields(Demand) if f.name in self.columns]
+        return Demand(**{name: self[name] for name in names}, si=self.scales is not None)
+
+    def parameters(self) -> dict[str, np.ndarray]:
+        """The scenarios' parameters by name, shape (n,) each, kept or made again.
+
+        Raises
+        ------
+        ValueError
+            If they were not kept, and the scenarios are not known because the study was opened.
+        """
+        kept = self.about["identity"]["parameters"]
+        if kept:
+            return {name: self._read(name) for name in kept}
+        if self.scenarios is None or self.points is None:
+            raise ValueError(
+                "Study.parameters: not kept (keep_parameters=True keeps them), and the scenarios "
+                "are not known; call monte_carlo with the same arguments and store"
+            )
+        scenarios = self.scenarios
+        made = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(self.points())
+        return {name: np.asarray(made[name]) for name in parameter_names(scenarios)}
+
+    # Answers.
+
+    def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:
+        """Quantile of a column, with its distribution-free interval (``estimates.quantile``)."""
+        return quantile(self._finite(name), share, confidence)
+
+    def pounding_probability(self, gap: float | None = None, confidence: float = 0.95) -> Estimate:
+        """Probability of pounding at a gap, with Clopper and Pearson's interval.
+
+        Parameters
+        ----------
+        gap
+            The gap at rest ≥ 0, any one; by default that of the scenarios.
+        confidence
+            Of the interval.
+        """
+        if gap is None:
+            pounding = int(np.count_nonzero(self._read("pounds") == 1))
+        else:
+            gap = float(number("pounding_probability", "gap", gap))
+            rule = Rule("gap", gap, 0 <= gap < float("inf"), "finite and not negative")
+            enforce("pounding_probability", [rule])
+            pounding = int(np.count_nonzero(self["required_gap"] >= gap))
+        return probability(pounding, len(self) - self.failed, confidence)
+
+    def required_gap(self, probability: float, confidence: float = 0.95) -> Estimate:
+        """The gap at which the probability of pounding is so small."""
+        return self.quantile("required_gap", 1 - probability, confidence)
+
+    def separation(self, probability: float, confidence: float = 0.95) -> Separation:
+        """The required gap beside those of code rules: absolute sum, SRSS, double difference.
+
+        The rules were made for buildings without a damper between them: compare them in a study
+        with friction 0. Here they take the peaks of this study, whatever its damper.
+        """
+        u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
+        rho = double_difference_correlation(*self.about["oscillators"])
+        return Separation(
+            self.required_gap(probability, confidence),
+            absolute_sum=u1 + u2,
+            srss=(u1**2 + u2**2) ** 0.5,
+            double_difference=max(u1**2 + u2**2 - 2 * rho * u1 * u2, 0.0) ** 0.5,
+            correlation=rho,
+        )
+
+    def correlations(self, name: str = "required_gap", kind: str = "rank") -> dict[str, float]:
+        """Correlation of a column with every parameter, "rank" (Spearman) or "linear" (Pearson)."""
+        if kind not in ("rank", "linear"):
+            raise ValueError(f"correlations: kind = {kind!r} must be 'rank' or 'linear'")
+        measure = stats.spearmanr if kind == "rank" else stats.pearsonr
+        column = self._read(self._known(name))
+        good = np.isfinite(column)
+        return {
+            parameter: float(measure(x[good], column[good]).statistic)
+            for parameter, x in self.parameters().items()
+        }
+
+    # Elsewhere.
+
+    def to_pandas(self) -> DataFrame:
+        """All columns as a data frame indexed by sample (extra ``tables``)."""
+        import pandas as pd
+
+        index = pd.Index(self.indices, name="sample")
+        return pd.DataFrame({name: self[name] for name in self.columns}, index)
+
+    def to_parquet(self, path: str | PathLike[str]) -> None:
+        """All columns as a Parquet file (extra ``tables``)."""
+        self.to_pandas().to_parquet(path)
+
+    def __repr__(self) -> str:
+        units = "dimensionless" if self.scales is None else "SI"
+        lines = [f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"]
+        lines.append(f"    {'':20}{'mean':>12}{'std':>12}{'smallest':>12}{'largest':>12}")
+        for name in self.columns:
+            m = self.moments(name)
+            numbers = (m.mean, m.std, m.smallest, m.largest)
+            lines.append(f"    {name:20}" + "".join(f"{x:12.4g}" for x in numbers))
+        return "\n".join(lines)
+
+    def _known(self, name: str) -> str:
+        if name not in self._moments:
+            raise ValueError(f"Study: column {name!r} must be one of {', '.join(self._moments)}")
+        return name
+
+    def _finite(self, name: str) -> np.ndarray:
+        column = self[name]
+        return column[np.isfinite(column)]
+
+    def _factor(self, name: str) -> float:
+        """The unit of a column in SI; 1 of what has none, or is not ours."""
+        if self.scales is None:
+            return 1.0
+        names = [f.name for f in dataclasses.fields(Demand) if f.name in self.columns]
+        ones: dict[str, Any] = dict.fromkeys(names, 1.0)
+        units = self.scales.to_si(Demand(**ones))
+        factors = {field: getattr(units, field) for field in names}
+        return float((factors | {"required_gap": units.min_gap}).get(name, 1.0))
+
+
+def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
+    """Moments of every column of a chunk, of the runs that did not fail."""
+    return {name: Moments.of(x[np.isfinite(x)]) for name, x in columns.items()}
+
+
+def total(parts: Iterable[Mapping[str, Moments]]) -> dict[str, Moments]:
+    """Moments of all chunks together."""
+    parts = list(parts)
+    return {name: sum((part[name] for part in parts), Moments()) for name in parts[0]}
