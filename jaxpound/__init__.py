@@ -11,9 +11,10 @@ from jaxpound.batches import in_chunks, use_cores
 from jaxpound.distributions import LogNormal, Normal, Uniform
 from jaxpound.estimates import Estimate
 from jaxpound.fractional import FullHistory, ModalHistory, gl_weights
+from jaxpound.fragility import Fragility, fit_fragility
 from jaxpound.friction import EventResolved, Smoothed, Switching
 from jaxpound.ground import Record, Ricker
-from jaxpound.intensity import arias_intensity, pga, pgv
+from jaxpound.intensity import arias_intensity, pga, pgv, spectral_acceleration
 from jaxpound.monte_carlo import monte_carlo
 from jaxpound.records import read_record
 from jaxpound.response import Demand, Energy, Phase, Response
@@ -26,6 +27,7 @@ from jaxpound.scenarios import (
     UncertainStructures,
 )
 from jaxpound.scheme import PAPER_SCHEME, Scheme, TimeGrid, stability_limit
+from jaxpound.sensitivity import Sensitivity, sobol_sensitivity
 from jaxpound.simulation import demand, simulate
 from jaxpound.structures import AdjacentStructures, ZenerRod
 from jaxpound.study import Study
@@ -43,6 +45,7 @@ __all__ = [
     "Energy",
     "Estimate",
     "EventResolved",
+    "Fragility",
     "FullHistory",
     "LogNormal",
     "ModalHistory",
@@ -56,6 +59,7 @@ __all__ = [
     "Scales",
     "Scenarios",
     "Scheme",
+    "Sensitivity",
     "Smoothed",
     "Study",
     "Switching",
@@ -66,6 +70,7 @@ __all__ = [
     "arias_intensity",
     "demand",
     "dimensionless",
+    "fit_fragility",
     "gl_weights",
     "in_chunks",
     "monte_carlo",
@@ -75,6 +80,8 @@ __all__ = [
     "read_record",
     "rod_force",
     "simulate",
+    "sobol_sensitivity",
+    "spectral_acceleration",
     "stability_limit",
     "use_cores",
 ]

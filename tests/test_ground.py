@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 import jaxpound as jp
 from jaxpound.ground import sampled
@@ -518,3 +519,49 @@ def test_measures_work_compiled_and_batched(measure):
     batch = jax.jit(jax.vmap(lambda k: measure(jp.Record(k * SAMPLES, 0.5))))(factors)
     single = [measure(RECORD), measure(RECORD.scaled_to_pga(6.0))]
     np.testing.assert_allclose(batch, single, rtol=1e-12)
+
+
+# The spectrum.
+
+
+def test_spectral_acceleration_of_a_suddenly_applied_force_is_the_closed_form():
+    """u'' = −1 from t = 0: x rises to (1 + e^(−πζ/√(1 − ζ²))) / ω²."""
+    record = jp.Record(-np.ones(2001), 0.002)
+    for period, damping in ((1.0, 0.05), (0.5, 0.0), (3.0, 0.3)):
+        found = jp.spectral_acceleration(record, period=period, damping=damping)
+        over = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
+        assert float(found) == pytest.approx(1 + over, rel=1e-4)
+
+
+def test_spectral_acceleration_is_exact_at_any_step():
+    """Against a fine integration of the same straight lines."""
+    record = jp.Record(np.random.default_rng(0).normal(size=60), 0.1)
+    for period in (0.4, 1.3):
+        w = 2 * np.pi / period
+
+        def motion(t, y, w=w):
+            a = np.interp(t, 0.1 * np.arange(60), record.samples)
+            return [y[1], -2 * 0.05 * w * y[1] - w**2 * y[0] - a]
+
+        times = 0.1 * np.arange(60)
+        exact = solve_ivp(
+            motion, (0, times[-1]), [0, 0], t_eval=times, max_step=0.02, rtol=1e-9, atol=1e-12
+        )
+        found = float(jp.spectral_acceleration(record, period=period))
+        assert found == pytest.approx(w**2 * np.abs(exact.y[0]).max(), rel=1e-6)
+
+
+def test_spectral_acceleration_of_a_stiff_oscillator_is_the_pga():
+    record = jp.Record(np.sin(np.linspace(0, 6, 400)), 0.02)
+    assert float(jp.spectral_acceleration(record, period=0.01)) == pytest.approx(1.0, rel=1e-2)
+
+
+def test_spectral_acceleration_traces_and_refuses_bad_periods():
+    record = jp.Record(np.sin(np.linspace(0, 6, 50)), 0.1)
+    spectrum = jax.vmap(lambda p: jp.spectral_acceleration(record, period=p))(np.array([0.5, -1.0]))
+    assert float(spectrum[0]) == pytest.approx(float(jp.spectral_acceleration(record, period=0.5)))
+    assert np.isnan(spectrum[1])
+    with pytest.raises(ValueError, match="period = 0 must be positive"):
+        jp.spectral_acceleration(record, period=0.0)
+    with pytest.raises(ValueError, match="damping = 1 must be at least 0 and below 1"):
+        jp.spectral_acceleration(record, period=1.0, damping=1.0)

@@ -17,13 +17,13 @@ PACKAGE = ROOT / "jaxpound"
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
     {"_pytree", "_checks", "_branches", "_describe"},
-    {"distributions", "estimates", "sampling", "store"},
+    {"distributions", "estimates", "fragility", "sampling", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
     {"records", "rods", "tally"},
     {"scheme"},
     {"intensity", "simulation"},
     {"units", "paper", "scenarios"},
-    {"study"},
+    {"study", "sensitivity"},
     {"chunks"},
     {"monte_carlo"},
     {"plots", "config"},

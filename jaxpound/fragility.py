@@ -1,0 +1,211 @@
+"""Fragility: the probability of pounding against a measure of the shaking's intensity."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import ArrayLike
+from scipy.special import log_ndtr, ndtr
+
+from jaxpound._checks import Rule, enforce
+
+_CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many samples draws from
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fragility:
+    """A lognormal fragility function, P(pounding | im) = Φ(ln(im / θ) / β) (Baker 2015, eq. 1).
+
+    ``fit_fragility`` makes one; it keeps the data, for the bootstrap and for figures.
+    """
+
+    median: float
+    """θ, the intensity at which pounding has probability one half, in the intensity's unit."""
+    dispersion: float
+    """β, standard deviation of ln im at pounding."""
+    covariance: np.ndarray
+    """Asymptotic covariance of (ln θ, β), shape (2, 2), from the observed information."""
+    intensity: np.ndarray
+    """Intensities of the data, shape (m,)."""
+    pounding: np.ndarray
+    """How often there was pounding at each, shape (m,)."""
+    trials: np.ndarray
+    """Of how many, shape (m,)."""
+    stripes: bool
+    """Whether the number of trials at each intensity was chosen."""
+
+    @property
+    def median_error(self) -> float:
+        """Standard error of θ."""
+        return float(self.median * self.covariance[0, 0] ** 0.5)
+
+    @property
+    def dispersion_error(self) -> float:
+        """Standard error of β."""
+        return float(self.covariance[1, 1] ** 0.5)
+
+    def probability(self, intensity: ArrayLike) -> np.ndarray:
+        """Probability of pounding at intensities ≥ 0, of their shape."""
+        with np.errstate(divide="ignore"):
+            z = np.log(np.asarray(intensity, float) / self.median) / self.dispersion
+        return ndtr(z)
+
+    def band(
+        self,
+        intensity: ArrayLike,
+        confidence: float = 0.95,
+        replicates: int = 500,
+        seed: int = 0,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pointwise bootstrap band of ``probability``.
+
+        Stripes are drawn again at their intensities, a cloud as a whole (of more than 2,000
+        samples, in as many groups of neighbours). Draws to which no curve can be fitted are left
+        out.
+
+        Parameters
+        ----------
+        intensity
+            Shape (k,).
+        confidence
+            Between 0 and 1.
+        replicates
+            Number of bootstrap samples.
+        seed
+            Of the draws.
+
+        Returns
+        -------
+        Lower and upper limit, shape (k,) each.
+
+        Raises
+        ------
+        ValueError
+            If confidence is not between 0 and 1, or no draw can be fitted.
+        """
+        inside = 0 < confidence < 1
+        enforce("band", [Rule("confidence", confidence, inside, "between 0 and 1")])
+        random = np.random.default_rng(seed)
+        im, k, n = self.intensity, self.pounding, self.trials
+        if not self.stripes:
+            im, k, n = _grouped(im, k)
+        start = np.array([-np.log(self.median) / self.dispersion, 1 / self.dispersion])
+        at, curves = np.asarray(intensity, float), []
+        for _ in range(replicates):
+            if self.stripes:
+                k_drawn, n_drawn = random.binomial(n, k / n), n
+            else:
+                cells = np.concatenate([k, n - k])
+                k_drawn, rest = random.multinomial(cells.sum(), cells / cells.sum()).reshape(2, -1)
+                n_drawn = k_drawn + rest
+            if not _no_maximum(im, k_drawn, n_drawn):
+                (a, b), _ = _maximise(np.log(im), k_drawn, n_drawn, start)
+                drawn = dataclasses.replace(self, median=np.exp(-a / b), dispersion=1 / b)
+                curves.append(drawn.probability(at))
+        if not curves:
+            raise ValueError(f"band: none of {replicates} bootstrap samples can be fitted")
+        tail = (1 - confidence) / 2
+        low, high = np.quantile(curves, [tail, 1 - tail], axis=0)
+        return low, high
+
+
+def fit_fragility(
+    intensity: ArrayLike, pounding: ArrayLike, trials: ArrayLike | None = None
+) -> Fragility:
+    """Fit of a lognormal fragility function by maximum likelihood (Baker 2015, eq. 11).
+
+    Parameters
+    ----------
+    intensity
+        Intensities im > 0, shape (m,), such as ``study["pga"]``.
+    pounding
+        Without trials (a cloud): whether there was pounding, shape (m,), such as
+        ``study["required_gap"] >= gap``. With trials (multiple stripes): how often.
+    trials
+        Number of runs at each intensity, shape (m,), at least 1.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, an intensity is not positive and finite, or counts are not whole numbers
+        from 0 to trials. If the likelihood has no maximum: pounding always or never, at all
+        intensities above one and at none below, or no oftener as intensity grows.
+    """
+    owner = "fit_fragility"
+    im, k = np.asarray(intensity, float), np.asarray(pounding)
+    n = np.ones(im.shape, int) if trials is None else np.asarray(trials)
+    if im.ndim != 1 or not im.size or k.shape != im.shape or n.shape != im.shape:
+        raise ValueError(
+            f"{owner}: intensity {im.shape}, pounding {k.shape} and trials {n.shape} must be (m,)"
+        )
+    enforce(
+        owner,
+        [
+            Rule("intensity", im, (im > 0) & np.isfinite(im), "positive and finite"),
+            Rule("trials", n, (n >= 1) & (n % 1 == 0), "whole numbers from 1 on"),
+            Rule("pounding", k, (k >= 0) & (k <= n) & (k % 1 == 0), "from 0 to trials, whole"),
+        ],
+    )
+    k, n = k.astype(int), n.astype(int)
+    if reason := _no_maximum(im, k, n):
+        raise ValueError(f"{owner}: pounding must leave something to fit, but {reason}")
+    z = np.log(im)
+    (a, b), information = _maximise(z, k, n, np.array([-z.mean(), 1.0]))
+    # From (a, b) of Φ(a + b ln im) to (ln θ, β) = (−a/b, 1/b).
+    to = np.array([[-1 / b, a / b**2], [0.0, -1 / b**2]])
+    covariance = to @ np.linalg.inv(information) @ to.T
+    return Fragility(float(np.exp(-a / b)), float(1 / b), covariance, im, k, n, trials is not None)
+
+
+def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
+    """Why the likelihood of a rising curve has no maximum, or nothing."""
+    if not k.any() or (k == n).all():
+        return "it is there " + ("always" if k.any() else "never")
+    with_it, without = im[k > 0], im[k < n]
+    if with_it.min() >= without.max():
+        return f"it is there always above im = {without.max():.6g} and never below"
+    z = np.log(im)
+    # The likelihood rises with the slope at slope zero if and only if this covariance is positive.
+    if np.sum(z * (k - n * (k.sum() / n.sum()))) <= 0:
+        return "it does not become more frequent as the intensity grows"
+    return ""
+
+
+def _maximise(
+    z: np.ndarray, k: np.ndarray, n: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Newton's method for (a, b) of P = Φ(a + b z), whose log likelihood is concave.
+
+    Returns (a, b) and the observed information there, shape (2, 2).
+    """
+    x = np.stack([np.ones_like(z), z])
+
+    def likelihood(c: np.ndarray) -> float:
+        eta = c @ x
+        return float(np.sum(k * log_ndtr(eta) + (n - k) * log_ndtr(-eta)))
+
+    c, best = start, likelihood(start)
+    for _ in range(100):
+        eta = c @ x
+        density = -(eta**2) / 2 - np.log(2 * np.pi) / 2
+        rise, fall = np.exp(density - log_ndtr(eta)), np.exp(density - log_ndtr(-eta))
+        slope = x @ (k * rise - (n - k) * fall)
+        weight = k * rise * (rise + eta) + (n - k) * fall * (fall - eta)
+        information = (x * weight) @ x.T
+        step = np.linalg.solve(information, slope)
+        if slope @ step < 1e-20 * max(abs(best), 1.0):
+            break
+        share = 1.0
+        while (value := likelihood(c + share * step)) < best and share > 1e-9:
+            share /= 2
+        c, best = c + share * step, value
+    return c, information
+
+
+def _grouped(im: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A cloud in at most ``_CELLS`` groups of neighbours, each at its mean of ln im."""
+    order = np.argsort(im)
+    parts = np.array_split(order, min(_CELLS, im.size))
+    centre = np.array([np.exp(np.mean(np.log(im[part]))) for part in parts])
+    return centre, np.array([k[part].sum() for part in parts]), np.array([len(x) for x in parts])

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxpound as jp
+
+THETA, BETA = 0.4, 0.5
+
+
+def cloud(n, seed=0):
+    random = np.random.default_rng(seed)
+    im = np.exp(random.normal(np.log(0.3), 0.6, n))
+    return im, random.random(n) < stats.norm.cdf(np.log(im / THETA) / BETA)
+
+
+def stripes(seed=0):
+    levels, trials = np.array([0.1, 0.2, 0.3, 0.5, 0.8, 1.2]), np.full(6, 40)
+    chances = stats.norm.cdf(np.log(levels / THETA) / BETA)
+    return levels, np.random.default_rng(seed).binomial(trials, chances), trials
+
+
+def test_known_parameters_are_recovered_within_their_errors():
+    fit = jp.fit_fragility(*cloud(100_000))
+    assert fit.median == pytest.approx(THETA, rel=0.01)
+    assert fit.dispersion == pytest.approx(BETA, rel=0.02)
+    assert abs(fit.median - THETA) < 4 * fit.median_error < 0.01
+    assert abs(fit.dispersion - BETA) < 4 * fit.dispersion_error < 0.02
+    np.testing.assert_allclose(fit.probability(THETA * np.exp(BETA)), stats.norm.cdf(1), atol=0.02)
+    assert fit.probability(0.0) == 0
+
+
+@pytest.mark.parametrize("data", [cloud(500), stripes()], ids=["cloud", "stripes"])
+def test_estimates_and_errors_are_those_of_statsmodels_probit(data):
+    sm = pytest.importorskip("statsmodels.api")
+    fit = jp.fit_fragility(*data)
+    im, k, n = fit.intensity, fit.pounding, fit.trials
+    x = np.repeat(np.log(im), n)
+    y = np.concatenate([np.arange(trials) < hits for hits, trials in zip(k, n, strict=True)])
+    theirs = sm.Probit(y.astype(float), sm.add_constant(x)).fit(disp=0, tol=1e-12)
+    a, b = theirs.params
+    assert fit.median == pytest.approx(np.exp(-a / b), rel=1e-7)
+    assert fit.dispersion == pytest.approx(1 / b, rel=1e-7)
+    to = np.array([[-1 / b, a / b**2], [0, -1 / b**2]])
+    np.testing.assert_allclose(fit.covariance, to @ theirs.cov_params() @ to.T, rtol=1e-5)
+
+
+def test_stripes_are_the_cloud_of_their_runs():
+    levels, k, n = stripes()
+    im = np.repeat(levels, n)
+    pounding = np.concatenate([np.arange(t) < hits for hits, t in zip(k, n, strict=True)])
+    one, other = jp.fit_fragility(levels, k, n), jp.fit_fragility(im, pounding)
+    assert one.median == pytest.approx(other.median, rel=1e-9)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6)
+
+
+def test_standard_errors_are_the_scatter_of_repetitions():
+    fits = [jp.fit_fragility(*cloud(400, seed)) for seed in range(200)]
+    for name in ("median", "dispersion"):
+        scatter = np.std([getattr(fit, name) for fit in fits])
+        told = np.mean([getattr(fit, f"{name}_error") for fit in fits])
+        assert told == pytest.approx(scatter, rel=0.2)
+
+
+@pytest.mark.parametrize("draw", [lambda seed: cloud(300, seed), stripes], ids=["cloud", "stripes"])
+def test_the_bootstrap_band_covers_the_truth(draw):
+    at = np.array([0.2, 0.4, 0.8])
+    truth = stats.norm.cdf(np.log(at / THETA) / BETA)
+    covered = []
+    for seed in range(40):
+        low, high = jp.fit_fragility(*draw(seed)).band(at, 0.9, replicates=100)
+        covered.append((low <= truth) & (truth <= high))
+    assert 0.8 < np.mean(covered) < 0.97
+
+
+def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
+    """In groups of neighbours, 50 samples each."""
+    fit = jp.fit_fragility(*cloud(100_000))
+    low, high = fit.band([fit.median], replicates=300)
+    slope = stats.norm.pdf(0) / fit.dispersion * fit.median_error / fit.median
+    assert (high - low)[0] == pytest.approx(2 * 1.96 * slope, rel=0.2)
+    assert low[0] < 0.5 < high[0]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jp.fit_fragility([], []), r"intensity \(0,\), pounding \(0,\)"),
+        (lambda: jp.fit_fragility([1.0, 2.0], [True]), r"pounding \(1,\)"),
+        (lambda: jp.fit_fragility([0.0, 1.0], [0, 1]), "intensity = 0 .* must be positive"),
+        (lambda: jp.fit_fragility([1.0, 2.0], [0, 3], [2, 2]), "pounding = 3 .* must be from 0 to"),
+        (lambda: jp.fit_fragility([1.0, 2.0], [0, 0], [2, 0]), "trials = 0 .* must be whole"),
+        (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it is there never"),
+        (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it is there always"),
+        (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]), "always above im = 2 and never"),
+        (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [1, 0, 0]), "does not become more frequent"),
+        (lambda: jp.fit_fragility(*stripes()).band([1.0], 1.0), "confidence = 1 must be between"),
+    ],
+)
+def test_what_cannot_be_fitted_says_why(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
