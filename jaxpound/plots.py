@@ -31,8 +31,8 @@ COLOURS = {
 FIGURE_SIZE = (3.54, 2.36)
 """Width and height of a new figure in inches: 9 cm by 6 cm."""
 
-_FONT_SIZE = 8
-_LINE_WIDTH = 0.9
+FONT_SIZE = 8
+LINE_WIDTH = 0.9
 _LINE_ALPHA = 0.85  # where two lines run close together, both are seen
 _SHADE = 0.3
 
@@ -96,8 +96,8 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     bottom = low - 0.25 * span  # room for the label
     if low < 0.3 * span:
         bottom = min(bottom, -0.15 * span)
-        ax.axhspan(bottom, 0, label=r"pounding, $\xi \leq 0$", **_shade("pounding"))
-        _legend(ax)
+        ax.axhspan(bottom, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
+        legend(ax)
     ax.set_ylim(bottom=bottom)
 
     time = float(response.demand.min_gap_time)
@@ -111,7 +111,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
         textcoords="offset points",
         horizontalalignment="left" if place < 0.3 else "right" if place > 0.7 else "center",
         verticalalignment="top",
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
     )
     return ax
 
@@ -123,8 +123,8 @@ def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     sticks = [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]
     if sticks:
         across = ax.get_xaxis_transform()
-        ax.broken_barh(sticks, (0, 1), transform=across, label="stick", **_shade("stick"))
-        _legend(ax)
+        ax.broken_barh(sticks, (0, 1), transform=across, label="stick", **shade("stick"))
+        legend(ax)
     return ax
 
 
@@ -138,10 +138,10 @@ def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
         strict=True,
     ):
         _draw(ax, x, factor, curve)
-    _label(
+    label(
         ax, f"displacement $x_1$, $x_2$ ({_length(response)})", f"rod force $f_1$, $f_2$ ({unit})"
     )
-    _legend(ax)
+    legend(ax)
     return ax
 
 
@@ -150,7 +150,7 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     ax = _axes(response, ax)
     factor, unit = _unit(response, "force", response.friction)
     _draw(ax, response.x1 - response.x2, factor, _Curve("$q$", "damper", response.friction))
-    _label(ax, f"slip $x_1 - x_2$ ({_length(response)})", f"friction force $q$ ({unit})")
+    label(ax, f"slip $x_1 - x_2$ ({_length(response)})", f"friction force $q$ ({unit})")
     return ax
 
 
@@ -176,8 +176,8 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     _draw(ax, time, factor, _Curve("input", "ground", terms.input))
     _draw(ax, time, factor, _Curve("residual", "residual", terms.residual), linestyle="--")
     ax.margins(x=0)
-    _label(ax, _time(response), f"energy $E$ ({unit})")
-    _legend(ax, columns=3)
+    label(ax, _time(response), f"energy $E$ ({unit})")
+    legend(ax, columns=3)
     return ax
 
 
@@ -229,9 +229,9 @@ def _over_time(
         _draw(ax, response.time, factor, curve)
     symbols = ", ".join(curve.label for curve in curves)
     ax.margins(x=0)
-    _label(ax, _time(response), f"{words} {symbols} ({unit})")
+    label(ax, _time(response), f"{words} {symbols} ({unit})")
     if len(curves) > 1:
-        _legend(ax)
+        legend(ax)
     return ax
 
 
@@ -241,6 +241,11 @@ def _axes(response: Response, ax: Axes | None) -> Axes:
         raise ValueError(f"plots: a batch of shape {shape} must be indexed to one response")
     if not np.isfinite(response.min_gap):
         raise ValueError("plots: the run is invalid (its results are NaN)")
+    return new_axes(ax)
+
+
+def new_axes(ax: Axes | None) -> Axes:
+    """The axes given, or those of a new pyplot figure of column width."""
     if ax is not None:
         return ax
     from matplotlib import pyplot  # only here, so that no window system is asked for
@@ -250,25 +255,29 @@ def _axes(response: Response, ax: Axes | None) -> Axes:
 
 def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:
     y = factor * np.asarray(curve.values)
-    style |= {"color": COLOURS[curve.colour], "linewidth": _LINE_WIDTH, "alpha": _LINE_ALPHA}
+    style |= {"color": COLOURS[curve.colour], "linewidth": LINE_WIDTH, "alpha": _LINE_ALPHA}
     ax.plot(np.asarray(x), y, label=curve.label, **style)
 
 
-def _shade(colour: str) -> dict[str, Any]:
+def shade(colour: str) -> dict[str, Any]:
+    """Style of a shaded region."""
     return {"facecolor": COLOURS[colour], "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
 
 
-def _unit(response: Response, quantity: str, *series: Any) -> tuple[float, str]:
-    """Factor and name of the unit for the series: as they are, or in kN, MN, kJ, MJ if large."""
-    if not response.si:
-        return 1.0, _DIMENSIONLESS[quantity]
-    unit = _SI[quantity]
-    if quantity in ("force", "energy"):
-        peak = max(float(np.max(np.abs(values))) for values in series)
+def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
+    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large."""
+    unit = (_SI if si else _DIMENSIONLESS)[quantity]
+    if si and quantity in ("force", "energy"):
         for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
             if peak * factor >= 10:
                 return factor, prefix + unit
     return 1.0, unit
+
+
+def _unit(response: Response, quantity: str, *series: Any) -> tuple[float, str]:
+    """Factor and name of the unit for the series."""
+    peak = max((float(np.max(np.abs(values))) for values in series), default=0.0)
+    return unit_for(quantity, response.si, peak)
 
 
 def _time(response: Response) -> str:
@@ -279,26 +288,29 @@ def _length(response: Response) -> str:
     return _unit(response, "length")[1]
 
 
-def _label(ax: Axes, x: str, y: str) -> None:
-    ax.set_xlabel(x, fontsize=_FONT_SIZE)
-    ax.set_ylabel(y, fontsize=_FONT_SIZE)
-    ax.tick_params(labelsize=_FONT_SIZE)
-    ax.locator_params(axis="x", nbins=5)  # more would touch at column width
+def label(ax: Axes, x: str, y: str) -> None:
+    """Labels of both axes, ticks and a light grid."""
+    ax.set_xlabel(x, fontsize=FONT_SIZE)
+    ax.set_ylabel(y, fontsize=FONT_SIZE)
+    ax.tick_params(labelsize=FONT_SIZE)
+    if ax.get_xscale() == "linear":
+        ax.locator_params(axis="x", nbins=5)  # more would touch at column width
     ax.grid(True, color="0.88", linewidth=0.6)
     ax.set_axisbelow(True)
 
 
-def _legend(ax: Axes, columns: int = 4) -> None:
+def legend(ax: Axes, columns: int = 4) -> None:
     """A legend in a strip of its own, above everything drawn."""
     ax.autoscale(axis="y")
     low, high = ax.get_ylim()
     handles, _ = ax.get_legend_handles_labels()
-    rows = -(-len(handles) // columns)
-    ax.set_ylim(low, high + 0.16 * rows * (high - low))
+    room = 0.16 * -(-len(handles) // columns)  # in heights of the axes, for each row
+    log = ax.get_yscale() == "log"
+    ax.set_ylim(low, high * (high / low) ** room if log else high + room * (high - low))
     ax.legend(
         loc="upper right",
         ncols=columns,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
         handlelength=1.2,
         columnspacing=1.0,

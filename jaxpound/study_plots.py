@@ -1,0 +1,253 @@
+"""Figures of a Monte Carlo study: axes in, axes out, in the colours and units of ``plots``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from jaxpound.estimates import probability
+from jaxpound.fragility import Fragility
+from jaxpound.plots import (
+    COLOURS,
+    FIGURE_SIZE,
+    FONT_SIZE,
+    LINE_WIDTH,
+    label,
+    legend,
+    new_axes,
+    shade,
+    unit_for,
+)
+from jaxpound.sensitivity import Sensitivity
+from jaxpound.study import Study
+
+_POINTS = 200  # of a curve
+_MOST_DOTS = 2000  # of a scatter diagram
+
+# Symbol and quantity of each column.
+_COLUMNS = {
+    "min_gap": (r"min gap $\xi$", "length"),
+    "min_gap_time": ("time of min gap $t$", "time"),
+    "peak_x1": ("peak $|x_1|$", "length"),
+    "peak_x2": ("peak $|x_2|$", "length"),
+    "peak_f1": ("peak $|f_1|$", "force"),
+    "peak_f2": ("peak $|f_2|$", "force"),
+    "peak_acceleration_1": ("peak $|a_1|$", "acceleration"),
+    "peak_acceleration_2": ("peak $|a_2|$", "acceleration"),
+    "slip_distance": ("slip distance", "length"),
+    "friction_work": ("friction work", "energy"),
+    "residual_offset": ("residual offset", "length"),
+    "pga": ("PGA", "acceleration"),
+    "pgv": ("PGV", "velocity"),
+    "required_gap": ("required gap", "length"),
+}
+
+
+def min_gap(study: Study, ax: Axes | None = None) -> Axes:
+    """Histogram of min gap and, on the right, its empirical distribution; pounding shaded."""
+    ax = new_axes(ax)
+    gaps = _finite(study, "min_gap")
+    low, high = np.quantile(gaps, [0.001, 1.0])
+    low = min(low, 0.0)
+    edges = np.linspace(low, high, 41)
+    ax.hist(np.clip(gaps, low, None), list(edges), color=COLOURS["damper"], alpha=0.6, density=True)
+    ax.axvspan(low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
+    ax.set_xlim(low, high)
+    unit = _unit(study, "min_gap", "length")[1]
+    label(ax, _name(study, "min_gap"), f"density (1/{unit})" if study.scales else "density")
+    legend(ax)
+    right = ax.twinx()
+    ranked = np.sort(gaps)
+    right.plot(
+        ranked, np.arange(1, ranked.size + 1) / ranked.size, color="black", linewidth=LINE_WIDTH
+    )
+    right.set_ylim(0, 1.16)
+    right.set_yticks([0, 0.5, 1])
+    right.tick_params(labelsize=FONT_SIZE)
+    right.set_ylabel("cumulative share", fontsize=FONT_SIZE)
+    return ax
+
+
+def convergence(study: Study, gap: float | None = None, ax: Axes | None = None) -> Axes:
+    """Probability of pounding by the first n samples over n, with its 95 % interval.
+
+    ``gap`` is as of ``Study.pounding_probability``.
+    """
+    ax = new_axes(ax)
+    pounding = _pounding(study, gap)
+    sizes = np.unique(np.geomspace(min(10, pounding.size), pounding.size, _POINTS).astype(int))
+    counts = np.cumsum(pounding)[sizes - 1]
+    estimates = [probability(int(k), int(n)) for k, n in zip(counts, sizes, strict=True)]
+    value, low, high = np.array([estimate[:3] for estimate in estimates]).T
+    ax.fill_between(sizes, low, high, label="95 % interval", **shade("damper"))
+    ax.plot(sizes, value, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="estimate")
+    ax.set_xscale("log")
+    label(ax, "samples $n$", "probability of pounding")
+    legend(ax)
+    _only_shares(ax)
+    return ax
+
+
+def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = None) -> Axes:
+    """Probability that the required gap exceeds a gap, over that gap, with its 95 % interval.
+
+    ``rules_at`` marks the gaps that code rules ask for at that probability (``Study.separation``).
+    """
+    ax = new_axes(ax)
+    ranked = np.sort(_finite(study, "required_gap"))
+    n = ranked.size
+    more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # how many exceed it
+    estimates = np.array([probability(int(k), n)[:3] for k in more])
+    gaps = ranked[n - more]
+    ax.fill_between(gaps, *estimates[:, 1:].T, **shade("damper"))
+    ax.plot(gaps, estimates[:, 0], color=COLOURS["damper"], linewidth=LINE_WIDTH)
+    ax.set_yscale("log")
+    if rules_at is not None:
+        found = study.separation(rules_at)
+        for name, words, style in (
+            ("double_difference", "double difference", ":"),
+            ("srss", "SRSS", "--"),
+            ("absolute_sum", "absolute sum", "-."),
+        ):
+            ax.axvline(
+                getattr(found, name), color="black", linestyle=style, linewidth=0.9, label=words
+            )
+    label(ax, _name(study, "required_gap"), "probability of exceedance")
+    ax.set_ylim(top=1)
+    if rules_at is not None:
+        ax.legend(loc="upper right", fontsize=FONT_SIZE, frameon=False)
+    return ax
+
+
+def fragility(curve: Fragility, intensity: str = "im", ax: Axes | None = None) -> Axes:
+    """Fragility curve with its 95 % bootstrap band and the data.
+
+    A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
+    their intervals. ``intensity`` is what the axis says, unit and all.
+    """
+    ax = new_axes(ax)
+    im, k, n = curve.intensity, curve.pounding, curve.trials
+    if not curve.stripes:
+        order = np.array_split(np.argsort(im), min(12, im.size))
+        im = np.array([np.exp(np.mean(np.log(im[part]))) for part in order])
+        k, n = (np.array([x[part].sum() for part in order]) for x in (k, n))
+    shares = np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
+    at = np.geomspace(min(im.min(), curve.median / 4), max(im.max(), curve.median * 2), _POINTS)
+    low, high = curve.band(at, replicates=200)
+    ax.fill_between(at, low, high, label="95 % band", **shade("damper"))
+    words = rf"$\theta$ = {curve.median:.3g}, $\beta$ = {curve.dispersion:.3g}"
+    ax.plot(at, curve.probability(at), color=COLOURS["damper"], linewidth=LINE_WIDTH, label=words)
+    off = np.abs(shares[:, 1:].T - shares[:, 0])
+    ax.errorbar(
+        im, shares[:, 0], off, fmt="o", color="black", markersize=3, linewidth=0.7, label="data"
+    )
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    label(ax, intensity, "probability of pounding")
+    legend(ax, columns=2)
+    _only_shares(ax)
+    return ax
+
+
+def scatter_matrix(
+    study: Study, demands: Sequence[str] = ("required_gap",), names: Sequence[str] | None = None
+) -> Figure:
+    """Demands over parameters, a row for each demand and a column for each parameter.
+
+    ``names`` chooses parameters; by default the six of the largest rank correlation with the first
+    demand. At most 2,000 samples are drawn. The figure is unknown to pyplot.
+    """
+    parameters = study.parameters()
+    if names is None:
+        correlations = study.correlations(demands[0])
+        names = sorted(correlations, key=lambda name: -abs(correlations[name]))[:6]
+    for name in names:
+        if name not in parameters:
+            raise ValueError(f"scatter_matrix: {name!r} must be one of {', '.join(parameters)}")
+    width = FIGURE_SIZE[0] * (0.35 + 0.4 * len(names))
+    figure = Figure(figsize=(width, 1.7 * len(demands) + 0.3), layout="constrained")
+    panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
+    for row, demand in zip(panels, demands, strict=True):
+        known = demand in _COLUMNS
+        factor = _unit(study, demand, _COLUMNS[demand][1])[0] if known else 1.0
+        for ax, name in zip(row, names, strict=True):
+            some = slice(_MOST_DOTS)
+            ax.plot(
+                parameters[name][some],
+                factor * study[demand][some],
+                ".",
+                color=COLOURS["structure 1"],
+                markersize=1.5,
+                alpha=0.4,
+                rasterized=True,
+            )
+            label(ax, name.replace("_", " "), _name(study, demand))
+            ax.locator_params(axis="x", nbins=3)
+            ax.label_outer()
+    return figure
+
+
+def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
+    """First-order and total Sobol indices as bars, the largest on top, with their intervals."""
+    names = sorted(indices.total, key=lambda name: indices.total[name].value)
+    if ax is None:
+        ax = new_axes(ax)
+        figure: Any = ax.figure
+        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
+    place = np.arange(len(names))
+    for shift, kind, colour in ((0.2, "first", "structure 1"), (-0.2, "total", "structure 2")):
+        estimates = [getattr(indices, kind)[name] for name in names]
+        values = np.array([estimate.value for estimate in estimates])
+        ends = np.array([[max(e.value - e.low, 0), max(e.high - e.value, 0)] for e in estimates]).T
+        ax.barh(
+            place + shift,
+            values,
+            0.38,
+            xerr=ends,
+            color=COLOURS[colour],
+            alpha=0.8,
+            error_kw={"linewidth": 0.7},
+            label={"first": "first order", "total": "total"}[kind],
+        )
+    label(ax, f"Sobol index of {_plain(indices.demand)}", "")
+    ax.set_yticks(place, [name.replace("_", " ") for name in names])
+    ax.legend(loc="lower right", fontsize=FONT_SIZE, frameon=False)
+    return ax
+
+
+def _only_shares(ax: Axes) -> None:
+    """Ticks from 0 to 1, not beside the legend above."""
+    ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
+
+
+def _plain(column: str) -> str:
+    return _COLUMNS[column][0] if column in _COLUMNS else column.replace("_", " ")
+
+
+def _name(study: Study, column: str) -> str:
+    if column not in _COLUMNS:
+        return column.replace("_", " ")
+    words, quantity = _COLUMNS[column]
+    return f"{words} ({_unit(study, column, quantity)[1]})"
+
+
+def _unit(study: Study, column: str, quantity: str) -> tuple[float, str]:
+    """Factor and name of a column's unit."""
+    moments = study.moments(column)
+    return unit_for(quantity, study.scales is not None, max(-moments.smallest, moments.largest))
+
+
+def _finite(study: Study, column: str) -> np.ndarray:
+    values = study[column]
+    return values[np.isfinite(values)]
+
+
+def _pounding(study: Study, gap: float | None) -> Any:
+    return _finite(study, "pounds") == 1 if gap is None else _finite(study, "required_gap") >= gap
