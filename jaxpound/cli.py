@@ -1,4 +1,4 @@
-"""Command line: ``jaxpound paper`` and ``jaxpound simulate``.
+"""Command line: ``jaxpound paper``, ``simulate``, ``montecarlo`` and ``report``.
 
 matplotlib is imported only where figures are drawn, so that help and refusals come sooner.
 """
@@ -8,8 +8,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -17,7 +19,7 @@ import jax
 import numpy as np
 
 import jaxpound as jp
-from jaxpound import config, report
+from jaxpound import config, report, study_config, study_report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,11 +62,11 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _PrintExample(argparse.Action):
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
-        super().__init__(option_strings, dest=argparse.SUPPRESS, nargs=0, help=help)
+    def __init__(self, option_strings: Sequence[str], dest: str, const: str, help: str) -> None:
+        super().__init__(option_strings, dest=argparse.SUPPRESS, nargs=0, const=const, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        print(config.example(), end="")
+        print(config.example(str(self.const)), end="")
         parser.exit()
 
 
@@ -104,7 +106,10 @@ def _parser() -> argparse.ArgumentParser:
         help="buildings, damper and run; without it the example configuration is used",
     )
     simulate.add_argument(
-        "--example-config", action=_PrintExample, help="print the example configuration and exit"
+        "--example-config",
+        action=_PrintExample,
+        const="example_config.toml",
+        help="print the example configuration and exit",
     )
     simulate.add_argument(
         "--units", default="g", help="of the record: g (default), m/s2, cm/s2, gal, ft/s2, in/s2"
@@ -112,26 +117,67 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument(
         "--dt", type=float, help="the record's time step in s, for a file that states none"
     )
+    study = _add_command(
+        commands,
+        _montecarlo,
+        summary="a Monte Carlo study of uncertain earthquakes and buildings; goes on where it "
+        "was stopped",
+        example="jaxpound montecarlo --example-config > study.toml\n"
+        "  jaxpound montecarlo study.toml --store study\n"
+        "  jaxpound report --store study --out results",
+        out=False,
+    )
+    study.add_argument("config", type=Path, metavar="CONFIG.toml", help="what is to be studied")
+    study.add_argument(
+        "--example-config",
+        action=_PrintExample,
+        const=study_config.EXAMPLE,
+        help="print an example study and exit",
+    )
+    _add_store(study, "folder for the results, made if needed; a started study goes on")
+    study.add_argument(
+        "--samples", type=int, metavar="N", help="number of samples, instead of the file's"
+    )
+    study.add_argument(
+        "--shard",
+        default="1/1",
+        metavar="I/N",
+        help="run every N-th chunk from the I-th only: N jobs, I = 1 to N, fill one store",
+    )
+    told = _add_command(
+        commands,
+        _report,
+        summary="a page, a table and figures of a study, also of an unfinished one",
+        example="jaxpound report --store study --out results",
+    )
+    _add_store(told, "the study's folder")
     return parser
 
 
-def _add_command(commands: Any, run: Any, summary: str, example: str) -> argparse.ArgumentParser:
+def _add_store(command: argparse.ArgumentParser, words: str) -> None:
+    command.add_argument("--store", type=Path, required=True, metavar="DIR", help=words)
+
+
+def _add_command(
+    commands: Any, run: Any, summary: str, example: str, out: bool = True
+) -> argparse.ArgumentParser:
     command: argparse.ArgumentParser = commands.add_parser(
         run.__name__.removeprefix("_"),
         help=summary,
-        description=f"Run {summary}.",
+        description=f"{summary[0].upper()}{summary[1:]}.",
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     command.set_defaults(run=run)
-    command.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for the results; made if needed, files of the same names are replaced",
-    )
+    if out:
+        command.add_argument(
+            "--out",
+            type=Path,
+            required=True,
+            metavar="DIR",
+            help="folder for the results; made if needed, files of the same names are replaced",
+        )
     return command
 
 
@@ -182,15 +228,76 @@ def _simulate(args: argparse.Namespace) -> None:
 
     from jaxpound import plots
 
-    path = args.out / "summary.json"
-    path.write_text(text + "\n", encoding="utf-8")
-    print(path)
+    _write_text(args.out / "summary.json", text + "\n")
     _write_series(response, args.out, configuration.series)
     figures = {name: plots.figure(getattr(plots, name), response) for name in _SIMULATE_FIGURES}
     _write_figures({"overview": plots.overview(response)} | figures, args.out)
 
 
+# --- montecarlo, report -------------------------------------------------------------------------
+
+
+def _montecarlo(args: argparse.Namespace) -> None:
+    study = study_config.read_study(args.config)
+    found = jp.monte_carlo(
+        study.scenarios,
+        study.samples if args.samples is None else args.samples,
+        study.grid,
+        study.scheme,
+        study.seed,
+        sampling=study.sampling,
+        store=args.store,
+        chunk_size=study.chunk_size,
+        keep_parameters=True,
+        scales=study.scales,
+        notes={"configuration": study.text},
+        shard=_shard(args.shard),
+        progress=sys.stderr.isatty(),
+    )
+    print(found)
+    print(f"probability of pounding {found.pounding_probability()}")
+    print(f"jaxpound report --store {args.store} --out DIR says more")
+
+
+def _shard(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)/(\d+)", text)
+    if not match:
+        raise ValueError(f"argument --shard: {text!r} must be I/N, such as 2/8")
+    return int(match[1]), int(match[2])
+
+
+def _report(args: argparse.Namespace) -> None:
+    study = jp.Study.open(args.store)
+    answers = study_report.summary(study)
+    text = json.dumps(answers, indent=2, allow_nan=False)
+    _make_folder(args.out)
+
+    from jaxpound import plots, study_plots
+
+    drawn: dict[str, Callable[[Any, Any], Any]] = {
+        "min_gap": study_plots.min_gap,
+        "convergence": study_plots.convergence,
+        "required_gap": partial(study_plots.exceedance, rules_at=0.05),
+    }
+    if (curve := study_report.fragility(study)) is not None:
+        unit = "m/s²" if study.scales is not None else "$g$"
+        drawn["fragility"] = lambda _, ax: study_plots.fragility(curve, ax, f"PGA ({unit})")
+    figures = {name: plots.figure(draw, study) for name, draw in drawn.items()}
+    if study.about["identity"]["parameters"]:
+        figures["parameters"] = study_plots.scatter_matrix(study)
+    if "configuration" in (study.about["notes"] or {}):
+        _write_text(args.out / "study.toml", study.about["notes"]["configuration"])
+    _write_text(args.out / "summary.json", text + "\n")
+    _write_text(args.out / "summary.md", study_report.as_markdown(answers, list(figures)))
+    _write_figures(figures, args.out)
+
+
 # --- files --------------------------------------------------------------------------------------
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+    print(path)
 
 
 def _write_figures(figures: dict[str, Figure], out: Path) -> None:

@@ -23,27 +23,31 @@ from jaxpound.units import Building, Scales, dimensionless
 
 _BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
 _BY_PERIOD = ("mass", "period", "damping_ratio")
-_BUILDING = dict.fromkeys((*_BY_ROD, *_BY_PERIOD), float)
+BUILDING = dict.fromkeys((*_BY_ROD, *_BY_PERIOD), float)
 
-# Allowed keys of each table ("" is the top level): a number, a whole number, or one of some words.
-_KEYS: dict[str, dict[str, Any]] = {
+Keys = dict[str, dict[str, Any]]
+"""Allowed keys of each table ("" is the top level): a number, a whole number, one of some words, or
+what a function (of the value) says is wrong with it."""
+
+RUN: dict[str, Any] = {
+    "duration": float,
+    "dt": float,
+    "friction": ("event-resolved", "switching", "smoothed"),
+    "smoothing_velocity": float,
+    "order": int,
+}
+_KEYS: Keys = {
     "": {"gap": float},
-    "building_1": _BUILDING,
-    "building_2": _BUILDING,
+    "building_1": BUILDING,
+    "building_2": BUILDING,
     "damper": {"friction_force": float},
     "ground": {"baseline": ("none", "mean", "linear"), "scale": float, "pga": float},
-    "run": {
-        "duration": float,
-        "dt": float,
-        "friction": ("event-resolved", "switching", "smoothed"),
-        "smoothing_velocity": float,
-        "order": int,
-    },
+    "run": RUN,
     "output": {"series": ("npz", "csv", "none")},
 }
-_MOST_STEPS = 1_000_000
+MOST_STEPS = 1_000_000
 _MOST_PGA = 20.0  # in g, several times the largest ever recorded: beyond it the units are wrong
-_STEPS_PER_PERIOD = 50
+STEPS_PER_PERIOD = 50
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +83,7 @@ class Configuration:
         if (baseline := ground.get("baseline", "none")) != "none":
             record = record.baseline_corrected(baseline)
         if "pga" in ground:
-            with _named(f"{self.source}: [ground]"):
+            with named(f"{self.source}: [ground]"):
                 record = record.scaled_to_pga(ground["pga"])
         elif (scale := ground.get("scale", 1.0)) != 1:
             record = Record(record.samples * scale, record.dt, record.name)
@@ -107,22 +111,21 @@ class Configuration:
             rule = f"at most the record's, {float(record.dt):.6g} s: samples would be skipped"
             raise ValueError(f"{self.source}: [run] dt = {dt:.6g} s must be {rule}")
         duration = run.get("duration", float(record.duration))
-        if not 2 * dt <= duration <= _MOST_STEPS * dt:
-            rule = f"between 2 and {_MOST_STEPS:,} steps of dt = {dt:.6g} s"
+        if not 2 * dt <= duration <= MOST_STEPS * dt:
+            rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
             raise ValueError(f"{self.source}: [run] duration = {duration:.6g} s must be {rule}")
         return self.scales.grid(duration, dt)
 
     def _time_step(self, record_dt: float, limit: float) -> float:
         """The record's dt, or a whole fraction of it, so that no sample is missed."""
         periods = [float(b.natural_period) for b in (self.building_1, self.building_2)]
-        largest = min(min(periods) / _STEPS_PER_PERIOD, limit / 2)
+        largest = min(min(periods) / STEPS_PER_PERIOD, limit / 2)
         return record_dt / math.ceil(record_dt / largest * (1 - 1e-9))
 
 
-def example() -> str:
-    """The documented example configuration, as text."""
-    file = resources.files("jaxpound") / "example_config.toml"
-    return file.read_text(encoding="utf-8")
+def example(name: str = "example_config.toml") -> str:
+    """A documented example configuration, as text."""
+    return (resources.files("jaxpound") / name).read_text(encoding="utf-8")
 
 
 def read_config(path: Path | None) -> Configuration:
@@ -137,24 +140,42 @@ def read_config(path: Path | None) -> Configuration:
         of the wrong type or breaks its rule. The message names file, table, key, value and rule.
     """
     source = "example configuration" if path is None else str(path)
+    given = parse(source, example() if path is None else read_text(path))
+    check_keys(source, given, _KEYS)
+    if "scale" in given.get("ground", {}) and "pga" in given["ground"]:
+        raise ValueError(f"{source}: [ground] must have scale or pga, not both")
+    return Configuration(source, given, *pair(source, given))
+
+
+def read_text(path: Path) -> str:
+    """A file's text, which must be UTF-8."""
     try:
-        text = example() if path is None else path.read_bytes().decode("utf-8")
-        given = tomllib.loads(text)
+        return path.read_bytes().decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{source}: must be text in UTF-8 ({error})") from error
+        raise ValueError(f"{path}: must be text in UTF-8 ({error})") from error
+
+
+def parse(source: str, text: str) -> dict[str, Any]:
+    """A configuration's tables."""
+    try:
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{source}{_place(str(error))}: {error}") from error
-    _check_keys(source, given)
+
+
+def pair(
+    source: str, given: dict[str, Any]
+) -> tuple[Building, Building, AdjacentStructures, Scales, Scheme]:
+    """The two buildings, the dimensionless system with its scales, and the scheme."""
     for table in ("building_1", "building_2", "damper"):
         if table not in given:
             raise ValueError(f"{source}: lacks the table [{table}]")
-    friction_force = _needed(source, given, "damper", "friction_force")
-    gap = _needed(source, given, "", "gap")
+    friction_force = needed(source, given, "damper", "friction_force")
+    gap = needed(source, given, "", "gap")
     left, right = (_building(source, given, table) for table in ("building_1", "building_2"))
-    with _named(f"{source}:"):
+    with named(f"{source}:"):
         structures, scales = dimensionless(left, right, friction_force, gap)
-    scheme = _scheme(source, given.get("run", {}), scales)
-    return Configuration(source, given, left, right, structures, scales, scheme)
+    return left, right, structures, scales, _scheme(source, given.get("run", {}), scales)
 
 
 def _place(message: str) -> str:
@@ -162,29 +183,27 @@ def _place(message: str) -> str:
     return f":{line[1]}" if line else ""
 
 
-def _check_keys(source: str, given: dict[str, Any]) -> None:
+def check_keys(source: str, given: dict[str, Any], keys: Keys) -> None:
+    """Refuse a key that is not allowed where it stands, or a value of the wrong kind."""
     for name, value in given.items():
-        if name not in _KEYS or name == "":
-            if name not in _KEYS[""]:
-                raise ValueError(f"{source}: {_unknown('', name)}")
-            _check_value(source, "", name, value)
+        if name not in keys or name == "":
+            if name not in keys[""]:
+                raise ValueError(f"{source}: {_unknown('', name, keys)}")
+            _check_value(f"{source}: {name}", keys[""][name], value)
         elif not isinstance(value, dict):
             raise ValueError(f"{source}: {name} = {value!r} must be a table, [{name}]")
         else:
             for key, entry in value.items():
-                if key not in _KEYS[name]:
-                    raise ValueError(f"{source}: {_unknown(name, key)}")
-                _check_value(source, name, key, entry)
-    ground = given.get("ground", {})
-    if "scale" in ground and "pga" in ground:
-        raise ValueError(f"{source}: [ground] must have scale or pga, not both")
+                if key not in keys[name]:
+                    raise ValueError(f"{source}: {_unknown(name, key, keys)}")
+                _check_value(f"{source}: [{name}] {key}", keys[name][key], entry)
 
 
-def _unknown(table: str, key: str) -> str:
+def _unknown(table: str, key: str, keys: Keys) -> str:
     """What is wrong with a key that is not allowed here, and what may have been meant."""
-    allowed = [*_KEYS[table], *(name for name in _KEYS if name and not table)]
+    allowed = [*keys[table], *(name for name in keys if name and not table)]
     where = f"[{table}] has" if table else "the top level has"
-    homes = [_title(other) for other in _KEYS if key in _KEYS[other]]
+    homes = [_title(other) for other in keys if key in keys[other]]
     close = difflib.get_close_matches(key.lower(), allowed, n=1)
     if homes:
         hint = f"it belongs in {' or '.join(homes)}"
@@ -199,25 +218,24 @@ def _title(table: str) -> str:
     return f"[{table}]" if table else "the top level, before the first [table]"
 
 
-def _check_value(source: str, table: str, key: str, value: Any) -> None:
-    kind = _KEYS[table][key]
+def _check_value(place: str, kind: Any, value: Any) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if kind is float:
         right, rule = number and abs(value) <= sys.float_info.max, "a finite number"
     elif kind is int:
         right, rule = number and isinstance(value, int), "a whole number"
-    else:
+    elif isinstance(kind, tuple):
         right, rule = value in kind, "one of " + ", ".join(f'"{word}"' for word in kind)
+    else:
+        rule = kind(value)
+        right = not rule
     if not right:
-        raise ValueError(f"{source}: {_prefix(table)}{key} = {value!r} must be {rule}")
+        raise ValueError(f"{place} = {value!r} must be {rule}")
 
 
-def _prefix(table: str) -> str:
-    return f"[{table}] " if table else ""
-
-
-def _needed(source: str, given: dict[str, Any], table: str, key: str) -> Any:
-    values = given[table] if table else given
+def needed(source: str, given: dict[str, Any], table: str, key: str) -> Any:
+    """The value of a key that must be there."""
+    values = given.get(table, {}) if table else given
     if key not in values:
         raise ValueError(f"{source}: lacks the key {key!r} in {_title(table)}")
     return values[key]
@@ -234,7 +252,7 @@ def _building(source: str, given: dict[str, Any], table: str) -> Building:
     if missing:
         raise ValueError(f"{source}: [{table}] lacks {', '.join(missing)}; give {ways}")
     numbers = {key: float(value) for key, value in values.items()}
-    with _named(f"{source}: [{table}]"):
+    with named(f"{source}: [{table}]"):
         return Building.from_period(**numbers) if by_period else Building(**numbers)
 
 
@@ -249,12 +267,12 @@ def _scheme(source: str, run: dict[str, Any], scales: Scales) -> Scheme:
             rule = "must be positive"
             raise ValueError(f"{source}: [run] smoothing_velocity = {velocity:.6g} m/s {rule}")
         law = Smoothed(velocity * float(scales.time / scales.length))
-    with _named(f"{source}: [run]"):
+    with named(f"{source}: [run]"):
         return Scheme(law, order=run.get("order", 2))
 
 
 @contextmanager
-def _named(place: str) -> Iterator[None]:
+def named(place: str) -> Iterator[None]:
     """Put the place in the file where the core's messages have the name of a class."""
     try:
         yield

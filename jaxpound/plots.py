@@ -181,10 +181,10 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def figure(draw: Callable[[Response, Axes], Axes], response: Response) -> Figure:
-    """A figure of column width with one drawing of this module in it, unknown to pyplot."""
+def figure(draw: Callable[[Any, Axes], Axes], drawn: Any) -> Figure:
+    """A figure of column width with one drawing of a response or study, unknown to pyplot."""
     result = Figure(figsize=FIGURE_SIZE, layout="constrained")
-    draw(response, result.add_subplot())
+    draw(drawn, result.add_subplot())
     return result
 
 

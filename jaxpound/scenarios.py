@@ -332,7 +332,7 @@ _SMALLEST = 1e-30  # of what must be positive, and is not 0 in single precision 
 
 # The interval that each parameter must be in, where it does not depend on others; in this order
 # they are drawn.
-_BOUNDS: dict[str, tuple[float, float]] = {
+PARAMETERS: dict[str, tuple[float, float]] = {
     **{f"rod_{i}.order": (_SMALLEST, 1.0) for i in (1, 2)},
     **{f"rod_{i}.tau_{x}": (_SMALLEST, math.inf) for x in "fx" for i in (1, 2)},
     "mass_ratio": (_SMALLEST, math.inf),
@@ -371,9 +371,11 @@ class UncertainStructures:
         if not self.uncertain:
             raise ValueError("UncertainStructures: uncertain = {} must name a parameter")
         for path, distribution in self.uncertain.items():
-            if path not in _BOUNDS:
-                close = difflib.get_close_matches(str(path), _BOUNDS, n=1)
-                hint = f"did you mean {close[0]!r}?" if close else f"allowed: {', '.join(_BOUNDS)}"
+            if path not in PARAMETERS:
+                close = difflib.get_close_matches(str(path), PARAMETERS, n=1)
+                hint = (
+                    f"did you mean {close[0]!r}?" if close else f"allowed: {', '.join(PARAMETERS)}"
+                )
                 raise ValueError(f"UncertainStructures: unknown path {path!r}; {hint}")
             instance("UncertainStructures", path, distribution, Distribution)
         object.__setattr__(self, "uncertain", dict(self.uncertain))
@@ -391,10 +393,10 @@ class UncertainStructures:
         """The parameters drawn, by field path."""
         numbers = dict(zip(self.uncertain, z, strict=True))
         drawn: dict[str, Any] = {}
-        for path in _BOUNDS:
+        for path in PARAMETERS:
             if path not in numbers:
                 continue
-            low, high = _BOUNDS[path]
+            low, high = PARAMETERS[path]
             rod, _, name = path.partition(".")
             if name == "tau_x":
                 low = drawn.get(f"{rod}.tau_f", getattr(self.nominal, rod).tau_f)

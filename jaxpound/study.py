@@ -233,7 +233,8 @@ class Study:
         units = "dimensionless" if self.scales is None else "SI"
         lines = [f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"]
         lines.append(f"    {'':20}{'mean':>12}{'std':>12}{'smallest':>12}{'largest':>12}")
-        for name in self.columns:
+        drawn = self.about["identity"]["parameters"]
+        for name in [name for name in self.columns if name not in drawn]:
             m = self.moments(name)
             numbers = (m.mean, m.std, m.smallest, m.largest)
             lines.append(f"    {name:20}" + "".join(f"{x:12.4g}" for x in numbers))

@@ -73,7 +73,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def convergence(study: Study, gap: float | None = None, ax: Axes | None = None) -> Axes:
+def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) -> Axes:
     """Probability of pounding by the first n samples over n, with its 95 % interval.
 
     ``gap`` is as of ``Study.pounding_probability``.
@@ -124,7 +124,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     return ax
 
 
-def fragility(curve: Fragility, intensity: str = "im", ax: Axes | None = None) -> Axes:
+def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -> Axes:
     """Fragility curve with its 95 % bootstrap band and the data.
 
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with

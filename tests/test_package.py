@@ -27,8 +27,8 @@ FLOORS = [
     {"chunks"},
     {"monte_carlo"},
     {"plots", "config"},
-    {"study_plots"},
-    {"report"},
+    {"study_plots", "study_config"},
+    {"report", "study_report"},
     {"cli"},
     {"__main__"},
 ]

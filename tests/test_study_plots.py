@@ -38,7 +38,7 @@ def test_min_gap_s_histogram_and_distribution(found, ax):
 
 
 def test_convergence_ends_at_the_estimate(found, ax):
-    plots.convergence(found, 0.3, ax)
+    plots.convergence(found, ax, gap=0.3)
     n, value = ax.lines[0].get_data()
     assert (n[-1], value[-1]) == (400, found.pounding_probability(0.3).value)
     assert value[0] == np.mean(found["required_gap"][:10] >= 0.3)
@@ -63,7 +63,7 @@ def test_fragility_has_its_data_and_its_curve(found, ax):
         jp.fit_fragility([0.1, 0.2, 0.4], [1, 5, 9], [10, 10, 10]),
     ):
         ax.clear()
-        plots.fragility(curve, "PGA ($g$)", ax)
+        plots.fragility(curve, ax, "PGA ($g$)")
         im, p = ax.lines[0].get_data()
         np.testing.assert_allclose(p, curve.probability(im))
         _, share = ax.containers[0][0].get_data()

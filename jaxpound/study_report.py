@@ -1,0 +1,143 @@
+"""A Monte Carlo study in words and numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import jaxpound as jp
+from jaxpound.estimates import Estimate
+
+PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
+"""Probabilities of exceedance for which the required gap is told."""
+
+_QUANTILES = (0.05, 0.5, 0.95)
+_MOST_CORRELATIONS = 8
+
+
+def summary(study: jp.Study) -> dict[str, Any]:
+    """The study's answers, as JSON can hold them."""
+    identity = study.about["identity"]
+    answers: dict[str, Any] = {
+        "made_by": identity["versions"],
+        "samples": len(study),
+        "samples_asked_for": study.about["n"],
+        "failed": study.failed,
+        "sampling": identity["sampling"],
+        "units": "SI" if study.scales is not None else "dimensionless",
+        "grid": {"dt": identity["grid"]["dt"], "n_steps": identity["grid"]["n_steps"]},
+        "pounding_probability": _numbers(study.pounding_probability()),
+        "required_gap": {},
+        "demands": {},
+        "correlations_with_required_gap": {},
+        "fragility_by_pga": None,
+    }
+    for p in PROBABILITIES:
+        found = study.separation(p)
+        answers["required_gap"][str(p)] = _numbers(found.required_gap) | {
+            "absolute_sum": found.absolute_sum,
+            "srss": found.srss,
+            "double_difference": found.double_difference,
+        }
+        answers["double_difference_correlation"] = found.correlation
+    for name in study.columns:
+        if name in identity["parameters"] or name == "pounds":
+            continue
+        m = study.moments(name)
+        values = study[name]
+        quantiles = np.quantile(values[np.isfinite(values)], _QUANTILES).tolist()
+        answers["demands"][name] = {
+            "mean": m.mean,
+            "std": m.std,
+            **dict(zip((f"quantile_{q:g}" for q in _QUANTILES), quantiles, strict=True)),
+            "largest": m.largest,
+        }
+    if identity["parameters"]:
+        found_ = {k: v for k, v in study.correlations().items() if np.isfinite(v)}
+        ranked = sorted(found_, key=lambda name: -abs(found_[name]))[:_MOST_CORRELATIONS]
+        answers["correlations_with_required_gap"] = {name: found_[name] for name in ranked}
+    if (curve := fragility(study)) is not None:
+        answers["fragility_by_pga"] = {
+            "median": curve.median,
+            "median_error": curve.median_error,
+            "dispersion": curve.dispersion,
+            "dispersion_error": curve.dispersion_error,
+        }
+    return answers
+
+
+def fragility(study: jp.Study) -> jp.Fragility | None:
+    """Pounding against PGA; None where no curve can be fitted."""
+    pounds, pga = study["pounds"], study["pga"]
+    good = np.isfinite(pounds) & (pga > 0)
+    try:
+        return jp.fit_fragility(pga[good], pounds[good] == 1)
+    except ValueError:
+        return None
+
+
+def _numbers(estimate: Estimate) -> dict[str, float | None]:
+    """Value and interval; an end that is not known is None."""
+    ends = {"value": estimate.value, "low": estimate.low, "high": estimate.high}
+    return {name: x if np.isfinite(x) else None for name, x in ends.items()}
+
+
+def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
+    """One page."""
+    si = answers["units"] == "SI"
+    length = "m" if si else "g/ω1²"
+    p = answers["pounding_probability"]
+    complete = answers["samples"] == answers["samples_asked_for"]
+    lines = [
+        "# Monte Carlo study of two adjacent structures",
+        "",
+        f"{answers['samples']:,} scenarios"
+        + ("" if complete else f" of {answers['samples_asked_for']:,} asked for (unfinished)")
+        + f", {answers['failed']:,} failed; {answers['sampling']} sampling; "
+        f"jaxpound {answers['made_by']['jaxpound']}. Intervals are of 95 %.",
+        "",
+        f"**Probability of pounding: {_told(p)}**",
+        "",
+        f"| exceeded with probability | required gap ({length}) | interval | absolute sum | SRSS "
+        "| double difference |",
+        "|---|---|---|---|---|---|",
+    ]
+    for share, row in answers["required_gap"].items():
+        rules = " | ".join(f"{row[k]:.4g}" for k in ("absolute_sum", "srss", "double_difference"))
+        lines.append(f"| {share} | {row['value']:.4g} | {_interval(row)} | {rules} |")
+    lines += [
+        "",
+        "The rules of codes combine the peak displacements that are exceeded with the same "
+        "probability; the double difference's correlation coefficient is "
+        f"{answers['double_difference_correlation']:.3g}. They were made for buildings without a "
+        "damper between them.",
+        "",
+        "| demand (" + ("SI units" if si else "dimensionless") + ") | mean | std | 5 % | median "
+        "| 95 % | largest |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, row in answers["demands"].items():
+        lines.append(f"| {name} | " + " | ".join(f"{x:.4g}" for x in row.values()) + " |")
+    if correlations := answers["correlations_with_required_gap"]:
+        told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
+        lines += ["", f"Rank correlation with the required gap: {told}."]
+    if curve := answers["fragility_by_pga"]:
+        unit = "m/s²" if si else "g"
+        lines += [
+            "",
+            f"Fragility by PGA: median θ = {curve['median']:.4g} ± {curve['median_error']:.2g} "
+            f"{unit}, dispersion β = {curve['dispersion']:.3g} ± {curve['dispersion_error']:.2g} "
+            "(standard errors).",
+        ]
+    lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
+    return "\n".join(lines)
+
+
+def _told(estimate: dict[str, Any]) -> str:
+    return f"{estimate['value']:.4g} ({_interval(estimate)})"
+
+
+def _interval(estimate: dict[str, Any]) -> str:
+    ends = (estimate["low"], estimate["high"])
+    return " to ".join("not known" if x is None else f"{x:.4g}" for x in ends)

@@ -1,0 +1,209 @@
+"""The configuration of a study, and the commands montecarlo and report."""
+
+import json
+import re
+import tomllib
+
+import jax
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from test_cli import is_figure, run
+
+import jaxpound as jp
+from jaxpound import cli, config, study_config
+
+EXAMPLE = config.example(study_config.EXAMPLE)
+SMALL = {
+    "duration = ": "duration = 3.0",
+    "samples = ": "samples = 40",
+    "wavelets = ": "wavelets = 2",
+}
+
+
+@pytest.fixture
+def write(tmp_path):
+    """The example with lines replaced (old start of line → new line)."""
+
+    def write_config(changes=None, text=EXAMPLE):
+        for old, new in (changes or {}).items():
+            text, found = re.subn(rf"(?m)^{re.escape(old)}.*$", new, text, count=1)
+            assert found, old
+        path = tmp_path / "study.toml"
+        path.write_text(text)
+        return path
+
+    return write_config
+
+
+def test_the_example_names_every_key_and_is_printed(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["montecarlo", "--example-config"])
+    assert capsys.readouterr().out == EXAMPLE
+    for table in ("earthquakes", "study", "run"):
+        for key in study_config._KEYS[table]:
+            if key in ("order", "smoothing_velocity") or table != "run":
+                assert re.search(rf"(?m)^(# )?{key} = ", EXAMPLE) or key == "smoothing_velocity", (
+                    key
+                )
+
+
+def test_the_example_is_the_pair_in_si_with_its_scenarios():
+    study = study_config.read_study(None)
+    given = tomllib.loads(EXAMPLE)
+    buildings = [jp.Building.from_period(**given[f"building_{i}"]) for i in (1, 2)]
+    structures, scales = jp.dimensionless(*buildings, 200e3, 0.1)
+    median, ground = study.scenarios.realize(np.zeros(study.scenarios.dimension))
+    for ours, theirs in zip(jax.tree.leaves(median), jax.tree.leaves(structures), strict=True):
+        assert float(ours) == pytest.approx(float(theirs))
+    amplitudes = np.abs(ground.amplitude) * scales.length
+    np.testing.assert_allclose(amplitudes, 0.025)
+    np.testing.assert_allclose(ground.periods * scales.time, 1.0)
+    np.testing.assert_allclose(ground.arrivals * scales.time, 3.5)
+    one = np.zeros(study.scenarios.dimension)
+    one[0] = 1.0
+    factor = study.scenarios.realize(one)[0].friction / structures.friction
+    assert float(factor) == pytest.approx(np.exp(0.2))
+    assert study.grid.dt * float(scales.time) == pytest.approx(0.6 / 50, rel=0.01)
+    assert (study.samples, study.seed, study.sampling) == (10_000, 0, "plain")
+
+
+def test_recorded_earthquakes_are_read_beside_the_file(write, tmp_path):
+    for i, n in enumerate((80, 120)):
+        values = 0.2 * np.sin(0.05 * np.arange(n))
+        np.savetxt(
+            tmp_path / f"{i}.csv", np.column_stack([0.02 * np.arange(n), values]), delimiter=","
+        )
+    head, tail = EXAMPLE.split("[earthquakes]", 1)
+    rest = tail[tail.index("\n[uncertain]") :].replace("duration = 12.0", "")
+    table = (
+        '[earthquakes]\nrecords = ["0.csv", "1.csv"]\nunits = "m/s2"\nfactor = {uniform = [1, 3]}\n'
+    )
+    study = study_config.read_study(write(text=head + table + rest))
+    records = study.scenarios.ground.records
+    assert [record.n_samples for record in records] == [80, 120]
+    assert float(np.abs(records[1].samples).max()) == pytest.approx(0.2 / 9.80665, rel=1e-3)
+    assert study.scenarios.ground.factor == jp.Uniform(1, 3)
+    duration = study.grid.dt * study.grid.n_steps * float(study.scales.time)
+    assert duration == pytest.approx(119 * 0.02, abs=0.02)
+
+
+def test_rods_may_be_named_with_and_without_quotation_marks(write):
+    text = EXAMPLE.replace('"rod_1.tau_x" =', "rod_1.tau_x =")
+    path = write(text=text)
+    names = list(study_config.read_study(path).scenarios.structures.uncertain)
+    assert names == ["friction", "stiffness_ratio", "rod_1.tau_x"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"wavelets": "wavelet = 4"},
+            "has an unknown key 'wavelet'; did you mean 'wavelets'",
+        ),
+        ({"wavelets": ""}, "lacks the key 'wavelets' in [earthquakes]"),
+        (
+            {"wavelets": "wavelets = 0"},
+            "[earthquakes] wavelets = 0 must be a positive whole",
+        ),
+        ({"amplitude": "amplitude = 0.3"}, "[earthquakes] amplitude = 0.3 must be {normal = [mean"),
+        ({"amplitude": "amplitude = {beta = [1, 2]}"}, "must be {normal = [mean, std]}, {logn"),
+        ({"amplitude": "amplitude = {normal = [1]}"}, "must be {normal = [mean, std]}, {logn"),
+        ({"periods": "periods = {uniform = [2, 1]}"}, "[earthquakes] high = "),
+        ({"negative": "negative = 2.0"}, "[earthquakes] negative = 2 must be between 0 and 1"),
+        ({"wavelets": 'records = ["a"]'}, "[earthquakes] amplitude must not be given with records"),
+        ({"wavelets": "wavelets = 4\nunits = 'g'"}, "units must not be given without records"),
+        ({"negative": "records = []"}, "[earthquakes] records = [] must be a list of files"),
+        (
+            {"friction = {": "frictoin = {uniform = [1, 2]}"},
+            "has an unknown key 'frictoin'; did you mean",
+        ),
+        ({"duration": ""}, "lacks the key 'duration' in [run]"),
+        ({"duration": "duration = 0.001"}, "[run] duration = 0.001 s must be between 2 and"),
+        ({"# dt": "dt = 5.0"}, "[run] dt = 5 s must be positive and below the stability limit"),
+        ({"samples": "samples = 0"}, "[study] samples = 0 must be positive"),
+        ({"seed": "seed = -1"}, "[study] seed = -1 must be from 0"),
+        (
+            {"sampling": 'sampling = "halton"'},
+            "sampling = 'halton' must be one of \"plain\"",
+        ),
+        ({"gap": "gap = -0.1"}, "gap = -0.1 must be finite and not negative"),
+        ({"[damper]": "[dampers]"}, "unknown key 'dampers'; did you mean 'damper'?"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place(write, changes, message, capsys, tmp_path):
+    assert cli.main(["montecarlo", str(write(changes)), "--store", str(tmp_path / "st")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.startswith(f"jaxpound: error: {tmp_path / 'study.toml'}: ")
+    assert error.count("\n") == error.count("study.toml") == 1
+    assert not (tmp_path / "st").exists()
+
+
+def test_a_missing_record_is_named(write, tmp_path, capsys):
+    head, tail = EXAMPLE.split("[earthquakes]", 1)
+    text = head + '[earthquakes]\nrecords = ["none.at2"]\n' + tail[tail.index("\n[uncertain]") :]
+    assert cli.main(["montecarlo", str(write(text=text)), "--store", str(tmp_path / "st")]) == 2
+    assert "none.at2: No such file" in capsys.readouterr().err
+
+
+def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_path):
+    path, store, out = (
+        write(SMALL | {"# chunk_size": "chunk_size = 10"}),
+        tmp_path / "st",
+        tmp_path / "out",
+    )
+    for shard in ("1/2", "2/2"):
+        run("montecarlo", path, "--store", store, "--shard", shard)
+    screen = run("montecarlo", path, "--store", store)
+    assert "Study of 40 scenarios, 0 failed (SI)" in screen
+    study = study_config.read_study(path)
+    found = jp.monte_carlo(
+        study.scenarios, 40, study.grid, chunk_size=10, scales=study.scales, progress=False
+    )
+    assert f"probability of pounding {found.pounding_probability()}" in screen
+
+    printed = run("report", "--store", store, "--out", out).split()
+    assert sorted(map(str, out.iterdir())) == sorted(printed)
+    assert (out / "study.toml").read_text() == path.read_text()
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["pounding_probability"]["value"] == found.pounding_probability().value
+    rules = found.separation(0.1)
+    assert summary["required_gap"]["0.1"]["srss"] == pytest.approx(rules.srss)
+    assert summary["demands"]["peak_f1"]["mean"] == pytest.approx(found.moments("peak_f1").mean)
+    page = (out / "summary.md").read_text()
+    assert f"**Probability of pounding: {found.pounding_probability().value:.4g} (" in page
+    for name in re.findall(r"\((\w+\.png)\)", page):
+        assert imread(out / name).size
+    assert is_figure(out / "convergence.png")
+
+    more = run("montecarlo", path, "--store", store, "--samples", 50)
+    assert "Study of 50 scenarios" in more
+
+
+def test_the_report_of_an_unfinished_study_says_so(write, tmp_path):
+    path = write(SMALL | {"# chunk_size": "chunk_size = 10"})
+    run("montecarlo", path, "--store", tmp_path / "st", "--shard", "1/2")
+    run("report", "--store", tmp_path / "st", "--out", tmp_path / "out")
+    assert (
+        "20 scenarios of 40 asked for (unfinished)" in (tmp_path / "out" / "summary.md").read_text()
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["montecarlo", "none.toml", "--store", "st"], "none.toml: No such file"),
+        (["montecarlo", "STUDY", "--store", "st", "--shard", "1-2"], "--shard: '1-2' must be I/N"),
+        (["montecarlo", "STUDY", "--store", "st", "--shard", "3/2"], "shard = (3, 2) must be"),
+        (["montecarlo", "STUDY", "--store", "st", "--samples", "0"], "n = 0 must be a positive"),
+        (["report", "--store", "none", "--out", "out"], "must be a folder with a manifest.json"),
+    ],
+)
+def test_bad_commands_are_refused(arguments, message, write, capsys, monkeypatch, tmp_path):
+    path = write(SMALL)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([str(path) if x == "STUDY" else x for x in arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "st").exists()
