@@ -57,7 +57,7 @@ class Task:
     x64: bool
     names: tuple[str, ...] = ()  # of the columns
     folder: Path | None = None
-    fingerprint: str = ""
+    fingerprint: str = ""  # of the program, whatever the points
 
     def identity(self) -> dict[str, Any]:
         """What determines every number of the study, in words; its number of samples does not."""
@@ -89,7 +89,8 @@ class Task:
         def drawn(z: jax.Array) -> Any:
             structures, ground = self.scenarios.realize(z)
             measured = {name: f(structures, ground) for name, f in self.measures.items()}
-            return structures, as_pytree(ground, self.grid), measured
+            named = parameters(self.scenarios, z) if self.keep_parameters else {}
+            return structures, as_pytree(ground, self.grid), measured, named
 
         traced = jax.jit(drawn).trace(self.normal())
         return digest(traced.lower(lowering_platforms=("cpu",)).as_text().encode())
@@ -139,7 +140,11 @@ class Task:
         return np.concatenate([draw(some.start, some.stop) for some in rows])
 
     def finish(self, chunk: int) -> Outcome:
-        """Run a chunk and put it in the store, if there is one."""
+        """Run a chunk and keep it."""
+        return self.keep(chunk, self.compute(chunk))
+
+    def compute(self, chunk: int) -> Columns:
+        """The columns of a chunk."""
         rows = self.rows(chunk)
         with jax.enable_x64(self.x64):
             if self.fingerprint not in _PROGRAMS:
@@ -153,6 +158,10 @@ class Task:
             results = _PROGRAMS[self.fingerprint](np.concatenate([z, np.repeat(z[-1:], rest, 0)]))
             columns = {name: results[name][: len(rows)] for name in self.names}
             self._refuse_failures(columns, z, rows)
+        return columns
+
+    def keep(self, chunk: int, columns: Columns) -> Outcome:
+        """Put a chunk in the store, if there is one."""
         if self.folder is None:
             return Outcome(moments(columns), columns)
         Store(self.folder).write(chunk, columns)

@@ -111,7 +111,8 @@ class Moments(NamedTuple):
             return Moments()
         mean = float(sample.mean())
         deviation = sample - mean
-        square, cube = (float(np.sum(deviation**k)) for k in (2, 3))
+        squares = deviation * deviation
+        square, cube = float(np.sum(squares)), float(np.sum(squares * deviation))
         return Moments(sample.size, mean, square, cube, float(sample.min()), float(sample.max()))
 
     def __add__(self, other: Moments) -> Moments:  # type: ignore[override]

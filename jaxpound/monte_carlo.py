@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -136,6 +136,7 @@ def monte_carlo(
         rule = f"leave a chunk for each shard: the study has {len(chunks)}"
         raise ValueError(f"monte_carlo: shard = {shard} must {rule}")
     identity = task.identity()
+    program = {k: x for k, x in identity.items() if k not in ("key", "sampling")}
     context = {"notes": notes, "scales": describe(scales), "oscillators": _oscillators(scenarios)}
     made = None
     if store is not None:
@@ -144,7 +145,7 @@ def monte_carlo(
         task,
         names=tuple(identity["columns"]),
         folder=made.folder if made else None,
-        fingerprint=digest(json.dumps(identity).encode()),
+        fingerprint=digest(json.dumps(program).encode()),
     )
 
     outcomes = dict(task.finished(own))
@@ -231,11 +232,15 @@ def _key(key: Any) -> tuple[str, tuple[int, ...]]:
 
 def _oscillators(scenarios: ScenarioSet) -> list[float]:
     """Period and damping ratio of both structures of the median scenario, z = 0, uncoupled."""
-    structures, _ = scenarios.realize(jnp.zeros(scenarios.dimension))
-    instance("monte_carlo", "scenarios: structures", structures, AdjacentStructures)
-    frequencies, dampings = structures.natural_frequencies, structures.damping_ratios
-    periods = [2 * np.pi / float(omega) for omega in frequencies]
-    return [periods[0], float(dampings[0]), periods[1], float(dampings[1])]
+
+    @jax.jit
+    def median(z: jax.Array) -> list[jax.Array]:
+        structures, _ = scenarios.realize(z)
+        instance("monte_carlo", "scenarios: structures", structures, AdjacentStructures)
+        (w1, w2), (z1, z2) = structures.natural_frequencies, structures.damping_ratios
+        return [2 * jnp.pi / w1, z1, 2 * jnp.pi / w2, z2]
+
+    return [float(x) for x in median(jnp.zeros(scenarios.dimension))]
 
 
 def _outcomes(
@@ -243,8 +248,15 @@ def _outcomes(
 ) -> Iterator[tuple[int, Outcome]]:
     """Chunks as they are finished."""
     if executor is None:
-        for chunk in chunks:
-            yield chunk, task.finish(chunk)
+        with ThreadPoolExecutor(1) as keeper:  # one chunk is written while the next is run
+            before = None
+            for chunk in chunks:
+                columns = task.compute(chunk)
+                if before is not None:
+                    yield before[0], before[1].result()
+                before = chunk, keeper.submit(task.keep, chunk, columns)
+            if before is not None:
+                yield before[0], before[1].result()
         return
     futures = {executor.submit(task.finish, chunk): chunk for chunk in chunks}
     try:

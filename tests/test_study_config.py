@@ -145,7 +145,7 @@ def test_a_missing_record_is_named(write, tmp_path, capsys):
     head, tail = EXAMPLE.split("[earthquakes]", 1)
     text = head + '[earthquakes]\nrecords = ["none.at2"]\n' + tail[tail.index("\n[uncertain]") :]
     assert cli.main(["montecarlo", str(write(text=text)), "--store", str(tmp_path / "st")]) == 2
-    assert "none.at2: No such file" in capsys.readouterr().err
+    assert "none.at2: no such file" in capsys.readouterr().err
 
 
 def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_path):

@@ -1,0 +1,91 @@
+"""Beyond one process: Dask's scheduler, a worker killed on the way, JAX's multi-process mesh."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_monte_carlo import files, study
+
+import jaxpound as jp
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    killed = tmp_path / "killed"
+    arguments = {"n": 40_000, "chunk_size": 1000}
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        found = []
+
+        def run():
+            with jax.enable_x64(True), jax.numpy_rank_promotion("raise"):
+                found.append(study(store=killed, executor=client.get_executor(), **arguments))
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        while len([*killed.glob("chunk-*.npz")]) < 3:
+            time.sleep(0.01)
+            assert thread.is_alive()
+        had = files(killed)
+        os.kill(cluster.workers[0].pid, signal.SIGKILL)
+        thread.join()
+    assert len(found[0]) == 40_000
+    for name, content in had.items():
+        assert name.endswith(".part") or files(killed)[name] == content
+    # Workers have one thread for linear algebra, whose rounding differs.
+    here = study(**arguments)
+    for name in here.columns:
+        np.testing.assert_allclose(found[0][name], here[name], rtol=1e-9, atol=1e-12)
+
+
+def test_one_program_over_the_devices_of_two_processes():
+    """The documented script gives in both processes what a plain batch gives in this one."""
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        address = f"localhost:{free.getsockname()[1]}"
+    script = str(ROOT / "examples" / "many_processes.py")
+    processes = [
+        subprocess.Popen(
+            [sys.executable, script, address, "2", str(i)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for i in (0, 1)
+    ]
+    told = []
+    for process in processes:
+        out, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, errors
+        told.append(re.search(r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)", out))
+    assert [match[1] for match in told] == ["0", "1"]
+    assert told[0].groups()[1:] == told[1].groups()[1:]
+
+    ground = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3), jp.Uniform(0, 8))
+    scenarios = jp.Scenarios(jp.paper.structures(), ground)
+    grid = jp.TimeGrid.until(20.0, 0.04)
+
+    def gap(index):
+        z = jax.random.normal(jax.random.fold_in(jax.random.key(0), index), scenarios.dimension)
+        return jp.demand(*scenarios.realize(z), grid).min_gap
+
+    gaps = jp.in_chunks(gap)(jnp.arange(8192))
+    assert float(told[0][2]) == pytest.approx(np.mean(gaps <= 0.5), abs=1e-6)
+    assert float(told[0][3]) == pytest.approx(gaps.min(), abs=1e-8)
