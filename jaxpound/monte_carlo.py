@@ -174,7 +174,7 @@ def monte_carlo(
     kept = [outcomes.pop(chunk) for chunk in own]
     columns = {name: np.concatenate([x.columns[name] for x in kept]) for name in kept[0].moments}
     return Study(
-        np.arange(task.n),
+        [range(task.n)],
         {"n": task.n, **context, "identity": identity},
         total([x.moments for x in kept]),
         columns.__getitem__,
@@ -220,12 +220,13 @@ def _key(key: Any) -> tuple[str, tuple[int, ...]]:
         if not 0 <= key < 2**32:
             raise ValueError(f"monte_carlo: key = {key} must be from 0 to 2^32 − 1")
         key = jax.random.key(int(key))
-    if not isinstance(key, jax.Array) or jnp.shape(key)[-1:] not in ((), (2,), (4,)):
+    typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    if isinstance(key, jax.Array) and key.dtype == np.uint32 and key.shape in ((2,), (4,)):
+        key, typed = jax.random.wrap_key_data(key), True
+    if not typed or key.shape:
         raise ValueError(
             f"monte_carlo: key = {key!r} must be a whole number or a key of jax.random"
         )
-    if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        key = jax.random.wrap_key_data(key)
     numbers = np.asarray(jax.random.key_data(key)).ravel().tolist()
     return str(jax.random.key_impl(key)), tuple(numbers)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -59,8 +59,8 @@ class Study:
     ones: too wide, as a rule.
     """
 
-    indices: np.ndarray
-    """Indices of the samples, shape (n,)."""
+    rows: Sequence[range]
+    """Indices of the samples, range by range."""
     about: dict[str, Any]
     """How it was made: versions, key, scenarios, grid, scheme, notes."""
     _moments: Mapping[str, Moments]
@@ -105,11 +105,16 @@ class Study:
                 )
             return np.concatenate([part[name] for part in parts if part is not None])
 
-        indices = np.concatenate([store.rows(chunk) for chunk in found])
-        return Study(indices, store.manifest, total(found.values()), column, **more)
+        rows = [store.rows(chunk) for chunk in found]
+        return Study(rows, store.manifest, total(found.values()), column, **more)
 
     def __len__(self) -> int:
-        return len(self.indices)
+        return sum(map(len, self.rows))
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Indices of the samples, shape (n,)."""
+        return np.concatenate(self.rows)
 
     @property
     def columns(self) -> tuple[str, ...]:

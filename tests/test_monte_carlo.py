@@ -147,6 +147,38 @@ def test_sobol_points_estimate_a_mean_better():
     assert errors["sobol"] < errors["plain"] / 5
 
 
+def test_any_object_with_a_dimension_and_a_way_to_realize_will_do():
+    class Mine:
+        dimension = 2
+
+        def realize(self, z):
+            return dataclasses.replace(SLIDING, friction=0.1 * jnp.exp(z[0])), lambda t: z[1] * t
+
+    found = study(Mine(), 20)
+    assert list(found.correlations()) == ["z_1", "z_2"]
+    slope = jax.vmap(lambda z: jp.demand(*Mine().realize(z), GRID).peak_x2)(found.points())
+    np.testing.assert_allclose(found["peak_x2"], slope, rtol=1e-9)
+
+
+def test_spectral_acceleration_is_a_measure_for_fragility():
+    """Of a linear pair every peak is proportional to the wave's amplitude, and to its spectrum."""
+
+    def sa(structures, ground):
+        return jp.spectral_acceleration(ground, GRID, period=structures.natural_frequencies[0])
+
+    found = study(LINEAR, 400, measures={"sa": sa}, chunk_size=400)
+    one = jp.spectral_acceleration(
+        jp.Ricker(1.0, [2.0], [1.5]), GRID, period=SLIDING.natural_frequencies[0]
+    )
+    amplitude = MEDIAN * np.exp(SIGMA * found.points()[:, 0])
+    np.testing.assert_allclose(found["sa"], amplitude * float(one), rtol=1e-9)
+    noisy = found["required_gap"] * np.random.default_rng(0).lognormal(0, 0.2, 400)
+    threshold = float(np.median(noisy))
+    curve = jp.fit_fragility(found["sa"], noisy >= threshold)
+    at_half = threshold * float(one) / float(1 - unit().min_gap)
+    assert curve.median == pytest.approx(at_half, rel=4 * curve.median_error / curve.median)
+
+
 # The same sample whatever the way.
 
 
@@ -173,6 +205,7 @@ def test_a_key_is_a_seed_or_a_key():
     seeded, keyed = (study(n=4, key=key) for key in (3, jax.random.key(3)))
     other = study(n=4, key=jax.random.key(3, impl="rbg"))
     np.testing.assert_array_equal(seeded["pga"], keyed["pga"])
+    np.testing.assert_array_equal(study(n=4, key=jax.random.PRNGKey(3))["pga"], keyed["pga"])
     assert np.abs(seeded["pga"] - other["pga"]).min() > 0
 
 
@@ -399,6 +432,8 @@ def test_an_error_in_a_worker_reaches_the_caller_and_stops_the_rest(tmp_path):
         ({"sampling": "halton"}, "sampling = 'halton' must be 'plain' or 'sobol'"),
         ({"key": -1}, "key = -1 must be from 0"),
         ({"key": "seed"}, "key = 'seed' must be a whole number or a key"),
+        ({"key": jnp.asarray(3)}, "must be a whole number or a key"),
+        ({"key": jax.random.split(jax.random.key(0))}, "must be a whole number or a key"),
         ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
         ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
         ({"shard": (0, 2)}, r"shard = \(0, 2\) must be \(i, k\)"),
