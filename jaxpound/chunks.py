@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from jaxpound._describe import describe, digest
 from jaxpound.batches import in_chunks, runs_at_a_time
 from jaxpound.estimates import Moments
 from jaxpound.ground import as_pytree
-from jaxpound.sampling import points
+from jaxpound.sampling import Points, points
 from jaxpound.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.simulation import demand
@@ -31,6 +32,14 @@ Columns = dict[str, np.ndarray]
 
 _PROGRAMS: dict[str, Callable[[np.ndarray], Columns]] = {}
 _MOST_PROGRAMS = 4  # compiled ones that a process keeps
+
+
+@lru_cache(maxsize=4)
+def _draw(sampling: str, key: tuple[str, tuple[int, ...]], dimension: int) -> Points:
+    """The points of a study; kept, since Sobol points are made one after the other."""
+    kind, numbers = key
+    data = jnp.asarray(numbers, jnp.uint32)
+    return points(sampling, jax.random.wrap_key_data(data, impl=kind), dimension)
 
 
 class Outcome(NamedTuple):
@@ -57,12 +66,14 @@ class Task:
     x64: bool
     names: tuple[str, ...] = ()  # of the columns
     folder: Path | None = None
+    most: int = 0  # samples that the store is to hold
     fingerprint: str = ""  # of the program, whatever the points
 
     def identity(self) -> dict[str, Any]:
         """What determines every number of the study, in words; its number of samples does not."""
         drawn = parameter_names(self.scenarios) if self.keep_parameters else ()
         kind, numbers = self.key
+        partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
         versions = {
             "jaxpound": jaxpound.__version__,
             "jax": jax.__version__,
@@ -71,7 +82,7 @@ class Task:
         return {
             "versions": versions,
             "precision": "float64" if self.x64 else "float32",
-            "key": {"kind": kind, "numbers": list(numbers)},
+            "key": {"kind": kind, "numbers": list(numbers), "partitionable": partitionable},
             "sampling": self.sampling,
             "chunk_size": self.chunk_size,
             "columns": self.columns(),
@@ -127,16 +138,15 @@ class Task:
             )
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
 
-    def rows(self, chunk: int) -> range:
-        """Indices of the samples of a chunk."""
-        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, self.n))
+    def rows(self, chunk: int, full: bool = False) -> range:
+        """Indices of the samples of a chunk; ``full``: of all that the store is to hold."""
+        n = max(self.n, self.most) if full else self.n
+        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, n))
 
-    def points(self, chunks: Sequence[int]) -> np.ndarray:
+    def points(self, chunks: Sequence[int], full: bool = False) -> np.ndarray:
         """Points of the samples of some chunks, shape (n, d)."""
-        kind, numbers = self.key
-        key = jax.random.wrap_key_data(jnp.asarray(numbers, jnp.uint32), impl=kind)
-        draw = points(self.sampling, key, self.scenarios.dimension)
-        rows = [self.rows(chunk) for chunk in chunks]
+        draw = _draw(self.sampling, self.key, self.scenarios.dimension)
+        rows = [self.rows(chunk, full) for chunk in chunks]
         return np.concatenate([draw(some.start, some.stop) for some in rows])
 
     def finish(self, chunk: int) -> Outcome:
@@ -145,14 +155,14 @@ class Task:
 
     def compute(self, chunk: int) -> Columns:
         """The columns of a chunk."""
-        rows = self.rows(chunk)
+        rows = self.rows(chunk, full=True)
         with jax.enable_x64(self.x64):
             if self.fingerprint not in _PROGRAMS:
                 for oldest in [*_PROGRAMS][: len(_PROGRAMS) - _MOST_PROGRAMS + 1]:
                     del _PROGRAMS[oldest]
                 program: Any = in_chunks(self.run, self._runs_at_a_time())
                 _PROGRAMS[self.fingerprint] = program
-            z = self.points([chunk])
+            z = self.points([chunk], full=True)
             # Always batches of one size: one program, and the same rounding.
             rest = -len(rows) % self._runs_at_a_time()
             results = _PROGRAMS[self.fingerprint](np.concatenate([z, np.repeat(z[-1:], rest, 0)]))
@@ -162,10 +172,10 @@ class Task:
 
     def keep(self, chunk: int, columns: Columns) -> Outcome:
         """Put a chunk in the store, if there is one."""
-        if self.folder is None:
-            return Outcome(moments(columns), columns)
-        Store(self.folder).write(chunk, columns)
-        return Outcome(moments(columns), {})
+        if self.folder is not None:
+            Store(self.folder).write(chunk, columns)
+        own = {name: x[: len(self.rows(chunk))] for name, x in columns.items()}
+        return Outcome(moments(own), {} if self.folder else own)
 
     def finished(self, chunks: Sequence[int]) -> Iterator[tuple[int, Outcome]]:
         """Those of the chunks that the store holds."""
@@ -193,5 +203,5 @@ class Task:
             reason = str(error)
         raise ValueError(
             f"monte_carlo: scenario {rows[first]} fails: {reason}; "
-            "keep_failures=True leaves such out"
+            "keep_failures (= True) leaves such out"
         )

@@ -249,13 +249,15 @@ def _montecarlo(args: argparse.Namespace) -> None:
         store=args.store,
         chunk_size=study.chunk_size,
         keep_parameters=True,
+        keep_failures=study.keep_failures,
         scales=study.scales,
         notes={"configuration": study.text},
         shard=_shard(args.shard),
         progress=sys.stderr.isatty(),
     )
     print(found)
-    print(f"probability of pounding {found.pounding_probability()}")
+    part = "" if args.shard == "1/1" else f" by shard {args.shard} alone"
+    print(f"probability of pounding{part} {found.pounding_probability()}")
     print(f"jaxpound report --store {args.store} --out DIR says more")
 
 

@@ -97,11 +97,11 @@ class Moments(NamedTuple):
     """Moments of a sample that is seen part by part, and its extremes."""
 
     n: int = 0
-    mean: float = 0.0
+    mean: float = float("nan")
     square: float = 0.0  # sum of squared deviations from the mean
     cube: float = 0.0
-    smallest: float = np.inf
-    largest: float = -np.inf
+    smallest: float = float("nan")
+    largest: float = float("nan")
 
     @staticmethod
     def of(sample: np.ndarray) -> Moments:

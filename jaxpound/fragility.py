@@ -162,6 +162,8 @@ def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
     """Why the likelihood of a rising curve has no maximum, or nothing."""
     if not k.any() or (k == n).all():
         return "it is there " + ("always" if k.any() else "never")
+    if im.min() == im.max():
+        return f"all intensities are {im[0]:.6g}"
     with_it, without = im[k > 0], im[k < n]
     if with_it.min() >= without.max():
         return f"it is there always above im = {without.max():.6g} and never below"

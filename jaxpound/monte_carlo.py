@@ -116,7 +116,7 @@ def monte_carlo(
         raise ValueError(f"monte_carlo: shard = {shard} must come with a store to fill")
     if store is not None and chunk_size is None and (Path(store) / MANIFEST).exists():
         chunk_size = Store(store).chunk_size
-    size = count("monte_carlo", "chunk_size", chunk_size or _CHUNK_SIZE)
+    size = count("monte_carlo", "chunk_size", _CHUNK_SIZE if chunk_size is None else chunk_size)
     task = Task(
         scenarios=scenarios,
         grid=grid,
@@ -135,16 +135,21 @@ def monte_carlo(
     if not own:
         rule = f"leave a chunk for each shard: the study has {len(chunks)}"
         raise ValueError(f"monte_carlo: shard = {shard} must {rule}")
-    identity = task.identity()
-    program = {k: x for k, x in identity.items() if k not in ("key", "sampling")}
-    context = {"notes": notes, "scales": describe(scales), "oscillators": _oscillators(scenarios)}
+    try:
+        json.dumps(notes, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"monte_carlo: notes must be what JSON can hold ({error})") from error
+    identity = task.identity() | {"scales": describe(scales)}
+    program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
+    context = {"notes": notes, "oscillators": _oscillators(scenarios)}
     made = None
     if store is not None:
         made = Store.create(store, identity, task.n, context)
     task = dataclasses.replace(
         task,
         names=tuple(identity["columns"]),
-        folder=made.folder if made else None,
+        folder=made.folder.resolve() if made else None,
+        most=made.manifest["n"] if made else 0,
         fingerprint=digest(json.dumps(program).encode()),
     )
 
@@ -172,12 +177,11 @@ def monte_carlo(
             made.sweep()
         return Study.of_store(made, {chunk: outcomes[chunk].moments for chunk in own}, **more)
     kept = [outcomes.pop(chunk) for chunk in own]
-    columns = {name: np.concatenate([x.columns[name] for x in kept]) for name in kept[0].moments}
     return Study(
         [range(task.n)],
         {"n": task.n, **context, "identity": identity},
         total([x.moments for x in kept]),
-        columns.__getitem__,
+        lambda name: (outcome.columns[name] for outcome in kept),
         **more,
     )
 
@@ -219,7 +223,7 @@ def _key(key: Any) -> tuple[str, tuple[int, ...]]:
     if isinstance(key, int | np.integer) and not isinstance(key, bool):
         if not 0 <= key < 2**32:
             raise ValueError(f"monte_carlo: key = {key} must be from 0 to 2^32 − 1")
-        key = jax.random.key(int(key))
+        key = jax.random.key(int(key), impl="threefry2x32")
     typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
     if isinstance(key, jax.Array) and key.dtype == np.uint32 and key.shape in ((2,), (4,)):
         key, typed = jax.random.wrap_key_data(key), True
@@ -227,8 +231,11 @@ def _key(key: Any) -> tuple[str, tuple[int, ...]]:
         raise ValueError(
             f"monte_carlo: key = {key!r} must be a whole number or a key of jax.random"
         )
-    numbers = np.asarray(jax.random.key_data(key)).ravel().tolist()
-    return str(jax.random.key_impl(key)), tuple(numbers)
+    kind = str(jax.random.key_impl(key))
+    if kind != "threefry2x32":
+        rule = "of kind threefry2x32: of others, draws depend on the batch they are in"
+        raise ValueError(f"monte_carlo: key of kind {kind} must be {rule}")
+    return kind, tuple(np.asarray(jax.random.key_data(key)).ravel().tolist())
 
 
 def _oscillators(scenarios: ScenarioSet) -> list[float]:
@@ -241,7 +248,12 @@ def _oscillators(scenarios: ScenarioSet) -> list[float]:
         (w1, w2), (z1, z2) = structures.natural_frequencies, structures.damping_ratios
         return [2 * jnp.pi / w1, z1, 2 * jnp.pi / w2, z2]
 
-    return [float(x) for x in median(jnp.zeros(scenarios.dimension))]
+    found = [float(x) for x in median(jnp.zeros(scenarios.dimension))]
+    if not np.isfinite(found).all():
+        shown = ", ".join(f"{x:.4g}" for x in found)
+        rule = "must be valid, but periods and damping ratios of its structures are"
+        raise ValueError(f"monte_carlo: the scenario of z = 0 {rule} {shown}")
+    return found
 
 
 def _outcomes(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import partial
+from threading import Lock
 from typing import Any
 
 import jax
@@ -28,10 +29,11 @@ def points(sampling: str, key: jax.Array, dimension: int) -> Points:
     Parameters
     ----------
     sampling
-        "plain": independent draws, of the key folded with the index. "sobol": scrambled Sobol
-        points (Owen's scrambling, by scipy), at most 2^30; best if their number is a power of 2.
+        "plain": independent draws, of the key folded with the index. "sobol": Sobol points
+        scrambled by a random linear matrix and a digital shift (scipy's), at most 2^30; best if
+        their number is a power of 2.
     key
-        A key of ``jax.random``.
+        A threefry key of ``jax.random``; under ``vmap`` other kinds draw whole batches from one.
     dimension
         Numbers d of each point.
     """
@@ -55,18 +57,24 @@ class _Sobol:
 
     def __init__(self, key: jax.Array, dimension: int) -> None:
         seed = np.random.default_rng(np.asarray(jax.random.key_data(key)).ravel().tolist())
+        self.lock = Lock()
         self.engine = qmc.Sobol(dimension, scramble=True, bits=_BITS, rng=seed)
 
     def __call__(self, start: int, stop: int) -> np.ndarray:
+        with self.lock:
+            shares = self.shares(start, stop)
+        # The points are corners of cells; in the middle of a cell no normal number is infinite.
+        return ndtri(shares + 0.5 ** (_BITS + 1)).astype(jax.dtypes.canonicalize_dtype(float))
+
+    def shares(self, start: int, stop: int) -> np.ndarray:
+        """The points as shares of probability, from 0 to 1."""
         if start < self.engine.num_generated:
             self.engine.reset()
         if start > self.engine.num_generated:
             self.engine.fast_forward(start - self.engine.num_generated)
         with warnings.catch_warnings():  # that the first chunk is no power of 2
             warnings.simplefilter("ignore", UserWarning)
-            shares = self.engine.random(stop - start)
-        # The points are corners of cells; in the middle of a cell no normal number is infinite.
-        return ndtri(shares + 0.5 ** (_BITS + 1)).astype(jax.dtypes.canonicalize_dtype(float))
+            return self.engine.random(stop - start)
 
 
 _BITS = 30

@@ -19,7 +19,7 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, count, enforce, instance, number
+from jaxpound._checks import Rule, count, enforce, instance, is_traced, number
 from jaxpound.distributions import Distribution, truncated
 from jaxpound.ground import GroundLike, Record, Ricker, require_ground
 from jaxpound.structures import AdjacentStructures
@@ -83,11 +83,7 @@ class Scenarios:
             require_ground("Scenarios: ground", self.ground)
         if not self.dimension:
             raise ValueError("Scenarios: structures and ground are both fixed; one must be drawn")
-        if len(names := parameter_names(self)) < self.dimension:
-            raise ValueError(
-                f"Scenarios: the names of structures' and ground's parameters, {', '.join(names)}, "
-                f"must be {self.dimension}, each another"
-            )
+        parameter_names(self)
 
     @property
     def dimension(self) -> int:
@@ -119,7 +115,7 @@ def parameters(drawn: Any, z: Float[Array, " d"], before: int = 0) -> dict[str, 
     if hasattr(drawn, "parameters"):
         return drawn.parameters(z)
     names = getattr(drawn, "names", ()) or [f"z_{before + i + 1}" for i in range(len(z))]
-    return dict(zip(names, z, strict=True))
+    return dict(zip(names, z, strict=False))
 
 
 def parameter_names(scenarios: ScenarioSet) -> tuple[str, ...]:
@@ -130,6 +126,12 @@ def parameter_names(scenarios: ScenarioSet) -> tuple[str, ...]:
         names.extend(parameters(scenarios, z))
 
     jax.eval_shape(collect, jnp.zeros(scenarios.dimension))
+    if len(names) != scenarios.dimension:
+        listed = ", ".join(names)
+        raise ValueError(
+            f"scenarios: the names of parameters, {listed}, must be {scenarios.dimension}, each "
+            "another: one for each z"
+        )
     return tuple(names)
 
 
@@ -328,6 +330,7 @@ class RandomRecord:
         return which, 1.0 if self.factor is None else self.factor.from_normal(z[-1])
 
 
+_LEAST = 0.1  # of a distribution's probability that must be where its parameter may be
 _SMALLEST = 1e-30  # of what must be positive, and is not 0 in single precision either
 
 # The interval that each parameter must be in, where it does not depend on others; in this order
@@ -359,7 +362,8 @@ class UncertainStructures:
     Raises
     ------
     ValueError
-        If a path is unknown, a value is not a distribution, or there is none.
+        If a path is unknown, a value is not a distribution, there is none, or less than a tenth of
+        a distribution's probability is where its parameter may be.
     """
 
     nominal: AdjacentStructures
@@ -378,6 +382,15 @@ class UncertainStructures:
                 )
                 raise ValueError(f"UncertainStructures: unknown path {path!r}; {hint}")
             instance("UncertainStructures", path, distribution, Distribution)
+            low, high = self._bounds(path, {})
+            if not is_traced((low, high)):
+                below, upto = (float(ndtr(distribution.to_normal(x))) for x in (low, high))
+                inside = upto - below
+                if inside < _LEAST:
+                    raise ValueError(
+                        f"UncertainStructures: {path} ~ {distribution} must have at least "
+                        f"{_LEAST:.0%} of its probability in [{float(low):.6g}, {float(high):.6g}]"
+                    )
         object.__setattr__(self, "uncertain", dict(self.uncertain))
 
     @property
@@ -396,14 +409,21 @@ class UncertainStructures:
         for path in PARAMETERS:
             if path not in numbers:
                 continue
-            low, high = PARAMETERS[path]
-            rod, _, name = path.partition(".")
-            if name == "tau_x":
-                low = drawn.get(f"{rod}.tau_f", getattr(self.nominal, rod).tau_f)
-            elif name == "tau_f" and f"{rod}.tau_x" not in numbers:
-                high = getattr(self.nominal, rod).tau_x
+            low, high = self._bounds(path, drawn)
             drawn[path] = truncated(self.uncertain[path], numbers[path], low, high)
         return {path: drawn[path] for path in self.uncertain}
+
+    def _bounds(self, path: str, drawn: Mapping[str, Any]) -> tuple[Any, Any]:
+        """The interval that a parameter must be in, given those drawn before."""
+        low, high = PARAMETERS[path]
+        rod, _, name = path.partition(".")
+        if name == "tau_x" and f"{rod}.tau_f" in self.uncertain:
+            return drawn.get(f"{rod}.tau_f", low), high
+        if name == "tau_x":
+            return getattr(self.nominal, rod).tau_f, high
+        if name == "tau_f" and f"{rod}.tau_x" not in self.uncertain:
+            return low, getattr(self.nominal, rod).tau_x
+        return low, high
 
 
 def _replaced(structures: AdjacentStructures, values: Mapping[str, Any]) -> AdjacentStructures:

@@ -76,6 +76,8 @@ def sobol_sensitivity(
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     n = count(owner, "n", n)
+    if not isinstance(key, int | np.integer) or not 0 <= key < 2**32:
+        raise ValueError(f"{owner}: key = {key!r} must be a whole number from 0 to 2^32 - 1")
     enforce(
         owner,
         [
@@ -96,7 +98,7 @@ def sobol_sensitivity(
 
     names = parameter_names(scenarios)
     d = len(names)
-    z = points("sobol", jax.random.key(key), 2 * d)(0, n)
+    z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
     one, other = z[:, :d], z[:, d:]
     mixed = [np.where(np.arange(d) == i, other, one) for i in range(d)]
     found = run_all(np.concatenate([one, other, *mixed])).astype(float)

@@ -12,6 +12,7 @@ import io
 import json
 import os
 import reprlib
+import time
 import uuid
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +23,7 @@ import numpy as np
 
 MANIFEST = "manifest.json"
 _PART = ".part"  # ends the name of a file that is being written
+_ABANDONED = 3600.0  # seconds after which nobody is writing a file any more
 _FORMAT = 1
 
 
@@ -90,8 +92,9 @@ class Store:
             shown = "; ".join(differences[:6]) + ("; ..." if len(differences) > 6 else "")
             raise ValueError(f"store {folder} holds another study: {shown}")
         if n > store.manifest["n"]:
+            store.manifest["n"] = n
             with _writing(folder):
-                _write(folder / MANIFEST, _as_json(content))
+                _write(folder / MANIFEST, _as_json(store.manifest))
         return store
 
     def rows(self, chunk: int) -> range:
@@ -116,19 +119,21 @@ class Store:
     def read(self, chunk: int, names: Sequence[str] | None = None) -> dict[str, np.ndarray] | None:
         """Columns of a chunk; None if it is not there, or a checksum or a length is wrong."""
         names = list(names or self.manifest["identity"]["columns"])
-        try:
-            with zipfile.ZipFile(self._path(chunk)) as archive:
-                members = {name: archive.read(f"{name}.npy") for name in names}
-            columns = {
-                name: np.load(io.BytesIO(data), allow_pickle=False)
-                for name, data in members.items()
-            }
-        except FileNotFoundError:
+        path = self._path(chunk)
+        if not path.exists():
             return None
-        except OSError:
-            raise
-        except Exception:  # whatever a damaged archive leads to
-            return None
+        with path.open("rb") as file:
+            try:
+                with zipfile.ZipFile(file) as archive:
+                    members = {name: archive.read(f"{name}.npy") for name in names}
+                columns = {
+                    name: np.load(io.BytesIO(data), allow_pickle=False)
+                    for name, data in members.items()
+                }
+            except MemoryError:
+                raise
+            except Exception:  # whatever a damaged archive leads to, a seek before its start, say
+                return None
         rows = len(self.rows(chunk))  # more where the study has grown beyond this n
         whole_columns = all(x.ndim == 1 and x.size >= rows for x in columns.values())
         return {name: x[:rows] for name, x in columns.items()} if whole_columns else None
@@ -138,10 +143,11 @@ class Store:
         return self._path(chunk).exists()
 
     def sweep(self) -> None:
-        """Remove what killed processes left half-written, once nothing is to be written."""
+        """Remove what killed processes left half-written, an hour ago or earlier."""
         for path in self.folder.glob(f"*{_PART}"):
             with contextlib.suppress(OSError):
-                path.unlink()
+                if time.time() - path.stat().st_mtime > _ABANDONED:
+                    path.unlink()
 
     def _path(self, chunk: int) -> Path:
         return self.folder / f"chunk-{chunk:06d}.npz"

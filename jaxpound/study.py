@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -53,7 +53,8 @@ class Study:
     that an earthquake needs, initial gap − min gap, which does not depend on the gap there is;
     measures and parameters that were asked for. Columns of a store are read when they are asked
     for, one by one, so that n may exceed the memory. Runs that failed are NaN and left out of every
-    answer. Dimensionless as in eq. (9), or in SI units if there are ``scales``.
+    answer. Dimensionless as in eq. (9), or in SI units if there are ``scales``; measures and the
+    scenarios' parameters are what they are, in both.
 
     With Sobol points samples are not independent, and intervals are as wide as for independent
     ones: too wide, as a rule.
@@ -64,7 +65,7 @@ class Study:
     about: dict[str, Any]
     """How it was made: versions, key, scenarios, grid, scheme, notes."""
     _moments: Mapping[str, Moments]
-    _read: Callable[[str], np.ndarray]
+    _parts: Callable[[str], Iterable[np.ndarray]]
     scenarios: ScenarioSet | None = None
     points: Callable[[], np.ndarray] | None = None
     """Makes the points z of the samples, shape (n, d), where the scenarios are known."""
@@ -83,7 +84,7 @@ class Study:
         found = {c: moments(x) for c in store.chunks() if (x := store.read(c)) is not None}
         if not found:
             raise ValueError(f"store {folder} must hold at least one finished chunk")
-        scales = store.manifest["scales"]
+        scales = store.manifest["identity"]["scales"]
         return Study.of_store(
             store,
             found,
@@ -96,17 +97,15 @@ class Study:
     def of_store(store: Store, found: Mapping[int, Mapping[str, Moments]], **more: Any) -> Study:
         """The study of the chunks found in a store."""
 
-        def column(name: str) -> np.ndarray:
-            parts = [store.read(chunk, [name]) for chunk in found]
-            if None in parts:
-                raise ValueError(
-                    f"store {store.folder}: chunk {[*found][parts.index(None)]} is damaged; "
-                    "run monte_carlo again"
-                )
-            return np.concatenate([part[name] for part in parts if part is not None])
+        def parts(name: str) -> Iterator[np.ndarray]:
+            for chunk in found:
+                if (part := store.read(chunk, [name])) is None:
+                    what = f"store {store.folder}: chunk {chunk} is damaged"
+                    raise ValueError(f"{what}; run monte_carlo again")
+                yield part[name]
 
         rows = [store.rows(chunk) for chunk in found]
-        return Study(rows, store.manifest, total(found.values()), column, **more)
+        return Study(rows, store.manifest, total(found.values()), parts, **more)
 
     def __len__(self) -> int:
         return sum(map(len, self.rows))
@@ -128,6 +127,9 @@ class Study:
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self._read(self._known(name)) * self._factor(name)
+
+    def _read(self, name: str) -> np.ndarray:
+        return np.concatenate([*self._parts(name)])
 
     def moments(self, name: str) -> Moments:
         """Number, mean, standard deviation, skewness and extremes of a column."""
@@ -181,16 +183,20 @@ class Study:
             Of the interval.
         """
         if gap is None:
-            pounding = int(np.count_nonzero(self._read("pounds") == 1))
+            pounding = sum(int(np.count_nonzero(x == 1)) for x in self._parts("pounds"))
         else:
             gap = float(number("pounding_probability", "gap", gap))
             rule = Rule("gap", gap, 0 <= gap < float("inf"), "finite and not negative")
             enforce("pounding_probability", [rule])
-            pounding = int(np.count_nonzero(self["required_gap"] >= gap))
+            factor = self._factor("required_gap")
+            parts = self._parts("required_gap")
+            pounding = sum(int(np.count_nonzero(x * factor >= gap)) for x in parts)
         return probability(pounding, len(self) - self.failed, confidence)
 
     def required_gap(self, probability: float, confidence: float = 0.95) -> Estimate:
         """The gap at which the probability of pounding is so small."""
+        inside = 0 < probability < 1
+        enforce("required_gap", [Rule("probability", probability, inside, "between 0 and 1")])
         return self.quantile("required_gap", 1 - probability, confidence)
 
     def separation(self, probability: float, confidence: float = 0.95) -> Separation:
@@ -210,16 +216,21 @@ class Study:
         )
 
     def correlations(self, name: str = "required_gap", kind: str = "rank") -> dict[str, float]:
-        """Correlation of a column with every parameter, "rank" (Spearman) or "linear" (Pearson)."""
+        """Correlation of a column with every parameter, "rank" (Spearman) or "linear" (Pearson).
+
+        NaN where one of the two does not vary.
+        """
         if kind not in ("rank", "linear"):
             raise ValueError(f"correlations: kind = {kind!r} must be 'rank' or 'linear'")
         measure = stats.spearmanr if kind == "rank" else stats.pearsonr
         column = self._read(self._known(name))
         good = np.isfinite(column)
-        return {
-            parameter: float(measure(x[good], column[good]).statistic)
-            for parameter, x in self.parameters().items()
-        }
+
+        def correlation(x: np.ndarray) -> float:
+            constant = not (np.ptp(x) and np.ptp(column[good]))
+            return float("nan") if constant else float(measure(x, column[good]).statistic)
+
+        return {name: correlation(x[good]) for name, x in self.parameters().items()}
 
     # Elsewhere.
 

@@ -42,7 +42,7 @@ _KINDS: dict[str, Callable[[float, float], Distribution]] = {
     "uniform": Uniform,
 }
 _WAVELETS = ("wavelets", "amplitude", "periods", "arrivals", "negative", "intensity")
-_RECORDS = ("records", "units", "factor")
+_RECORDS = ("records", "units", "factor", "weights")
 
 
 def _distribution(value: Any) -> str:
@@ -64,6 +64,15 @@ def _word(value: Any) -> str:
     return "" if isinstance(value, str) else "a text"
 
 
+def _flag(value: Any) -> str:
+    return "" if isinstance(value, bool) else "true or false"
+
+
+def _numbers(value: Any) -> str:
+    right = isinstance(value, list) and value and all(type(x) in (int, float) for x in value)
+    return "" if right else "a list of numbers"
+
+
 _KEYS: Keys = {
     "": {"gap": float},
     "building_1": BUILDING,
@@ -79,6 +88,7 @@ _KEYS: Keys = {
         "records": _files,
         "units": _word,
         "factor": _distribution,
+        "weights": _numbers,
     },
     "uncertain": dict.fromkeys(PARAMETERS, _distribution),
     "run": RUN,
@@ -87,6 +97,7 @@ _KEYS: Keys = {
         "seed": int,
         "sampling": ("plain", "sobol"),
         "chunk_size": int,
+        "keep_failures": _flag,
     },
 }
 
@@ -105,6 +116,7 @@ class StudyConfiguration:
     seed: int
     sampling: str
     chunk_size: int | None
+    keep_failures: bool
 
 
 def read_study(path: Path | None) -> StudyConfiguration:
@@ -148,7 +160,17 @@ def read_study(path: Path | None) -> StudyConfiguration:
         scenarios = Scenarios(drawn, ground)
     sampling = study.get("sampling", "plain")
     return StudyConfiguration(
-        source, text, scenarios, scales, grid, scheme, samples, seed, sampling, chunk_size
+        source,
+        text,
+        scenarios,
+        scales,
+        grid,
+        scheme,
+        samples,
+        seed,
+        sampling,
+        chunk_size,
+        study.get("keep_failures", False),
     )
 
 
@@ -208,7 +230,8 @@ def _ground(
     records = [read_record(folder / file, units=units) for file in table["records"]]
     with named(f"{source}: [earthquakes]"):
         factor = _scaled(table["factor"], 1.0) if "factor" in table else None
-        drawn = RandomRecord(tuple(scales.to_dimensionless(r) for r in records), factor)
+        motions = tuple(scales.to_dimensionless(record) for record in records)
+        drawn = RandomRecord(motions, factor, table.get("weights"))
     shortest = min(float(record.dt) for record in records)
     return drawn, shortest, max(float(record.duration) for record in records)
 

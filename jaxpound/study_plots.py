@@ -167,7 +167,7 @@ def scatter_matrix(
     parameters = study.parameters()
     if names is None:
         correlations = study.correlations(demands[0])
-        names = sorted(correlations, key=lambda name: -abs(correlations[name]))[:6]
+        names = sorted(correlations, key=lambda x: -abs(np.nan_to_num(correlations[x])))[:6]
     for name in names:
         if name not in parameters:
             raise ValueError(f"scatter_matrix: {name!r} must be one of {', '.join(parameters)}")

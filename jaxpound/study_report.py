@@ -47,12 +47,13 @@ def summary(study: jp.Study) -> dict[str, Any]:
         m = study.moments(name)
         values = study[name]
         quantiles = np.quantile(values[np.isfinite(values)], _QUANTILES).tolist()
-        answers["demands"][name] = {
+        row = {
             "mean": m.mean,
             "std": m.std,
             **dict(zip((f"quantile_{q:g}" for q in _QUANTILES), quantiles, strict=True)),
             "largest": m.largest,
         }
+        answers["demands"][name] = {key: _known(x) for key, x in row.items()}
     if identity["parameters"]:
         found_ = {k: v for k, v in study.correlations().items() if np.isfinite(v)}
         ranked = sorted(found_, key=lambda name: -abs(found_[name]))[:_MOST_CORRELATIONS]
@@ -80,7 +81,11 @@ def fragility(study: jp.Study) -> jp.Fragility | None:
 def _numbers(estimate: Estimate) -> dict[str, float | None]:
     """Value and interval; an end that is not known is None."""
     ends = {"value": estimate.value, "low": estimate.low, "high": estimate.high}
-    return {name: x if np.isfinite(x) else None for name, x in ends.items()}
+    return {name: _known(x) for name, x in ends.items()}
+
+
+def _known(x: float) -> float | None:
+    return x if np.isfinite(x) else None
 
 
 def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
@@ -118,7 +123,7 @@ def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for name, row in answers["demands"].items():
-        lines.append(f"| {name} | " + " | ".join(f"{x:.4g}" for x in row.values()) + " |")
+        lines.append(f"| {name} | " + " | ".join(map(_cell, row.values())) + " |")
     if correlations := answers["correlations_with_required_gap"]:
         told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
         lines += ["", f"Rank correlation with the required gap: {told}."]
@@ -132,6 +137,10 @@ def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
         ]
     lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)
+
+
+def _cell(x: float | None) -> str:
+    return "-" if x is None else f"{x:.4g}"
 
 
 def _told(estimate: dict[str, Any]) -> str:

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_monte_carlo import files, study
+from test_monte_carlo import study
 
 import jaxpound as jp
 
@@ -43,12 +43,12 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
         while len([*killed.glob("chunk-*.npz")]) < 3:
             time.sleep(0.01)
             assert thread.is_alive()
-        had = files(killed)
+        had = {path: path.stat().st_ino for path in killed.glob("chunk-*.npz")}
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         thread.join()
     assert len(found[0]) == 40_000
-    for name, content in had.items():
-        assert name.endswith(".part") or files(killed)[name] == content
+    again = [path for path, file in had.items() if path.stat().st_ino != file]
+    assert len(again) <= 1  # one that was there, but not told of yet
     # Workers have one thread for linear algebra, whose rounding differs.
     here = study(**arguments)
     for name in here.columns:

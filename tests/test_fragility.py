@@ -92,6 +92,7 @@ def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
         (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it is there never"),
         (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it is there always"),
         (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]), "always above im = 2 and never"),
+        (lambda: jp.fit_fragility([0.3, 0.3], [1, 0]), "all intensities are 0.3"),
         (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [1, 0, 0]), "does not become more frequent"),
         (lambda: jp.fit_fragility(*stripes()).band([1.0], 1.0), "confidence = 1 must be between"),
     ],
