@@ -57,7 +57,8 @@ def monte_carlo(
 
     With a store, the same call goes on where an earlier one was stopped, at whatever instant, and
     ends with the same files; a larger n makes the study grow. What is lost is at most the chunks
-    that were being run. Damaged chunks are made anew.
+    that were being run. Damaged chunks are made anew. (The same to the last bit where JAX has as
+    many devices, and linear algebra as many threads; else to rounding.)
 
     Parameters
     ----------

@@ -21,7 +21,17 @@ import jaxpound as jp
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.fixture
+def own_environment():
+    """Dask sets numbers of threads in its process's environment, which later tests would inherit."""
+    before = dict(os.environ)
+    yield
+    os.environ.clear()
+    os.environ.update(before)
+
+
 @pytest.mark.filterwarnings("default")
+@pytest.mark.usefixtures("own_environment")
 def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     distributed = pytest.importorskip("distributed")
     killed = tmp_path / "killed"
