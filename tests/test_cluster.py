@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture
 def own_environment():
-    """Dask sets numbers of threads in its process's environment, which later tests would inherit."""
+    """Dask sets numbers of threads in the environment, which later tests would inherit."""
     before = dict(os.environ)
     yield
     os.environ.clear()
