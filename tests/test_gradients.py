@@ -291,6 +291,5 @@ def test_checkpoints_save_the_memory_of_reverse_mode():
         lowered = jax.jit(jax.grad(gap), compiler_options=SOON).lower(jp.paper.structures())
         return lowered.compile().memory_analysis().temp_size_in_bytes
 
-    short, long, plain = temporary(1000, True), temporary(16_000, True), temporary(16_000, False)
-    assert long < 4 * short
-    assert long < plain / 20
+    # √N of N, with a factor for what a segment holds (benchmarks/batches.py has more lengths).
+    assert temporary(16_000, True) < temporary(16_000, False) / 20
