@@ -6,6 +6,7 @@ turns every result into NaN where it is not (under ``jit``, ``vmap`` or ``grad``
 
 from __future__ import annotations
 
+import difflib
 import reprlib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -70,6 +71,18 @@ def count(owner: str, name: str, value: Any) -> int:
     if not (whole and value >= 1):
         raise ValueError(f"{owner}: {name} = {value!r} must be a positive whole number")
     return int(value)
+
+
+def require_share(owner: str, name: str, value: Any) -> None:
+    """A ``ValueError`` for a number that is not between 0 and 1."""
+    value = number(owner, name, value)
+    enforce(owner, [Rule(name, value, (value > 0) & (value < 1), "between 0 and 1")])
+
+
+def did_you_mean(word: str, allowed: Iterable[str]) -> str:
+    """The question whether the nearest of the allowed words was meant, or nothing."""
+    close = difflib.get_close_matches(word, allowed, n=1)
+    return f"did you mean {close[0]!r}?" if close else ""
 
 
 def positive(owner: str, **values: Any) -> list[Any]:

@@ -19,11 +19,11 @@ from jaxpound.batches import in_chunks, runs_at_a_time
 from jaxpound.estimates import Moments
 from jaxpound.ground import as_pytree
 from jaxpound.sampling import Points, points
-from jaxpound.scenarios import ScenarioSet, parameter_names, parameters
+from jaxpound.scenarios import ScenarioSet, keys_in_order, parameter_names, parameters
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.simulation import demand
 from jaxpound.store import Store
-from jaxpound.study import moments
+from jaxpound.study import finished, moments
 
 Measure = Callable[[Any, Any], Any]
 """A further column: from a scenario's structures and ground motion to one number."""
@@ -85,7 +85,7 @@ class Task:
             "key": {"kind": kind, "numbers": list(numbers), "partitionable": partitionable},
             "sampling": self.sampling,
             "chunk_size": self.chunk_size,
-            "columns": self.columns(),
+            "columns": list(keys_in_order(self.run, self.normal())),
             "parameters": list(drawn),
             "grid": describe(self.grid),
             "scheme": describe(self.scheme),
@@ -110,20 +110,6 @@ class Task:
         """Shape and type of z."""
         return jax.ShapeDtypeStruct((self.scenarios.dimension,), jnp.zeros((), float).dtype)
 
-    def columns(self) -> list[str]:
-        """Names of the columns in their order, which JAX does not keep in a dictionary."""
-        names: list[str] = []
-
-        def collect(z: jax.Array) -> None:
-            for name, x in self.run(z).items():
-                names.append(name)
-                if x.shape:
-                    rule = "must be one number"
-                    raise ValueError(f"monte_carlo: {name!r} of shape {x.shape} {rule}")
-
-        jax.eval_shape(collect, self.normal())
-        return names
-
     def run(self, z: jax.Array) -> dict[str, jax.Array]:
         """The columns of one scenario."""
         structures, ground = self.scenarios.realize(z)
@@ -136,6 +122,9 @@ class Task:
             raise ValueError(
                 f"monte_carlo: {sorted(taken)[0]!r} is the name of a demand; rename it"
             )
+        for name, x in more.items():
+            if shape := jnp.shape(x):
+                raise ValueError(f"monte_carlo: {name!r} of shape {shape} must be one number")
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
 
     def rows(self, chunk: int, full: bool = False) -> range:
@@ -182,10 +171,8 @@ class Task:
     def finished(self, chunks: Sequence[int]) -> Iterator[tuple[int, Outcome]]:
         """Those of the chunks that the store holds."""
         if self.folder is not None:
-            store = Store(self.folder, self.n)
-            for chunk in chunks:
-                if (columns := store.read(chunk)) is not None:
-                    yield chunk, Outcome(moments(columns), {})
+            for chunk, found in finished(Store(self.folder, self.n), chunks):
+                yield chunk, Outcome(found, {})
 
     def _runs_at_a_time(self) -> int:
         return min(self.chunk_size, runs_at_a_time())

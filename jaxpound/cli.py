@@ -270,7 +270,8 @@ def _shard(text: str) -> tuple[int, int]:
 
 def _report(args: argparse.Namespace) -> None:
     study = jp.Study.open(args.store)
-    answers = study_report.summary(study)
+    curve = study_report.fragility(study)
+    answers = study_report.summary(study, curve)
     text = json.dumps(answers, indent=2, allow_nan=False)
     _make_folder(args.out)
 
@@ -281,7 +282,7 @@ def _report(args: argparse.Namespace) -> None:
         "convergence": study_plots.convergence,
         "required_gap": partial(study_plots.exceedance, rules_at=0.05),
     }
-    if (curve := study_report.fragility(study)) is not None:
+    if curve is not None:
         unit = "m/s²" if study.scales is not None else "$g$"
         drawn["fragility"] = lambda _, ax: study_plots.fragility(curve, ax, f"PGA ({unit})")
     figures = {name: plots.figure(draw, study) for name, draw in drawn.items()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import re
 import sys
@@ -14,6 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from jaxpound._checks import did_you_mean
 from jaxpound.friction import EventResolved, FrictionLaw, Smoothed, Switching
 from jaxpound.ground import Record
 from jaxpound.intensity import pga
@@ -45,7 +45,7 @@ _KEYS: Keys = {
     "run": RUN,
     "output": {"series": ("npz", "csv", "none")},
 }
-MOST_STEPS = 1_000_000
+_MOST_STEPS = 1_000_000
 _MOST_PGA = 20.0  # in g, several times the largest ever recorded: beyond it the units are wrong
 STEPS_PER_PERIOD = 50
 
@@ -104,23 +104,35 @@ class Configuration:
         limit = stability_limit(self.structures, self.scheme) * float(self.scales.time)
         if "dt" not in run:
             dt = self._time_step(float(record.dt), limit)
-        elif (dt := run["dt"]) <= 0 or dt >= limit:
-            rule = f"positive and below the stability limit {limit:.6g} s of these buildings"
-            raise ValueError(f"{self.source}: [run] dt = {dt:.6g} s must be {rule}")
-        elif dt > record.dt * (1 + 1e-9):
-            rule = f"at most the record's, {float(record.dt):.6g} s: samples would be skipped"
-            raise ValueError(f"{self.source}: [run] dt = {dt:.6g} s must be {rule}")
+        else:
+            dt = run["dt"]
+            require_stable(self.source, dt, limit, "these buildings")
+            if dt > record.dt * (1 + 1e-9):
+                rule = f"at most the record's, {float(record.dt):.6g} s: samples would be skipped"
+                raise ValueError(f"{self.source}: [run] dt = {dt:.6g} s must be {rule}")
         duration = run.get("duration", float(record.duration))
-        if not 2 * dt <= duration <= MOST_STEPS * dt:
-            rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
-            raise ValueError(f"{self.source}: [run] duration = {duration:.6g} s must be {rule}")
-        return self.scales.grid(duration, dt)
+        return time_grid(self.source, self.scales, duration, dt)
 
     def _time_step(self, record_dt: float, limit: float) -> float:
         """The record's dt, or a whole fraction of it, so that no sample is missed."""
         periods = [float(b.natural_period) for b in (self.building_1, self.building_2)]
         largest = min(min(periods) / STEPS_PER_PERIOD, limit / 2)
         return record_dt / math.ceil(record_dt / largest * (1 - 1e-9))
+
+
+def require_stable(source: str, dt: float, limit: float, whose: str) -> None:
+    """A ``ValueError`` for a time step, s, with which stepping diverges."""
+    if not 0 < dt < limit:
+        rule = f"positive and below the stability limit {limit:.6g} s of {whose}"
+        raise ValueError(f"{source}: [run] dt = {dt:.6g} s must be {rule}")
+
+
+def time_grid(source: str, scales: Scales, duration: float, dt: float) -> TimeGrid:
+    """The dimensionless grid of a duration and a step in s, if there are few enough steps."""
+    if not 2 * dt <= duration <= _MOST_STEPS * dt:
+        rule = f"between 2 and {_MOST_STEPS:,} steps of dt = {dt:.6g} s"
+        raise ValueError(f"{source}: [run] duration = {duration:.6g} s must be {rule}")
+    return scales.grid(duration, dt)
 
 
 def example(name: str = "example_config.toml") -> str:
@@ -204,11 +216,11 @@ def _unknown(table: str, key: str, keys: Keys) -> str:
     allowed = [*keys[table], *(name for name in keys if name and not table)]
     where = f"[{table}] has" if table else "the top level has"
     homes = [_title(other) for other in keys if key in keys[other]]
-    close = difflib.get_close_matches(key.lower(), allowed, n=1)
+    close = did_you_mean(key.lower(), allowed)
     if homes:
         hint = f"it belongs in {' or '.join(homes)}"
     elif close:
-        hint = f"did you mean {close[0]!r}?"
+        hint = close
     else:
         hint = f"allowed are {', '.join(allowed)}"
     return f"{where} an unknown key {key!r}; {hint}"

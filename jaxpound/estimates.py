@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from jaxpound._checks import Rule, enforce, number
+from jaxpound._checks import Rule, enforce, require_share
 
 
 class Estimate(NamedTuple):
@@ -33,7 +33,7 @@ def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
         If n < 1, successes is not between 0 and n, or confidence not between 0 and 1.
     """
     owner = "probability"
-    _require_share(owner, "confidence", confidence)
+    require_share(owner, "confidence", confidence)
     enforce(
         owner,
         [
@@ -67,8 +67,8 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
         If the sample is empty or not finite, or share or confidence is not between 0 and 1.
     """
     owner = "quantile"
-    _require_share(owner, "share", share)
-    _require_share(owner, "confidence", confidence)
+    require_share(owner, "share", share)
+    require_share(owner, "confidence", confidence)
     sample = np.asarray(sample, float)
     n = sample.size
     if sample.ndim != 1 or not n:
@@ -86,11 +86,6 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     lower, upper = ranked[int(middle)], ranked[min(int(middle) + 1, n - 1)]
     value = lower + (middle - int(middle)) * (upper - lower)
     return Estimate(float(value), float(low), float(high), confidence)
-
-
-def _require_share(owner: str, name: str, value: Any) -> None:
-    value = number(owner, name, value)
-    enforce(owner, [Rule(name, value, (value > 0) & (value < 1), "between 0 and 1")])
 
 
 class Moments(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr
 
-from jaxpound._checks import Rule, enforce
+from jaxpound._checks import Rule, enforce, require_share
 
 _CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many samples draws from
 
@@ -84,12 +84,11 @@ class Fragility:
         ValueError
             If confidence is not between 0 and 1, or no draw can be fitted.
         """
-        inside = 0 < confidence < 1
-        enforce("band", [Rule("confidence", confidence, inside, "between 0 and 1")])
+        require_share("band", "confidence", confidence)
         random = np.random.default_rng(seed)
         im, k, n = self.intensity, self.pounding, self.trials
         if not self.stripes:
-            im, k, n = _grouped(im, k)
+            im, k, n = grouped(im, k, _CELLS)
         start = np.array([-np.log(self.median) / self.dispersion, 1 / self.dispersion])
         at, curves = np.asarray(intensity, float), []
         for _ in range(replicates):
@@ -205,9 +204,8 @@ def _maximise(
     return c, information
 
 
-def _grouped(im: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A cloud in at most ``_CELLS`` groups of neighbours, each at its mean of ln im."""
-    order = np.argsort(im)
-    parts = np.array_split(order, min(_CELLS, im.size))
+def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A cloud in at most ``most`` groups of neighbours, each at its mean of ln im, as stripes."""
+    parts = np.array_split(np.argsort(im), min(most, im.size))
     centre = np.array([np.exp(np.mean(np.log(im[part]))) for part in parts])
     return centre, np.array([k[part].sum() for part in parts]), np.array([len(x) for x in parts])

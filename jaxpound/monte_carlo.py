@@ -115,7 +115,8 @@ def monte_carlo(
     _check(scenarios, n, grid, scheme, sampling, measures or {}, scales, shard)
     if store is None and shard != (1, 1):
         raise ValueError(f"monte_carlo: shard = {shard} must come with a store to fill")
-    if store is not None and chunk_size is None and (Path(store) / MANIFEST).exists():
+    begun = store is not None and (Path(store) / MANIFEST).exists()
+    if store is not None and begun and chunk_size is None:
         chunk_size = Store(store).chunk_size
     size = count("monte_carlo", "chunk_size", _CHUNK_SIZE if chunk_size is None else chunk_size)
     task = Task(
@@ -142,7 +143,8 @@ def monte_carlo(
         raise ValueError(f"monte_carlo: notes must be what JSON can hold ({error})") from error
     identity = task.identity() | {"scales": describe(scales)}
     program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
-    context = {"notes": notes, "oscillators": _oscillators(scenarios)}
+    # A store that was begun has its own.
+    context = {} if begun else {"notes": notes, "oscillators": _oscillators(scenarios)}
     made = None
     if store is not None:
         made = Store.create(store, identity, task.n, context)
@@ -272,11 +274,12 @@ def _outcomes(
             if before is not None:
                 yield before[0], before[1].result()
         return
+    store = None if task.folder is None else Store(task.folder)
     futures = {executor.submit(task.finish, chunk): chunk for chunk in chunks}
     try:
         for future in as_completed(futures):
             chunk, outcome = futures[future], future.result()
-            if task.folder is not None and not Store(task.folder).has(chunk):
+            if store is not None and not store.has(chunk):
                 raise ValueError(
                     f"monte_carlo: chunk {chunk} is not in {task.folder}: the executor's workers "
                     "must see that folder"

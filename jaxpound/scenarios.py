@@ -8,9 +8,9 @@ numbers can shake different designs.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -19,7 +19,7 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, count, enforce, instance, is_traced, number
+from jaxpound._checks import Rule, count, did_you_mean, enforce, instance, is_traced, number
 from jaxpound.distributions import Distribution, truncated
 from jaxpound.ground import GroundLike, Record, Ricker, require_ground
 from jaxpound.structures import AdjacentStructures
@@ -119,19 +119,21 @@ def parameters(drawn: Any, z: Float[Array, " d"], before: int = 0) -> dict[str, 
 
 
 def parameter_names(scenarios: ScenarioSet) -> tuple[str, ...]:
-    """Names of ``parameters`` in the order of z, which JAX does not keep in a dictionary."""
-    names: list[str] = []
-
-    def collect(z: Any) -> None:
-        names.extend(parameters(scenarios, z))
-
-    jax.eval_shape(collect, jnp.zeros(scenarios.dimension))
+    """Names of ``parameters`` in the order of z."""
+    names = keys_in_order(partial(parameters, scenarios), jnp.zeros(scenarios.dimension))
     if len(names) != scenarios.dimension:
         listed = ", ".join(names)
         raise ValueError(
             f"scenarios: the names of parameters, {listed}, must be {scenarios.dimension}, each "
             "another: one for each z"
         )
+    return names
+
+
+def keys_in_order(function: Callable[[Any], Mapping[str, Any]], z: Any) -> tuple[str, ...]:
+    """Keys of what a traceable function returns, in its order, which JAX does not keep."""
+    names: list[str] = []
+    jax.eval_shape(lambda z: names.extend(function(z)), z)
     return tuple(names)
 
 
@@ -376,10 +378,7 @@ class UncertainStructures:
             raise ValueError("UncertainStructures: uncertain = {} must name a parameter")
         for path, distribution in self.uncertain.items():
             if path not in PARAMETERS:
-                close = difflib.get_close_matches(str(path), PARAMETERS, n=1)
-                hint = (
-                    f"did you mean {close[0]!r}?" if close else f"allowed: {', '.join(PARAMETERS)}"
-                )
+                hint = did_you_mean(str(path), PARAMETERS) or f"allowed: {', '.join(PARAMETERS)}"
                 raise ValueError(f"UncertainStructures: unknown path {path!r}; {hint}")
             instance("UncertainStructures", path, distribution, Distribution)
             low, high = self._bounds(path, {})

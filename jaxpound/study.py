@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from scipy import stats
 
-from jaxpound._checks import Rule, enforce, instance, number
+from jaxpound._checks import Rule, enforce, instance, number, require_share
 from jaxpound.estimates import (
     Estimate,
     Moments,
@@ -81,7 +81,7 @@ class Study:
             If the folder holds no study, or no chunk of it is finished.
         """
         store = Store(folder)
-        found = {c: moments(x) for c in store.chunks() if (x := store.read(c)) is not None}
+        found = dict(finished(store, store.chunks()))
         if not found:
             raise ValueError(f"store {folder} must hold at least one finished chunk")
         scales = store.manifest["identity"]["scales"]
@@ -131,6 +131,11 @@ class Study:
     def _read(self, name: str) -> np.ndarray:
         return np.concatenate([*self._parts(name)])
 
+    def finite(self, name: str) -> np.ndarray:
+        """A column without the runs that failed."""
+        column = self[name]
+        return column[np.isfinite(column)]
+
     def moments(self, name: str) -> Moments:
         """Number, mean, standard deviation, skewness and extremes of a column."""
         return self._moments[self._known(name)].times(self._factor(name))
@@ -170,7 +175,7 @@ class Study:
 
     def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:
         """Quantile of a column, with its distribution-free interval (``estimates.quantile``)."""
-        return quantile(self._finite(name), share, confidence)
+        return quantile(self.finite(name), share, confidence)
 
     def pounding_probability(self, gap: float | None = None, confidence: float = 0.95) -> Estimate:
         """Probability of pounding at a gap, with Clopper and Pearson's interval.
@@ -195,8 +200,7 @@ class Study:
 
     def required_gap(self, probability: float, confidence: float = 0.95) -> Estimate:
         """The gap at which the probability of pounding is so small."""
-        inside = 0 < probability < 1
-        enforce("required_gap", [Rule("probability", probability, inside, "between 0 and 1")])
+        require_share("required_gap", "probability", probability)
         return self.quantile("required_gap", 1 - probability, confidence)
 
     def separation(self, probability: float, confidence: float = 0.95) -> Separation:
@@ -261,10 +265,6 @@ class Study:
             raise ValueError(f"Study: column {name!r} must be one of {', '.join(self._moments)}")
         return name
 
-    def _finite(self, name: str) -> np.ndarray:
-        column = self[name]
-        return column[np.isfinite(column)]
-
     def _factor(self, name: str) -> float:
         """The unit of a column in SI; 1 of what has none, or is not ours."""
         if self.scales is None:
@@ -279,6 +279,13 @@ class Study:
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
     """Moments of every column of a chunk, of the runs that did not fail."""
     return {name: Moments.of(x[np.isfinite(x)]) for name, x in columns.items()}
+
+
+def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[str, Moments]]]:
+    """Those of the chunks that are in the store, whole and right, with their moments."""
+    for chunk in chunks:
+        if (columns := store.read(chunk)) is not None:
+            yield chunk, moments(columns)
 
 
 def total(parts: Iterable[Mapping[str, Moments]]) -> dict[str, Moments]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from jaxpound.config import (
     BUILDING,
-    MOST_STEPS,
     RUN,
     STEPS_PER_PERIOD,
     Keys,
@@ -20,6 +20,8 @@ from jaxpound.config import (
     pair,
     parse,
     read_text,
+    require_stable,
+    time_grid,
 )
 from jaxpound.distributions import Distribution, LogNormal, Normal, Uniform
 from jaxpound.records import read_record
@@ -150,11 +152,13 @@ def read_study(path: Path | None) -> StudyConfiguration:
         raise ValueError(f"{source}: [study] seed = {seed} must be from 0 to 2^32 - 1")
     drawn: AdjacentStructures | UncertainStructures = structures
     if uncertain := given.get("uncertain", {}):
-        nominal = _nominal(structures)
         with named(f"{source}: [uncertain]"):
             drawn = UncertainStructures(
                 structures,
-                {path: _scaled(value, nominal[path]) for path, value in uncertain.items()},
+                {
+                    path: _scaled(value, float(attrgetter(path)(structures)))
+                    for path, value in uncertain.items()
+                },
             )
     with named(f"{source}:"):
         scenarios = Scenarios(drawn, ground)
@@ -188,17 +192,6 @@ def _scaled(value: dict[str, Any], factor: float) -> Distribution:
     ((kind, (first, second)),) = value.items()
     scaled = (first * factor, second if kind == "lognormal" else second * factor)
     return _KINDS[kind](*scaled)
-
-
-def _nominal(structures: AdjacentStructures) -> dict[str, float]:
-    """Every parameter that may be uncertain, by field path."""
-    values = {}
-    for path in PARAMETERS:
-        thing: Any = structures
-        for name in path.split("."):
-            thing = getattr(thing, name)
-        values[path] = float(thing)
-    return values
 
 
 def _ground(
@@ -246,13 +239,9 @@ def _grid(
     length: float | None,
 ) -> TimeGrid:
     limit = stability_limit(structures, scheme) * float(scales.time)
-    if not 0 < (dt := run.get("dt", min(shortest, limit / 2))) < limit:
-        rule = f"positive and below the stability limit {limit:.6g} s of the nominal buildings"
-        raise ValueError(f"{source}: [run] dt = {dt:.6g} s must be {rule}")
+    dt = run.get("dt", min(shortest, limit / 2))
+    require_stable(source, dt, limit, "the nominal buildings")
     duration = run.get("duration", length)
     if duration is None:
         raise ValueError(f"{source}: lacks the key 'duration' in [run]")
-    if not 2 * dt <= duration <= MOST_STEPS * dt:
-        rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
-        raise ValueError(f"{source}: [run] duration = {duration:.6g} s must be {rule}")
-    return scales.grid(duration, dt)
+    return time_grid(source, scales, duration, dt)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxpound.estimates import probability
-from jaxpound.fragility import Fragility
+from jaxpound.fragility import Fragility, grouped
 from jaxpound.plots import (
     COLOURS,
     FIGURE_SIZE,
@@ -51,7 +51,7 @@ _COLUMNS = {
 def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     """Histogram of min gap and, on the right, its empirical distribution; pounding shaded."""
     ax = new_axes(ax)
-    gaps = _finite(study, "min_gap")
+    gaps = study.finite("min_gap")
     low, high = np.quantile(gaps, [0.001, 1.0])
     low = min(low, 0.0)
     edges = np.linspace(low, high, 41)
@@ -99,7 +99,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     ``rules_at`` marks the gaps that code rules ask for at that probability (``Study.separation``).
     """
     ax = new_axes(ax)
-    ranked = np.sort(_finite(study, "required_gap"))
+    ranked = np.sort(study.finite("required_gap"))
     n = ranked.size
     more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # how many exceed it
     estimates = np.array([probability(int(k), n)[:3] for k in more])
@@ -133,9 +133,7 @@ def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -
     ax = new_axes(ax)
     im, k, n = curve.intensity, curve.pounding, curve.trials
     if not curve.stripes:
-        order = np.array_split(np.argsort(im), min(12, im.size))
-        im = np.array([np.exp(np.mean(np.log(im[part]))) for part in order])
-        k, n = (np.array([x[part].sum() for part in order]) for x in (k, n))
+        im, k, n = grouped(im, k, 12)
     shares = np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
     at = np.geomspace(min(im.min(), curve.median / 4), max(im.max(), curve.median * 2), _POINTS)
     low, high = curve.band(at, replicates=200)
@@ -177,11 +175,11 @@ def scatter_matrix(
     for row, demand in zip(panels, demands, strict=True):
         known = demand in _COLUMNS
         factor = _unit(study, demand, _COLUMNS[demand][1])[0] if known else 1.0
+        values = factor * study[demand][:_MOST_DOTS]
         for ax, name in zip(row, names, strict=True):
-            some = slice(_MOST_DOTS)
             ax.plot(
-                parameters[name][some],
-                factor * study[demand][some],
+                parameters[name][:_MOST_DOTS],
+                values,
                 ".",
                 color=COLOURS["structure 1"],
                 markersize=1.5,
@@ -244,10 +242,5 @@ def _unit(study: Study, column: str, quantity: str) -> tuple[float, str]:
     return unit_for(quantity, study.scales is not None, max(-moments.smallest, moments.largest))
 
 
-def _finite(study: Study, column: str) -> np.ndarray:
-    values = study[column]
-    return values[np.isfinite(values)]
-
-
 def _pounding(study: Study, gap: float | None) -> Any:
-    return _finite(study, "pounds") == 1 if gap is None else _finite(study, "required_gap") >= gap
+    return study.finite("pounds") == 1 if gap is None else study.finite("required_gap") >= gap

@@ -16,8 +16,8 @@ _QUANTILES = (0.05, 0.5, 0.95)
 _MOST_CORRELATIONS = 8
 
 
-def summary(study: jp.Study) -> dict[str, Any]:
-    """The study's answers, as JSON can hold them."""
+def summary(study: jp.Study, curve: jp.Fragility | None) -> dict[str, Any]:
+    """The study's answers, with its fragility if there is one, as JSON can hold them."""
     identity = study.about["identity"]
     answers: dict[str, Any] = {
         "made_by": identity["versions"],
@@ -45,8 +45,7 @@ def summary(study: jp.Study) -> dict[str, Any]:
         if name in identity["parameters"] or name == "pounds":
             continue
         m = study.moments(name)
-        values = study[name]
-        quantiles = np.quantile(values[np.isfinite(values)], _QUANTILES).tolist()
+        quantiles = np.quantile(study.finite(name), _QUANTILES).tolist()
         row = {
             "mean": m.mean,
             "std": m.std,
@@ -58,7 +57,7 @@ def summary(study: jp.Study) -> dict[str, Any]:
         found_ = {k: v for k, v in study.correlations().items() if np.isfinite(v)}
         ranked = sorted(found_, key=lambda name: -abs(found_[name]))[:_MOST_CORRELATIONS]
         answers["correlations_with_required_gap"] = {name: found_[name] for name in ranked}
-    if (curve := fragility(study)) is not None:
+    if curve is not None:
         answers["fragility_by_pga"] = {
             "median": curve.median,
             "median_error": curve.median_error,

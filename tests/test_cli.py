@@ -45,15 +45,20 @@ def pulse(tmp_path_factory) -> Path:
     return path
 
 
+def edited(text: str, changes: dict[str, str]) -> str:
+    """A configuration with lines replaced (old start of line → new line)."""
+    for old, new in changes.items():
+        text, found = re.subn(rf"(?m)^{re.escape(old)}.*$", new, text, count=1)
+        assert found, old
+    return text
+
+
 @pytest.fixture
 def write(tmp_path):
-    """A configuration: the example with lines replaced (old start of line → new line)."""
+    """A configuration: the example with lines replaced."""
 
     def write_config(changes: dict[str, str] | None = None, text: str | None = None) -> Path:
-        text = config.example() if text is None else text
-        for old, new in (changes or {}).items():
-            text, found = re.subn(rf"(?m)^{re.escape(old)}.*$", new, text, count=1)
-            assert found, old
+        text = edited(config.example() if text is None else text, changes or {})
         path = tmp_path / "buildings.toml"
         path.write_text(text)
         return path

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from test_cli import is_figure, run
+from test_cli import edited, is_figure, run
 
 import jaxpound as jp
 from jaxpound import cli, config, study_config
@@ -23,14 +23,11 @@ SMALL = {
 
 @pytest.fixture
 def write(tmp_path):
-    """The example with lines replaced (old start of line → new line)."""
+    """The example with lines replaced."""
 
     def write_config(changes=None, text=EXAMPLE):
-        for old, new in (changes or {}).items():
-            text, found = re.subn(rf"(?m)^{re.escape(old)}.*$", new, text, count=1)
-            assert found, old
         path = tmp_path / "study.toml"
-        path.write_text(text)
+        path.write_text(edited(text, changes or {}))
         return path
 
     return write_config
