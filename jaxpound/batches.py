@@ -176,7 +176,8 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
     own = [b or jnp.size(x) <= _SMALL for x, b in zip(leaves, batched, strict=True)]
     rows = [given(x) if o and not b else x for x, b, o in zip(leaves, batched, own, strict=True)]
     chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
-    mesh = None if chosen else _mesh()
+    # A program of many processes may have sharded the batch over all of their devices.
+    mesh = None if chosen or jax.process_count() > 1 else _mesh()
     if mesh is None or not jax.sharding.get_abstract_mesh().empty:
         return rows, own
     if size % mesh.size or size < mesh.size * _SMALLEST_SHARE:
@@ -188,8 +189,9 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
 
 @cache
 def _mesh() -> Mesh | None:
+    """The devices of this process, if there are several."""
     devices = jax.local_devices()
-    if len(devices) < 2 or jax.process_count() > 1:
+    if len(devices) < 2:
         return None
     return Mesh(np.array(devices), ("runs",), axis_types=(AxisType.Auto,))
 

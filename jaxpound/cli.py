@@ -248,6 +248,7 @@ def _montecarlo(args: argparse.Namespace) -> None:
         sampling=study.sampling,
         store=args.store,
         chunk_size=study.chunk_size,
+        measures=study.measures,
         keep_parameters=True,
         keep_failures=study.keep_failures,
         scales=study.scales,
@@ -270,8 +271,8 @@ def _shard(text: str) -> tuple[int, int]:
 
 def _report(args: argparse.Namespace) -> None:
     study = jp.Study.open(args.store)
-    curve = study_report.fragility(study)
-    answers = study_report.summary(study, curve)
+    curves = study_report.fragilities(study)
+    answers = study_report.summary(study, curves)
     text = json.dumps(answers, indent=2, allow_nan=False)
     _make_folder(args.out)
 
@@ -282,9 +283,11 @@ def _report(args: argparse.Namespace) -> None:
         "convergence": study_plots.convergence,
         "required_gap": partial(study_plots.exceedance, rules_at=0.05),
     }
-    if curve is not None:
-        unit = "m/s²" if study.scales is not None else "$g$"
-        drawn["fragility"] = lambda _, ax: study_plots.fragility(curve, ax, f"PGA ({unit})")
+    for name, curve in curves.items():
+        words = f"{study_report.INTENSITIES[name]} ({study_report.intensity_unit(study, name)})"
+        drawn[f"fragility_by_{name}"] = partial(_draw_fragility, curve, words)
+    if study.about["identity"]["parameters"]:
+        drawn["correlations"] = study_plots.correlations
     figures = {name: plots.figure(draw, study) for name, draw in drawn.items()}
     if study.about["identity"]["parameters"]:
         figures["parameters"] = study_plots.scatter_matrix(study)
@@ -293,6 +296,12 @@ def _report(args: argparse.Namespace) -> None:
     _write_text(args.out / "summary.json", text + "\n")
     _write_text(args.out / "summary.md", study_report.as_markdown(answers, list(figures)))
     _write_figures(figures, args.out)
+
+
+def _draw_fragility(curve: jp.Fragility, intensity: str, _: jp.Study, ax: Any) -> None:
+    from jaxpound import study_plots
+
+    study_plots.fragility(curve, ax, intensity)
 
 
 # --- files --------------------------------------------------------------------------------------

@@ -399,7 +399,7 @@ class UncertainStructures:
 
     def draw(self, z: Float[Array, " d"]) -> AdjacentStructures:
         """The structures of z."""
-        return _replaced(self.nominal, self.parameters(z))
+        return replaced(self.nominal, self.parameters(z))
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The parameters drawn, by field path."""
@@ -425,7 +425,8 @@ class UncertainStructures:
         return low, high
 
 
-def _replaced(structures: AdjacentStructures, values: Mapping[str, Any]) -> AdjacentStructures:
+def replaced(structures: AdjacentStructures, values: Mapping[str, Any]) -> AdjacentStructures:
+    """Structures with other values of parameters, by path."""
     changes: dict[str, Any] = {path: x for path, x in values.items() if "." not in path}
     for rod in ("rod_1", "rod_2"):
         fields = {p.removeprefix(f"{rod}."): x for p, x in values.items() if p.startswith(rod)}

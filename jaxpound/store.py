@@ -86,7 +86,7 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             if not (folder / MANIFEST).exists():
                 _require_empty(folder)
-                _write(folder / MANIFEST, _as_json(content), keep_existing=True)
+                replace_file(folder / MANIFEST, _as_json(content), keep_existing=True)
         store = Store(folder, n)
         if differences := list(_differences(store.manifest["identity"], identity)):
             shown = "; ".join(differences[:6]) + ("; ..." if len(differences) > 6 else "")
@@ -94,7 +94,7 @@ class Store:
         if n > store.manifest["n"]:
             store.manifest["n"] = n
             with _writing(folder):
-                _write(folder / MANIFEST, _as_json(store.manifest))
+                replace_file(folder / MANIFEST, _as_json(store.manifest))
         return store
 
     def rows(self, chunk: int) -> range:
@@ -114,7 +114,7 @@ class Store:
             If there is no room, or the folder cannot be written to.
         """
         with _writing(self.folder):
-            _write(self._path(chunk), columns)
+            replace_file(self._path(chunk), columns)
 
     def read(self, chunk: int, names: Sequence[str] | None = None) -> dict[str, np.ndarray] | None:
         """Columns of a chunk; None if it is not there, or a checksum or a length is wrong."""
@@ -168,10 +168,10 @@ def _require_empty(folder: Path) -> None:
         )
 
 
-def _write(
+def replace_file(
     path: Path, content: bytes | Mapping[str, np.ndarray], keep_existing: bool = False
 ) -> None:
-    """Write a whole file or none; ``keep_existing`` leaves one that came first."""
+    """Write a whole file or none; ``keep_existing`` leaves one that came first in its place."""
     part = path.with_name(f"{path.name}-{uuid.uuid4().hex}{_PART}")
     try:
         with open(part, "xb") as file:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
+
+from jaxpound.chunks import Measure
 from jaxpound.config import (
     BUILDING,
     RUN,
@@ -24,6 +29,8 @@ from jaxpound.config import (
     time_grid,
 )
 from jaxpound.distributions import Distribution, LogNormal, Normal, Uniform
+from jaxpound.ground import GroundLike
+from jaxpound.intensity import spectral_acceleration
 from jaxpound.records import read_record
 from jaxpound.scenarios import (
     PARAMETERS,
@@ -100,6 +107,7 @@ _KEYS: Keys = {
         "sampling": ("plain", "sobol"),
         "chunk_size": int,
         "keep_failures": _flag,
+        "spectral_acceleration": _flag,
     },
 }
 
@@ -119,6 +127,7 @@ class StudyConfiguration:
     sampling: str
     chunk_size: int | None
     keep_failures: bool
+    measures: dict[str, Measure]
 
 
 def read_study(path: Path | None) -> StudyConfiguration:
@@ -163,6 +172,12 @@ def read_study(path: Path | None) -> StudyConfiguration:
     with named(f"{source}:"):
         scenarios = Scenarios(drawn, ground)
     sampling = study.get("sampling", "plain")
+    measures: dict[str, Measure] = {}
+    if study.get("spectral_acceleration", False):
+        gravity = float(scales.gravity)
+        for i in (0, 1):
+            measure = partial(_spectral_acceleration, grid, i, gravity)
+            measures[f"spectral_acceleration_{i + 1}"] = measure
     return StudyConfiguration(
         source,
         text,
@@ -175,7 +190,20 @@ def read_study(path: Path | None) -> StudyConfiguration:
         sampling,
         chunk_size,
         study.get("keep_failures", False),
+        measures,
     )
+
+
+def _spectral_acceleration(
+    grid: TimeGrid,
+    building: int,
+    gravity: float,
+    structures: AdjacentStructures,
+    ground: GroundLike,
+) -> jax.Array:
+    """At the natural period of a building, with 5 % of damping, m/s²."""
+    period = 2 * jnp.pi / structures.natural_frequencies[building]
+    return gravity * spectral_acceleration(ground, grid, period=period)
 
 
 def _flat(table: dict[str, Any]) -> dict[str, Any]:

@@ -192,13 +192,23 @@ def scatter_matrix(
     return figure
 
 
+def correlations(study: Study, ax: Axes | None = None, column: str = "required_gap") -> Axes:
+    """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
+    found = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
+    names = sorted(found, key=lambda name: abs(found[name]))[-12:]
+    ax = _bars(ax, names)
+    place = np.arange(len(names))
+    ax.barh(place, [found[name] for name in names], 0.6, color=COLOURS["structure 1"], alpha=0.8)
+    ax.axvline(0, color="black", linewidth=0.7)
+    label(ax, f"rank correlation with {_plain(column)}", "")
+    ax.set_yticks(place, [name.replace("_", " ") for name in names])
+    return ax
+
+
 def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     """First-order and total Sobol indices as bars, the largest on top, with their intervals."""
     names = sorted(indices.total, key=lambda name: indices.total[name].value)
-    if ax is None:
-        ax = new_axes(ax)
-        figure: Any = ax.figure
-        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
+    ax = _bars(ax, names)
     place = np.arange(len(names))
     for shift, kind, colour in ((0.2, "first", "structure 1"), (-0.2, "total", "structure 2")):
         estimates = [getattr(indices, kind)[name] for name in names]
@@ -217,6 +227,15 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     label(ax, f"Sobol index of {_plain(indices.demand)}", "")
     ax.set_yticks(place, [name.replace("_", " ") for name in names])
     ax.legend(loc="lower right", fontsize=FONT_SIZE, frameon=False)
+    return ax
+
+
+def _bars(ax: Axes | None, names: Sequence[str]) -> Axes:
+    """Axes with room for so many bars."""
+    if ax is None:
+        ax = new_axes(ax)
+        figure: Any = ax.figure
+        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
     return ax
 
 

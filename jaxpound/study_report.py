@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,12 +14,20 @@ from jaxpound.estimates import Estimate
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
 """Probabilities of exceedance for which the required gap is told."""
 
+INTENSITIES = {
+    "pga": "PGA",
+    "pgv": "PGV",
+    "spectral_acceleration_1": "$S_a(T_1)$",
+    "spectral_acceleration_2": "$S_a(T_2)$",
+}
+"""Measures of intensity by which fragility is told, where the study has them."""
+
 _QUANTILES = (0.05, 0.5, 0.95)
 _MOST_CORRELATIONS = 8
 
 
-def summary(study: jp.Study, curve: jp.Fragility | None) -> dict[str, Any]:
-    """The study's answers, with its fragility if there is one, as JSON can hold them."""
+def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, Any]:
+    """The study's answers, with its ``fragilities``, as JSON can hold them."""
     identity = study.about["identity"]
     answers: dict[str, Any] = {
         "made_by": identity["versions"],
@@ -31,7 +41,16 @@ def summary(study: jp.Study, curve: jp.Fragility | None) -> dict[str, Any]:
         "required_gap": {},
         "demands": {},
         "correlations_with_required_gap": {},
-        "fragility_by_pga": None,
+        "fragility": {
+            name: {
+                "unit": intensity_unit(study, name),
+                "median": curve.median,
+                "median_error": curve.median_error,
+                "dispersion": curve.dispersion,
+                "dispersion_error": curve.dispersion_error,
+            }
+            for name, curve in curves.items()
+        },
     }
     for p in PROBABILITIES:
         found = study.separation(p)
@@ -57,24 +76,26 @@ def summary(study: jp.Study, curve: jp.Fragility | None) -> dict[str, Any]:
         found_ = {k: v for k, v in study.correlations().items() if np.isfinite(v)}
         ranked = sorted(found_, key=lambda name: -abs(found_[name]))[:_MOST_CORRELATIONS]
         answers["correlations_with_required_gap"] = {name: found_[name] for name in ranked}
-    if curve is not None:
-        answers["fragility_by_pga"] = {
-            "median": curve.median,
-            "median_error": curve.median_error,
-            "dispersion": curve.dispersion,
-            "dispersion_error": curve.dispersion_error,
-        }
     return answers
 
 
-def fragility(study: jp.Study) -> jp.Fragility | None:
-    """Pounding against PGA; None where no curve can be fitted."""
-    pounds, pga = study["pounds"], study["pga"]
-    good = np.isfinite(pounds) & (pga > 0)
-    try:
-        return jp.fit_fragility(pga[good], pounds[good] == 1)
-    except ValueError:
-        return None
+def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
+    """Pounding against every measure of intensity to which a curve can be fitted."""
+    curves = {}
+    for name in INTENSITIES:
+        if name in study.columns:
+            pounds, im = study["pounds"], study[name]
+            good = np.isfinite(pounds) & (im > 0)
+            with contextlib.suppress(ValueError):  # pounding never, always, or whatever the shaking
+                curves[name] = jp.fit_fragility(im[good], pounds[good] == 1)
+    return curves
+
+
+def intensity_unit(study: jp.Study, name: str) -> str:
+    """Unit of a measure of intensity."""
+    if study.scales is None:
+        return "g/ω1" if name == "pgv" else "g"
+    return "m/s" if name == "pgv" else "m/s²"
 
 
 def _numbers(estimate: Estimate) -> dict[str, float | None]:
@@ -126,14 +147,16 @@ def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
     if correlations := answers["correlations_with_required_gap"]:
         told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
         lines += ["", f"Rank correlation with the required gap: {told}."]
-    if curve := answers["fragility_by_pga"]:
-        unit = "m/s²" if si else "g"
+    if answers["fragility"]:
         lines += [
             "",
-            f"Fragility by PGA: median θ = {curve['median']:.4g} ± {curve['median_error']:.2g} "
-            f"{unit}, dispersion β = {curve['dispersion']:.3g} ± {curve['dispersion_error']:.2g} "
-            "(standard errors).",
+            "| fragility by | median θ | its standard error | dispersion β | its standard error |",
+            "|---|---|---|---|---|",
         ]
+    for name, curve in answers["fragility"].items():
+        numbers = (curve[k] for k in ("median", "median_error", "dispersion", "dispersion_error"))
+        row = " | ".join(f"{x:.3g}" for x in numbers)
+        lines.append(f"| {name.replace('_', ' ')} ({curve['unit']}) | {row} |")
     lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)
 

@@ -5,10 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-# Compiler options: without fusion, which only saves time when many runs follow, derivatives compile
-# in half the time.
-SOON = {"xla_disable_hlo_passes": "fusion", "xla_backend_optimization_level": 0}
-
 _FOLDER = Path(__file__).parent / "oracles"
 
 

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from reference import SOON
 
 import jaxpound as jp
 
@@ -38,7 +37,7 @@ def test_chunks_take_keys_and_return_gradients():
         return jax.grad(lambda mu: gaps(amplitude, mu).min_gap)(0.2)
 
     keys = jax.random.split(jax.random.key(1), 5)
-    whole = jax.jit(jax.vmap(slope), compiler_options=SOON)(keys)
+    whole = jax.jit(jax.vmap(slope))(keys)
     np.testing.assert_allclose(jp.in_chunks(slope, 2)(keys), whole, rtol=1e-10)
 
 
@@ -73,20 +72,18 @@ import jax, jaxpound as jp, numpy as np
 jax.config.update("jax_enable_x64", True)
 assert jp.use_cores(2) == 2
 from jax.sharding import Mesh, PartitionSpec as P
-from reference import SOON
 from test_batches import batch, gaps
-
-def soon(f): return jax.jit(f, compiler_options=SOON)
 
 assert len(jax.devices()) == 2
 def devices(x): return len(x.sharding.device_set)
 
 whole = jax.vmap(gaps)(*batch(64))
 assert devices(whole.min_gap) == 2 and not whole.min_gap.sharding.is_fully_replicated
-slope = soon(jax.vmap(jax.grad(lambda a, mu: gaps(a, mu).min_gap, argnums=(0, 1))))(*batch(64))
-mean = soon(jax.grad(lambda mu: jax.vmap(lambda a: gaps(a, mu).min_gap)(batch(64)[0]).mean()))(0.2)
+slope = jax.jit(jax.vmap(jax.grad(lambda a, mu: gaps(a, mu).min_gap, argnums=(0, 1))))(*batch(64))
+def average(mu): return jax.vmap(lambda a: gaps(a, mu).min_gap)(batch(64)[0]).mean()
+mean = jax.jit(jax.grad(average))(0.2)
 rows = jax.vmap(lambda a: jax.vmap(lambda mu: gaps(a, mu).min_gap)(batch(3)[1]))
-table = soon(rows)(batch(32)[0])
+table = jax.jit(rows)(batch(32)[0])
 odd = jax.vmap(gaps)(*batch(33))
 chunks = jp.in_chunks(gaps, 16)(*batch(39))
 # Inside a sharding of the caller's own nothing is spread again.
@@ -116,7 +113,7 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
     def gap(a, mu):
         return gaps(a, mu).min_gap
 
-    run = jax.jit(jax.value_and_grad(gap, argnums=(0, 1)), compiler_options=SOON)
+    run = jax.jit(jax.value_and_grad(gap, argnums=(0, 1)))
 
     def loop(a, mu):
         values, slopes = zip(*[run(*case) for case in zip(a, mu, strict=True)], strict=True)
@@ -147,7 +144,7 @@ def test_second_derivatives_of_a_batch_against_differences_of_the_first():
     def both(a, mu):
         return slope(a, mu), jax.jacfwd(slope, argnums=1)(a, mu)
 
-    batched = jax.jit(jax.vmap(both), compiler_options=SOON)
+    batched = jax.jit(jax.vmap(both))
     step = 1e-6
     bend, slopes = batched(a, mu)[1], [batched(a, mu + sign * step)[0] for sign in (1, -1)]
     np.testing.assert_allclose(bend, (slopes[0] - slopes[1]) / (2 * step), rtol=1e-5, atol=1e-7)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_monte_carlo import study
+from test_monte_carlo import LINEAR, study
 
 import jaxpound as jp
 
@@ -64,15 +64,14 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
         np.testing.assert_allclose(found[0][name], here[name], rtol=1e-9, atol=1e-12)
 
 
-def test_one_program_over_the_devices_of_two_processes():
-    """The documented script gives in both processes what a plain batch gives in this one."""
+def start_two(*command, others=()):
+    """What two processes of a distributed program print."""
     with socket.socket() as free:
         free.bind(("localhost", 0))
         address = f"localhost:{free.getsockname()[1]}"
-    script = str(ROOT / "examples" / "many_processes.py")
     processes = [
         subprocess.Popen(
-            [sys.executable, script, address, "2", str(i)],
+            [sys.executable, *command, address, "2", str(i), *others],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -83,7 +82,36 @@ def test_one_program_over_the_devices_of_two_processes():
     for process in processes:
         out, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
-        told.append(re.search(r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)", out))
+        told.append(out)
+    return told
+
+
+SHARDS = """
+import sys
+sys.path.insert(0, "tests")
+import jax
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_num_cpu_devices", 2)
+jax.distributed.initialize(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+from test_monte_carlo import LINEAR, study
+shard = (jax.process_index() + 1, jax.process_count())
+print(len(study(LINEAR, 256, store=sys.argv[4], chunk_size=64, shard=shard)))
+"""
+
+
+def test_the_processes_of_one_program_fill_a_store_each_with_its_own_devices(tmp_path):
+    told = start_two("-c", SHARDS, others=[str(tmp_path / "study")])
+    assert told == ["128\n", "128\n"]
+    found, here = jp.Study.open(tmp_path / "study"), study(LINEAR, 256)
+    for name in here.columns:
+        np.testing.assert_allclose(found[name], here[name], rtol=1e-9, atol=1e-12)
+
+
+def test_one_program_over_the_devices_of_two_processes():
+    """The documented script gives in both processes what a plain batch gives in this one."""
+    printed = start_two(str(ROOT / "examples" / "many_processes.py"))
+    what = r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)"
+    told = [re.search(what, out) for out in printed]
     assert [match[1] for match in told] == ["0", "1"]
     assert told[0].groups()[1:] == told[1].groups()[1:]
 

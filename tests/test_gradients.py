@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
-from reference import SOON, convergence_order, paper_gradient
+from reference import convergence_order, paper_gradient
 
 import jaxpound as jp
 
 NAMES = [*(field.name for field in dataclasses.fields(jp.Demand) if field.name != "si"), "pounds"]
 SCHEME, GRID = jp.Scheme(), jp.TimeGrid.until(20.0, 0.04)
 NOISE = 0.1 * np.random.default_rng(0).normal(size=100)
-LANES = 128  # in every batch, so that each mode of a scheme is compiled once
+LANES = 128  # in every batch of the coarse grid, so that each mode of a scheme is compiled once
 
 
 def vector(structures, ground):
@@ -45,13 +45,13 @@ def scalars(x, scheme, grid):
     return jnp.stack([demand.scalars()[name] for name in NAMES])
 
 
-def in_lanes(function, compiler_options=None):
+def in_lanes(function, grid):
     """A function over rows, under ``jit`` of ``vmap``."""
-    batch = jax.jit(jax.vmap(function), compiler_options=compiler_options)
+    batch, lanes = jax.jit(jax.vmap(function)), LANES if grid == GRID else WAVES.stop
 
     def over(*arrays):
         n = len(arrays[0])
-        rows = [np.arange(i, i + LANES) % n for i in range(0, n, LANES)]
+        rows = [np.arange(i, i + lanes) % n for i in range(0, n, lanes)]
         return np.concatenate([batch(*(x[some] for x in arrays)) for some in rows])[:n]
 
     return over
@@ -60,22 +60,21 @@ def in_lanes(function, compiler_options=None):
 @cache
 def value(scheme, grid):
     """From a case to its scalars."""
-    return in_lanes(lambda x: scalars(x, scheme, grid))
+    return in_lanes(lambda x: scalars(x, scheme, grid), grid)
 
 
 @cache
 def forward(scheme, grid):
     """From a case and a direction to the scalars and their derivatives."""
     return in_lanes(
-        lambda x, d: jnp.stack(jax.jvp(lambda x: scalars(x, scheme, grid), (x,), (d,))),
-        None if grid == GRID else SOON,
+        lambda x, d: jnp.stack(jax.jvp(lambda x: scalars(x, scheme, grid), (x,), (d,))), grid
     )
 
 
 @cache
 def reverse(scheme, grid):
     """From a case and weights of the scalars to the gradient of the weighted sum."""
-    return in_lanes(lambda x, w: jax.vjp(lambda x: scalars(x, scheme, grid), x)[1](w)[0], SOON)
+    return in_lanes(lambda x, w: jax.vjp(lambda x: scalars(x, scheme, grid), x)[1](w)[0], grid)
 
 
 def size(x):
@@ -221,13 +220,13 @@ def test_derivatives_against_differences(structures, ground):
 
 @cache
 def paper_jacobian(h):
-    return jacobian(PAPER, jp.TimeGrid.until(20.0, h))
+    return jacobian(PAPER[WAVES], jp.TimeGrid.until(20.0, h))
 
 
 def test_nine_derivatives_of_the_paper_s_case_at_three_steps():
     steps, bounds, errors = [0.02, 0.005, 0.002], [1e-3, 3e-4, 6e-5], []
     for h, bound in zip(steps, bounds, strict=True):
-        gradient = paper_gradient(recorded(paper_jacobian(h)[1][0] / size(PAPER))[0])
+        gradient = paper_gradient(unrecorded(paper_jacobian(h)[1][0] / size(PAPER[WAVES]))[0])
         errors.append(max(abs(ours - true) for ours, true in gradient.values()))
         assert errors[-1] < bound
     assert convergence_order(steps, errors) > 1.7
@@ -268,7 +267,7 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
         def min_gap(structures, scheme=scheme):
             return jp.demand(structures, jp.paper.ground(), grid, scheme).min_gap
 
-        slopes = jax.jit(jax.jacfwd(min_gap), compiler_options=SOON)
+        slopes = jax.jit(jax.jacfwd(min_gap))
         gradient = paper_gradient(slopes(jp.paper.structures()))
         errors.append(max(abs(ours - true) for ours, true in gradient.values()))
     assert errors[0] > errors[1] > errors[2]
@@ -288,7 +287,7 @@ def test_checkpoints_save_the_memory_of_reverse_mode():
         def gap(structures):
             return jp.demand(structures, jp.paper.ground(), grid, scheme).min_gap
 
-        lowered = jax.jit(jax.grad(gap), compiler_options=SOON).lower(jp.paper.structures())
+        lowered = jax.jit(jax.grad(gap)).lower(jp.paper.structures())
         return lowered.compile().memory_analysis().temp_size_in_bytes
 
     # √N of N, with a factor for what a segment holds (benchmarks/batches.py has more lengths).

@@ -1,11 +1,12 @@
 """Studies of scenarios whose demands are known, and what befalls a study on its way."""
 
 import dataclasses
+import multiprocessing
 import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -200,6 +201,14 @@ def test_samples_do_not_depend_on_chunks_or_shards_or_where_they_run(tmp_path, s
         np.testing.assert_allclose(part["pga"], whole["pga"][part.indices], rtol=1e-9)
         np.testing.assert_array_equal(part.points(), whole.points()[part.indices])
     assert files(tmp_path / "a") == files(tmp_path / "b")
+
+
+def test_chunks_may_run_in_other_processes(tmp_path):
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as processes:
+        found = study(store=tmp_path / "study", executor=processes)
+    here = study()
+    for name in here.columns:
+        np.testing.assert_allclose(found[name], here[name], rtol=1e-9, atol=1e-12)
 
 
 def test_a_key_is_a_seed_or_a_key():

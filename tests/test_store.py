@@ -3,6 +3,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -121,6 +122,79 @@ def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, nu
     assert (e.value.errno, e.value.filename) == (number, str(store.folder))
     assert not [*store.folder.glob("*.part")]
     assert all(store.read(k) is not None for k in store.chunks())
+
+
+def test_a_file_that_finds_no_more_room_is_given_up(store):
+    """The operating system's own refusal in the middle of a file."""
+    resource = pytest.importorskip("resource")
+    small, large = columns(4, 4), columns(4, 100_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OSError, match=r"cannot be written \(File too large\)"):
+            store.write(1, large)
+        store.write(1, small)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not [*store.folder.glob("*.part")]
+    assert store.read(1)["a"].tolist() == small["a"].tolist()
+
+
+def test_a_folder_that_may_only_be_read_is_read():
+    """As somebody without rights, which root is not."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        store = Store.create(folder / "study", IDENTITY, 10, {})
+        store.write(0, columns(0, 4))
+        folder.chmod(0o755)
+        store.folder.chmod(0o555)
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(65534)
+        try:
+            again = Store.create(store.folder, IDENTITY, 10, {})
+            assert again.read(0)["a"].tolist() == columns(0, 4)["a"].tolist()
+            with pytest.raises(OSError, match=r"cannot be written \(Permission denied\)"):
+                again.write(1, columns(4, 4))
+            with pytest.raises(OSError, match=r"cannot be written \(Permission denied\)"):
+                Store.create(store.folder, IDENTITY, 20, {})
+        finally:
+            if root:
+                os.seteuid(0)
+            store.folder.chmod(0o755)
+        assert [path.name for path in store.folder.glob("chunk*")] == ["chunk-000000.npz"]
+
+
+WRITER = """
+import sys, time
+import numpy as np
+from jaxpound.store import Store
+store = Store(sys.argv[1])
+print("ready", flush=True)
+while True:
+    for chunk in store.chunks():
+        rows = np.arange(20_000.0) + 20_000 * chunk
+        store.write(chunk, {"a": rows, "b": -rows})
+"""
+
+
+def test_a_process_killed_at_any_moment_leaves_whole_chunks_only(tmp_path):
+    random = np.random.default_rng(0)
+    store = Store.create(tmp_path, IDENTITY | {"chunk_size": 20_000}, 60_000, {})
+    half_written = 0
+    for _ in range(4):
+        arguments = [sys.executable, "-c", WRITER, str(tmp_path)]
+        with subprocess.Popen(arguments, stdout=subprocess.PIPE) as writer:
+            assert writer.stdout.readline() == b"ready\n"
+            time.sleep(random.uniform(0, 0.1))
+            writer.kill()
+        half_written += len([*tmp_path.glob("*.part")])
+        for chunk in store.chunks():
+            if store.has(chunk):
+                found = store.read(chunk)
+                assert found["a"][0] == 20_000 * chunk
+                np.testing.assert_array_equal(found["a"], -found["b"])
+    assert half_written
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):

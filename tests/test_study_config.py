@@ -146,8 +146,9 @@ def test_a_missing_record_is_named(write, tmp_path, capsys):
 
 
 def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_path):
+    changes = {"# chunk_size": "chunk_size = 10", "# spectral": "spectral_acceleration = true"}
     path, store, out = (
-        write(SMALL | {"# chunk_size": "chunk_size = 10"}),
+        write(SMALL | changes),
         tmp_path / "st",
         tmp_path / "out",
     )
@@ -169,6 +170,9 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
     rules = found.separation(0.1)
     assert summary["required_gap"]["0.1"]["srss"] == pytest.approx(rules.srss)
     assert summary["demands"]["peak_f1"]["mean"] == pytest.approx(found.moments("peak_f1").mean)
+    curve = jp.fit_fragility(found["pgv"], found["pounds"] == 1)
+    assert summary["fragility"]["pgv"]["median"] == pytest.approx(curve.median)
+    assert summary["fragility"]["spectral_acceleration_1"]["unit"] == "m/s²"
     page = (out / "summary.md").read_text()
     assert f"**Probability of pounding: {found.pounding_probability().value:.4g} (" in page
     for name in re.findall(r"\((\w+\.png)\)", page):

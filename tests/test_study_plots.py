@@ -85,6 +85,15 @@ def test_scatter_has_a_panel_for_each_pair():
         plots.scatter_matrix(found, names=["mass"])
 
 
+def test_correlation_bars_are_the_correlations_largest_on_top(ax):
+    found = study(RANDOM, 50)
+    plots.correlations(found, ax)
+    names = [text.get_text().replace(" ", "_") for text in ax.get_yticklabels()]
+    expected = found.correlations()
+    assert names == sorted(expected, key=lambda name: abs(expected[name]))
+    assert [bar.get_width() for bar in ax.patches] == [expected[name] for name in names]
+
+
 def test_sensitivity_bars_are_the_indices_largest_on_top(ax):
     indices = jp.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=64)
     plots.sensitivity(indices, ax)
