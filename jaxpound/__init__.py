@@ -8,7 +8,13 @@ True
 
 from jaxpound import paper
 from jaxpound.batches import in_chunks, use_cores
+from jaxpound.calibration import Calibration, calibrate
+from jaxpound.comparison import Comparison
+from jaxpound.design import Design, design_damper
+from jaxpound.design_space import Bounds, DesignSpace
 from jaxpound.distributions import LogNormal, Normal, Uniform
+from jaxpound.elasticities import Elasticities, elasticities
+from jaxpound.ensembles import Ensemble
 from jaxpound.estimates import Estimate
 from jaxpound.fractional import FullHistory, ModalHistory, gl_weights
 from jaxpound.fragility import Fragility, fit_fragility
@@ -16,6 +22,17 @@ from jaxpound.friction import EventResolved, Smoothed, Switching
 from jaxpound.ground import Record, Ricker
 from jaxpound.intensity import arias_intensity, pga, pgv, spectral_acceleration
 from jaxpound.monte_carlo import monte_carlo
+from jaxpound.objectives import (
+    CVaR,
+    Limit,
+    MeanGap,
+    Objective,
+    Penalty,
+    PoundingProbability,
+    SoftMinimum,
+    WorstGap,
+)
+from jaxpound.pareto import ParetoFront, pareto_front
 from jaxpound.records import read_record
 from jaxpound.response import Demand, Energy, Phase, Response
 from jaxpound.rods import rod_force
@@ -39,18 +56,32 @@ __all__ = [
     "PAPER_SCHEME",
     "STANDARD_GRAVITY",
     "AdjacentStructures",
+    "Bounds",
     "Building",
+    "CVaR",
+    "Calibration",
+    "Comparison",
     "CustomDraw",
     "Demand",
+    "Design",
+    "DesignSpace",
+    "Elasticities",
     "Energy",
+    "Ensemble",
     "Estimate",
     "EventResolved",
     "Fragility",
     "FullHistory",
+    "Limit",
     "LogNormal",
+    "MeanGap",
     "ModalHistory",
     "Normal",
+    "Objective",
+    "ParetoFront",
+    "Penalty",
     "Phase",
+    "PoundingProbability",
     "RandomRecord",
     "RandomRicker",
     "Record",
@@ -61,20 +92,26 @@ __all__ = [
     "Scheme",
     "Sensitivity",
     "Smoothed",
+    "SoftMinimum",
     "Study",
     "Switching",
     "TimeGrid",
     "UncertainStructures",
     "Uniform",
+    "WorstGap",
     "ZenerRod",
     "arias_intensity",
+    "calibrate",
     "demand",
+    "design_damper",
     "dimensionless",
+    "elasticities",
     "fit_fragility",
     "gl_weights",
     "in_chunks",
     "monte_carlo",
     "paper",
+    "pareto_front",
     "pga",
     "pgv",
     "read_record",

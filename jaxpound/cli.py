@@ -1,4 +1,4 @@
-"""Command line: ``jaxpound paper``, ``simulate``, ``montecarlo`` and ``report``.
+"""Command line: ``jaxpound paper``, ``simulate``, ``montecarlo``, ``report`` and ``design``.
 
 matplotlib is imported only where figures are drawn, so that help and refusals come sooner.
 """
@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 import jaxpound as jp
-from jaxpound import config, report, study_config, study_report
+from jaxpound import config, design_config, design_report, report, study_config, study_report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -151,6 +151,34 @@ def _parser() -> argparse.ArgumentParser:
         example="jaxpound report --store study --out results",
     )
     _add_store(told, "the study's folder")
+    design = _add_command(
+        commands,
+        _design,
+        summary="damper and rods that keep two buildings apart, chosen by gradients within limits",
+        example="jaxpound design --example-config > design.toml\n"
+        "  jaxpound design design.toml --record elcentro.at2 --out results",
+    )
+    design.add_argument("config", type=Path, metavar="CONFIG.toml", help="what may be chosen")
+    design.add_argument(
+        "--example-config",
+        action=_PrintExample,
+        const=design_config.EXAMPLE,
+        help="print an example design and exit",
+    )
+    design.add_argument(
+        "--record",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="an accelerogram in g that joins the random earthquakes; may be given several times",
+    )
+    design.add_argument(
+        "--save",
+        type=Path,
+        metavar="FILE",
+        help="keep the search's state there, and go on from it where it was stopped",
+    )
     return parser
 
 
@@ -295,6 +323,48 @@ def _report(args: argparse.Namespace) -> None:
         _write_text(args.out / "study.toml", study.about["notes"]["configuration"])
     _write_text(args.out / "summary.json", text + "\n")
     _write_text(args.out / "summary.md", study_report.as_markdown(answers, list(figures)))
+    _write_figures(figures, args.out)
+
+
+# --- design -------------------------------------------------------------------------------------
+
+
+def _design(args: argparse.Namespace) -> None:
+    wanted = design_config.read_design(args.config, args.record)
+    _make_folder(args.out)
+    design = jp.design_damper(
+        wanted.space,
+        wanted.ensemble,
+        wanted.grid,
+        wanted.scheme,
+        wanted.objective,
+        scales=wanted.scales,
+        fresh=wanted.fresh or None,
+        save=args.save,
+        progress=sys.stderr.isatty(),
+        **wanted.search,
+    )
+    print(design)
+    recorded = {name: design.compare(one) for name, one in wanted.recorded.items()}
+    answers = design_report.summary(design, recorded)
+    slopes = jp.elasticities(design.structures, wanted.ensemble, wanted.grid, wanted.scheme)
+
+    from jaxpound import design_plots, plots
+
+    compared = design.trained if design.fresh is None else design.fresh
+    figures = {
+        "convergence": plots.figure(design_plots.convergence, design),
+        "before_and_after": plots.figure(design_plots.before_and_after, compared),
+        "elasticities": plots.figure(design_plots.tornado, slopes),
+    }
+    if design.space.dimension > 1:
+        figures["landscape"] = design_plots.figure_of_landscape(design)
+    text = json.dumps(answers, indent=2, allow_nan=False)
+    _write_text(args.out / "design.toml", wanted.text)
+    designed = design_config.designed_toml(design.structures, wanted.scales)
+    _write_text(args.out / "buildings.toml", designed)
+    _write_text(args.out / "summary.json", text + "\n")
+    _write_text(args.out / "summary.md", design_report.as_markdown(answers, list(figures)))
     _write_figures(figures, args.out)
 
 

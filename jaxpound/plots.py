@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxpound.response import Response
 
@@ -51,6 +53,26 @@ _SI = {
     "acceleration": "m/s²",
     "force": "N",
     "energy": "J",
+}
+
+
+# Quantity of each demand, and its name in a figure.
+QUANTITIES = {
+    "min_gap": ("length", r"min gap $\xi$"),
+    "min_gap_time": ("time", "time of min gap $t$"),
+    "peak_x1": ("length", "peak $|x_1|$"),
+    "peak_x2": ("length", "peak $|x_2|$"),
+    "peak_f1": ("force", "peak $|f_1|$"),
+    "peak_f2": ("force", "peak $|f_2|$"),
+    "peak_acceleration_1": ("acceleration", "peak $|a_1|$"),
+    "peak_acceleration_2": ("acceleration", "peak $|a_2|$"),
+    "damper_force": ("force", "slip force"),
+    "slip_distance": ("length", "slip distance"),
+    "friction_work": ("energy", "friction work"),
+    "residual_offset": ("length", "residual offset"),
+    "pga": ("acceleration", "PGA"),
+    "pgv": ("velocity", "PGV"),
+    "required_gap": ("length", "required gap"),
 }
 
 
@@ -251,6 +273,27 @@ def new_axes(ax: Axes | None) -> Axes:
     from matplotlib import pyplot  # only here, so that no window system is asked for
 
     return pyplot.subplots(figsize=FIGURE_SIZE, layout="constrained")[1]
+
+
+def only_shares(ax: Axes) -> None:
+    """Ticks from 0 to 1, not beside the legend above."""
+    ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
+
+
+def ratio_ticks(axis: Axis) -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def bars(ax: Axes | None, names: Sequence[str]) -> Axes:
+    """Axes with room for so many bars."""
+    if ax is None:
+        ax = new_axes(ax)
+        figure: Any = ax.figure
+        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
+    return ax
 
 
 def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,93 +19,47 @@ from jaxpound.config import (
     check_keys,
     example,
     named,
-    needed,
     pair,
     parse,
     read_text,
-    require_stable,
-    time_grid,
 )
-from jaxpound.distributions import Distribution, LogNormal, Normal, Uniform
+from jaxpound.earthquake_config import (
+    EARTHQUAKES,
+    by_path,
+    distribution,
+    flag,
+    random_grid,
+    random_ground,
+    scaled,
+)
 from jaxpound.ground import GroundLike
 from jaxpound.intensity import spectral_acceleration
-from jaxpound.records import read_record
 from jaxpound.scenarios import (
     PARAMETERS,
-    RandomRecord,
-    RandomRicker,
     Scenarios,
     UncertainStructures,
 )
-from jaxpound.scheme import Scheme, TimeGrid, stability_limit
+from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
 
 EXAMPLE = "example_study.toml"
-
-_KINDS: dict[str, Callable[[float, float], Distribution]] = {
-    "normal": Normal,
-    "lognormal": LogNormal,
-    "uniform": Uniform,
-}
-_WAVELETS = ("wavelets", "amplitude", "periods", "arrivals", "negative", "intensity")
-_RECORDS = ("records", "units", "factor", "weights")
-
-
-def _distribution(value: Any) -> str:
-    """What is wrong with a distribution, or nothing."""
-    rule = "{normal = [mean, std]}, {lognormal = [median, sigma]} or {uniform = [low, high]}"
-    if not (isinstance(value, dict) and len(value) == 1 and {*value} <= {*_KINDS}):
-        return rule
-    (numbers,) = value.values()
-    right = isinstance(numbers, list) and len(numbers) == 2
-    return "" if right and all(type(x) in (int, float) for x in numbers) else rule
-
-
-def _files(value: Any) -> str:
-    right = isinstance(value, list) and value and all(isinstance(x, str) for x in value)
-    return "" if right else "a list of files"
-
-
-def _word(value: Any) -> str:
-    return "" if isinstance(value, str) else "a text"
-
-
-def _flag(value: Any) -> str:
-    return "" if isinstance(value, bool) else "true or false"
-
-
-def _numbers(value: Any) -> str:
-    right = isinstance(value, list) and value and all(type(x) in (int, float) for x in value)
-    return "" if right else "a list of numbers"
-
 
 _KEYS: Keys = {
     "": {"gap": float},
     "building_1": BUILDING,
     "building_2": BUILDING,
     "damper": {"friction_force": float},
-    "earthquakes": {
-        "wavelets": int,
-        "amplitude": _distribution,
-        "periods": _distribution,
-        "arrivals": _distribution,
-        "negative": float,
-        "intensity": _distribution,
-        "records": _files,
-        "units": _word,
-        "factor": _distribution,
-        "weights": _numbers,
-    },
-    "uncertain": dict.fromkeys(PARAMETERS, _distribution),
+    "earthquakes": EARTHQUAKES,
+    "uncertain": dict.fromkeys(PARAMETERS, distribution),
     "run": RUN,
     "study": {
         "samples": int,
         "seed": int,
         "sampling": ("plain", "sobol"),
         "chunk_size": int,
-        "keep_failures": _flag,
-        "spectral_acceleration": _flag,
+        "keep_failures": flag,
+        "spectral_acceleration": flag,
     },
 }
 
@@ -144,14 +96,14 @@ def read_study(path: Path | None) -> StudyConfiguration:
     text = example(EXAMPLE) if path is None else read_text(path)
     given = parse(source, text)
     if isinstance(uncertain := given.get("uncertain"), dict):
-        given["uncertain"] = _flat(uncertain)
+        given["uncertain"] = by_path(uncertain)
     check_keys(source, given, _KEYS)
     left, right, structures, scales, scheme = pair(source, given)
     folder = Path() if path is None else path.parent
-    ground, record_dt, length = _ground(source, given, folder, scales)
+    ground, record_dt, length = random_ground(source, given, folder, scales)
     periods = [float(building.natural_period) for building in (left, right)]
     shortest = min(min(periods) / STEPS_PER_PERIOD, record_dt)
-    grid = _grid(source, given.get("run", {}), scales, structures, scheme, shortest, length)
+    grid = random_grid(source, given.get("run", {}), scales, structures, scheme, shortest, length)
     study = given.get("study", {})
     samples, chunk_size = study.get("samples", 10_000), study.get("chunk_size")
     for key, value in (("samples", samples), ("chunk_size", chunk_size)):
@@ -165,7 +117,7 @@ def read_study(path: Path | None) -> StudyConfiguration:
             drawn = UncertainStructures(
                 structures,
                 {
-                    path: _scaled(value, float(attrgetter(path)(structures)))
+                    path: scaled(value, float(attrgetter(path)(structures)))
                     for path, value in uncertain.items()
                 },
             )
@@ -204,72 +156,3 @@ def _spectral_acceleration(
     """At the natural period of a building, with 5 % of damping, m/s²."""
     period = 2 * jnp.pi / structures.natural_frequencies[building]
     return gravity * spectral_acceleration(ground, grid, period=period)
-
-
-def _flat(table: dict[str, Any]) -> dict[str, Any]:
-    """``rod_1.tau_x = ...`` without quotation marks is a table within the table."""
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        nested = isinstance(value, dict) and key in ("rod_1", "rod_2")
-        flat |= {f"{key}.{name}": x for name, x in value.items()} if nested else {key: value}
-    return flat
-
-
-def _scaled(value: dict[str, Any], factor: float) -> Distribution:
-    """A distribution of the file, times a factor."""
-    ((kind, (first, second)),) = value.items()
-    scaled = (first * factor, second if kind == "lognormal" else second * factor)
-    return _KINDS[kind](*scaled)
-
-
-def _ground(
-    source: str, given: dict[str, Any], folder: Path, scales: Scales
-) -> tuple[RandomRicker | RandomRecord, float, float | None]:
-    """The random ground motion; its records' shortest interval and longest duration, s."""
-    table = given.get("earthquakes", {})
-    by_record = "records" in table
-    for key in _WAVELETS if by_record else _RECORDS:
-        if key in table:
-            rule = "be given with records" if by_record else "be given without records"
-            raise ValueError(f"{source}: [earthquakes] {key} must not {rule}")
-    length, time = float(scales.length), float(scales.time)
-    if not by_record:
-        wavelets, amplitude, periods, arrivals = (
-            needed(source, given, "earthquakes", key) for key in _WAVELETS[:4]
-        )
-        with named(f"{source}: [earthquakes]"):
-            waves = RandomRicker(
-                wavelets,
-                _scaled(amplitude, 1 / length),
-                _scaled(periods, 1 / time),
-                _scaled(arrivals, 1 / time),
-                table.get("negative", 0.5),
-                _scaled(table["intensity"], 1.0) if "intensity" in table else None,
-            )
-        return waves, float("inf"), None
-    units = table.get("units", "g")
-    records = [read_record(folder / file, units=units) for file in table["records"]]
-    with named(f"{source}: [earthquakes]"):
-        factor = _scaled(table["factor"], 1.0) if "factor" in table else None
-        motions = tuple(scales.to_dimensionless(record) for record in records)
-        drawn = RandomRecord(motions, factor, table.get("weights"))
-    shortest = min(float(record.dt) for record in records)
-    return drawn, shortest, max(float(record.duration) for record in records)
-
-
-def _grid(
-    source: str,
-    run: dict[str, Any],
-    scales: Scales,
-    structures: AdjacentStructures,
-    scheme: Scheme,
-    shortest: float,
-    length: float | None,
-) -> TimeGrid:
-    limit = stability_limit(structures, scheme) * float(scales.time)
-    dt = run.get("dt", min(shortest, limit / 2))
-    require_stable(source, dt, limit, "the nominal buildings")
-    duration = run.get("duration", length)
-    if duration is None:
-        raise ValueError(f"{source}: lacks the key 'duration' in [run]")
-    return time_grid(source, scales, duration, dt)

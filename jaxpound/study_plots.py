@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxpound.estimates import probability
 from jaxpound.fragility import Fragility, grouped
@@ -17,9 +16,13 @@ from jaxpound.plots import (
     FIGURE_SIZE,
     FONT_SIZE,
     LINE_WIDTH,
+    QUANTITIES,
+    bars,
     label,
     legend,
     new_axes,
+    only_shares,
+    ratio_ticks,
     shade,
     unit_for,
 )
@@ -28,24 +31,6 @@ from jaxpound.study import Study
 
 _POINTS = 200  # of a curve
 _MOST_DOTS = 2000  # of a scatter diagram
-
-# Symbol and quantity of each column.
-_COLUMNS = {
-    "min_gap": (r"min gap $\xi$", "length"),
-    "min_gap_time": ("time of min gap $t$", "time"),
-    "peak_x1": ("peak $|x_1|$", "length"),
-    "peak_x2": ("peak $|x_2|$", "length"),
-    "peak_f1": ("peak $|f_1|$", "force"),
-    "peak_f2": ("peak $|f_2|$", "force"),
-    "peak_acceleration_1": ("peak $|a_1|$", "acceleration"),
-    "peak_acceleration_2": ("peak $|a_2|$", "acceleration"),
-    "slip_distance": ("slip distance", "length"),
-    "friction_work": ("friction work", "energy"),
-    "residual_offset": ("residual offset", "length"),
-    "pga": ("PGA", "acceleration"),
-    "pgv": ("PGV", "velocity"),
-    "required_gap": ("required gap", "length"),
-}
 
 
 def min_gap(study: Study, ax: Axes | None = None) -> Axes:
@@ -89,7 +74,7 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
     ax.set_xscale("log")
     label(ax, "samples $n$", "probability of pounding")
     legend(ax)
-    _only_shares(ax)
+    only_shares(ax)
     return ax
 
 
@@ -145,12 +130,10 @@ def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -
         im, shares[:, 0], off, fmt="o", color="black", markersize=3, linewidth=0.7, label="data"
     )
     ax.set_xscale("log")
-    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.xaxis.set_major_formatter("{x:g}")
-    ax.xaxis.set_minor_formatter(NullFormatter())
+    ratio_ticks(ax.xaxis)
     label(ax, intensity, "probability of pounding")
     legend(ax, columns=2)
-    _only_shares(ax)
+    only_shares(ax)
     return ax
 
 
@@ -173,8 +156,8 @@ def scatter_matrix(
     figure = Figure(figsize=(width, 1.7 * len(demands) + 0.3), layout="constrained")
     panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
     for row, demand in zip(panels, demands, strict=True):
-        known = demand in _COLUMNS
-        factor = _unit(study, demand, _COLUMNS[demand][1])[0] if known else 1.0
+        known = demand in QUANTITIES
+        factor = _unit(study, demand, QUANTITIES[demand][0])[0] if known else 1.0
         values = factor * study[demand][:_MOST_DOTS]
         for ax, name in zip(row, names, strict=True):
             ax.plot(
@@ -196,7 +179,7 @@ def correlations(study: Study, ax: Axes | None = None, column: str = "required_g
     """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
     found = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
     names = sorted(found, key=lambda name: abs(found[name]))[-12:]
-    ax = _bars(ax, names)
+    ax = bars(ax, names)
     place = np.arange(len(names))
     ax.barh(place, [found[name] for name in names], 0.6, color=COLOURS["structure 1"], alpha=0.8)
     ax.axvline(0, color="black", linewidth=0.7)
@@ -208,7 +191,7 @@ def correlations(study: Study, ax: Axes | None = None, column: str = "required_g
 def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     """First-order and total Sobol indices as bars, the largest on top, with their intervals."""
     names = sorted(indices.total, key=lambda name: indices.total[name].value)
-    ax = _bars(ax, names)
+    ax = bars(ax, names)
     place = np.arange(len(names))
     for shift, kind, colour in ((0.2, "first", "structure 1"), (-0.2, "total", "structure 2")):
         estimates = [getattr(indices, kind)[name] for name in names]
@@ -230,28 +213,14 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _bars(ax: Axes | None, names: Sequence[str]) -> Axes:
-    """Axes with room for so many bars."""
-    if ax is None:
-        ax = new_axes(ax)
-        figure: Any = ax.figure
-        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
-    return ax
-
-
-def _only_shares(ax: Axes) -> None:
-    """Ticks from 0 to 1, not beside the legend above."""
-    ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
-
-
 def _plain(column: str) -> str:
-    return _COLUMNS[column][0] if column in _COLUMNS else column.replace("_", " ")
+    return QUANTITIES[column][1] if column in QUANTITIES else column.replace("_", " ")
 
 
 def _name(study: Study, column: str) -> str:
-    if column not in _COLUMNS:
+    if column not in QUANTITIES:
         return column.replace("_", " ")
-    words, quantity = _COLUMNS[column]
+    quantity, words = QUANTITIES[column]
     return f"{words} ({_unit(study, column, quantity)[1]})"
 
 

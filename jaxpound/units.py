@@ -193,6 +193,29 @@ class Scales:
         )
         return TimeGrid.until(float(duration) * omega, float(dt) * omega)
 
+    def buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:
+        """Dimensionless structures in SI: both buildings, slip force (N) and gap (m).
+
+        The inverse of ``dimensionless``, for these scales.
+        """
+        instance("Scales.buildings", "structures", structures, AdjacentStructures)
+        stiffness = self.mass * self.frequency**2
+        s = structures
+        rods = [
+            (
+                rod.order,
+                rod.tau_f / self.frequency**rod.order,
+                rod.tau_x / self.frequency**rod.order,
+            )
+            for rod in (s.rod_1, s.rod_2)
+        ]
+        return (
+            Building(self.mass, stiffness, *rods[0]),
+            Building(self.mass / s.mass_ratio, stiffness * s.stiffness_ratio, *rods[1]),
+            s.friction * self.force,
+            s.initial_gap * self.length,
+        )
+
     def to_dimensionless(self, record: Record) -> Record:
         """A record in g and seconds as a record in g and units of 1/ω1."""
         instance("Scales.to_dimensionless", "record", record, Record)

@@ -1,0 +1,99 @@
+"""A design beside the one before it, earthquake by earthquake."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+from scipy import stats
+
+from jaxpound._checks import require_share
+from jaxpound.estimates import Estimate
+from jaxpound.objectives import Objective
+
+_REPLICATES = 500  # of the bootstrap
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Comparison:
+    """Demands before and after, of the same earthquakes.
+
+    ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap, the gap at rest
+    and every price of ``Objective``. Intervals are of 95 %.
+    """
+
+    before: dict[str, np.ndarray]
+    after: dict[str, np.ndarray]
+    objective_function: Objective
+    si: bool
+
+    def __len__(self) -> int:
+        return len(self.before["min_gap"])
+
+    def difference(self, name: str = "min_gap", confidence: float = 0.95) -> Estimate:
+        """Mean of after − before, earthquake by earthquake, with Student's interval."""
+        require_share("difference", "confidence", confidence)
+        if name not in self.before:
+            raise ValueError(f"difference: {name!r} must be one of {', '.join(self.before)}")
+        d = self.after[name] - self.before[name]
+        mean = float(np.mean(d))
+        half = np.std(d, ddof=1) / len(d) ** 0.5 if len(d) > 1 else np.inf
+        half = float(half * stats.t.isf((1 - confidence) / 2, max(len(d) - 1, 1)))
+        return Estimate(mean, mean - half, mean + half, confidence)
+
+    @property
+    def objective(self) -> dict[str, Estimate]:
+        """Objective before, after, and after less before, with bootstrap intervals."""
+        n, rng = len(self), np.random.default_rng(0)
+
+        @jax.jit
+        def value(columns: dict[str, Any], rows: Any) -> Any:
+            return self.objective_function.value({k: x[rows] for k, x in columns.items()})
+
+        draws = np.concatenate([[np.arange(n)], rng.integers(0, n, (_REPLICATES, n))])
+        values = [
+            np.array([float(value(columns, rows)) for rows in draws])
+            for columns in (self.before, self.after)
+        ]
+        found = {"before": values[0], "after": values[1], "difference": values[1] - values[0]}
+        return {
+            name: Estimate(float(x[0]), *map(float, np.quantile(x[1:], [0.025, 0.975])))
+            for name, x in found.items()
+        }
+
+    @property
+    def pounding(self) -> tuple[float, float]:
+        """Share of earthquakes in which the gap closes, before and after."""
+        return tuple(float(np.mean(x["min_gap"] <= 0)) for x in (self.before, self.after))  # type: ignore[return-value]
+
+    def rows(self) -> dict[str, dict[str, float]]:
+        """Mean and 95 % quantile (5 % of the smallest gap) of every demand, before and after."""
+        table = {}
+        for name in self.before:
+            if name == "initial_gap":
+                continue
+            q = 0.05 if name == "min_gap" else 0.95
+            columns = (("before", self.before), ("after", self.after))
+            table[name] = {
+                f"{what}_{when}": float(f(x[name]))
+                for when, x in columns
+                for what, f in (("mean", np.mean), ("tail", lambda y, q=q: np.quantile(y, q)))
+            }
+        return table
+
+    def __repr__(self) -> str:
+        lines = [f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})"]
+        lines.append(
+            f"    {'':22}{'mean before':>13}{'after':>11}{'5/95 % before':>15}{'after':>11}"
+        )
+        for name, row in self.rows().items():
+            lines.append(
+                f"    {name:22}{row['mean_before']:13.4g}{row['mean_after']:11.4g}"
+                f"{row['tail_before']:15.4g}{row['tail_after']:11.4g}"
+            )
+        before, after = self.pounding
+        lines.append(f"    {'share that pounds':22}{before:13.4g}{after:11.4g}")
+        lines.append(f"    min gap wider by {self.difference()} on average")
+        return "\n".join(lines)

@@ -1,0 +1,190 @@
+"""Figures of a design: axes in, axes out, in the colours and units of ``plots``."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxpound.comparison import Comparison
+from jaxpound.design import Design, Landscape
+from jaxpound.elasticities import Elasticities
+from jaxpound.pareto import ParetoFront
+from jaxpound.plots import (
+    COLOURS,
+    FONT_SIZE,
+    LINE_WIDTH,
+    QUANTITIES,
+    bars,
+    label,
+    legend,
+    new_axes,
+    only_shares,
+    ratio_ticks,
+    shade,
+    unit_for,
+)
+
+
+def convergence(design: Design, ax: Axes | None = None) -> Axes:
+    """Objective of every start over iterations, faint where it exceeds a limit; the winner bold."""
+    ax = new_axes(ax)
+    history = design.history
+    k, starts = history.objective.shape
+    iterations = np.arange(1, k + 1)
+    for i in range(starts):
+        colour = COLOURS["damper"] if i == design.winner else COLOURS["residual"]
+        inside = history.alive[:, i] & (history.violation[:, i] <= design.limit_tolerance)
+        ax.plot(iterations, history.objective[:, i], color=colour, linewidth=0.5, alpha=0.5)
+        kept = np.where(inside, history.objective[:, i], np.nan)
+        words = "winner" if i == design.winner else "_other"
+        width = 2 * LINE_WIDTH if i == design.winner else LINE_WIDTH
+        ax.plot(iterations, kept, color=colour, linewidth=width, label=words)
+    if starts > 1:
+        ax.plot([], [], color=COLOURS["residual"], linewidth=LINE_WIDTH, label="other starts")
+    ax.margins(x=0)
+    label(ax, "iteration", f"objective{_unit(design, design.objective)}")
+    legend(ax)
+    return ax
+
+
+def landscape(
+    design: Design, ax: Axes | None = None, drawn: Landscape | None = None, n: int = 15
+) -> Axes:
+    """Objective over two variables, with the path of the winner projected on it.
+
+    Where a limit is exceeded it is shaded. ``drawn`` is what ``Design.landscape`` found; by default
+    that of the two variables which moved farthest.
+    """
+    ax = new_axes(ax)
+    if drawn is None:
+        moved = np.abs(design.shares - design.history.shares[0, 0])
+        i, j = np.sort(np.argsort(-moved, kind="stable")[:2])
+        drawn = design.landscape(design.space.names[i], design.space.names[j], n)
+    x, y, z = drawn.x_values, drawn.y_values, drawn.objective
+    lines = ax.contour(x, y, z, 12, colors=COLOURS["ground"], linewidths=0.6, alpha=0.6)
+    ax.clabel(lines, np.asarray(lines.levels)[::3], fontsize=FONT_SIZE - 2, fmt="%.3g")
+    if (drawn.violation > design.limit_tolerance).any():
+        ax.contourf(
+            x,
+            y,
+            drawn.violation,
+            [design.limit_tolerance, np.inf],
+            colors=COLOURS["pounding"],
+            alpha=0.3,
+        )
+        ax.fill_between([], [], [], label="limit exceeded", **shade("pounding"))
+    i, j = (design.space.names.index(name) for name in (drawn.x, drawn.y))
+    path = [
+        list(design.space.values(shares).values())
+        for shares in design.history.shares[:, design.winner]
+    ]
+    xs, ys = np.array([[float(values[i]), float(values[j])] for values in path]).T
+    ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path")
+    ax.plot(xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none")
+    end = design.values
+    ax.plot(end[drawn.x], end[drawn.y], "*", color=COLOURS["damper"], markersize=8, label="design")
+    ax.set_xscale(design.space.variables[drawn.x].scale)
+    ax.set_yscale(design.space.variables[drawn.y].scale)
+    label(ax, _name(drawn.x), _name(drawn.y))
+    for name, one in ((drawn.x, ax.xaxis), (drawn.y, ax.yaxis)):
+        if design.space.variables[name].scale == "log":
+            ratio_ticks(one)
+    ax.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=FONT_SIZE, frameon=False
+    )
+    return ax
+
+
+def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str = "min_gap") -> Axes:
+    """Empirical distributions of a demand before and after; pounding shaded."""
+    ax = new_axes(ax)
+    quantity, words = QUANTITIES[name]
+    columns = (("before", comparison.before, "residual"), ("after", comparison.after, "damper"))
+    largest = max(float(np.abs(x[name]).max()) for _, x, _ in columns)
+    factor, unit = unit_for(quantity, comparison.si, largest)
+    share = np.arange(1, len(comparison) + 1) / len(comparison)
+    for when, x, colour in columns:
+        ranked = factor * np.sort(x[name])
+        ax.step(
+            ranked, share, where="post", color=COLOURS[colour], linewidth=LINE_WIDTH, label=when
+        )
+    if name == "min_gap":
+        low = min(float(x[name].min()) for _, x, _ in columns)
+        if low <= 0:
+            ax.axvspan(1.05 * low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
+    label(ax, f"{words} ({unit})", "share of earthquakes")
+    legend(ax, columns=3)
+    only_shares(ax)
+    return ax
+
+
+def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
+    """Objective over price of the designs that no other is better than in both."""
+    ax = new_axes(ax)
+    quantity, words = QUANTITIES[front.price]
+    si = front.designs[0].trained.si
+    factor, unit = unit_for(quantity, si, float(front.prices.max()))
+    ax.plot(
+        factor * front.prices,
+        front.objectives,
+        "o-",
+        color=COLOURS["damper"],
+        linewidth=LINE_WIDTH,
+        markersize=3,
+    )
+    over = front.over if isinstance(front.over, str) else f"worst {front.over:.0%}"
+    label(
+        ax,
+        f"{words}, {over} ({unit})",
+        f"objective{_unit(front.designs[0], front.objectives.max())}",
+    )
+    return ax
+
+
+def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
+    """Elasticities as bars, the largest on top."""
+    names = sorted(found.values, key=lambda path: abs(found.values[path]))
+    ax = bars(ax, names)
+    place = np.arange(len(names))
+    values = [found.values[path] for path in names]
+    ax.barh(place, values, 0.6, color=COLOURS["structure 1"], alpha=0.8)
+    ax.axvline(0, color="black", linewidth=0.7)
+    label(ax, f"% of {found.demand.replace('_', ' ')} per % of the parameter", "")
+    ax.set_yticks(place, [_name(path) for path in names])
+    return ax
+
+
+def figure_of_landscape(design: Design, n: int = 15) -> Figure:
+    """``landscape`` as a figure that pyplot does not know."""
+    result = Figure(figsize=(3.54, 2.9), layout="constrained")
+    landscape(design, result.add_subplot(), n=n)
+    return result
+
+
+_SYMBOLS = {
+    "friction": r"friction $\mu$",
+    "mass_ratio": r"mass ratio $\rho$",
+    "stiffness_ratio": r"stiffness ratio $\varepsilon$",
+    "initial_gap": r"gap at rest $\xi_0$",
+    **{
+        f"rod_{i}.{name}": rf"rod {i}: {symbol}"
+        for i in (1, 2)
+        for name, symbol in (
+            ("order", "order"),
+            ("tau_f", r"$\bar\tau_f$"),
+            ("tau_x", r"$\bar\tau_x$"),
+        )
+    },
+}
+
+
+def _name(path: str) -> str:
+    return _SYMBOLS[path]
+
+
+def _unit(design: Design, largest: float) -> str:
+    """Unit of the objective: a length, unless it has a size of its own."""
+    if getattr(design.objective_function.goal, "size", None) is not None:
+        return ""
+    return f" ({unit_for('length', design.trained.si, abs(largest))[1]})"

@@ -1,0 +1,94 @@
+"""What a percent of each parameter does to a demand."""
+
+from __future__ import annotations
+
+import dataclasses
+from operator import attrgetter
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxpound._checks import instance
+from jaxpound.ensembles import Ensemble
+from jaxpound.ground import GroundLike
+from jaxpound.objectives import gathered, require_over
+from jaxpound.scenarios import PARAMETERS, replaced
+from jaxpound.scheme import Scheme, TimeGrid
+from jaxpound.simulation import demand as run_demand
+from jaxpound.structures import AdjacentStructures
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Elasticities:
+    """Relative changes of a demand over relative changes of each parameter, at one design."""
+
+    demand: str
+    value: float
+    """The demand, dimensionless."""
+    parameters: dict[str, float]
+    """The parameters, by path."""
+    values: dict[str, float]
+    """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0."""
+
+    def __repr__(self) -> str:
+        lines = [f"{self.demand} = {self.value:.6g}; percent of it per percent of"]
+        for path in sorted(self.values, key=lambda path: -abs(self.values[path])):
+            lines.append(f"    {path:18} = {self.parameters[path]:<10.5g} {self.values[path]:+.4f}")
+        return "\n".join(lines)
+
+
+def elasticities(
+    structures: AdjacentStructures,
+    ground: GroundLike | Ensemble,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    *,
+    demand: str = "min_gap",
+    over: str | float = "mean",
+) -> Elasticities:
+    """Elasticities of a demand by every parameter of the structures.
+
+    Parameters
+    ----------
+    structures
+        The design.
+    ground
+        A ground motion, or an ensemble of them.
+    grid, scheme
+        As of ``simulate``.
+    demand
+        A scalar of ``Demand``.
+    over
+        Of an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule, or the demand is zero or not finite.
+    """
+    owner = "elasticities"
+    instance(owner, "structures", structures, AdjacentStructures)
+    instance(owner, "grid", grid, TimeGrid)
+    require_over(owner, over)
+    ensemble = ground if isinstance(ground, Ensemble) else Ensemble.of([ground], grid)
+    parameters = {path: float(attrgetter(path)(structures)) for path in PARAMETERS}
+    chosen = {path: x for path, x in parameters.items() if path not in ensemble.uncertain}
+
+    @jax.jit
+    def value(chosen: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
+        def one(ground: Any, others: Any) -> jax.Array:
+            found = run_demand(replaced(structures, {**chosen, **others}), ground, grid, scheme)
+            scalars = found.scalars()
+            if demand not in scalars:
+                listed = ", ".join(scalars)
+                raise ValueError(f"{owner}: demand = {demand!r} must be one of {listed}")
+            return scalars[demand]
+
+        return gathered(jax.vmap(one)(grounds, uncertain), over)
+
+    y, slopes = jax.value_and_grad(value)(chosen, ensemble.grounds, dict(ensemble.uncertain))
+    if not np.isfinite(y) or not y:
+        raise ValueError(f"{owner}: {demand} = {float(y):.6g} must be finite and not zero")
+    relative = {path: float(x * slopes[path] / abs(y)) for path, x in chosen.items()}
+    return Elasticities(demand, float(y), parameters, relative)

@@ -1,0 +1,291 @@
+"""What a design is to achieve over an ensemble of earthquakes, and at what price."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.special import logsumexp, ndtr
+
+from jaxpound._checks import (
+    Rule,
+    did_you_mean,
+    enforce,
+    finite,
+    instance,
+    number,
+    positive,
+    require_share,
+)
+
+PRICES = (
+    "peak_f1",
+    "peak_f2",
+    "damper_force",
+    "peak_acceleration_1",
+    "peak_acceleration_2",
+    "residual_offset",
+    "peak_x1",
+    "peak_x2",
+    "slip_distance",
+    "friction_work",
+)
+"""What may be limited or penalised: scalars of ``Demand``, ``residual_offset`` by its size, and
+``damper_force``, the slip force μ."""
+
+
+@runtime_checkable
+class Goal(Protocol):
+    """What is to be as large as possible: a function of the smallest gap of every earthquake."""
+
+    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
+        """From smallest gaps and gaps at rest, shape (n,) each, to one number."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MeanGap:
+    """Mean of the smallest gaps."""
+
+    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
+        """Their mean."""
+        return jnp.mean(gaps)
+
+
+@dataclasses.dataclass(frozen=True)
+class WorstGap:
+    """Smallest gap of all earthquakes."""
+
+    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
+        """The smallest."""
+        return gaps[jnp.argmin(gaps)]
+
+
+@dataclasses.dataclass(frozen=True)
+class SoftMinimum:
+    """−T ln of the mean of e^(−ξ/T): between the smallest (T → 0) and the mean (T → ∞) gap.
+
+    Raises
+    ------
+    ValueError
+        If temperature, in the gap's unit, is not positive and finite.
+    """
+
+    temperature: float
+
+    def __post_init__(self) -> None:
+        positive("SoftMinimum", temperature=number("SoftMinimum", "temperature", self.temperature))
+
+    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
+        """Their soft minimum."""
+        t = self.temperature
+        return -t * (logsumexp(-gaps / t) - jnp.log(gaps.size))
+
+
+@dataclasses.dataclass(frozen=True)
+class CVaR:
+    """Conditional value at risk (Rockafellar and Uryasev 2000): mean of the worst share of gaps.
+
+    Parameters
+    ----------
+    share
+        Between 0 and 1: 0.1 for the mean of the smallest tenth.
+
+    Raises
+    ------
+    ValueError
+        If share is not between 0 and 1.
+    """
+
+    share: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_share("CVaR", "share", self.share)
+
+    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
+        """The mean of the smallest."""
+        return -tail_mean(-gaps, self.share)
+
+
+@dataclasses.dataclass(frozen=True)
+class PoundingProbability:
+    """Minus the probability of pounding at a given gap, smoothed so that it has a derivative.
+
+    Every earthquake counts as Φ((required gap − gap) / width), its required gap being initial gap −
+    smallest gap.
+
+    Parameters
+    ----------
+    gap
+        The gap at rest ≥ 0; by default that of the structures.
+    width
+        Of the smoothing, in the gap's unit; by default Silverman's rule, 1.06 s n^(−1/5), with the
+        standard deviation s of the required gaps.
+
+    Raises
+    ------
+    ValueError
+        If gap is negative or width not positive.
+    """
+
+    gap: float | None = None
+    width: float | None = None
+    size: ClassVar[float] = 1.0  # of the order of the goal
+
+    def __post_init__(self) -> None:
+        owner = "PoundingProbability"
+        if self.gap is not None:
+            gap = number(owner, "gap", self.gap)
+            enforce(owner, [Rule("gap", gap, (gap >= 0) & finite(gap), "finite, not negative")])
+        if self.width is not None:
+            positive(owner, width=number(owner, "width", self.width))
+
+    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
+        """Minus the smoothed share of pounding."""
+        required = initial_gaps - gaps
+        gap = initial_gaps if self.gap is None else self.gap
+        width: Any = self.width
+        if width is None:
+            spread = jnp.std(jax.lax.stop_gradient(required))
+            width = jnp.where(spread > 0, 1.06 * spread * gaps.size**-0.2, 1.0)
+        return -jnp.mean(ndtr((required - gap) / width))
+
+
+def tail_mean(x: jax.Array, share: float) -> jax.Array:
+    """Mean of the largest share of numbers, shape (n,): whole ones and a part of the next."""
+    whole = share * x.size
+    weights = jnp.clip(whole - jnp.arange(x.size), 0.0, 1.0).astype(x.dtype)
+    return jnp.sum(weights * jnp.sort(x, descending=True)) / whole
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """An upper bound on a price.
+
+    Parameters
+    ----------
+    at_most
+        The bound > 0, in the price's unit.
+    over
+        Of which earthquakes: "worst", "mean", or a share between 0 and 1 for the mean of the worst
+        (``CVaR``).
+
+    Raises
+    ------
+    ValueError
+        If at_most is not positive and finite or over is something else.
+    """
+
+    at_most: float
+    over: str | float = "worst"
+
+    def __post_init__(self) -> None:
+        positive("Limit", at_most=number("Limit", "at_most", self.at_most))
+        require_over("Limit", self.over)
+
+
+@dataclasses.dataclass(frozen=True)
+class Penalty:
+    """A price's weight in the objective.
+
+    Parameters
+    ----------
+    weight
+        ≥ 0: what one unit of the price costs, in the goal's unit.
+    over
+        As of ``Limit``.
+
+    Raises
+    ------
+    ValueError
+        If weight is negative or not finite, or over is something else.
+    """
+
+    weight: float
+    over: str | float = "mean"
+
+    def __post_init__(self) -> None:
+        w = number("Penalty", "weight", self.weight)
+        enforce("Penalty", [Rule("weight", w, (w >= 0) & finite(w), "finite and not negative")])
+        require_over("Penalty", self.over)
+
+
+def require_over(owner: str, over: Any) -> None:
+    """A ``ValueError`` for what is not "worst", "mean" or a share."""
+    if isinstance(over, str):
+        if over not in ("worst", "mean"):
+            raise ValueError(f"{owner}: over = {over!r} must be 'worst', 'mean' or a share")
+    else:
+        require_share(owner, "over", over)
+
+
+def gathered(prices: jax.Array, over: str | float) -> jax.Array:
+    """One price of all earthquakes', shape (n,), as of ``Limit``."""
+    if over == "mean":
+        return jnp.mean(prices)
+    if over == "worst":
+        return prices[jnp.argmax(prices)]
+    return tail_mean(prices, float(over))
+
+
+@dataclasses.dataclass(frozen=True)
+class Objective:
+    """What is to be achieved: a goal as large as possible, less penalties, within limits.
+
+    For one pair more friction nearly always means a wider gap, up to locking the blocks together:
+    without a price the gap alone is a poor goal.
+
+    Parameters
+    ----------
+    goal
+        ``MeanGap``, ``WorstGap``, ``SoftMinimum``, ``CVaR``, ``PoundingProbability``, or any
+        function of gaps and initial gaps that JAX can trace.
+    penalties
+        By price: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
+    limits
+        By price: ``{"peak_f1": Limit(0.4, over="mean")}``; a number bounds the worst earthquake's.
+
+    All are in dimensionless units, or in SI units where the design is told its scales. Prices are
+    ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its slip force), ``peak_x1``,
+    ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``, ``residual_offset`` (its size),
+    ``slip_distance`` and ``friction_work``.
+
+    Raises
+    ------
+    ValueError
+        If goal is no function, a price is unknown, or a penalty or limit is none.
+    """
+
+    goal: Goal = MeanGap()
+    penalties: Mapping[str, Penalty] = dataclasses.field(default_factory=dict)
+    limits: Mapping[str, Limit] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not callable(self.goal):
+            raise ValueError(f"Objective: goal = {self.goal!r} must be a function of gaps")
+        for name, kind in (("penalties", Penalty), ("limits", Limit)):
+            given = getattr(self, name)
+            instance("Objective", name, given, Mapping)
+            for price in given:
+                if price not in PRICES:
+                    hint = did_you_mean(str(price), PRICES) or f"allowed: {', '.join(PRICES)}"
+                    raise ValueError(f"Objective: unknown price {price!r} in {name}; {hint}")
+            made: Any = {
+                price: x if isinstance(x, kind) else kind(number("Objective", price, x))
+                for price, x in given.items()
+            }
+            object.__setattr__(self, name, made)
+
+    def value(self, demands: Mapping[str, Any]) -> jax.Array:
+        """Goal less penalties, of columns by name: prices, ``min_gap`` and ``initial_gap``."""
+        total = self.goal(demands["min_gap"], demands["initial_gap"])
+        for price, penalty in self.penalties.items():
+            total = total - penalty.weight * gathered(demands[price], penalty.over)
+        return total
+
+    def prices(self, demands: Mapping[str, Any]) -> jax.Array:
+        """What is limited, in the order of the limits, shape (m,)."""
+        found = [gathered(demands[price], limit.over) for price, limit in self.limits.items()]
+        return jnp.stack(found) if found else jnp.zeros(0, demands["min_gap"].dtype)

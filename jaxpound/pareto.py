@@ -1,0 +1,154 @@
+"""What a wider gap costs: designs for ever tighter limits on one price."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxpound._checks import count, instance, positive, real
+from jaxpound.design import Design, Sought
+from jaxpound.design_space import DesignSpace
+from jaxpound.ensembles import Ensemble
+from jaxpound.objectives import PRICES, Limit, Objective
+from jaxpound.scheme import Scheme, TimeGrid
+from jaxpound.structures import AdjacentStructures
+from jaxpound.units import Scales
+
+if TYPE_CHECKING:
+    from optax import GradientTransformation
+
+_NO_LIMIT = 1e30
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ParetoFront:
+    """Designs none of which is better than another in both objective and price, cheapest first."""
+
+    price: str
+    over: str | float
+    designs: tuple[Design, ...]
+    infeasible: tuple[float, ...]
+    """Limits that no design was found for."""
+
+    @property
+    def prices(self) -> np.ndarray:
+        """Of each design, shape (k,)."""
+        return np.array([design.prices[self.price] for design in self.designs])
+
+    @property
+    def objectives(self) -> np.ndarray:
+        """Of each design, shape (k,)."""
+        return np.array([design.objective for design in self.designs])
+
+    def __repr__(self) -> str:
+        lines = [f"Pareto front of {len(self.designs)} designs"]
+        names = self.designs[0].space.names
+        lines.append(
+            f"    {self.price:>20} {'objective':>12} " + " ".join(f"{n:>14}" for n in names)
+        )
+        for design in self.designs:
+            values = " ".join(f"{x:14.5g}" for x in design.values.values())
+            lines.append(f"    {design.prices[self.price]:20.5g} {design.objective:12.5g} {values}")
+        return "\n".join(lines)
+
+
+def pareto_front(
+    space: DesignSpace,
+    ensemble: Ensemble,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    objective: Objective = Objective(),
+    *,
+    price: str,
+    over: str | float = "mean",
+    points: int = 8,
+    limits: Sequence[float] | None = None,
+    start: AdjacentStructures | Mapping[str, float] | None = None,
+    starts: int = 3,
+    key: int = 0,
+    iterations: int = 100,
+    optimiser: GradientTransformation | None = None,
+    scales: Scales | None = None,
+    progress: bool = False,
+) -> ParetoFront:
+    """The best objective for every limit on a price, from loose to tight.
+
+    Every search starts where the one before ended, and at other places of the space. All run one
+    compiled program.
+
+    Parameters
+    ----------
+    space, ensemble, grid, scheme, objective, start, key, iterations, optimiser, scales, progress
+        As of ``design_damper``.
+    price, over
+        What is to be limited, as of ``Limit``; the objective must not limit it.
+    points
+        Number of limits, evenly spaced from the price of the best design without this limit to the
+        smallest that this first search has met.
+    limits
+        The limits themselves.
+    starts
+        Of each search.
+
+    Raises
+    ------
+    ValueError
+        As ``design_damper``; if price is unknown or limited already, or no limit can be met.
+    """
+    owner = "pareto_front"
+    instance(owner, "objective", objective, Objective)
+    if price not in PRICES:
+        raise ValueError(f"{owner}: price = {price!r} must be one of {', '.join(PRICES)}")
+    if price in objective.limits:
+        raise ValueError(f"{owner}: price = {price!r} must not be limited by the objective")
+    points = count(owner, "points", points)
+    if limits is not None:
+        limits = np.sort(np.ravel(real(owner, "limits", list(limits))))[::-1].tolist()
+        positive(owner, limits=np.asarray(limits))
+    limited = dataclasses.replace(
+        objective, limits={**objective.limits, price: Limit(_NO_LIMIT, over)}
+    )
+    sought = Sought(
+        space,
+        ensemble,
+        grid,
+        scheme,
+        limited,
+        optimiser=optimiser,
+        batch=None,
+        iterations=iterations,
+        scales=scales,
+    )
+    how: dict[str, Any] = {
+        "key": key,
+        "patience": 40,
+        "tolerance": 1e-4,
+        "limit_tolerance": 1e-3,
+        "fresh": None,
+        "save": None,
+        "callback": None,
+        "progress": progress,
+    }
+    free = sought.search(start=start, starts=starts, **how)
+    if limits is None:
+        met = free.history.prices[..., [*limited.limits].index(price)]
+        met = met[np.isfinite(met) & (met > 0)]
+        limits = np.linspace(free.prices[price], met.min(), points).tolist()[1:]
+    designs, infeasible, last = [free], [], free
+    for limit in limits:
+        try:
+            last = sought.search(start=last.values, starts=starts, limits={price: limit}, **how)
+        except ValueError:
+            infeasible.append(float(limit))
+            continue
+        designs.append(last)
+    ranked = sorted(designs, key=lambda design: (design.prices[price], -design.objective))
+    front, best = [], -np.inf
+    for design in ranked:
+        if design.objective > best:
+            front.append(design)
+            best = design.objective
+    return ParetoFront(price, over, tuple(front), tuple(infeasible))

@@ -1,0 +1,374 @@
+"""The search for a design: known optima of stand-ins, and the paper's case."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from scipy import stats
+
+import jaxpound as jp
+from jaxpound.objectives import PRICES
+from jaxpound.search import Search, Setting
+
+PAPER = jp.paper.structures()
+GRID = jp.TimeGrid(0.1, 100)
+SPACE = jp.DesignSpace(PAPER, {"friction": (0.0, 1.0), "mass_ratio": (0.5, 2.5)})
+# An earthquake of the stand-in is a number: the amplitude of its wave.
+AMPLITUDES = np.linspace(-0.2, 0.2, 8)
+ENSEMBLE = jp.Ensemble.of([jp.Ricker(a, [1.0], [1.0]) for a in AMPLITUDES], GRID)
+
+
+def bowl(friction, mass_ratio, a):
+    """Highest, 1, at (0.6 + a, 1.5) for an earthquake a."""
+    return 1 - (friction - 0.6 - a) ** 2 - 0.5 * (mass_ratio - 1.5) ** 2
+
+
+MEAN = jp.Objective()
+
+
+@pytest.fixture
+def stand_in(monkeypatch):
+    """Demands by a formula in the place of the simulator's."""
+
+    def install(gap=bowl):
+        def demands(self, structures, ground):
+            s, a = structures, ground.amplitude[0]
+            values = dict.fromkeys(PRICES, s.friction)
+            values |= {"peak_x1": s.mass_ratio, "initial_gap": 2.0}
+            values |= {"min_gap": gap(s.friction, s.mass_ratio, a)}
+            return {name: jnp.asarray(x, float) for name, x in values.items()}
+
+        monkeypatch.setattr(Setting, "demands", demands)
+
+    install()
+    return install
+
+
+def search(objective=MEAN, space=SPACE, **more):
+    more = {"starts": 3, "iterations": 80, "progress": False} | more
+    return jp.design_damper(space, ENSEMBLE, GRID, objective=objective, **more)
+
+
+# Known optima.
+
+
+def test_the_optimum_of_a_bowl(stand_in):
+    found = search()
+    assert found.values["friction"] == pytest.approx(0.6, abs=1e-3)
+    assert found.values["mass_ratio"] == pytest.approx(1.5, abs=1e-3)
+    assert found.objective == pytest.approx(1 - np.mean(AMPLITUDES**2), abs=1e-6)
+    assert found.gradient_norm < 1e-2
+    assert found.active_bounds == {}
+    assert found.structures.rod_1.tau_x == PAPER.rod_1.tau_x
+    # All starts end there.
+    ends = found.history.shares[-1]
+    np.testing.assert_allclose(ends, np.broadcast_to([0.5, 0.6], ends.shape), atol=1e-2)
+
+
+def test_line_searches_of_optax_will_do(stand_in):
+    found = search(optimiser=optax.lbfgs(), iterations=12)
+    assert found.values["friction"] == pytest.approx(0.6, abs=1e-6)
+    assert found.values["mass_ratio"] == pytest.approx(1.5, abs=1e-6)
+
+
+def test_bounds_that_hold_the_optimum_are_active(stand_in):
+    space = jp.DesignSpace(PAPER, {"friction": (0.0, 0.4), "mass_ratio": (1.7, 2.5)})
+    found = search(space=space, start={"friction": 0.2, "mass_ratio": 2.0})
+    assert found.values == pytest.approx({"mass_ratio": 1.7, "friction": 0.4})
+    assert found.active_bounds == {"mass_ratio": "low", "friction": "high"}
+    assert found.gradient_norm == 0
+    # The objective rises with friction by 2 (0.6 − 0.4) a unit, 0.4 wide; it falls with ρ.
+    assert found.gradient["friction"] == pytest.approx(0.4 * 0.4)
+    assert found.gradient["mass_ratio"] == pytest.approx(-0.2 * 0.8)
+
+
+def test_a_limit_is_kept_and_its_multiplier_is_its_worth(stand_in):
+    """At friction ≤ 0.5 the objective is 0.01 lower; a relative ease of it earns 0.5 · 2 · 0.1."""
+    found = search(jp.Objective(limits={"damper_force": 0.5}), iterations=200, patience=200)
+    assert found.prices["damper_force"] <= 0.5 * 1.001
+    assert found.values["friction"] == pytest.approx(0.5, rel=1e-3)
+    assert found.values["mass_ratio"] == pytest.approx(1.5, abs=5e-3)
+    assert found.multipliers["damper_force"] == pytest.approx(0.1, rel=1e-2)
+    assert found.gradient_norm < 5e-3
+    loose = search(jp.Objective(limits={"damper_force": 0.9}))
+    assert loose.values["friction"] == pytest.approx(0.6, abs=2e-3)
+    assert loose.multipliers["damper_force"] == 0
+
+
+def test_a_penalty_moves_the_optimum_by_its_weight(stand_in):
+    found = search(jp.Objective(penalties={"damper_force": 0.2}))
+    assert found.values["friction"] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_the_worst_earthquake_s_optimum_is_between_the_extremes(stand_in):
+    found = search(jp.Objective(jp.WorstGap()), iterations=150)
+    assert found.values["friction"] == pytest.approx(0.6, abs=5e-3)
+    assert found.objective == pytest.approx(1 - 0.2**2, abs=3e-3)
+
+
+def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
+    found = search(batch=2, iterations=200, patience=100)
+    assert found.values["friction"] == pytest.approx(0.6, abs=0.02)
+    assert found.simulations == len(found.history.objective) * 3 * 2
+    # The objective is that of all earthquakes.
+    whole = np.mean(bowl(found.values["friction"], found.values["mass_ratio"], AMPLITUDES))
+    assert found.objective == pytest.approx(whole)
+
+
+# What befalls a search.
+
+
+def test_a_start_that_is_not_finite_is_dropped_and_reported(stand_in):
+    stand_in(lambda mu, rho, a: jnp.where(mu > 0.7, jnp.nan, bowl(mu, rho, a)))
+    found = search(starts=6)
+    assert found.dropped
+    assert found.winner not in found.dropped
+    assert np.isfinite(found.objective)
+    assert found.values["friction"] == pytest.approx(0.6, abs=1e-3)
+    for start, iteration in found.dropped.items():
+        assert found.history.alive[:iteration, start].all()
+        assert not found.history.alive[iteration:, start].any()
+        assert f"start {start + 1} dropped at iteration {iteration}: not finite" in repr(found)
+
+
+def test_starts_none_of_which_is_finite_are_refused(stand_in):
+    stand_in(lambda mu, rho, a: jnp.nan * mu)
+    with pytest.raises(
+        ValueError, match=r"all 3 starts must be finite.*earthquake 0 of 8 gives no"
+    ):
+        search()
+
+
+def test_the_reason_why_nothing_is_finite_is_the_simulator_s():
+    with pytest.raises(ValueError, match=r"earthquake 0: .*must be below the stability limit"):
+        jp.design_damper(SPACE, ENSEMBLE, jp.TimeGrid(1.5, 20), starts=1, progress=False)
+
+
+def test_limits_that_nothing_meets_are_refused_with_the_least_excess(stand_in):
+    space = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0), "mass_ratio": (0.5, 2.5)})
+    message = r"has damper_force = 0.2, 100.00% above its limit 0.1"
+    with pytest.raises(ValueError, match=message):
+        search(jp.Objective(limits={"damper_force": 0.1}), space)
+
+
+def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
+    whole, path = search(iterations=60), tmp_path / "search.npz"
+    part = search(iterations=60, save=path, callback=lambda told: told.iteration == 25)
+    assert part.stopped == "the callback ended it"
+    assert len(part.history.objective) == 25
+    seen = []
+    rest = search(iterations=60, save=path, callback=lambda told: seen.append(told.iteration))
+    assert seen[0] == 26
+    for one, other in zip(rest.history, whole.history, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert rest.values == whole.values
+    # A finished one is only read.
+    again = search(iterations=60, save=path, callback=lambda told: 1 / 0)
+    assert again.values == whole.values
+    with pytest.raises(ValueError, match="holds another search: objective, program differs"):
+        search(jp.Objective(jp.WorstGap()), iterations=60, save=path)
+    path.write_text("nothing")
+    with pytest.raises(ValueError, match="holds no search"):
+        search(iterations=60, save=path)
+
+
+def test_seeds_repeat_a_search_and_others_do_not(stand_in):
+    one, same, other = (search(key=key, batch=4, iterations=20) for key in (1, 1, 2))
+    np.testing.assert_array_equal(one.history.shares, same.history.shares)
+    assert not np.array_equal(one.history.shares[:, 1:], other.history.shares[:, 1:])
+    np.testing.assert_array_equal(one.history.shares[0, 0], other.history.shares[0, 0])
+
+
+def test_a_search_without_progress_ends(stand_in):
+    found = search(iterations=500, patience=15, tolerance=1e-3)
+    assert found.stopped == "no progress in 15 iterations"
+    assert len(found.history.objective) < 300
+
+
+def test_a_callback_is_told_where_every_start_is(stand_in):
+    told = []
+    found = search(iterations=5, callback=told.append)
+    assert [one.iteration for one in told] == [1, 2, 3, 4, 5]
+    for one, objective in zip(told, found.history.objective, strict=True):
+        np.testing.assert_array_equal(one.objective, objective)
+        mu, rho = one.values["friction"], one.values["mass_ratio"]
+        np.testing.assert_allclose(one.objective, bowl(mu, rho, AMPLITUDES[:, None]).mean(0))
+    assert told[-1].best == found.objective == found.history.objective.max()
+
+
+def test_si_units_are_those_of_objective_and_limits():
+    """The same design in both units, in the simulator itself."""
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    more = {"starts": 1, "iterations": 10, "progress": False}
+    ensemble = jp.Ensemble.of([jp.paper.ground()], GRID)
+    limits = {"damper_force": jp.Limit(0.4), "peak_f1": jp.Limit(1.8)}
+    plain = jp.design_damper(SPACE, ensemble, GRID, objective=jp.Objective(limits=limits), **more)
+    force = float(scales.force)
+    si = {price: jp.Limit(force * limit.at_most) for price, limit in limits.items()}
+    found = jp.design_damper(
+        SPACE, ensemble, GRID, objective=jp.Objective(limits=si), scales=scales, **more
+    )
+    assert found.values == pytest.approx(plain.values, rel=1e-6)
+    assert found.objective == pytest.approx(plain.objective * float(scales.length), rel=1e-6)
+    assert found.prices["peak_f1"] == pytest.approx(plain.prices["peak_f1"] * force, rel=1e-6)
+    assert "(SI)" in repr(found.trained)
+
+
+# The paper's case.
+
+
+def test_the_paper_s_case_from_several_starts_to_one_optimum():
+    """With a price on base shear; the optimum against a grid of designs, and against SciPy's."""
+    space = jp.DesignSpace(
+        PAPER, {"friction": (0.0, 1.0), "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log")}
+    )
+    objective = jp.Objective(penalties={"peak_f1": 0.6, "damper_force": 0.5})
+    grid = jp.TimeGrid.until(14.0, 0.1)
+    ensemble = jp.Ensemble.of([jp.paper.ground()], grid)
+    found = jp.design_damper(
+        space, ensemble, grid, objective=objective, starts=4, iterations=120, progress=False
+    )
+    first, last = found.history.objective[0], found.history.objective[-1]
+    assert (last > first).all()
+    assert np.ptp(last) < 2e-3
+    assert found.objective > found.trained.objective["before"].value + 0.05
+    seen = found.landscape("friction", "rod_1.tau_x", 13)
+    assert found.objective >= seen.objective.max() - 1e-9
+    at = seen.objective[6, 6]
+    middle = space.structures(jnp.array([0.5, 0.5]))
+    one = jp.demand(middle, jp.paper.ground(), grid)
+    assert at == pytest.approx(float(one.min_gap - 0.6 * one.peak_f1) - 0.5 * middle.friction)
+
+
+# Before and after.
+
+
+def test_a_comparison_is_paired(stand_in):
+    found = search()
+    compared = found.trained
+    d = compared.after["min_gap"] - compared.before["min_gap"]
+    low, high = stats.ttest_1samp(d, 0).confidence_interval(0.95)
+    wider = compared.difference()
+    assert (wider.value, wider.low, wider.high) == pytest.approx((d.mean(), low, high))
+    values = compared.objective
+    assert values["after"].value == pytest.approx(found.objective)
+    difference = values["after"].value - values["before"].value
+    assert values["difference"].value == pytest.approx(difference)
+    assert values["difference"].low <= difference <= values["difference"].high
+    assert compared.rows()["min_gap"]["mean_after"] == pytest.approx(
+        np.mean(d) + 1 - np.mean(1 - compared.before["min_gap"])
+    )
+    assert found.fresh is None
+    other = found.compare(jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID))
+    expected = bowl(found.values["friction"], found.values["mass_ratio"], 0.1)
+    assert other.after["min_gap"][0] == pytest.approx(expected)
+    with pytest.raises(ValueError, match="'gap' must be one of min_gap"):
+        compared.difference("gap")
+
+
+def test_a_drawn_ensemble_has_fresh_earthquakes(stand_in):
+    scenarios = jp.Scenarios(
+        PAPER, jp.RandomRicker(1, jp.Normal(0.0, 0.1), jp.Uniform(1, 2), jp.Uniform(0, 1), 0.0)
+    )
+    ensemble = jp.Ensemble.drawn(scenarios, 64, 7)
+    found = jp.design_damper(
+        SPACE, ensemble, GRID, starts=2, iterations=60, fresh=500, progress=False
+    )
+    assert len(found.fresh) == 500
+    amplitudes = ensemble.fresh(500).grounds.amplitude[:, 0]
+    mu, rho = found.values["friction"], found.values["mass_ratio"]
+    np.testing.assert_allclose(found.fresh.after["min_gap"], bowl(mu, rho, amplitudes))
+    assert found.fresh.difference().low > 0
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"start": {"friction": 2.0, "mass_ratio": 1.0}}, "start: .*friction = 2 must be between"),
+        ({"start": dataclasses.replace(PAPER, mass_ratio=3.0)}, "mass_ratio = 3 must be between"),
+        ({"space": PAPER}, "space = .* must be of type DesignSpace"),
+        ({"objective": "gap"}, "objective = 'gap' must be of type Objective"),
+        ({"optimiser": "adam"}, "optimiser = 'adam' must be of type GradientTransformation"),
+        ({"starts": 0}, "starts = 0 must be a positive whole number"),
+        ({"iterations": 0}, "iterations = 0 must be"),
+        ({"batch": 9}, "batch = 9 must be at most the ensemble's 8"),
+        ({"patience": 0}, "patience = 0 must be"),
+        ({"key": -1}, "key = -1 must be a whole number"),
+        ({"limit_tolerance": 0.0}, "limit_tolerance = 0 must be positive"),
+        ({"tolerance": -1.0}, "tolerance = -1 must be positive"),
+        ({"scales": 9.81}, "scales = 9.81 must be of type Scales"),
+    ],
+)
+def test_bad_arguments_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        search(**change)
+
+
+def test_what_is_uncertain_cannot_be_chosen():
+    waves = jp.RandomRicker(1, jp.Uniform(0.1, 0.2), jp.Uniform(1, 2), jp.Uniform(0, 1))
+    for path, message in (
+        ("friction", "friction must not be both chosen and uncertain"),
+        ("rod_1.tau_f", "rod_1.tau_x must not be chosen where rod_1.tau_f is uncertain"),
+    ):
+        drawn = jp.UncertainStructures(PAPER, {path: jp.Uniform(0.003, 0.3)})
+        ensemble = jp.Ensemble.drawn(jp.Scenarios(drawn, waves), 4)
+        space = jp.DesignSpace(PAPER, {"friction": (0, 1), "rod_1.tau_x": (0.5, 5.0)})
+        with pytest.raises(ValueError, match=message):
+            jp.design_damper(space, ensemble, GRID, progress=False)
+
+
+def test_landscapes_ask_for_two_variables(stand_in):
+    found = search(iterations=2)
+    with pytest.raises(ValueError, match="x = 'mu' must be one of mass_ratio, friction"):
+        found.landscape("mu", "friction")
+    with pytest.raises(ValueError, match="must be two variables"):
+        found.landscape("friction", "friction")
+    seen = found.landscape("mass_ratio", "friction", 5)
+    friction, ratio = np.asarray(seen.y_values), np.asarray(seen.x_values)
+    expected = bowl(friction, ratio, AMPLITUDES[:, None, None]).mean(0)
+    np.testing.assert_allclose(seen.objective, expected)
+
+
+def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
+    """Against the closed form: at a slip force p < 0.6 the objective is (0.6 − p)² lower."""
+    compiled = []
+    original = Search.compiled
+    monkeypatch.setattr(Search, "compiled", lambda *a: compiled.append(1) or original(*a))
+    front = jp.pareto_front(
+        SPACE, ENSEMBLE, GRID, price="damper_force", limits=[0.5, 0.2, 0.35], starts=2
+    )
+    assert len(compiled) == 1
+    np.testing.assert_allclose(front.prices, [0.2, 0.35, 0.5, 0.6], rtol=5e-3)
+    best = 1 - np.mean(AMPLITUDES**2) - (0.6 - front.prices) ** 2
+    np.testing.assert_allclose(front.objectives, best, atol=2e-4)
+    assert (np.diff(front.objectives) > 0).all()
+    assert "Pareto front of 4 designs" in repr(front)
+
+
+def test_a_front_ends_where_limits_cannot_be_met(stand_in):
+    space = jp.DesignSpace(PAPER, {"friction": (0.3, 1.0), "mass_ratio": (0.5, 2.5)})
+    start = {"friction": 0.5, "mass_ratio": 1.0}
+    more = {"start": start, "starts": 2, "iterations": 40}
+    front = jp.pareto_front(
+        space, ENSEMBLE, GRID, price="damper_force", limits=[0.4, 0.2], over="worst", **more
+    )
+    assert front.infeasible == (0.2,)
+    own = jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", points=4, **more)
+    assert own.prices.max() == pytest.approx(0.6, abs=0.01)
+    assert 0.3 <= own.prices.min() < 0.5
+    for change, message in (
+        ({"price": "peak_f3"}, "price = 'peak_f3' must be one of"),
+        ({"price": "peak_f1", "points": 0}, "points = 0 must be"),
+        ({"price": "peak_f1", "limits": [-1.0]}, "limits = -1 "),
+        (
+            {"price": "peak_f1", "objective": jp.Objective(limits={"peak_f1": 1.0})},
+            "must not be limited by the objective",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jp.pareto_front(space, ENSEMBLE, GRID, **change)
