@@ -1,0 +1,152 @@
+"""The command line's design: configuration, run, what is written, and errors with their place."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from test_cli import edited, is_figure
+from test_study_config import run
+
+import jaxpound as jp
+from jaxpound import cli, config, design_config
+
+EXAMPLE = config.example("example_design.toml")
+SMALL = {
+    "earthquakes = 256": "earthquakes = 12",
+    "fresh = 1000": "fresh = 20",
+    "starts = 4": "starts = 2",
+    "iterations = 100": "iterations = 20",
+    "duration = 10.0": "duration = 8.0",
+    "# dt": "dt = 0.02",
+}
+
+
+@pytest.fixture
+def write(tmp_path):
+    """The example with lines replaced."""
+
+    def write_config(changes):
+        path = tmp_path / "design.toml"
+        path.write_text(edited(EXAMPLE, changes))
+        return path
+
+    return write_config
+
+
+def test_the_example_is_printed_and_names_every_key(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["design", "--example-config"])
+    assert capsys.readouterr().out == EXAMPLE
+    for table in ("objective", "search"):
+        for key in design_config._KEYS[table]:
+            assert re.search(rf"(?m)^(# )?{key} = ", EXAMPLE), key
+    for price in design_config.PRICES:
+        assert price in EXAMPLE
+
+
+def test_the_example_in_words_of_the_library():
+    wanted = design_config.read_design(None)
+    assert wanted.space.names == (
+        "rod_1.tau_f",
+        "rod_2.tau_f",
+        "rod_1.tau_x",
+        "rod_2.tau_x",
+        "friction",
+    )
+    nominal = wanted.space.nominal
+    assert wanted.space.variables["friction"].high == pytest.approx(5 * nominal.friction)
+    assert wanted.space.variables["rod_1.tau_x"] == jp.Bounds(
+        0.8 * nominal.rod_1.tau_x, 5 * nominal.rod_1.tau_x, "log"
+    )
+    assert wanted.objective == jp.Objective(
+        limits={"peak_f1": jp.Limit(1.8e6, "mean"), "damper_force": jp.Limit(800e3)}
+    )
+    assert (len(wanted.ensemble), wanted.fresh) == (256, 1000)
+    assert wanted.search == {"starts": 4, "iterations": 100, "key": 0}
+
+
+def test_a_design_from_the_command_line(write, tmp_path):
+    record = tmp_path / "shake.csv"
+    t = 0.02 * np.arange(300)
+    np.savetxt(record, np.column_stack([t, 0.2 * np.sin(8 * t)]), delimiter=",")
+    path, out = write(SMALL), tmp_path / "out"
+    save = tmp_path / "search.npz"
+    printed = run("design", path, "--record", record, "--out", out, "--save", save)
+    assert "trained on 13 earthquakes (SI)" in printed
+    assert "fresh: 20 earthquakes (SI)" in printed
+    written = printed.split("wider by")[-1].split("\n", 1)[1].split()
+    assert sorted(map(str, out.iterdir())) == sorted(written)
+    assert save.exists()
+    assert (out / "design.toml").read_text() == path.read_text()
+
+    answers = json.loads((out / "summary.json").read_text())
+    force = answers["limits"]["damper_force"]
+    assert force["reached"] <= 800e3 * 1.001
+    buildings = config.read_config(out / "buildings.toml")
+    nominal = design_config.read_design(path).space.nominal
+    for name, row in answers["variables"].items():
+        rod, _, field = name.rpartition(".")
+        own = getattr(buildings.structures, rod) if rod else buildings.structures
+        assert getattr(own, field) == pytest.approx(row["after"])
+    assert buildings.structures.mass_ratio == pytest.approx(nominal.mass_ratio)
+    assert buildings.structures.friction * buildings.scales.force == pytest.approx(
+        force["reached"], rel=2e-3
+    )
+    page = (out / "summary.md").read_text()
+    assert "Recorded earthquake shake: smallest gap" in page
+    for name in re.findall(r"\((\w+\.png)\)", page):
+        assert imread(out / name).size
+    assert is_figure(out / "convergence.png")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"friction = {": "fricton = {low = 0.0, high = 5.0}"}, "did you mean 'friction'"),
+        ({"friction = {": "friction = [0, 5]"}, "[variables] friction = [0, 5] must be {low"),
+        (
+            {"friction = {": "friction = {low = 5.0, high = 1.0}"},
+            "[variables] friction: high = ",
+        ),
+        ({"friction = {": "friction = {low = 2.0, high = 5.0}"}, "start: DesignSpace: friction"),
+        ({"goal": 'goal = "gap"'}, "[objective] goal = 'gap' must be one of"),
+        ({"# share": "share = 0.1"}, "[objective] share must not be given with goal"),
+        ({"goal": 'goal = "soft minimum"'}, "lacks the key 'temperature' in [objective]"),
+        (
+            {"goal": 'goal = "CVaR"', "# share": "share = 2.0"},
+            "[objective] share = 2 must be between 0 and 1",
+        ),
+        ({"peak_f1": "peak_f3 = 1.0"}, "[limits] has an unknown key 'peak_f3'"),
+        ({"peak_f1": "peak_f1 = -1.0"}, "[limits] peak_f1: at_most = -1 must be positive"),
+        ({"peak_f1": 'peak_f1 = {at_most = 1.0, over = "x"}'}, "peak_f1: over = 'x' must be"),
+        ({"starts": "starts = 0"}, "[search] starts = 0 must be positive"),
+        ({"earthquakes = 256": "earthquakes = 0"}, "[search] earthquakes = 0 must be positive"),
+        ({"duration": ""}, "lacks the key 'duration' in [run]"),
+        ({"gap": "gap = -0.1"}, "gap = -0.1 must be finite and not negative"),
+    ],
+)
+def test_what_is_wrong_is_named(write, changes, message, capsys, tmp_path):
+    assert cli.main(["design", str(write(changes)), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_limits_that_cannot_be_met_leave_a_clear_error(write, capsys, tmp_path):
+    path = write(SMALL | {"peak_f1": "peak_f1 = 1e5"})
+    assert cli.main(["design", str(path), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert re.search(r"has peak_f1 = [\d.e+]+, [\d.]+% above its limit 100000", error)
+
+
+def test_goals_of_the_file(write):
+    for changes, goal in (
+        ({"goal": 'goal = "worst gap"'}, jp.WorstGap()),
+        ({"goal": 'goal = "CVaR"', "# share": "share = 0.2"}, jp.CVaR(0.2)),
+        ({"goal": 'goal = "soft minimum"', "# temp": "temperature = 0.02"}, jp.SoftMinimum(0.02)),
+        ({"goal": 'goal = "pounding probability"'}, jp.PoundingProbability()),
+    ):
+        wanted = design_config.read_design(write(SMALL | changes))
+        assert wanted.objective.goal == goal
