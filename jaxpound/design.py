@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
 from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, count, enforce, instance, number, positive
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _SAVE_EVERY = 20  # iterations
 _AT_BOUND = 0.005  # of the way between the bounds
 _NEAR_LIMIT = 0.01  # of the limit
+_POLISHING = 30  # steps at most
 _NO_WEIGHT = 1e-6  # with which the Lagrangian's gradient is linear in the multipliers
 
 
@@ -228,6 +229,7 @@ def design_damper(
     save: str | PathLike[str] | None = None,
     callback: Callable[[Progress], Any] | None = None,
     progress: bool = True,
+    polish: bool = True,
 ) -> Design:
     """The best structures within bounds and limits, over an ensemble of earthquakes.
 
@@ -273,6 +275,9 @@ def design_damper(
         Called with a ``Progress`` after every iteration; if it returns True, the search ends.
     progress
         Whether to show a progress bar.
+    polish
+        Whether the winner, if there are no minibatches, is brought to its optimum by at most 30
+        steps of SciPy's sequential quadratic programming, with the same gradients.
 
     Returns
     -------
@@ -309,6 +314,7 @@ def design_damper(
         save=save,
         callback=callback,
         progress=progress,
+        polish=polish,
     )
 
 
@@ -367,6 +373,7 @@ class Sought:
         save: str | PathLike[str] | None,
         callback: Callable[[Progress], Any] | None,
         progress: bool,
+        polish: bool = True,
         limits: Mapping[str, float] | None = None,
     ) -> Design:
         """As of ``design_damper``; ``limits`` are bounds in the place of the objective's."""
@@ -391,7 +398,7 @@ class Sought:
         state, stopped = self._run(
             program, state, given, met, saved, patience, tolerance, callback, progress
         )
-        return self._design(program, state, met, stopped, first, before, given, fresh)
+        return self._design(program, state, met, stopped, first, before, given, fresh, polish)
 
     def _given(self, before: Any, limits: Any, limit_tolerance: float, key: int) -> Given:
         own = {price: limit.at_most for price, limit in self.objective.limits.items()}
@@ -498,38 +505,77 @@ class Sought:
             f"iterations none is; of the first, {reason}"
         )
 
-    def _multipliers(
-        self,
-        program: Callable[..., Any],
-        shares: np.ndarray,
-        starts: int,
-        violated: np.ndarray,
-        given: Given,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Multipliers ≥ 0 of the limits that hold at a design, and the Lagrangian's gradient there.
+    def _first_order(
+        self, program: Callable[..., Any], shares: np.ndarray, starts: int, given: Given
+    ) -> _FirstOrder:
+        """Objective and prices with their derivatives, by the program of the search.
 
-        Those that leave the smallest gradient within the bounds (first-order conditions).
+        Its gradient is linear in the multipliers where their weight is as good as nothing: one
+        place for the objective, and one with a multiplier of 1 for each limit.
         """
-        m = len(violated)
+        m = len(self.objective.limits)
         blocks = np.zeros((-(-(m + 1) // starts) * starts, m))
         blocks[1 : m + 1] = np.eye(m)
         parts = -(-self.move.earthquakes // self.move.batch)
-        gradients = []
+        gradients, here = [], None
         for block in np.split(blocks, len(blocks) // starts):
             state = self.move.begin(np.tile(shares, (starts, 1)))
             state = state._replace(
                 multipliers=jnp.asarray(block), weight=jnp.full(starts, _NO_WEIGHT)
             )
-            seen = [
-                program(state._replace(iteration=jnp.asarray(i)), given)[1].gradient
-                for i in range(parts)
-            ]
+            seen = []
+            for i in range(parts):
+                _, here = program(state._replace(iteration=jnp.asarray(i)), given)
+                seen.append(np.asarray(here.gradient))
             gradients.append(np.mean(seen, axis=0))
         goal, *with_one = np.concatenate(gradients)[: m + 1]
-        slopes = np.reshape([one - goal for one in with_one], (m, shares.size)).T
+        slopes = np.reshape([one - goal for one in with_one], (m, shares.size))
+        first = jax.device_get(jax.tree.map(lambda x: x[0], here))
+        return _FirstOrder(first, goal, slopes)
+
+    def _polished(
+        self, program: Callable[..., Any], best: Point, winner: int, given: Given
+    ) -> tuple[Point, int]:
+        """The winner after SciPy's sequential quadratic programming, and how many runs it took."""
+        starts, seen = len(best.merit), {}
+        limits = np.asarray(given.limits)
+        allowed = 1 + 0.9 * float(given.tolerance)
+
+        def at(shares: np.ndarray) -> _FirstOrder:
+            shares = np.clip(shares, 0.0, 1.0)
+            if (key := shares.tobytes()) not in seen:
+                seen[key] = self._first_order(program, shares, starts, given)
+            return seen[key]
+
+        constraint = {
+            "type": "ineq",
+            "fun": lambda x: np.nan_to_num(allowed - at(x).point.prices / limits, nan=-1.0),
+            "jac": lambda x: -np.nan_to_num(at(x).slopes),
+        }
+        size = float(given.size)
+        minimize(
+            lambda x: np.nan_to_num(-at(x).point.objective / size, nan=INFEASIBLE),
+            best.shares[winner],
+            jac=lambda x: np.nan_to_num(at(x).goal),
+            bounds=[(0.0, 1.0)] * self.space.dimension,
+            constraints=[constraint] if limits.size else (),
+            method="SLSQP",
+            options={"maxiter": _POLISHING, "ftol": 1e-10},
+        )
+        found = [one.point for one in seen.values() if np.isfinite(one.point.merit)]
+        own = jax.tree.map(lambda x: x[winner], best)
+        blocks = -(-(limits.size + 1) // starts)
+        return min([own, *found], key=lambda p: p.merit), len(seen) * blocks * starts
+
+    def _multipliers(self, there: _FirstOrder, given: Given) -> tuple[np.ndarray, np.ndarray]:
+        """Multipliers ≥ 0 of the limits that hold at a design, and the Lagrangian's gradient there.
+
+        Those that leave the smallest gradient within the bounds (first-order conditions).
+        """
+        shares, goal, slopes = there.point.shares, there.goal, there.slopes.T
+        holding = there.point.prices / np.asarray(given.limits) - 1 > -_NEAR_LIMIT
         free = ~held(shares, goal, _AT_BOUND)
-        holding = violated > -_NEAR_LIMIT
-        multipliers = np.zeros(m)
+        multipliers = np.zeros(holding.size)
         if holding.any():
             for _ in range(3):  # which bounds hold depends on the multipliers
                 multipliers[holding] = nnls(slopes[free][:, holding], -goal[free])[0]
@@ -546,29 +592,33 @@ class Sought:
         before: dict[str, np.ndarray],
         given: Given,
         fresh: int | Ensemble | None,
+        polish: bool,
     ) -> Design:
-        best = jax.device_get(state.best)
-        winner = int(np.argmin(best.merit))
+        every = jax.device_get(state.best)
+        winner, runs = int(np.argmin(every.merit)), 0
+        best = jax.tree.map(lambda x: x[winner], every)
+        if polish and self.move.batch == self.move.earthquakes:
+            best, runs = self._polished(program, every, winner, given)
         limits = np.asarray(given.limits)
-        prices = dict(zip(self.objective.limits, best.prices[winner].tolist(), strict=True))
-        if best.violation[winner] > given.tolerance:
-            worst = int(np.argmax(best.prices[winner] / limits))
+        prices = dict(zip(self.objective.limits, best.prices.tolist(), strict=True))
+        if best.violation > given.tolerance:
+            worst = int(np.argmax(best.prices / limits))
             price = [*self.objective.limits][worst]
             raise ValueError(
                 f"{_OWNER}: limits must leave a design, but the closest that was found, in "
                 f"{len(met)} iterations, has {price} = {prices[price]:.6g}, "
-                f"{best.violation[winner]:.2%} above its limit {limits[worst]:.6g}"
+                f"{best.violation:.2%} above its limit {limits[worst]:.6g}"
             )
-        shares, size = best.shares[winner], float(given.size)
-        excess = best.prices[winner] / limits - 1
-        multipliers, slope = self._multipliers(program, shares, len(best.merit), excess, given)
+        shares, size = np.asarray(best.shares), float(given.size)
+        there = self._first_order(program, shares, len(every.merit), given)
+        multipliers, slope = self._multipliers(there, given)
         at_bound = held(shares, slope, _AT_BOUND)
         gradient, names = -size * slope, self.space.names
         sides = zip(names, at_bound, shares, strict=True)
         active = {name: "low" if share < 0.5 else "high" for name, at, share in sides if at}
         alive = np.array([one.alive for one in met])
         si = self.setting.scales is not None
-        objective = float(best.objective[winner])
+        objective = float(best.objective)
         after = self.evaluate(shares, self.ensemble)
         design = Design(
             space=self.space,
@@ -594,7 +644,7 @@ class Sought:
             ),
             limit_tolerance=float(given.tolerance),
             stopped=stopped,
-            simulations=len(met) * len(alive[0]) * self.move.batch,
+            simulations=(len(met) * len(alive[0]) + runs) * self.move.batch,
             trained=Comparison(before, after, self.objective, si),
             fresh=None,
             _evaluate=self.evaluate,
@@ -620,6 +670,14 @@ class _Met(NamedTuple):
     prices: np.ndarray
     alive: np.ndarray
     merit: np.ndarray  # the best so far
+
+
+class _FirstOrder(NamedTuple):
+    """A place, with the gradient of what is to be made small and of prices over limits."""
+
+    point: Point
+    goal: np.ndarray  # (d,)
+    slopes: np.ndarray  # (m, d)
 
 
 class _Saved:

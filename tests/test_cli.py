@@ -533,7 +533,9 @@ def test_a_run_that_overflows(pulse, tmp_path, monkeypatch, capsys):
 # --- help ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("arguments", [[], ["paper"], ["simulate"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["paper"], ["simulate"], ["montecarlo"], ["report"], ["design"]]
+)
 def test_help_has_an_example(arguments, capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main([*arguments, "--help"])

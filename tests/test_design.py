@@ -108,6 +108,17 @@ def test_the_worst_earthquake_s_optimum_is_between_the_extremes(stand_in):
     assert found.objective == pytest.approx(1 - 0.2**2, abs=3e-3)
 
 
+def test_the_winner_is_polished(stand_in):
+    rough = search(iterations=8, polish=False)
+    fine = search(iterations=8)
+    assert rough.values["friction"] != pytest.approx(0.6, abs=1e-3)
+    assert fine.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.6}, abs=1e-4)
+    assert fine.simulations > rough.simulations
+    limited = search(jp.Objective(limits={"damper_force": 0.5}), iterations=20)
+    assert limited.prices["damper_force"] <= 0.5 * 1.001
+    assert limited.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.5}, abs=1e-3)
+
+
 def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
     found = search(batch=2, iterations=200, patience=100)
     assert found.values["friction"] == pytest.approx(0.6, abs=0.02)
@@ -189,7 +200,7 @@ def test_a_search_without_progress_ends(stand_in):
 
 def test_a_callback_is_told_where_every_start_is(stand_in):
     told = []
-    found = search(iterations=5, callback=told.append)
+    found = search(iterations=5, callback=told.append, polish=False)
     assert [one.iteration for one in told] == [1, 2, 3, 4, 5]
     for one, objective in zip(told, found.history.objective, strict=True):
         np.testing.assert_array_equal(one.objective, objective)
@@ -201,7 +212,7 @@ def test_a_callback_is_told_where_every_start_is(stand_in):
 def test_si_units_are_those_of_objective_and_limits():
     """The same design in both units, in the simulator itself."""
     scales = jp.Scales(mass=500e3, frequency=7.0)
-    more = {"starts": 1, "iterations": 10, "progress": False}
+    more = {"starts": 1, "iterations": 10, "polish": False, "progress": False}
     ensemble = jp.Ensemble.of([jp.paper.ground()], GRID)
     limits = {"damper_force": jp.Limit(0.4), "peak_f1": jp.Limit(1.8)}
     plain = jp.design_damper(SPACE, ensemble, GRID, objective=jp.Objective(limits=limits), **more)
