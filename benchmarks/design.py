@@ -124,19 +124,18 @@ def fresh(found):
 
 def friction_laws(ensemble):
     """The same search with gradients that miss how stops move, judged by event-resolved runs."""
-    print("Gradients by friction law, designs judged by event-resolved friction (mu, tau_x1)")
-    judge = Counted(sought(TWO, ensemble))
+    print("Gradients by friction law, designs judged by event-resolved friction")
     for name, scheme in (
         ("event-resolved", jp.Scheme()),
         ("switching", jp.Scheme(jp.Switching())),
         ("smoothed, 0.1", jp.Scheme(jp.Smoothed(0.1))),
     ):
-        for goal, many in (
-            ("one earthquake", jp.Ensemble.of([jp.paper.ground()], GRID)),
-            (f"{len(ensemble)} earthquakes", ensemble),
+        for goal, space, many in (
+            ("1, 2 variables", TWO, jp.Ensemble.of([jp.paper.ground()], GRID)),
+            (f"{len(ensemble)}, 5 variables", FIVE, ensemble),
         ):
-            found, _ = search(sought(TWO, many, scheme))
-            judge = Counted(sought(TWO, many))
+            found, _ = search(sought(space, many, scheme))
+            judge = Counted(sought(space, many))
             ends = [-judge(x) for x in found.history.shares[-1]]
             print(
                 f"  {name:16} {goal:16} best {-judge(found.shares):.6f}; ends of the starts "

@@ -73,6 +73,15 @@ def count(owner: str, name: str, value: Any) -> int:
     return int(value)
 
 
+def seed(owner: str, name: str, value: Any) -> int:
+    """``value`` as a seed; a ``ValueError`` for what is not a whole number from 0 to 2^32 − 1."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (whole and 0 <= value < 2**32):
+        rule = "a whole number from 0 to 2^32 - 1"
+        raise ValueError(f"{owner}: {name} = {value!r} must be {rule}")
+    return int(value)
+
+
 def require_share(owner: str, name: str, value: Any) -> None:
     """A ``ValueError`` for a number that is not between 0 and 1."""
     value = number(owner, name, value)

@@ -11,8 +11,18 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import optimize, stats
 
-from jaxpound._checks import Rule, count, enforce, finite, instance, real, require_share
-from jaxpound.design_space import DesignSpace, spread_shares
+from jaxpound._checks import (
+    Rule,
+    count,
+    enforce,
+    finite,
+    instance,
+    number,
+    real,
+    require_share,
+    seed,
+)
+from jaxpound.design_space import DesignSpace, spread_shares, start_shares
 from jaxpound.estimates import Estimate
 from jaxpound.ground import GroundLike, as_pytree
 from jaxpound.response import Response
@@ -20,6 +30,8 @@ from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.simulation import simulate
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
+
+_AT_BOUND = 1e-4  # of the way between the bounds
 
 SERIES = ("x1", "x2", "v1", "v2", "a1", "a2", "gap")
 """What may be measured: series of ``Response``, with a1 and a2 the absolute accelerations."""
@@ -40,12 +52,17 @@ class Calibration:
     """Of the calibrated structures."""
     residuals: dict[str, np.ndarray]
     """Measured − simulated, shape (n_steps+1,) each; NaN where nothing was measured."""
+    at_bounds: tuple[str, ...]
+    """Parameters at a bound of the space: their intervals mean nothing."""
     simulations: int
     """Runs of the simulator, each with its derivatives."""
 
     def __repr__(self) -> str:
         lines = [f"Calibration ({self.simulations} runs)"]
         lines += [f"    {path:18} {estimate}" for path, estimate in self.parameters.items()]
+        lines += [
+            f"    {path} is at a bound: its interval means nothing" for path in self.at_bounds
+        ]
         lines += [f"    noise of {name:9} {std:.4g}" for name, std in self.noise.items()]
         return "\n".join(lines)
 
@@ -66,7 +83,7 @@ def calibrate(
 ) -> Calibration:
     """The parameters that fit measured series best (``scipy.optimize.least_squares``).
 
-    Friction's stops are found within the steps, so that the fit's derivatives by μ are right.
+    The fit's derivatives by μ are right with event-resolved friction, the default.
 
     Parameters
     ----------
@@ -78,8 +95,8 @@ def calibrate(
     ground, grid, scheme
         As of ``simulate``.
     noise
-        Standard deviation > 0 of each series' errors, its weight; by default all weigh alike in
-        units of their own root mean square, and the noise is estimated from what is left.
+        Standard deviation > 0 of each series' errors, its weight; by default that
+        of what a first fit leaves, in which all weigh alike.
     start, starts, key
         As of ``design_damper``; the fit of the smallest sum of squares is returned.
     confidence
@@ -113,8 +130,7 @@ def calibrate(
         response = simulate(space.structures(shares), shaking, grid, scheme)
         return _series(response if scales is None else scales.to_si(response))
 
-    @jax.jit
-    def residual(shares: Any) -> Any:
+    def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
         found = series(shares)
         parts = [
             jnp.where(known[name], (found[name] - np.nan_to_num(x)) / weights[name], 0.0)
@@ -122,28 +138,35 @@ def calibrate(
         ]
         return jnp.concatenate(parts)
 
-    slope = jax.jit(jax.jacfwd(residual))
-    first = space.shares(space.nominal if start is None else start)
-    fits, runs = [], 0
-    for begun in spread_shares(first, count(owner, "starts", starts), key):
-        if not np.isfinite(residual(begun)).all():
-            continue
-        inside = np.clip(begun, 1e-6, 1 - 1e-6)
-        fit = optimize.least_squares(
-            residual,
-            inside,
-            jac=lambda shares: np.asarray(slope(shares)),
+    residual, slope = jax.jit(difference), jax.jit(jax.jacfwd(difference))
+
+    def fitted(begun: np.ndarray, weights: Mapping[str, float]) -> Any:
+        return optimize.least_squares(
+            lambda shares: np.asarray(residual(shares, weights), np.float64),
+            np.clip(np.asarray(begun, np.float64), 1e-6, 1 - 1e-6),
+            jac=lambda shares: np.asarray(slope(shares, weights), np.float64),
             bounds=(0.0, 1.0),
             x_scale="jac",
             xtol=1e-10,
             ftol=1e-12,
             gtol=1e-12,
         )
-        runs += fit.nfev
-        fits.append(fit)
+
+    first = start_shares(owner, space, start)
+    fits: list[Any] = []
+    for begun in spread_shares(first, count(owner, "starts", starts), seed(owner, "key", key)):
+        if np.isfinite(residual(begun, weights)).all():
+            fits.append(fitted(begun, weights))
     if not fits:
         raise ValueError(f"{owner}: no start of {starts} gives a finite response")
     best = min(fits, key=lambda fit: fit.cost)
+    if noise is None:
+        # Each series by what is left of it: so it weighs what it is worth.
+        parts = dict(zip(data, np.split(np.asarray(best.fun), len(data)), strict=True))
+        left = {name: _spread(r[known[name]]) * weights[name] for name, r in parts.items()}
+        weights = {name: std or weights[name] for name, std in left.items()}
+        best = fitted(best.x, weights)
+        fits.append(best)
     shares = np.asarray(best.x)
     estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
@@ -151,8 +174,22 @@ def calibrate(
     response = response if scales is None else scales.to_si(response)
     found = _series(response)
     residuals = {name: x - np.asarray(found[name]) for name, x in data.items()}
-    left = {name: float(np.sqrt(np.nanmean(r**2))) for name, r in residuals.items()}
-    return Calibration(structures, estimates, correlation, left, response, residuals, runs)
+    edges = (shares < _AT_BOUND) | (shares > 1 - _AT_BOUND)
+    return Calibration(
+        structures,
+        estimates,
+        correlation,
+        {name: _spread(r[known[name]]) for name, r in residuals.items()},
+        response,
+        residuals,
+        tuple(name for name, at in zip(space.names, edges, strict=True) if at),
+        sum(fit.nfev for fit in fits),
+    )
+
+
+def _spread(residual: np.ndarray) -> float:
+    """Root mean square; of no number, 0."""
+    return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
 
 
 def _series(response: Response) -> dict[str, jax.Array]:
@@ -189,7 +226,7 @@ def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str
     for name in data:
         if name not in noise:
             raise ValueError(f"{owner}: noise lacks {name!r}, which was measured")
-        std = noise[name]
+        std = number(owner, f"noise[{name!r}]", noise[name])
         right = (std > 0) & finite(std)
         enforce(owner, [Rule(f"noise[{name!r}]", std, right, "positive and finite")])
     return {name: float(noise[name]) for name in data}
@@ -201,7 +238,7 @@ def _estimates(
     """Values with intervals, and their correlation, from the Jacobian at the fit."""
     d = space.dimension
     information = fit.jac.T @ fit.jac
-    if np.linalg.matrix_rank(information) < d:
+    if np.linalg.matrix_rank(fit.jac) < d:
         raise ValueError(f"{owner}: measured must determine all of {', '.join(space.names)}")
     spread = 1.0 if noise_known else 2 * fit.cost / (n - d)
     shares = jnp.asarray(fit.x)

@@ -347,7 +347,11 @@ def _design(args: argparse.Namespace) -> None:
     print(design)
     recorded = {name: design.compare(one) for name, one in wanted.recorded.items()}
     answers = design_report.summary(design, recorded)
-    slopes = jp.elasticities(design.structures, wanted.ensemble, wanted.grid, wanted.scheme)
+    text = json.dumps(answers, indent=2, allow_nan=False)
+    _write_text(args.out / "design.toml", wanted.text)
+    designed = design_config.designed_toml(design.structures, wanted.scales)
+    _write_text(args.out / "buildings.toml", designed)
+    _write_text(args.out / "summary.json", text + "\n")
 
     from jaxpound import design_plots, plots
 
@@ -355,15 +359,12 @@ def _design(args: argparse.Namespace) -> None:
     figures = {
         "convergence": plots.figure(design_plots.convergence, design),
         "before_and_after": plots.figure(design_plots.before_and_after, compared),
-        "elasticities": plots.figure(design_plots.tornado, slopes),
     }
+    with contextlib.suppress(ValueError):  # a mean gap of zero has no elasticity
+        slopes = jp.elasticities(design.structures, wanted.ensemble, wanted.grid, wanted.scheme)
+        figures["elasticities"] = plots.figure(design_plots.tornado, slopes)
     if design.space.dimension > 1:
         figures["landscape"] = design_plots.figure_of_landscape(design)
-    text = json.dumps(answers, indent=2, allow_nan=False)
-    _write_text(args.out / "design.toml", wanted.text)
-    designed = design_config.designed_toml(design.structures, wanted.scales)
-    _write_text(args.out / "buildings.toml", designed)
-    _write_text(args.out / "summary.json", text + "\n")
     _write_text(args.out / "summary.md", design_report.as_markdown(answers, list(figures)))
     _write_figures(figures, args.out)
 

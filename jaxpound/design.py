@@ -15,14 +15,23 @@ import numpy as np
 from scipy.optimize import minimize, nnls
 from tqdm.auto import tqdm
 
-from jaxpound._checks import Rule, count, enforce, instance, number, positive
+from jaxpound._checks import Rule, count, enforce, instance, number, positive, seed
 from jaxpound._describe import describe, digest
 from jaxpound.comparison import Comparison
-from jaxpound.design_space import DesignSpace, spread_shares
+from jaxpound.design_space import DesignSpace, spread_shares, start_shares
 from jaxpound.ensembles import Ensemble
 from jaxpound.objectives import Objective
 from jaxpound.scheme import Scheme, TimeGrid
-from jaxpound.search import INFEASIBLE, Given, Point, Search, Setting, State, evaluator, held
+from jaxpound.search import (
+    Given,
+    Point,
+    Search,
+    Setting,
+    State,
+    evaluator,
+    held,
+    judged,
+)
 from jaxpound.simulation import demand
 from jaxpound.store import replace_file
 from jaxpound.structures import AdjacentStructures
@@ -110,7 +119,7 @@ class Design:
     stopped: str
     """Why the search ended."""
     simulations: int
-    """Runs of the simulator, each with its gradient."""
+    """Runs with their gradients, of iterations and polishing; line searches are not counted."""
     trained: Comparison
     """Before (the first start) and after, on the ensemble that it was made for."""
     fresh: Comparison | None
@@ -132,6 +141,7 @@ class Design:
     def compare(self, ensemble: Ensemble) -> Comparison:
         """Before and after on other earthquakes."""
         instance("Design.compare", "ensemble", ensemble, Ensemble)
+        require_apart("Design.compare", self.space, ensemble)
         return Comparison(
             self._evaluate(self._first, ensemble),
             self._evaluate(self.shares, ensemble),
@@ -257,7 +267,8 @@ def design_damper(
         ``optax.lbfgs()``, will do.
     batch
         Earthquakes an iteration; by default all. Of a part, the best design is judged by all once
-        every design has met each.
+        every design has met each, and in the end; gradient and multipliers of the result are then
+        means over such parts.
     patience, tolerance
         The search ends when no start has become better by ``tolerance``, as a share of the mean
         required gap, in ``patience`` iterations (of all earthquakes: epochs, if there is a batch).
@@ -351,7 +362,7 @@ class Sought:
             steps = optax.cosine_decay_schedule(0.2, self.iterations)
             optimiser = optax.adam(steps, b1=0.8, b2=0.9)
         instance(_OWNER, "optimiser", optimiser, optax.GradientTransformation)
-        _require_apart(space, ensemble)
+        require_apart(_OWNER, space, ensemble)
         self.space, self.ensemble, self.objective = space, ensemble, objective
         self.setting = Setting(grid, scheme, scales)
         self.evaluate = evaluator(space, self.setting)
@@ -380,11 +391,11 @@ class Sought:
         patience = count(_OWNER, "patience", patience)
         positive(_OWNER, limit_tolerance=number(_OWNER, "limit_tolerance", limit_tolerance))
         positive(_OWNER, tolerance=number(_OWNER, "tolerance", tolerance))
-        try:
-            first = self.space.shares(self.space.nominal if start is None else start)
-        except ValueError as error:
-            raise ValueError(f"{_OWNER}: start: {error}") from error
-        begun = spread_shares(first, count(_OWNER, "starts", starts), _seed(key))
+        first = start_shares(_OWNER, self.space, start)
+        begun = spread_shares(first, count(_OWNER, "starts", starts), seed(_OWNER, "key", key))
+        fresh = self._fresh(fresh)
+        if save is not None and not Path(save).absolute().parent.is_dir():
+            raise ValueError(f"{_OWNER}: save = {save} must be in a folder that exists")
         before = self.evaluate(first, self.ensemble)
         given = self._given(before, limits, limit_tolerance, key)
         state = self.move.begin(begun)
@@ -394,11 +405,21 @@ class Sought:
         saved = None
         if save is not None:
             saved = _Saved(Path(save), _identity(self, text, given, begun))
+            saved.require_numbers(state)
         state, met = (state, []) if saved is None else saved.read(state)
         state, stopped = self._run(
             program, state, given, met, saved, patience, tolerance, callback, progress
         )
         return self._design(program, state, met, stopped, first, before, given, fresh, polish)
+
+    def _fresh(self, fresh: Any) -> Ensemble | None:
+        """Earthquakes to try the design on."""
+        if fresh is None:
+            return None
+        if not isinstance(fresh, Ensemble):
+            return self.ensemble.fresh(count(_OWNER, "fresh", fresh))
+        require_apart(_OWNER, self.space, fresh)
+        return fresh
 
     def _given(self, before: Any, limits: Any, limit_tolerance: float, key: int) -> Given:
         own = {price: limit.at_most for price, limit in self.objective.limits.items()}
@@ -444,20 +465,20 @@ class Sought:
                         point.violation,
                         point.prices,
                         alive,
+                        best.infeasible,
                         best.merit,
                     )
                 )
                 if not alive.any():
-                    self._refuse_all(state, met)
+                    self._refuse_all(best, met)
                 if saved is not None and len(met) % _SAVE_EVERY == 0:
                     saved.write(state, met)
-                told = float(
-                    np.where(best.violation <= given.tolerance, best.objective, -np.inf).max()
-                )
+                told = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
                 bar.update()
                 bar.set_postfix({"objective": f"{told:.5g}"}, refresh=False)
-                if callback is not None and callback(self._progress(len(met), point, told)) is True:
-                    reason = "the callback ended it"
+                answer = callback and callback(self._progress(len(met), point, told))
+                if isinstance(answer, bool | np.bool_) and answer:
+                    reason = _CALLBACK
                     break
         if saved is not None:
             saved.write(state, met)
@@ -469,9 +490,11 @@ class Sought:
             return f"{self.iterations} iterations"
         if len(met) <= patience:
             return ""
-        alive, merit = met[-1].alive, met[-1].merit
-        gained = met[-1 - patience].merit[alive] - merit[alive]
-        if merit.min() < INFEASIBLE and (gained < tolerance).all():
+        then, now = met[-1 - patience], met[-1]
+        alive, within = now.alive, ~now.infeasible
+        entered = then.infeasible & within
+        gained = then.merit[alive] - now.merit[alive]
+        if within[alive].any() and not entered[alive].any() and (gained < tolerance).all():
             return f"no progress in {patience} iterations"
         return ""
 
@@ -485,7 +508,7 @@ class Sought:
             best,
         )
 
-    def _refuse_all(self, state: State, met: list[_Met]) -> None:
+    def _refuse_all(self, best: Point, met: list[_Met]) -> None:
         """Say why no start is finite."""
         shares = met[-1].shares[0]
         columns = self.evaluate(shares, self.ensemble)
@@ -500,9 +523,15 @@ class Sought:
                 demand(structures, self.ensemble.ground(i), self.setting.grid, self.setting.scheme)
             except (ValueError, FloatingPointError) as error:
                 reason = f"earthquake {i}: {error}"
+        told = ""
+        if not best.infeasible.all():
+            i = _least(best)
+            values = self.space.values(jnp.asarray(best.shares[i]))
+            listed = ", ".join(f"{path} = {float(x):.6g}" for path, x in values.items())
+            told = f"; the best before was {float(best.objective[i]):.6g} at {listed}"
         raise ValueError(
-            f"{_OWNER}: all {len(state.alive)} starts must be finite, but after {len(met) - 1} "
-            f"iterations none is; of the first, {reason}"
+            f"{_OWNER}: all {len(best.merit)} starts must be finite, but after {len(met) - 1} "
+            f"iterations none is; of the first, {reason}{told}"
         )
 
     def _first_order(
@@ -538,8 +567,7 @@ class Sought:
     ) -> tuple[Point, int]:
         """The winner after SciPy's sequential quadratic programming, and how many runs it took."""
         starts, seen = len(best.merit), {}
-        limits = np.asarray(given.limits)
-        allowed = 1 + 0.9 * float(given.tolerance)
+        limits = np.asarray(given.limits, np.float64)
 
         def at(shares: np.ndarray) -> _FirstOrder:
             shares = np.clip(shares, 0.0, 1.0)
@@ -547,25 +575,37 @@ class Sought:
                 seen[key] = self._first_order(program, shares, starts, given)
             return seen[key]
 
+        def double(x: Any, otherwise: float = 0.0) -> np.ndarray:  # SciPy takes no other
+            return np.nan_to_num(np.asarray(x, np.float64), nan=otherwise)
+
         constraint = {
             "type": "ineq",
-            "fun": lambda x: np.nan_to_num(allowed - at(x).point.prices / limits, nan=-1.0),
-            "jac": lambda x: -np.nan_to_num(at(x).slopes),
+            "fun": lambda x: double(1 - at(x).point.prices / limits, -1.0),
+            "jac": lambda x: -double(at(x).slopes),
         }
-        size = float(given.size)
+        size, own = float(given.size), jax.tree.map(lambda x: x[winner], best)
         minimize(
-            lambda x: np.nan_to_num(-at(x).point.objective / size, nan=INFEASIBLE),
-            best.shares[winner],
-            jac=lambda x: np.nan_to_num(at(x).goal),
+            lambda x: float(double(-at(x).point.objective / size, _FAR)),
+            double(own.shares),
+            jac=lambda x: double(at(x).goal),
             bounds=[(0.0, 1.0)] * self.space.dimension,
             constraints=[constraint] if limits.size else (),
             method="SLSQP",
             options={"maxiter": _POLISHING, "ftol": 1e-10},
         )
-        found = [one.point for one in seen.values() if np.isfinite(one.point.merit)]
-        own = jax.tree.map(lambda x: x[winner], best)
+        # Within the limits to rounding is better than a little above and a little better.
+        allowance = np.array([_EXACT, *[float(given.tolerance)] * bool(limits.size)])
         blocks = -(-(limits.size + 1) // starts)
-        return min([own, *found], key=lambda p: p.merit), len(seen) * blocks * starts
+        runs = len(seen) * blocks * starts
+        for excess in allowance:
+            found = [one.point for one in seen.values() if np.isfinite(one.point.merit)]
+            found = [point for point in found if point.violation <= excess]
+            if found:
+                least = min(found, key=lambda point: point.merit)
+                worse = 5 * float(given.tolerance) if own.violation > excess else 0.0
+                if own.infeasible or least.merit <= own.merit + worse:
+                    return least, runs
+        return own, runs
 
     def _multipliers(self, there: _FirstOrder, given: Given) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers ≥ 0 of the limits that hold at a design, and the Lagrangian's gradient there.
@@ -582,6 +622,20 @@ class Sought:
                 free = ~held(shares, goal + slopes @ multipliers, _AT_BOUND)
         return multipliers, goal + slopes @ multipliers
 
+    def _judged(self, best: Point, ends: np.ndarray, given: Given) -> Point:
+        """The better of what was best and where the starts ended, in the whole ensemble."""
+        rows = []
+        for i, shares in enumerate(ends):
+            columns = self.evaluate(shares, self.ensemble)
+            end = judged(shares, columns, self.objective, given)
+            own = jax.tree.map(lambda x, i=i: x[i], best)
+            wins = (bool(end.infeasible), float(end.merit)) < (
+                bool(own.infeasible),
+                float(own.merit),
+            )
+            rows.append(end if wins else own)
+        return jax.tree.map(lambda *x: np.stack(x), *rows)
+
     def _design(
         self,
         program: Callable[..., Any],
@@ -591,32 +645,43 @@ class Sought:
         first: np.ndarray,
         before: dict[str, np.ndarray],
         given: Given,
-        fresh: int | Ensemble | None,
+        fresh: Ensemble | None,
         polish: bool,
     ) -> Design:
-        every = jax.device_get(state.best)
-        winner, runs = int(np.argmin(every.merit)), 0
+        every, alive = jax.device_get((state.best, state.alive))
+        whole = self.move.batch == self.move.earthquakes
+        if not whole:
+            every = self._judged(every, np.asarray(state.shares), given)
+        winner, runs = _least(every, alive), 0
         best = jax.tree.map(lambda x: x[winner], every)
-        if polish and self.move.batch == self.move.earthquakes:
+        if polish and whole and stopped != _CALLBACK:
             best, runs = self._polished(program, every, winner, given)
         limits = np.asarray(given.limits)
         prices = dict(zip(self.objective.limits, best.prices.tolist(), strict=True))
-        if best.violation > given.tolerance:
+        if best.infeasible:
             worst = int(np.argmax(best.prices / limits))
             price = [*self.objective.limits][worst]
-            raise ValueError(
+            raise InfeasibleError(
                 f"{_OWNER}: limits must leave a design, but the closest that was found, in "
                 f"{len(met)} iterations, has {price} = {prices[price]:.6g}, "
                 f"{best.violation:.2%} above its limit {limits[worst]:.6g}"
             )
         shares, size = np.asarray(best.shares), float(given.size)
-        there = self._first_order(program, shares, len(every.merit), given)
+        there = self._first_order(program, shares, len(every.merit), given)._replace(point=best)
         multipliers, slope = self._multipliers(there, given)
         at_bound = held(shares, slope, _AT_BOUND)
         gradient, names = -size * slope, self.space.names
         sides = zip(names, at_bound, shares, strict=True)
         active = {name: "low" if share < 0.5 else "high" for name, at, share in sides if at}
         alive = np.array([one.alive for one in met])
+        function = dataclasses.replace(
+            self.objective,
+            limits={
+                price: dataclasses.replace(limit, at_most=float(x))
+                for (price, limit), x in zip(self.objective.limits.items(), limits, strict=True)
+                if x < NO_LIMIT
+            },
+        )
         si = self.setting.scales is not None
         objective = float(best.objective)
         after = self.evaluate(shares, self.ensemble)
@@ -626,7 +691,7 @@ class Sought:
             shares=shares,
             objective=objective,
             prices=prices,
-            objective_function=self.objective,
+            objective_function=function,
             history=History(
                 np.array([one.objective for one in met]),
                 np.array([one.violation for one in met]),
@@ -645,20 +710,35 @@ class Sought:
             limit_tolerance=float(given.tolerance),
             stopped=stopped,
             simulations=(len(met) * len(alive[0]) + runs) * self.move.batch,
-            trained=Comparison(before, after, self.objective, si),
+            trained=Comparison(before, after, function, si),
             fresh=None,
             _evaluate=self.evaluate,
             _first=first,
             _ensemble=self.ensemble,
         )
-        if isinstance(fresh, int):
-            fresh = self.ensemble.fresh(fresh)
         if fresh is None:
             return design
         return dataclasses.replace(design, fresh=design.compare(fresh))
 
 
 _OWNER = "design_damper"
+_CALLBACK = "the callback ended it"
+_FAR = 1e6  # what is not finite, in units of size
+_EXACT = 1e-9  # violation by rounding
+NO_LIMIT = 1e30  # a limit that is none
+
+
+class InfeasibleError(ValueError):
+    """No design within the limits was found."""
+
+
+def _least(best: Point, alive: Any = True) -> int:
+    """The best start: alive, within the limits, of the least merit."""
+    return int(
+        np.lexsort((best.merit, best.infeasible, ~np.asarray(alive & (best.merit == best.merit))))[
+            0
+        ]
+    )
 
 
 class _Met(NamedTuple):
@@ -669,7 +749,8 @@ class _Met(NamedTuple):
     violation: np.ndarray
     prices: np.ndarray
     alive: np.ndarray
-    merit: np.ndarray  # the best so far
+    infeasible: np.ndarray  # the best so far
+    merit: np.ndarray
 
 
 class _FirstOrder(NamedTuple):
@@ -685,6 +766,12 @@ class _Saved:
 
     def __init__(self, path: Path, identity: dict[str, Any]) -> None:
         self.path, self.identity = path, json.dumps(identity, sort_keys=True)
+
+    def require_numbers(self, state: State) -> None:
+        """Refuse a state that a file of arrays cannot hold."""
+        for leaf in jax.tree.leaves(state):
+            if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+                raise ValueError(f"{_OWNER}: save cannot keep an optimiser that draws at random")
 
     def read(self, state: State) -> tuple[State, list[_Met]]:
         """The state and what was met, or the state given where there is no file."""
@@ -717,29 +804,26 @@ class _Saved:
 
 def _identity(sought: Sought, text: str, given: Given, begun: np.ndarray) -> dict[str, Any]:
     """What determines every number of a search."""
-    arrays = given._replace(key=jax.random.key_data(given.key))
+    told = {name: np.asarray(getattr(given, name)).tolist() for name in ("limits", "tolerance")}
+    leaves = jax.tree.leaves((given.grounds, given.uncertain))
     return {
         "space": describe(sought.space),
         "setting": describe(sought.setting),
         "objective": describe(sought.objective),
-        "ensemble": [digest(np.asarray(x).tobytes()) for x in jax.tree.leaves(arrays)],
+        **told,
+        "key": np.asarray(jax.random.key_data(given.key)).tolist(),
+        "ensemble": [digest(np.asarray(x).tobytes()) for x in leaves],
         "starts": digest(begun.tobytes()),
         "program": digest(text.encode()),
     }
 
 
-def _seed(key: Any) -> int:
-    if not isinstance(key, int | np.integer) or isinstance(key, bool) or not 0 <= key < 2**32:
-        raise ValueError(f"{_OWNER}: key = {key!r} must be a whole number from 0 to 2^32 - 1")
-    return int(key)
-
-
-def _require_apart(space: DesignSpace, ensemble: Ensemble) -> None:
+def require_apart(owner: str, space: DesignSpace, ensemble: Ensemble) -> None:
     """Refuse what is to be chosen and uncertain at once."""
     for path in ensemble.uncertain:
         if path in space.names:
-            raise ValueError(f"{_OWNER}: {path} must not be both chosen and uncertain")
+            raise ValueError(f"{owner}: {path} must not be both chosen and uncertain")
         rod, _, name = path.partition(".")
         other = {"tau_f": f"{rod}.tau_x", "tau_x": f"{rod}.tau_f"}.get(name)
         if other in space.names:
-            raise ValueError(f"{_OWNER}: {other} must not be chosen where {path} is uncertain")
+            raise ValueError(f"{owner}: {other} must not be chosen where {path} is uncertain")

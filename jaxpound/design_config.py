@@ -18,13 +18,22 @@ from jaxpound.config import (
     check_keys,
     example,
     named,
+    needed,
     pair,
     parse,
     read_text,
 )
 from jaxpound.design_space import Bounds, DesignSpace
-from jaxpound.earthquake_config import EARTHQUAKES, by_path, random_grid, random_ground
+from jaxpound.earthquake_config import (
+    EARTHQUAKES,
+    by_path,
+    files,
+    random_grid,
+    random_ground,
+    word,
+)
 from jaxpound.ensembles import Ensemble
+from jaxpound.ground import Record
 from jaxpound.objectives import (
     PRICES,
     CVaR,
@@ -69,6 +78,7 @@ _KEYS: Keys = {
     "building_2": BUILDING,
     "damper": {"friction_force": float},
     "earthquakes": EARTHQUAKES,
+    "recorded": {"files": files, "units": word},
     "variables": dict.fromkeys(PARAMETERS, _bounds),
     "objective": {
         "goal": _GOALS,
@@ -128,7 +138,7 @@ def read_design(path: Path | None, records: Sequence[Path] = ()) -> DesignConfig
     left, right, structures, scales, scheme = pair(source, given)
     folder = Path() if path is None else path.parent
     ground, record_dt, length = random_ground(source, given, folder, scales)
-    recorded = {file.stem: read_record(file) for file in records}
+    recorded = _recorded(source, given, folder, records)
     if recorded:
         record_dt = min(record_dt, *(float(record.dt) for record in recorded.values()))
         if "duration" not in given.get("run", {}):
@@ -140,17 +150,17 @@ def read_design(path: Path | None, records: Sequence[Path] = ()) -> DesignConfig
     for key, value in search.items():
         if value < (key not in ("seed", "fresh")):
             raise ValueError(f"{source}: [search] {key} = {value} must be positive")
-    alone = {
-        name: Ensemble.of([scales.to_dimensionless(record)], grid)
-        for name, record in recorded.items()
-    }
+    n = search.pop("earthquakes")
+    if search["seed"] >= 2**32:
+        raise ValueError(f"{source}: [search] seed = {search['seed']} must be below 2^32")
+    if search.get("batch", 1) > (most := n + len(recorded)):
+        rule = f"at most the number of earthquakes, {most}"
+        raise ValueError(f"{source}: [search] batch = {search['batch']} must be {rule}")
+    shaking = {name: scales.to_dimensionless(record) for name, record in recorded.items()}
+    alone = {name: Ensemble.of([record], grid) for name, record in shaking.items()}
     with named(f"{source}:"):
-        ensemble = Ensemble.drawn(
-            Scenarios(structures, ground), search.pop("earthquakes"), search["seed"]
-        )
-        whole = ensemble
-        for one in alone.values():
-            whole = whole + one
+        ensemble = Ensemble.drawn(Scenarios(structures, ground), n, search["seed"])
+        whole = Ensemble.of([*ensemble, *shaking.values()], grid) if shaking else ensemble
     return DesignConfiguration(
         source,
         text,
@@ -166,6 +176,26 @@ def read_design(path: Path | None, records: Sequence[Path] = ()) -> DesignConfig
     )
 
 
+def _recorded(
+    source: str, given: dict[str, Any], folder: Path, more: Sequence[Path]
+) -> dict[str, Record]:
+    """Recorded earthquakes of the file, and others in g, by name."""
+    table = given.get("recorded", {})
+    if table and "files" not in table:
+        raise ValueError(f"{source}: lacks the key 'files' in [recorded]")
+    read = [
+        (folder / file, read_record(folder / file, units=table.get("units", "g")))
+        for file in table.get("files", [])
+    ]
+    read += [(file, read_record(file)) for file in more]
+    found: dict[str, Record] = {}
+    for file, record in read:
+        if file.stem in found:
+            raise ValueError(f"record {file}: its name {file.stem!r} must be another's than before")
+        found[file.stem] = record
+    return found
+
+
 def _space(source: str, given: dict[str, Any], structures: AdjacentStructures) -> DesignSpace:
     """The variables; in the file their bounds are factors on the values that it states."""
     variables = given.get("variables", {})
@@ -173,7 +203,12 @@ def _space(source: str, given: dict[str, Any], structures: AdjacentStructures) -
         raise ValueError(f"{source}: [variables] must name what may be chosen")
     bounds = {}
     for path, value in variables.items():
-        nominal = float(attrgetter(path)(structures))
+        nominal, place = float(attrgetter(path)(structures)), f"{source}: [variables] {path}"
+        if not nominal:
+            raise ValueError(f"{place} must be of a value above 0, for factors on it")
+        if not value["low"] < value["high"]:
+            rule = f"above low = {value['low']:.6g}"
+            raise ValueError(f"{place}: high = {value['high']:.6g} must be {rule}")
         with named(f"{source}: [variables] {path}:"):
             bounds[path] = Bounds(
                 value["low"] * nominal, value["high"] * nominal, value.get("scale", "linear")
@@ -189,11 +224,11 @@ def _objective(source: str, given: dict[str, Any]) -> Objective:
     for key in ("temperature", "share", "gap"):
         if key in table and own.get(kind) != key:
             raise ValueError(f'{source}: [objective] {key} must not be given with goal = "{kind}"')
+    if kind == "soft minimum":
+        needed(source, given, "objective", "temperature")
     with named(f"{source}: [objective]"):
         goal: Goal
         if kind == "soft minimum":
-            if "temperature" not in table:
-                raise ValueError(f"{source}: lacks the key 'temperature' in [objective]")
             goal = SoftMinimum(table["temperature"])
         elif kind == "CVaR":
             goal = CVaR(table.get("share", 0.1))

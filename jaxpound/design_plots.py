@@ -58,6 +58,8 @@ def landscape(
     """
     ax = new_axes(ax)
     if drawn is None:
+        if design.space.dimension < 2:
+            raise ValueError("landscape: design has one variable, and must have two or more")
         moved = np.abs(design.shares - design.history.shares[0, 0])
         i, j = np.sort(np.argsort(-moved, kind="stable")[:2])
         drawn = design.landscape(design.space.names[i], design.space.names[j], n)

@@ -17,11 +17,12 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
-from jaxpound._branches import larger
+from jaxpound._branches import larger, smaller
 from jaxpound._checks import Rule, did_you_mean, enforce, instance, number
 from jaxpound.scenarios import PARAMETERS, replaced
 from jaxpound.structures import AdjacentStructures
 
+_SLACK = 1e-6  # of a bound: what single precision loses on the way to a value and back
 _APART = 1.001  # at least, of τ_x over τ_f
 
 
@@ -65,8 +66,10 @@ class Bounds:
     def value(self, share: Any, low: Any) -> Any:
         """The value at a share of the way from ``low`` (these bounds', or a higher one) to high."""
         if self.scale == "log":
-            return low * jnp.exp(share * jnp.log(self.high / low))
-        return low + share * (self.high - low)
+            value = low * jnp.exp(share * jnp.log(self.high / low))
+        else:
+            value = low + share * (self.high - low)
+        return smaller(value, self.high)  # which rounding may exceed
 
     def share(self, value: Any, low: Any) -> Any:
         """Inverse of ``value``."""
@@ -156,13 +159,17 @@ class DesignSpace:
         if isinstance(design, AdjacentStructures):
             values = {path: float(attrgetter(path)(design)) for path in self.names}
         else:
+            instance(owner, "design", design, AdjacentStructures, Mapping)
             if lacking := [path for path in self.names if path not in design]:
                 raise ValueError(f"{owner}: design lacks {lacking[0]!r}")
+            if others := [path for path in design if path not in self.names]:
+                listed = ", ".join(self.names)
+                raise ValueError(f"{owner}: design has {others[0]!r}, which is none of {listed}")
             values = {path: float(number(owner, path, design[path])) for path in self.names}
         shares = []
         for path, value in values.items():
             low, high = float(self._low(path, values)), self.variables[path].high
-            slack = 1e-9 * (high - low)
+            slack = _SLACK * max(abs(low), abs(high))
             inside = low - slack <= value <= high + slack
             rule = f"between its bounds, {low:.8g} and {high:.8g}"
             enforce(owner, [Rule(path, value, inside, rule)])
@@ -202,3 +209,13 @@ def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
     power = int(np.ceil(np.log2(max(n - 1, 1))))
     sobol = qmc.Sobol(first.size, rng=np.random.default_rng(key))
     return np.concatenate([first[None], 0.05 + 0.9 * sobol.random_base2(power)[: n - 1]])
+
+
+def start_shares(
+    owner: str, space: DesignSpace, start: AdjacentStructures | Mapping[str, float] | None
+) -> np.ndarray:
+    """Where a search starts; a ``ValueError`` for what is outside the bounds."""
+    try:
+        return space.shares(space.nominal if start is None else start)
+    except ValueError as error:
+        raise ValueError(f"{owner}: start: {error}") from error

@@ -70,6 +70,7 @@ def elasticities(
     owner = "elasticities"
     instance(owner, "structures", structures, AdjacentStructures)
     instance(owner, "grid", grid, TimeGrid)
+    instance(owner, "scheme", scheme, Scheme)
     require_over(owner, over)
     ensemble = ground if isinstance(ground, Ensemble) else Ensemble.of([ground], grid)
     parameters = {path: float(attrgetter(path)(structures)) for path in PARAMETERS}

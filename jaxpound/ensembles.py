@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpound._checks import count, instance
+from jaxpound._checks import count, instance, seed
 from jaxpound.ground import Ground, GroundLike, Record, Ricker, require_ground, sampled
 from jaxpound.sampling import SAMPLINGS, points
 from jaxpound.scenarios import PARAMETERS, ScenarioSet
@@ -56,7 +56,10 @@ class Ensemble:
         if not waves:
             return Ensemble(_stacked(_as_long(given)), {})
         # A wavelet of no amplitude and a record of no shaking complete each other.
-        still = Record(np.zeros(2), records[0].dt), Ricker(0.0, waves[0].periods[:1], [0.0])
+        still = (
+            Record(np.zeros(2), records[0].dt),
+            Ricker(0.0, np.ravel(waves[0].periods)[:1], [0.0]),
+        )
         left = [ground if isinstance(ground, Ricker) else still[1] for ground in given]
         right = [ground if isinstance(ground, Record) else still[0] for ground in given]
         pairs = zip(_as_long(left), _as_long(right), strict=True)
@@ -94,11 +97,14 @@ class Ensemble:
         if sampling not in SAMPLINGS:
             raise ValueError(f"{owner}: sampling = {sampling!r} must be 'plain' or 'sobol'")
         if not isinstance(key, jax.Array):
-            key = jax.random.key(count(owner, "key", key + 1) - 1, impl="threefry2x32")
-        z = points(sampling, key, scenarios.dimension)(start, start + n)
+            key = jax.random.key(seed(owner, "key", key), impl="threefry2x32")
+        start = count(owner, "start + 1", start + 1) - 1
+        # One more, to see what varies.
+        z = points(sampling, key, scenarios.dimension)(start, start + n + 1)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)
         values = {path: np.asarray(attrgetter(path)(structures)) for path in PARAMETERS}
-        uncertain = {path: x for path, x in values.items() if np.ptp(x)}
+        uncertain = {path: x[:n] for path, x in values.items() if np.ptp(x)}
+        grounds = jax.tree.map(lambda x: np.asarray(x)[:n], grounds)
         for leaf in jax.tree.leaves((uncertain, grounds)):
             if not np.isfinite(leaf).all():
                 bad = int(np.argmin(np.isfinite(leaf).reshape(n, -1).all(axis=1)))
@@ -107,7 +113,7 @@ class Ensemble:
         def more(m: int) -> Ensemble:
             return Ensemble.drawn(scenarios, m, key, sampling=sampling, start=start + n)
 
-        return Ensemble(jax.tree.map(np.asarray, grounds), uncertain, more)
+        return Ensemble(grounds, uncertain, more)
 
     def fresh(self, n: int) -> Ensemble | None:
         """The n scenarios that follow those of a drawn ensemble; None where none are drawn."""
@@ -153,7 +159,7 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
     most = max(np.size(ground.arrivals) for ground in grounds)
     return [
         Ricker(
-            _padded(np.broadcast_to(ground.amplitude, np.shape(ground.arrivals)), most),
+            _padded(np.broadcast_to(ground.amplitude, np.size(ground.arrivals)), most),
             _padded(ground.periods, most, mode="edge"),
             _padded(ground.arrivals, most, mode="edge"),
         )
@@ -162,4 +168,4 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
 
 
 def _padded(x: Any, n: int, **how: Any) -> np.ndarray:
-    return np.pad(np.asarray(x, float), (0, n - np.size(x)), **how)
+    return np.pad(np.ravel(np.asarray(x, float)), (0, n - np.size(x)), **how)

@@ -122,7 +122,7 @@ class PoundingProbability:
         The gap at rest ≥ 0; by default that of the structures.
     width
         Of the smoothing, in the gap's unit; by default Silverman's rule, 1.06 s n^(−1/5), with the
-        standard deviation s of the required gaps.
+        standard deviation s of the required gaps, which has no part in the derivative.
 
     Raises
     ------
@@ -263,7 +263,7 @@ class Objective:
     limits: Mapping[str, Limit] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not callable(self.goal):
+        if not callable(self.goal) or isinstance(self.goal, type):
             raise ValueError(f"Objective: goal = {self.goal!r} must be a function of gaps")
         for name, kind in (("penalties", Penalty), ("limits", Limit)):
             given = getattr(self, name)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxpound._checks import count, instance, positive, real
-from jaxpound.design import Design, Sought
+from jaxpound.design import NO_LIMIT, Design, InfeasibleError, Sought
 from jaxpound.design_space import DesignSpace
 from jaxpound.ensembles import Ensemble
 from jaxpound.objectives import PRICES, Limit, Objective
@@ -19,8 +19,6 @@ from jaxpound.units import Scales
 
 if TYPE_CHECKING:
     from optax import GradientTransformation
-
-_NO_LIMIT = 1e30
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -96,7 +94,7 @@ def pareto_front(
     Raises
     ------
     ValueError
-        As ``design_damper``; if price is unknown or limited already, or no limit can be met.
+        As ``design_damper``; if price is unknown or limited already.
     """
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
@@ -109,7 +107,7 @@ def pareto_front(
         limits = np.sort(np.ravel(real(owner, "limits", list(limits))))[::-1].tolist()
         positive(owner, limits=np.asarray(limits))
     limited = dataclasses.replace(
-        objective, limits={**objective.limits, price: Limit(_NO_LIMIT, over)}
+        objective, limits={**objective.limits, price: Limit(NO_LIMIT, over)}
     )
     sought = Sought(
         space,
@@ -136,12 +134,14 @@ def pareto_front(
     if limits is None:
         met = free.history.prices[..., [*limited.limits].index(price)]
         met = met[np.isfinite(met) & (met > 0)]
-        limits = np.linspace(free.prices[price], met.min(), points).tolist()[1:]
+        least = min(met.min(initial=np.inf), free.prices[price])
+        between = np.linspace(free.prices[price], least, points).tolist()[1:] if least > 0 else []
+        limits = [x for x in between if x < free.prices[price]]
     designs, infeasible, last = [free], [], free
     for limit in limits:
         try:
             last = sought.search(start=last.values, starts=starts, limits={price: limit}, **how)
-        except ValueError:
+        except InfeasibleError:
             infeasible.append(float(limit))
             continue
         designs.append(last)

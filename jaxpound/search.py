@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 _MULTIPLIERS_EVERY = 10  # iterations
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # heavier ones make steps and multipliers swing
-INFEASIBLE = 1e6  # a merit above that of any objective
 
 
 class Point(NamedTuple):
     """A design that was met: arrays with a leading axis of starts."""
 
     shares: Any  # (s, d)
-    merit: Any  # the objective to be made small, in units of size; larger by far if infeasible
+    infeasible: Any  # whether a limit is exceeded
+    merit: Any  # to be made small: the violation if infeasible, else minus the objective over size
     objective: Any  # as the user sees it: goal less penalties
     violation: Any  # the largest c, or 0
     prices: Any  # (s, m)
@@ -119,7 +119,8 @@ class Search:
         """The state of starts, shape (s, d)."""
         s, m = len(shares), len(self.objective.limits)
         places, far = jnp.asarray(shares), jnp.full(s, jnp.inf)
-        best = Point(places, far, -far, far, jnp.zeros((s, m)), jnp.zeros_like(places))
+        prices, slopes = jnp.zeros((s, m)), jnp.zeros_like(places)
+        best = Point(places, jnp.ones(s, bool), far, -far, far, prices, slopes)
         return State(
             places,
             jax.vmap(self.optimiser.init)(places),
@@ -140,7 +141,7 @@ class Search:
         def one(state: State) -> tuple[State, Point]:
             return self._move_one(state, rows, given)
 
-        axes = State(0, 0, 0, 0, 0, 0, Point(*[0] * 6), None)
+        axes = State(0, 0, 0, 0, 0, 0, Point(*[0] * len(Point._fields)), None)
         following, here = jax.vmap(one, in_axes=(axes,), out_axes=(axes, 0))(state)
         if whole:
             best = _better(state.best, here, following.alive)
@@ -211,19 +212,26 @@ def held(shares: Any, gradient: Any, within: float = 0.0) -> Any:
 
 def _point(shares: Any, objective: Any, prices: Any, gradient: Any, given: Given) -> Point:
     violation = jnp.max(prices / given.limits - 1, initial=0.0)
-    infeasible = violation > given.tolerance
-    merit = jnp.where(infeasible, INFEASIBLE + violation, -objective / given.size)
-    return Point(shares, merit, objective, violation, prices, gradient)
+    infeasible = ~(violation <= given.tolerance)
+    merit = jnp.where(infeasible, violation, -objective / given.size)
+    return Point(shares, infeasible, merit, objective, violation, prices, gradient)
 
 
 def _better(old: Point, new: Point, alive: Any) -> Point:
-    """The better one of each start."""
-    wins = alive & (new.merit < old.merit)
+    """The better one of each start: within the limits first, then the smaller merit."""
+    nearer = (new.infeasible == old.infeasible) & (new.merit < old.merit)
+    wins = alive & ((old.infeasible & ~new.infeasible & jnp.isfinite(new.merit)) | nearer)
 
     def pick(a: Any, b: Any) -> Any:
         return jnp.where(wins.reshape(-1, *[1] * (a.ndim - 1)), b, a)
 
     return jax.tree.map(pick, old, new)
+
+
+def judged(shares: np.ndarray, columns: Any, objective: Objective, given: Given) -> Point:
+    """A design by its demands in a whole ensemble; its gradient is not known."""
+    value, prices = objective.value(columns), objective.prices(columns)
+    return jax.device_get(_point(shares, value, prices, jnp.zeros_like(shares), given))
 
 
 def evaluator(

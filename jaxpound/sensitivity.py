@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from scipy import stats
 
-from jaxpound._checks import Rule, count, enforce, instance, require_share
+from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
 from jaxpound.batches import in_chunks
 from jaxpound.estimates import Estimate
 from jaxpound.sampling import points
@@ -76,8 +76,7 @@ def sobol_sensitivity(
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     n = count(owner, "n", n)
-    if not isinstance(key, int | np.integer) or not 0 <= key < 2**32:
-        raise ValueError(f"{owner}: key = {key!r} must be a whole number from 0 to 2^32 - 1")
+    key = seed(owner, "key", key)
     enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
     require_share(owner, "confidence", confidence)
 

@@ -42,6 +42,7 @@ def test_known_parameters_are_found_within_their_intervals():
     left = measured(0)["x1"] - np.asarray(found.response.x1)
     np.testing.assert_allclose(found.residuals["x1"], left)
     assert "friction" in repr(found)
+    assert found.at_bounds == ()
 
 
 def test_intervals_cover_as_often_as_they_say():
@@ -85,9 +86,11 @@ def test_missing_numbers_units_and_unknown_noise():
         ({"measured": {"x1": np.r_[0.0, np.full(280, np.nan)]}}, "measured = 1 must be more"),
         ({"noise": {"a2": 0.1}}, "noise lacks 'x1'"),
         ({"noise": {"x1": 0.0, "a2": 1.0}}, r"noise\['x1'\] = 0 must be positive"),
-        ({"start": {"friction": 2.0}}, "design lacks 'rod_1.order'"),
+        ({"start": {"friction": 2.0}}, "calibrate: start: DesignSpace: design lacks 'rod_1.order'"),
         ({"confidence": 1.0}, "confidence = 1 must be between 0 and 1"),
         ({"starts": 0}, "starts = 0 must be a positive"),
+        ({"key": "a"}, "key = 'a' must be a whole number"),
+        ({"noise": {"x1": "a", "a2": 1.0}}, r"noise\['x1'\] = 'a' must be a real number"),
     ],
 )
 def test_bad_calibrations_are_named(change, message):
@@ -95,6 +98,21 @@ def test_bad_calibrations_are_named(change, message):
         jp.calibrate(
             **({"space": SPACE, "measured": measured(0), "ground": GROUND, "grid": GRID} | change)
         )
+
+
+def test_a_parameter_at_its_bound_is_named():
+    space = jp.DesignSpace(TRUTH, {"friction": (0.3, 1.0)})
+    found = jp.calibrate(
+        space,
+        {"x1": measured(0)["x1"]},
+        GROUND,
+        GRID,
+        noise={"x1": 0.01},
+        start={"friction": 0.5},
+        starts=1,
+    )
+    assert found.at_bounds == ("friction",)
+    assert "friction is at a bound" in repr(found)
 
 
 def test_parameters_that_leave_no_trace_are_refused():

@@ -1,7 +1,9 @@
 """The search for a design: known optima of stand-ins, and the paper's case."""
 
 import dataclasses
+import json
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
@@ -9,6 +11,7 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
+from jaxpound import design_report
 from jaxpound.objectives import PRICES
 from jaxpound.search import Search, Setting
 
@@ -128,6 +131,37 @@ def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
     assert found.objective == pytest.approx(whole)
 
 
+def test_parts_end_with_where_they_came_to(stand_in):
+    """Fewer iterations than an epoch has: the last designs are judged by all earthquakes too."""
+    found = search(batch=1, iterations=7)
+    ends = [
+        np.mean(bowl(*reversed(list(found.space.values(x).values())), AMPLITUDES))
+        for x in found.history.shares[-1]
+    ]
+    assert found.objective >= max(ends) - 0.02
+    assert found.values["friction"] == pytest.approx(0.6, abs=0.2)
+
+
+def test_the_size_of_an_objective_is_its_own_affair(stand_in):
+    """A penalty of any size is no violation."""
+    found = search(jp.Objective(penalties={"peak_x1": 1e7}, limits={"damper_force": 0.9}))
+    assert found.values["mass_ratio"] == pytest.approx(0.5)
+    assert found.prices["damper_force"] <= 0.9
+
+
+def test_single_precision_searches_too(stand_in):
+    with jax.enable_x64(False):
+        found = search(jp.Objective(limits={"damper_force": 0.5}))
+        front = jp.pareto_front(
+            SPACE, ENSEMBLE, GRID, price="damper_force", limits=[0.5, 0.3], starts=2, iterations=40
+        )
+    assert found.history.objective.dtype == np.float32
+    assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
+    np.testing.assert_allclose(front.prices, [0.3, 0.5, 0.6], rtol=1e-2)
+    assert front.designs[0].objective_function.limits["damper_force"].at_most == pytest.approx(0.3)
+    assert not front.designs[-1].objective_function.limits
+
+
 # What befalls a search.
 
 
@@ -142,6 +176,23 @@ def test_a_start_that_is_not_finite_is_dropped_and_reported(stand_in):
         assert found.history.alive[:iteration, start].all()
         assert not found.history.alive[iteration:, start].any()
         assert f"start {start + 1} dropped at iteration {iteration}: not finite" in repr(found)
+
+
+def test_a_dropped_start_is_never_returned(stand_in):
+    """It met the best design of all on its way, and then went where nothing is finite."""
+    gap = lambda mu, rho, a: jnp.where(  # noqa: E731
+        mu > 0.55, jnp.nan, jnp.where(rho > 1.2, mu, 0.3 - (mu - 0.3) ** 2)
+    )
+    stand_in(gap)
+    found = search(starts=8, iterations=60)
+    assert found.dropped
+    assert found.winner not in found.dropped
+
+
+def test_the_best_is_told_when_the_last_start_is_lost(stand_in):
+    stand_in(lambda mu, rho, a: jnp.where(mu > 0.7, jnp.nan, mu))
+    with pytest.raises(ValueError, match=r"none is; .*; the best before was 0\.[3-7]\d* at"):
+        search(starts=1)
 
 
 def test_starts_none_of_which_is_finite_are_refused(stand_in):
@@ -183,6 +234,11 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
     path.write_text("nothing")
     with pytest.raises(ValueError, match="holds no search"):
         search(iterations=60, save=path)
+
+
+def test_any_true_answer_of_a_callback_ends_a_search(stand_in):
+    found = search(callback=lambda told: told.objective.max() > 0)
+    assert len(found.history.objective) == 1
 
 
 def test_seeds_repeat_a_search_and_others_do_not(stand_in):
@@ -294,6 +350,15 @@ def test_a_drawn_ensemble_has_fresh_earthquakes(stand_in):
     assert found.fresh.difference().low > 0
 
 
+def test_what_is_not_finite_is_null_in_a_summary(stand_in):
+    """A single fresh earthquake has no interval."""
+    one = jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID)
+    answers = design_report.summary(search(iterations=3, fresh=one), {"alone": search().trained})
+    told = json.loads(json.dumps(answers, allow_nan=False))
+    assert told["fresh"]["min_gap_wider_by"]["low"] is None
+    assert "(- to -, 95 %)" in design_report.as_markdown(answers, [])
+
+
 # Bad input.
 
 
@@ -312,6 +377,18 @@ def test_a_drawn_ensemble_has_fresh_earthquakes(stand_in):
         ({"key": -1}, "key = -1 must be a whole number"),
         ({"limit_tolerance": 0.0}, "limit_tolerance = 0 must be positive"),
         ({"tolerance": -1.0}, "tolerance = -1 must be positive"),
+        ({"fresh": "x"}, "fresh = 'x' must be a positive whole number"),
+        ({"fresh": -5}, "fresh = -5 must be a positive"),
+        ({"save": "no/such/folder.npz"}, "save = .* must be in a folder that exists"),
+        (
+            {"start": {"friction": 0.5, "mass_ratio": 1.0, "mu": 1}},
+            "design has 'mu', which is none",
+        ),
+        ({"start": 0.5}, "start: DesignSpace: design = 0.5 must be of type"),
+        (
+            {"optimiser": optax.add_noise(0.1, 0.5, jax.random.key(0)), "save": "x.npz"},
+            "save cannot keep an optimiser that draws at random",
+        ),
         ({"scales": 9.81}, "scales = 9.81 must be of type Scales"),
     ],
 )
@@ -331,6 +408,8 @@ def test_what_is_uncertain_cannot_be_chosen():
         space = jp.DesignSpace(PAPER, {"friction": (0, 1), "rod_1.tau_x": (0.5, 5.0)})
         with pytest.raises(ValueError, match=message):
             jp.design_damper(space, ensemble, GRID, progress=False)
+        with pytest.raises(ValueError, match=message):
+            jp.design_damper(space, ENSEMBLE, GRID, fresh=ensemble, progress=False)
 
 
 def test_landscapes_ask_for_two_variables(stand_in):

@@ -20,8 +20,16 @@ def accelerations(ensemble):
 
 @pytest.mark.parametrize(
     "grounds",
-    [WAVES, RECORDS, [*WAVES, *RECORDS], [RECORDS[0], WAVES[1]], [2.0 * WAVES[0], RECORDS[1]]],
-    ids=["waves", "records", "both", "mixed", "sampled"],
+    [
+        [jp.Ricker(0.2, 2.0, 1.0), WAVES[1]],
+        [jp.Ricker(0.2, 2.0, 1.0), RECORDS[0]],
+        WAVES,
+        RECORDS,
+        [*WAVES, *RECORDS],
+        [RECORDS[0], WAVES[1]],
+        [2.0 * WAVES[0], RECORDS[1]],
+    ],
+    ids=["one wave", "one and a record", "waves", "records", "both", "mixed", "sampled"],
 )
 def test_given_earthquakes_are_what_they_were(grounds):
     ensemble = jp.Ensemble.of(grounds, GRID)
@@ -49,6 +57,7 @@ def test_drawn_earthquakes_are_monte_carlo_s():
     np.testing.assert_allclose(ensemble.grounds.amplitude, grounds.amplitude[:8])
     np.testing.assert_allclose(ensemble.uncertain["friction"], structures.friction[:8])
     assert list(ensemble.uncertain) == ["friction"]
+    assert list(jp.Ensemble.drawn(RANDOM, 1).uncertain) == ["friction"]
     fresh = ensemble.fresh(4)
     np.testing.assert_allclose(fresh.grounds.periods, grounds.periods[8:])
     assert "8 earthquakes, with uncertain friction" in repr(ensemble)
@@ -60,6 +69,8 @@ def test_drawn_earthquakes_are_monte_carlo_s():
         (lambda: jp.Ensemble.of([], GRID), "must hold ground motions"),
         (lambda: jp.Ensemble.of([3], GRID), r"grounds\[0\] = 3 must have acceleration"),
         (lambda: jp.Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
+        (lambda: jp.Ensemble.drawn(RANDOM, 2, -1), "key = -1 must be a whole number from 0"),
+        (lambda: jp.Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
         (lambda: jp.Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
         (
             lambda: jp.Ensemble.drawn(RANDOM, 2) + jp.Ensemble.of(WAVES, GRID),
