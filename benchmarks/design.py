@@ -13,7 +13,7 @@ import optax
 from scipy import optimize
 
 import jaxpound as jp
-from jaxpound.design import Sought
+from jaxpound.design_search import Sought
 from jaxpound.design_space import spread_shares
 
 GRID = jp.TimeGrid.until(20.0, 0.04)

@@ -10,7 +10,8 @@ from jaxpound import paper
 from jaxpound.batches import in_chunks, use_cores
 from jaxpound.calibration import Calibration, calibrate
 from jaxpound.comparison import Comparison
-from jaxpound.design import Design, design_damper
+from jaxpound.design import Design
+from jaxpound.design_search import design_damper
 from jaxpound.design_space import Bounds, DesignSpace
 from jaxpound.distributions import LogNormal, Normal, Uniform
 from jaxpound.elasticities import Elasticities, elasticities

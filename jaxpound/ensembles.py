@@ -169,3 +169,14 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
 
 def _padded(x: Any, n: int, **how: Any) -> np.ndarray:
     return np.pad(np.ravel(np.asarray(x, float)), (0, n - np.size(x)), **how)
+
+
+def require_apart(owner: str, chosen: Sequence[str], ensemble: Ensemble) -> None:
+    """Refuse parameters that are to be chosen and uncertain at once."""
+    for path in ensemble.uncertain:
+        if path in chosen:
+            raise ValueError(f"{owner}: {path} must not be both chosen and uncertain")
+        rod, _, name = path.partition(".")
+        other = {"tau_f": f"{rod}.tau_x", "tau_x": f"{rod}.tau_f"}.get(name)
+        if other in chosen:
+            raise ValueError(f"{owner}: {other} must not be chosen where {path} is uncertain")

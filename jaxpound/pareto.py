@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxpound._checks import count, instance, positive, real
-from jaxpound.design import NO_LIMIT, Design, InfeasibleError, Sought
+from jaxpound.design import Design
+from jaxpound.design_search import NO_LIMIT, InfeasibleError, Sought
 from jaxpound.design_space import DesignSpace
 from jaxpound.ensembles import Ensemble
 from jaxpound.objectives import PRICES, Limit, Objective

@@ -1,0 +1,480 @@
+"""The damper and rods that keep two structures apart: a search by gradients from many starts."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from tqdm.auto import tqdm
+
+from jaxpound._checks import Rule, count, enforce, instance, number, positive, seed
+from jaxpound.comparison import Comparison
+from jaxpound.design import Design, History
+from jaxpound.design_space import DesignSpace, spread_shares, start_shares
+from jaxpound.ensembles import Ensemble, require_apart
+from jaxpound.first_order import AT_BOUND, FirstOrderProgram
+from jaxpound.objectives import Objective
+from jaxpound.saved_search import Met, SavedSearch, search_identity
+from jaxpound.scheme import Scheme, TimeGrid
+from jaxpound.search import Given, Point, Search, Setting, State, evaluator, held, judged
+from jaxpound.simulation import demand
+from jaxpound.structures import AdjacentStructures
+from jaxpound.units import Scales
+
+if TYPE_CHECKING:
+    from optax import GradientTransformation
+
+NO_LIMIT = 1e30
+"""A limit that is none."""
+
+_OWNER = "design_damper"
+_SAVE_EVERY = 20  # iterations
+_CALLBACK = "the callback ended it"
+
+
+class InfeasibleError(ValueError):
+    """No design within the limits was found."""
+
+
+class Progress(NamedTuple):
+    """Where a search is, as a callback is told."""
+
+    iteration: int
+    objective: np.ndarray
+    """Goal less penalties of every start, shape (s,); the larger the better."""
+    violation: np.ndarray
+    """By how much a limit is exceeded, at most, as a share of the limit, shape (s,)."""
+    values: dict[str, np.ndarray]
+    """The variables of every start, shape (s,) each."""
+    best: float
+    """Best objective within the limits so far; −∞ while there is none."""
+
+
+def design_damper(
+    space: DesignSpace,
+    ensemble: Ensemble,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    objective: Objective = Objective(),
+    *,
+    start: AdjacentStructures | Mapping[str, float] | None = None,
+    starts: int = 4,
+    key: int = 0,
+    iterations: int = 150,
+    optimiser: GradientTransformation | None = None,
+    batch: int | None = None,
+    patience: int = 40,
+    tolerance: float = 1e-4,
+    limit_tolerance: float = 1e-3,
+    scales: Scales | None = None,
+    fresh: int | Ensemble | None = 1000,
+    save: str | PathLike[str] | None = None,
+    callback: Callable[[Progress], Any] | None = None,
+    progress: bool = True,
+    polish: bool = True,
+) -> Design:
+    """The best structures within bounds and limits, over an ensemble of earthquakes.
+
+    Parameters
+    ----------
+    space
+        What may be chosen, within which bounds.
+    ensemble
+        The earthquakes.
+    grid, scheme
+        As of ``simulate``.
+    objective
+        What is to be achieved, at what price.
+    start
+        Where the first start is; by default the space's nominal structures.
+    starts
+        Their number: the others are spread over the space (scrambled Sobol points).
+    key
+        A seed, of the starts and of the minibatches.
+    iterations
+        At most.
+    optimiser
+        Of optax, for shares, from 0 to 1, of the way between the bounds; by default Adam with
+        steps that fall from 0.2 to 0 (cosine). Those that search along lines, such as
+        ``optax.lbfgs()``, will do.
+    batch
+        Earthquakes an iteration; by default all. Of a part, the best design is judged by all once
+        every design has met each, and in the end; gradient and multipliers of the result are then
+        means over such parts.
+    patience, tolerance
+        The search ends when no start has become better by ``tolerance``, as a share of the mean
+        required gap, in ``patience`` iterations (of all earthquakes: epochs, if there is a batch).
+    limit_tolerance
+        By which share a limit may be exceeded.
+    scales
+        For an objective in SI units.
+    fresh
+        How many earthquakes to try the design on that it was not made for (where the ensemble is
+        drawn), an ensemble of such, or None.
+    save
+        A file that keeps the state every 20 iterations: the same call goes on from there, and ends
+        as if it had not been interrupted.
+    callback
+        Called with a ``Progress`` after every iteration; if it returns True, the search ends.
+    progress
+        Whether to show a progress bar.
+    polish
+        Whether the winner, if there are no minibatches, is brought to its optimum by at most 30
+        steps of SciPy's sequential quadratic programming, with the same gradients.
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule or the start is outside the bounds; if every start is not
+        finite, with the reason; if no design within the limits was found, with the least by which
+        they were exceeded; if the file holds another search.
+    OSError
+        If the file cannot be written to.
+    """
+    sought = Sought(
+        space,
+        ensemble,
+        grid,
+        scheme,
+        objective,
+        optimiser=optimiser,
+        batch=batch,
+        iterations=iterations,
+        scales=scales,
+    )
+    return sought.search(
+        start=start,
+        starts=starts,
+        key=key,
+        patience=patience,
+        tolerance=tolerance,
+        limit_tolerance=limit_tolerance,
+        fresh=fresh,
+        save=save,
+        callback=callback,
+        progress=progress,
+        polish=polish,
+    )
+
+
+class Sought:
+    """A search that is set up; its program is compiled once, for any starts and limits."""
+
+    def __init__(
+        self,
+        space: DesignSpace,
+        ensemble: Ensemble,
+        grid: TimeGrid,
+        scheme: Scheme,
+        objective: Objective,
+        *,
+        optimiser: GradientTransformation | None,
+        batch: int | None,
+        iterations: int,
+        scales: Scales | None,
+    ) -> None:
+        import optax  # takes as long as all the rest
+
+        instance(_OWNER, "space", space, DesignSpace)
+        instance(_OWNER, "ensemble", ensemble, Ensemble)
+        instance(_OWNER, "grid", grid, TimeGrid)
+        instance(_OWNER, "scheme", scheme, Scheme)
+        instance(_OWNER, "objective", objective, Objective)
+        if scales is not None:
+            instance(_OWNER, "scales", scales, Scales)
+        self.iterations = count(_OWNER, "iterations", iterations)
+        n = len(ensemble)
+        batch = n if batch is None else count(_OWNER, "batch", batch)
+        enforce(_OWNER, [Rule("batch", batch, batch <= n, f"at most the ensemble's {n}")])
+        if optimiser is None:
+            steps = optax.cosine_decay_schedule(0.2, self.iterations)
+            optimiser = optax.adam(steps, b1=0.8, b2=0.9)
+        instance(_OWNER, "optimiser", optimiser, optax.GradientTransformation)
+        require_apart(_OWNER, space.names, ensemble)
+        self.space, self.ensemble, self.objective = space, ensemble, objective
+        self.setting = Setting(grid, scheme, scales)
+        self.evaluate = evaluator(space, self.setting)
+        self.move = Search(
+            space, self.setting, objective, optax.with_extra_args_support(optimiser), n, batch
+        )
+        self._compiled: dict[int, tuple[Callable[..., Any], str]] = {}
+
+    def search(
+        self,
+        *,
+        start: AdjacentStructures | Mapping[str, float] | None,
+        starts: int,
+        key: int,
+        patience: int,
+        tolerance: float,
+        limit_tolerance: float,
+        fresh: int | Ensemble | None,
+        save: str | PathLike[str] | None,
+        callback: Callable[[Progress], Any] | None,
+        progress: bool,
+        polish: bool = True,
+        limits: Mapping[str, float] | None = None,
+    ) -> Design:
+        """As of ``design_damper``; ``limits`` are bounds in the place of the objective's."""
+        patience = count(_OWNER, "patience", patience)
+        positive(_OWNER, limit_tolerance=number(_OWNER, "limit_tolerance", limit_tolerance))
+        positive(_OWNER, tolerance=number(_OWNER, "tolerance", tolerance))
+        first = start_shares(_OWNER, self.space, start)
+        begun = spread_shares(first, count(_OWNER, "starts", starts), seed(_OWNER, "key", key))
+        fresh = self._fresh(fresh)
+        if save is not None and not Path(save).absolute().parent.is_dir():
+            raise ValueError(f"{_OWNER}: save = {save} must be in a folder that exists")
+        before = self.evaluate(first, self.ensemble)
+        given = self._given(before, limits, limit_tolerance, key)
+        state = self.move.begin(begun)
+        if len(begun) not in self._compiled:
+            self._compiled[len(begun)] = self.move.compiled(state, given)
+        program, text = self._compiled[len(begun)]
+        saved = None
+        if save is not None:
+            saved = SavedSearch(Path(save), search_identity(self.move, text, given, begun))
+        try:
+            state, met = (state, []) if saved is None else saved.read(state)
+        except ValueError as error:
+            raise ValueError(f"{_OWNER}: {error}") from error
+        state, stopped = self._run(
+            program, state, given, met, saved, patience, tolerance, callback, progress
+        )
+        return self._design(program, state, met, stopped, first, before, given, fresh, polish)
+
+    def _fresh(self, fresh: Any) -> Ensemble | None:
+        """Earthquakes to try the design on."""
+        if fresh is None:
+            return None
+        if not isinstance(fresh, Ensemble):
+            return self.ensemble.fresh(count(_OWNER, "fresh", fresh))
+        require_apart(_OWNER, self.space.names, fresh)
+        return fresh
+
+    def _given(self, before: Any, limits: Any, limit_tolerance: float, key: int) -> Given:
+        own = {price: limit.at_most for price, limit in self.objective.limits.items()}
+        at_most = {price: (limits or {}).get(price, x) for price, x in own.items()}
+        size = getattr(self.objective.goal, "size", None)
+        if size is None:
+            required = np.mean(before["initial_gap"] - before["min_gap"])
+            size = required if np.isfinite(required) and required > 0 else 1.0
+        return Given(
+            jax.tree.map(jnp.asarray, self.ensemble.grounds),
+            {path: jnp.asarray(x) for path, x in self.ensemble.uncertain.items()},
+            jnp.asarray([at_most[price] for price in own], float),
+            jnp.asarray(size, float),
+            jnp.asarray(limit_tolerance, float),
+            jax.random.key(key, impl="threefry2x32"),
+        )
+
+    def _run(
+        self,
+        program: Callable[..., Any],
+        state: State,
+        given: Given,
+        met: list[Met],
+        saved: SavedSearch | None,
+        patience: int,
+        tolerance: float,
+        callback: Callable[[Progress], Any] | None,
+        progress: bool,
+    ) -> tuple[State, str]:
+        per_epoch = -(-self.move.earthquakes // self.move.batch)
+        with tqdm(
+            total=self.iterations, initial=len(met), unit=" iterations", disable=not progress
+        ) as bar:
+            while True:
+                if met and (reason := self._reason(met, patience * per_epoch, tolerance)):
+                    break
+                state, here = program(state, given)
+                point, alive, best = jax.device_get((here, state.alive, state.best))
+                met.append(
+                    Met(
+                        point.shares,
+                        point.objective,
+                        point.violation,
+                        point.prices,
+                        alive,
+                        best.infeasible,
+                        best.merit,
+                    )
+                )
+                if not alive.any():
+                    self._refuse_all(best, met)
+                if saved is not None and len(met) % _SAVE_EVERY == 0:
+                    saved.write(state, met)
+                told = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
+                bar.update()
+                bar.set_postfix({"objective": f"{told:.5g}"}, refresh=False)
+                answer = callback and callback(self._progress(len(met), point, told))
+                if isinstance(answer, bool | np.bool_) and answer:
+                    reason = _CALLBACK
+                    break
+        if saved is not None:
+            saved.write(state, met)
+        return state, reason
+
+    def _reason(self, met: list[Met], patience: int, tolerance: float) -> str:
+        """Why to stop, or nothing."""
+        if len(met) >= self.iterations:
+            return f"{self.iterations} iterations"
+        if len(met) <= patience:
+            return ""
+        then, now = met[-1 - patience], met[-1]
+        alive, within = now.alive, ~now.infeasible
+        entered = then.infeasible & within
+        gained = then.merit[alive] - now.merit[alive]
+        if within[alive].any() and not entered[alive].any() and (gained < tolerance).all():
+            return f"no progress in {patience} iterations"
+        return ""
+
+    def _progress(self, iteration: int, point: Point, best: float) -> Progress:
+        values = jax.vmap(self.space.values)(jnp.asarray(point.shares))
+        return Progress(
+            iteration,
+            point.objective,
+            point.violation,
+            {path: np.asarray(x) for path, x in values.items()},
+            best,
+        )
+
+    def _refuse_all(self, best: Point, met: list[Met]) -> None:
+        """Say why no start is finite."""
+        shares = met[-1].shares[0]
+        columns = self.evaluate(shares, self.ensemble)
+        bad = ~np.all([np.isfinite(x) for x in columns.values()], axis=0)
+        reason = "its gradient is not finite"
+        if bad.any():
+            i = int(np.argmax(bad))
+            reason = f"earthquake {i} of {len(bad)} gives no finite demand"
+            others = {path: x[i] for path, x in self.ensemble.uncertain.items()}
+            try:
+                structures = self.space.structures(jnp.asarray(shares), others)
+                demand(structures, self.ensemble.ground(i), self.setting.grid, self.setting.scheme)
+            except (ValueError, FloatingPointError) as error:
+                reason = f"earthquake {i}: {error}"
+        told = ""
+        if not best.infeasible.all():
+            i = _least(best)
+            values = self.space.values(jnp.asarray(best.shares[i]))
+            listed = ", ".join(f"{path} = {float(x):.6g}" for path, x in values.items())
+            told = f"; the best before was {float(best.objective[i]):.6g} at {listed}"
+        raise ValueError(
+            f"{_OWNER}: all {len(best.merit)} starts must be finite, but after {len(met) - 1} "
+            f"iterations none is; of the first, {reason}{told}"
+        )
+
+    def _judged(self, best: Point, ends: np.ndarray, given: Given) -> Point:
+        """The better of what was best and where the starts ended, in the whole ensemble."""
+        rows = []
+        for i, shares in enumerate(ends):
+            columns = self.evaluate(shares, self.ensemble)
+            end = judged(shares, columns, self.objective, given)
+            own = jax.tree.map(lambda x, i=i: x[i], best)
+            wins = (bool(end.infeasible), float(end.merit)) < (
+                bool(own.infeasible),
+                float(own.merit),
+            )
+            rows.append(end if wins else own)
+        return jax.tree.map(lambda *x: np.stack(x), *rows)
+
+    def _design(
+        self,
+        program: Callable[..., Any],
+        state: State,
+        met: list[Met],
+        stopped: str,
+        first: np.ndarray,
+        before: dict[str, np.ndarray],
+        given: Given,
+        fresh: Ensemble | None,
+        polish: bool,
+    ) -> Design:
+        every, alive = jax.device_get((state.best, state.alive))
+        whole = self.move.batch == self.move.earthquakes
+        if not whole:
+            every = self._judged(every, np.asarray(state.shares), given)
+        winner, runs = _least(every, alive), 0
+        best = jax.tree.map(lambda x: x[winner], every)
+        conditions = FirstOrderProgram(self.move, program, len(alive), given)
+        if polish and whole and stopped != _CALLBACK:
+            best, runs = conditions.polished(best)
+        limits = np.asarray(given.limits)
+        prices = dict(zip(self.objective.limits, best.prices.tolist(), strict=True))
+        if best.infeasible:
+            worst = int(np.argmax(best.prices / limits))
+            price = [*self.objective.limits][worst]
+            raise InfeasibleError(
+                f"{_OWNER}: limits must leave a design, but the closest that was found, in "
+                f"{len(met)} iterations, has {price} = {prices[price]:.6g}, "
+                f"{best.violation:.2%} above its limit {limits[worst]:.6g}"
+            )
+        shares, size = np.asarray(best.shares), float(given.size)
+        there = conditions.at(shares)._replace(point=best)
+        multipliers, slope = conditions.multipliers(there)
+        at_bound = held(shares, slope, AT_BOUND)
+        gradient, names = -size * slope, self.space.names
+        sides = zip(names, at_bound, shares, strict=True)
+        active = {name: "low" if share < 0.5 else "high" for name, at, share in sides if at}
+        alive = np.array([one.alive for one in met])
+        function = dataclasses.replace(
+            self.objective,
+            limits={
+                price: dataclasses.replace(limit, at_most=float(x))
+                for (price, limit), x in zip(self.objective.limits.items(), limits, strict=True)
+                if x < NO_LIMIT
+            },
+        )
+        si = self.setting.scales is not None
+        objective = float(best.objective)
+        after = self.evaluate(shares, self.ensemble)
+        design = Design(
+            space=self.space,
+            structures=jax.tree.map(float, self.space.structures(jnp.asarray(shares))),
+            shares=shares,
+            objective=objective,
+            prices=prices,
+            objective_function=function,
+            history=History(
+                np.array([one.objective for one in met]),
+                np.array([one.violation for one in met]),
+                np.array([one.prices for one in met]),
+                np.array([one.shares for one in met]),
+                alive,
+            ),
+            winner=winner,
+            dropped={i: int(np.argmin(alive[:, i])) for i in np.flatnonzero(~alive[-1]).tolist()},
+            active_bounds=active,
+            gradient=dict(zip(names, gradient.tolist(), strict=True)),
+            gradient_norm=float(np.linalg.norm(gradient[~at_bound])),
+            multipliers=dict(
+                zip(self.objective.limits, (size * multipliers).tolist(), strict=True)
+            ),
+            limit_tolerance=float(given.tolerance),
+            stopped=stopped,
+            simulations=(len(met) * len(alive[0]) + runs) * self.move.batch,
+            trained=Comparison(before, after, function, si),
+            fresh=None,
+            _evaluate=self.evaluate,
+            _first=first,
+            _ensemble=self.ensemble,
+        )
+        if fresh is None:
+            return design
+        return dataclasses.replace(design, fresh=design.compare(fresh))
+
+
+def _least(best: Point, alive: Any = True) -> int:
+    """The best start: alive, within the limits, of the least merit."""
+    lost = ~(alive & np.isfinite(best.merit))
+    return int(np.lexsort((best.merit, best.infeasible, lost))[0])
