@@ -203,7 +203,8 @@ def test_starts_none_of_which_is_finite_are_refused(stand_in):
         search()
 
 
-def test_the_reason_why_nothing_is_finite_is_the_simulator_s():
+def test_the_reason_why_nothing_is_finite_is_the_simulator_s(stand_in):
+    stand_in(lambda mu, rho, a: jnp.nan * mu)
     with pytest.raises(ValueError, match=r"earthquake 0: .*must be below the stability limit"):
         jp.design_damper(SPACE, ENSEMBLE, jp.TimeGrid(1.5, 20), starts=1, progress=False)
 
@@ -265,22 +266,32 @@ def test_a_callback_is_told_where_every_start_is(stand_in):
     assert told[-1].best == found.objective == found.history.objective.max()
 
 
-def test_si_units_are_those_of_objective_and_limits():
-    """The same design in both units, in the simulator itself."""
+def test_si_units_are_those_of_the_demands():
     scales = jp.Scales(mass=500e3, frequency=7.0)
-    more = {"starts": 1, "iterations": 10, "polish": False, "progress": False}
-    ensemble = jp.Ensemble.of([jp.paper.ground()], GRID)
-    limits = {"damper_force": jp.Limit(0.4), "peak_f1": jp.Limit(1.8)}
-    plain = jp.design_damper(SPACE, ensemble, GRID, objective=jp.Objective(limits=limits), **more)
-    force = float(scales.force)
-    si = {price: jp.Limit(force * limit.at_most) for price, limit in limits.items()}
-    found = jp.design_damper(
-        SPACE, ensemble, GRID, objective=jp.Objective(limits=si), scales=scales, **more
+    one = SPACE.structures(np.array([0.3, 0.4]))
+    ground = jp.paper.ground()
+    plain, si = (
+        jax.jit(Setting(GRID, jp.Scheme(), units).demands)(one, ground) for units in (None, scales)
     )
-    assert found.values == pytest.approx(plain.values, rel=1e-6)
-    assert found.objective == pytest.approx(plain.objective * float(scales.length), rel=1e-6)
-    assert found.prices["peak_f1"] == pytest.approx(plain.prices["peak_f1"] * force, rel=1e-6)
+    length, force, g = (float(x) for x in (scales.length, scales.force, scales.gravity))
+    units = {"min_gap": length, "initial_gap": length, "residual_offset": length}
+    units |= {"damper_force": force, "peak_f1": force, "peak_f2": force}
+    units |= {"peak_x1": length, "peak_x2": length, "slip_distance": length}
+    units |= {"peak_acceleration_1": g, "peak_acceleration_2": g, "friction_work": force * length}
+    assert units.keys() == plain.keys() == si.keys()
+    for name, unit in units.items():
+        assert float(si[name]) == pytest.approx(unit * float(plain[name]), rel=1e-12), name
+    run = jp.demand(one, ground, GRID)
+    assert float(plain["peak_f2"]) == pytest.approx(float(run.peak_f2))
+    assert float(plain["residual_offset"]) == pytest.approx(abs(float(run.residual_offset)))
+    assert float(plain["damper_force"]) == pytest.approx(0.4)
+
+
+def test_limits_and_penalties_are_in_si_units_too(stand_in):
+    found = search(jp.Objective(limits={"damper_force": 0.5}), scales=jp.Scales(1.0, 1.0))
+    assert found.trained.si
     assert "(SI)" in repr(found.trained)
+    assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
 
 
 # The paper's case.
@@ -392,7 +403,7 @@ def test_what_is_not_finite_is_null_in_a_summary(stand_in):
         ({"scales": 9.81}, "scales = 9.81 must be of type Scales"),
     ],
 )
-def test_bad_arguments_are_named(change, message):
+def test_bad_arguments_are_named(stand_in, change, message):
     with pytest.raises(ValueError, match=message):
         search(**change)
 

@@ -35,10 +35,14 @@ def test_elasticities_are_relative_derivatives():
 
 
 def test_one_earthquake_is_an_ensemble_of_one():
-    alone = jp.elasticities(PAPER, GROUNDS[0], GRID)
-    run = jp.demand(PAPER, GROUNDS[0], GRID)
+    grid = jp.TimeGrid(0.1, 60)
+    alone = jp.elasticities(PAPER, GROUNDS[0], grid)
+    run = jp.demand(PAPER, GROUNDS[0], grid)
     assert alone.value == pytest.approx(float(run.min_gap))
     assert alone.values["initial_gap"] == pytest.approx(1 / float(run.min_gap))
+    still = dataclasses.replace(PAPER, initial_gap=0.0)
+    with pytest.raises(ValueError, match="min_gap = 0 must be finite and not zero"):
+        jp.elasticities(still, jp.Ricker(0.0, [1.0], [1.0]), grid)
 
 
 def test_bad_questions_are_named():
@@ -49,6 +53,3 @@ def test_bad_questions_are_named():
     ):
         with pytest.raises(ValueError, match=message):
             jp.elasticities(**({"structures": PAPER, "ground": GROUNDS[0], "grid": GRID} | change))
-    still = jp.Ricker(0.0, [1.0], [1.0])
-    with pytest.raises(ValueError, match="peak_x1 = 0 must be finite and not zero"):
-        jp.elasticities(PAPER, still, GRID, demand="peak_x1")
