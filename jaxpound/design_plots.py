@@ -85,7 +85,16 @@ def landscape(
     ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path")
     ax.plot(xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none")
     end = design.values
-    ax.plot(end[drawn.x], end[drawn.y], "*", color=COLOURS["damper"], markersize=8, label="design")
+    ax.plot(
+        end[drawn.x],
+        end[drawn.y],
+        "*",
+        color=COLOURS["damper"],
+        markersize=8,
+        label="design",
+        clip_on=False,  # it often stands at a bound
+        zorder=5,
+    )
     ax.set_xscale(design.space.variables[drawn.x].scale)
     ax.set_yscale(design.space.variables[drawn.y].scale)
     label(ax, _name(drawn.x), _name(drawn.y))
