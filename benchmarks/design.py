@@ -50,8 +50,7 @@ def sought(space, ensemble, scheme=None, optimiser=None):
 
 
 def search(one, **more):
-    how = {"patience": ITERATIONS, "tolerance": 1e-6, "limit_tolerance": 1e-3, "save": None}
-    how |= {"start": None, "starts": STARTS, "key": 0, "fresh": None, "callback": None}
+    how = {"patience": ITERATIONS, "tolerance": 1e-6, "start": None, "starts": STARTS, "key": 0}
     start = time.perf_counter()
     found = one.search(**(how | {"progress": False} | more))
     return found, time.perf_counter() - start

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import jax
@@ -92,6 +92,21 @@ def did_you_mean(word: str, allowed: Iterable[str]) -> str:
     """The question whether the nearest of the allowed words was meant, or nothing."""
     close = difflib.get_close_matches(word, allowed, n=1)
     return f"did you mean {close[0]!r}?" if close else ""
+
+
+def hint(word: Any, allowed: Iterable[str]) -> str:
+    """What may have been meant by an unknown word, or all that is allowed."""
+    allowed = list(allowed)
+    return did_you_mean(str(word), allowed) or f"allowed: {', '.join(allowed)}"
+
+
+def refusal(call: Callable[[], Any]) -> str:
+    """What a run says that fails where its values are known, or nothing."""
+    try:
+        call()
+    except (ValueError, FloatingPointError) as error:
+        return str(error)
+    return ""
 
 
 def positive(owner: str, **values: Any) -> list[Any]:

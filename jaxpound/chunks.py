@@ -14,11 +14,12 @@ import numpy as np
 import scipy
 
 import jaxpound
+from jaxpound._checks import refusal
 from jaxpound._describe import describe, digest
 from jaxpound.batches import in_chunks, runs_at_a_time
 from jaxpound.estimates import Moments
 from jaxpound.ground import as_pytree
-from jaxpound.sampling import Points, points
+from jaxpound.sampling import Points, as_key, points
 from jaxpound.scenarios import ScenarioSet, keys_in_order, parameter_names, parameters
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.simulation import demand
@@ -37,9 +38,7 @@ _MOST_PROGRAMS = 4  # compiled ones that a process keeps
 @lru_cache(maxsize=4)
 def _draw(sampling: str, key: tuple[str, tuple[int, ...]], dimension: int) -> Points:
     """The points of a study; kept, since Sobol points are made one after the other."""
-    kind, numbers = key
-    data = jnp.asarray(numbers, jnp.uint32)
-    return points(sampling, jax.random.wrap_key_data(data, impl=kind), dimension)
+    return points(sampling, as_key(*key), dimension)
 
 
 class Outcome(NamedTuple):
@@ -182,14 +181,11 @@ class Task:
         if good.all() or self.keep_failures:
             return
         first = int(np.argmin(good))
-        reason = next(
+        at = jnp.asarray(z[first])
+        reason = refusal(lambda: demand(*self.scenarios.realize(at), self.grid, self.scheme))
+        reason = reason or next(
             f"{name} is not finite" for name, x in columns.items() if not np.isfinite(x[first])
         )
-        try:
-            structures, ground = self.scenarios.realize(jnp.asarray(z[first]))
-            demand(structures, ground, self.grid, self.scheme)
-        except (ValueError, FloatingPointError) as error:
-            reason = str(error)
         raise ValueError(
             f"monte_carlo: scenario {rows[first]} fails: {reason}; "
             "keep_failures (= True) leaves such out"

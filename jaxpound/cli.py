@@ -105,12 +105,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="buildings, damper and run; without it the example configuration is used",
     )
-    simulate.add_argument(
-        "--example-config",
-        action=_PrintExample,
-        const="example_config.toml",
-        help="print the example configuration and exit",
-    )
+    _add_example(simulate, "example_config.toml", "print the example configuration and exit")
     simulate.add_argument(
         "--units", default="g", help="of the record: g (default), m/s2, cm/s2, gal, ft/s2, in/s2"
     )
@@ -128,12 +123,7 @@ def _parser() -> argparse.ArgumentParser:
         out=False,
     )
     study.add_argument("config", type=Path, metavar="CONFIG.toml", help="what is to be studied")
-    study.add_argument(
-        "--example-config",
-        action=_PrintExample,
-        const=study_config.EXAMPLE,
-        help="print an example study and exit",
-    )
+    _add_example(study, study_config.EXAMPLE, "print an example study and exit")
     _add_store(study, "folder for the results, made if needed; a started study goes on")
     study.add_argument(
         "--samples", type=int, metavar="N", help="number of samples, instead of the file's"
@@ -159,12 +149,7 @@ def _parser() -> argparse.ArgumentParser:
         "  jaxpound design design.toml --record elcentro.at2 --out results",
     )
     design.add_argument("config", type=Path, metavar="CONFIG.toml", help="what may be chosen")
-    design.add_argument(
-        "--example-config",
-        action=_PrintExample,
-        const=design_config.EXAMPLE,
-        help="print an example design and exit",
-    )
+    _add_example(design, design_config.EXAMPLE, "print an example design and exit")
     design.add_argument(
         "--record",
         type=Path,
@@ -180,6 +165,10 @@ def _parser() -> argparse.ArgumentParser:
         help="keep the search's state there, and go on from it where it was stopped",
     )
     return parser
+
+
+def _add_example(command: argparse.ArgumentParser, name: str, words: str) -> None:
+    command.add_argument("--example-config", action=_PrintExample, const=name, help=words)
 
 
 def _add_store(command: argparse.ArgumentParser, words: str) -> None:
@@ -311,13 +300,13 @@ def _report(args: argparse.Namespace) -> None:
         "convergence": study_plots.convergence,
         "required_gap": partial(study_plots.exceedance, rules_at=0.05),
     }
+    figures = {name: plots.figure(draw, study) for name, draw in drawn.items()}
     for name, curve in curves.items():
         words = f"{study_report.INTENSITIES[name]} ({study_report.intensity_unit(study, name)})"
-        drawn[f"fragility_by_{name}"] = partial(_draw_fragility, curve, words)
+        draw = partial(study_plots.fragility, intensity=words)
+        figures[f"fragility_by_{name}"] = plots.figure(draw, curve)
     if study.about["identity"]["parameters"]:
-        drawn["correlations"] = study_plots.correlations
-    figures = {name: plots.figure(draw, study) for name, draw in drawn.items()}
-    if study.about["identity"]["parameters"]:
+        figures["correlations"] = plots.figure(study_plots.correlations, study)
         figures["parameters"] = study_plots.scatter_matrix(study)
     if "configuration" in (study.about["notes"] or {}):
         _write_text(args.out / "study.toml", study.about["notes"]["configuration"])
@@ -367,12 +356,6 @@ def _design(args: argparse.Namespace) -> None:
         figures["landscape"] = design_plots.figure_of_landscape(design)
     _write_text(args.out / "summary.md", design_report.as_markdown(answers, list(figures)))
     _write_figures(figures, args.out)
-
-
-def _draw_fragility(curve: jp.Fragility, intensity: str, _: jp.Study, ax: Any) -> None:
-    from jaxpound import study_plots
-
-    study_plots.fragility(curve, ax, intensity)
 
 
 # --- files --------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -43,7 +44,7 @@ class Comparison:
         half = float(half * stats.t.isf((1 - confidence) / 2, max(len(d) - 1, 1)))
         return Estimate(mean, mean - half, mean + half, confidence)
 
-    @property
+    @cached_property
     def objective(self) -> dict[str, Estimate]:
         """Objective before, after, and after less before, with bootstrap intervals.
 

@@ -6,8 +6,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, instance
@@ -88,12 +86,12 @@ class Design:
     @property
     def values(self) -> dict[str, float]:
         """The variables by path."""
-        return {path: float(x) for path, x in self.space.values(jnp.asarray(self.shares)).items()}
+        return {path: float(x) for path, x in self.space.numbers(self.shares).items()}
 
     @property
     def start(self) -> dict[str, float]:
         """The variables before."""
-        return {path: float(x) for path, x in self.space.values(jnp.asarray(self._first)).items()}
+        return {path: float(x) for path, x in self.space.numbers(self._first).items()}
 
     def compare(self, ensemble: Ensemble) -> Comparison:
         """Before and after on other earthquakes."""
@@ -141,13 +139,12 @@ class Design:
         limits = np.array([limit.at_most for limit in function.limits.values()])
         prices = np.array([function.prices(columns) for columns in found])
         violation = (prices / limits - 1).max(axis=1, initial=0.0)
-        values = jax.vmap(self.space.values)(jnp.asarray(at))
-        shape = (n, n)
+        values, shape = self.space.numbers(at), (n, n)
         return Landscape(
             x,
             y,
-            np.asarray(values[x]).reshape(shape),
-            np.asarray(values[y]).reshape(shape),
+            values[x].reshape(shape),
+            values[y].reshape(shape),
             objective.reshape(shape),
             violation.reshape(shape),
         )

@@ -10,28 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxpound.config import (
-    BUILDING,
-    RUN,
-    STEPS_PER_PERIOD,
-    Keys,
-    check_keys,
-    example,
-    named,
-    needed,
-    pair,
-    parse,
-    read_text,
-)
+from jaxpound.config import BUILDING, RUN, Keys, named, needed
 from jaxpound.design_space import Bounds, DesignSpace
-from jaxpound.earthquake_config import (
-    EARTHQUAKES,
-    by_path,
-    files,
-    random_grid,
-    random_ground,
-    word,
-)
+from jaxpound.earthquake_config import EARTHQUAKES, files, opened, word
 from jaxpound.ensembles import Ensemble
 from jaxpound.ground import Record
 from jaxpound.objectives import (
@@ -129,23 +110,10 @@ def read_design(path: Path | None, records: Sequence[Path] = ()) -> DesignConfig
     ValueError
         As ``config.read_config``.
     """
-    source = "example design" if path is None else str(path)
-    text = example(EXAMPLE) if path is None else read_text(path)
-    given = parse(source, text)
-    if isinstance(variables := given.get("variables"), dict):
-        given["variables"] = by_path(variables)
-    check_keys(source, given, _KEYS)
-    left, right, structures, scales, scheme = pair(source, given)
-    folder = Path() if path is None else path.parent
-    ground, record_dt, length = random_ground(source, given, folder, scales)
-    recorded = _recorded(source, given, folder, records)
-    if recorded:
-        record_dt = min(record_dt, *(float(record.dt) for record in recorded.values()))
-        if "duration" not in given.get("run", {}):
-            length = max(length or 0.0, *(float(record.duration) for record in recorded.values()))
-    periods = [float(building.natural_period) for building in (left, right)]
-    shortest = min(min(periods) / STEPS_PER_PERIOD, record_dt)
-    grid = random_grid(source, given.get("run", {}), scales, structures, scheme, shortest, length)
+    read = opened(path, "design", EXAMPLE, _KEYS, by_field="variables")
+    source, given, structures, scales = read.source, read.given, read.structures, read.scales
+    recorded = _recorded(source, given, read.folder, records)
+    grid = read.grid(recorded.values())
     search = {"earthquakes": 256, "fresh": 1000, "seed": 0} | given.get("search", {})
     for key, value in search.items():
         if value < (key not in ("seed", "fresh")):
@@ -159,18 +127,18 @@ def read_design(path: Path | None, records: Sequence[Path] = ()) -> DesignConfig
     shaking = {name: scales.to_dimensionless(record) for name, record in recorded.items()}
     alone = {name: Ensemble.of([record], grid) for name, record in shaking.items()}
     with named(f"{source}:"):
-        ensemble = Ensemble.drawn(Scenarios(structures, ground), n, search["seed"])
+        ensemble = Ensemble.drawn(Scenarios(structures, read.ground), n, search["seed"])
         whole = Ensemble.of([*ensemble, *shaking.values()], grid) if shaking else ensemble
     return DesignConfiguration(
         source,
-        text,
+        read.text,
         _space(source, given, structures),
         dataclasses.replace(whole, _more=ensemble._more),
         alone,
         _objective(source, given),
         scales,
         grid,
-        scheme,
+        read.scheme,
         {("key" if key == "seed" else key): x for key, x in search.items() if key != "fresh"},
         search["fresh"],
     )

@@ -15,13 +15,13 @@ from jaxpound.plots import (
     FONT_SIZE,
     LINE_WIDTH,
     QUANTITIES,
-    bars,
     label,
     legend,
     new_axes,
     only_shares,
     ratio_ticks,
     shade,
+    signed_bars,
     unit_for,
 )
 
@@ -76,12 +76,8 @@ def landscape(
             alpha=0.3,
         )
         ax.fill_between([], [], [], label="limit exceeded", **shade("pounding"))
-    i, j = (design.space.names.index(name) for name in (drawn.x, drawn.y))
-    path = [
-        list(design.space.values(shares).values())
-        for shares in design.history.shares[:, design.winner]
-    ]
-    xs, ys = np.array([[float(values[i]), float(values[j])] for values in path]).T
+    path = design.space.numbers(design.history.shares[:, design.winner])
+    xs, ys = path[drawn.x], path[drawn.y]
     ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path")
     ax.plot(xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none")
     end = design.values
@@ -97,7 +93,7 @@ def landscape(
     )
     ax.set_xscale(design.space.variables[drawn.x].scale)
     ax.set_yscale(design.space.variables[drawn.y].scale)
-    label(ax, _name(drawn.x), _name(drawn.y))
+    label(ax, _SYMBOLS[drawn.x], _SYMBOLS[drawn.y])
     for name, one in ((drawn.x, ax.xaxis), (drawn.y, ax.yaxis)):
         if design.space.variables[name].scale == "log":
             ratio_ticks(one)
@@ -156,14 +152,8 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
 def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
     """Elasticities as bars, the largest on top."""
     names = sorted(found.values, key=lambda path: abs(found.values[path]))
-    ax = bars(ax, names)
-    place = np.arange(len(names))
-    values = [found.values[path] for path in names]
-    ax.barh(place, values, 0.6, color=COLOURS["structure 1"], alpha=0.8)
-    ax.axvline(0, color="black", linewidth=0.7)
-    label(ax, f"% of {found.demand.replace('_', ' ')} per % of the parameter", "")
-    ax.set_yticks(place, [_name(path) for path in names])
-    return ax
+    shown = {_SYMBOLS[path]: found.values[path] for path in names}
+    return signed_bars(ax, shown, f"% of {found.demand.replace('_', ' ')} per % of the parameter")
 
 
 def figure_of_landscape(design: Design, n: int = 15) -> Figure:
@@ -188,10 +178,6 @@ _SYMBOLS = {
         )
     },
 }
-
-
-def _name(path: str) -> str:
-    return _SYMBOLS[path]
 
 
 def _unit(design: Design, largest: float) -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import jaxpound as jp
+from jaxpound.report import cell, known
 
 
 def summary(design: jp.Design, recorded: Mapping[str, jp.Comparison]) -> dict[str, Any]:
     """What was designed, as JSON can hold it; ``recorded`` are single earthquakes by name."""
     limits = design.objective_function.limits
-    return _known(
+    return known(
         {
             "units": "SI" if design.trained.si else "dimensionless",
             "objective": design.objective,
@@ -51,19 +51,6 @@ def summary(design: jp.Design, recorded: Mapping[str, jp.Comparison]) -> dict[st
             },
         }
     )
-
-
-def _known(x: Any) -> Any:
-    """A tree with None in the place of what is not finite, as JSON can hold it."""
-    if isinstance(x, dict):
-        return {key: _known(value) for key, value in x.items()}
-    if isinstance(x, list):
-        return [_known(value) for value in x]
-    return None if isinstance(x, float) and not math.isfinite(x) else x
-
-
-def _cell(x: float | None) -> str:
-    return "-" if x is None else f"{x:.4g}"
 
 
 def _compared(found: jp.Comparison) -> dict[str, Any]:
@@ -107,20 +94,20 @@ def as_markdown(answers: Mapping[str, Any], figures: list[str]) -> str:
         lines += [
             "",
             f"{words}, {found['earthquakes']:,}: {share['before']:.2%} pounded before, "
-            f"{share['after']:.2%} after; the smallest gap is wider by {_cell(wider['value'])} "
-            f"({_cell(wider['low'])} to {_cell(wider['high'])}, 95 %) on average; the objective is "
-            f"{_cell(now['value'])} ({_cell(now['low'])} to {_cell(now['high'])}).",
+            f"{share['after']:.2%} after; the smallest gap is wider by {cell(wider['value'])} "
+            f"({cell(wider['low'])} to {cell(wider['high'])}, 95 %) on average; the objective is "
+            f"{cell(now['value'])} ({cell(now['low'])} to {cell(now['high'])}).",
             "",
             "| demand | mean before | after | 95 % before (min gap 5 %) | after |",
             "|---|---|---|---|---|",
         ]
         for name, row in found["demands"].items():
-            lines.append(f"| {name} | " + " | ".join(map(_cell, row.values())) + " |")
+            lines.append(f"| {name} | " + " | ".join(map(cell, row.values())) + " |")
     for name, row in answers["recorded"].items():
         lines += [
             "",
-            f"Recorded earthquake {name}: smallest gap {_cell(row['min_gap_before'])} before, "
-            f"{_cell(row['min_gap_after'])} after.",
+            f"Recorded earthquake {name}: smallest gap {cell(row['min_gap_before'])} before, "
+            f"{cell(row['min_gap_after'])} after.",
         ]
     lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)

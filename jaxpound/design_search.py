@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import Rule, count, enforce, instance, number, positive, seed
+from jaxpound._checks import Rule, count, enforce, instance, number, positive, refusal, seed
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, History
 from jaxpound.design_space import DesignSpace, spread_shares, start_shares
@@ -22,7 +22,7 @@ from jaxpound.first_order import AT_BOUND, FirstOrderProgram
 from jaxpound.objectives import Objective
 from jaxpound.saved_search import Met, SavedSearch, search_identity
 from jaxpound.scheme import Scheme, TimeGrid
-from jaxpound.search import Given, Point, Search, Setting, State, evaluator, held, judged
+from jaxpound.search import Given, Point, Search, Setting, State, evaluator, held, point
 from jaxpound.simulation import demand
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
@@ -34,6 +34,7 @@ NO_LIMIT = 1e30
 """A limit that is none."""
 
 _OWNER = "design_damper"
+_PATIENCE, _TOLERANCE, _LIMIT_TOLERANCE = 40, 1e-4, 1e-3
 _SAVE_EVERY = 20  # iterations
 _CALLBACK = "the callback ended it"
 
@@ -69,9 +70,9 @@ def design_damper(
     iterations: int = 150,
     optimiser: GradientTransformation | None = None,
     batch: int | None = None,
-    patience: int = 40,
-    tolerance: float = 1e-4,
-    limit_tolerance: float = 1e-3,
+    patience: int = _PATIENCE,
+    tolerance: float = _TOLERANCE,
+    limit_tolerance: float = _LIMIT_TOLERANCE,
     scales: Scales | None = None,
     fresh: int | Ensemble | None = 1000,
     save: str | PathLike[str] | None = None,
@@ -215,13 +216,13 @@ class Sought:
         start: AdjacentStructures | Mapping[str, float] | None,
         starts: int,
         key: int,
-        patience: int,
-        tolerance: float,
-        limit_tolerance: float,
-        fresh: int | Ensemble | None,
-        save: str | PathLike[str] | None,
-        callback: Callable[[Progress], Any] | None,
         progress: bool,
+        patience: int = _PATIENCE,
+        tolerance: float = _TOLERANCE,
+        limit_tolerance: float = _LIMIT_TOLERANCE,
+        fresh: int | Ensemble | None = None,
+        save: str | PathLike[str] | None = None,
+        callback: Callable[[Progress], Any] | None = None,
         polish: bool = True,
         limits: Mapping[str, float] | None = None,
     ) -> Design:
@@ -289,21 +290,21 @@ class Sought:
         callback: Callable[[Progress], Any] | None,
         progress: bool,
     ) -> tuple[State, str]:
-        per_epoch = -(-self.move.earthquakes // self.move.batch)
+        patience *= self.move.per_epoch
         with tqdm(
             total=self.iterations, initial=len(met), unit=" iterations", disable=not progress
         ) as bar:
             while True:
-                if met and (reason := self._reason(met, patience * per_epoch, tolerance)):
+                if met and (reason := self._reason(met, patience, tolerance)):
                     break
-                state, here = program(state, given)
-                point, alive, best = jax.device_get((here, state.alive, state.best))
+                state, here, _ = program(state, given)
+                here, alive, best = jax.device_get((here, state.alive, state.best))
                 met.append(
                     Met(
-                        point.shares,
-                        point.objective,
-                        point.violation,
-                        point.prices,
+                        here.shares,
+                        here.objective,
+                        here.violation,
+                        here.prices,
                         alive,
                         best.infeasible,
                         best.merit,
@@ -316,7 +317,7 @@ class Sought:
                 told = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
                 bar.update()
                 bar.set_postfix({"objective": f"{told:.5g}"}, refresh=False)
-                answer = callback and callback(self._progress(len(met), point, told))
+                answer = callback and callback(self._progress(len(met), here, told))
                 if isinstance(answer, bool | np.bool_) and answer:
                     reason = _CALLBACK
                     break
@@ -338,15 +339,9 @@ class Sought:
             return f"no progress in {patience} iterations"
         return ""
 
-    def _progress(self, iteration: int, point: Point, best: float) -> Progress:
-        values = jax.vmap(self.space.values)(jnp.asarray(point.shares))
-        return Progress(
-            iteration,
-            point.objective,
-            point.violation,
-            {path: np.asarray(x) for path, x in values.items()},
-            best,
-        )
+    def _progress(self, iteration: int, here: Point, best: float) -> Progress:
+        values = self.space.numbers(here.shares)
+        return Progress(iteration, here.objective, here.violation, values, best)
 
     def _refuse_all(self, best: Point, met: list[Met]) -> None:
         """Say why no start is finite."""
@@ -358,15 +353,18 @@ class Sought:
             i = int(np.argmax(bad))
             reason = f"earthquake {i} of {len(bad)} gives no finite demand"
             others = {path: x[i] for path, x in self.ensemble.uncertain.items()}
-            try:
+            setting, ground = self.setting, self.ensemble.ground(i)
+
+            def run() -> Any:
                 structures = self.space.structures(jnp.asarray(shares), others)
-                demand(structures, self.ensemble.ground(i), self.setting.grid, self.setting.scheme)
-            except (ValueError, FloatingPointError) as error:
-                reason = f"earthquake {i}: {error}"
+                return demand(structures, ground, setting.grid, setting.scheme)
+
+            if said := refusal(run):
+                reason = f"earthquake {i}: {said}"
         told = ""
         if not best.infeasible.all():
             i = _least(best)
-            values = self.space.values(jnp.asarray(best.shares[i]))
+            values = self.space.numbers(best.shares[i])
             listed = ", ".join(f"{path} = {float(x):.6g}" for path, x in values.items())
             told = f"; the best before was {float(best.objective[i]):.6g} at {listed}"
         raise ValueError(
@@ -378,8 +376,9 @@ class Sought:
         """The better of what was best and where the starts ended, in the whole ensemble."""
         rows = []
         for i, shares in enumerate(ends):
-            columns = self.evaluate(shares, self.ensemble)
-            end = judged(shares, columns, self.objective, given)
+            columns, function = self.evaluate(shares, self.ensemble), self.objective
+            values = function.value(columns), function.prices(columns)
+            end = jax.device_get(point(shares, *values, given))
             own = jax.tree.map(lambda x, i=i: x[i], best)
             wins = (bool(end.infeasible), float(end.merit)) < (
                 bool(own.infeasible),
@@ -401,12 +400,12 @@ class Sought:
         polish: bool,
     ) -> Design:
         every, alive = jax.device_get((state.best, state.alive))
-        whole = self.move.batch == self.move.earthquakes
+        whole = self.move.per_epoch == 1
         if not whole:
             every = self._judged(every, np.asarray(state.shares), given)
-        winner, runs = _least(every, alive), 0
+        winner = _least(every, alive)
         best = jax.tree.map(lambda x: x[winner], every)
-        conditions = FirstOrderProgram(self.move, program, len(alive), given)
+        conditions, runs = FirstOrderProgram(self.move, program, len(alive), given), 0
         if polish and whole and stopped != _CALLBACK:
             best, runs = conditions.polished(best)
         limits = np.asarray(given.limits)
@@ -446,11 +445,7 @@ class Sought:
             prices=prices,
             objective_function=function,
             history=History(
-                np.array([one.objective for one in met]),
-                np.array([one.violation for one in met]),
-                np.array([one.prices for one in met]),
-                np.array([one.shares for one in met]),
-                alive,
+                *(np.array([getattr(one, name) for one in met]) for name in History._fields)
             ),
             winner=winner,
             dropped={i: int(np.argmin(alive[:, i])) for i in np.flatnonzero(~alive[-1]).tolist()},

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from scipy.stats import qmc
 
 from jaxpound._branches import larger, smaller
-from jaxpound._checks import Rule, did_you_mean, enforce, instance, number
+from jaxpound._checks import Rule, enforce, hint, instance, number
 from jaxpound.scenarios import PARAMETERS, replaced
 from jaxpound.structures import AdjacentStructures
 
@@ -109,8 +109,8 @@ class DesignSpace:
             raise ValueError(f"{owner}: variables = {{}} must name a parameter")
         for path in self.variables:
             if path not in PARAMETERS:
-                hint = did_you_mean(str(path), PARAMETERS) or f"allowed: {', '.join(PARAMETERS)}"
-                raise ValueError(f"{owner}: unknown path {path!r}; {hint}")
+                meant = hint(path, PARAMETERS)
+                raise ValueError(f"{owner}: unknown path {path!r}; {meant}")
         bounds = {path: _bounds(path, given) for path, given in self.variables.items()}
         # τ_f before τ_x, which may depend on it.
         ordered = {path: bounds[path] for path in PARAMETERS if path in bounds}
@@ -140,6 +140,11 @@ class DesignSpace:
         for path, share in zip(self.names, shares, strict=True):
             found[path] = self.variables[path].value(share, self._low(path, found))
         return found
+
+    def numbers(self, shares: np.ndarray) -> dict[str, np.ndarray]:
+        """``values`` of any number of designs: shares of shape (..., d), numbers of shape (...)."""
+        found = self.values(jnp.moveaxis(jnp.asarray(shares), -1, 0))
+        return {path: np.asarray(x) for path, x in found.items()}
 
     def structures(
         self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None

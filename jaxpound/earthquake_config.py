@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from jaxpound.config import named, needed, require_stable, time_grid
+from jaxpound.config import (
+    STEPS_PER_PERIOD,
+    Keys,
+    check_keys,
+    example,
+    named,
+    needed,
+    pair,
+    parse,
+    read_text,
+    require_stable,
+    time_grid,
+)
 from jaxpound.distributions import Distribution, LogNormal, Normal, Uniform
+from jaxpound.ground import Record
 from jaxpound.records import read_record
 from jaxpound.scenarios import RandomRecord, RandomRicker
 from jaxpound.scheme import Scheme, TimeGrid, stability_limit
@@ -121,20 +134,51 @@ def random_ground(
     return drawn, shortest, max(float(record.duration) for record in records)
 
 
-def random_grid(
-    source: str,
-    run: dict[str, Any],
-    scales: Scales,
-    structures: AdjacentStructures,
-    scheme: Scheme,
-    shortest: float,
-    length: float | None,
-) -> TimeGrid:
-    """The dimensionless time grid of runs at most ``shortest`` a step, s; for ``length`` s."""
-    limit = stability_limit(structures, scheme) * float(scales.time)
-    dt = run.get("dt", min(shortest, limit / 2))
-    require_stable(source, dt, limit, "the nominal buildings")
-    duration = run.get("duration", length)
-    if duration is None:
-        raise ValueError(f"{source}: lacks the key 'duration' in [run]")
-    return time_grid(source, scales, duration, dt)
+class Opened(NamedTuple):
+    """What files of random earthquakes have in common, read and checked."""
+
+    source: str
+    text: str
+    given: dict[str, Any]
+    folder: Path
+    structures: AdjacentStructures
+    scales: Scales
+    scheme: Scheme
+    ground: RandomRicker | RandomRecord
+    longest_step: float
+    """That periods and records allow, s."""
+    duration: float | None
+    """Of the longest record, s."""
+
+    def grid(self, records: Iterable[Record] = ()) -> TimeGrid:
+        """The dimensionless time grid, for further records as well."""
+        run, records = self.given.get("run", {}), list(records)
+        shortest = min([self.longest_step, *(float(record.dt) for record in records)])
+        limit = stability_limit(self.structures, self.scheme) * float(self.scales.time)
+        dt = run.get("dt", min(shortest, limit / 2))
+        require_stable(self.source, dt, limit, "the nominal buildings")
+        lengths = [float(record.duration) for record in records]
+        longest = max([*lengths, *([] if self.duration is None else [self.duration])], default=None)
+        duration = run.get("duration", longest)
+        if duration is None:
+            raise ValueError(f"{self.source}: lacks the key 'duration' in [run]")
+        return time_grid(self.source, self.scales, duration, dt)
+
+
+def opened(path: Path | None, kind: str, standard: str, keys: Keys, by_field: str) -> Opened:
+    """Read and check a file, or the example ``standard`` of its kind if path is None.
+
+    ``by_field`` is the table whose keys are field paths.
+    """
+    source = f"example {kind}" if path is None else str(path)
+    text = example(standard) if path is None else read_text(path)
+    given = parse(source, text)
+    if isinstance(table := given.get(by_field), dict):
+        given[by_field] = by_path(table)
+    check_keys(source, given, keys)
+    left, right, structures, scales, scheme = pair(source, given)
+    folder = Path() if path is None else path.parent
+    ground, record_dt, duration = random_ground(source, given, folder, scales)
+    periods = [float(building.natural_period) for building in (left, right)]
+    step = min(min(periods) / STEPS_PER_PERIOD, record_dt)
+    return Opened(source, text, given, folder, structures, scales, scheme, ground, step, duration)

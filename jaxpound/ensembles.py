@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxpound._checks import count, instance, seed
 from jaxpound.ground import Ground, GroundLike, Record, Ricker, require_ground, sampled
-from jaxpound.sampling import SAMPLINGS, points
+from jaxpound.sampling import as_key, key_numbers, points, require_sampling
 from jaxpound.scenarios import PARAMETERS, ScenarioSet
 from jaxpound.scheme import TimeGrid
 
@@ -51,9 +51,7 @@ class Ensemble:
         records = [ground for ground in given if isinstance(ground, Record)]
         if len(waves) + len(records) < len(given):
             return Ensemble(_stacked([sampled(ground, grid) for ground in given]), {})
-        if not records:
-            return Ensemble(_stacked(_as_long(given)), {})
-        if not waves:
+        if not (waves and records):
             return Ensemble(_stacked(_as_long(given)), {})
         # A wavelet of no amplitude and a record of no shaking complete each other.
         still = (
@@ -94,10 +92,10 @@ class Ensemble:
         owner = "Ensemble.drawn"
         instance(owner, "scenarios", scenarios, ScenarioSet)
         n = count(owner, "n", n)
-        if sampling not in SAMPLINGS:
-            raise ValueError(f"{owner}: sampling = {sampling!r} must be 'plain' or 'sobol'")
-        if not isinstance(key, jax.Array):
-            key = jax.random.key(seed(owner, "key", key), impl="threefry2x32")
+        require_sampling(owner, sampling)
+        key = as_key(
+            *key_numbers(owner, key if isinstance(key, jax.Array) else seed(owner, "key", key))
+        )
         start = count(owner, "start + 1", start + 1) - 1
         # One more, to see what varies.
         z = points(sampling, key, scenarios.dimension)(start, start + n + 1)

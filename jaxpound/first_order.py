@@ -39,6 +39,7 @@ class FirstOrderProgram:
     run: Callable[..., Any]
     starts: int
     given: Given
+    _seen: dict[bytes, FirstOrder] = dataclasses.field(default_factory=dict)
 
     def at(self, shares: np.ndarray) -> FirstOrder:
         """Objective and prices with their derivatives, by the program of the search.
@@ -46,10 +47,14 @@ class FirstOrderProgram:
         Its gradient is linear in the multipliers where their weight is as good as nothing: one
         place for the objective, and one with a multiplier of 1 for each limit.
         """
+        if (key := shares.tobytes()) not in self._seen:
+            self._seen[key] = self._at(shares)
+        return self._seen[key]
+
+    def _at(self, shares: np.ndarray) -> FirstOrder:
         starts, m = self.starts, len(self.move.objective.limits)
         blocks = np.zeros((-(-(m + 1) // starts) * starts, m))
         blocks[1 : m + 1] = np.eye(m)
-        parts = -(-self.move.earthquakes // self.move.batch)
         gradients, here = [], None
         for block in np.split(blocks, len(blocks) // starts):
             state = self.move.begin(np.tile(shares, (starts, 1)))
@@ -57,9 +62,9 @@ class FirstOrderProgram:
                 multipliers=jnp.asarray(block), weight=jnp.full(starts, _NO_WEIGHT)
             )
             seen = []
-            for i in range(parts):
-                _, here = self.run(state._replace(iteration=jnp.asarray(i)), self.given)
-                seen.append(np.asarray(here.gradient))
+            for i in range(self.move.per_epoch):
+                _, here, slope = self.run(state._replace(iteration=jnp.asarray(i)), self.given)
+                seen.append(np.asarray(slope))
             gradients.append(np.mean(seen, axis=0))
         goal, *with_one = np.concatenate(gradients)[: m + 1]
         slopes = np.reshape([one - goal for one in with_one], (m, shares.size))
@@ -68,14 +73,11 @@ class FirstOrderProgram:
 
     def polished(self, own: Point) -> tuple[Point, int]:
         """A design after SciPy's sequential quadratic programming, and how many runs it took."""
-        given, seen = self.given, {}
+        given = self.given
         limits = np.asarray(given.limits, np.float64)
 
         def at(shares: np.ndarray) -> FirstOrder:
-            shares = np.clip(shares, 0.0, 1.0)
-            if (key := shares.tobytes()) not in seen:
-                seen[key] = self.at(shares)
-            return seen[key]
+            return self.at(np.clip(shares, 0.0, 1.0).astype(own.shares.dtype))
 
         def double(x: Any, otherwise: float = 0.0) -> np.ndarray:  # SciPy takes no other
             return np.nan_to_num(np.asarray(x, np.float64), nan=otherwise)
@@ -95,8 +97,8 @@ class FirstOrderProgram:
             method="SLSQP",
             options={"maxiter": _POLISHING, "ftol": 1e-10},
         )
-        points = [one.point for one in seen.values() if np.isfinite(one.point.merit)]
-        runs = len(seen) * -(-(limits.size + 1) // self.starts) * self.starts
+        points = [one.point for one in self._seen.values() if np.isfinite(one.point.merit)]
+        runs = len(self._seen) * -(-(limits.size + 1) // self.starts) * self.starts
         # Within the limits to rounding is better than a little above and a little better.
         for excess, worse in ((_EXACT, 5 * float(given.tolerance)), (float(given.tolerance), 0.0)):
             found = [point for point in points if point.violation <= excess]

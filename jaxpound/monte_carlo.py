@@ -23,7 +23,7 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, instance
 from jaxpound._describe import describe, digest
 from jaxpound.chunks import Measure, Outcome, Task
-from jaxpound.sampling import SAMPLINGS
+from jaxpound.sampling import key_numbers, require_sampling
 from jaxpound.scenarios import ScenarioSet
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.store import MANIFEST, Store
@@ -123,7 +123,7 @@ def monte_carlo(
         scenarios=scenarios,
         grid=grid,
         scheme=scheme,
-        key=_key(key),
+        key=key_numbers("monte_carlo", key),
         sampling=sampling,
         n=int(n),
         chunk_size=size,
@@ -211,34 +211,12 @@ def _check(
             raise ValueError(f"{owner}: measures[{name!r}] = {measure!r} must be a function")
     if scales is not None:
         instance(owner, "scales", scales, Scales)
-    if sampling not in SAMPLINGS:
-        raise ValueError(f"{owner}: sampling = {sampling!r} must be 'plain' or 'sobol'")
-    most = SAMPLINGS[sampling]
+    most = require_sampling(owner, sampling)
     if count(owner, "n", n) > most:
         raise ValueError(f"{owner}: n = {n} must be at most {most:,} for {sampling} sampling")
     right = isinstance(shard, tuple) and len(shard) == 2
     if not (right and all(isinstance(x, int) for x in shard) and 1 <= shard[0] <= shard[1]):
         raise ValueError(f"{owner}: shard = {shard!r} must be (i, k) with 1 ≤ i ≤ k")
-
-
-def _key(key: Any) -> tuple[str, tuple[int, ...]]:
-    """Kind and numbers of a key, which can be written down."""
-    if isinstance(key, int | np.integer) and not isinstance(key, bool):
-        if not 0 <= key < 2**32:
-            raise ValueError(f"monte_carlo: key = {key} must be from 0 to 2^32 − 1")
-        key = jax.random.key(int(key), impl="threefry2x32")
-    typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
-    if isinstance(key, jax.Array) and key.dtype == np.uint32 and key.shape in ((2,), (4,)):
-        key, typed = jax.random.wrap_key_data(key), True
-    if not typed or key.shape:
-        raise ValueError(
-            f"monte_carlo: key = {key!r} must be a whole number or a key of jax.random"
-        )
-    kind = str(jax.random.key_impl(key))
-    if kind != "threefry2x32":
-        rule = "of kind threefry2x32: of others, draws depend on the batch they are in"
-        raise ValueError(f"monte_carlo: key of kind {kind} must be {rule}")
-    return kind, tuple(np.asarray(jax.random.key_data(key)).ravel().tolist())
 
 
 def _oscillators(scenarios: ScenarioSet) -> list[float]:

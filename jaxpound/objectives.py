@@ -12,9 +12,9 @@ from jax.scipy.special import logsumexp, ndtr
 
 from jaxpound._checks import (
     Rule,
-    did_you_mean,
     enforce,
     finite,
+    hint,
     instance,
     number,
     positive,
@@ -270,8 +270,8 @@ class Objective:
             instance("Objective", name, given, Mapping)
             for price in given:
                 if price not in PRICES:
-                    hint = did_you_mean(str(price), PRICES) or f"allowed: {', '.join(PRICES)}"
-                    raise ValueError(f"Objective: unknown price {price!r} in {name}; {hint}")
+                    meant = hint(price, PRICES)
+                    raise ValueError(f"Objective: unknown price {price!r} in {name}; {meant}")
             made: Any = {
                 price: x if isinstance(x, kind) else kind(number("Objective", price, x))
                 for price, x in given.items()

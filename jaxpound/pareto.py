@@ -121,17 +121,8 @@ def pareto_front(
         iterations=iterations,
         scales=scales,
     )
-    how: dict[str, Any] = {
-        "key": key,
-        "patience": 40,
-        "tolerance": 1e-4,
-        "limit_tolerance": 1e-3,
-        "fresh": None,
-        "save": None,
-        "callback": None,
-        "progress": progress,
-    }
-    free = sought.search(start=start, starts=starts, **how)
+    how: dict[str, Any] = {"starts": starts, "key": key, "progress": progress}
+    free = sought.search(start=start, **how)
     if limits is None:
         met = free.history.prices[..., [*limited.limits].index(price)]
         met = met[np.isfinite(met) & (met > 0)]
@@ -141,7 +132,7 @@ def pareto_front(
     designs, infeasible, last = [free], [], free
     for limit in limits:
         try:
-            last = sought.search(start=last.values, starts=starts, limits={price: limit}, **how)
+            last = sought.search(start=last.values, limits={price: limit}, **how)
         except InfeasibleError:
             infeasible.append(float(limit))
             continue

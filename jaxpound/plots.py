@@ -6,7 +6,7 @@ of column width (9 cm), which a notebook shows; with axes given, pyplot is not t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -293,6 +293,16 @@ def bars(ax: Axes | None, names: Sequence[str]) -> Axes:
         ax = new_axes(ax)
         figure: Any = ax.figure
         figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
+    return ax
+
+
+def signed_bars(ax: Axes | None, values: Mapping[str, float], words: str) -> Axes:
+    """A bar for each name, to the left or right of zero, from below in their order."""
+    ax, place = bars(ax, list(values)), np.arange(len(values))
+    ax.barh(place, list(values.values()), 0.6, color=COLOURS["structure 1"], alpha=0.8)
+    ax.axvline(0, color="black", linewidth=0.7)
+    label(ax, words, "")
+    ax.set_yticks(place, list(values))
     return ax
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,20 @@ REFERENCE_CHANGES = (
     (11.440562762815782, "stick"),
 )
 PAPER_SCHEME_ERROR = -6.4e-4  # of the paper's own scheme in that minimum, at the paper's step
+
+
+def known(x: Any) -> Any:
+    """A tree with None in the place of what is not finite, as JSON can hold it."""
+    if isinstance(x, dict):
+        return {key: known(value) for key, value in x.items()}
+    if isinstance(x, list):
+        return [known(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x
+
+
+def cell(x: float | None) -> str:
+    """A number of a table; a dash for none."""
+    return "-" if x is None else f"{x:.4g}"
 
 
 def paper_table(response: jp.Response, papers_own: float, initial_gap: float) -> str:

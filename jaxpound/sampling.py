@@ -12,6 +12,7 @@ from threading import Lock
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
@@ -21,6 +22,36 @@ Points = Callable[[int, int], np.ndarray]
 
 SAMPLINGS = {"plain": 2**31, "sobol": 2**30}
 """Kinds of points, and how many there are at most."""
+
+
+def require_sampling(owner: str, sampling: Any) -> int:
+    """How many points there are at most; a ``ValueError`` for what is no kind of them."""
+    if sampling not in SAMPLINGS:
+        raise ValueError(f"{owner}: sampling = {sampling!r} must be 'plain' or 'sobol'")
+    return SAMPLINGS[sampling]
+
+
+def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
+    """Kind and numbers of a key or a seed, which can be written down."""
+    if isinstance(key, int | np.integer) and not isinstance(key, bool):
+        if not 0 <= key < 2**32:
+            raise ValueError(f"{owner}: key = {key} must be from 0 to 2^32 − 1")
+        key = jax.random.key(int(key), impl="threefry2x32")
+    typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    if isinstance(key, jax.Array) and key.dtype == np.uint32 and key.shape in ((2,), (4,)):
+        key, typed = jax.random.wrap_key_data(key), True
+    if not typed or key.shape:
+        raise ValueError(f"{owner}: key = {key!r} must be a whole number or a key of jax.random")
+    kind = str(jax.random.key_impl(key))
+    if kind != "threefry2x32":
+        rule = "of kind threefry2x32: of others, draws depend on the batch they are in"
+        raise ValueError(f"{owner}: key of kind {kind} must be {rule}")
+    return kind, tuple(np.asarray(jax.random.key_data(key)).ravel().tolist())
+
+
+def as_key(kind: str, numbers: tuple[int, ...]) -> jax.Array:
+    """The key of ``key_numbers``."""
+    return jax.random.wrap_key_data(jnp.asarray(numbers, jnp.uint32), impl=kind)
 
 
 def points(sampling: str, key: jax.Array, dimension: int) -> Points:

@@ -19,7 +19,7 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, count, did_you_mean, enforce, instance, is_traced, number
+from jaxpound._checks import Rule, count, enforce, hint, instance, is_traced, number
 from jaxpound.distributions import Distribution, truncated
 from jaxpound.ground import GroundLike, Record, Ricker, require_ground
 from jaxpound.structures import AdjacentStructures
@@ -378,8 +378,8 @@ class UncertainStructures:
             raise ValueError("UncertainStructures: uncertain = {} must name a parameter")
         for path, distribution in self.uncertain.items():
             if path not in PARAMETERS:
-                hint = did_you_mean(str(path), PARAMETERS) or f"allowed: {', '.join(PARAMETERS)}"
-                raise ValueError(f"UncertainStructures: unknown path {path!r}; {hint}")
+                meant = hint(path, PARAMETERS)
+                raise ValueError(f"UncertainStructures: unknown path {path!r}; {meant}")
             instance("UncertainStructures", path, distribution, Distribution)
             low, high = self._bounds(path, {})
             if not is_traced((low, high)):

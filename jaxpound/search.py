@@ -41,7 +41,6 @@ class Point(NamedTuple):
     objective: Any  # as the user sees it: goal less penalties
     violation: Any  # the largest c, or 0
     prices: Any  # (s, m)
-    gradient: Any  # of the Lagrangian by shares, (s, d), in units of size
 
 
 class State(NamedTuple):
@@ -100,8 +99,13 @@ class Search:
     earthquakes: int
     batch: int  # earthquakes of an iteration
 
-    def merit(self, shares: Any, multipliers: Any, weight: Any, rows: Any, given: Given) -> Any:
-        """The Lagrangian in units of size, and (objective, prices)."""
+    @property
+    def per_epoch(self) -> int:
+        """Iterations in which every earthquake is met."""
+        return -(-self.earthquakes // self.batch)
+
+    def values(self, shares: Any, rows: Any, given: Given) -> tuple[jax.Array, jax.Array]:
+        """Objective and prices of a design in some earthquakes, or in all (rows None)."""
         grounds, uncertain = given.grounds, given.uncertain
         if rows is not None:
             grounds, uncertain = jax.tree.map(lambda x: x[rows], (grounds, uncertain))
@@ -110,7 +114,11 @@ class Search:
             return self.setting.demands(self.space.structures(shares, others), ground)
 
         found = jax.vmap(run)(grounds, uncertain)
-        objective, prices = self.objective.value(found), self.objective.prices(found)
+        return self.objective.value(found), self.objective.prices(found)
+
+    def merit(self, shares: Any, multipliers: Any, weight: Any, rows: Any, given: Given) -> Any:
+        """The Lagrangian in units of size, and (objective, prices)."""
+        objective, prices = self.values(shares, rows, given)
         pull = jax.nn.relu(multipliers + weight * (prices / given.limits - 1))
         extra = jnp.sum(pull**2 - multipliers**2) / (2 * weight)
         return extra - objective / given.size, (objective, prices)
@@ -119,8 +127,7 @@ class Search:
         """The state of starts, shape (s, d)."""
         s, m = len(shares), len(self.objective.limits)
         places, far = jnp.asarray(shares), jnp.full(s, jnp.inf)
-        prices, slopes = jnp.zeros((s, m)), jnp.zeros_like(places)
-        best = Point(places, jnp.ones(s, bool), far, -far, far, prices, slopes)
+        best = Point(places, jnp.ones(s, bool), far, -far, far, jnp.zeros((s, m)))
         return State(
             places,
             jax.vmap(self.optimiser.init)(places),
@@ -132,43 +139,38 @@ class Search:
             jnp.asarray(0),
         )
 
-    def move(self, state: State, given: Given) -> tuple[State, Point]:
-        """The next state, and where all starts were, with the values there."""
-        whole = self.batch == self.earthquakes
-        per_epoch = -(-self.earthquakes // self.batch)
-        rows = None if whole else self._rows(state.iteration, given.key, per_epoch)
+    def move(self, state: State, given: Given) -> tuple[State, Point, jax.Array]:
+        """The next state; where all starts were, and the Lagrangian's gradient by shares there."""
+        whole = self.per_epoch == 1
+        rows = None if whole else self._rows(state.iteration, given.key)
 
-        def one(state: State) -> tuple[State, Point]:
+        def one(state: State) -> tuple[State, Point, jax.Array]:
             return self._move_one(state, rows, given)
 
         axes = State(0, 0, 0, 0, 0, 0, Point(*[0] * len(Point._fields)), None)
-        following, here = jax.vmap(one, in_axes=(axes,), out_axes=(axes, 0))(state)
+        following, here, slopes = jax.vmap(one, in_axes=(axes,), out_axes=(axes, 0, 0))(state)
         if whole:
             best = _better(state.best, here, following.alive)
         else:
             # The objective of a part is noise: what is best is judged by all, once an epoch.
             def judge() -> Point:
-                full = jax.vmap(lambda s, m, w, g: self._at(s, m, w, g, given))
-                there = full(here.shares, state.multipliers, state.weight, here.gradient)
+                there = jax.vmap(
+                    lambda shares: point(shares, *self.values(shares, None, given), given)
+                )(here.shares)
                 return _better(state.best, there, following.alive)
 
-            due = state.iteration % per_epoch == 0
+            due = state.iteration % self.per_epoch == 0
             best = jax.lax.cond(due, judge, lambda: state.best)
-        return following._replace(best=best, iteration=state.iteration + 1), here
+        return following._replace(best=best, iteration=state.iteration + 1), here, slopes
 
-    def _rows(self, iteration: Any, key: Any, per_epoch: int) -> Any:
+    def _rows(self, iteration: Any, key: Any) -> Any:
         """A part of the ensemble: all are met once an epoch, in another order each time."""
-        order = jax.random.permutation(
-            jax.random.fold_in(key, iteration // per_epoch), self.earthquakes
-        )
-        first = (iteration % per_epoch) * self.batch
+        epoch, part = jnp.divmod(iteration, self.per_epoch)
+        order = jax.random.permutation(jax.random.fold_in(key, epoch), self.earthquakes)
+        first = part * self.batch
         return order[(first + jnp.arange(self.batch)) % self.earthquakes]
 
-    def _at(self, shares: Any, multipliers: Any, weight: Any, gradient: Any, given: Given) -> Point:
-        _, (objective, prices) = self.merit(shares, multipliers, weight, None, given)
-        return _point(shares, objective, prices, gradient, given)
-
-    def _move_one(self, state: State, rows: Any, given: Given) -> tuple[State, Point]:
+    def _move_one(self, state: State, rows: Any, given: Given) -> tuple[State, Point, jax.Array]:
         multipliers, weight = state.multipliers, state.weight
 
         def merit(shares: Any) -> Any:
@@ -178,7 +180,7 @@ class Search:
         (value, (objective, prices)), gradient = jax.value_and_grad(self.merit, has_aux=True)(
             shares, multipliers, weight, rows, given
         )
-        here = _point(shares, objective, prices, gradient, given)
+        here = point(shares, objective, prices, given)
         alive = state.alive & jnp.isfinite(value) & jnp.isfinite(gradient).all()
         slope = jnp.where(held(shares, gradient), 0.0, gradient)
         updates, memory = self.optimiser.update(
@@ -197,7 +199,7 @@ class Search:
             violated=jnp.where(due, here.violation, state.violated),
         )
         kept = jax.tree.map(lambda new, old: jnp.where(alive, new, old), following, state)
-        return kept._replace(alive=alive, iteration=state.iteration), here
+        return kept._replace(alive=alive, iteration=state.iteration), here, gradient
 
     def compiled(self, state: State, given: Given) -> tuple[Callable[..., Any], str]:
         """``move`` as a program, and its text."""
@@ -210,11 +212,12 @@ def held(shares: Any, gradient: Any, within: float = 0.0) -> Any:
     return ((shares <= within) & (gradient > 0)) | ((shares >= 1 - within) & (gradient < 0))
 
 
-def _point(shares: Any, objective: Any, prices: Any, gradient: Any, given: Given) -> Point:
+def point(shares: Any, objective: Any, prices: Any, given: Given) -> Point:
+    """A design with its objective and prices, and what these mean for the search."""
     violation = jnp.max(prices / given.limits - 1, initial=0.0)
     infeasible = ~(violation <= given.tolerance)
     merit = jnp.where(infeasible, violation, -objective / given.size)
-    return Point(shares, infeasible, merit, objective, violation, prices, gradient)
+    return Point(shares, infeasible, merit, objective, violation, prices)
 
 
 def _better(old: Point, new: Point, alive: Any) -> Point:
@@ -226,12 +229,6 @@ def _better(old: Point, new: Point, alive: Any) -> Point:
         return jnp.where(wins.reshape(-1, *[1] * (a.ndim - 1)), b, a)
 
     return jax.tree.map(pick, old, new)
-
-
-def judged(shares: np.ndarray, columns: Any, objective: Objective, given: Given) -> Point:
-    """A design by its demands in a whole ensemble; its gradient is not known."""
-    value, prices = objective.value(columns), objective.prices(columns)
-    return jax.device_get(_point(shares, value, prices, jnp.zeros_like(shares), given))
 
 
 def evaluator(

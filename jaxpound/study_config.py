@@ -11,25 +11,12 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound.chunks import Measure
-from jaxpound.config import (
-    BUILDING,
-    RUN,
-    STEPS_PER_PERIOD,
-    Keys,
-    check_keys,
-    example,
-    named,
-    pair,
-    parse,
-    read_text,
-)
+from jaxpound.config import BUILDING, RUN, Keys, named
 from jaxpound.earthquake_config import (
     EARTHQUAKES,
-    by_path,
     distribution,
     flag,
-    random_grid,
-    random_ground,
+    opened,
     scaled,
 )
 from jaxpound.ground import GroundLike
@@ -92,18 +79,8 @@ def read_study(path: Path | None) -> StudyConfiguration:
     ValueError
         As ``config.read_config``.
     """
-    source = "example study" if path is None else str(path)
-    text = example(EXAMPLE) if path is None else read_text(path)
-    given = parse(source, text)
-    if isinstance(uncertain := given.get("uncertain"), dict):
-        given["uncertain"] = by_path(uncertain)
-    check_keys(source, given, _KEYS)
-    left, right, structures, scales, scheme = pair(source, given)
-    folder = Path() if path is None else path.parent
-    ground, record_dt, length = random_ground(source, given, folder, scales)
-    periods = [float(building.natural_period) for building in (left, right)]
-    shortest = min(min(periods) / STEPS_PER_PERIOD, record_dt)
-    grid = random_grid(source, given.get("run", {}), scales, structures, scheme, shortest, length)
+    read = opened(path, "study", EXAMPLE, _KEYS, by_field="uncertain")
+    source, given, structures, grid = read.source, read.given, read.structures, read.grid()
     study = given.get("study", {})
     samples, chunk_size = study.get("samples", 10_000), study.get("chunk_size")
     for key, value in (("samples", samples), ("chunk_size", chunk_size)):
@@ -122,21 +99,21 @@ def read_study(path: Path | None) -> StudyConfiguration:
                 },
             )
     with named(f"{source}:"):
-        scenarios = Scenarios(drawn, ground)
+        scenarios = Scenarios(drawn, read.ground)
     sampling = study.get("sampling", "plain")
     measures: dict[str, Measure] = {}
     if study.get("spectral_acceleration", False):
-        gravity = float(scales.gravity)
+        gravity = float(read.scales.gravity)
         for i in (0, 1):
             measure = partial(_spectral_acceleration, grid, i, gravity)
             measures[f"spectral_acceleration_{i + 1}"] = measure
     return StudyConfiguration(
         source,
-        text,
+        read.text,
         scenarios,
-        scales,
+        read.scales,
         grid,
-        scheme,
+        read.scheme,
         samples,
         seed,
         sampling,

@@ -24,6 +24,7 @@ from jaxpound.plots import (
     only_shares,
     ratio_ticks,
     shade,
+    signed_bars,
     unit_for,
 )
 from jaxpound.sensitivity import Sensitivity
@@ -179,13 +180,8 @@ def correlations(study: Study, ax: Axes | None = None, column: str = "required_g
     """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
     found = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
     names = sorted(found, key=lambda name: abs(found[name]))[-12:]
-    ax = bars(ax, names)
-    place = np.arange(len(names))
-    ax.barh(place, [found[name] for name in names], 0.6, color=COLOURS["structure 1"], alpha=0.8)
-    ax.axvline(0, color="black", linewidth=0.7)
-    label(ax, f"rank correlation with {_plain(column)}", "")
-    ax.set_yticks(place, [name.replace("_", " ") for name in names])
-    return ax
+    shown = {name.replace("_", " "): found[name] for name in names}
+    return signed_bars(ax, shown, f"rank correlation with {_plain(column)}")
 
 
 def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:

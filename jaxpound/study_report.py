@@ -10,6 +10,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.estimates import Estimate
+from jaxpound.report import cell, known
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
 """Probabilities of exceedance for which the required gap is told."""
@@ -71,7 +72,7 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
             **dict(zip((f"quantile_{q:g}" for q in _QUANTILES), quantiles, strict=True)),
             "largest": m.largest,
         }
-        answers["demands"][name] = {key: _known(x) for key, x in row.items()}
+        answers["demands"][name] = known(row)
     if identity["parameters"]:
         found_ = {k: v for k, v in study.correlations().items() if np.isfinite(v)}
         ranked = sorted(found_, key=lambda name: -abs(found_[name]))[:_MOST_CORRELATIONS]
@@ -81,10 +82,10 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
 
 def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
     """Pounding against every measure of intensity to which a curve can be fitted."""
-    curves = {}
+    curves, pounds = {}, study["pounds"]
     for name in INTENSITIES:
         if name in study.columns:
-            pounds, im = study["pounds"], study[name]
+            im = study[name]
             good = np.isfinite(pounds) & (im > 0)
             with contextlib.suppress(ValueError):  # pounding never, always, or whatever the shaking
                 curves[name] = jp.fit_fragility(im[good], pounds[good] == 1)
@@ -100,12 +101,7 @@ def intensity_unit(study: jp.Study, name: str) -> str:
 
 def _numbers(estimate: Estimate) -> dict[str, float | None]:
     """Value and interval; an end that is not known is None."""
-    ends = {"value": estimate.value, "low": estimate.low, "high": estimate.high}
-    return {name: _known(x) for name, x in ends.items()}
-
-
-def _known(x: float) -> float | None:
-    return x if np.isfinite(x) else None
+    return known({"value": estimate.value, "low": estimate.low, "high": estimate.high})
 
 
 def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
@@ -143,7 +139,7 @@ def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for name, row in answers["demands"].items():
-        lines.append(f"| {name} | " + " | ".join(map(_cell, row.values())) + " |")
+        lines.append(f"| {name} | " + " | ".join(map(cell, row.values())) + " |")
     if correlations := answers["correlations_with_required_gap"]:
         told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
         lines += ["", f"Rank correlation with the required gap: {told}."]
@@ -159,10 +155,6 @@ def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
         lines.append(f"| {name.replace('_', ' ')} ({curve['unit']}) | {row} |")
     lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)
-
-
-def _cell(x: float | None) -> str:
-    return "-" if x is None else f"{x:.4g}"
 
 
 def _told(estimate: dict[str, Any]) -> str:

@@ -70,6 +70,7 @@ def test_drawn_earthquakes_are_monte_carlo_s():
         (lambda: jp.Ensemble.of([3], GRID), r"grounds\[0\] = 3 must have acceleration"),
         (lambda: jp.Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
         (lambda: jp.Ensemble.drawn(RANDOM, 2, -1), "key = -1 must be a whole number from 0"),
+        (lambda: jp.Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
         (lambda: jp.Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
         (lambda: jp.Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
         (
