@@ -7,8 +7,8 @@ import jax
 import numpy as np
 
 import jaxpound as jp
-from jaxpound.report import REFERENCE_CHANGES, REFERENCE_MIN
 
+SMALLEST, _, CHANGES, _ = jp.paper.reference()
 jax.config.update("jax_enable_x64", True)
 
 SCHEMES = {
@@ -22,13 +22,13 @@ SCHEMES = {
 def errors(scheme, h):
     structures = jp.paper.structures()
     run = jp.simulate(structures, jp.paper.ground(), jp.TimeGrid.until(20.0, h), scheme)
-    min_error = float(run.min_gap) - structures.initial_gap - REFERENCE_MIN
+    min_error = float(run.min_gap) - structures.initial_gap - SMALLEST
     changes = run.phases()[1:]
-    if [p.kind for p in changes] == [kind for _, kind in REFERENCE_CHANGES]:
-        late = [p.start - time for p, (time, _) in zip(changes, REFERENCE_CHANGES, strict=True)]
+    if [p.kind for p in changes] == [kind for _, kind in CHANGES]:
+        late = [p.start - time for p, (time, _) in zip(changes, CHANGES, strict=True)]
         worst_change = f"{np.abs(late).max():10.1e}"
     else:
-        worst_change = f"{len(changes):>6} not {len(REFERENCE_CHANGES)}"
+        worst_change = f"{len(changes):>6} not {len(CHANGES)}"
     energy = run.energy
     residual = float(np.abs(energy.residual).max() / energy.input.max())
     return min_error, worst_change, residual

@@ -3,18 +3,15 @@
 python benchmarks/gradients.py
 """
 
-import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxpound as jp
-from jaxpound.report import REFERENCE_MIN, REFERENCE_MIN_TIME
 
 jax.config.update("jax_enable_x64", True)
 
@@ -26,9 +23,8 @@ LAWS = {
     "switching, order 2": jp.Scheme(jp.Switching()),
     "the paper's": replace(jp.PAPER_SCHEME, checkpoint=True),
 }
-KEYS = ("mu", "txa", "tfa", "txb", "tfb", "al", "be", "eps", "rho")
 NAMES = ("mu", "tau_x1", "tau_f1", "tau_x2", "tau_f2", "alpha", "beta", "epsilon", "rho")
-ORACLE = Path(__file__).parents[1] / "tests" / "oracles" / "paper_case.json"
+REFERENCE = jp.paper.reference()
 
 S = jp.paper.structures()
 PAPER = S, jp.paper.ground()
@@ -80,9 +76,9 @@ def errors(name, runs, exact):
 
 
 def main():
-    oracle = json.loads(ORACLE.read_text())["grad_min_gap"]
-    smallest = float(S.initial_gap) + REFERENCE_MIN
-    exact = {"paper": (np.array([oracle[key] for key in KEYS]), smallest, REFERENCE_MIN_TIME)}
+    smallest = float(S.initial_gap) + REFERENCE.min_gap_change
+    slopes = np.array(list(REFERENCE.gradient.values()))  # in the order of NAMES
+    exact = {"paper": (slopes, smallest, REFERENCE.min_gap_time)}
 
     widths = jnp.array(WIDTHS)
     with ThreadPoolExecutor(2) as pool:  # most of the time is compilation

@@ -244,10 +244,11 @@ def _simulate(args: argparse.Namespace) -> None:
     print(report.as_text(summary))
 
     from jaxpound import plots
+    from jaxpound.figure_style import figure
 
     _write_text(args.out / "summary.json", text + "\n")
     _write_series(response, args.out, configuration.series)
-    figures = {name: plots.figure(getattr(plots, name), response) for name in _SIMULATE_FIGURES}
+    figures = {name: figure(getattr(plots, name), response) for name in _SIMULATE_FIGURES}
     _write_figures({"overview": plots.overview(response)} | figures, args.out)
 
 
@@ -293,20 +294,21 @@ def _report(args: argparse.Namespace) -> None:
     text = json.dumps(answers, indent=2, allow_nan=False)
     _make_folder(args.out)
 
-    from jaxpound import plots, study_plots
+    from jaxpound import study_plots
+    from jaxpound.figure_style import figure
 
     drawn: dict[str, Callable[[Any, Any], Any]] = {
         "min_gap": study_plots.min_gap,
         "convergence": study_plots.convergence,
         "required_gap": partial(study_plots.exceedance, rules_at=0.05),
     }
-    figures = {name: plots.figure(draw, study) for name, draw in drawn.items()}
+    figures = {name: figure(draw, study) for name, draw in drawn.items()}
     for name, curve in curves.items():
         words = f"{study_report.INTENSITIES[name]} ({study_report.intensity_unit(study, name)})"
         draw = partial(study_plots.fragility, intensity=words)
-        figures[f"fragility_by_{name}"] = plots.figure(draw, curve)
+        figures[f"fragility_by_{name}"] = figure(draw, curve)
     if study.about["identity"]["parameters"]:
-        figures["correlations"] = plots.figure(study_plots.correlations, study)
+        figures["correlations"] = figure(study_plots.correlations, study)
         figures["parameters"] = study_plots.scatter_matrix(study)
     if "configuration" in (study.about["notes"] or {}):
         _write_text(args.out / "study.toml", study.about["notes"]["configuration"])
@@ -342,16 +344,17 @@ def _design(args: argparse.Namespace) -> None:
     _write_text(args.out / "buildings.toml", designed)
     _write_text(args.out / "summary.json", text + "\n")
 
-    from jaxpound import design_plots, plots
+    from jaxpound import design_plots
+    from jaxpound.figure_style import figure
 
     compared = design.trained if design.fresh is None else design.fresh
     figures = {
-        "convergence": plots.figure(design_plots.convergence, design),
-        "before_and_after": plots.figure(design_plots.before_and_after, compared),
+        "convergence": figure(design_plots.convergence, design),
+        "before_and_after": figure(design_plots.before_and_after, compared),
     }
     with contextlib.suppress(ValueError):  # a mean gap of zero has no elasticity
         slopes = jp.elasticities(design.structures, wanted.ensemble, wanted.grid, wanted.scheme)
-        figures["elasticities"] = plots.figure(design_plots.tornado, slopes)
+        figures["elasticities"] = figure(design_plots.tornado, slopes)
     if design.space.dimension > 1:
         figures["landscape"] = design_plots.figure_of_landscape(design)
     _write_text(args.out / "summary.md", design_report.as_markdown(answers, list(figures)))

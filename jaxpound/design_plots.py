@@ -1,4 +1,4 @@
-"""Figures of a design: axes in, axes out, in the colours and units of ``plots``."""
+"""Figures of a design: axes in, axes out, in the common style."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, Landscape
 from jaxpound.elasticities import Elasticities
-from jaxpound.pareto import ParetoFront
-from jaxpound.plots import (
+from jaxpound.figure_style import (
     COLOURS,
     FONT_SIZE,
     LINE_WIDTH,
@@ -18,12 +17,14 @@ from jaxpound.plots import (
     label,
     legend,
     new_axes,
+    new_figure,
     only_shares,
     ratio_ticks,
     shade,
     signed_bars,
     unit_for,
 )
+from jaxpound.pareto import ParetoFront
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
@@ -158,7 +159,7 @@ def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
 
 def figure_of_landscape(design: Design, n: int = 15) -> Figure:
     """``landscape`` as a figure that pyplot does not know."""
-    result = Figure(figsize=(3.54, 2.9), layout="constrained")
+    result = new_figure(height=1.25)
     landscape(design, result.add_subplot(), n=n)
     return result
 

@@ -1,7 +1,8 @@
-"""Figures of a run: every function draws one ``Response`` into given axes and returns them.
+"""Figures of runs: every function draws a ``Response`` into given axes and returns them.
 
-Nothing here changes matplotlib's settings. With ``ax=None`` the axes belong to a new pyplot figure
-of column width (9 cm), which a notebook shows; with axes given, pyplot is not touched.
+A batch is drawn run upon run, each line the fainter the more there are. Nothing here changes
+matplotlib's settings. With ``ax=None`` the axes belong to a new pyplot figure of column width
+(9 cm), which a notebook shows; with axes given, pyplot is not touched.
 """
 
 from __future__ import annotations
@@ -11,69 +12,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.patches import Rectangle
 
+from jaxpound.figure_style import (
+    COLOURS,
+    FONT_SIZE,
+    LINE_WIDTH,
+    figure,
+    label,
+    legend,
+    new_axes,
+    new_figure,
+    shade,
+    shades,
+    unit_for,
+)
 from jaxpound.response import Response
 
-# Okabe and Ito's colours, which stay apart for every kind of colour vision.
-COLOURS = {
-    "structure 1": "#0072B2",
-    "structure 2": "#D55E00",
-    "ground": "#000000",
-    "damper": "#009E73",
-    "rods": "#CC79A7",
-    "kinetic": "#56B4E9",
-    "stick": "#56B4E9",
-    "pounding": "#E69F00",
-    "residual": "#7F7F7F",
-}
-
-FIGURE_SIZE = (3.54, 2.36)
-"""Width and height of a new figure in inches: 9 cm by 6 cm."""
-
-FONT_SIZE = 8
-LINE_WIDTH = 0.9
 _LINE_ALPHA = 0.85  # where two lines run close together, both are seen
-_SHADE = 0.3
-
-_DIMENSIONLESS = {
-    "time": r"$1/\omega_1$",
-    "length": r"$g/\omega_1^2$",
-    "velocity": r"$g/\omega_1$",
-    "acceleration": "$g$",
-    "force": "$m_1 g$",
-    "energy": r"$m_1 g^2/\omega_1^2$",
-}
-_SI = {
-    "time": "s",
-    "length": "m",
-    "velocity": "m/s",
-    "acceleration": "m/s²",
-    "force": "N",
-    "energy": "J",
-}
-
-
-# Quantity of each demand, and its name in a figure.
-QUANTITIES = {
-    "min_gap": ("length", r"min gap $\xi$"),
-    "min_gap_time": ("time", "time of min gap $t$"),
-    "peak_x1": ("length", "peak $|x_1|$"),
-    "peak_x2": ("length", "peak $|x_2|$"),
-    "peak_f1": ("force", "peak $|f_1|$"),
-    "peak_f2": ("force", "peak $|f_2|$"),
-    "peak_acceleration_1": ("acceleration", "peak $|a_1|$"),
-    "peak_acceleration_2": ("acceleration", "peak $|a_2|$"),
-    "damper_force": ("force", "slip force"),
-    "slip_distance": ("length", "slip distance"),
-    "friction_work": ("energy", "friction work"),
-    "residual_offset": ("length", "residual offset"),
-    "pga": ("acceleration", "PGA"),
-    "pgv": ("velocity", "PGV"),
-    "required_gap": ("length", "required gap"),
-}
 
 
 class _Curve(NamedTuple):
@@ -107,24 +65,27 @@ def rod_forces(response: Response, ax: Axes | None = None) -> Axes:
 
 
 def gap(response: Response, ax: Axes | None = None) -> Axes:
-    """Gap ξ over time, its minimum marked with value and time.
+    """Gap ξ over time, its minimum marked with value and time, in a batch the smallest of all.
 
     The minimum is that of ``response.demand``, which may lie between instants of the grid. The
     region of pounding, ξ ≤ 0, is shaded if the gap comes near it.
     """
     ax = _over_time(response, ax, "gap", "length", [_Curve(r"$\xi$", "damper", response.gap)])
-    low, high = float(response.min_gap), float(np.max(response.gap))
+    smallest = np.ravel(response.min_gap)
+    low, high = float(smallest.min()), float(np.max(response.gap))
     span = (high - low) or abs(high) or 1.0
     bottom = low - 0.25 * span  # room for the label
-    if low < 0.3 * span:
+    near = low < 0.3 * span
+    if near:
         bottom = min(bottom, -0.15 * span)
-        ax.axhspan(bottom, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
+    _shade_pounding(ax, near)
+    if near:
         legend(ax)
     ax.set_ylim(bottom=bottom)
 
-    time = float(response.demand.min_gap_time)
+    time = float(np.ravel(response.demand.min_gap_time)[smallest.argmin()])
     ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
-    place = time / float(response.time[-1])
+    place = time / float(np.max(response.time))
     units = (" m", " s") if response.si else ("", "")
     ax.annotate(
         rf"min $\xi$ = {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−"),
@@ -138,10 +99,34 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
+    """Gap ξ over time of several runs by name, the first in grey, and the smallest of each.
+
+    Raises
+    ------
+    ValueError
+        If there is no run, or some are in SI units and others are not.
+    """
+    runs = list(_same_units("gaps", responses).values())
+    for name, response, colour in zip(responses, runs, shades(len(runs)), strict=True):
+        ax = _axes(response, ax)
+        words = f"{name}: min {float(np.min(response.min_gap)):.4g}".replace("-", "−")
+        _draw(ax, response.time, 1.0, _Curve(words, colour, response.gap))
+    assert ax is not None
+    _shade_pounding(ax, False)
+    ax.axhline(0, color=COLOURS["pounding"], linewidth=LINE_WIDTH, zorder=1)
+    ax.margins(x=0)
+    label(ax, _time(runs[0]), rf"gap $\xi$ ({_length(runs[0])})")
+    legend(ax, columns=2)
+    return ax
+
+
 def friction_force(response: Response, ax: Axes | None = None) -> Axes:
-    """Friction force q of the damper over time, the intervals of stick shaded."""
+    """Friction force q of the damper over time, the intervals of stick of a single run shaded."""
     curve = _Curve("$q$", "damper", response.friction)
     ax = _over_time(response, ax, "friction force", "force", [curve])
+    if np.ndim(response.time) > 1:
+        return ax
     sticks = [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]
     if sticks:
         across = ax.get_xaxis_transform()
@@ -177,11 +162,14 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
 
 
 def energy(response: Response, ax: Axes | None = None) -> Axes:
-    """Energy over time: what damper, rods and motion hold, stacked, under the input.
+    """Energy of a single run over time: what damper, rods and motion hold, stacked, and the input.
 
     The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
     What is between the two is the residual of the balance, drawn on its own as well.
     """
+    if np.ndim(response.time) != 1:
+        shape = np.shape(response.time)
+        raise ValueError(f"energy: a batch of shape {shape} must be indexed to one response")
     ax = _axes(response, ax)
     terms = response.energy
     factor, unit = _unit(response, "energy", terms.input)
@@ -203,23 +191,51 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def figure(draw: Callable[[Any, Axes], Axes], drawn: Any) -> Figure:
-    """A figure of column width with one drawing of a response or study, unknown to pyplot."""
-    result = Figure(figsize=FIGURE_SIZE, layout="constrained")
-    draw(drawn, result.add_subplot())
-    return result
+Drawing = Callable[[Response, Axes], Axes]
 
 
 def overview(response: Response) -> Figure:
     """Ground motion, displacements, friction force and gap, one above the other over time."""
-    drawings = (ground_motion, displacements, friction_force, gap)
-    result = Figure(figsize=(2 * FIGURE_SIZE[0], 3.3 * FIGURE_SIZE[1]), layout="constrained")
-    panels = result.subplots(len(drawings), sharex=True)
-    for draw, ax in zip(drawings, panels, strict=True):
-        draw(response, ax)
-        ax.label_outer()
-    result.align_ylabels(panels)
+    return side_by_side({"": response})
+
+
+def side_by_side(
+    responses: Mapping[str, Response],
+    drawings: Sequence[Drawing] = (ground_motion, displacements, friction_force, gap),
+) -> Figure:
+    """Runs by name as columns, drawings as rows, each row to one scale.
+
+    Raises
+    ------
+    ValueError
+        If there is no run, or some are in SI units and others are not.
+    """
+    runs = _same_units("side_by_side", responses)
+    n = len(runs)
+    result = new_figure(2 if n < 3 else 0.8 * n, 0.825 * max(len(drawings), 1.2))
+    panels = result.subplots(len(drawings), n, squeeze=False)
+    for column, (name, response) in zip(panels.T, runs.items(), strict=True):
+        column[0].set_title(name, fontsize=FONT_SIZE)
+        for draw, ax in zip(drawings, column, strict=True):
+            draw(response, ax)
+    for row in panels:
+        ends = np.array([ax.get_ylim() for ax in row])
+        for ax in row:
+            ax.set_ylim(ends[:, 0].min(), ends[:, 1].max())
+    same_x = all(len({ax.get_xlabel() for ax in column}) == 1 for column in panels.T)
+    for ax in panels.flat:
+        spec = ax.get_subplotspec()
+        if same_x and not spec.is_last_row():
+            ax.set_xlabel("")
+            ax.tick_params(labelbottom=False)
+        if not spec.is_first_col():
+            ax.set_ylabel("")
+            ax.tick_params(labelleft=False)
+    result.align_ylabels(panels[:, 0])
     return result
+
+
+_FIGURES = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
 
 
 def paper_figures(response: Response) -> dict[str, Figure]:
@@ -232,9 +248,8 @@ def paper_figures(response: Response) -> dict[str, Figure]:
     forces. This order of the paper's Figures 3 to 8 is an assumption: the project has the paper's
     equations and parameters, but not its figures.
     """
-    drawings = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
     return {
-        f"figure_{number}": figure(draw, response) for number, draw in enumerate(drawings, start=3)
+        f"figure_{number}": figure(draw, response) for number, draw in enumerate(_FIGURES, start=3)
     }
 
 
@@ -258,73 +273,41 @@ def _over_time(
 
 
 def _axes(response: Response, ax: Axes | None) -> Axes:
-    if np.ndim(response.time) != 1:
-        shape = np.shape(response.time)
-        raise ValueError(f"plots: a batch of shape {shape} must be indexed to one response")
-    if not np.isfinite(response.min_gap):
-        raise ValueError("plots: the run is invalid (its results are NaN)")
+    if not np.isfinite(response.min_gap).all():
+        gaps = np.ravel(response.min_gap)
+        which = f"{np.isnan(gaps).sum()} of {gaps.size} runs are" if gaps.size > 1 else "the run is"
+        raise ValueError(f"plots: {which} invalid (NaN)")
     return new_axes(ax)
 
 
-def new_axes(ax: Axes | None) -> Axes:
-    """The axes given, or those of a new pyplot figure of column width."""
-    if ax is not None:
-        return ax
-    from matplotlib import pyplot  # only here, so that no window system is asked for
-
-    return pyplot.subplots(figsize=FIGURE_SIZE, layout="constrained")[1]
-
-
-def only_shares(ax: Axes) -> None:
-    """Ticks from 0 to 1, not beside the legend above."""
-    ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
-
-
-def ratio_ticks(axis: Axis) -> None:
-    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, as plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
-
-
-def bars(ax: Axes | None, names: Sequence[str]) -> Axes:
-    """Axes with room for so many bars."""
-    if ax is None:
-        ax = new_axes(ax)
-        figure: Any = ax.figure
-        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
-    return ax
-
-
-def signed_bars(ax: Axes | None, values: Mapping[str, float], words: str) -> Axes:
-    """A bar for each name, to the left or right of zero, from below in their order."""
-    ax, place = bars(ax, list(values)), np.arange(len(values))
-    ax.barh(place, list(values.values()), 0.6, color=COLOURS["structure 1"], alpha=0.8)
-    ax.axvline(0, color="black", linewidth=0.7)
-    label(ax, words, "")
-    ax.set_yticks(place, list(values))
-    return ax
+def _same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
+    if not responses:
+        raise ValueError(f"{name}: responses must hold at least one run")
+    if len({response.si for response in responses.values()}) > 1:
+        raise ValueError(f"{name}: responses must all be in SI units, or all be dimensionless")
+    return dict(responses)
 
 
 def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:
-    y = factor * np.asarray(curve.values)
-    style |= {"color": COLOURS[curve.colour], "linewidth": LINE_WIDTH, "alpha": _LINE_ALPHA}
-    ax.plot(np.asarray(x), y, label=curve.label, **style)
+    x, y = np.asarray(x), factor * np.asarray(curve.values)
+    style |= {"color": COLOURS.get(curve.colour, curve.colour), "label": curve.label}
+    if x.ndim == 1:
+        ax.plot(x, y, linewidth=LINE_WIDTH, alpha=_LINE_ALPHA, **style)
+        return
+    runs = np.stack([x, y], -1).reshape(-1, x.shape[-1], 2)
+    alpha = max(0.03, _LINE_ALPHA / len(runs) ** 0.5)
+    ax.add_collection(LineCollection(list(runs), linewidth=LINE_WIDTH, alpha=alpha, **style))
+    ax.autoscale_view()
 
 
-def shade(colour: str) -> dict[str, Any]:
-    """Style of a shaded region."""
-    return {"facecolor": COLOURS[colour], "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
-
-
-def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
-    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large."""
-    unit = (_SI if si else _DIMENSIONLESS)[quantity]
-    if si and quantity in ("force", "energy"):
-        for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
-            if peak * factor >= 10:
-                return factor, prefix + unit
-    return 1.0, unit
+def _shade_pounding(ax: Axes, named: bool) -> None:
+    # add_artist leaves the limits as they are, so the region may reach far down.
+    low, high = ax.get_ylim()
+    depth = 1e3 * (abs(low) + abs(high) + 1)
+    words = r"pounding, $\xi \leq 0$" if named else "_pounding"
+    across = ax.get_yaxis_transform()
+    region = Rectangle((0, -depth), 1, depth, transform=across, label=words, **shade("pounding"))
+    ax.add_artist(region)
 
 
 def _unit(response: Response, quantity: str, *series: Any) -> tuple[float, str]:
@@ -339,33 +322,3 @@ def _time(response: Response) -> str:
 
 def _length(response: Response) -> str:
     return _unit(response, "length")[1]
-
-
-def label(ax: Axes, x: str, y: str) -> None:
-    """Labels of both axes, ticks and a light grid."""
-    ax.set_xlabel(x, fontsize=FONT_SIZE)
-    ax.set_ylabel(y, fontsize=FONT_SIZE)
-    ax.tick_params(labelsize=FONT_SIZE)
-    if ax.get_xscale() == "linear":
-        ax.locator_params(axis="x", nbins=5)  # more would touch at column width
-    ax.grid(True, color="0.88", linewidth=0.6)
-    ax.set_axisbelow(True)
-
-
-def legend(ax: Axes, columns: int = 4) -> None:
-    """A legend in a strip of its own, above everything drawn."""
-    ax.autoscale(axis="y")
-    low, high = ax.get_ylim()
-    handles, _ = ax.get_legend_handles_labels()
-    room = 0.16 * -(-len(handles) // columns)  # in heights of the axes, for each row
-    log = ax.get_yscale() == "log"
-    ax.set_ylim(low, high * (high / low) ** room if log else high + room * (high - low))
-    ax.legend(
-        loc="upper right",
-        ncols=columns,
-        fontsize=FONT_SIZE,
-        frameon=False,
-        handlelength=1.2,
-        columnspacing=1.0,
-        borderaxespad=0.2,
-    )

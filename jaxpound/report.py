@@ -12,24 +12,6 @@ import numpy as np
 import jaxpound as jp
 from jaxpound.config import Configuration
 
-# The paper's case by an independent event-driven solver: no Grünwald–Letnikov sum and no fixed
-# step, but each rod's exact relaxation spectrum, integrated adaptively (rtol 1e-9) between located
-# events. Good to 1e-7 in the gap and 1e-6 in the times.
-REFERENCE_MIN = -0.6953576904934496  # min of x2 − x1, in g/ω1²
-REFERENCE_MIN_TIME = 7.485141646677831  # in 1/ω1
-REFERENCE_CHANGES = (
-    (0.6407985927504466, "slip left"),
-    (1.1918951848944157, "slip right"),
-    (1.75850180068001, "slip left"),
-    (2.6526652617070234, "slip right"),
-    (3.431842922335319, "slip left"),
-    (4.178860121161499, "slip right"),
-    (4.673135468619, "slip left"),
-    (5.835848983491708, "slip right"),
-    (7.485141646677831, "slip left"),
-    (9.406650925155228, "slip right"),
-    (11.440562762815782, "stick"),
-)
 PAPER_SCHEME_ERROR = -6.4e-4  # of the paper's own scheme in that minimum, at the paper's step
 
 
@@ -49,18 +31,19 @@ def cell(x: float | None) -> str:
 
 def paper_table(response: jp.Response, papers_own: float, initial_gap: float) -> str:
     """The paper's case beside the reference: smallest gap, phase changes, energy residual."""
+    reference = jp.paper.reference()
     changes = [(phase.start, phase.kind) for phase in response.phases()[1:]]
     rows: list[tuple[str, float | None, float | None]] = [
-        ("min of x2 - x1", float(response.min_gap) - initial_gap, REFERENCE_MIN),
-        ("  at t", float(response.demand.min_gap_time), REFERENCE_MIN_TIME),
-        ("phase changes", len(changes), len(REFERENCE_CHANGES)),
+        ("min of x2 - x1", float(response.min_gap) - initial_gap, reference.min_gap_change),
+        ("  at t", float(response.demand.min_gap_time), reference.min_gap_time),
+        ("phase changes", len(changes), len(reference.phase_changes)),
     ]
-    pairs = zip_longest(changes, REFERENCE_CHANGES, fillvalue=(None, ""))
-    for (time, kind), (reference, expected) in pairs:
-        rows.append((f"  {kind or expected} from t", time, reference))
+    pairs = zip_longest(changes, reference.phase_changes, fillvalue=(None, ""))
+    for (time, kind), (expected_time, expected) in pairs:
+        rows.append((f"  {kind or expected} from t", time, expected_time))
     rows += [
         ("energy residual / input", _relative_residual(response), None),
-        ("min by the paper's scheme", papers_own, REFERENCE_MIN),
+        ("min by the paper's scheme", papers_own, reference.min_gap_change),
     ]
     return "\n".join(
         [

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import is_traced
 from jaxpound._pytree import pytree_dataclass, static
+
+T = TypeVar("T")
+
+
+def _chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:
+    """Results at the index of their batch; an index outside raises (JAX would clamp it)."""
+    if not batch:
+        raise TypeError(f"{type(results).__name__}: only a batch has an index, this is one run")
+    np.empty(batch, bool)[index]
+    # What the runs of a batch share has no batch axes.
+    return jax.tree.map(lambda x: x[index] if np.ndim(x) >= len(batch) else x, results)
 
 
 @pytree_dataclass
@@ -63,6 +75,10 @@ class Demand:
         values = {name: getattr(self, name) for name in names}
         known = {name: value for name, value in values.items() if value is not None}
         return known | {"pounds": self.pounds}
+
+    def __getitem__(self, index: Any) -> Demand:
+        """Runs of a batch by number, slice or mask, as of an array."""
+        return _chosen(self, index, jnp.shape(self.min_gap))
 
     def __repr__(self) -> str:
         units = "SI" if self.si else "dimensionless"
@@ -178,6 +194,10 @@ class Response:
             Phase(kinds[direction], start, end)
             for direction, start, end in zip(directions, bounds[:-1], bounds[1:], strict=True)
         ]
+
+    def __getitem__(self, index: Any) -> Response:
+        """Runs of a batch by number, slice or mask, as of an array: ``batch[3]`` is one run."""
+        return _chosen(self, index, jnp.shape(self.min_gap))
 
     def _integral(self, power: Any) -> Float[Array, "... time"]:
         steps = jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2

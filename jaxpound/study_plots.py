@@ -1,4 +1,4 @@
-"""Figures of a Monte Carlo study: axes in, axes out, in the colours and units of ``plots``."""
+"""Figures of a Monte Carlo study: axes in, axes out, in the common style."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxpound.estimates import probability
-from jaxpound.fragility import Fragility, grouped
-from jaxpound.plots import (
+from jaxpound.figure_style import (
     COLOURS,
-    FIGURE_SIZE,
     FONT_SIZE,
     LINE_WIDTH,
     QUANTITIES,
@@ -21,12 +19,14 @@ from jaxpound.plots import (
     label,
     legend,
     new_axes,
+    new_figure,
     only_shares,
     ratio_ticks,
     shade,
     signed_bars,
     unit_for,
 )
+from jaxpound.fragility import Fragility, grouped
 from jaxpound.sensitivity import Sensitivity
 from jaxpound.study import Study
 
@@ -153,8 +153,7 @@ def scatter_matrix(
     for name in names:
         if name not in parameters:
             raise ValueError(f"scatter_matrix: {name!r} must be one of {', '.join(parameters)}")
-    width = FIGURE_SIZE[0] * (0.35 + 0.4 * len(names))
-    figure = Figure(figsize=(width, 1.7 * len(demands) + 0.3), layout="constrained")
+    figure = new_figure(0.35 + 0.4 * len(names), 0.13 + 0.72 * len(demands))
     panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
     for row, demand in zip(panels, demands, strict=True):
         known = demand in QUANTITIES

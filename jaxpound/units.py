@@ -282,27 +282,6 @@ class Scales:
             si=True,
         )
 
-    def to_buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:
-        """Inverse of ``dimensionless``: both buildings, friction force (N) and gap (m)."""
-        instance("Scales.to_buildings", "structures", structures, AdjacentStructures)
-        k1 = self.mass * self.frequency**2
-        masses = self.mass, self.mass / structures.mass_ratio
-        stiffnesses = k1, structures.stiffness_ratio * k1
-        first, second = (
-            Building(
-                m,
-                k,
-                rod.order,
-                rod.tau_f / self.frequency**rod.order,
-                rod.tau_x / self.frequency**rod.order,
-            )
-            for m, k, rod in zip(
-                masses, stiffnesses, (structures.rod_1, structures.rod_2), strict=True
-            )
-        )
-        gap = structures.initial_gap * self.length
-        return first, second, structures.friction * self.force, gap
-
 
 def dimensionless(
     building_1: Building,

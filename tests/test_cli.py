@@ -82,10 +82,15 @@ def row(screen: str, name: str) -> list[float]:
 
 def test_reference_values_are_the_oracle_s():
     oracle = json.loads(ORACLE.read_text())
-    assert oracle["min_gap"] == report.REFERENCE_MIN
-    assert oracle["t_min"] == report.REFERENCE_MIN_TIME
+    assert oracle["min_gap"] == jp.paper.reference().min_gap_change
+    assert oracle["t_min"] == jp.paper.reference().min_gap_time
     changes = [(time, PHASES[phase]) for time, phase in oracle["events"]]
-    assert changes == list(report.REFERENCE_CHANGES)
+    assert changes == list(jp.paper.reference().phase_changes)
+    paths = ("friction", "rod_1.tau_x", "rod_1.tau_f", "rod_2.tau_x", "rod_2.tau_f")
+    paths += ("rod_1.order", "rod_2.order", "stiffness_ratio", "mass_ratio")
+    keys = ("mu", "txa", "tfa", "txb", "tfb", "al", "be", "eps", "rho")
+    slopes = {path: oracle["grad_min_gap"][key] for path, key in zip(paths, keys, strict=True)}
+    assert slopes == jp.paper.reference().gradient
 
 
 def test_paper_table_has_the_api_s_numbers(paper_run):
@@ -95,11 +100,11 @@ def test_paper_table_has_the_api_s_numbers(paper_run):
 
     value, reference, difference = row(screen, "min of x2 - x1")
     assert value == pytest.approx(float(response.min_gap) - 1, abs=1e-8)
-    assert reference == pytest.approx(report.REFERENCE_MIN, abs=1e-8)
+    assert reference == pytest.approx(jp.paper.reference().min_gap_change, abs=1e-8)
     assert difference == pytest.approx(value - reference, abs=1e-7)
     assert abs(difference) < 1e-5
     assert row(screen, "at t")[:2] == pytest.approx(
-        [float(response.demand.min_gap_time), report.REFERENCE_MIN_TIME], abs=1e-8
+        [float(response.demand.min_gap_time), jp.paper.reference().min_gap_time], abs=1e-8
     )
     assert row(screen, "phase changes") == [11, 11, 0]
 
@@ -115,7 +120,7 @@ def test_paper_table_has_every_phase_change_beside_the_reference(paper_run):
     printed = re.findall(r"(?m)^  (\S.*) from t +(\S+) +(\S+) +(\S+)$", screen)
     assert len(printed) == 11
     for cells, phase, (time, kind) in zip(
-        printed, response.phases()[1:], report.REFERENCE_CHANGES, strict=True
+        printed, response.phases()[1:], jp.paper.reference().phase_changes, strict=True
     ):
         assert cells[0] == phase.kind == kind
         assert float(cells[1]) == pytest.approx(phase.start, abs=1e-8)

@@ -1,3 +1,4 @@
+import dataclasses
 import itertools
 
 import jax
@@ -126,3 +127,24 @@ def test_a_batch_and_an_invalid_run_have_no_phases(run):
         batch.phases()
     with pytest.raises(ValueError, match="the run is invalid"):
         jax.tree.map(lambda x: x * jnp.nan, run).phases()
+
+
+@pytest.mark.parametrize("index", [0, -1, slice(1, 3), np.array([True, False, True])], ids=str)
+def test_runs_of_a_batch_by_index(index):
+    def run(friction):
+        structures = dataclasses.replace(jp.paper.structures(), friction=friction)
+        return jp.simulate(structures, jp.paper.ground(), jp.TimeGrid(0.05, 40))
+
+    batch = jax.vmap(run)(jnp.array([0.1, 0.2, 0.3]))
+    one = batch[index]
+    np.testing.assert_array_equal(one.gap, np.asarray(batch.gap)[index])
+    np.testing.assert_array_equal(one.demand.min_gap, np.asarray(batch.demand.min_gap)[index])
+    np.testing.assert_array_equal(batch.demand[index].peak_f1, one.demand.peak_f1)
+    assert one.method == batch.method
+    with pytest.raises(IndexError):
+        batch[3]
+    assert [float(r.min_gap) for r in batch] == [float(x) for x in batch.min_gap]
+    if isinstance(index, int):
+        assert one.phases()
+        with pytest.raises(TypeError, match="Response: only a batch has an index"):
+            one[0]

@@ -88,7 +88,7 @@ def test_dimensionless_system_by_hand():
 @given(buildings, buildings, log_uniform(1.0, 1e7), st.floats(0, 1), st.floats(1, 20))
 def test_buildings_survive_the_round_trip(first, second, friction_force, gap, gravity):
     structures, scales = jp.dimensionless(first, second, friction_force, gap, gravity)
-    *back, force, distance = scales.to_buildings(structures)
+    *back, force, distance = scales.buildings(structures)
     for before, after in zip((first, second), back, strict=True):
         assert vars(after) == pytest.approx(vars(before), rel=1e-12)
     assert force == pytest.approx(friction_force, rel=1e-12)
@@ -495,7 +495,7 @@ def test_scales_refuse_bad_values(name, bad):
     [
         ("to_si", "result = .* must be of type Response or Demand"),
         ("to_dimensionless", "record = .* must be of type Record"),
-        ("to_buildings", "structures = .* must be of type AdjacentStructures"),
+        ("buildings", "structures = .* must be of type AdjacentStructures"),
     ],
 )
 @pytest.mark.parametrize("bad", [None, 3.0, np.ones(3), BUILDING_1])

@@ -1,0 +1,218 @@
+"""Sliders for every parameter of a pair, and its response redrawn while they are dragged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxpound._checks import instance
+from jaxpound.ground import Record, Ricker
+from jaxpound.live_panels import LivePanels
+from jaxpound.response import Response
+from jaxpound.scheme import Scheme, TimeGrid
+from jaxpound.simulation import simulate
+from jaxpound.structures import AdjacentStructures
+from jaxpound.units import Scales
+
+# Name, symbol, smallest and largest value; times and ratios on a logarithmic scale.
+_DAMPER = (("friction", "μ", 0.0, 1.5), ("initial_gap", "ξ₀", 0.0, 3.0))
+_RODS = tuple(
+    (f"rod_{i}.{name}", symbol, low, high)
+    for i, order in ((1, "α"), (2, "β"))
+    for name, symbol, low, high in (
+        ("order", f"{order} (order {i})", 0.05, 1.0),
+        ("tau_x", f"τx{'₁₂'[i - 1]}", 0.02, 20.0),
+        ("tau_f", f"τf{'₁₂'[i - 1]}", 0.001, 1.0),
+    )
+)
+_BUILDINGS = (("mass_ratio", "ρ = m₁/m₂", 0.2, 5.0), ("stiffness_ratio", "ε = k₂/k₁", 0.2, 8.0))
+_LOGARITHMIC = {name for name, *_ in (*_RODS, *_BUILDINGS) if not name.endswith("order")}
+
+
+class Explorer:
+    """A pair of buildings in a notebook: sliders, and what they do to the response.
+
+    The last expression of a cell shows it. ``sliders`` holds the widgets by the parameter's path
+    (``explorer.sliders["friction"].value = 0.4``); ``structures``, ``ground`` and ``response`` are
+    what is shown, in ``picture`` and ``words``. Needs the extra ``notebooks``.
+
+    Parameters
+    ----------
+    structures
+        The single pair to begin with, dimensionless.
+    ground
+        A ``Ricker`` motion, whose wavelets get sliders, or a ``Record`` (in units of g and 1/ω1),
+        which gets one for its strength.
+    grid
+        The instants; a thousand or so are drawn fastest.
+    scheme
+        The discretisation.
+    scales
+        Shows results in SI units.
+
+    Raises
+    ------
+    ImportError
+        If ipywidgets is not installed.
+    ValueError
+        If an argument is of another kind, or the first run is invalid.
+
+    Notes
+    -----
+    Where a choice breaks a rule (τf above τx, a step above the stability limit) the picture stays,
+    and the line below it says why.
+    """
+
+    def __init__(
+        self,
+        structures: AdjacentStructures,
+        ground: Ricker | Record,
+        grid: TimeGrid,
+        scheme: Scheme = Scheme(),
+        scales: Scales | None = None,
+    ) -> None:
+        try:
+            import ipywidgets as widgets
+        except ImportError as error:
+            words = "Explorer: needs ipywidgets, which pip install 'jaxpound[notebooks]' brings"
+            raise ImportError(words) from error
+
+        instance("Explorer", "structures", structures, AdjacentStructures)
+        instance("Explorer", "ground", ground, Ricker, Record)
+        self._first = jax.tree.map(float, structures)
+        self._ground, self._grid, self._scheme, self._scales = ground, grid, scheme, scales
+
+        self.sliders: dict[str, Any] = {}
+        self._starts: dict[str, float] = {}
+        self._quiet = False  # while many sliders move at once
+        tabs = {"damper": self._group(_DAMPER), "rods": self._group(_RODS)}
+        tabs |= {"buildings": self._group(_BUILDINGS), "ground": self._group_of_ground()}
+        back = widgets.Button(description="reset", tooltip="back to the first values")
+        back.on_click(lambda _: self.reset())
+
+        self.structures, self.ground = self._first, ground
+        self.response = self._run(self.structures, ground)
+        self._panels = LivePanels(self.response)
+        self.picture = widgets.Image(format="png")
+        self.words = widgets.HTML()
+        self._show()
+        tab = widgets.Tab([widgets.VBox(group) for group in tabs.values()], titles=list(tabs))
+        tab.layout.width = "24em"
+        self.widget = widgets.HBox(
+            [
+                widgets.VBox([tab, back]),
+                widgets.VBox([self.picture, self.words]),
+            ],
+            layout=widgets.Layout(flex_flow="row wrap"),
+        )
+
+    def _repr_mimebundle_(self, **kwargs: Any) -> dict[str, Any]:
+        # The picture is for where widgets do not live.
+        return self.widget._repr_mimebundle_(**kwargs) | {"image/png": self.picture.value}
+
+    def _slider(self, name: str, words: str, value: float, low: float, high: float) -> Any:
+        import ipywidgets as widgets
+
+        style = {"description_width": "7em"}
+        layout = widgets.Layout(width="22em")
+        low, high = min(low, value), max(high, value)
+        look = {"description": words, "style": style, "layout": layout}
+        if name in _LOGARITHMIC:
+            ends = {"min": np.log10(low), "max": np.log10(high)}
+            slider = widgets.FloatLogSlider(value, **ends, step=0.01, readout_format=".3g", **look)
+        else:
+            ends = {"min": low, "max": high}
+            slider = widgets.FloatSlider(value, **ends, step=0.01, readout_format=".2f", **look)
+        slider.observe(self._changed, names="value")
+        self.sliders[name] = slider
+        self._starts[name] = value
+        return slider
+
+    def _group(self, parameters: Any) -> list[Any]:
+        return [
+            self._slider(name, words, _at(self._first, name), low, high)
+            for name, words, low, high in parameters
+        ]
+
+    def _group_of_ground(self) -> list[Any]:
+        strength = self._slider("strength", "strength", 1.0, 0.0, 3.0)
+        if not isinstance(self._ground, Ricker):
+            return [strength]
+        periods, arrivals = np.ravel(self._ground.periods), np.ravel(self._ground.arrivals)
+        end = self._grid.n_steps * self._grid.dt
+        return [strength] + [
+            slider
+            for i, (period, arrival) in enumerate(zip(periods, arrivals, strict=True), start=1)
+            for slider in (
+                self._slider(f"period_{i}", f"period {i}", float(period), 0.3, 6.0),
+                self._slider(f"arrival_{i}", f"arrival {i}", float(arrival), 0.0, end),
+            )
+        ]
+
+    def _chosen(self) -> tuple[AdjacentStructures, Any]:
+        """Structures and ground as the sliders say; ValueError where they break a rule."""
+        value = {name: slider.value for name, slider in self.sliders.items()}
+        own = {name for name, *_ in (*_DAMPER, *_BUILDINGS)}
+        rods = {
+            f"rod_{i}": replace(
+                getattr(self._first, f"rod_{i}"),
+                **{k: value[f"rod_{i}.{k}"] for k in ("order", "tau_x", "tau_f")},
+            )
+            for i in (1, 2)
+        }
+        structures = replace(self._first, **rods, **{name: value[name] for name in own})
+        ground: Any = self._ground
+        if isinstance(ground, Ricker):
+            shape = np.shape(ground.periods)
+            n = int(np.prod(shape))
+            periods, arrivals = (
+                np.reshape([value[f"{kind}_{i + 1}"] for i in range(n)], shape)
+                for kind in ("period", "arrival")
+            )
+            return structures, Ricker(value["strength"] * ground.amplitude, periods, arrivals)
+        return structures, value["strength"] * ground
+
+    def _run(self, structures: AdjacentStructures, ground: Any) -> Response:
+        response = simulate(structures, ground, self._grid, self._scheme)
+        return response if self._scales is None else self._scales.to_si(response)
+
+    def _changed(self, _: Any) -> None:
+        if self._quiet:
+            return
+        try:
+            structures, ground = self._chosen()
+            response = self._run(structures, ground)
+        except (ValueError, ArithmeticError) as error:
+            self.words.value = f'<span style="color: #D55E00">{error}</span>'
+            return
+        self.structures, self.ground, self.response = structures, ground, response
+        self._show()
+
+    def reset(self) -> None:
+        """Back to the first values."""
+        self._quiet = True
+        for name, slider in self.sliders.items():
+            slider.value = self._starts[name]
+        self._quiet = False
+        self._changed(None)
+
+    def _show(self) -> None:
+        self.picture.value = self._panels.png(self.response)
+        d = self.response.demand
+        si = self.response.si
+        length, second = (" m", " s") if si else ("", "")
+        pounds = " <b>The buildings pound.</b>" if d.pounds else ""
+        self.words.value = (
+            f"min gap {float(d.min_gap):.4g}{length} at t = {float(d.min_gap_time):.4g}{second}; "
+            f"{len(self.response.phases())} phases, slid {float(d.slip_distance):.3g}{length}, "
+            f"offset left {float(d.residual_offset):.3g}{length}.{pounds}"
+        )
+
+
+def _at(structures: AdjacentStructures, path: str) -> float:
+    value: Any = reduce(getattr, path.split("."), structures)
+    return float(value)

@@ -1,0 +1,196 @@
+"""What all figures share: colours, sizes, units, labels, legends.
+
+Sizes are those of the style file ``house.mplstyle``, which ``plt.style.use("jaxpound.house")``
+takes for figures of one's own. The library's own figures set what they need themselves: they look
+alike under any settings, and nothing here changes matplotlib's.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_params_from_file
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+# Okabe and Ito's colours, which stay apart for every kind of colour vision.
+COLOURS = {
+    "structure 1": "#0072B2",
+    "structure 2": "#D55E00",
+    "ground": "#000000",
+    "damper": "#009E73",
+    "rods": "#CC79A7",
+    "kinetic": "#56B4E9",
+    "stick": "#56B4E9",
+    "pounding": "#E69F00",
+    "residual": "#7F7F7F",
+}
+
+with resources.as_file(resources.files("jaxpound") / "house.mplstyle") as _file:
+    _HOUSE = rc_params_from_file(_file, use_default_template=False)
+
+FIGURE_SIZE = tuple(_HOUSE["figure.figsize"])
+"""Width and height of a new figure in inches: 9 cm by 6 cm."""
+FONT_SIZE = _HOUSE["font.size"]
+LINE_WIDTH = _HOUSE["lines.linewidth"]
+CYCLE = [style["color"] for style in _HOUSE["axes.prop_cycle"]]
+_SHADE = 0.3
+
+_DIMENSIONLESS = {
+    "time": r"$1/\omega_1$",
+    "length": r"$g/\omega_1^2$",
+    "velocity": r"$g/\omega_1$",
+    "acceleration": "$g$",
+    "force": "$m_1 g$",
+    "energy": r"$m_1 g^2/\omega_1^2$",
+}
+_SI = {
+    "time": "s",
+    "length": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s²",
+    "force": "N",
+    "energy": "J",
+}
+
+# Quantity of each demand, and its name in a figure.
+QUANTITIES = {
+    "min_gap": ("length", r"min gap $\xi$"),
+    "min_gap_time": ("time", "time of min gap $t$"),
+    "peak_x1": ("length", "peak $|x_1|$"),
+    "peak_x2": ("length", "peak $|x_2|$"),
+    "peak_f1": ("force", "peak $|f_1|$"),
+    "peak_f2": ("force", "peak $|f_2|$"),
+    "peak_acceleration_1": ("acceleration", "peak $|a_1|$"),
+    "peak_acceleration_2": ("acceleration", "peak $|a_2|$"),
+    "damper_force": ("force", "slip force"),
+    "slip_distance": ("length", "slip distance"),
+    "friction_work": ("energy", "friction work"),
+    "residual_offset": ("length", "residual offset"),
+    "pga": ("acceleration", "PGA"),
+    "pgv": ("velocity", "PGV"),
+    "required_gap": ("length", "required gap"),
+}
+
+
+def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
+    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large."""
+    unit = (_SI if si else _DIMENSIONLESS)[quantity]
+    if si and quantity in ("force", "energy"):
+        for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
+            if peak * factor >= 10:
+                return factor, prefix + unit
+    return 1.0, unit
+
+
+class FreeFigure(Figure):
+    """A figure unknown to pyplot, which a notebook shows all the same."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png", dpi=_HOUSE["figure.dpi"])
+        return file.getvalue()
+
+
+def new_figure(width: float = 1.0, height: float = 1.0) -> Figure:
+    """A figure unknown to pyplot, of so many columns' width and so many usual heights."""
+    size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
+    return FreeFigure(figsize=size, layout="constrained")
+
+
+def figure(draw: Callable[[Any, Axes], Any], drawn: Any) -> Figure:
+    """A figure of column width with one drawing of a response or study, unknown to pyplot."""
+    result = new_figure()
+    draw(drawn, result.add_subplot())
+    return result
+
+
+def new_axes(ax: Axes | None, width: float = 1.0, height: float = 1.0) -> Axes:
+    """The axes given, or those of a new pyplot figure of so many columns and usual heights."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot  # only here, so that no window system is asked for
+
+    size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
+    return pyplot.subplots(figsize=size, layout="constrained")[1]
+
+
+def shades(n: int) -> list[str]:
+    """Colours of n results to be compared: grey for the first, then greens from light to dark."""
+    green = np.array(to_rgb(COLOURS["damper"]))
+    light, dark = 0.35 + 0.65 * green, 0.45 * green
+    mixed = [light + (dark - light) * k for k in np.linspace(0, 1, n - 1)] if n > 2 else [green]
+    return [COLOURS["residual"], *(to_hex(tuple(colour)) for colour in mixed)][:n]
+
+
+def shade(colour: str) -> dict[str, Any]:
+    """Style of a shaded region."""
+    return {"facecolor": COLOURS[colour], "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
+
+
+def label(ax: Axes, x: str, y: str) -> None:
+    """Labels of both axes, ticks and a light grid."""
+    ax.set_xlabel(x, fontsize=FONT_SIZE)
+    ax.set_ylabel(y, fontsize=FONT_SIZE)
+    ax.tick_params(labelsize=FONT_SIZE)
+    if ax.get_xscale() == "linear":
+        ax.locator_params(axis="x", nbins=5)  # more would touch at column width
+    ax.grid(True, color=_HOUSE["grid.color"], linewidth=_HOUSE["grid.linewidth"])
+    ax.set_axisbelow(True)
+
+
+def legend(ax: Axes, columns: int = 4) -> None:
+    """A legend in a strip of its own, above everything drawn."""
+    ax.autoscale(axis="y")
+    low, high = ax.get_ylim()
+    handles, _ = ax.get_legend_handles_labels()
+    room = 0.16 * -(-len(handles) // columns)  # in heights of the axes, for each row
+    log = ax.get_yscale() == "log"
+    ax.set_ylim(low, high * (high / low) ** room if log else high + room * (high - low))
+    ax.legend(
+        loc="upper right",
+        ncols=columns,
+        fontsize=FONT_SIZE,
+        frameon=False,
+        handlelength=1.2,
+        columnspacing=1.0,
+        borderaxespad=0.2,
+    )
+
+
+def only_shares(ax: Axes) -> None:
+    """Ticks from 0 to 1, not beside the legend above."""
+    ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
+
+
+def ratio_ticks(axis: Axis) -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def bars(ax: Axes | None, names: Sequence[str]) -> Axes:
+    """Axes with room for so many bars."""
+    if ax is None:
+        ax = new_axes(ax)
+        figure: Any = ax.figure
+        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
+    return ax
+
+
+def signed_bars(ax: Axes | None, values: Mapping[str, float], words: str) -> Axes:
+    """A bar for each name, to the left or right of zero, from below in their order."""
+    ax, place = bars(ax, list(values)), np.arange(len(values))
+    ax.barh(place, list(values.values()), 0.6, color=COLOURS["structure 1"], alpha=0.8)
+    ax.axvline(0, color="black", linewidth=0.7)
+    label(ax, words, "")
+    ax.set_yticks(place, list(values))
+    return ax

@@ -1,0 +1,93 @@
+"""Figures of ground motions: axes in, axes out, in the common style."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+
+from jaxpound.figure_style import (
+    COLOURS,
+    CYCLE,
+    FONT_SIZE,
+    LINE_WIDTH,
+    label,
+    legend,
+    new_axes,
+    ratio_ticks,
+)
+from jaxpound.ground import Record
+from jaxpound.intensity import spectral_acceleration
+
+
+def accelerogram(record: Record, ax: Axes | None = None) -> Axes:
+    """Acceleration of a record in g over time in seconds, with its peak."""
+    ax, a = new_axes(ax), np.asarray(record.samples)
+    time = float(record.dt) * np.arange(a.size)
+    ax.plot(time, a, color=COLOURS["ground"], linewidth=LINE_WIDTH)
+    peak = np.abs(a).argmax()
+    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} s"
+    ax.plot(time[peak], a[peak], "o", color=COLOURS["pounding"], markersize=4, label=words)
+    ax.margins(x=0)
+    label(ax, "time $t$ (s)", "ground acceleration $u''$ ($g$)")
+    legend(ax)
+    return ax
+
+
+def spectra(
+    records: Mapping[str, Record],
+    ax: Axes | None = None,
+    periods: Sequence[float] | None = None,
+    damping: float = 0.05,
+    marks: Mapping[str, float] | None = None,
+) -> Axes:
+    """Spectral acceleration of records over the natural period, both logarithmic.
+
+    Parameters
+    ----------
+    records
+        Records in g and seconds, by name.
+    ax
+        Where to draw.
+    periods
+        Natural periods > 0 in s; by default 80 from 0.05 to 5.
+    damping
+        Damping ratio, at least 0 and below 1.
+    marks
+        Natural periods in s to be marked, by name, such as those of two buildings.
+    """
+    ax = new_axes(ax)
+    t = np.geomspace(0.05, 5.0, 80) if periods is None else np.asarray(periods, float)
+    for i, (name, record) in enumerate(records.items()):
+        one = partial(spectral_acceleration, record, damping=damping)
+        ax.plot(
+            t,
+            jax.vmap(lambda period, one=one: one(period=period))(jnp.asarray(t)),
+            color=CYCLE[i % len(CYCLE)],
+            linestyle=("-", "--", ":")[i // len(CYCLE) % 3],
+            linewidth=LINE_WIDTH,
+            label=name,
+        )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    for name, period in (marks or {}).items():
+        ax.axvline(period, color=COLOURS["residual"], linewidth=0.7, zorder=1)
+        ax.annotate(
+            name,
+            (period, 0.03),
+            xycoords=("data", "axes fraction"),
+            xytext=(2, 0),
+            textcoords="offset points",
+            rotation=90,
+            fontsize=FONT_SIZE,
+            color=COLOURS["residual"],
+        )
+    ratio_ticks(ax.xaxis)
+    ratio_ticks(ax.yaxis)
+    label(ax, "natural period $T$ (s)", f"$S_a$ at {damping:.0%} damping ($g$)")
+    legend(ax, columns=2)
+    return ax
