@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from jaxpound._checks import Rule, count, enforce, hint, instance, is_traced, number
 from jaxpound.distributions import Distribution, truncated
 from jaxpound.ground import GroundLike, Record, Ricker, require_ground
+from jaxpound.sampling import as_key, key_numbers, points, require_sampling
 from jaxpound.structures import AdjacentStructures
 
 
@@ -98,6 +99,41 @@ class Scenarios:
             structures.draw(z[:first]) if isinstance(structures, Draw) else structures,
             ground.draw(z[first:]) if isinstance(ground, Draw) else ground,
         )
+
+    def at(
+        self, indices: Any, key: int | jax.Array = 0, *, sampling: str = "plain"
+    ) -> tuple[AdjacentStructures, GroundLike]:
+        """The scenarios of a study's samples, to be looked at one by one.
+
+        Parameters
+        ----------
+        indices
+            A sample's index (``Study.indices``), or some of them, shape (n,).
+        key, sampling
+            As of ``monte_carlo``.
+
+        Returns
+        -------
+        Structures and ground motion, each a batch of n where indices are some.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule.
+        """
+        owner = "Scenarios.at"
+        limit = require_sampling(owner, sampling)
+        chosen = np.asarray(indices)
+        if chosen.ndim > 1 or chosen.dtype.kind not in "iu" or not chosen.size:
+            raise ValueError(f"{owner}: indices = {indices!r} must be whole numbers, shape (n,)")
+        if chosen.min() < 0 or chosen.max() >= limit:
+            raise ValueError(f"{owner}: indices = {indices!r} must be from 0 to {limit - 1}")
+        seeded = as_key(*key_numbers(owner, key))
+        point = points(sampling, seeded, self.dimension)
+        if chosen.ndim == 0:
+            return self.realize(jnp.asarray(point(int(chosen), int(chosen) + 1)[0]))
+        rows = np.concatenate([point(int(i), int(i) + 1) for i in chosen])
+        return jax.vmap(self.realize)(jnp.asarray(rows))
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """What was drawn, by name, in the order of z."""

@@ -235,3 +235,30 @@ U = jp.Uniform(0.1, 1.0)
 def test_bad_values_are_named(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("sampling", ["plain", "sobol"])
+def test_scenarios_by_index_are_those_of_the_study(sampling):
+    scenarios = jp.Scenarios(
+        jp.UncertainStructures(PAPER, {"friction": jp.LogNormal(1, 2)}), RICKER
+    )
+    grid = jp.TimeGrid(0.1, 40)
+    study = jp.monte_carlo(
+        scenarios, 8, grid, key=3, sampling=sampling, keep_parameters=True, progress=False
+    )
+    batch = scenarios.at([5, 0, 6], 3, sampling=sampling)
+    np.testing.assert_allclose(batch[0].friction, study["friction"][[5, 0, 6]])
+    gaps = jax.vmap(lambda *pair: jp.demand(*pair, grid).min_gap)(*batch)
+    np.testing.assert_allclose(gaps, study["min_gap"][[5, 0, 6]], atol=1e-12)
+    structures, ground = scenarios.at(study.indices[6], 3, sampling=sampling)
+    assert jnp.shape(structures.friction) == ()
+    assert float(jp.demand(structures, ground, grid).min_gap) == pytest.approx(float(gaps[2]))
+    for indices, message in (
+        (1.5, "must be whole numbers"),
+        ([], "must be whole numbers"),
+        ([[1]], r"shape \(n,\)"),
+        (-1, "must be from 0 to"),
+        (2**31, "must be from 0 to"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            scenarios.at(indices, 3, sampling=sampling)
