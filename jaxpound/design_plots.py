@@ -19,6 +19,7 @@ from jaxpound.figure_style import (
     new_axes,
     new_figure,
     only_shares,
+    parameter_name,
     ratio_ticks,
     shade,
     signed_bars,
@@ -94,7 +95,7 @@ def landscape(
     )
     ax.set_xscale(design.space.variables[drawn.x].scale)
     ax.set_yscale(design.space.variables[drawn.y].scale)
-    label(ax, _SYMBOLS[drawn.x], _SYMBOLS[drawn.y])
+    label(ax, parameter_name(drawn.x), parameter_name(drawn.y))
     for name, one in ((drawn.x, ax.xaxis), (drawn.y, ax.yaxis)):
         if design.space.variables[name].scale == "log":
             ratio_ticks(one)
@@ -153,7 +154,7 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
 def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
     """Elasticities as bars, the largest on top."""
     names = sorted(found.values, key=lambda path: abs(found.values[path]))
-    shown = {_SYMBOLS[path]: found.values[path] for path in names}
+    shown = {parameter_name(path): found.values[path] for path in names}
     return signed_bars(ax, shown, f"% of {found.demand.replace('_', ' ')} per % of the parameter")
 
 
@@ -162,23 +163,6 @@ def figure_of_landscape(design: Design, n: int = 15) -> Figure:
     result = new_figure(height=1.25)
     landscape(design, result.add_subplot(), n=n)
     return result
-
-
-_SYMBOLS = {
-    "friction": r"friction $\mu$",
-    "mass_ratio": r"mass ratio $\rho$",
-    "stiffness_ratio": r"stiffness ratio $\varepsilon$",
-    "initial_gap": r"gap at rest $\xi_0$",
-    **{
-        f"rod_{i}.{name}": rf"rod {i}: {symbol}"
-        for i in (1, 2)
-        for name, symbol in (
-            ("order", "order"),
-            ("tau_f", r"$\bar\tau_f$"),
-            ("tau_x", r"$\bar\tau_x$"),
-        )
-    },
-}
 
 
 def _unit(design: Design, largest: float) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib import rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -78,6 +79,27 @@ QUANTITIES = {
     "pgv": ("velocity", "PGV"),
     "required_gap": ("length", "required gap"),
 }
+
+_PARAMETERS = {
+    "friction": r"friction $\mu$",
+    "mass_ratio": r"mass ratio $\rho$",
+    "stiffness_ratio": r"stiffness ratio $\varepsilon$",
+    "initial_gap": r"gap at rest $\xi_0$",
+    **{
+        f"rod_{i}.{name}": rf"rod {i}: {symbol}"
+        for i in (1, 2)
+        for name, symbol in (
+            ("order", "order"),
+            ("tau_f", r"$\bar\tau_f$"),
+            ("tau_x", r"$\bar\tau_x$"),
+        )
+    },
+}
+
+
+def parameter_name(path: str) -> str:
+    """Name of a parameter in a figure."""
+    return _PARAMETERS.get(path, path.replace("_", " "))
 
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
@@ -151,10 +173,11 @@ def legend(ax: Axes, columns: int = 4) -> None:
     ax.autoscale(axis="y")
     low, high = ax.get_ylim()
     handles, _ = ax.get_legend_handles_labels()
-    room = 0.16 * -(-len(handles) // columns)  # in heights of the axes, for each row
+    rows = -(-len(handles) // columns)
+    room = 0.07 + 0.09 * rows  # in heights of the axes
     log = ax.get_yscale() == "log"
     ax.set_ylim(low, high * (high / low) ** room if log else high + room * (high - low))
-    ax.legend(
+    shown = ax.legend(
         loc="upper right",
         ncols=columns,
         fontsize=FONT_SIZE,
@@ -163,6 +186,9 @@ def legend(ax: Axes, columns: int = 4) -> None:
         columnspacing=1.0,
         borderaxespad=0.2,
     )
+    for handle in shown.legend_handles:
+        if isinstance(handle, LineCollection):
+            handle.set_alpha(1.0)  # of a batch, whose lines are faint
 
 
 def only_shares(ax: Axes) -> None:

@@ -117,7 +117,7 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
     ax.axhline(0, color=COLOURS["pounding"], linewidth=LINE_WIDTH, zorder=1)
     ax.margins(x=0)
     label(ax, _time(runs[0]), rf"gap $\xi$ ({_length(runs[0])})")
-    legend(ax, columns=2)
+    legend(ax, columns=1)
     return ax
 
 
@@ -295,7 +295,7 @@ def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:
         ax.plot(x, y, linewidth=LINE_WIDTH, alpha=_LINE_ALPHA, **style)
         return
     runs = np.stack([x, y], -1).reshape(-1, x.shape[-1], 2)
-    alpha = max(0.03, _LINE_ALPHA / len(runs) ** 0.5)
+    alpha = max(0.03, _LINE_ALPHA / len(runs) ** 0.4)
     ax.add_collection(LineCollection(list(runs), linewidth=LINE_WIDTH, alpha=alpha, **style))
     ax.autoscale_view()
 

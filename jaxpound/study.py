@@ -44,6 +44,15 @@ class Separation(NamedTuple):
     correlation: float
     """ρ, of the median structures without damper (``double_difference_correlation``)."""
 
+    def __repr__(self) -> str:
+        return (
+            f"Separation(required gap {self.required_gap}\n"
+            f"    absolute sum      {self.absolute_sum:.4g}\n"
+            f"    SRSS              {self.srss:.4g}\n"
+            f"    double difference {self.double_difference:.4g}, "
+            f"with a correlation of {self.correlation:.3g})"
+        )
+
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Study:

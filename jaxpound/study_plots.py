@@ -21,6 +21,7 @@ from jaxpound.figure_style import (
     new_axes,
     new_figure,
     only_shares,
+    parameter_name,
     ratio_ticks,
     shade,
     signed_bars,
@@ -169,7 +170,7 @@ def scatter_matrix(
                 alpha=0.4,
                 rasterized=True,
             )
-            label(ax, name.replace("_", " "), _name(study, demand))
+            label(ax, parameter_name(name), _name(study, demand))
             ax.locator_params(axis="x", nbins=3)
             ax.label_outer()
     return figure
@@ -179,13 +180,13 @@ def correlations(study: Study, ax: Axes | None = None, column: str = "required_g
     """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
     found = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
     names = sorted(found, key=lambda name: abs(found[name]))[-12:]
-    shown = {name.replace("_", " "): found[name] for name in names}
+    shown = {parameter_name(name): found[name] for name in names}
     return signed_bars(ax, shown, f"rank correlation with {_plain(column)}")
 
 
 def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
-    """First-order and total Sobol indices as bars, the largest on top, with their intervals."""
-    names = sorted(indices.total, key=lambda name: indices.total[name].value)
+    """First-order and total Sobol indices as bars with intervals, the twelve largest on top."""
+    names = sorted(indices.total, key=lambda name: indices.total[name].value)[-12:]
     ax = bars(ax, names)
     place = np.arange(len(names))
     for shift, kind, colour in ((0.2, "first", "structure 1"), (-0.2, "total", "structure 2")):
@@ -203,7 +204,7 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
             label={"first": "first order", "total": "total"}[kind],
         )
     label(ax, f"Sobol index of {_plain(indices.demand)}", "")
-    ax.set_yticks(place, [name.replace("_", " ") for name in names])
+    ax.set_yticks(place, [parameter_name(name) for name in names])
     ax.legend(loc="lower right", fontsize=FONT_SIZE, frameon=False)
     return ax
 

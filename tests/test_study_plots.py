@@ -9,6 +9,7 @@ from test_sensitivity import GRID, SCENARIOS
 
 import jaxpound as jp
 from jaxpound import study_plots as plots
+from jaxpound.figure_style import parameter_name
 
 mpl.use("Agg")
 
@@ -88,9 +89,11 @@ def test_scatter_has_a_panel_for_each_pair():
 def test_correlation_bars_are_the_correlations_largest_on_top(ax):
     found = study(RANDOM, 50)
     plots.correlations(found, ax)
-    names = [text.get_text().replace(" ", "_") for text in ax.get_yticklabels()]
+    names = [text.get_text() for text in ax.get_yticklabels()]
     expected = found.correlations()
-    assert names == sorted(expected, key=lambda name: abs(expected[name]))
+    ranked = sorted(expected, key=lambda name: abs(expected[name]))
+    assert names == [parameter_name(name) for name in ranked]
+    assert r"friction $\mu$" in names
     assert [bar.get_width() for bar in ax.patches] == [expected[name] for name in names]
 
 
