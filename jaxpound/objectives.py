@@ -247,15 +247,17 @@ class Objective:
     limits
         By price: ``{"peak_f1": Limit(0.4, over="mean")}``; a number bounds the worst earthquake's.
 
-    All are in dimensionless units, or in SI units where the design is told its scales. Prices are
-    ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its slip force), ``peak_x1``,
-    ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``, ``residual_offset`` (its size),
-    ``slip_distance`` and ``friction_work``.
-
     Raises
     ------
     ValueError
         If goal is no function, a price is unknown, or a penalty or limit is none.
+
+    Notes
+    -----
+    All are in dimensionless units, or in SI units where the design is told its scales. Prices are
+    ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its slip force), ``peak_x1``,
+    ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``, ``residual_offset`` (its size),
+    ``slip_distance`` and ``friction_work``.
     """
 
     goal: Goal = MeanGap()
