@@ -14,6 +14,7 @@ from unittest.mock import patch
 import nbformat
 from docutils import nodes
 from docutils.parsers.rst import Directive
+from sphinx.ext import autosummary
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -40,10 +41,11 @@ templates_path = ["_templates"]
 
 html_theme = "furo"
 html_title = f"jaxpound {version}"
+smartquotes_action = "D"  # dashes only: x1'' is a second derivative
 
 # Committed outputs are shown as they are: a notebook may take minutes and need a network.
 nb_execution_mode = "off"
-myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["amsmath", "dollarmath", "html_image"]
 myst_heading_anchors = 3
 
 napoleon_google_docstring = False
@@ -55,6 +57,9 @@ autodoc_typehints_description_target = "documented"
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {name: name for name in ("ArrayLike", "GroundLike")}
 maximum_signature_line_length = 80
+
+# Or a summary would end at the full stop of "eq. (9)".
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.")
 
 # Fields that no Parameters section describes are listed with the class's members.
 autosummary_context = {
@@ -84,7 +89,7 @@ PAGES = {  # what a file at the repository's top is among the pages
     ROOT / "CHANGELOG.md": HERE / "changelog.md",
     ROOT / "CONTRIBUTING.md": HERE / "contributing.md",
 }
-_LINK = re.compile(r"(\]\(\s*<?|\b(?:src|href)=\")(?![a-zA-Z][\w+.-]*:|[#/])([^)\s>\"#]+)")
+_LINK = re.compile(r"(\]\(\s*<?|\bsrc=\")(?![a-zA-Z][\w+.-]*:|[#/])([^)\s>\"#]+)")
 
 
 def bring_notebooks(app: Any) -> None:
@@ -162,9 +167,12 @@ def finish(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[s
 def result_signature(
     app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: Any
 ) -> tuple[str, None] | None:
-    """Results are returned by functions: how they are put together is of no use to a reader."""
-    fields = len(getattr(obj, "__dataclass_fields__", getattr(obj, "_fields", ())))
-    found = what == "class" and fields > 3 and "Parameters\n" not in (obj.__doc__ or "")
+    """Protocols, and results that functions put together, have no arguments to be told."""
+    if what != "class" or "Parameters\n" in (obj.__doc__ or ""):
+        return None
+    fields = [*getattr(obj, "__dataclass_fields__", getattr(obj, "_fields", ()))]
+    found = len(fields) > 3 or any(name.startswith("_") for name in fields)
+    found |= getattr(obj, "_is_protocol", False)
     return ("", None) if found else None
 
 

@@ -144,8 +144,8 @@ def design_damper(
 
     Examples
     --------
-    >>> amplitude, periods, arrivals = jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3.8), jp.Uniform(1, 7)
-    >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals)
+    >>> amplitude, periods = jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8)
+    >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals=jp.Uniform(1.0, 7.0))
     >>> earthquakes = jp.Ensemble.drawn(jp.Scenarios(jp.paper.structures(), ground), 8)
     >>> design = jp.design_damper(
     ...     jp.DesignSpace(jp.paper.structures(), {"friction": (0.0, 1.0)}),

@@ -114,8 +114,8 @@ def monte_carlo(
 
     Examples
     --------
-    >>> amplitude, periods, arrivals = jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3.8), jp.Uniform(1, 7)
-    >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals)
+    >>> amplitude, periods = jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8)
+    >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals=jp.Uniform(1.0, 7.0))
     >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
     >>> study = jp.monte_carlo(scenarios, 64, jp.TimeGrid.until(20.0, dt=0.1), progress=False)
     >>> print(study.pounding_probability(gap=0.3))
