@@ -94,6 +94,15 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
         If chunk_size is not a positive whole number, or (when called) if the arguments are not
         arrays with one and the same length, at least 1, if the results are not numbers, or inside
         ``jit``, ``vmap`` or ``grad``.
+
+    Examples
+    --------
+    >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
+    >>> def gap(friction):
+    ...     structures = replace(jp.paper.structures(), friction=friction)
+    ...     return jp.demand(structures, jp.paper.ground(), grid).min_gap
+    >>> [round(float(x), 3) for x in jp.in_chunks(gap)(np.array([0.1, 0.2, 0.3]))]
+    [0.172, 0.26, 0.313]
     """
     if not callable(function):
         raise ValueError(f"in_chunks: function = {function!r} must be a function")

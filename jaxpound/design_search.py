@@ -141,6 +141,24 @@ def design_damper(
         they were exceeded; if the file holds another search.
     OSError
         If the file cannot be written to.
+
+    Examples
+    --------
+    >>> amplitude, periods = jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8)
+    >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals=jp.Uniform(1.0, 7.0))
+    >>> earthquakes = jp.Ensemble.drawn(jp.Scenarios(jp.paper.structures(), ground), 8)
+    >>> design = jp.design_damper(
+    ...     jp.DesignSpace(jp.paper.structures(), {"friction": (0.0, 1.0)}),
+    ...     earthquakes,
+    ...     jp.TimeGrid.until(20.0, dt=0.1),
+    ...     objective=jp.Objective(limits={"damper_force": 0.3}),
+    ...     starts=1,
+    ...     iterations=5,
+    ...     fresh=None,
+    ...     progress=False,
+    ... )
+    >>> round(design.values["friction"], 2)  # all that the limit allows
+    0.3
     """
     sought = Sought(
         space,

@@ -41,6 +41,12 @@ class Bounds:
     ------
     ValueError
         If the bounds are not finite or not in this order, or the scale is another or does not fit.
+
+    Examples
+    --------
+    >>> bounds = jp.Bounds(0.1, 10.0, "log")
+    >>> round(float(bounds.value(0.5, bounds.low)), 6)  # half way, by ratio
+    1.0
     """
 
     low: float
@@ -96,6 +102,15 @@ class DesignSpace:
     ValueError
         If a path is unknown, bounds are not bounds or are outside of what the parameter may be,
         there is no variable, or a rod's τ_f could reach the largest τ_x.
+
+    Examples
+    --------
+    >>> bounds = {"friction": (0.0, 1.0), "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log")}
+    >>> space = jp.DesignSpace(jp.paper.structures(), bounds)
+    >>> space.names
+    ('rod_1.tau_x', 'friction')
+    >>> round(float(space.structures(np.array([0.5, 0.5])).rod_1.tau_x), 4)
+    1.4142
     """
 
     nominal: AdjacentStructures

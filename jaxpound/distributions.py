@@ -32,6 +32,11 @@ class Normal:
     ------
     ValueError
         If mean is not finite or std is not positive and finite.
+
+    Examples
+    --------
+    >>> jp.Normal(mean=2.0, std=0.5).from_normal(-1.0)
+    1.5
     """
 
     mean: float
@@ -59,6 +64,12 @@ class LogNormal:
     ------
     ValueError
         If median or sigma is not positive and finite.
+
+    Examples
+    --------
+    >>> friction = jp.LogNormal(median=0.25, sigma=0.2)
+    >>> round(float(friction.from_normal(1.0)), 4)  # one standard deviation above the median
+    0.3054
     """
 
     median: float
@@ -87,6 +98,11 @@ class Uniform:
     ------
     ValueError
         If one is not finite, or high is not above low.
+
+    Examples
+    --------
+    >>> float(jp.Uniform(1.0, 3.0).from_normal(0.0))  # the median
+    2.0
     """
 
     low: float

@@ -66,6 +66,13 @@ def elasticities(
     ------
     ValueError
         If an argument breaks its rule, or the demand is zero or not finite.
+
+    Examples
+    --------
+    >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
+    >>> found = jp.elasticities(jp.paper.structures(), jp.paper.ground(), grid)
+    >>> round(found.values["friction"], 2)  # percent of min gap by a percent of friction
+    0.72
     """
     owner = "elasticities"
     instance(owner, "structures", structures, AdjacentStructures)

@@ -22,6 +22,16 @@ class Ensemble:
     """Earthquakes, and what is uncertain of the structures in each: ``of`` and ``drawn`` make it.
 
     Two designs that are compared meet the same earthquakes (common random numbers).
+
+    Examples
+    --------
+    >>> amplitude, periods = jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8)
+    >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals=jp.Uniform(1.0, 7.0))
+    >>> earthquakes = jp.Ensemble.drawn(jp.Scenarios(jp.paper.structures(), ground), 8)
+    >>> earthquakes
+    Ensemble(8 earthquakes)
+    >>> earthquakes + jp.Ensemble.of([jp.paper.ground()], jp.paper.grid())
+    Ensemble(9 earthquakes)
     """
 
     grounds: Ground

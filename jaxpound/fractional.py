@@ -22,7 +22,13 @@ from jaxpound._checks import Rule, enforce, number
 
 
 def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... n+1"]:
-    """Grünwald–Letnikov weights ω_0 … ω_n of a derivative of the given order (paper, eq. 11)."""
+    """Grünwald–Letnikov weights ω_0 … ω_n of a derivative of the given order (paper, eq. 11).
+
+    Examples
+    --------
+    >>> jp.gl_weights(0.5, 4).tolist()
+    [1.0, -0.5, -0.125, -0.0625, -0.0390625]
+    """
     order = jnp.asarray(order, jnp.result_type(order, float))[..., None]
     j = jnp.arange(1, n + 1).reshape(*[1] * (order.ndim - 1), n)
     return jnp.concatenate([jnp.ones_like(order), jnp.cumprod(1 - (order + 1) / j, axis=-1)], -1)
@@ -175,6 +181,14 @@ class ModalHistory:
     ------
     ValueError
         If modes is not a positive whole number or tolerance not in [1e-9, 1).
+
+    Examples
+    --------
+    >>> history = jp.ModalHistory()
+    >>> history.n_modes(500), history.n_modes(10_000)
+    (15, 21)
+    >>> history.error_bound(0.23, 500) < 1e-6
+    True
     """
 
     modes: int | None = None

@@ -130,6 +130,15 @@ def fit_fragility(
         If shapes differ, an intensity is not positive and finite, or counts are not whole numbers
         from 0 to trials. If the likelihood has no maximum: pounding always or never, at all
         intensities above one and at none below, or no oftener as intensity grows.
+
+    Examples
+    --------
+    >>> pga, pounding = [0.2, 0.4, 0.6, 0.8, 1.0], [1, 4, 9, 14, 18]
+    >>> curve = jp.fit_fragility(pga, pounding, trials=[20] * 5)
+    >>> round(curve.median, 3), round(curve.dispersion, 3)
+    (0.59, 0.537)
+    >>> round(float(curve.probability(0.5)), 3)
+    0.379
     """
     owner = "fit_fragility"
     im, k = np.asarray(intensity, float), np.asarray(pounding)

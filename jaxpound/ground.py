@@ -129,6 +129,16 @@ class Ricker(_Combinable):
     ------
     ValueError
         If the shapes are others, a period is not positive, or anything known is not finite.
+
+    Examples
+    --------
+    >>> ground = jp.Ricker(amplitude=0.5, periods=2.0, arrivals=3.0)
+    >>> float(ground.displacement(3.0))
+    -0.5
+    >>> round(float(ground.acceleration(3.0)), 4)
+    7.4022
+    >>> round(float((0.1 * ground + jp.Ricker(0.2, 1.0, 5.0)).acceleration(3.0)), 4)
+    0.7402
     """
 
     amplitude: Any
@@ -211,6 +221,14 @@ class Record(_Combinable):
     ValueError
         If the samples are not one-dimensional, fewer than two or not finite, dt is not a number
         > 0, or the name is not a string.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5, name="made up")
+    >>> record.scaled_to_pga(0.3)
+    Record('made up', 4 samples, dt = 0.5, duration 1.5, peak 0.3)
+    >>> round(float(record.acceleration(0.75)), 6)  # half way between two samples
+    -0.05
     """
 
     samples: Any

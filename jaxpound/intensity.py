@@ -16,7 +16,15 @@ from jaxpound.scheme import TimeGrid
 
 
 def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
-    """Peak ground acceleration max |u''|, in g; a ``Record`` needs no grid."""
+    """Peak ground acceleration max |u''|, in g; a ``Record`` needs no grid.
+
+    Examples
+    --------
+    >>> float(jp.pga(jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)))
+    0.2
+    >>> round(float(jp.pga(jp.paper.ground(), jp.paper.grid())), 2)
+    21.99
+    """
     return peak(_samples(ground, grid)[0])
 
 
@@ -24,6 +32,12 @@ def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) 
     """Peak ground velocity max |u'|, from rest, by the trapezoidal rule.
 
     With a record in g and seconds, ``gravity=9.80665`` gives m/s.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
+    >>> round(float(jp.pgv(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
+    0.4903
     """
     a, dt = _samples(ground, grid)
     velocity = gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2)
@@ -36,6 +50,12 @@ def arias_intensity(
     """Arias intensity (π/2) ∫ u''² dt × gravity, u'' in g (Arias 1970), by the trapezoidal rule.
 
     With a record in g and seconds, ``gravity=9.80665`` gives m/s.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
+    >>> round(float(jp.arias_intensity(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
+    0.3851
     """
     a, dt = _samples(ground, grid)
     return jnp.pi / 2 * gravity * trapezoid(a**2, dx=dt)
@@ -62,6 +82,12 @@ def spectral_acceleration(
     ------
     ValueError
         If a known period or damping breaks its rule. Traced, the result is NaN.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
+    >>> round(float(jp.spectral_acceleration(record, period=1.0)), 4)
+    0.1766
     """
     owner = "spectral_acceleration"
     period, damping = number(owner, "period", period), number(owner, "damping", damping)

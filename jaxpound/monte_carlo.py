@@ -111,6 +111,15 @@ def monte_carlo(
         its index and the reason. If the store holds another study: what differs.
     OSError
         If the store cannot be written to. Finished chunks stay, and are used by the next call.
+
+    Examples
+    --------
+    >>> amplitude, periods = jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8)
+    >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals=jp.Uniform(1.0, 7.0))
+    >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
+    >>> study = jp.monte_carlo(scenarios, 64, jp.TimeGrid.until(20.0, dt=0.1), progress=False)
+    >>> print(study.pounding_probability(gap=0.3))
+    0.09375 (95%: 0.03519 to 0.193)
     """
     _check(scenarios, n, grid, scheme, sampling, measures or {}, scales, shard)
     if store is None and shard != (1, 1):

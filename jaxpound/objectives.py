@@ -97,6 +97,12 @@ class CVaR:
     ------
     ValueError
         If share is not between 0 and 1.
+
+    Examples
+    --------
+    >>> gaps = np.array([0.1, 0.4, 0.2, 0.3])
+    >>> round(float(jp.CVaR(0.5)(gaps, np.ones(4))), 6)  # mean of the smaller half
+    0.15
     """
 
     share: float = 0.1
@@ -176,6 +182,11 @@ class Limit:
     ------
     ValueError
         If at_most is not positive and finite or over is something else.
+
+    Examples
+    --------
+    >>> jp.Limit(0.4, over="mean")
+    Limit(at_most=0.4, over='mean')
     """
 
     at_most: float
@@ -247,15 +258,25 @@ class Objective:
     limits
         By price: ``{"peak_f1": Limit(0.4, over="mean")}``; a number bounds the worst earthquake's.
 
+    Raises
+    ------
+    ValueError
+        If goal is no function, a price is unknown, or a penalty or limit is none.
+
+    Notes
+    -----
     All are in dimensionless units, or in SI units where the design is told its scales. Prices are
     ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its slip force), ``peak_x1``,
     ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``, ``residual_offset`` (its size),
     ``slip_distance`` and ``friction_work``.
 
-    Raises
-    ------
-    ValueError
-        If goal is no function, a price is unknown, or a penalty or limit is none.
+    Examples
+    --------
+    >>> objective = jp.Objective(jp.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
+    >>> objective.penalties
+    {'peak_f1': Penalty(weight=0.6, over='mean')}
+    >>> objective.limits
+    {'damper_force': Limit(at_most=0.3, over='worst')}
     """
 
     goal: Goal = MeanGap()

@@ -92,8 +92,11 @@ class Phase(NamedTuple):
     """An interval of 'stick', 'slip right' (x1' > x2') or 'slip left', and its ends."""
 
     kind: str
+    """'stick', 'slip right' or 'slip left'."""
     start: float
+    """When it begins."""
     end: float
+    """When it ends."""
 
 
 class Energy(NamedTuple):
@@ -106,10 +109,15 @@ class Energy(NamedTuple):
     """
 
     input: Any
+    """Work of the ground, −∫ u'' (x1' + x2'/ρ) dt."""
     kinetic: Any
+    """Kinetic energy ½ x1'² + ½ x2'²/ρ."""
     rods: Any
+    """Work into the rods, ∫ f1 x1' dt + ∫ f2 x2' dt."""
     friction: Any
+    """Work into the damper, ∫ q (x1' − x2') dt."""
     residual: Any
+    """rods + friction + kinetic − input."""
 
 
 @pytree_dataclass
@@ -121,15 +129,23 @@ class Response:
     """
 
     time: Any
+    """Instants t of the grid."""
     x1: Any
+    """Displacement of block 1 relative to the ground, towards block 2."""
     x2: Any
+    """Displacement of block 2 relative to the ground, away from block 1."""
     v1: Any
+    """Velocity x1'."""
     v2: Any
+    """Velocity x2'."""
     f1: Any
+    """Force of rod 1 (base shear)."""
     f2: Any
+    """Force of rod 2, in the units of f1."""
     friction: Any
     """Force q of the damper: positive when it pulls block 1 back (x1' > x2' in slip)."""
     ground_acceleration: Any
+    """Ground acceleration u''."""
     gap: Any
     """ξ = ξ0 + x2 − x1; pounding is ξ ≤ 0."""
     phase: Any
@@ -137,7 +153,9 @@ class Response:
     change_time: Any
     """Where ``phase`` differs from the entry before: when it changed."""
     mass_1: Any
+    """Mass of block 1 in units of m1 (in SI, kg)."""
     mass_2: Any
+    """Mass of block 2 in units of m1 (in SI, kg)."""
     demand: Demand
     """The scalars of the run."""
     method: str = static(default="")

@@ -70,6 +70,19 @@ class Scenarios:
     ------
     ValueError
         If one is of another type, both are fixed, or they have parameters of the same name.
+
+    Examples
+    --------
+    >>> friction = jp.LogNormal(median=0.25, sigma=0.2)
+    >>> scenarios = jp.Scenarios(
+    ...     jp.UncertainStructures(jp.paper.structures(), {"friction": friction}),
+    ...     jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0)),
+    ... )
+    >>> scenarios.dimension
+    9
+    >>> structures, ground = scenarios.realize(np.zeros(9))
+    >>> round(float(structures.friction), 6)
+    0.25
     """
 
     structures: AdjacentStructures | Draw

@@ -31,6 +31,13 @@ class TimeGrid:
     ------
     ValueError
         If a value breaks its rule.
+
+    Examples
+    --------
+    >>> jp.TimeGrid.until(20.0, dt=0.03)
+    TimeGrid(dt=0.03, n_steps=667)
+    >>> jp.TimeGrid(dt=0.5, n_steps=4).times().tolist()
+    [0.0, 0.5, 1.0, 1.5, 2.0]
     """
 
     dt: float
@@ -88,6 +95,13 @@ class Scheme:
         For reverse-mode differentiation of long runs: keep the state at about √n_steps instants
         only, and compute each stretch again on the way back. Memory falls from O(n_steps) to
         O(√n_steps) states; results and derivatives stay the same.
+
+    Examples
+    --------
+    >>> jp.Scheme(jp.Smoothed(0.1)).friction
+    Smoothed(velocity=0.1)
+    >>> jp.Scheme(history=jp.ModalHistory(tolerance=1e-8), checkpoint=True).order
+    2
     """
 
     friction: FrictionLaw = EventResolved()
@@ -118,6 +132,14 @@ def stability_limit(structures: AdjacentStructures, scheme: Scheme = Scheme()) -
 
     Where the scheme loses stability the fastest motion of the grid, x_m = (−1)^m, neither grows nor
     decays: h² max(K1, ρ K2) = 4 with each rod's stiffness for that motion.
+
+    Examples
+    --------
+    >>> structures = jp.paper.structures()
+    >>> round(jp.stability_limit(structures), 3)
+    0.442
+    >>> round(jp.stability_limit(structures, jp.PAPER_SCHEME), 3)
+    0.561
     """
     known = jax.tree.map(np.asarray, structures)
     stiffest = np.maximum(1.0, known.mass_ratio * known.stiffness_ratio).max()

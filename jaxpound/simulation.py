@@ -159,6 +159,15 @@ def simulate(
     -----
     Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over every leaf of structures and ground.
     There values are traced and cannot raise: an invalid run gives NaN in every result.
+
+    Examples
+    --------
+    >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
+    >>> response = jp.simulate(jp.paper.structures(), jp.paper.ground(), grid)
+    >>> round(float(response.min_gap), 3)
+    0.304
+    >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
+    [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
     ground = _prepare(structures, ground, grid, scheme)
     return _finished(_simulate(structures, ground, grid, scheme))
@@ -198,6 +207,15 @@ def demand(
         As ``simulate``, and if temperature is not positive and finite.
     FloatingPointError
         As ``simulate``.
+
+    Examples
+    --------
+    >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
+    >>> demand = jp.demand(jp.paper.structures(), jp.paper.ground(), grid)
+    >>> round(float(demand.min_gap), 3), round(float(demand.min_gap_time), 2)
+    (0.304, 7.48)
+    >>> float(demand.pounds)
+    0.0
     """
     ground = _prepare(structures, ground, grid, scheme)
     if temperature is not None:

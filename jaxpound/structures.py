@@ -40,6 +40,14 @@ class ZenerRod:
     ValueError
         If a known value breaks one of these rules. Traced values cannot raise: a run with an
         invalid rod returns NaN in every result.
+
+    Examples
+    --------
+    >>> rod = jp.ZenerRod(order=0.23, tau_f=0.004, tau_x=1.183)
+    >>> round(float(rod.natural_frequency()), 4)  # of a unit mass on a unit stiffness
+    1.4844
+    >>> round(float(rod.damping_ratio()), 4)
+    0.1027
     """
 
     order: Any
@@ -171,6 +179,16 @@ class AdjacentStructures:
     ValueError
         If a known value breaks one of these rules. Traced values cannot raise: a run of invalid
         structures returns NaN in every result.
+
+    Examples
+    --------
+    >>> rod_1 = jp.ZenerRod(order=0.23, tau_f=0.004, tau_x=1.183)
+    >>> rod_2 = jp.ZenerRod(order=0.53, tau_f=0.2, tau_x=4.0)
+    >>> structures = jp.AdjacentStructures(
+    ...     rod_1, rod_2, mass_ratio=1.0, stiffness_ratio=2.0, friction=0.25, initial_gap=1.0
+    ... )
+    >>> [round(float(omega), 3) for omega in structures.natural_frequencies]
+    [1.484, 3.341]
     """
 
     rod_1: ZenerRod

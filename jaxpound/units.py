@@ -48,6 +48,14 @@ class Building:
     ------
     ValueError
         If a known value breaks its rule.
+
+    Examples
+    --------
+    >>> building = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    >>> f"{building.stiffness:.3g} N/m"
+    '2.19e+07 N/m'
+    >>> round(float(building.natural_period), 6)
+    0.9
     """
 
     mass: Any
@@ -149,6 +157,14 @@ class Scales:
         ω1, rad/s.
     gravity
         g, m/s².
+
+    Examples
+    --------
+    >>> scales = jp.Scales(mass=500e3, frequency=7.0)
+    >>> round(float(scales.time), 4), round(float(scales.length), 4)  # s, m
+    (0.1429, 0.2001)
+    >>> scales.grid(duration=12.0, dt=0.005)
+    TimeGrid(dt=0.035, n_steps=2400)
     """
 
     mass: Any
@@ -311,6 +327,16 @@ def dimensionless(
     ------
     ValueError
         If a known value breaks its rule.
+
+    Examples
+    --------
+    >>> left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    >>> right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+    >>> structures, scales = jp.dimensionless(left, right, friction_force=200e3, gap=0.10)
+    >>> round(float(structures.mass_ratio), 4), round(float(structures.friction), 4)
+    (1.25, 0.0408)
+    >>> round(float(structures.initial_gap * scales.length), 6)  # back in m
+    0.1
     """
     instance("dimensionless", "building_1", building_1, Building)
     instance("dimensionless", "building_2", building_2, Building)

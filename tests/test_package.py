@@ -1,6 +1,9 @@
 """The house's own rules: silence on import, one direction of imports, the public names."""
 
 import ast
+import dataclasses
+import doctest
+import importlib
 import os
 import re
 import subprocess
@@ -8,6 +11,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import jaxpound as jp
@@ -98,10 +102,17 @@ def test_public_names_are_documented():
             assert thing.__doc__, name
 
 
-def test_the_example_in_the_package_s_docstring():
-    import doctest
+MODULES_WITH_EXAMPLES = [
+    "jaxpound" if path.stem == "__init__" else f"jaxpound.{path.stem}"
+    for path in sorted(PACKAGE.glob("*.py"))
+    if ">>>" in path.read_text(encoding="utf-8")
+]
 
-    assert doctest.testmod(jp).failed == 0
+
+@pytest.mark.parametrize("module", MODULES_WITH_EXAMPLES)
+def test_examples_in_docstrings(module):
+    known = {"jp": jp, "np": np, "replace": dataclasses.replace}  # as docs/api/index.md says
+    assert doctest.testmod(importlib.import_module(module), extraglobs=known).failed == 0
 
 
 def readme_blocks(language):

@@ -94,7 +94,7 @@ def test_correlation_bars_are_the_correlations_largest_on_top(ax):
     ranked = sorted(expected, key=lambda name: abs(expected[name]))
     assert names == [parameter_name(name) for name in ranked]
     assert r"friction $\mu$" in names
-    assert [bar.get_width() for bar in ax.patches] == [expected[name] for name in names]
+    assert [bar.get_width() for bar in ax.patches] == [expected[name] for name in ranked]
 
 
 def test_sensitivity_bars_are_the_indices_largest_on_top(ax):

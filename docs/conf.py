@@ -1,0 +1,189 @@
+"""Sphinx: the pages as written, the API from the docstrings, the notebooks with their outputs."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import nbformat
+from docutils import nodes
+from docutils.parsers.rst import Directive
+from sphinx.ext import autosummary
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+sys.path.insert(0, str(ROOT))
+
+import jaxpound  # noqa: E402
+from jaxpound import cli  # noqa: E402
+
+project = "jaxpound"
+author = "The jaxpound developers"
+copyright = "The jaxpound developers"
+version = release = jaxpound.__version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx.ext.mathjax",
+    "myst_nb",
+]
+exclude_patterns = ["_build", "_templates", "jupyter_execute"]
+templates_path = ["_templates"]
+
+html_theme = "furo"
+html_title = f"jaxpound {version}"
+smartquotes_action = "D"  # dashes only: x1'' is a second derivative
+
+# Committed outputs are shown as they are: a notebook may take minutes and need a network.
+nb_execution_mode = "off"
+myst_enable_extensions = ["amsmath", "dollarmath", "html_image"]
+myst_heading_anchors = 3
+
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "GroundLike")}
+maximum_signature_line_length = 80
+
+# Or a summary would end at the full stop of "eq. (9)".
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.")
+
+# Fields that no Parameters section describes are listed with the class's members.
+autosummary_context = {
+    "without_parameters": [
+        name
+        for name, thing in vars(jaxpound).items()
+        if isinstance(thing, type) and "Parameters\n" not in (thing.__doc__ or "")
+    ]
+}
+
+nitpick_ignore_regex = [
+    # Types of other projects: links to them would need the network.
+    (
+        "py:.*",
+        r"(collections|concurrent|jax|jaxlib|jaxtyping|matplotlib|numpy|optax|os|pandas|pathlib"
+        r"|typing)\..*",
+    ),
+    ("py:class", "ArrayLike|Axes|GradientTransformation|PathLike"),
+    # What only the package's own code meets, and unions with names of their own.
+    ("py:class", r"jaxpound\._.*|jaxpound\.(batches|friction|fractional)\..*|GroundLike"),
+    ("py:class", r"jaxpound\.design\.History"),
+]
+
+NOTEBOOKS = ROOT / "notebooks"
+PAGES = {  # what a file at the repository's top is among the pages
+    ROOT / "README.md": HERE / "index.md",
+    ROOT / "CHANGELOG.md": HERE / "changelog.md",
+    ROOT / "CONTRIBUTING.md": HERE / "contributing.md",
+}
+_LINK = re.compile(r"(\]\(\s*<?|\bsrc=\")(?![a-zA-Z][\w+.-]*:|[#/])([^)\s>\"#]+)")
+
+
+def bring_notebooks(app: Any) -> None:
+    """Copy the notebooks among the pages, where their relative links must lead to the same files.
+
+    Copies, as symbolic links are not to be had on every platform.
+    """
+    folder = HERE / "notebooks"
+    wanted = sorted(NOTEBOOKS.glob("*.ipynb"))
+    for old in folder.glob("*.ipynb") if folder.exists() else ():
+        if NOTEBOOKS / old.name not in wanted:
+            old.unlink()
+
+    def moved(link: re.Match[str]) -> str:
+        target = Path(os.path.normpath(NOTEBOOKS / link[2]))
+        if target in wanted or not target.exists():
+            return link[0]
+        return link[1] + Path(os.path.relpath(PAGES.get(target, target), folder)).as_posix()
+
+    for path in wanted:
+        notebook = nbformat.read(path, as_version=4)
+        for cell in notebook.cells:
+            if cell.cell_type == "markdown":
+                cell.source = _LINK.sub(moved, cell.source)
+        text, copy = nbformat.writes(notebook), folder / path.name
+        folder.mkdir(exist_ok=True)
+        if not copy.exists() or copy.read_text(encoding="utf-8") != text:
+            copy.write_text(text, encoding="utf-8")
+
+
+class CommandHelp(Directive):
+    """The ``--help`` of ``jaxpound`` or of one of its commands, from its parser."""
+
+    optional_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """A block of text."""
+        shown = io.StringIO()
+        wide = patch.dict(os.environ, {"COLUMNS": "88", "NO_COLOR": "1"})
+        with wide, contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
+            cli.main([*self.arguments, "--help"])
+        return [nodes.literal_block(shown.getvalue(), shown.getvalue(), language="text")]
+
+
+_as_written: dict[str, list[str]] = {}
+
+
+def keep_as_written(
+    app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]
+) -> None:
+    """Before napoleon, which takes what stands before a colon for an attribute's type."""
+    if what in ("attribute", "data", "property") and not any(x.startswith("---") for x in lines):
+        _as_written[name] = list(lines)
+
+
+def finish(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """After napoleon: in docstrings |x| is a magnitude, not a substitution."""
+    lines[:] = _as_written.pop(name, lines)
+    if len(lines) <= 2 and lines and lines[0].startswith("Alias for field number"):
+        lines.clear()
+    for i, line in enumerate(lines):
+        if "|" in line and not line.lstrip().startswith(">>>"):
+            parts = re.split(r"(``.*?``|:math:`.*?`)", line)
+            parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]
+            lines[i] = "".join(parts)
+
+
+def result_signature(
+    app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: Any
+) -> tuple[str, None] | None:
+    """Protocols, and results that functions put together, have no arguments to be told."""
+    if what != "class" or "Parameters\n" in (obj.__doc__ or ""):
+        return None
+    fields = [*getattr(obj, "__dataclass_fields__", getattr(obj, "_fields", ()))]
+    found = len(fields) > 3 or any(name.startswith("_") for name in fields)
+    found |= getattr(obj, "_is_protocol", False)
+    return ("", None) if found else None
+
+
+def plain_types(app: Any, domain: str, objtype: str, content: Any) -> None:
+    """Leave out what says nothing, and what ``Returns`` says better."""
+    for types in app.env.current_document.autodoc_annotations.values():
+        types.pop("return", None)
+        for name, text in list(types.items()):
+            types[name] = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
+            if text == "Any" or text.endswith(".Any"):
+                del types[name]
+
+
+def setup(app: Any) -> None:
+    """Connect the above."""
+    app.add_directive("command-help", CommandHelp)
+    app.connect("builder-inited", bring_notebooks, priority=1)
+    app.connect("autodoc-process-docstring", keep_as_written, priority=400)
+    app.connect("autodoc-process-docstring", finish, priority=600)
+    app.connect("autodoc-process-signature", result_signature)
+    app.connect("object-description-transform", plain_types, priority=400)
