@@ -123,6 +123,15 @@ def still(response: Response, time: float, ax: Axes | None = None) -> Axes:
     return ax
 
 
+class _Player(FuncAnimation):
+    """Frames of the figure's own resolution, whatever that of saved figures is."""
+
+    def save(self, filename: Any, *args: Any, **kwargs: Any) -> None:
+        if len(args) < 3:
+            kwargs.setdefault("dpi", self._fig.dpi)  # type: ignore[attr-defined]
+        super().save(filename, *args, **kwargs)
+
+
 def animate(response: Response, frames: int = 100, seconds: float = 10.0) -> FuncAnimation:
     """The run as an animation: the buildings, and gap and friction force over time beside them.
 
@@ -170,7 +179,7 @@ def animate(response: Response, frames: int = 100, seconds: float = 10.0) -> Fun
             clock.set_xdata([time[i]] * 2)
         return clocks
 
-    return FuncAnimation(figure, show, frames=frames, interval=1000 * seconds / frames, blit=False)
+    return _Player(figure, show, frames=frames, interval=1000 * seconds / frames, blit=False)
 
 
 def _require_single(name: str, response: Response) -> None:

@@ -21,8 +21,8 @@ def errors_by_step(
     steps
         Time steps h > 0, shape (n,), in units of 1/ω1.
     errors
-        Errors by name, shape (n,) each; their size is drawn. An order is fitted to those that
-        fall throughout.
+        Errors by name, shape (n,) each; their size is drawn. An order above a half is
+        told of those that fall throughout.
     ax
         Where to draw.
     what
@@ -33,7 +33,7 @@ def errors_by_step(
         size = np.abs(np.asarray(values, float))
         order = np.polyfit(np.log(h), np.log(size), 1)[0]
         falls = (np.diff(size[np.argsort(h)]) > 0).all()
-        words = f"{name} (order {order:.2f})" if falls else name
+        words = f"{name} (order {order:.2f})" if falls and order > 0.5 else name
         ax.plot(
             h,
             size,

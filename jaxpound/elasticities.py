@@ -84,6 +84,7 @@ def elasticities(
     chosen = {path: x for path, x in parameters.items() if path not in ensemble.uncertain}
 
     @jax.jit
+    @jax.value_and_grad
     def value(chosen: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
         def one(ground: Any, others: Any) -> jax.Array:
             found = run_demand(replaced(structures, {**chosen, **others}), ground, grid, scheme)
@@ -95,7 +96,7 @@ def elasticities(
 
         return gathered(jax.vmap(one)(grounds, uncertain), over)
 
-    y, slopes = jax.value_and_grad(value)(chosen, ensemble.grounds, dict(ensemble.uncertain))
+    y, slopes = value(chosen, ensemble.grounds, dict(ensemble.uncertain))
     if not np.isfinite(y) or not y:
         raise ValueError(f"{owner}: {demand} = {float(y):.6g} must be finite and not zero")
     relative = {path: float(x * slopes[path] / abs(y)) for path, x in chosen.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from dataclasses import replace
 from functools import reduce
 from typing import Any
@@ -112,7 +113,8 @@ class Explorer:
 
     def _repr_mimebundle_(self, **kwargs: Any) -> dict[str, Any]:
         # The picture is for where widgets do not live.
-        return self.widget._repr_mimebundle_(**kwargs) | {"image/png": self.picture.value}
+        picture = b64encode(self.picture.value).decode()
+        return self.widget._repr_mimebundle_(**kwargs) | {"image/png": picture}
 
     def _slider(self, name: str, words: str, value: float, low: float, high: float) -> Any:
         import ipywidgets as widgets

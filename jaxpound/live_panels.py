@@ -49,6 +49,7 @@ class _Panel:
 
     def __init__(self, drawn: _Drawn, response: Response) -> None:
         figure = Figure(figsize=_SIZE, dpi=_DPI)
+        figure.set_layout_engine("none")
         self._canvas = FigureCanvasAgg(figure)
         self._ax = ax = figure.add_axes(_FRAME)
         largest = max(float(np.abs(getattr(response, name)).max()) for name in drawn.lines)

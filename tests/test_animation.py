@@ -6,6 +6,7 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
@@ -57,6 +58,9 @@ def test_a_player_and_a_file_have_every_frame(response, tmp_path):
     page = moving.to_jshtml()
     assert page.count("data:image/png;base64") == 3
     moving.save(tmp_path / "run.gif", writer="pillow")
+    with style.context("jaxpound.house"):  # saved figures are finer, frames are not
+        moving.save(tmp_path / "house.gif", writer="pillow")
+    assert (tmp_path / "house.gif").read_bytes() == (tmp_path / "run.gif").read_bytes()
     with Image.open(tmp_path / "run.gif") as file:
         assert file.n_frames == 3
         assert file.info["duration"] == 200

@@ -1,5 +1,6 @@
 """The explorer: sliders move the run, the picture shows it, what breaks a rule changes nothing."""
 
+import base64
 import builtins
 import io
 from dataclasses import replace
@@ -7,6 +8,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib import style
 from PIL import Image
 
 import jaxpound as jp
@@ -94,7 +96,7 @@ def test_a_record_in_si_units_has_its_strength():
 def test_the_cell_shows_the_widget_and_a_picture_where_widgets_do_not_live(explorer):
     bundle = explorer._repr_mimebundle_()
     assert "application/vnd.jupyter.widget-view+json" in bundle
-    assert bundle["image/png"] == explorer.picture.value
+    assert base64.b64decode(bundle["image/png"]) == explorer.picture.value
 
 
 def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():
@@ -110,6 +112,13 @@ def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():
     for low, high, lines in panels.limits():
         for line in lines:
             assert low <= line.min() <= line.max() <= high
+
+
+def test_other_settings_change_nothing():
+    run = jp.simulate(S, GROUND, GRID)
+    plain = LivePanels(run).png(run)
+    with style.context("jaxpound.house"):
+        assert (pixels(LivePanels(run).png(run)) == pixels(plain)).mean() > 0.9
 
 
 def test_arguments_are_checked():
