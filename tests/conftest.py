@@ -15,7 +15,7 @@ else:
 
 # Nearly all of the suite's time is compilation. These two, XLA's older way to make kernels and LLVM
 # without optimisation, make it 2.5 times as fast; runs are slower, which matters little here. The
-# README's examples and the command line's processes are compiled as users' programs are.
+# README's first example and the command line's processes are compiled as users' programs are.
 SOON = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
 if version("jax").startswith("0.10."):  # an unknown flag would end the process
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {SOON}"
