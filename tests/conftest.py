@@ -1,5 +1,6 @@
 """Strictness of the whole suite: float64 unless a test says otherwise, no silent rank promotion."""
 
+import gc
 import os
 import shutil
 import tempfile
@@ -19,6 +20,9 @@ else:
 SOON = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
 if version("jax").startswith("0.10."):  # an unknown flag would end the process
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {SOON}"
+
+# Tracing makes many small objects and few cycles; looking for these often costs a fifth of it.
+gc.set_threshold(50_000, 20, 20)
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
