@@ -1,5 +1,6 @@
 """Strictness of the whole suite: float64 unless a test says otherwise, no silent rank promotion."""
 
+import gc
 import os
 import shutil
 import tempfile
@@ -15,10 +16,13 @@ else:
 
 # Nearly all of the suite's time is compilation. These two, XLA's older way to make kernels and LLVM
 # without optimisation, make it 2.5 times as fast; runs are slower, which matters little here. The
-# README's examples and the command line's processes are compiled as users' programs are.
+# README's first example and the command line's processes are compiled as users' programs are.
 SOON = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
 if version("jax").startswith("0.10."):  # an unknown flag would end the process
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {SOON}"
+
+# Tracing makes many small objects and few cycles; looking for these often costs a fifth of it.
+gc.set_threshold(50_000, 20, 20)
 
 import jax  # noqa: E402
 import pytest  # noqa: E402

@@ -17,8 +17,8 @@ SMALL = {
     "earthquakes = 256": "earthquakes = 12",
     "fresh = 1000": "fresh = 20",
     "starts = 4": "starts = 2",
-    "iterations = 100": "iterations = 20",
-    "duration = 10.0": "duration = 8.0",
+    "iterations = 100": "iterations = 8",
+    "duration = 10.0": "duration = 6.0",
     "# dt": "dt = 0.02",
 }
 

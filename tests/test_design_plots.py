@@ -82,7 +82,8 @@ def test_a_front_is_its_prices_and_objectives(stand_in, ax):
 
 
 def test_tornado_has_the_largest_on_top(ax):
-    found = jp.elasticities(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.1, 60))
+    sizes = {"initial_gap": 1.4, "friction": 0.1, "rod_2.order": 0.2, "mass_ratio": -0.3}
+    found = jp.Elasticities("min_gap", 0.7, dict.fromkeys(sizes, 1.0), sizes)
     plots.tornado(found, ax)
     widths = [bar.get_width() for bar in ax.patches]
     assert widths == sorted(found.values.values(), key=abs)

@@ -8,7 +8,8 @@ import pytest
 import jaxpound as jp
 
 PAPER, GRID = jp.paper.structures(), jp.TimeGrid.until(14.0, 0.05)
-GROUNDS = [jp.paper.ground(), jp.Ricker(0.3, [1.5, 2.5], [2.0, 4.0])]
+OTHER = jp.Ricker(0.3, [1.5, 2.5, 1.0, 2.0, 3.0], [2.0, 4.0, 3.0, 5.0, 6.0])
+GROUNDS = [jp.paper.ground(), OTHER]
 ENSEMBLE = jp.Ensemble.of(GROUNDS, GRID)
 
 
@@ -41,8 +42,9 @@ def test_one_earthquake_is_an_ensemble_of_one():
     assert alone.value == pytest.approx(float(run.min_gap))
     assert alone.values["initial_gap"] == pytest.approx(1 / float(run.min_gap))
     still = dataclasses.replace(PAPER, initial_gap=0.0)
+    silence = dataclasses.replace(GROUNDS[0], amplitude=np.zeros(5))
     with pytest.raises(ValueError, match="min_gap = 0 must be finite and not zero"):
-        jp.elasticities(still, jp.Ricker(0.0, [1.0], [1.0]), grid)
+        jp.elasticities(still, silence, grid)
 
 
 def test_bad_questions_are_named():

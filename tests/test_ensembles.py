@@ -1,10 +1,9 @@
 """Ensembles: their earthquakes are those that were given or drawn."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_monte_carlo import RANDOM
+from test_monte_carlo import RANDOM, study
 
 import jaxpound as jp
 
@@ -51,9 +50,9 @@ def test_ensembles_of_waves_and_records_add_up():
 
 
 def test_drawn_earthquakes_are_monte_carlo_s():
-    study = jp.monte_carlo(RANDOM, 12, jp.TimeGrid(0.1, 40), key=3, progress=False)
+    drawn = study(n=12, key=3)
     ensemble = jp.Ensemble.drawn(RANDOM, 8, 3)
-    structures, grounds = jax.vmap(RANDOM.realize)(jnp.asarray(study.points()))
+    structures, grounds = jax.jit(jax.vmap(RANDOM.realize))(drawn.points())
     np.testing.assert_allclose(ensemble.grounds.amplitude, grounds.amplitude[:8])
     np.testing.assert_allclose(ensemble.uncertain["friction"], structures.friction[:8])
     assert list(ensemble.uncertain) == ["friction"]

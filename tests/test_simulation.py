@@ -147,7 +147,7 @@ def test_the_paper_s_scheme_is_the_paper_s_algorithm():
 
 
 def test_the_paper_s_scheme_has_its_known_error_and_order_one():
-    steps = [0.008, 0.004, 0.002]
+    steps = [0.01, 0.005, 0.002]
     errors = [
         abs(float(paper_run(h, jp.PAPER_SCHEME).min_gap) - 1 - PAPER["min_gap"]) for h in steps
     ]
@@ -182,7 +182,7 @@ def test_no_width_overflows(velocity, fine):
 
 def test_smoothed_friction_of_a_resolved_width_is_second_order():
     """Against the same law on a four times finer grid; the width spans several steps."""
-    scheme, steps = jp.Scheme(jp.Smoothed(0.3)), [0.02, 0.01, 0.005]
+    scheme, steps = jp.Scheme(jp.Smoothed(0.3)), [0.02, 0.005]
     truth = paper_run(0.00125, scheme)
     errors = [
         np.abs(paper_run(h, scheme).x1 - truth.x1[:: round(h / 0.00125)]).max() for h in steps
@@ -342,32 +342,21 @@ def test_intensity_of_the_shaking_is_that_of_the_ground_motion_on_the_grid():
     structures, ricker, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.04, 200)
     record = jp.Record(np.random.default_rng(2).normal(size=60), 0.1)
     for ground in (ricker, record, lambda t: np.cos(t) - 0.3, 2.0 * record - 0.5 * ricker):
-        demand = jp.demand(structures, ground, grid)
-        assert float(demand.pga) == pytest.approx(float(jp.pga(ground, grid)), rel=1e-12)
-        assert float(demand.pgv) == pytest.approx(float(jp.pgv(ground, grid)), rel=1e-12)
+        demand = jax.jit(lambda s, ground=ground: jp.demand(s, ground, grid))
+        pga, pgv = jax.jit(lambda s, demand=demand: (demand(s).pga, demand(s).pgv))(structures)
+        assert float(pga) == pytest.approx(float(jp.pga(ground, grid)), rel=1e-12)
+        assert float(pgv) == pytest.approx(float(jp.pgv(ground, grid)), rel=1e-12)
 
 
-def test_checkpoints_change_no_result_and_no_derivative():
-    grid = jp.TimeGrid.until(20.0, 0.04)
-
-    def gap(structures, checkpoint):
-        scheme = jp.Scheme(checkpoint=checkpoint)
-        return jp.demand(structures, jp.paper.ground(), grid, scheme).min_gap
-
+def test_checkpoints_change_no_result():
+    """Nor a derivative: test_gradients.py."""
+    case = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid.until(20.0, 0.04)
     for history in (jp.ModalHistory(), jp.FullHistory()):
-        runs = [
-            jp.simulate(
-                jp.paper.structures(), jp.paper.ground(), grid, jp.Scheme(history=history, **more)
-            )
-            for more in ({}, {"checkpoint": True})
-        ]
-        np.testing.assert_allclose(runs[0].x1, runs[1].x1, atol=1e-13)
-        np.testing.assert_allclose(runs[0].gap, runs[1].gap, atol=1e-13)
-    plain, checked = (
-        jax.jit(jax.grad(gap), static_argnums=1)(jp.paper.structures(), on) for on in (False, True)
-    )
-    for one, other in zip(jax.tree.leaves(plain), jax.tree.leaves(checked), strict=True):
-        assert float(other) == pytest.approx(float(one), rel=1e-10, abs=1e-13)
+        plain, checked = (
+            jp.simulate(*case, jp.Scheme(history=history, checkpoint=on)) for on in (False, True)
+        )
+        np.testing.assert_allclose(plain.x1, checked.x1, atol=1e-13)
+        np.testing.assert_allclose(plain.gap, checked.gap, atol=1e-13)
 
 
 def test_the_soft_minimum_is_its_definition_between_minimum_and_mean():
@@ -439,7 +428,7 @@ def test_float32_stays_float32_and_close():
 
 
 def test_compiled_and_eager_runs_agree():
-    structures, ground, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.1, 16)
+    structures, ground, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.1, 13)
     for scheme in (jp.Scheme(), jp.Scheme(jp.Smoothed(0.1)), jp.PAPER_SCHEME):
         compiled = jax.jit(lambda s, scheme=scheme: jp.simulate(s, ground, grid, scheme))(
             structures
@@ -489,7 +478,7 @@ def test_gradient_by_the_time_scale_of_a_rough_record():
 
     h = 1e-5
     truth = float(min_gap(0.05 + h, 0.00125) - min_gap(0.05 - h, 0.00125)) / (2 * h)
-    slope = jax.jit(jax.grad(min_gap), static_argnums=1)
+    slope = jax.jit(jax.jacfwd(min_gap), static_argnums=1)
     coarse, fine = (float(slope(0.05, dt)) for dt in (0.025, 0.005))
     print(truth, coarse, fine)
     assert fine == pytest.approx(truth, rel=0.02)
