@@ -46,7 +46,7 @@ class Scene:
         self._height, self._block = 1.1 * w, 0.5 * w
         left, right = -1.1 * w - reach, rest + 1.1 * w + reach
         ax.set_xlim(left, right)
-        ax.set_ylim(-0.42 * w, 2.15 * w)
+        ax.set_ylim(-0.42 * w, 2.35 * w)
         ax.set_aspect("equal")
         ax.set_axis_off()
         ax.add_patch(
@@ -68,10 +68,10 @@ class Scene:
         ax.add_patch(self._force)
         ax.add_patch(self._ground)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
-        self._middle = (left + right) / 2
+        self._arrow_at = left + 0.65 * (right - left)
         letters: dict[str, Any] = {"va": "center", "fontsize": FONT_SIZE}
-        self._words = ax.text(self._middle, 2.0 * w, "", ha="center", **letters)
-        ax.text(left, -0.3 * w, "ground acceleration", **letters)
+        self._words = ax.text((left + right) / 2, 2.2 * w, "", ha="center", **letters)
+        ax.text(left, -0.3 * w, "ground $u''$", **letters)
 
     def show(self, i: int) -> None:
         """Move everything to instant i of the run."""
@@ -97,7 +97,7 @@ class Scene:
         self._force.set_positions(start, (start[0] - length, start[1]))
         shift = 0.8 * w * self._shaking[i] / self._strongest
         self._ground.set_positions(
-            (self._middle - shift / 2, -0.3 * w), (self._middle + shift / 2, -0.3 * w)
+            (self._arrow_at - shift / 2, -0.3 * w), (self._arrow_at + shift / 2, -0.3 * w)
         )
         touching = self._gap[i] <= 0
         across = (left + right) / 2
