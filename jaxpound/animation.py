@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -25,21 +26,23 @@ class Scene:
     Parameters
     ----------
     response
-        A single run.
+        A single run. Where friction is nowhere, there is no damper to be drawn.
     ax
         Where to draw.
+    reach
+        The largest displacement to leave room for; by default that of the run.
     """
 
-    def __init__(self, response: Response, ax: Axes) -> None:
+    def __init__(self, response: Response, ax: Axes, reach: float | None = None) -> None:
         self._x = np.asarray(response.x1), np.asarray(response.x2)
         self._gap = np.asarray(response.gap)
         self._q = np.asarray(response.friction)
         self._stick = np.asarray(response.phase) == 0
         self._shaking = np.asarray(response.ground_acceleration)
-        self._largest = float(np.abs(self._q).max()) or 1.0
+        self._largest = float(np.abs(self._q).max())
         self._strongest = float(np.abs(self._shaking).max()) or 1.0
 
-        reach = max(float(np.abs(x).max()) for x in self._x)
+        reach = _reach(response) if reach is None else reach
         rest = float(self._gap[0] - self._x[1][0] + self._x[0][0])
         self._rest = rest
         self._width = w = 0.9 * max(rest + reach, 2 * reach) or 1.0
@@ -67,6 +70,8 @@ class Scene:
         self._force, self._ground = _arrow(COLOURS["damper"]), _arrow(COLOURS["ground"])
         ax.add_patch(self._force)
         ax.add_patch(self._ground)
+        for part in (self._plate_1, self._plate_2, self._clamp, self._force):
+            part.set_visible(self._largest > 0)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
         self._arrow_at = left + 0.65 * (right - left)
         letters: dict[str, Any] = {"va": "center", "fontsize": FONT_SIZE}
@@ -93,7 +98,7 @@ class Scene:
         state = "stick" if self._stick[i] else "damper"
         self._clamp.set_color(COLOURS[state])
         start = left - 0.15 * w, roof + 0.28 * w  # q pulls block 1 back
-        length = 0.6 * w * self._q[i] / self._largest
+        length = 0.6 * w * self._q[i] / (self._largest or 1.0)
         self._force.set_positions(start, (start[0] - length, start[1]))
         shift = 0.8 * w * self._shaking[i] / self._strongest
         self._ground.set_positions(
@@ -105,7 +110,8 @@ class Scene:
             [across] * 2 if touching else [], [self._height, roof] if touching else []
         )
         word = "stick" if self._stick[i] else "slip"
-        self._words.set_text("POUNDING (not modelled)" if touching else f"damper: {word}")
+        free = "" if not self._largest else f"damper: {word}"
+        self._words.set_text("POUNDING (not modelled)" if touching else free)
         self._words.set_color(COLOURS["pounding" if touching else state])
 
 
@@ -132,15 +138,18 @@ class _Player(FuncAnimation):
         super().save(filename, *args, **kwargs)
 
 
-def animate(response: Response, frames: int = 100, seconds: float = 10.0) -> FuncAnimation:
-    """The run as an animation: the buildings, and gap and friction force over time beside them.
+def animate(
+    responses: Response | Mapping[str, Response], frames: int = 100, seconds: float = 10.0
+) -> FuncAnimation:
+    """A run, or several side by side, as an animation: the buildings, and what goes on over time.
 
     ``animate(run).to_jshtml()`` is a player in HTML, ``animate(run).save("run.gif")`` a file.
+    Beside a single run are its gap and friction force, below each of several its gap.
 
     Parameters
     ----------
-    response
-        A single run, in SI or not.
+    responses
+        A single run, in SI or not, or such runs by name, on the same grid.
     frames
         Number of pictures ≥ 2, evenly over the run.
     seconds
@@ -149,37 +158,61 @@ def animate(response: Response, frames: int = 100, seconds: float = 10.0) -> Fun
     Raises
     ------
     ValueError
-        If the response is a batch or invalid, or frames or seconds breaks its rule.
+        If a response is a batch or invalid, grids or units differ, or frames or seconds breaks its
+        rule.
     """
-    _require_single("animate", response)
+    if isinstance(responses, Response):
+        runs, single = {"": responses}, True
+    else:
+        runs, single = plots.same_units("animate", responses), False
+    for response in runs.values():
+        _require_single("animate", response)
     if frames < 2 or not 0 < seconds < np.inf:
         rule = "at least 2 frames, and seconds positive and finite"
         raise ValueError(f"animate: frames = {frames}, seconds = {seconds} must be {rule}")
-    time = np.asarray(response.time)
-    figure = new_figure(2, 1.25)
+    time = np.asarray(next(iter(runs.values())).time)
+    if any(not np.array_equal(time, response.time) for response in runs.values()):
+        raise ValueError("animate: responses must be on the same grid")
+
+    figure, reach = new_figure(2, 1.25 if single else 1.5), max(map(_reach, runs.values()))
     figure.set_dpi(80)  # a player holds every frame
-    panels = figure.subplot_mosaic([["scene", "gap"], ["scene", "friction"]])
-    scene = Scene(response, panels["scene"])
-    plots.gap(response, panels["gap"])
-    plots.friction_force(response, panels["friction"])
-    panels["gap"].set_xlabel("")
-    panels["gap"].tick_params(labelbottom=False)
-    clocks = [
-        panels[name].axvline(time[0], color=COLOURS["residual"], linewidth=0.9)
-        for name in ("gap", "friction")
-    ]
+    if single:
+        panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
+    else:
+        numbers = range(len(runs))
+        layout: Any = [[f"{i}" for i in numbers], [f"gap {i}" for i in numbers]]
+        panels = figure.subplot_mosaic(layout, height_ratios=[1.4, 1])
+    scenes, over_time = [], []
+    for i, (name, response) in enumerate(runs.items()):
+        scenes.append(Scene(response, panels[str(i)], reach))
+        panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
+        over_time.append(plots.gap(response, panels[f"gap {i}"]))
+    if single:
+        over_time.append(plots.friction_force(runs[""], panels["friction"]))
+        over_time[0].set_xlabel("")
+        over_time[0].tick_params(labelbottom=False)
+    else:
+        ends = np.array([ax.get_ylim() for ax in over_time])
+        for ax in over_time:
+            ax.set_ylim(ends[:, 0].min(), ends[:, 1].max())
+    clocks = [ax.axvline(time[0], color=COLOURS["residual"], linewidth=0.9) for ax in over_time]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that nothing jumps between frames
     instants = np.linspace(0, time.size - 1, frames).round().astype(int)
 
     def show(frame: int) -> list[Any]:
         i = instants[frame]
-        scene.show(i)
+        for scene in scenes:
+            scene.show(i)
         for clock in clocks:
             clock.set_xdata([time[i]] * 2)
         return clocks
 
     return _Player(figure, show, frames=frames, interval=1000 * seconds / frames, blit=False)
+
+
+def _reach(response: Response) -> float:
+    return max(float(np.abs(x).max()) for x in (response.x1, response.x2))
 
 
 def _require_single(name: str, response: Response) -> None:

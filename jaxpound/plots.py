@@ -107,7 +107,7 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
     ValueError
         If there is no run, or some are in SI units and others are not.
     """
-    runs = list(_same_units("gaps", responses).values())
+    runs = list(same_units("gaps", responses).values())
     for name, response, colour in zip(responses, runs, shades(len(runs)), strict=True):
         ax = _axes(response, ax)
         words = f"{name}: min {float(np.min(response.min_gap)):.4g}".replace("-", "−")
@@ -210,7 +210,7 @@ def side_by_side(
     ValueError
         If there is no run, or some are in SI units and others are not.
     """
-    runs = _same_units("side_by_side", responses)
+    runs = same_units("side_by_side", responses)
     n = len(runs)
     result = new_figure(2 if n < 3 else 0.8 * n, 0.825 * max(len(drawings), 1.2))
     panels = result.subplots(len(drawings), n, squeeze=False)
@@ -280,7 +280,8 @@ def _axes(response: Response, ax: Axes | None) -> Axes:
     return new_axes(ax)
 
 
-def _same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
+def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
+    """The runs, which must be there and have units in common; a ``ValueError`` in the name."""
     if not responses:
         raise ValueError(f"{name}: responses must hold at least one run")
     if len({response.si for response in responses.values()}) > 1:

@@ -77,3 +77,28 @@ def test_wrong_arguments_are_refused(response):
     lost = dataclasses.replace(response.demand, min_gap=np.nan)
     with pytest.raises(ValueError, match="still: the run is invalid"):
         still(dataclasses.replace(response, demand=lost), 0.0)
+
+
+def test_several_runs_move_side_by_side_to_one_scale(response):
+    bare = jp.simulate(
+        dataclasses.replace(jp.paper.structures(), friction=0.0),
+        jp.paper.ground(),
+        jp.TimeGrid(0.02, 1000),
+    )
+    moving = animate({"without": bare, "with": response}, frames=2)
+    moving.to_jshtml()
+    figure = moving._fig
+    scenes = [ax for ax in figure.axes if not ax.axison]
+    assert [ax.get_title() for ax in scenes] == ["without", "with"]
+    assert scenes[0].get_xlim() == scenes[1].get_xlim()
+    last = [(blocks(ax)[1][0] - blocks(ax)[0][1]) for ax in scenes]
+    np.testing.assert_allclose(last, [float(r.gap[-1]) for r in (bare, response)], atol=1e-12)
+    assert [ax.texts[0].get_text() for ax in scenes] == ["", "damper: stick"]
+    assert not any(line.get_visible() for line in scenes[0].lines[4:7])  # plates and clamp
+    over_time = [ax for ax in figure.axes if ax.axison]
+    assert over_time[0].get_ylim() == over_time[1].get_ylim()
+    short = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 900))
+    with pytest.raises(ValueError, match="must be on the same grid"):
+        animate({"long": response, "short": short})
+    with pytest.raises(ValueError, match="animate: responses must hold at least one run"):
+        animate({})
