@@ -21,7 +21,8 @@ class Scene:
     """A pair of buildings between two instants: blocks on bending columns, and the damper.
 
     Relative to the ground; widths and heights are chosen for the eye, motions and gap are to one
-    scale. The damper is two plates on the roofs, pressed together at the mark.
+    scale. The damper is two plates on the roofs, pressed together at the mark; the arrow is its
+    force q on block 1, to the left where q is positive.
 
     Parameters
     ----------
@@ -70,13 +71,14 @@ class Scene:
         self._force, self._ground = _arrow(COLOURS["damper"]), _arrow(COLOURS["ground"])
         ax.add_patch(self._force)
         ax.add_patch(self._ground)
-        for part in (self._plate_1, self._plate_2, self._clamp, self._force):
-            part.set_visible(self._largest > 0)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
         self._arrow_at = left + 0.65 * (right - left)
         letters: dict[str, Any] = {"va": "center", "fontsize": FONT_SIZE}
         self._words = ax.text((left + right) / 2, 2.2 * w, "", ha="center", **letters)
         ax.text(left, -0.3 * w, "ground $u''$", **letters)
+        self._force_name = ax.text(0, 0, "$q$", color=COLOURS["damper"], **letters)
+        for part in (self._plate_1, self._plate_2, self._clamp, self._force, self._force_name):
+            part.set_visible(self._largest > 0)
 
     def show(self, i: int) -> None:
         """Move everything to instant i of the run."""
@@ -100,6 +102,7 @@ class Scene:
         start = left - 0.15 * w, roof + 0.28 * w  # q pulls block 1 back
         length = 0.6 * w * self._q[i] / (self._largest or 1.0)
         self._force.set_positions(start, (start[0] - length, start[1]))
+        self._force_name.set_position((start[0] + 0.05 * w, start[1]))
         shift = 0.8 * w * self._shaking[i] / self._strongest
         self._ground.set_positions(
             (self._arrow_at - shift / 2, -0.3 * w), (self._arrow_at + shift / 2, -0.3 * w)
@@ -121,11 +124,33 @@ def _arrow(colour: str) -> FancyArrowPatch:
     )
 
 
-def still(response: Response, time: float, ax: Axes | None = None) -> Axes:
-    """The pair of buildings at the instant of a run nearest to ``time``."""
+def still(
+    response: Response, time: float, ax: Axes | None = None, reach: float | None = None
+) -> Axes:
+    """The pair of buildings at the instant of a run nearest to ``time``.
+
+    Parameters
+    ----------
+    response
+        A single run, in SI or not.
+    time
+        Within the run, in its unit.
+    ax
+        Where to draw.
+    reach
+        The largest displacement to leave room for, for pictures of several runs to one scale.
+
+    Raises
+    ------
+    ValueError
+        If the response is a batch or invalid, or time is not within the run.
+    """
     _require_single("still", response)
+    end = float(response.time[-1])
+    if not 0 <= time <= end:
+        raise ValueError(f"still: time = {time} must be within the run, from 0 to {end:.6g}")
     ax = new_axes(ax)
-    Scene(response, ax).show(int(np.abs(np.asarray(response.time) - time).argmin()))
+    Scene(response, ax, reach).show(int(np.abs(np.asarray(response.time) - time).argmin()))
     return ax
 
 

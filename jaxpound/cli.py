@@ -195,6 +195,9 @@ def _add_command(
             metavar="DIR",
             help="folder for the results; made if needed, files of the same names are replaced",
         )
+        command.add_argument(
+            "--pdf", action="store_true", help="write every figure as PDF too, for print"
+        )
     return command
 
 
@@ -219,8 +222,8 @@ def _paper(args: argparse.Namespace) -> None:
 
     from jaxpound import plots
 
-    _write_figures({"overview": plots.overview(response)}, args.out)
-    _write_figures(plots.paper_figures(response), args.out)
+    _write_figures({"overview": plots.overview(response)}, args)
+    _write_figures(plots.paper_figures(response), args)
 
 
 # --- simulate -----------------------------------------------------------------------------------
@@ -249,7 +252,7 @@ def _simulate(args: argparse.Namespace) -> None:
     _write_text(args.out / "summary.json", text + "\n")
     _write_series(response, args.out, configuration.series)
     figures = {name: figure(getattr(plots, name), response) for name in _SIMULATE_FIGURES}
-    _write_figures({"overview": plots.overview(response)} | figures, args.out)
+    _write_figures({"overview": plots.overview(response)} | figures, args)
 
 
 # --- montecarlo, report -------------------------------------------------------------------------
@@ -314,7 +317,7 @@ def _report(args: argparse.Namespace) -> None:
         _write_text(args.out / "study.toml", study.about["notes"]["configuration"])
     _write_text(args.out / "summary.json", text + "\n")
     _write_text(args.out / "summary.md", study_report.as_markdown(answers, list(figures)))
-    _write_figures(figures, args.out)
+    _write_figures(figures, args)
 
 
 # --- design -------------------------------------------------------------------------------------
@@ -358,7 +361,7 @@ def _design(args: argparse.Namespace) -> None:
     if design.space.dimension > 1:
         figures["landscape"] = design_plots.figure_of_landscape(design)
     _write_text(args.out / "summary.md", design_report.as_markdown(answers, list(figures)))
-    _write_figures(figures, args.out)
+    _write_figures(figures, args)
 
 
 # --- files --------------------------------------------------------------------------------------
@@ -369,12 +372,13 @@ def _write_text(path: Path, text: str) -> None:
     print(path)
 
 
-def _write_figures(figures: dict[str, Figure], out: Path) -> None:
+def _write_figures(figures: dict[str, Figure], args: argparse.Namespace) -> None:
     for name, figure in figures.items():
         # A figure unknown to pyplot is drawn by Agg, whatever backend is set.
-        path = out / f"{name}.png"
-        figure.savefig(path, dpi=300)
-        print(path)
+        for kind in ("png", "pdf") if args.pdf else ("png",):
+            path = args.out / f"{name}.{kind}"
+            figure.savefig(path, dpi=300)
+            print(path)
 
 
 def _write_series(response: jp.Response, out: Path, kind: str) -> None:

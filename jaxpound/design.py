@@ -17,7 +17,10 @@ from jaxpound.structures import AdjacentStructures
 
 
 class Landscape(NamedTuple):
-    """Objective and violation over two variables, shape (n, n) each."""
+    """Objective and violation over two variables, shape (n, n) each.
+
+    The violation is the largest share by which a limit is exceeded, negative within all limits.
+    """
 
     x: str
     y: str
@@ -138,7 +141,7 @@ class Design:
         objective = np.array([float(function.value(columns)) for columns in found])
         limits = np.array([limit.at_most for limit in function.limits.values()])
         prices = np.array([function.prices(columns) for columns in found])
-        violation = (prices / limits - 1).max(axis=1, initial=0.0)
+        violation = (prices / limits - 1).max(axis=1, initial=-1.0)
         values, shape = self.space.numbers(at), (n, n)
         return Landscape(
             x,

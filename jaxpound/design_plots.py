@@ -74,10 +74,10 @@ def landscape(
             y,
             drawn.violation,
             [design.limit_tolerance, np.inf],
-            colors=COLOURS["pounding"],
+            colors=COLOURS["limit"],
             alpha=0.3,
         )
-        ax.fill_between([], [], [], label="limit exceeded", **shade("pounding"))
+        ax.fill_between([], [], [], label="limit exceeded", **shade("limit"))
     path = design.space.numbers(design.history.shares[:, design.winner])
     xs, ys = path[drawn.x], path[drawn.y]
     ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path")

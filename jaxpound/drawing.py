@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
@@ -76,7 +77,7 @@ def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | N
 
 
 def _numbers(ax: Axes, s: AdjacentStructures) -> None:
-    if np.ndim(s.friction) or np.ndim(s.rod_1.order):
+    if any(np.ndim(leaf) for leaf in jax.tree.leaves(s)):
         raise ValueError("mechanical_system: structures must be a single pair, not a batch")
     for x, name, i, order, rod in (
         (2.5, "structure 1", 1, r"\alpha", s.rod_1),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from base64 import b64encode
 from dataclasses import replace
 from functools import reduce
+from html import escape
 from typing import Any
 
 import jax
@@ -20,7 +21,7 @@ from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
 
 # Name, symbol, smallest and largest value; times and ratios on a logarithmic scale.
-_DAMPER = (("friction", "μ", 0.0, 1.5), ("initial_gap", "ξ₀", 0.0, 3.0))
+_DAMPER = (("friction", "μ", 0.0, 1.5), ("initial_gap", "ξ₀ (g/ω₁²)", 0.0, 3.0))
 _RODS = tuple(
     (f"rod_{i}.{name}", symbol, low, high)
     for i, order in ((1, "α"), (2, "β"))
@@ -53,7 +54,7 @@ class Explorer:
     scheme
         The discretisation.
     scales
-        Shows results in SI units.
+        Shows results in SI units; the sliders stay dimensionless.
 
     Raises
     ------
@@ -84,6 +85,12 @@ class Explorer:
 
         instance("Explorer", "structures", structures, AdjacentStructures)
         instance("Explorer", "ground", ground, Ricker, Record)
+        instance("Explorer", "grid", grid, TimeGrid)
+        instance("Explorer", "scheme", scheme, Scheme)
+        if scales is not None:
+            instance("Explorer", "scales", scales, Scales)
+        if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
+            raise ValueError("Explorer: structures must be a single pair, not a batch")
         self._first = jax.tree.map(float, structures)
         self._ground, self._grid, self._scheme, self._scales = ground, grid, scheme, scales
 
@@ -102,7 +109,7 @@ class Explorer:
         self.words = widgets.HTML()
         self._show()
         tab = widgets.Tab([widgets.VBox(group) for group in tabs.values()], titles=list(tabs))
-        tab.layout.width = "24em"
+        tab.layout.width = "26em"
         self.widget = widgets.HBox(
             [
                 widgets.VBox([tab, back]),
@@ -119,8 +126,8 @@ class Explorer:
     def _slider(self, name: str, words: str, value: float, low: float, high: float) -> Any:
         import ipywidgets as widgets
 
-        style = {"description_width": "7em"}
-        layout = widgets.Layout(width="22em")
+        style = {"description_width": "8em"}
+        layout = widgets.Layout(width="23em")
         low, high = min(low, value), max(high, value)
         look = {"description": words, "style": style, "layout": layout}
         if name in _LOGARITHMIC:
@@ -144,15 +151,18 @@ class Explorer:
         strength = self._slider("strength", "strength", 1.0, 0.0, 3.0)
         if not isinstance(self._ground, Ricker):
             return [strength]
-        periods, arrivals = np.ravel(self._ground.periods), np.ravel(self._ground.arrivals)
+        ground = self._ground
+        sizes = np.broadcast_to(ground.amplitude, np.shape(ground.periods))
         end = self._grid.n_steps * self._grid.dt
+        kinds = (
+            ("amplitude", "(g/ω₁²)", np.ravel(sizes), -1.0, 1.0),
+            ("period", "(1/ω₁)", np.ravel(ground.periods), 0.3, 6.0),
+            ("arrival", "(1/ω₁)", np.ravel(ground.arrivals), 0.0, end),
+        )
         return [strength] + [
-            slider
-            for i, (period, arrival) in enumerate(zip(periods, arrivals, strict=True), start=1)
-            for slider in (
-                self._slider(f"period_{i}", f"period {i}", float(period), 0.3, 6.0),
-                self._slider(f"arrival_{i}", f"arrival {i}", float(arrival), 0.0, end),
-            )
+            self._slider(f"{kind}_{i + 1}", f"{kind} {i + 1} {unit}", float(values[i]), low, high)
+            for i in range(np.size(sizes))
+            for kind, unit, values, low, high in kinds
         ]
 
     def _chosen(self) -> tuple[AdjacentStructures, Any]:
@@ -171,11 +181,11 @@ class Explorer:
         if isinstance(ground, Ricker):
             shape = np.shape(ground.periods)
             n = int(np.prod(shape))
-            periods, arrivals = (
+            amplitudes, periods, arrivals = (
                 np.reshape([value[f"{kind}_{i + 1}"] for i in range(n)], shape)
-                for kind in ("period", "arrival")
+                for kind in ("amplitude", "period", "arrival")
             )
-            return structures, Ricker(value["strength"] * ground.amplitude, periods, arrivals)
+            return structures, Ricker(value["strength"] * amplitudes, periods, arrivals)
         return structures, value["strength"] * ground
 
     def _run(self, structures: AdjacentStructures, ground: Any) -> Response:
@@ -189,7 +199,7 @@ class Explorer:
             structures, ground = self._chosen()
             response = self._run(structures, ground)
         except (ValueError, ArithmeticError) as error:
-            self.words.value = f'<span style="color: #D55E00">{error}</span>'
+            self.words.value = f'<span style="color: #D55E00">{escape(str(error))}</span>'
             return
         self.structures, self.ground, self.response = structures, ground, response
         self._show()
@@ -207,11 +217,13 @@ class Explorer:
         d = self.response.demand
         si = self.response.si
         length, second = (" m", " s") if si else ("", "")
+        phases = len(self.response.phases())
         pounds = " <b>The buildings pound.</b>" if d.pounds else ""
         self.words.value = (
             f"min gap {float(d.min_gap):.4g}{length} at t = {float(d.min_gap_time):.4g}{second}; "
-            f"{len(self.response.phases())} phases, slid {float(d.slip_distance):.3g}{length}, "
-            f"offset left {float(d.residual_offset):.3g}{length}.{pounds}"
+            f"{phases} {'phase' if phases == 1 else 'phases'}, "
+            f"slid {float(d.slip_distance):.3g}{length}, "
+            f"offset left {float(d.residual_offset) + 0.0:.3g}{length}.{pounds}"
         )
 
 

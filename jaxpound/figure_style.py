@@ -13,24 +13,26 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_params_from_file
+from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-# Okabe and Ito's colours, which stay apart for every kind of colour vision.
+# Okabe and Ito's colours, which stay apart for every kind of colour vision, by what they stand for;
+# what is merely compared has those of CYCLE.
 COLOURS = {
     "structure 1": "#0072B2",
     "structure 2": "#D55E00",
     "ground": "#000000",
     "damper": "#009E73",
     "rods": "#CC79A7",
-    "kinetic": "#56B4E9",
+    "kinetic": "#F0E442",
     "stick": "#56B4E9",
     "pounding": "#E69F00",
+    "limit": "#CC6677",
     "residual": "#7F7F7F",
 }
 
@@ -113,7 +115,12 @@ def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
 
 
 class FreeFigure(Figure):
-    """A figure unknown to pyplot, which a notebook shows all the same."""
+    """A figure unknown to pyplot, which a notebook shows all the same; its letters stay letters."""
+
+    def savefig(self, *args: Any, **kwargs: Any) -> None:
+        """As of any figure, fonts as fonts in vector files."""
+        with rc_context({"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}):
+            super().savefig(*args, **kwargs)
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()
@@ -187,8 +194,8 @@ def legend(ax: Axes, columns: int = 4) -> None:
         borderaxespad=0.2,
     )
     for handle in shown.legend_handles:
-        if isinstance(handle, LineCollection):
-            handle.set_alpha(1.0)  # of a batch, whose lines are faint
+        if isinstance(handle, Line2D):
+            handle.set_alpha(1.0)  # a batch's lines are faint
 
 
 def only_shares(ax: Axes) -> None:
@@ -215,7 +222,7 @@ def bars(ax: Axes | None, names: Sequence[str]) -> Axes:
 def signed_bars(ax: Axes | None, values: Mapping[str, float], words: str) -> Axes:
     """A bar for each name, to the left or right of zero, from below in their order."""
     ax, place = bars(ax, list(values)), np.arange(len(values))
-    ax.barh(place, list(values.values()), 0.6, color=COLOURS["structure 1"], alpha=0.8)
+    ax.barh(place, list(values.values()), 0.6, color=CYCLE[0], alpha=0.8)
     ax.axvline(0, color="black", linewidth=0.7)
     label(ax, words, "")
     ax.set_yticks(place, list(values))

@@ -21,7 +21,7 @@ from jaxpound.figure_style import COLOURS, FONT_SIZE, LINE_WIDTH, label, shade, 
 from jaxpound.response import Response
 
 _SIZE = (4.1, 2.1)  # of a panel, in inches
-_FRAME = (0.15, 0.2, 0.82, 0.76)  # left, bottom, width, height in shares of it
+_FRAME = (0.18, 0.2, 0.77, 0.76)  # left, bottom, width, height in shares of it
 _DPI = 110
 _LEAST_USED = 0.35  # of an axis, before it is scaled anew
 
@@ -44,6 +44,11 @@ _PANELS = (
 )
 
 
+def _unit(drawn: _Drawn, response: Response) -> tuple[float, str]:
+    largest = max(float(np.abs(getattr(response, name)).max()) for name in drawn.lines)
+    return unit_for(drawn.quantity, response.si, largest)
+
+
 class _Panel:
     """One picture with one pair of axes."""
 
@@ -52,8 +57,7 @@ class _Panel:
         figure.set_layout_engine("none")
         self._canvas = FigureCanvasAgg(figure)
         self._ax = ax = figure.add_axes(_FRAME)
-        largest = max(float(np.abs(getattr(response, name)).max()) for name in drawn.lines)
-        self._factor, unit = unit_for(drawn.quantity, response.si, largest)
+        self._factor, unit = self.unit = _unit(drawn, response)
         self._lines = {
             name: ax.plot([], [], color=COLOURS[colour], linewidth=LINE_WIDTH, label=symbol)[0]
             for name, (symbol, colour) in drawn.lines.items()
@@ -76,7 +80,8 @@ class _Panel:
         time = unit_for("time", response.si, 0)[1]
         label(ax, f"time $t$ ({time})", f"{drawn.words} {symbols} ({unit})")
         ax.set_xlim(float(response.time[0]), float(response.time[-1]))
-        ax.yaxis.set_label_coords(-0.12, 0.5)
+        ax.yaxis.set_label_coords(-0.165, 0.5)
+        ax.ticklabel_format(axis="y", style="plain", useOffset=False)
         ax.legend(loc="upper right", ncols=2, fontsize=FONT_SIZE, frameon=False)
         self._axes_alone: Any = None
 
@@ -132,6 +137,9 @@ class LivePanels:
 
     def png(self, response: Response) -> bytes:
         """The picture of a run on the same grid, as a PNG file."""
+        for i, drawn in enumerate(_PANELS):
+            if self._panels[i].unit != _unit(drawn, response):
+                self._panels[i] = _Panel(drawn, response)
         one, two, three, four = (panel.pixels(response) for panel in self._panels)
         file = io.BytesIO()
         pixels = np.vstack([np.hstack([one, two]), np.hstack([three, four])])

@@ -16,6 +16,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from jaxpound._checks import instance
 from jaxpound.figure_style import (
     COLOURS,
     FONT_SIZE,
@@ -282,8 +283,11 @@ def _axes(response: Response, ax: Axes | None) -> Axes:
 
 def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
     """The runs, which must be there and have units in common; a ``ValueError`` in the name."""
+    instance(name, "responses", responses, Mapping)
     if not responses:
         raise ValueError(f"{name}: responses must hold at least one run")
+    for run, response in responses.items():
+        instance(name, f"responses[{run!r}]", response, Response)
     if len({response.si for response in responses.values()}) > 1:
         raise ValueError(f"{name}: responses must all be in SI units, or all be dimensionless")
     return dict(responses)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 
+from jaxpound._checks import instance
 from jaxpound.figure_style import (
     COLOURS,
     CYCLE,
@@ -25,13 +26,14 @@ from jaxpound.intensity import spectral_acceleration
 
 
 def accelerogram(record: Record, ax: Axes | None = None) -> Axes:
-    """Acceleration of a record in g over time in seconds, with its peak."""
+    """Acceleration of a record, in g and seconds as it was read, over time, with its peak."""
+    instance("accelerogram", "record", record, Record)
     ax, a = new_axes(ax), np.asarray(record.samples)
     time = float(record.dt) * np.arange(a.size)
     ax.plot(time, a, color=COLOURS["ground"], linewidth=LINE_WIDTH)
     peak = np.abs(a).argmax()
     words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} s"
-    ax.plot(time[peak], a[peak], "o", color=COLOURS["pounding"], markersize=4, label=words)
+    ax.plot(time[peak], a[peak], "o", color=COLOURS["ground"], markersize=4, label=words)
     ax.margins(x=0)
     label(ax, "time $t$ (s)", "ground acceleration $u''$ ($g$)")
     legend(ax)
@@ -59,9 +61,21 @@ def spectra(
         Damping ratio, at least 0 and below 1.
     marks
         Natural periods in s to be marked, by name, such as those of two buildings.
+
+    Raises
+    ------
+    ValueError
+        If there is no record, or an argument breaks its rule.
     """
-    ax = new_axes(ax)
+    instance("spectra", "records", records, Mapping)
+    if not records:
+        raise ValueError("spectra: records must hold at least one record")
+    for name, record in records.items():
+        instance("spectra", f"records[{name!r}]", record, Record)
     t = np.geomspace(0.05, 5.0, 80) if periods is None else np.asarray(periods, float)
+    if t.ndim != 1 or not t.size or not ((t > 0) & np.isfinite(t)).all():
+        raise ValueError(f"spectra: periods = {periods!r} must be positive and finite, shape (n,)")
+    ax = new_axes(ax)
     for i, (name, record) in enumerate(records.items()):
         one = partial(spectral_acceleration, record, damping=damping)
         ax.plot(
@@ -88,6 +102,6 @@ def spectra(
         )
     ratio_ticks(ax.xaxis)
     ratio_ticks(ax.yaxis)
-    label(ax, "natural period $T$ (s)", f"$S_a$ at {damping:.0%} damping ($g$)")
+    label(ax, "natural period $T$ (s)", f"$S_a$ at {100 * damping:.3g} % damping ($g$)")
     legend(ax, columns=2)
     return ax

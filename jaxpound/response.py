@@ -20,6 +20,7 @@ def _chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:
     """Results at the index of their batch; an index outside raises (JAX would clamp it)."""
     if not batch:
         raise TypeError(f"{type(results).__name__}: only a batch has an index, this is one run")
+    index = np.asarray(index) if isinstance(index, list) else index
     np.empty(batch, bool)[index]
     # What the runs of a batch share has no batch axes.
     return jax.tree.map(lambda x: x[index] if np.ndim(x) >= len(batch) else x, results)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from jaxpound.estimates import probability
 from jaxpound.figure_style import (
     COLOURS,
+    CYCLE,
     FONT_SIZE,
     LINE_WIDTH,
     QUANTITIES,
@@ -83,7 +84,8 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
 def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = None) -> Axes:
     """Probability that the required gap exceeds a gap, over that gap, with its 95 % interval.
 
-    ``rules_at`` marks the gaps that code rules ask for at that probability (``Study.separation``).
+    ``rules_at`` marks a probability and the gaps that code rules ask for at it
+    (``Study.separation``).
     """
     ax = new_axes(ax)
     ranked = np.sort(study.finite("required_gap"))
@@ -96,6 +98,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     ax.set_yscale("log")
     if rules_at is not None:
         found = study.separation(rules_at)
+        ax.axhline(rules_at, color=COLOURS["residual"], linewidth=0.7)
         for name, words, style in (
             ("double_difference", "double difference", ":"),
             ("srss", "SRSS", "--"),
@@ -165,7 +168,7 @@ def scatter_matrix(
                 parameters[name][:_MOST_DOTS],
                 values,
                 ".",
-                color=COLOURS["structure 1"],
+                color=CYCLE[0],
                 markersize=1.5,
                 alpha=0.4,
                 rasterized=True,
@@ -189,7 +192,7 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     names = sorted(indices.total, key=lambda name: indices.total[name].value)[-12:]
     ax = bars(ax, names)
     place = np.arange(len(names))
-    for shift, kind, colour in ((0.2, "first", "structure 1"), (-0.2, "total", "structure 2")):
+    for shift, kind, colour in ((0.2, "first", CYCLE[0]), (-0.2, "total", CYCLE[1])):
         estimates = [getattr(indices, kind)[name] for name in names]
         values = np.array([estimate.value for estimate in estimates])
         ends = np.array([[max(e.value - e.low, 0), max(e.high - e.value, 0)] for e in estimates]).T
@@ -198,7 +201,7 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
             values,
             0.38,
             xerr=ends,
-            color=COLOURS[colour],
+            color=colour,
             alpha=0.8,
             error_kw={"linewidth": 0.7},
             label={"first": "first order", "total": "total"}[kind],

@@ -75,6 +75,9 @@ def test_wrong_arguments_are_refused(response):
     with pytest.raises(ValueError, match=r"animate: a batch of shape \(2, 1001\)"):
         animate(batch)
     lost = dataclasses.replace(response.demand, min_gap=np.nan)
+    for time in (99.0, np.nan):
+        with pytest.raises(ValueError, match=r"must be within the run, from 0 to 20"):
+            still(response, time)
     with pytest.raises(ValueError, match="still: the run is invalid"):
         still(dataclasses.replace(response, demand=lost), 0.0)
 

@@ -5,6 +5,7 @@ import builtins
 import io
 from dataclasses import replace
 
+import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def explorer():
 def test_a_slider_for_every_parameter_and_wavelet(explorer):
     expected = {"friction", "initial_gap", "mass_ratio", "stiffness_ratio", "strength"}
     expected |= {f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_f", "tau_x")}
-    expected |= {f"{kind}_{i}" for kind in ("period", "arrival") for i in range(1, 6)}
+    expected |= {f"{kind}_{i}" for kind in ("amplitude", "period", "arrival") for i in range(1, 6)}
     assert set(explorer.sliders) == expected
     assert all(slider.continuous_update for slider in explorer.sliders.values())
 
@@ -65,7 +66,10 @@ def test_wavelets_move_the_ground(explorer):
     explorer.sliders["strength"].value = 0.5
     explorer.sliders["period_3"].value = 2.6
     explorer.sliders["arrival_5"].value = 7.0
-    ground = jp.Ricker(0.25, [1.25, 1.0, 2.6, 3.5, 3.8], [1.5, 2.0, 3.0, 4.0, 7.0])
+    explorer.sliders["amplitude_2"].value = -0.3
+    ground = jp.Ricker(
+        [0.25, -0.15, 0.25, 0.25, 0.25], [1.25, 1.0, 2.6, 3.5, 3.8], [1.5, 2.0, 3.0, 4.0, 7.0]
+    )
     expected = jp.simulate(S, ground, GRID)
     np.testing.assert_allclose(explorer.response.gap, expected.gap, atol=1e-12)
 
@@ -126,6 +130,22 @@ def test_arguments_are_checked():
         Explorer(S, lambda t: 0 * t, GRID)
     with pytest.raises(ValueError, match="structures = 3 must be of type"):
         Explorer(3, GROUND, GRID)
+    with pytest.raises(ValueError, match=r"grid = 0.02 must be of type"):
+        Explorer(S, GROUND, 0.02)
+    with pytest.raises(ValueError, match="scales = 3 must be of type"):
+        Explorer(S, GROUND, GRID, scales=3)
+    batch = jax.tree.map(lambda x: np.array([x, x]), S)
+    with pytest.raises(ValueError, match="must be a single pair, not a batch"):
+        Explorer(batch, GROUND, GRID)
+
+
+def test_forces_keep_to_the_unit_of_their_axis():
+    found = Explorer(replace(S, friction=0.0), GROUND, GRID, scales=SCALES)
+    found.sliders["friction"].value = 0.5
+    again = Explorer(replace(S, friction=0.5), GROUND, GRID, scales=SCALES)
+    shown = [pixels(one.picture.value) for one in (found, again)]
+    friction = np.s_[shown[0].shape[0] // 2 :, : shown[0].shape[1] // 2]  # below, on the left
+    assert (shown[0][friction] == shown[1][friction]).all()
 
 
 def test_without_ipywidgets_the_extra_is_named(monkeypatch):

@@ -364,6 +364,18 @@ def test_side_by_side_has_runs_as_columns_to_one_scale(response):
         assert ends[1] == pytest.approx(0, abs=1e-9)
 
 
+def test_a_batch_s_legend_is_not_faint(batch, ax):
+    plots.displacements(batch, ax)
+    assert {handle.get_alpha() for handle in ax.get_legend().legend_handles} == {1.0}
+
+
+def test_what_is_no_response_is_named(response):
+    with pytest.raises(ValueError, match=r"responses\['a'\] = 3 must be of type Response"):
+        plots.gaps({"a": 3})
+    with pytest.raises(ValueError, match=r"side_by_side: responses = .* must be of type"):
+        plots.side_by_side(response)
+
+
 def test_runs_to_be_compared_have_the_same_units(response):
     for draw in (plots.gaps, plots.side_by_side):
         with pytest.raises(ValueError, match="must hold at least one run"):
@@ -380,12 +392,16 @@ def test_letters_stay_letters_in_vector_files(response, tmp_path):
     from matplotlib import style
 
     with style.context("jaxpound.house"):
-        figure = plots.figure(plots.displacements, response)
-        figure.savefig(tmp_path / "x.svg")
-        figure.savefig(tmp_path / "x.pdf")
         assert mpl.rcParams["figure.figsize"] == list(FIGURE_SIZE)
-    assert "displacement" in (tmp_path / "x.svg").read_text()
-    assert b"/Type3" not in (tmp_path / "x.pdf").read_bytes()
+        own = plots.displacements(response).figure
+        for kind in ("svg", "pdf"):
+            own.savefig(tmp_path / f"own.{kind}")
+    free = plots.figure(plots.displacements, response)
+    for kind in ("svg", "pdf"):
+        free.savefig(tmp_path / f"free.{kind}")
+    for name in ("own", "free"):
+        assert "displacement" in (tmp_path / f"{name}.svg").read_text()
+        assert b"/Type3" not in (tmp_path / f"{name}.pdf").read_bytes()
 
 
 def test_a_run_at_rest_can_be_drawn(response):

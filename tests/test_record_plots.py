@@ -26,6 +26,18 @@ def test_accelerogram_marks_the_peak():
     assert "($g$)" in ax.get_ylabel()
 
 
+def test_wrong_arguments_are_named():
+    for call, message in (
+        (lambda: record_plots.spectra({}), "must hold at least one record"),
+        (lambda: record_plots.spectra(RECORD), "records = .* must be of type"),
+        (lambda: record_plots.spectra({"a": 3}), r"records\['a'\] = 3 must be of type Record"),
+        (lambda: record_plots.spectra({"a": RECORD}, periods=[0, 1]), "must be positive"),
+        (lambda: record_plots.accelerogram(jp.paper.ground()), "must be of type Record"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+
+
 def test_spectra_are_the_spectral_accelerations():
     ax, periods = Figure().add_subplot(), [0.3, 1.0, 2.5]
     half = jp.Record(RECORD.samples / 2, dt=0.02)
@@ -39,5 +51,5 @@ def test_spectra_are_the_spectral_accelerations():
         assert value == pytest.approx(float(expected))
     np.testing.assert_allclose(halved.get_ydata(), whole.get_ydata() / 2)
     assert mark.get_xdata()[0] == 1.0
-    assert "10%" in ax.get_ylabel()
+    assert "10 %" in ax.get_ylabel()
     ax.figure.draw_without_rendering()

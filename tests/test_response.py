@@ -129,7 +129,9 @@ def test_a_batch_and_an_invalid_run_have_no_phases(run):
         jax.tree.map(lambda x: x * jnp.nan, run).phases()
 
 
-@pytest.mark.parametrize("index", [0, -1, slice(1, 3), np.array([True, False, True])], ids=str)
+@pytest.mark.parametrize(
+    "index", [0, -1, slice(1, 3), np.array([True, False, True]), [2, 0]], ids=str
+)
 def test_runs_of_a_batch_by_index(index):
     def run(friction):
         structures = dataclasses.replace(jp.paper.structures(), friction=friction)

@@ -248,11 +248,10 @@ def test_scenarios_by_index_are_those_of_the_study(sampling):
     )
     batch = scenarios.at([5, 0, 6], 3, sampling=sampling)
     np.testing.assert_allclose(batch[0].friction, study["friction"][[5, 0, 6]])
-    gaps = jax.vmap(lambda *pair: jp.demand(*pair, grid).min_gap)(*batch)
-    np.testing.assert_allclose(gaps, study["min_gap"][[5, 0, 6]], atol=1e-12)
+    np.testing.assert_allclose(batch[1].arrivals[:, 0], study["arrival_1"][[5, 0, 6]])
     structures, ground = scenarios.at(study.indices[6], 3, sampling=sampling)
     assert jnp.shape(structures.friction) == ()
-    assert float(jp.demand(structures, ground, grid).min_gap) == pytest.approx(float(gaps[2]))
+    assert float(jp.demand(structures, ground, grid).min_gap) == pytest.approx(study["min_gap"][6])
     for indices, message in (
         (1.5, "must be whole numbers"),
         ([], "must be whole numbers"),

@@ -54,7 +54,8 @@ def test_exceedance_is_the_share_of_larger_gaps(found, ax):
     for gap, share in zip(gaps[::7], shares[::7], strict=True):
         assert np.mean(found["required_gap"] >= gap) == pytest.approx(share)
     rules = found.separation(0.1)
-    marked = [line.get_xdata()[0] for line in ax.lines[1:]]
+    assert set(ax.lines[1].get_ydata()) == {0.1}
+    marked = [line.get_xdata()[0] for line in ax.lines[2:]]
     assert marked == [rules.double_difference, rules.srss, rules.absolute_sum]
 
 
