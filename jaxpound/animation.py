@@ -50,7 +50,7 @@ class Scene:
         self._height, self._block = 1.1 * w, 0.5 * w
         left, right = -1.1 * w - reach, rest + 1.1 * w + reach
         ax.set_xlim(left, right)
-        ax.set_ylim(-0.42 * w, 2.35 * w)
+        ax.set_ylim(-0.42 * w, 2.5 * w)
         ax.set_aspect("equal")
         ax.set_axis_off()
         ax.add_patch(
@@ -74,7 +74,7 @@ class Scene:
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
         self._arrow_at = left + 0.65 * (right - left)
         letters: dict[str, Any] = {"va": "center", "fontsize": FONT_SIZE}
-        self._words = ax.text((left + right) / 2, 2.2 * w, "", ha="center", **letters)
+        self._words = ax.text((left + right) / 2, 2.34 * w, "", ha="center", **letters)
         ax.text(left, -0.3 * w, "ground $u''$", **letters)
         self._force_name = ax.text(0, 0, "$q$", color=COLOURS["damper"], **letters)
         for part in (self._plate_1, self._plate_2, self._clamp, self._force, self._force_name):
@@ -102,7 +102,7 @@ class Scene:
         start = left - 0.15 * w, roof + 0.28 * w  # q pulls block 1 back
         length = 0.6 * w * self._q[i] / (self._largest or 1.0)
         self._force.set_positions(start, (start[0] - length, start[1]))
-        self._force_name.set_position((start[0] + 0.05 * w, start[1]))
+        self._force_name.set_position((start[0], start[1] + 0.14 * w))
         shift = 0.8 * w * self._shaking[i] / self._strongest
         self._ground.set_positions(
             (self._arrow_at - shift / 2, -0.3 * w), (self._arrow_at + shift / 2, -0.3 * w)

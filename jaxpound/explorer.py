@@ -108,8 +108,8 @@ class Explorer:
         self.picture = widgets.Image(format="png")
         self.words = widgets.HTML()
         self._show()
-        tab = widgets.Tab([widgets.VBox(group) for group in tabs.values()], titles=list(tabs))
-        tab.layout.width = "26em"
+        tab = widgets.Tab([_scrolled(group) for group in tabs.values()], titles=list(tabs))
+        tab.layout.width = "29em"
         self.widget = widgets.HBox(
             [
                 widgets.VBox([tab, back]),
@@ -126,8 +126,8 @@ class Explorer:
     def _slider(self, name: str, words: str, value: float, low: float, high: float) -> Any:
         import ipywidgets as widgets
 
-        style = {"description_width": "8em"}
-        layout = widgets.Layout(width="23em")
+        style = {"description_width": "10em"}
+        layout = widgets.Layout(width="25em")
         low, high = min(low, value), max(high, value)
         look = {"description": words, "style": style, "layout": layout}
         if name in _LOGARITHMIC:
@@ -230,3 +230,12 @@ class Explorer:
 def _at(structures: AdjacentStructures, path: str) -> float:
     value: Any = reduce(getattr, path.split("."), structures)
     return float(value)
+
+
+def _scrolled(sliders: list[Any]) -> Any:
+    """Sliders in no more than the height that leaves the picture in sight."""
+    import ipywidgets as widgets
+
+    box = widgets.Box(sliders)
+    box.layout = widgets.Layout(flex_flow="column", max_height="15em", overflow="hidden auto")
+    return box
