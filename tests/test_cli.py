@@ -274,8 +274,11 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
         "series": "series='csv'",
     }
     out = tmp_path / "out"
-    screen = run("simulate", "--record", pulse, "--config", write(changes), "--out", out)
+    screen = run("simulate", "--record", pulse, "--config", write(changes), "--out", out, "--pdf")
     assert "No --config" not in screen
+    for path in out.glob("*.png"):
+        assert path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+        assert str(path.with_suffix(".pdf")) in screen
     results = json.loads((out / "summary.json").read_text())["results"]
     assert results["pounds"]
     assert results["overlap_m"] == pytest.approx(-results["min_gap_m"])
