@@ -8,6 +8,7 @@ alike under any settings, and nothing here changes matplotlib's.
 from __future__ import annotations
 
 import io
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from typing import Any
@@ -119,8 +120,14 @@ class FreeFigure(Figure):
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
         """As of any figure, fonts as fonts in vector files."""
-        with rc_context({"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}):
-            super().savefig(*args, **kwargs)
+        fonts = logging.getLogger("fontTools")  # it complains of the dates in matplotlib's fonts
+        level = fonts.level
+        fonts.setLevel(logging.ERROR)
+        try:
+            with rc_context({"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}):
+                super().savefig(*args, **kwargs)
+        finally:
+            fonts.setLevel(level)
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()

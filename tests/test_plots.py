@@ -388,7 +388,7 @@ def test_a_notebook_shows_figures_unknown_to_pyplot(response):
     assert plots.overview(response)._repr_png_().startswith(b"\x89PNG")
 
 
-def test_letters_stay_letters_in_vector_files(response, tmp_path):
+def test_letters_stay_letters_in_vector_files(response, tmp_path, caplog):
     from matplotlib import style
 
     with style.context("jaxpound.house"):
@@ -397,8 +397,10 @@ def test_letters_stay_letters_in_vector_files(response, tmp_path):
         for kind in ("svg", "pdf"):
             own.savefig(tmp_path / f"own.{kind}")
     free = plots.figure(plots.displacements, response)
+    caplog.clear()
     for kind in ("svg", "pdf"):
         free.savefig(tmp_path / f"free.{kind}")
+    assert not caplog.records
     for name in ("own", "free"):
         assert "displacement" in (tmp_path / f"{name}.svg").read_text()
         assert b"/Type3" not in (tmp_path / f"{name}.pdf").read_bytes()
