@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from jaxpound import plots
-from jaxpound.figure_style import COLOURS, FONT_SIZE, new_axes, new_figure
-from jaxpound.response import Response
+from jaxpound.figure_style import COLOURS, FONT_SIZE, new_axes, new_figure, same_height
+from jaxpound.response import Response, require_single
 
 _COLUMNS = 20  # points along a bent column
 
@@ -145,7 +145,7 @@ def still(
     ValueError
         If the response is a batch or invalid, or time is not within the run.
     """
-    _require_single("still", response)
+    _require_valid("still", response)
     end = float(response.time[-1])
     if not 0 <= time <= end:
         raise ValueError(f"still: time = {time} must be within the run, from 0 to {end:.6g}")
@@ -191,7 +191,7 @@ def animate(
     else:
         runs, single = plots.same_units("animate", responses), False
     for response in runs.values():
-        _require_single("animate", response)
+        _require_valid("animate", response)
     if frames < 2 or not 0 < seconds < np.inf:
         rule = "at least 2 frames, and seconds positive and finite"
         raise ValueError(f"animate: frames = {frames}, seconds = {seconds} must be {rule}")
@@ -217,9 +217,7 @@ def animate(
         over_time[0].set_xlabel("")
         over_time[0].tick_params(labelbottom=False)
     else:
-        ends = np.array([ax.get_ylim() for ax in over_time])
-        for ax in over_time:
-            ax.set_ylim(ends[:, 0].min(), ends[:, 1].max())
+        same_height(over_time)
     clocks = [ax.axvline(time[0], color=COLOURS["residual"], linewidth=0.9) for ax in over_time]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that nothing jumps between frames
@@ -240,9 +238,7 @@ def _reach(response: Response) -> float:
     return max(float(np.abs(x).max()) for x in (response.x1, response.x2))
 
 
-def _require_single(name: str, response: Response) -> None:
-    if np.ndim(response.time) != 1:
-        shape = np.shape(response.time)
-        raise ValueError(f"{name}: a batch of shape {shape} must be indexed to one response")
+def _require_valid(name: str, response: Response) -> None:
+    require_single(name, response)
     if not np.isfinite(response.min_gap):
         raise ValueError(f"{name}: the run is invalid (its results are NaN)")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from dataclasses import replace
-from functools import reduce
 from html import escape
+from operator import attrgetter
 from typing import Any
 
 import jax
@@ -15,6 +14,7 @@ from jaxpound._checks import instance
 from jaxpound.ground import Record, Ricker
 from jaxpound.live_panels import LivePanels
 from jaxpound.response import Response
+from jaxpound.scenarios import replaced
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.simulation import simulate
 from jaxpound.structures import AdjacentStructures
@@ -143,7 +143,7 @@ class Explorer:
 
     def _group(self, parameters: Any) -> list[Any]:
         return [
-            self._slider(name, words, _at(self._first, name), low, high)
+            self._slider(name, words, attrgetter(name)(self._first), low, high)
             for name, words, low, high in parameters
         ]
 
@@ -153,11 +153,10 @@ class Explorer:
             return [strength]
         ground = self._ground
         sizes = np.broadcast_to(ground.amplitude, np.shape(ground.periods))
-        end = self._grid.n_steps * self._grid.dt
         kinds = (
             ("amplitude", "(g/ω₁²)", np.ravel(sizes), -1.0, 1.0),
             ("period", "(1/ω₁)", np.ravel(ground.periods), 0.3, 6.0),
-            ("arrival", "(1/ω₁)", np.ravel(ground.arrivals), 0.0, end),
+            ("arrival", "(1/ω₁)", np.ravel(ground.arrivals), 0.0, self._grid.duration),
         )
         return [strength] + [
             self._slider(f"{kind}_{i + 1}", f"{kind} {i + 1} {unit}", float(values[i]), low, high)
@@ -168,15 +167,8 @@ class Explorer:
     def _chosen(self) -> tuple[AdjacentStructures, Any]:
         """Structures and ground as the sliders say; ValueError where they break a rule."""
         value = {name: slider.value for name, slider in self.sliders.items()}
-        own = {name for name, *_ in (*_DAMPER, *_BUILDINGS)}
-        rods = {
-            f"rod_{i}": replace(
-                getattr(self._first, f"rod_{i}"),
-                **{k: value[f"rod_{i}.{k}"] for k in ("order", "tau_x", "tau_f")},
-            )
-            for i in (1, 2)
-        }
-        structures = replace(self._first, **rods, **{name: value[name] for name in own})
+        names = [name for name, *_ in (*_DAMPER, *_RODS, *_BUILDINGS)]
+        structures = replaced(self._first, {name: value[name] for name in names})
         ground: Any = self._ground
         if isinstance(ground, Ricker):
             shape = np.shape(ground.periods)
@@ -225,11 +217,6 @@ class Explorer:
             f"slid {float(d.slip_distance):.3g}{length}, "
             f"offset left {float(d.residual_offset) + 0.0:.3g}{length}.{pounds}"
         )
-
-
-def _at(structures: AdjacentStructures, path: str) -> float:
-    value: Any = reduce(getattr, path.split("."), structures)
-    return float(value)
 
 
 def _scrolled(sliders: list[Any]) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
@@ -203,6 +203,14 @@ def legend(ax: Axes, columns: int = 4) -> None:
     for handle in shown.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_alpha(1.0)  # a batch's lines are faint
+
+
+def same_height(panels: Iterable[Axes]) -> None:
+    """One vertical scale for all, as wide as the widest."""
+    panels = list(panels)
+    ends = np.array([ax.get_ylim() for ax in panels])
+    for ax in panels:
+        ax.set_ylim(ends[:, 0].min(), ends[:, 1].max())
 
 
 def only_shares(ax: Axes) -> None:

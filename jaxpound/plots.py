@@ -26,11 +26,12 @@ from jaxpound.figure_style import (
     legend,
     new_axes,
     new_figure,
+    same_height,
     shade,
     shades,
     unit_for,
 )
-from jaxpound.response import Response
+from jaxpound.response import Response, require_single
 
 _LINE_ALPHA = 0.85  # where two lines run close together, both are seen
 
@@ -168,9 +169,7 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
     What is between the two is the residual of the balance, drawn on its own as well.
     """
-    if np.ndim(response.time) != 1:
-        shape = np.shape(response.time)
-        raise ValueError(f"energy: a batch of shape {shape} must be indexed to one response")
+    require_single("energy", response)
     ax = _axes(response, ax)
     terms = response.energy
     factor, unit = _unit(response, "energy", terms.input)
@@ -220,9 +219,7 @@ def side_by_side(
         for draw, ax in zip(drawings, column, strict=True):
             draw(response, ax)
     for row in panels:
-        ends = np.array([ax.get_ylim() for ax in row])
-        for ax in row:
-            ax.set_ylim(ends[:, 0].min(), ends[:, 1].max())
+        same_height(row)
     same_x = all(len({ax.get_xlabel() for ax in column}) == 1 for column in panels.T)
     for ax in panels.flat:
         spec = ax.get_subplotspec()

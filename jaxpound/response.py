@@ -198,9 +198,7 @@ class Response:
         ValueError
             For a batch (take one response of it first) and for an invalid run.
         """
-        if jnp.ndim(self.time) != 1:
-            shape = jnp.shape(self.time)
-            raise ValueError(f"phases: a batch of shape {shape} must be indexed to one response")
+        require_single("phases", self)
         time, phase = np.asarray(self.time), np.asarray(self.phase)
         if not np.isfinite(phase).all():
             raise ValueError("phases: the run is invalid (its results are NaN)")
@@ -241,3 +239,10 @@ class Response:
             f"    damper       {len(self.phases())} phases, slid {float(d.slip_distance):.4g} "
             f"{length}, offset left {float(d.residual_offset):.4g} {length})"
         )
+
+
+def require_single(name: str, response: Response) -> None:
+    """A ``ValueError`` in the name where a batch is given."""
+    if jnp.ndim(response.time) != 1:
+        shape = jnp.shape(response.time)
+        raise ValueError(f"{name}: a batch of shape {shape} must be indexed to one response")
