@@ -115,8 +115,8 @@ def peer_rods():
         parts = history.kernel(rod.order, GRID.n_steps)
         decay = np.concatenate([part.ahead[:, 1] for part in parts])
         weight = np.concatenate([part.weight for part in parts])
-        own = [-float(rod.order), modulus, float(rod.tau_f), float(rod.tau_x)]
-        rows.append([*scaled, *own, *decay, *weight])
+        own = [modulus, float(rod.tau_f), float(rod.tau_x)]
+        rows.append([*scaled, *own, *jp.gl_weights(rod.order, 4)[1:], *decay, *weight])
     return np.array(rows)
 
 

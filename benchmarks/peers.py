@@ -60,8 +60,8 @@ def modal_loop(amplitude, periods, arrivals, friction, rods, mass_ratio, h, n, t
 
     Structure of arrays: the innermost loop runs over a tile of earthquakes, whose modes stay in the
     cache. ``periods`` and ``arrivals`` are (wavelets, runs); ``rods`` holds for each of both rods
-    the coefficients of x_m, of K x_{m−1} − f_{m−1} and of S_m, −ω_1, K, τ_f, τ_x, and then modal
-    decays and weights.
+    the coefficients of x_m, of K x_{m−1} − f_{m−1} and of S_m, K, τ_f, τ_x, ω_1 to ω_4, and then
+    modal decays and weights.
     """
     runs = amplitude.size
     least = np.empty(runs)
@@ -69,12 +69,13 @@ def modal_loop(amplitude, periods, arrivals, friction, rods, mass_ratio, h, n, t
     for block in numba.prange((runs + tile - 1) // tile):
         first = block * tile
         size = min(tile, runs - first)
-        stiff, lag, memory, near = rods[:, 0], rods[:, 1], rods[:, 2], rods[:, 3]
-        modulus, tau_f, tau_x = rods[:, 4], rods[:, 5], rods[:, 6]
-        modes = (rods.shape[1] - 7) // 2
-        decay, weight = rods[:, 7 : 7 + modes], rods[:, 7 + modes :]
+        stiff, lag, memory = rods[:, 0], rods[:, 1], rods[:, 2]
+        modulus, tau_f, tau_x, near = rods[:, 3], rods[:, 4], rods[:, 5], rods[:, 6:10]
+        modes = (rods.shape[1] - 10) // 2
+        decay, weight = rods[:, 10 : 10 + modes], rods[:, 10 + modes :]
         y1, y2 = np.zeros((modes, size)), np.zeros((modes, size))
-        c1, c2, excess1, excess2 = np.zeros((4, size))
+        c1, c2 = np.zeros((4, size)), np.zeros((4, size))  # c_{m−j} in row (m − j) mod 4
+        excess1, excess2 = np.zeros((2, size))
         sum1, sum2, shaking, minimum = np.zeros((4, size))
         x1, v1, slip, w = np.zeros((4, size))
         pull = np.zeros(size)
@@ -84,26 +85,30 @@ def modal_loop(amplitude, periods, arrivals, friction, rods, mass_ratio, h, n, t
                 for i in range(size):
                     a = math.pi / periods[k, first + i]
                     v = (a * (m * h - arrivals[k, first + i])) ** 2
-                    wavelet = 2 * a * a * (4 * v * v - 12 * v + 3) * math.exp(-v)
+                    bend = (a * h) ** 2 / 24 * (16 * v**3 - 120 * v**2 + 180 * v - 30)
+                    wavelet = 2 * a * a * (4 * v * v - 12 * v + 3 + bend) * math.exp(-v)
                     shaking[i] += amplitude[first + i] * wavelet
             if m == 0:
                 v1[:] = h / 2 * shaking
             for i in range(size):
-                sum1[i], sum2[i] = near[0] * c1[i], near[1] * c2[i]
+                sum1[i], sum2[i] = 0.0, 0.0
+                for j in range(1, 5):
+                    sum1[i] += near[0, j - 1] * c1[(m - j) % 4, i]
+                    sum2[i] += near[1, j - 1] * c2[(m - j) % 4, i]
             for k in range(modes):
                 weight1, weight2 = weight[0, k], weight[1, k]
                 decay1, decay2 = decay[0, k], decay[1, k]
                 for i in range(size):
                     sum1[i] += weight1 * y1[k, i]
                     sum2[i] += weight2 * y2[k, i]
-                    y1[k, i] = decay1 * y1[k, i] + c1[i]
-                    y2[k, i] = decay2 * y2[k, i] + c2[i]
+                    y1[k, i] = decay1 * y1[k, i] + c1[m % 4, i]  # still c_{m−4}
+                    y2[k, i] = decay2 * y2[k, i] + c2[m % 4, i]
             for i in range(size):
                 x2 = x1[i] - slip[i]
                 f1 = stiff[0] * x1[i] + lag[0] * excess1[i] + memory[0] * sum1[i]
                 f2 = stiff[1] * x2 + lag[1] * excess2[i] + memory[1] * sum2[i]
-                c1[i] = modulus[0] * tau_x[0] * x1[i] - tau_f[0] * f1
-                c2[i] = modulus[1] * tau_x[1] * x2 - tau_f[1] * f2
+                c1[m % 4, i] = modulus[0] * tau_x[0] * x1[i] - tau_f[0] * f1
+                c2[m % 4, i] = modulus[1] * tau_x[1] * x2 - tau_f[1] * f2
                 excess1[i], excess2[i] = modulus[0] * x1[i] - f1, modulus[1] * x2 - f2
 
                 a = mass_ratio * f2 - f1

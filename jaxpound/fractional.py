@@ -34,29 +34,34 @@ def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... n+1"]:
     return jnp.concatenate([jnp.ones_like(order), jnp.cumprod(1 - (order + 1) / j, axis=-1)], -1)
 
 
-# Within a block of steps the sum is taken term by term, what went before it in one matrix product.
-# Few steps, so that written out they compile soon; many enough that modes are seldom touched.
+# The sum over a block of steps and the block before it is taken term by term, what went before them
+# in one matrix product. Few steps, so that written out they compile soon; many enough that modes
+# are seldom touched.
 BLOCK = 4
+_NEAR = 2 * BLOCK - 1  # the longest lag within the two
 
 
 class History(Protocol):
     """How S_m = Σ_{j≥1} ω_j c_{m−j} remembers: c enters, and adds to S, by blocks of steps.
 
-    The block that starts at step m0 adds c_{m0−1}, c_{m0}, … by itself; the memory holds what was
-    before. Orders are numbers, so that one history serves one rod.
+    The block that starts at step m0 adds c_{m0−BLOCK}, c_{m0−BLOCK+1}, … by itself; the memory has
+    what was before. Orders are numbers, so that one history serves one rod.
     """
 
     def kernel(self, order: jax.Array, n_steps: int) -> Any:
         """What depends on the order and the number of steps only."""
 
+    def near(self, kernel: Any, order: jax.Array) -> jax.Array:
+        """The weights that the block itself uses, ω_1 … ω_{2 BLOCK − 1}."""
+
     def empty(self, kernel: Any) -> Any:
         """The memory at rest."""
 
     def ahead(self, kernel: Any, memory: Any, start: jax.Array) -> jax.Array:
-        """What c_0 … c_{m0−2} add to S at m0 = start and the steps after it, shape (BLOCK,)."""
+        """What c_0 … c_{m0−BLOCK−1} add to S at m0 = start and after it, shape (BLOCK,)."""
 
     def absorb(self, kernel: Any, memory: Any, start: jax.Array, c: jax.Array) -> Any:
-        """The memory with the BLOCK values from c_{m0−1} on added."""
+        """The memory with c_{m0−BLOCK} … c_{m0−1} added."""
 
 
 def scan_with_history(
@@ -85,7 +90,10 @@ def scan_with_history(
 
     advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
     kernels = [history.kernel(order, n_steps) for order in orders]
-    near = [gl_weights(order, BLOCK) for order in orders]
+    near = [
+        lax.split(history.near(kernel, order), (1,) * _NEAR)
+        for kernel, order in zip(kernels, orders, strict=True)
+    ]
 
     def block(state: Any, _: None) -> tuple[Any, Any]:
         start, carry, memories, recent = state
@@ -93,21 +101,22 @@ def scan_with_history(
             lax.split(history.ahead(kernel, memory, start), (1,) * BLOCK)
             for kernel, memory in zip(kernels, memories, strict=True)
         ]
-        past = [[c] for c in recent]  # c_{m0−1} and on
+        past = recent  # c_{m0−BLOCK} and on
         out = []
         for i in range(BLOCK):
             sums = [
-                far[i].squeeze() + sum(weight[j] * c[-j] for j in range(1, i + 2))
+                far[i].squeeze()
+                + sum(w.squeeze() * c[-j] for j, w in enumerate(weight[: len(c)], 1))
                 for far, weight, c in zip(ahead, near, past, strict=True)
             ]
             carry, new, seen = advance(carry, sums, start + i)
             past = [[*c, now] for c, now in zip(past, new, strict=True)]
             out.append(seen)
         memories = [
-            history.absorb(kernel, memory, start, jnp.stack(c[:-1]))
+            history.absorb(kernel, memory, start, jnp.stack(c[:BLOCK]))
             for kernel, memory, c in zip(kernels, memories, past, strict=True)
         ]
-        return (start + BLOCK, carry, memories, [c[-1] for c in past]), out
+        return (start + BLOCK, carry, memories, [c[BLOCK:] for c in past]), out
 
     def run(state: Any, _: None) -> tuple[Any, Any]:
         return lax.scan(block, state, length=segment)
@@ -115,7 +124,7 @@ def scan_with_history(
     # As the carry is, so that memories too may differ between the shards of a ``jax.shard_map``.
     rest = 0 * jax.tree.leaves(carry)[0]
     memories = [jax.tree.map(lambda y: y + rest, history.empty(kernel)) for kernel in kernels]
-    recent = [rest for _ in kernels]
+    recent = [[rest] * BLOCK for _ in kernels]
     state = jnp.asarray(-idle), carry, memories, recent
     if checkpoint:
         run = jax.checkpoint(run, prevent_cse=False)
@@ -136,6 +145,10 @@ class FullHistory:
         weights = gl_weights(order, n_steps + BLOCK)[::-1]
         return jnp.concatenate([weights, jnp.zeros_like(weights)])
 
+    def near(self, kernel: jax.Array, order: jax.Array) -> jax.Array:
+        """The weights as they are."""
+        return gl_weights(order, _NEAR)[1:]
+
     def empty(self, kernel: jax.Array) -> jax.Array:
         """All c_m of the run to come, from c_{−BLOCK} on."""
         return jnp.zeros_like(kernel[1 : kernel.size // 2])
@@ -149,8 +162,8 @@ class FullHistory:
     def absorb(
         self, kernel: jax.Array, memory: jax.Array, start: jax.Array, c: jax.Array
     ) -> jax.Array:
-        """Write c in its place."""
-        return lax.dynamic_update_slice(memory, c, (start - 1 + BLOCK,))
+        """Write c in its place; before the run's start it is zero, wherever that is written."""
+        return lax.dynamic_update_slice(memory, c, (start,))
 
 
 # Modes are kept in groups small enough that a group's matrices take 512 bytes: loops whose buffers
@@ -159,7 +172,7 @@ _GROUP = 16
 
 
 class _Modes(NamedTuple):
-    weight: jax.Array  # W_k, with ω_j ≈ Σ_k W_k s_k^{j−2} for j ≥ 2
+    weight: jax.Array  # W_k, with ω_j ≈ Σ_k W_k s_k^{j−BLOCK−1} for j > BLOCK
     decay: jax.Array  # s_k over a block
     ahead: jax.Array  # s_k^i, shape (modes, BLOCK)
     absorb: jax.Array  # the same backwards, transposed
@@ -169,13 +182,16 @@ class _Modes(NamedTuple):
 class ModalHistory:
     """A sum of real exponentials in the place of the weights: O(modes) work and memory a step.
 
+    The first four weights are kept as they are. The approximate sum is a convolution too, the same
+    at every step, so that its error is as smooth in time as the motion.
+
     Parameters
     ----------
     modes
-        Number of exponentials; None chooses the smallest that keeps ``error_bound`` below
-        ``tolerance`` for every order in (0, 1) over the steps of the run.
+        Number of exponentials; None chooses the smallest that keeps both numbers of
+        ``error_bounds`` below ``tolerance`` for every order in (0, 1] over the steps of the run.
     tolerance
-        Largest Σ_j |Δω_j| allowed when ``modes`` is None.
+        Largest Σ_j |Δω_j|, and largest Σ_j |dΔω_j/dγ|, allowed when ``modes`` is None.
 
     Raises
     ------
@@ -186,7 +202,7 @@ class ModalHistory:
     --------
     >>> history = jp.ModalHistory()
     >>> history.n_modes(500), history.n_modes(10_000)
-    (15, 21)
+    (16, 24)
     >>> history.error_bound(0.23, 500) < 1e-6
     True
     """
@@ -209,8 +225,13 @@ class ModalHistory:
 
     def error_bound(self, order: float, n_steps: int) -> float:
         """Σ_{j=1}^{n_steps} |Δω_j|, so that |error of S_m| ≤ error_bound · max |c| in any run."""
-        j = np.arange(2, n_steps + 1)
-        return float(_weight_errors(np.array([order]), n_steps, self.n_modes(n_steps), j).sum())
+        return self.error_bounds(order, n_steps)[0]
+
+    def error_bounds(self, order: float, n_steps: int) -> tuple[float, float]:
+        """Σ_j |Δω_j|, and Σ_j |dΔω_j/dγ|, which bounds a derivative by the order γ likewise."""
+        j = np.arange(BLOCK + 1, n_steps + 1)
+        value, slope = _weight_errors(np.array([order]), n_steps, self.n_modes(n_steps), j)
+        return float(value.sum()), float(slope.sum())
 
     def kernel(self, order: jax.Array, n_steps: int) -> list[_Modes]:
         """Exponents and weights for a run of ``n_steps`` steps; differentiable in the order."""
@@ -226,8 +247,13 @@ class ModalHistory:
         parts = [slice(group[0], group[-1] + 1) for group in groups]
         return [_Modes(weight[k], far[k], ahead[k], absorb[k].T) for k in parts]
 
+    def near(self, kernel: list[_Modes], order: jax.Array) -> jax.Array:
+        """The first weights as they are, the others from the modes, as in later blocks."""
+        parts = [m.weight @ m.ahead[:, : _NEAR - BLOCK] for m in kernel]
+        return jnp.concatenate([gl_weights(order, BLOCK)[1:], sum(parts[1:], parts[0])])
+
     def empty(self, kernel: list[_Modes]) -> list[jax.Array]:
-        """The modes y_k = Σ_{j≥2} s_k^{j−2} c_{m0−j}."""
+        """The modes y_k = Σ_{j>BLOCK} s_k^{j−BLOCK−1} c_{m0−j}."""
         return [jnp.zeros_like(modes.weight) for modes in kernel]
 
     def ahead(self, kernel: list[_Modes], memory: list[jax.Array], start: jax.Array) -> jax.Array:
@@ -243,7 +269,8 @@ class ModalHistory:
 
 
 # For j ≥ 2, ω_j = −(sin πγ/π) ∫_0^∞ e^{−u(j−2)} e^{−u(2−γ)} (1 − e^{−u})^γ du. The trapezoidal rule
-# in log u is exact to rounding; a balanced truncation of it leaves a few exponentials.
+# in log u is exact to rounding; a balanced truncation of it leaves a few exponentials. They stand
+# for j > BLOCK only, where the weights are smooth in j.
 _LOG_STEP = 0.125
 _MOST_MODES = 48
 
@@ -254,10 +281,10 @@ def _decay_rates(n_steps: int) -> np.ndarray:
 
 
 def _spectrum(order: Any, n_steps: int, xp: Any) -> Any:
-    """Weights (..., dense) of the dense sum of exponentials over ``_decay_rates``, at any order."""
+    """Weights (..., dense) of e^{−u(j−BLOCK−1)} for u of ``_decay_rates``, at any order."""
     order = xp.expand_dims(order, -1)
     u = _decay_rates(n_steps).reshape(*[1] * (order.ndim - 1), -1)
-    shape = np.exp(-2 * u) * u * _LOG_STEP / np.pi
+    shape = np.exp(-(BLOCK + 1) * u) * u * _LOG_STEP / np.pi
     growth = np.log(np.expm1(u))
     # sin π(1−γ) rather than sin πγ, so that the classical limit γ = 1 is exactly zero.
     return -xp.sin(np.pi * (1 - order)) * xp.exp(order * growth) * shape
@@ -276,9 +303,10 @@ def _shift(n_steps: int) -> float:
     return 2.0 / n_steps
 
 
-def _places(n_steps: int, count: int) -> np.ndarray:
-    """At most ``count`` whole numbers from 2 to n_steps (or 3), evenly spaced in the logarithm."""
-    return np.unique(np.round(np.geomspace(2, max(n_steps, 3), count)).astype(int))
+def _lags(n_steps: int, count: int) -> np.ndarray:
+    """At most ``count`` lags j from BLOCK + 1 to n_steps, evenly spaced in the logarithm."""
+    last = max(n_steps, BLOCK + 2)
+    return np.unique(np.round(np.geomspace(BLOCK + 1, last, count)).astype(int))
 
 
 @lru_cache(maxsize=256)
@@ -289,31 +317,36 @@ def _modes(n_steps: int, modes: int) -> tuple[np.ndarray, np.ndarray]:
     reduced = leading.T @ (np.exp(-u - _shift(n_steps))[:, None] * leading)
     decay = np.minimum(np.linalg.eigvalsh(reduced) * np.exp(_shift(n_steps)), 1.0)
 
-    j = _places(n_steps, 400)
+    j = _lags(n_steps, 400)
     importance = j * np.sqrt(np.gradient(j.astype(float)) / j)
-    short = importance[:, None] * decay ** (j[:, None] - 2)
-    dense = importance[:, None] * np.exp(-u * (j[:, None] - 2))
+    short = importance[:, None] * decay ** (j[:, None] - BLOCK - 1)
+    dense = importance[:, None] * np.exp(-u * (j[:, None] - BLOCK - 1))
     return decay, np.linalg.lstsq(short, dense, rcond=None)[0]
 
 
-def _weight_errors(orders: np.ndarray, n_steps: int, modes: int, j: np.ndarray) -> np.ndarray:
-    """|Δω_j| at the given j ≥ 2, for each order: shape (j, orders)."""
+def _weight_errors(
+    orders: np.ndarray, n_steps: int, modes: int, j: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """|Δω_j| and |dΔω_j/dγ| at the given j > BLOCK, for each order: shape (j, orders) each."""
     decay, fit = _modes(n_steps, modes)
-    weights = fit @ _spectrum(orders, n_steps, np).T
-    exact = np.cumprod(1 - (orders + 1) / np.arange(1, j[-1] + 1)[:, None], axis=0)[j - 1]
-    return np.abs(exact - decay ** (j[:, None] - 2) @ weights)
+    step = 1e-30  # along the imaginary axis: the derivative without any cancellation
+    shifted = orders + 1j * step
+    weights = fit @ _spectrum(shifted, n_steps, np).T
+    exact = np.cumprod(1 - (shifted + 1) / np.arange(1, j.max(initial=1) + 1)[:, None], axis=0)
+    error = exact[j - 1] - decay ** (j[:, None] - BLOCK - 1) @ weights
+    return np.abs(error.real), np.abs(error.imag) / step
 
 
 @lru_cache(maxsize=256)
 def _modes_for(n_steps: int, tolerance: float) -> int:
-    orders = np.array([0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95])
+    orders = np.array([0.0, 0.01, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0])
     # The error wavers with log j: a few thousand places measure its sum within a percent.
-    j = _places(n_steps, 4000)
+    j = _lags(n_steps, 4000)
     spacing = np.gradient(j.astype(float))
 
     def enough(modes: int) -> bool:
-        error = spacing @ _weight_errors(orders, n_steps, modes, j)
-        return bool((error <= 0.98 * tolerance).all())
+        errors = _weight_errors(orders, n_steps, modes, j)
+        return all(bool((spacing @ error <= 0.98 * tolerance).all()) for error in errors)
 
     few, many = 1, _MOST_MODES
     if not enough(many):

@@ -189,6 +189,18 @@ class Ricker(_Combinable):
         """u''(t), of the shape of ``t``."""
         return self._sum(t, lambda a, s, v: 2 * a**2 * (4 * v**2 - 12 * v + 3))
 
+    def mean_acceleration(self, t: ArrayLike, h: ArrayLike) -> jax.Array:
+        """Mean of u'' from t − h/2 to t + h/2, to fourth order in h, of the shape of ``t``.
+
+        It is u'' + (h²/24) d²u''/dt², with the exponentials of u'', which take most of its time.
+        """
+
+        def shape(a: Any, s: Any, v: Any) -> Any:
+            bend = 2 * a**4 * (16 * v**3 - 120 * v**2 + 180 * v - 30)
+            return 2 * a**2 * (4 * v**2 - 12 * v + 3) + h**2 / 24 * bend
+
+        return self._sum(t, shape)
+
     def _sum(self, t: ArrayLike, shape: Callable[..., Any]) -> jax.Array:
         t = jnp.asarray(t)
         u0, tp, ts = (
@@ -388,23 +400,45 @@ class Sampled(_Combinable):
         return [Rule("acceleration", self.samples, finite(self.samples), "finite")]
 
 
-def acceleration_and_mean(ground: Any, h: float) -> Callable[[Any], tuple[Any, Any]]:
+def acceleration_and_mean(ground: Any, h: float, order: int = 2) -> Callable[[Any], Any]:
     """A function of t: u''(t), and its mean over h about t, as a step of the simulator takes it.
 
     A record's kinks lie on the instants of the grid, where u'' at a point has no derivative by the
     time scale; its mean, from the exact integral, has one and is closer. Of a smooth ground motion
-    the value at t is the mean to second order.
+    the value at t is the mean to second order; Ricker wavelets know it to fourth, which a scheme of
+    ``order`` 1, the paper's, does not ask for.
     """
     if isinstance(ground, Sum):
-        parts = [acceleration_and_mean(part, h) for part in ground.grounds]
+        parts = [acceleration_and_mean(part, h, order) for part in ground.grounds]
         return lambda t: jax.tree.map(lambda *terms: sum(terms), *[part(t) for part in parts])
     if isinstance(ground, Scaled):
-        whole = acceleration_and_mean(ground.ground, h)
+        whole = acceleration_and_mean(ground.ground, h, order)
         return lambda t: jax.tree.map(lambda a: ground.factor * a, whole(t))
+    if isinstance(ground, Ricker) and order == 2:
+        return lambda t: (ground.acceleration(t), ground.mean_acceleration(t, h))
     if not isinstance(ground, Record):
         return lambda t: (ground.acceleration(t),) * 2
     value, integral = ground.acceleration_function(), ground.velocity_function()
     return lambda t: (value(t), (integral(t + h / 2) - integral(t - h / 2)) / h)
+
+
+def velocity_and_bulge(ground: Any, t: jax.Array, h: float) -> tuple[jax.Array, jax.Array]:
+    """Velocity u' at the instants t of a grid of step h, and how much its mean at t ∓ h/2 is more.
+
+    Shape (n_steps+1,) each. Records and Ricker wavelets are integrated exactly; of anything else u'
+    is the trapezoidal sum from rest.
+    """
+    if isinstance(ground, Sum):
+        parts = [velocity_and_bulge(part, t, h) for part in ground.grounds]
+        return jax.tree.map(lambda *terms: sum(terms), *parts)
+    if isinstance(ground, Scaled):
+        return jax.tree.map(lambda x: ground.factor * x, velocity_and_bulge(ground.ground, t, h))
+    if isinstance(ground, Record | Ricker):
+        exact = ground.velocity if isinstance(ground, Ricker) else ground.velocity_function()
+        velocity, around = exact(t), (exact(t - h / 2) + exact(t + h / 2)) / 2
+        return velocity, around - velocity
+    a = jax.vmap(ground.acceleration)(t)
+    return jnp.pad(jnp.cumsum((a[1:] + a[:-1]) * h / 2), (1, 0)), h / 8 * jnp.gradient(a)
 
 
 def accelerate(ground: GroundLike, t: ArrayLike) -> Any:

@@ -103,10 +103,11 @@ class Phase(NamedTuple):
 class Energy(NamedTuple):
     """Terms of the energy balance over time (relative motion), each by its own quadrature.
 
-    The terms are cumulative trapezoidal integrals of the powers at the grid's instants, not the
-    scheme's telescoping sums, so that ``residual`` = rods + friction + kinetic − input can fail: it
-    measures how well motion, forces and quadrature agree (not the rods' law). Shape (n_steps+1,)
-    each; unit (m1 g)(g/ω1²), or J in SI.
+    The terms are cumulative trapezoidal integrals of the powers at the grid's instants (of the
+    ground's, of the momentum over its velocity u'), not the scheme's telescoping sums, so that
+    ``residual`` = rods + friction + kinetic − input can fail: it measures how well motion, forces
+    and quadrature agree (not the rods' law). Shape (n_steps+1,) each; unit (m1 g)(g/ω1²), or J in
+    SI.
     """
 
     input: Any
@@ -147,6 +148,8 @@ class Response:
     """Force q of the damper: positive when it pulls block 1 back (x1' > x2' in slip)."""
     ground_acceleration: Any
     """Ground acceleration u''."""
+    ground_velocity: Any
+    """Ground velocity u'."""
     gap: Any
     """ξ = ξ0 + x2 − x1; pounding is ξ ≤ 0."""
     phase: Any
@@ -187,7 +190,10 @@ class Response:
         rods = self._integral(self.f1 * self.v1 + self.f2 * self.v2)
         friction = self._integral(self.friction * self.slip_velocity)
         kinetic = (m1 * self.v1**2 + m2 * self.v2**2) / 2
-        supplied = self._integral(-self.ground_acceleration * (m1 * self.v1 + m2 * self.v2))
+        # Over a step by the change of u', which has what u'' does between the instants.
+        momentum = m1 * self.v1 + m2 * self.v2
+        between = (momentum[..., 1:] + momentum[..., :-1]) / 2
+        supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * between)
         return Energy(supplied, kinetic, rods, friction, rods + friction + kinetic - supplied)
 
     def phases(self) -> list[Phase]:
@@ -217,8 +223,7 @@ class Response:
         return _chosen(self, index, jnp.shape(self.min_gap))
 
     def _integral(self, power: Any) -> Float[Array, "... time"]:
-        steps = jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2
-        return jnp.concatenate([0 * power[..., :1], jnp.cumsum(steps, axis=-1)], -1)
+        return _summed(jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2)
 
     def __repr__(self) -> str:
         shape = jnp.shape(self.time)
@@ -239,6 +244,11 @@ class Response:
             f"    damper       {len(self.phases())} phases, slid {float(d.slip_distance):.4g} "
             f"{length}, offset left {float(d.residual_offset):.4g} {length})"
         )
+
+
+def _summed(steps: jax.Array) -> Float[Array, "... time"]:
+    """Sums until each instant of what belongs to the steps between them."""
+    return jnp.concatenate([0 * steps[..., :1], jnp.cumsum(steps, axis=-1)], -1)
 
 
 def require_single(name: str, response: Response) -> None:

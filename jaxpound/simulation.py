@@ -27,6 +27,7 @@ from jaxpound.ground import (
     as_pytree,
     ground_rules,
     require_ground,
+    velocity_and_bulge,
 )
 from jaxpound.response import Demand, Response
 from jaxpound.rods import RodLaw, rod_law, rod_step
@@ -285,7 +286,7 @@ def _run(
     valid &= all_hold([*ground_rules(ground), *_temperature_rules(temperature)])
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
     # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
-    accelerations = acceleration_and_mean(ground, dt)
+    accelerations = acceleration_and_mean(ground, dt, scheme.order)
     start = accelerations(jnp.zeros((), dtype))[1]
     before = dt * start * (0.5 if scheme.start == "rest" else 1.0)
     before = before.astype(dtype)
@@ -342,6 +343,10 @@ def _simulate(
     x1, slip, v1, slip_velocity, f1, f2, friction, phase, change_time = kept
     # What follows from the rest is not carried out of the scan; an invalid run's is NaN too.
     time = jnp.asarray(grid.times(), x1.dtype)
+    ground_velocity, bulge = (y.astype(x1.dtype) for y in velocity_and_bulge(ground, time, grid.dt))
+    # v1 is the mean of the velocities half a step away, where the ground's is more than now by the
+    # bulge; but the run starts at rest.
+    v1 = v1 + bulge.at[0].set(0)
     return Response(
         time=time + 0 * x1,
         x1=x1,
@@ -352,6 +357,7 @@ def _simulate(
         f2=f2,
         friction=friction,
         ground_acceleration=jax.vmap(ground.acceleration)(time).astype(x1.dtype) + 0 * x1,
+        ground_velocity=ground_velocity + 0 * x1,
         gap=structures.initial_gap - slip,
         phase=phase,
         change_time=change_time,

@@ -46,7 +46,10 @@ class Peak(NamedTuple):
     def observe(self, y: jax.Array, smooth: jax.Array | bool = True) -> Peak:
         """The peak with one more sample; ``smooth`` says that the last three lie on one arc."""
         rise = y - self.last
-        arch = smooth & (self.rise * rise < 0)
+        # The parabola through them turns within half a step of the middle one; exactly half a step
+        # where two of them tie.
+        up, down = (self.rise >= 0) & (rise <= 0), (self.rise <= 0) & (rise >= 0)
+        arch = smooth & (up | down) & (rise != self.rise)
         bend = jnp.where(arch, rise - self.rise, 1.0)
         vertex = jnp.where(arch, self.last - (self.rise + rise) ** 2 / (8 * bend), y)
         largest = larger(self.largest, larger(jnp.abs(y), jnp.abs(vertex)))
@@ -142,7 +145,9 @@ class Tally(NamedTuple):
         higher = turns & (turn > self.farthest)
         farthest = jnp.where(higher, turn, self.farthest)
         farthest_time = jnp.where(higher, now.time + now.turn_time, self.farthest_time)
-        ends = last & (now.slip > farthest)
+        # The run's end is the farthest only if the blocks slide there: where they stick, the stop
+        # before was, and differs from the position since by the error of a step.
+        ends = last & (now.slip_velocity > 0) & (now.slip > farthest)
 
         # Trapezoidal sums; the run starts at rest, and half of its first instant is before it.
         share = jnp.where(last | (now.time <= 0), dt / 2, dt).astype(now.x1.dtype)

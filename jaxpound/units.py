@@ -268,6 +268,7 @@ class Scales:
             f2=result.f2 * force,
             friction=result.friction * force,
             ground_acceleration=result.ground_acceleration * gravity,
+            ground_velocity=result.ground_velocity * speed,
             gap=result.gap * length,
             phase=result.phase,
             change_time=result.change_time * time,

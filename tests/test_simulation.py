@@ -201,6 +201,33 @@ def test_energy_residual_falls_at_least_at_the_order_of_the_scheme(scheme, order
     assert convergence_order(steps, errors) > order - 0.25
 
 
+def test_energy_is_balanced_under_wavelets_of_few_steps_and_single_spikes():
+    """The ground's work, and each kick, by the ground's own integral over the step."""
+    grid, n = jp.TimeGrid(0.02, 800), 32
+    structures, random = jp.paper.structures(), np.random.default_rng(0)
+
+    def residual(response):
+        energy = response.energy
+        return jnp.abs(energy.residual).max() / jnp.abs(energy.input).max()
+
+    def shaken(size, period, arrival):
+        ground = jp.Ricker(size * period**2, period[None], arrival[None])
+        return residual(jp.simulate(structures, ground, grid))
+
+    sizes, arrivals = random.uniform(0.1, 1, n), random.uniform(1, 6, n)
+    wavelets = jax.jit(jax.vmap(shaken))(sizes, 0.02 * random.uniform(8, 20, n), arrivals)
+    assert float(wavelets.max()) < 8e-3
+
+    for interval in (0.5, 1.0, 1.37):  # of the record in steps
+
+        def struck(samples, dt=interval * grid.dt):
+            return residual(jp.simulate(structures, jp.Record(samples, dt), grid))
+
+        spikes = np.zeros((16, 100))
+        spikes[range(16), range(40, 56)] = 1.0
+        assert float(jax.jit(jax.vmap(struck))(spikes).max()) < 8e-3
+
+
 # Invariants of every run.
 
 rods = st.builds(
@@ -357,6 +384,26 @@ def test_checkpoints_change_no_result():
         )
         np.testing.assert_allclose(plain.x1, checked.x1, atol=1e-13)
         np.testing.assert_allclose(plain.gap, checked.gap, atol=1e-13)
+
+
+def test_a_last_stop_at_the_smallest_gap_tells_when_it_was():
+    """Stuck ever after: the gap is smallest from the stop on, not at the end of the run."""
+    structures = dataclasses.replace(jp.paper.structures(), friction=2.6)
+    ground = jp.Ricker(-0.5, 2.0, 3.0)
+
+    def when(friction):
+        harder = dataclasses.replace(structures, friction=friction)
+        return jp.demand(harder, ground, GRID).min_gap_time
+
+    response = jp.simulate(structures, ground, GRID)
+    stop = response.phases()[-1]
+    assert stop.kind == "stick"
+    found, slope = jax.jvp(when, (2.6,), (1.0,))
+    assert float(found) == pytest.approx(stop.start, abs=1e-12)
+    assert float(found) == pytest.approx(3.8648, abs=5e-4)  # event-driven reference
+    difference = (when(2.6 + 1e-5) - when(2.6 - 1e-5)) / 2e-5
+    assert float(slope) == pytest.approx(float(difference), rel=1e-4)
+    assert abs(float(slope)) > 0.1
 
 
 def test_the_soft_minimum_is_its_definition_between_minimum_and_mean():
