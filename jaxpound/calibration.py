@@ -78,7 +78,7 @@ class Calibration(Shown):
             ),
             Table(
                 "Noise, what is left of the measured series",
-                ("series", "standard deviation", ""),
+                ("series", "standard deviation", "unit"),
                 [(name, std, unit(SERIES[name], si)) for name, std in self.noise.items()],
                 digits=4,
             ),

@@ -94,7 +94,7 @@ class Comparison(Shown):
         return [
             Table(
                 f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})",
-                ("", *columns, "", ""),
+                ("", *columns, "of share", "unit"),
                 [
                     (
                         name,

@@ -189,7 +189,7 @@ class Design(Shown):
                 (price, self.prices[price], limit.at_most, unit_of(price, si))
                 for price, limit in limits.items()
             ]
-            tables.append(Table("limits", ("", "reached", "at most", ""), rows))
+            tables.append(Table("limits", ("", "reached", "at most", "unit"), rows))
         for words, comparison in (("trained on", self.trained), ("fresh:", self.fresh)):
             if comparison is not None:
                 (table,) = comparison._tables()

@@ -115,9 +115,9 @@ class Fragility(Shown):
         return [
             Table(
                 "Fragility P(pounding | im) = Φ(ln(im / θ) / β)",
-                ("", "value", "standard error", ""),
+                ("", "value", "standard error", "unit"),
                 [
-                    ("median θ", self.median, self.median_error, "in the unit of im"),
+                    ("median θ", self.median, self.median_error, "that of im"),
                     ("dispersion β", self.dispersion, self.dispersion_error, ""),
                 ],
                 [f"fitted to {runs:,} runs{where}, {pounding:,} with pounding"],

@@ -168,7 +168,9 @@ class Demand(Columnar, Shown):
             for name, x in scalars.items()
             if good.any()
         ]
-        return Table(f"{title} ({about})", ("", "smallest", "median", "largest", ""), ranges, notes)
+        return Table(
+            f"{title} ({about})", ("", "smallest", "median", "largest", "unit"), ranges, notes
+        )
 
     __repr__ = Shown.__repr__  # else a dataclass makes its own
 

@@ -276,7 +276,7 @@ class Study(Columnar, Shown):
             numbers = (m.mean, m.std, m.smallest, m.largest)
             rows.append((name, *numbers, unit(self._quantity(name), self.scales is not None)))
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
-        columns = ("", "mean", "standard deviation", "smallest", "largest", "")
+        columns = ("", "mean", "standard deviation", "smallest", "largest", "unit")
         return [Table(title, columns, rows, digits=4)]
 
     def _known(self, name: str) -> str:
