@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from jaxpound.quantities import SCALARS, UNITS
+from jaxpound.quantities import DEMANDS, DIMENSIONLESS, SI
 
 # Okabe and Ito's colours, which stay apart for every kind of colour vision, by what they stand for;
 # what is merely compared has those of CYCLE.
@@ -49,27 +49,26 @@ LINE_WIDTH = _HOUSE["lines.linewidth"]
 CYCLE = [style["color"] for style in _HOUSE["axes.prop_cycle"]]
 _SHADE = 0.3
 
-# Quantity of each demand, and its name in a figure.
-QUANTITIES = {
-    name: (SCALARS[name], words)
-    for name, words in {
-        "min_gap": r"min gap $\xi$",
-        "min_gap_time": "time of min gap $t$",
-        "peak_x1": "peak $|x_1|$",
-        "peak_x2": "peak $|x_2|$",
-        "peak_f1": "peak $|f_1|$",
-        "peak_f2": "peak $|f_2|$",
-        "peak_acceleration_1": "peak $|a_1|$",
-        "peak_acceleration_2": "peak $|a_2|$",
-        "damper_force": "slip force",
-        "slip_distance": "slip distance",
-        "friction_work": "friction work",
-        "residual_offset": "residual offset",
-        "pga": "PGA",
-        "pgv": "PGV",
-        "required_gap": "required gap",
-    }.items()
+_WORDS = {
+    "min_gap": r"min gap $\xi$",
+    "min_gap_time": "time of min gap $t$",
+    "peak_x1": "peak $|x_1|$",
+    "peak_x2": "peak $|x_2|$",
+    "peak_f1": "peak $|f_1|$",
+    "peak_f2": "peak $|f_2|$",
+    "peak_acceleration_1": "peak $|a_1|$",
+    "peak_acceleration_2": "peak $|a_2|$",
+    "damper_force": "slip force",
+    "slip_distance": "slip distance",
+    "friction_work": "friction work",
+    "residual_offset": "residual offset",
+    "pga": "PGA",
+    "pgv": "PGV",
+    "required_gap": "required gap",
 }
+
+QUANTITIES = {name: (DEMANDS[name][0], words) for name, words in _WORDS.items()}
+"""Kind of each demand, and its name in a figure."""
 
 _PARAMETERS = {
     "friction": r"friction $\mu$",
@@ -95,7 +94,7 @@ def parameter_name(path: str) -> str:
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
     """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large."""
-    unit = UNITS[quantity][si]
+    unit = (SI if si else DIMENSIONLESS)[quantity]
     if not si:
         for plain, drawn in (("ω1", r"\omega_1"), ("m1", "m_1"), ("²", "^2")):
             unit = unit.replace(plain, drawn)

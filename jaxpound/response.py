@@ -15,7 +15,7 @@ from jaxpound._checks import is_traced
 from jaxpound._pytree import pytree_dataclass, static
 from jaxpound._tables import Shown, Table
 from jaxpound.columns import Columnar
-from jaxpound.quantities import SCALARS, column, unit, unit_of
+from jaxpound.quantities import column, kind_of, unit, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -133,7 +133,7 @@ class Demand(Columnar, Shown):
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         batch = jnp.shape(self.min_gap)
         values = {
-            column(name, SCALARS.get(name), self.si): np.broadcast_to(value, batch).ravel()
+            column(name, kind_of(name), self.si): np.broadcast_to(value, batch).ravel()
             for name, value in self.scalars().items()
         }
         return _run_numbers(batch or (1,)), values

@@ -21,7 +21,7 @@ from jaxpound.estimates import (
     probability,
     quantile,
 )
-from jaxpound.quantities import SCALARS, column, unit
+from jaxpound.quantities import column, kind_of, unit
 from jaxpound.response import Demand
 from jaxpound.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.store import Store
@@ -287,7 +287,7 @@ class Study(Columnar, Shown):
     def _quantity(self, name: str) -> str | None:
         """Quantity of a column; none of pure numbers, and of what is not ours."""
         own = {field.name for field in dataclasses.fields(Demand)} | {"required_gap"}
-        return SCALARS.get(name) if name in own else None
+        return kind_of(name) if name in own else None
 
     def _factor(self, name: str) -> float:
         """The unit of a column in SI; 1 of what has none, or is not ours."""

@@ -10,7 +10,6 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.estimates import Estimate
-from jaxpound.quantities import unit
 from jaxpound.report import cell, known
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
@@ -95,7 +94,9 @@ def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
 
 def intensity_unit(study: jp.Study, name: str) -> str:
     """Unit of a measure of intensity."""
-    return unit("velocity" if name == "pgv" else "acceleration", study.scales is not None)
+    if study.scales is None:
+        return "g/ω1" if name == "pgv" else "g"
+    return "m/s" if name == "pgv" else "m/s²"
 
 
 def _numbers(estimate: Estimate) -> dict[str, float | None]:
@@ -106,7 +107,7 @@ def _numbers(estimate: Estimate) -> dict[str, float | None]:
 def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
     """One page."""
     si = answers["units"] == "SI"
-    length = unit("length", si)
+    length = "m" if si else "g/ω1²"
     p = answers["pounding_probability"]
     complete = answers["samples"] == answers["samples_asked_for"]
     lines = [
