@@ -6,7 +6,11 @@
 True
 """
 
-from jaxpound import paper
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jaxpound import _root, paper
 from jaxpound.batches import in_chunks, use_cores
 from jaxpound.calibration import Calibration, calibrate
 from jaxpound.comparison import Comparison
@@ -51,7 +55,19 @@ from jaxpound.structures import AdjacentStructures, ZenerRod
 from jaxpound.study import Study
 from jaxpound.units import STANDARD_GRAVITY, Building, Scales, dimensionless
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __version__ = "0.1.0"
+
+
+def _overview(response: Response) -> Figure:
+    from jaxpound import plots  # not before something is drawn: it imports matplotlib
+
+    return plots.overview(response)
+
+
+_root.overview = _overview
 
 __all__ = [
     "PAPER_SCHEME",

@@ -22,9 +22,11 @@ from jaxpound._checks import (
     require_share,
     seed,
 )
+from jaxpound._tables import Shown, Table
 from jaxpound.design_space import DesignSpace, spread_shares, start_shares
 from jaxpound.estimates import Estimate
 from jaxpound.ground import GroundLike, as_pytree
+from jaxpound.quantities import unit
 from jaxpound.response import Response
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.simulation import simulate
@@ -33,12 +35,20 @@ from jaxpound.units import Scales
 
 _AT_BOUND = 1e-4  # of the way between the bounds
 
-SERIES = ("x1", "x2", "v1", "v2", "a1", "a2", "gap")
+SERIES = {
+    "x1": "length",
+    "x2": "length",
+    "v1": "velocity",
+    "v2": "velocity",
+    "a1": "acceleration",
+    "a2": "acceleration",
+    "gap": "length",
+}
 """What may be measured: series of ``Response``, with a1 and a2 the absolute accelerations."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
+class Calibration(Shown):
     """Structures that explain what was measured, and how well the parameters are known."""
 
     structures: AdjacentStructures
@@ -57,14 +67,22 @@ class Calibration:
     simulations: int
     """Runs of the simulator, each with its derivatives."""
 
-    def __repr__(self) -> str:
-        lines = [f"Calibration ({self.simulations} runs)"]
-        lines += [f"    {path:18} {estimate}" for path, estimate in self.parameters.items()]
-        lines += [
-            f"    {path} is at a bound: its interval means nothing" for path in self.at_bounds
+    def _tables(self) -> list[Table]:
+        si = self.response.si
+        return [
+            Table(
+                f"Calibration ({self.simulations} runs)",
+                ("parameter (dimensionless)", "estimate"),
+                [(path, str(estimate)) for path, estimate in self.parameters.items()],
+                [f"{path} is at a bound: its interval means nothing" for path in self.at_bounds],
+            ),
+            Table(
+                "Noise, what is left of the measured series",
+                ("series", "standard deviation", "unit"),
+                [(name, std, unit(SERIES[name], si)) for name, std in self.noise.items()],
+                digits=4,
+            ),
         ]
-        lines += [f"    noise of {name:9} {std:.4g}" for name, std in self.noise.items()]
-        return "\n".join(lines)
 
 
 def calibrate(

@@ -382,28 +382,10 @@ def _write_figures(figures: dict[str, Figure], args: argparse.Namespace) -> None
 
 
 def _write_series(response: jp.Response, out: Path, kind: str) -> None:
-    a1, a2 = response.absolute_accelerations
-    columns = {
-        "time_s": response.time,
-        "ground_acceleration_m_per_s2": response.ground_acceleration,
-        "x1_m": response.x1,
-        "x2_m": response.x2,
-        "v1_m_per_s": response.v1,
-        "v2_m_per_s": response.v2,
-        "absolute_acceleration_1_m_per_s2": a1,
-        "absolute_acceleration_2_m_per_s2": a2,
-        "f1_N": response.f1,
-        "f2_N": response.f2,
-        "friction_N": response.friction,
-        "gap_m": response.gap,
-        "slip_direction": response.phase,
-    }
-    arrays = {name: np.asarray(values) for name, values in columns.items()}
     path = out / f"series.{kind}"
     if kind == "npz":
-        np.savez(path, **arrays)  # type: ignore[arg-type]
+        np.savez(path, **response.to_columns())  # type: ignore[arg-type]
     elif kind == "csv":
-        table = np.column_stack(list(arrays.values()))
-        np.savetxt(path, table, "%.17g", delimiter=",", header=",".join(arrays), comments="")
+        response.to_csv(path)
     if kind != "none":
         print(path)

@@ -11,14 +11,16 @@ import numpy as np
 from scipy import stats
 
 from jaxpound._checks import require_share
+from jaxpound._tables import Shown, Table
 from jaxpound.estimates import Estimate
 from jaxpound.objectives import Objective
+from jaxpound.quantities import unit, unit_of
 
 _REPLICATES = 500  # of the bootstrap
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Comparison:
+class Comparison(Shown):
     """Demands before and after, of the same earthquakes.
 
     ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap, the gap at rest
@@ -87,18 +89,32 @@ class Comparison:
             }
         return table
 
-    def __repr__(self) -> str:
-        lines = [f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})"]
-        lines.append(
-            f"    {'':22}{'mean before':>13}{'after':>11}{'5/95 % before':>15}{'after':>11}"
-        )
-        for name, row in self.rows().items():
-            lines.append(
-                f"    {name:22}{row['mean_before']:13.4g}{row['mean_after']:11.4g}"
-                f"{row['tail_before']:15.4g}{row['tail_after']:11.4g}"
+    def _tables(self) -> list[Table]:
+        columns = ("mean before", "mean after", "quantile before", "quantile after")
+        return [
+            Table(
+                f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})",
+                ("", *columns, "of share", "unit"),
+                [
+                    (
+                        name,
+                        row["mean_before"],
+                        row["mean_after"],
+                        row["tail_before"],
+                        row["tail_after"],
+                        "5 %" if name == "min_gap" else "95 %",
+                        unit_of(name, self.si),
+                    )
+                    for name, row in self.rows().items()
+                ],
+                [
+                    "pounding in {:.4g} % of them before, {:.4g} % after".format(
+                        *(100 * share for share in self.pounding)
+                    ),
+                    f"min gap wider by {self.difference()} {unit('length', self.si)} on average",
+                    f"objective {self.objective['after']} "
+                    f"{unit(self.objective_function.quantity, self.si)}".rstrip(),
+                ],
+                digits=4,
             )
-        before, after = self.pounding
-        lines.append(f"    {'share that pounds':22}{before:13.4g}{after:11.4g}")
-        lines.append(f"    min gap wider by {self.difference()} on average")
-        lines.append(f"    objective {self.objective['after']}")
-        return "\n".join(lines)
+        ]

@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, instance
+from jaxpound._tables import Shown, Table
 from jaxpound.comparison import Comparison
 from jaxpound.design_space import DesignSpace
 from jaxpound.ensembles import Ensemble, require_apart
 from jaxpound.objectives import Objective
+from jaxpound.quantities import unit, unit_of
 from jaxpound.structures import AdjacentStructures
 
 
@@ -46,7 +48,7 @@ class History(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Design:
+class Design(Shown):
     """The structures that a search ended with, and how it came there."""
 
     space: DesignSpace
@@ -152,24 +154,44 @@ class Design:
             violation.reshape(shape),
         )
 
-    def __repr__(self) -> str:
-        lines = [
-            f"Design by start {self.winner + 1} of {self.history.objective.shape[1]}: objective "
-            f"{self.objective:.6g} ({self.stopped}, {self.simulations:,} runs with gradient)"
-        ]
-        before = self.start
-        for path, value in self.values.items():
-            bound = self.active_bounds.get(path)
-            at = f", at its {bound} bound" if bound else ""
-            lines.append(f"    {path:18} {before[path]:10.5g} -> {value:10.5g}{at}")
-        for price, limit in self.objective_function.limits.items():
-            lines.append(
-                f"    {price:18} {self.prices[price]:10.5g} of at most {limit.at_most:.5g}"
+    def _tables(self) -> list[Table]:
+        before, si = self.start, self.trained.si
+        own = unit(self.objective_function.quantity, si)
+        tables = [
+            Table(
+                f"Design by start {self.winner + 1} of {self.history.objective.shape[1]}: "
+                f"objective {self.objective:.6g}{own and f' {own}'} "
+                f"({self.stopped}, {self.simulations:,} runs with gradient)",
+                ("variable (dimensionless)", "before", "after", "change", ""),
+                [
+                    (
+                        path,
+                        before[path],
+                        value,
+                        f"{100 * (value / before[path] - 1):+.3g} %" if before[path] else "",
+                        f"at its {self.active_bounds[path]} bound"
+                        if path in self.active_bounds
+                        else "",
+                    )
+                    for path, value in self.values.items()
+                ],
+                [
+                    f"gradient within the bounds {self.gradient_norm:.2g}",
+                    *(
+                        f"start {start + 1} dropped at iteration {iteration}: not finite"
+                        for start, iteration in self.dropped.items()
+                    ),
+                ],
             )
-        lines.append(f"    gradient within the bounds {self.gradient_norm:.2g}")
-        for start, iteration in self.dropped.items():
-            lines.append(f"    start {start + 1} dropped at iteration {iteration}: not finite")
+        ]
+        if limits := self.objective_function.limits:
+            rows = [
+                (price, self.prices[price], limit.at_most, unit_of(price, si))
+                for price, limit in limits.items()
+            ]
+            tables.append(Table("limits", ("", "reached", "at most", "unit"), rows))
         for words, comparison in (("trained on", self.trained), ("fresh:", self.fresh)):
             if comparison is not None:
-                lines.append(f"{words} {comparison}")
-        return "\n".join(lines)
+                (table,) = comparison._tables()
+                tables.append(table._replace(title=f"{words} {table.title}"))
+        return tables

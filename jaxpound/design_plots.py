@@ -166,7 +166,6 @@ def figure_of_landscape(design: Design, n: int = 15) -> Figure:
 
 
 def _unit(design: Design, largest: float) -> str:
-    """Unit of the objective: a length, unless it has a size of its own."""
-    if getattr(design.objective_function.goal, "size", None) is not None:
-        return ""
-    return f" ({unit_for('length', design.trained.si, abs(largest))[1]})"
+    """Unit of the objective, where it has one."""
+    quantity = design.objective_function.quantity
+    return f" ({unit_for(quantity, design.trained.si, abs(largest))[1]})" if quantity else ""

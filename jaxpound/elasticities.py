@@ -10,9 +10,11 @@ import jax
 import numpy as np
 
 from jaxpound._checks import instance
+from jaxpound._tables import Shown, Table
 from jaxpound.ensembles import Ensemble
 from jaxpound.ground import GroundLike
 from jaxpound.objectives import gathered, require_over
+from jaxpound.quantities import unit_of
 from jaxpound.scenarios import PARAMETERS, replaced
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.simulation import demand as run_demand
@@ -20,7 +22,7 @@ from jaxpound.structures import AdjacentStructures
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Elasticities:
+class Elasticities(Shown):
     """Relative changes of a demand over relative changes of each parameter, at one design."""
 
     demand: str
@@ -31,11 +33,11 @@ class Elasticities:
     values: dict[str, float]
     """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0."""
 
-    def __repr__(self) -> str:
-        lines = [f"{self.demand} = {self.value:.6g}; percent of it per percent of"]
-        for path in sorted(self.values, key=lambda path: -abs(self.values[path])):
-            lines.append(f"    {path:18} = {self.parameters[path]:<10.5g} {self.values[path]:+.4f}")
-        return "\n".join(lines)
+    def _tables(self) -> list[Table]:
+        y = f"{self.demand} = {self.value:.6g} {unit_of(self.demand, False)}".rstrip()
+        ranked = sorted(self.values, key=lambda path: -abs(self.values[path]))
+        rows = [(path, self.parameters[path], f"{self.values[path]:+.4f}") for path in ranked]
+        return [Table(f"{y}; percent of it per percent of a parameter", (), rows)]
 
 
 def elasticities(

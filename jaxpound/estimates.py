@@ -8,6 +8,7 @@ import numpy as np
 from scipy import stats
 
 from jaxpound._checks import Rule, enforce, require_share
+from jaxpound._tables import Table
 
 
 class Estimate(NamedTuple):
@@ -20,6 +21,9 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.value:.4g} ({self.confidence:.0%}: {self.low:.4g} to {self.high:.4g})"
+
+    def _repr_html_(self) -> str:
+        return Table("", (), [("estimate", str(self))]).html()
 
 
 def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from jaxpound._checks import instance
+from jaxpound._extras import require
 from jaxpound.ground import Record, Ricker
 from jaxpound.live_panels import LivePanels
 from jaxpound.response import Response
@@ -77,12 +78,7 @@ class Explorer:
         scheme: Scheme = Scheme(),
         scales: Scales | None = None,
     ) -> None:
-        try:
-            import ipywidgets as widgets
-        except ImportError as error:
-            words = "Explorer: needs ipywidgets, which pip install 'jaxpound[notebooks]' brings"
-            raise ImportError(words) from error
-
+        widgets = require("Explorer", "ipywidgets")
         instance("Explorer", "structures", structures, AdjacentStructures)
         instance("Explorer", "ground", ground, Ricker, Record)
         instance("Explorer", "grid", grid, TimeGrid)
@@ -124,8 +120,7 @@ class Explorer:
         return self.widget._repr_mimebundle_(**kwargs) | {"image/png": picture}
 
     def _slider(self, name: str, words: str, value: float, low: float, high: float) -> Any:
-        import ipywidgets as widgets
-
+        widgets = require("Explorer", "ipywidgets")
         style = {"description_width": "10em"}
         layout = widgets.Layout(width="25em")
         low, high = min(low, value), max(high, value)
@@ -221,8 +216,7 @@ class Explorer:
 
 def _scrolled(sliders: list[Any]) -> Any:
     """Sliders in no more than the height that leaves the picture in sight."""
-    import ipywidgets as widgets
-
+    widgets = require("Explorer", "ipywidgets")
     box = widgets.Box(sliders)
     box.layout = widgets.Layout(flex_flow="column", max_height="15em", overflow="hidden auto")
     return box

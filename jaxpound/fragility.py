@@ -9,12 +9,13 @@ from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr
 
 from jaxpound._checks import Rule, enforce, require_share
+from jaxpound._tables import Shown, Table
 
 _CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many samples draws from
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Fragility:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Fragility(Shown):
     """A lognormal fragility function, P(pounding | im) = Φ(ln(im / θ) / β) (Baker 2015, eq. 1).
 
     ``fit_fragility`` makes one; it keeps the data, for the bootstrap and for figures.
@@ -107,6 +108,22 @@ class Fragility:
         tail = (1 - confidence) / 2
         low, high = np.quantile(curves, [tail, 1 - tail], axis=0)
         return low, high
+
+    def _tables(self) -> list[Table]:
+        runs, pounding = int(self.trials.sum()), int(self.pounding.sum())
+        where = f" at {len(self.intensity):,} intensities" if self.stripes else ""
+        return [
+            Table(
+                "Fragility P(pounding | im) = Φ(ln(im / θ) / β)",
+                ("", "value", "standard error", "unit"),
+                [
+                    ("median θ", self.median, self.median_error, "that of im"),
+                    ("dispersion β", self.dispersion, self.dispersion_error, ""),
+                ],
+                [f"fitted to {runs:,} runs{where}, {pounding:,} with pounding"],
+                digits=4,
+            )
+        ]
 
 
 def fit_fragility(

@@ -299,6 +299,11 @@ class Objective:
             }
             object.__setattr__(self, name, made)
 
+    @property
+    def quantity(self) -> str | None:
+        """What it measures: a length, unless the goal has a size of its own."""
+        return "length" if getattr(self.goal, "size", None) is None else None
+
     def value(self, demands: Mapping[str, Any]) -> jax.Array:
         """Goal less penalties, of columns by name: prices, ``min_gap`` and ``initial_gap``."""
         total = self.goal(demands["min_gap"], demands["initial_gap"])

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxpound._checks import count, instance, positive, real
+from jaxpound._tables import Shown, Table
 from jaxpound.design import Design
 from jaxpound.design_search import NO_LIMIT, InfeasibleError, Sought
 from jaxpound.design_space import DesignSpace
 from jaxpound.ensembles import Ensemble
 from jaxpound.objectives import PRICES, Limit, Objective
+from jaxpound.quantities import unit, unit_of
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ParetoFront:
+class ParetoFront(Shown):
     """Designs none of which is better than another in both objective and price, cheapest first."""
 
     price: str
@@ -42,16 +44,25 @@ class ParetoFront:
         """Of each design, shape (k,)."""
         return np.array([design.objective for design in self.designs])
 
-    def __repr__(self) -> str:
-        lines = [f"Pareto front of {len(self.designs)} designs"]
-        names = self.designs[0].space.names
-        lines.append(
-            f"    {self.price:>20} {'objective':>12} " + " ".join(f"{n:>14}" for n in names)
-        )
-        for design in self.designs:
-            values = " ".join(f"{x:14.5g}" for x in design.values.values())
-            lines.append(f"    {design.prices[self.price]:20.5g} {design.objective:12.5g} {values}")
-        return "\n".join(lines)
+    def _tables(self) -> list[Table]:
+        first = self.designs[0]
+        price = unit_of(self.price, first.trained.si)
+        own = unit(first.objective_function.quantity, first.trained.si)
+        return [
+            Table(
+                f"Pareto front of {len(self.designs)} designs",
+                (
+                    f"{self.price} ({price})",
+                    f"objective ({own})" if own else "objective",
+                    *first.space.names,
+                ),
+                [
+                    (design.prices[self.price], design.objective, *design.values.values())
+                    for design in self.designs
+                ],
+                [f"no design for a limit of {x:.5g} {price}" for x in self.infeasible],
+            )
+        ]
 
 
 def pareto_front(

@@ -3,17 +3,55 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxpound import _root
 from jaxpound._checks import is_traced
 from jaxpound._pytree import pytree_dataclass, static
+from jaxpound._tables import Shown, Table
+from jaxpound.columns import Columnar
+from jaxpound.quantities import column, kind_of, unit, unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 T = TypeVar("T")
+
+SERIES = {
+    "time": "time",
+    "ground_acceleration": "acceleration",
+    "x1": "length",
+    "x2": "length",
+    "v1": "velocity",
+    "v2": "velocity",
+    "absolute_acceleration_1": "acceleration",
+    "absolute_acceleration_2": "acceleration",
+    "f1": "force",
+    "f2": "force",
+    "friction": "force",
+    "gap": "length",
+    "slip_direction": None,
+}
+"""Quantity of each series of a run, as ``Response.to_columns`` names them."""
+
+
+def _are_known(results: Any) -> bool:
+    """Whether all values are numbers: not traced, and not what JAX puts in their place."""
+    leaves = jax.tree.leaves(results)
+    numbers = (float, int, np.generic, np.ndarray, jax.Array)
+    return bool(leaves) and not is_traced(leaves) and all(isinstance(x, numbers) for x in leaves)
+
+
+def _run_numbers(batch: tuple[int, ...], each: int = 1) -> dict[str, np.ndarray]:
+    """The number of every run along each axis of a batch, ``each`` rows a run."""
+    names = ["run"] if len(batch) == 1 else [f"run_{axis}" for axis in range(len(batch))]
+    numbers = np.indices(batch)
+    return {name: np.repeat(x.ravel(), each) for name, x in zip(names, numbers, strict=True)}
 
 
 def _chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:
@@ -27,10 +65,18 @@ def _chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:
 
 
 @pytree_dataclass
-class Demand:
+class Demand(Columnar, Shown):
     """Scalars of a run, as a designer asks for them. A batch has arrays in their place.
 
     Dimensionless as in eq. (9) (length g/ω1², time 1/ω1, force m1 g), or SI after ``Scales.to_si``.
+    As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row a run.
+
+    Examples
+    --------
+    >>> found = jp.demand(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+    >>> table = found.to_pandas()
+    >>> table.index.name, round(float(table["min_gap"][0]), 3)
+    ('run', 0.305)
     """
 
     min_gap: Any
@@ -71,22 +117,66 @@ class Demand:
         return jnp.where(jnp.isnan(gap), jnp.nan, (gap <= 0).astype(gap.dtype))
 
     def scalars(self) -> dict[str, Any]:
-        """All of them by name, with ``pounds``: a row of a table, or the columns of a batch."""
+        """All of them by name, with ``pounds``: a row of a table, or the columns of a batch.
+
+        Python's numbers for a single run, arrays for a batch; under ``jit``, ``vmap`` or ``grad``
+        what JAX traces.
+        """
         names = [field.name for field in dataclasses.fields(self) if field.name != "si"]
         values = {name: getattr(self, name) for name in names}
         known = {name: value for name, value in values.items() if value is not None}
-        return known | {"pounds": self.pounds}
+        known["pounds"] = self.pounds
+        if not _are_known(self) or any(map(jnp.ndim, known.values())):
+            return known
+        return {name: float(value) for name, value in known.items()}
+
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        batch = jnp.shape(self.min_gap)
+        values = {
+            column(name, kind_of(name), self.si): np.broadcast_to(value, batch).ravel()
+            for name, value in self.scalars().items()
+        }
+        return _run_numbers(batch or (1,)), values
 
     def __getitem__(self, index: Any) -> Demand:
         """Runs of a batch by number, slice or mask, as of an array."""
         return _chosen(self, index, jnp.shape(self.min_gap))
 
-    def __repr__(self) -> str:
-        units = "SI" if self.si else "dimensionless"
-        if is_traced(self) or jnp.ndim(self.min_gap):
-            return f"Demand({units}, batch of shape {jnp.shape(self.min_gap)})"
-        lines = [f"    {name:20s} {float(x):.8g}\n" for name, x in self.scalars().items()]
-        return f"Demand({units}\n{''.join(lines)})"
+    def _tables(self) -> list[Table]:
+        return [self._table("Demand", [])]
+
+    def _table(self, title: str, rows: list[tuple[str, str]]) -> Table:
+        """The scalars of a single run, or rows that say more of it; of a batch their range."""
+        batch, about = np.shape(self.min_gap), "SI" if self.si else "dimensionless"
+        if batch:
+            about += f", batch of shape {batch}"
+        if not _are_known(self):
+            return Table(f"{title} ({about}, traced: not known before the program runs)")
+        scalars = self.scalars()
+        good = np.isfinite(self.min_gap)
+        if not batch:
+            if not good:
+                return Table(f"{title} ({about}): an invalid run, every result is NaN")
+            numbers = [(name, x, unit_of(name, self.si)) for name, x in scalars.items()]
+            return Table(f"{title} ({about})", (), rows or numbers, digits=8)
+        pounding = int(np.count_nonzero(scalars.pop("pounds") == 1))
+        notes = [f"pounding in {pounding:,} of {good.sum():,} valid runs"]
+        if not good.all():
+            notes.append(f"{(~good).sum():,} invalid, with NaN for every result")
+        ranges = [
+            (name, *_range(np.broadcast_to(x, batch)[good]), unit_of(name, self.si))
+            for name, x in scalars.items()
+            if good.any()
+        ]
+        return Table(
+            f"{title} ({about})", ("", "smallest", "median", "largest", "unit"), ranges, notes
+        )
+
+    __repr__ = Shown.__repr__  # else a dataclass makes its own
+
+
+def _range(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values.min()), float(np.median(values)), float(values.max())
 
 
 class Phase(NamedTuple):
@@ -123,11 +213,21 @@ class Energy(NamedTuple):
 
 
 @pytree_dataclass
-class Response:
+class Response(Columnar, Shown):
     """Time series of a run, each of shape (n_steps+1,), and what follows from them.
 
     Dimensionless as in eq. (9): time 1/ω1, length g/ω1², force m1 g, acceleration g;
     ``Scales.to_si`` gives the same object in s, m, N and m/s². A batch has a leading axis.
+    As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row an instant, and of a batch a
+    row for every instant of every run, by the run's number.
+
+    Examples
+    --------
+    >>> scales = jp.Scales(mass=500e3, frequency=7.0)
+    >>> response = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+    >>> table = scales.to_si(response).to_pandas()
+    >>> table.index.name, *table.columns[:4]
+    ('time_s', 'ground_acceleration_m_per_s2', 'x1_m', 'x2_m', 'v1_m_per_s')
     """
 
     time: Any
@@ -225,25 +325,75 @@ class Response:
     def _integral(self, power: Any) -> Float[Array, "... time"]:
         return _summed(jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2)
 
-    def __repr__(self) -> str:
-        shape = jnp.shape(self.time)
-        if is_traced(self) or len(shape) != 1:
-            return f"Response(batch of shape {shape}: {self.method})"
-        if not jnp.isfinite(self.demand.min_gap):
-            return f"Response(an invalid run: every result is NaN; {self.method})"
-        length, second, force = ("m", "s", "N") if self.si else ("g/ω1²", "1/ω1", "m1 g")
-        d, n = self.demand, shape[0] - 1
-        step = float(self.time[1] - self.time[0])
-        return (
-            f"Response({self.method}\n"
-            f"    {n} steps of {step:.6g} {second}, until {float(self.time[-1]):.6g} {second}\n"
-            f"    min gap      {float(d.min_gap):.6g} {length} at {float(d.min_gap_time):.6g} "
-            f"{second}{'   POUNDS' if float(d.min_gap) <= 0 else ''}\n"
-            f"    peaks        |x1| {float(d.peak_x1):.4g}, |x2| {float(d.peak_x2):.4g} {length};  "
-            f"|f1| {float(d.peak_f1):.4g}, |f2| {float(d.peak_f2):.4g} {force}\n"
-            f"    damper       {len(self.phases())} phases, slid {float(d.slip_distance):.4g} "
-            f"{length}, offset left {float(d.residual_offset):.4g} {length})"
+    def plot(self) -> Figure:
+        """Ground motion, displacements, friction force and gap over time (``plots.overview``).
+
+        Of a batch all runs, line upon line.
+
+        Raises
+        ------
+        ValueError
+            If a run is invalid.
+        """
+        return _root.overview(self)
+
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        batch, n = jnp.shape(self.min_gap), jnp.shape(self.time)[-1]
+        a1, a2 = self.absolute_accelerations
+        elsewhere = {
+            "absolute_acceleration_1": a1,
+            "absolute_acceleration_2": a2,
+            "slip_direction": self.phase + 0.0,  # no −0 in a file
+        }
+        series = {
+            column(name, quantity, self.si): np.broadcast_to(
+                elsewhere[name] if name in elsewhere else getattr(self, name), (*batch, n)
+            ).ravel()
+            for name, quantity in SERIES.items()
+        }
+        runs = _run_numbers(batch, n) if batch else {}
+        time = column("time", SERIES["time"], self.si)
+        return runs | {time: series.pop(time)}, series
+
+    def _tables(self) -> list[Table]:
+        known = _are_known(self) and not jnp.ndim(self.min_gap) and jnp.isfinite(self.min_gap)
+        title = f"Response of {self.method}" if self.method else "Response"
+        return [self.demand._table(title, self._rows() if known else [])]
+
+    def _rows(self) -> list[tuple[str, str]]:
+        """What a single run is known by."""
+        length, second, acceleration, force, energy = (
+            unit(quantity, self.si)
+            for quantity in ("length", "time", "acceleration", "force", "energy")
         )
+        d, time = self.demand.scalars(), np.asarray(self.time)
+        pounds = "   POUNDS" if d["pounds"] else ""
+        return [
+            (
+                "time",
+                f"{time.size - 1} steps of {time[1] - time[0]:.6g} {second}, "
+                f"until {time[-1]:.6g} {second}",
+            ),
+            (
+                "min gap",
+                f"{d['min_gap']:.6g} {length} at {d['min_gap_time']:.6g} {second}{pounds}",
+            ),
+            ("displacement", f"|x1| ≤ {d['peak_x1']:.4g}, |x2| ≤ {d['peak_x2']:.4g} {length}"),
+            (
+                "acceleration",
+                f"|a1| ≤ {d['peak_acceleration_1']:.4g}, |a2| ≤ {d['peak_acceleration_2']:.4g} "
+                f"{acceleration}; of the ground {d['pga']:.4g} {acceleration}",
+            ),
+            ("rod force", f"|f1| ≤ {d['peak_f1']:.4g}, |f2| ≤ {d['peak_f2']:.4g} {force}"),
+            (
+                "damper",
+                f"{len(self.phases())} phases, slid {d['slip_distance']:.4g} {length}, "
+                f"took {d['friction_work']:.4g} {energy}, "
+                f"offset left {d['residual_offset']:.4g} {length}",
+            ),
+        ]
+
+    __repr__ = Shown.__repr__  # else a dataclass makes its own
 
 
 def _summed(steps: jax.Array) -> Float[Array, "... time"]:

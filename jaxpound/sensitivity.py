@@ -10,6 +10,7 @@ import numpy as np
 from scipy import stats
 
 from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
+from jaxpound._tables import Shown, Table
 from jaxpound.batches import in_chunks
 from jaxpound.estimates import Estimate
 from jaxpound.sampling import points
@@ -20,8 +21,8 @@ from jaxpound.simulation import demand as run_demand
 _REPLICATES = 500  # of the bootstrap
 
 
-@dataclasses.dataclass(frozen=True)
-class Sensitivity:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Sensitivity(Shown):
     """Sobol indices of one demand, by parameter, with bootstrap intervals.
 
     ``first`` is the share of the demand's variance that goes if the parameter is known; ``total``
@@ -33,12 +34,10 @@ class Sensitivity:
     first: dict[str, Estimate]
     total: dict[str, Estimate]
 
-    def __repr__(self) -> str:
-        width = max(map(len, self.first))
-        lines = [f"Sobol indices of {self.demand} ({self.runs:,} runs)"]
-        for name, first in self.first.items():
-            lines.append(f"    {name:{width}}  first {first}, total {self.total[name]}")
-        return "\n".join(lines)
+    def _tables(self) -> list[Table]:
+        rows = [(name, str(x), str(self.total[name])) for name, x in self.first.items()]
+        title = f"Sobol indices of {self.demand} ({self.runs:,} runs)"
+        return [Table(title, ("parameter", "first order", "total"), rows)]
 
 
 def sobol_sensitivity(

@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from scipy import stats
 
 from jaxpound._checks import Rule, enforce, instance, number, require_share
+from jaxpound._tables import Shown, Table
+from jaxpound.columns import Columnar
 from jaxpound.estimates import (
     Estimate,
     Moments,
@@ -19,13 +21,11 @@ from jaxpound.estimates import (
     probability,
     quantile,
 )
+from jaxpound.quantities import column, kind_of, unit
 from jaxpound.response import Demand
 from jaxpound.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.store import Store
 from jaxpound.units import Scales
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 
 class Separation(NamedTuple):
@@ -44,18 +44,28 @@ class Separation(NamedTuple):
     correlation: float
     """ρ, of the median structures without damper (``double_difference_correlation``)."""
 
-    def __repr__(self) -> str:
-        return (
-            f"Separation(required gap {self.required_gap}\n"
-            f"    absolute sum      {self.absolute_sum:.4g}\n"
-            f"    SRSS              {self.srss:.4g}\n"
-            f"    double difference {self.double_difference:.4g}, "
-            f"with a correlation of {self.correlation:.3g})"
+    def _table(self) -> Table:
+        rules = (self.absolute_sum, self.srss, self.double_difference)
+        names = ("absolute sum", "SRSS", "double difference")
+        return Table(
+            "Separation",
+            (),
+            [
+                ("required gap", str(self.required_gap)),
+                *((name, f"{x:.4g}") for name, x in zip(names, rules, strict=True)),
+            ],
+            [f"double difference with a correlation of {self.correlation:.3g}"],
         )
+
+    def __repr__(self) -> str:
+        return self._table().text()
+
+    def _repr_html_(self) -> str:
+        return self._table().html()
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Study:
+class Study(Columnar, Shown):
     """Demands of many random scenarios, column by column; ``monte_carlo`` makes it.
 
     ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the gap
@@ -63,7 +73,8 @@ class Study:
     measures and parameters that were asked for. Columns of a store are read when they are asked
     for, one by one, so that n may exceed the memory. Runs that failed are NaN and left out of every
     answer. Dimensionless as in eq. (9), or in SI units if there are ``scales``; measures and the
-    scenarios' parameters are what they are, in both.
+    scenarios' parameters are what they are, in both. As a table (``to_pandas``, ``to_csv``,
+    ``to_parquet``) it has a row a sample.
 
     With Sobol points samples are not independent, and intervals are as wide as for independent
     ones: too wide, as a rule.
@@ -247,32 +258,36 @@ class Study:
 
     # Elsewhere.
 
-    def to_pandas(self) -> DataFrame:
-        """All columns as a data frame indexed by sample (extra ``tables``)."""
-        import pandas as pd
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        si, columns = self.scales is not None, {"sample": self.indices}
+        for name in self.columns:
+            named = column(name, self._quantity(name), si)
+            if named in columns:
+                rule = "must be told from another column of the table: rename it in the study"
+                raise ValueError(f"Study: column {named!r} {rule}")
+            columns[named] = self[name]
+        return {"sample": columns.pop("sample")}, columns
 
-        index = pd.Index(self.indices, name="sample")
-        return pd.DataFrame({name: self[name] for name in self.columns}, index)
-
-    def to_parquet(self, path: str | PathLike[str]) -> None:
-        """All columns as a Parquet file (extra ``tables``)."""
-        self.to_pandas().to_parquet(path)
-
-    def __repr__(self) -> str:
+    def _tables(self) -> list[Table]:
         units = "dimensionless" if self.scales is None else "SI"
-        lines = [f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"]
-        lines.append(f"    {'':20}{'mean':>12}{'std':>12}{'smallest':>12}{'largest':>12}")
-        drawn = self.about["identity"]["parameters"]
+        drawn, rows = self.about["identity"]["parameters"], []
         for name in [name for name in self.columns if name not in drawn]:
             m = self.moments(name)
             numbers = (m.mean, m.std, m.smallest, m.largest)
-            lines.append(f"    {name:20}" + "".join(f"{x:12.4g}" for x in numbers))
-        return "\n".join(lines)
+            rows.append((name, *numbers, unit(self._quantity(name), self.scales is not None)))
+        title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
+        columns = ("", "mean", "standard deviation", "smallest", "largest", "unit")
+        return [Table(title, columns, rows, digits=4)]
 
     def _known(self, name: str) -> str:
         if name not in self._moments:
             raise ValueError(f"Study: column {name!r} must be one of {', '.join(self._moments)}")
         return name
+
+    def _quantity(self, name: str) -> str | None:
+        """Quantity of a column; none of pure numbers, and of what is not ours."""
+        own = {field.name for field in dataclasses.fields(Demand)} | {"required_gap"}
+        return kind_of(name) if name in own else None
 
     def _factor(self, name: str) -> float:
         """The unit of a column in SI; 1 of what has none, or is not ours."""

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_tables import assert_shown
 
 import jaxpound as jp
 
@@ -41,7 +42,10 @@ def test_known_parameters_are_found_within_their_intervals():
     np.testing.assert_allclose(np.diag(found.correlation), 1)
     left = measured(0)["x1"] - np.asarray(found.response.x1)
     np.testing.assert_allclose(found.residuals["x1"], left)
-    assert "friction" in repr(found)
+    shown = assert_shown(found)
+    assert str(found.parameters["friction"]) in shown
+    at = shown.index("x1")
+    assert shown[at + 1 : at + 3] == [f"{found.noise['x1']:.4g}", "g/ω1²"]
     assert found.at_bounds == ()
 
 
@@ -112,7 +116,7 @@ def test_a_parameter_at_its_bound_is_named():
         starts=1,
     )
     assert found.at_bounds == ("friction",)
-    assert "friction is at a bound" in repr(found)
+    assert "friction is at a bound: its interval means nothing" in assert_shown(found)
 
 
 def test_parameters_that_leave_no_trace_are_refused():

@@ -9,6 +9,7 @@ import numpy as np
 import optax
 import pytest
 from scipy import stats
+from test_tables import assert_shown
 
 import jaxpound as jp
 from jaxpound import design_report
@@ -175,7 +176,8 @@ def test_a_start_that_is_not_finite_is_dropped_and_reported(stand_in):
     for start, iteration in found.dropped.items():
         assert found.history.alive[:iteration, start].all()
         assert not found.history.alive[iteration:, start].any()
-        assert f"start {start + 1} dropped at iteration {iteration}: not finite" in repr(found)
+        words = f"start {start + 1} dropped at iteration {iteration}: not finite"
+        assert words in assert_shown(found)
 
 
 def test_a_dropped_start_is_never_returned(stand_in):
@@ -291,6 +293,13 @@ def test_limits_and_penalties_are_in_si_units_too(stand_in):
     found = search(jp.Objective(limits={"damper_force": 0.5}), scales=jp.Scales(1.0, 1.0))
     assert found.trained.si
     assert "(SI)" in repr(found.trained)
+    shown = assert_shown(found)
+    at = shown.index("damper_force")
+    assert shown[at + 1 : at + 4] == [f"{found.prices['damper_force']:.5g}", "0.5", "N"]
+    before, after = found.start["friction"], found.values["friction"]
+    at = shown.index("friction")
+    assert shown[at + 3] == f"{100 * (after / before - 1):+.3g} %"
+    assert f"objective {found.objective:.6g} m (" in shown[0]
     assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
 
 
@@ -448,7 +457,11 @@ def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
     best = 1 - np.mean(AMPLITUDES**2) - (0.6 - front.prices) ** 2
     np.testing.assert_allclose(front.objectives, best, atol=2e-4)
     assert (np.diff(front.objectives) > 0).all()
-    assert "Pareto front of 4 designs" in repr(front)
+    shown = assert_shown(front)
+    assert shown[:3] == ["Pareto front of 4 designs", "damper_force (m1 g)", "objective (g/ω1²)"]
+    assert shown[5:9] == [f"{x:.5g}" for x in (front.prices[0], front.objectives[0])] + [
+        f"{x:.5g}" for x in front.designs[0].values.values()
+    ]
 
 
 def test_a_front_ends_where_limits_cannot_be_met(stand_in):

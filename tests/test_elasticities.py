@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from test_tables import assert_shown
 
 import jaxpound as jp
 
@@ -33,6 +34,7 @@ def test_elasticities_are_relative_derivatives():
     lines = repr(found).splitlines()
     sizes = [abs(float(line.split()[-1])) for line in lines[1:]]
     assert sizes == sorted(sizes, reverse=True)
+    assert assert_shown(found)[0].startswith(f"peak_x1 = {found.value:.6g} g/ω1²; percent of it")
 
 
 def test_one_earthquake_is_an_ensemble_of_one():

@@ -1,8 +1,8 @@
 """The explorer: sliders move the run, the picture shows it, what breaks a rule changes nothing."""
 
 import base64
-import builtins
 import io
+import sys
 from dataclasses import replace
 
 import jax
@@ -149,13 +149,6 @@ def test_forces_keep_to_the_unit_of_their_axis():
 
 
 def test_without_ipywidgets_the_extra_is_named(monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *args, **kwargs):
-        if name == "ipywidgets":
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
     with pytest.raises(ImportError, match=r"jaxpound\[notebooks\]"):
         Explorer(S, GROUND, GRID)

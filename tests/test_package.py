@@ -15,14 +15,15 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound._extras import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "jaxpound"
 
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
-    {"_pytree", "_checks", "_branches", "_describe"},
-    {"distributions", "estimates", "fragility", "sampling", "store"},
+    {"_pytree", "_checks", "_branches", "_describe", "_extras", "_root", "_tables", "quantities"},
+    {"columns", "distributions", "estimates", "fragility", "sampling", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
     {"records", "rods", "tally"},
     {"scheme"},
@@ -77,6 +78,31 @@ def test_no_import_runs_upwards(level):
     for module in FLOORS[level]:
         ours = [m.partition(".")[2] for m in imports(module) if m.startswith("jaxpound.")]
         assert set(ours) <= below | FLOORS[level] - {module}, module
+
+
+def test_what_the_root_lends_is_imported_when_it_is_used():
+    """``Response.plot`` draws by what stands above it: only the root may know both."""
+    code = (
+        "import sys; import jaxpound.response as response; from jaxpound import _root; "
+        "assert response._root.overview.__module__ == 'jaxpound'; "
+        "assert not {'jaxpound.plots', 'matplotlib'} & sys.modules.keys()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_no_import_is_hidden():
+    """By ``importlib``, ``__import__`` or ``sys.modules``, where this file could not see it."""
+    for path in PACKAGE.glob("*.py"):
+        names = {
+            node.attr if isinstance(node, ast.Attribute) else node.id
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Attribute | ast.Name)
+        }
+        hidden = names & {"import_module", "__import__", "modules"}
+        # The root stands above all, and the extras are no modules of ours.
+        assert not hidden or path.stem in ("__init__", "_extras"), path.stem
+    assert all(not library.startswith("jaxpound") for library in EXTRAS)
 
 
 def test_only_figures_import_matplotlib():

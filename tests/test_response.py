@@ -1,10 +1,12 @@
 import dataclasses
 import itertools
+import json
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_tables import assert_shown
 
 import jaxpound as jp
 
@@ -106,19 +108,83 @@ def test_pounds_tells_whether_the_gap_closes():
     np.testing.assert_array_equal(jax.vmap(pounds)(jnp.array([0.5, 0.6, 0.7, 0.8])), [1, 1, 0, 0])
 
 
-def test_results_print_themselves(run):
+def test_results_show_themselves(run):
     text = repr(run)
+    assert_shown(run)
     assert "EventResolved" in text
     assert "1000 steps of 0.02" in text
     assert f"{float(run.min_gap):.6g}" in text
     assert "12 phases" in text
     assert "POUNDS" not in text
-    text = repr(run.demand)
+    assert "POUNDS" in repr(jax.tree.map(lambda x: -x, run))
+    shown = assert_shown(run.demand)
     for name, value in run.demand.scalars().items():
-        assert f"{name:20s} {float(value):.8g}" in text
+        at = shown.index(name)
+        assert shown[at + 1] == f"{value:.8g}"
+    assert shown[shown.index("peak_f2") + 2] == "m1 g"
+    si = jp.Scales(mass=500e3, frequency=7.0).to_si(run)
+    assert " m at " in "".join(assert_shown(si))
+    shown = assert_shown(si.demand)
+    assert shown[shown.index("peak_f2") + 2] == "N"
+
+
+def test_a_batch_shows_its_range(run):
+    batch = jax.tree.map(lambda x: jnp.stack([x, 3 * x, -x, jnp.nan * x]), run)
+    for result, owner in ((batch, "Response"), (batch.demand, "Demand")):
+        shown = assert_shown(result)
+        assert shown[0].startswith(owner)
+        assert "(dimensionless, batch of shape (4,))" in shown[0]
+        at = shown.index("peak_x1")
+        peak = float(run.demand.peak_x1)
+        assert shown[at + 1 : at + 5] == [f"{k * peak:.5g}" for k in (-1, 1, 3)] + ["g/ω1²"]
+        assert shown[-2:] == [
+            "pounding in 1 of 3 valid runs",
+            "1 invalid, with NaN for every result",
+        ]
+    invalid = assert_shown(batch[3:])
+    assert invalid[1:] == ["pounding in 0 of 0 valid runs", "1 invalid, with NaN for every result"]
+    for result in (batch[3], batch[3].demand):
+        assert "an invalid run, every result is NaN" in assert_shown(result)[0]
+
+
+def test_what_holds_no_numbers_shows_itself_too(run):
+    jax.jit(lambda result: assert_shown(result) and result.min_gap)(run.demand)
+    for leaf in (None, object(), jax.ShapeDtypeStruct((3,), float)):
+        empty = jax.tree.map(lambda _, leaf=leaf: leaf, run)
+        assert "not known before the program runs" in repr(empty)
+        assert "not known before the program runs" in repr(empty.demand)
+
+
+def test_scalars_of_one_run_are_python_s_numbers(run):
+    scalars = run.demand.scalars()
+    assert {type(x) for x in scalars.values()} == {float}
+    assert json.loads(json.dumps(scalars)) == scalars
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run.demand)
+    assert batch.scalars()["peak_x1"] is batch.peak_x1
+
+
+def test_scalars_stay_traced(run):
+    def doubled(demand):
+        return {name: 2 * x for name, x in demand.scalars().items()}
+
+    expected = {name: 2 * x for name, x in run.demand.scalars().items()}
+    assert jax.jit(doubled)(run.demand) == expected
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run.demand)
+    assert {name: float(x[1]) for name, x in jax.vmap(doubled)(batch).items()} == expected
+    slope = jax.grad(lambda demand: demand.scalars()["pgv"] ** 2)(run.demand)
+    assert float(slope.pgv) == pytest.approx(2 * float(run.demand.pgv))
+
+
+def test_a_run_draws_itself(run):
+    figure = run.plot()
+    times, gap = figure.axes[-1].lines[0].get_data()
+    np.testing.assert_array_equal(times, run.time)
+    np.testing.assert_array_equal(gap, run.gap)
+    assert figure._repr_png_().startswith(b"\x89PNG")
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
-    assert "batch of shape (2, 1001)" in repr(batch)
-    assert "batch of shape (2,)" in repr(batch.demand)
+    assert len(batch.plot().axes) == len(figure.axes)
+    with pytest.raises(ValueError, match="the run is invalid"):
+        jax.tree.map(lambda x: x * jnp.nan, run).plot()
 
 
 def test_a_batch_and_an_invalid_run_have_no_phases(run):

@@ -2,6 +2,7 @@ import dataclasses
 
 import jax.numpy as jnp
 import pytest
+from test_tables import assert_shown
 
 import jaxpound as jp
 
@@ -26,7 +27,9 @@ def test_indices_of_a_product_are_its_closed_form():
         assert found.total[name].value == pytest.approx(total / variance, abs=0.02)
         assert found.first[name].low - 0.02 <= first / variance <= found.first[name].high + 0.02
     assert found.runs == 2048 * 5
-    assert "one " in repr(found)
+    shown = assert_shown(found)
+    at = shown.index("two")
+    assert shown[at + 1 : at + 3] == [str(found.first["two"]), str(found.total["two"])]
     again = jp.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=2048)
     assert again.first == found.first
 

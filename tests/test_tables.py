@@ -1,0 +1,107 @@
+"""What results show of themselves: the same words as text and, well formed, as HTML."""
+
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from test_monte_carlo import LINEAR, study
+
+import jaxpound as jp
+from jaxpound._tables import Table
+
+TABLE = Table(
+    'R & D of <script>alert("1")</script>',
+    ("of", "number", "words", ""),
+    [
+        ("a<b", 1234567, "one", "m/s²"),
+        ("longer name", -0.00012345678, "2", ""),
+        ("c", float("nan"), "", "g & more"),
+    ],
+    ["a note with <b>tags</b>"],
+    digits=4,
+)
+
+
+def assert_shown(result):
+    """Its HTML holds the words of its text, well formed, and leaves all colours to the notebook."""
+    html = result._repr_html_()
+    tree = ElementTree.fromstring(f"<body>{html}</body>")  # every tag closed, every & escaped
+    tags = {part.tag for part in tree.iter()} - {"body"}
+    assert tags <= {"div", "table", "thead", "tbody", "tr", "th", "td"}
+    assert not re.search(r"colou?r|background|class=|<style", html)
+    shown = [part.text for part in tree.iter() if part.text]
+    assert "".join("".join(shown).split()) == "".join(repr(result).split())
+    return shown
+
+
+def test_rows_as_text():
+    assert TABLE.text().splitlines() == [
+        TABLE.title,
+        "    of               number  words",
+        "    a<b           1,234,567  one    m/s²",
+        "    longer name  -0.0001235  2",
+        "    c                   nan         g & more",
+        "    a note with <b>tags</b>",
+    ]
+
+
+def test_rows_as_html():
+    html = TABLE.html()
+    assert "<script" not in html
+    assert "<b>" not in html
+    tree = ElementTree.fromstring(html)
+    title, note = tree.findall("div")
+    assert (title.text, note.text) == (TABLE.title, TABLE.notes[0])
+    assert [cell.text or "" for cell in tree.findall("table/thead/tr/th")] == [*TABLE.columns]
+    rows = [[cell.text or "" for cell in row] for row in tree.findall("table/tbody/tr")]
+    assert rows[0] == ["a<b", "1,234,567", "one", "m/s²"]
+    assert [row[0] for row in rows] == [row[0] for row in TABLE.rows]
+    sides = [cell.get("style") for cell in tree.findall("table/tbody/tr")[0]]
+    left, right = "text-align: left", "text-align: right"
+    assert sides == [left, right, left, left]
+
+
+def test_a_table_without_rows_is_its_title():
+    empty = Table("nothing & no one", ("a", "b"))
+    assert empty.text() == "nothing & no one"
+    assert empty.html() == "<div><div>nothing &amp; no one</div></div>"
+
+
+def test_a_study_and_its_answers_show_themselves():
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    found = study(LINEAR, 64, measures={"<i>my</i> measure": lambda s, g: s.friction})
+    for result, units in ((found, ("g/ω1²", "m1 g")), (found.in_si(scales), ("m", "N"))):
+        shown = assert_shown(result)
+        assert set(units) < set(shown)
+        assert "<i>my</i> measure" in shown
+        assert f"{result.moments('min_gap').mean:.4g}" in shown
+    assert_shown(found.separation(0.1))
+    estimate = found.pounding_probability(0.3)
+    assert str(estimate) in estimate._repr_html_()
+
+
+def test_a_fragility_shows_itself():
+    for trials in ([20] * 5, None):
+        pounding = [1, 4, 9, 14, 18] if trials else [0, 1, 0, 1, 1]
+        curve = jp.fit_fragility([0.2, 0.4, 0.6, 0.8, 1.0], pounding, trials)
+        shown = assert_shown(curve)
+        assert f"{curve.median:.4g}" in shown
+        assert f"{curve.dispersion_error:.4g}" in shown
+        runs, intensities = (100, " at 5 intensities") if trials else (5, "")
+        assert f"fitted to {runs} runs{intensities}, {np.sum(pounding)} with pounding" in shown
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.4])
+def test_a_comparison_shows_itself_with_units(mean):
+    gaps = mean + np.linspace(-0.1, 0.3, 9)
+    before = {"min_gap": gaps, "initial_gap": np.ones(9), "damper_force": np.full(9, 2.0)}
+    after = before | {"min_gap": gaps + 0.05}
+    for si, units in ((True, ("m", "N")), (False, ("g/ω1²", "m1 g"))):
+        found = jp.Comparison(before, after, jp.Objective(), si)
+        shown = assert_shown(found)
+        assert set(units) < set(shown)
+        assert f"pounding in {100 * np.mean(gaps <= 0):.4g} % of them before" in "".join(shown)
+        assert f"{np.mean(gaps) + 0.05:.4g}" in shown
+    chance = jp.Objective(jp.PoundingProbability(0.1))
+    assert assert_shown(jp.Comparison(before, after, chance, True))[-1][-1] == ")"
