@@ -22,6 +22,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from jaxpound.quantities import DEMANDS, SI
+
 # Okabe and Ito's colours, which stay apart for every kind of colour vision, by what they stand for;
 # what is merely compared has those of CYCLE.
 COLOURS = {
@@ -55,33 +57,27 @@ _DIMENSIONLESS = {
     "force": "$m_1 g$",
     "energy": r"$m_1 g^2/\omega_1^2$",
 }
-_SI = {
-    "time": "s",
-    "length": "m",
-    "velocity": "m/s",
-    "acceleration": "m/s²",
-    "force": "N",
-    "energy": "J",
+
+_WORDS = {
+    "min_gap": r"min gap $\xi$",
+    "min_gap_time": "time of min gap $t$",
+    "peak_x1": "peak $|x_1|$",
+    "peak_x2": "peak $|x_2|$",
+    "peak_f1": "peak $|f_1|$",
+    "peak_f2": "peak $|f_2|$",
+    "peak_acceleration_1": "peak $|a_1|$",
+    "peak_acceleration_2": "peak $|a_2|$",
+    "damper_force": "slip force",
+    "slip_distance": "slip distance",
+    "friction_work": "friction work",
+    "residual_offset": "residual offset",
+    "pga": "PGA",
+    "pgv": "PGV",
+    "required_gap": "required gap",
 }
 
-# Quantity of each demand, and its name in a figure.
-QUANTITIES = {
-    "min_gap": ("length", r"min gap $\xi$"),
-    "min_gap_time": ("time", "time of min gap $t$"),
-    "peak_x1": ("length", "peak $|x_1|$"),
-    "peak_x2": ("length", "peak $|x_2|$"),
-    "peak_f1": ("force", "peak $|f_1|$"),
-    "peak_f2": ("force", "peak $|f_2|$"),
-    "peak_acceleration_1": ("acceleration", "peak $|a_1|$"),
-    "peak_acceleration_2": ("acceleration", "peak $|a_2|$"),
-    "damper_force": ("force", "slip force"),
-    "slip_distance": ("length", "slip distance"),
-    "friction_work": ("energy", "friction work"),
-    "residual_offset": ("length", "residual offset"),
-    "pga": ("acceleration", "PGA"),
-    "pgv": ("velocity", "PGV"),
-    "required_gap": ("length", "required gap"),
-}
+QUANTITIES = {name: (DEMANDS[name][0], words) for name, words in _WORDS.items()}
+"""Kind of each demand, and its name in a figure."""
 
 _PARAMETERS = {
     "friction": r"friction $\mu$",
@@ -107,7 +103,7 @@ def parameter_name(path: str) -> str:
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
     """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large."""
-    unit = (_SI if si else _DIMENSIONLESS)[quantity]
+    unit = (SI if si else _DIMENSIONLESS)[quantity]
     if si and quantity in ("force", "energy"):
         for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
             if peak * factor >= 10:

@@ -117,7 +117,7 @@ RANGES = {
     "smoothing_velocity": Range(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s"),
     # What a design is asked for.
     "temperature": Range(1e-9, 10, "m", "of the soft minimum of gaps"),
-    "share": Range(0, 1, "", "of the earthquakes"),
+    "share": Range(1e-6, 1, "", "of the earthquakes"),
     "multiple": Range(0, 1e6, "", "a factor on the value above"),
     "penalty": Range(0, 1e9, "", "metres of the goal for a unit of the price"),
     "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
