@@ -40,7 +40,7 @@ from jaxpound.objectives import (
 )
 from jaxpound.quantities import DEMANDS, RANGES, Range
 from jaxpound.records import read_record
-from jaxpound.scenarios import PARAMETERS, Scenarios
+from jaxpound.scenarios import PARAMETERS, Scenarios, replaced
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
@@ -220,7 +220,8 @@ def _space(
             shares = start.copy()
             shares[i] = end
             place = f"{source}: [variables] {path} = {shown(variables[path])}, at a bound:"
-            extremes.append((place, path, physical.structures(shares)))
+            values = {x: float(y) for x, y in physical.numbers(shares).items()}
+            extremes.append((place, path, replaced(parameters, values)))
     require_plausible(extremes, scales)
     return DesignSpace(structures, made["dimensionless"])
 

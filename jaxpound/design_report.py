@@ -103,12 +103,13 @@ def _rods(
     design: jp.Design, before: jp.AdjacentStructures, scales: jp.Scales
 ) -> list[dict[str, Any]]:
     """The rods' parameters that were chosen, in SI units."""
-    told = [in_si(structures, scales) for structures in (before, design.structures)]
+    first, last = (in_si(structures, scales) for structures in (before, design.structures))
     return [
         _changed(
             path,
             UNITS[path.rpartition(".")[2]],
-            *map(attrgetter(path), told),
+            attrgetter(path)(first),
+            attrgetter(path)(last),
             design.active_bounds.get(path),
         )
         for path in design.space.names

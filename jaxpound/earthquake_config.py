@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from jaxpound.config import (
     shown,
     time_grid,
 )
-from jaxpound.distributions import RARE, Distribution, LogNormal, Normal, Uniform, reach
+from jaxpound.distributions import RARE, LogNormal, Normal, Uniform, reach
 from jaxpound.ground import Record
 from jaxpound.quantities import RANGES, Range, with_unit
 from jaxpound.records import read_record
@@ -31,7 +31,10 @@ from jaxpound.scheme import Scheme, TimeGrid, stability_limit
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
 
-_KINDS: dict[str, Callable[[float, float], Distribution]] = {
+Stated = Normal | LogNormal | Uniform
+"""The distributions that a file can state."""
+
+_KINDS: dict[str, type[Normal] | type[LogNormal] | type[Uniform]] = {
     "normal": Normal,
     "lognormal": LogNormal,
     "uniform": Uniform,
@@ -102,7 +105,7 @@ def by_path(table: dict[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def drawn(source: str, given: dict[str, Any], table: str, key: str, unit: str) -> Distribution:
+def drawn(source: str, given: dict[str, Any], table: str, key: str, unit: str) -> Stated:
     """The distribution of a key, in the file's unit."""
     value = needed(source, given, table, key)
     ((kind, numbers),) = value.items()
@@ -111,7 +114,7 @@ def drawn(source: str, given: dict[str, Any], table: str, key: str, unit: str) -
         return _KINDS[kind](*map(float, numbers))
 
 
-def scaled(distribution: Distribution, factor: float) -> Distribution:
+def scaled(distribution: Stated, factor: float) -> Stated:
     """The distribution of a factor's multiples."""
     if isinstance(distribution, LogNormal):
         return LogNormal(distribution.median * factor, distribution.sigma)
@@ -132,7 +135,7 @@ def random_ground(
             raise ValueError(f"{source}: [earthquakes] {key} must not {rule}")
     place = f"{source}: [earthquakes]"
 
-    def one(key: str) -> Distribution:
+    def one(key: str) -> Stated:
         allowed = RANGES[key]
         found = drawn(source, given, "earthquakes", key, allowed.unit)
         _require_reach(f"{place} {key}", table[key], found, allowed)
@@ -170,7 +173,7 @@ def read_records(place: str, folder: Path, names: Iterable[str], units: str) -> 
         raise ValueError(f"{place}: {str(error).removeprefix('read_record: ')}") from error
 
 
-def _require_reach(place: str, value: Any, found: Distribution, allowed: Range) -> None:
+def _require_reach(place: str, value: Any, found: Stated, allowed: Range) -> None:
     """A ``ValueError`` for a distribution some of whose draws would be outside of a range."""
     for end in reach(found):
         if end not in allowed:
