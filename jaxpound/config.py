@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
@@ -17,34 +18,47 @@ from jaxpound._checks import did_you_mean
 from jaxpound.friction import EventResolved, FrictionLaw, Smoothed, Switching
 from jaxpound.ground import Record
 from jaxpound.intensity import pga
+from jaxpound.quantities import RANGES, Range, with_unit
 from jaxpound.scheme import Scheme, TimeGrid, stability_limit
-from jaxpound.structures import AdjacentStructures
+from jaxpound.structures import AdjacentStructures, ZenerRod
 from jaxpound.units import Building, Scales, dimensionless
 
 _BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
 _BY_PERIOD = ("mass", "period", "damping_ratio")
-BUILDING = dict.fromkeys((*_BY_ROD, *_BY_PERIOD), float)
+_BUILDING = {key: RANGES[key] for key in (*_BY_PERIOD, *_BY_ROD)}
 
 Keys = dict[str, dict[str, Any]]
-"""Allowed keys of each table ("" is the top level): a number, a whole number, one of some words, or
+"""Allowed keys of each table ("" is the top level): a number in a ``Range``, one of some words, or
 what a function (of the value) says is wrong with it."""
 
-RUN: dict[str, Any] = {
-    "duration": float,
-    "dt": float,
-    "friction": ("event-resolved", "switching", "smoothed"),
-    "smoothing_velocity": float,
-    "order": int,
+PAIR: Keys = {
+    "": {"gap": RANGES["gap"]},
+    "building_1": _BUILDING,
+    "building_2": _BUILDING,
+    "damper": {"friction_force": RANGES["friction_force"]},
+    "run": {
+        "duration": RANGES["duration"],
+        "dt": RANGES["dt"],
+        "friction": ("event-resolved", "switching", "smoothed"),
+        "smoothing_velocity": RANGES["smoothing_velocity"],
+        "order": RANGES["accuracy"],
+    },
 }
-_KEYS: Keys = {
-    "": {"gap": float},
-    "building_1": BUILDING,
-    "building_2": BUILDING,
-    "damper": {"friction_force": float},
-    "ground": {"baseline": ("none", "mean", "linear"), "scale": float, "pga": float},
-    "run": RUN,
+"""What every kind of configuration says of two buildings and a run."""
+
+UNITS = {key: RANGES[key].unit for key in (*_BUILDING, "gap", "friction_force")}
+"""Unit of each number of two buildings and the damper, by key."""
+
+_KEYS: Keys = PAIR | {
+    "ground": {
+        "baseline": ("none", "mean", "linear"),
+        "scale": RANGES["factor"],
+        "pga": RANGES["pga"],
+    },
     "output": {"series": ("npz", "csv", "none")},
 }
+_MOST_BYTES = 2**20  # of a file: a configuration is a page of text
+_MOST_SHOWN = 80  # characters of a value in a message
 _MOST_STEPS = 1_000_000
 _MOST_PGA = 20.0  # in g, several times the largest ever recorded: beyond it the units are wrong
 STEPS_PER_PERIOD = 50
@@ -160,9 +174,13 @@ def read_config(path: Path | None) -> Configuration:
 
 
 def read_text(path: Path) -> str:
-    """A file's text, which must be UTF-8."""
+    """A file's text, which must be UTF-8 and of a configuration's size."""
+    with path.open("rb") as file:
+        content = file.read(_MOST_BYTES + 1)
+    if len(content) > _MOST_BYTES:
+        raise ValueError(f"{path}: must be a configuration of at most {_MOST_BYTES:,} bytes")
     try:
-        return path.read_bytes().decode("utf-8")
+        return content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: must be text in UTF-8 ({error})") from error
 
@@ -173,6 +191,17 @@ def parse(source: str, text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{source}{_place(str(error))}: {error}") from error
+    except RecursionError as error:
+        raise ValueError(f"{source}: its lists or tables are nested too deeply") from error
+    except ValueError:
+        # Python makes no whole number of more than 4,300 digits. One of 4,300 exceeds every range
+        # as well, and is refused by the name of its key.
+        return parse(source, re.sub(r"\d[\d_]*", _shortened, text))
+
+
+def _shortened(digits: re.Match[str]) -> str:
+    most = sys.get_int_max_str_digits()
+    return digits[0] if len(digits[0]) <= most else digits[0].replace("_", "")[:most]
 
 
 def pair(
@@ -185,9 +214,72 @@ def pair(
     friction_force = needed(source, given, "damper", "friction_force")
     gap = needed(source, given, "", "gap")
     left, right = (_building(source, given, table) for table in ("building_1", "building_2"))
-    with named(f"{source}:"):
-        structures, scales = dimensionless(left, right, friction_force, gap)
+    with named(f"{source}:", UNITS):
+        structures, scales = dimensionless(left, right, float(friction_force), float(gap))
     return left, right, structures, scales, _scheme(source, given.get("run", {}), scales)
+
+
+def in_si(structures: AdjacentStructures, scales: Scales) -> AdjacentStructures:
+    """The same parameters in SI units: relaxation times in s^order, slip force in N, gap in m.
+
+    Their rules are the same in every unit, so that what breaks one is named as the file has it.
+    """
+    left, right, friction_force, gap = scales.buildings(structures)
+    return dataclasses.replace(
+        structures,
+        rod_1=ZenerRod(left.order, left.tau_f, left.tau_x),
+        rod_2=ZenerRod(right.order, right.tau_f, right.tau_x),
+        friction=friction_force,
+        initial_gap=gap,
+    )
+
+
+_STANDS_FOR = {
+    "friction": ("damper", "friction_force"),
+    "initial_gap": ("", "gap"),
+    "mass_ratio": ("building_2", "mass"),
+    "stiffness_ratio": ("building_2", "stiffness"),
+    **{f"rod_{i}.{key}": (f"building_{i}", key) for i in (1, 2) for key in _BY_ROD[2:]},
+}
+"""Table and key that each parameter of the structures stands for."""
+
+
+def require_plausible(
+    extremes: Iterable[tuple[str, str, AdjacentStructures]], scales: Scales
+) -> None:
+    """A ``ValueError`` for a parameter that leaves the range of what it stands for.
+
+    ``extremes`` are a place in a file, the path of a parameter, and the structures in SI units
+    (``in_si``) where it is at an end. Natural periods come last, as all parameters of a building
+    make them.
+    """
+    periods = []
+    for place, path, at in extremes:
+        table, key = _STANDS_FOR[path]
+        stiffness = scales.mass * scales.frequency**2
+        with named(place, UNITS):
+            buildings = {
+                "building_1": Building(scales.mass, stiffness, **vars(at.rod_1)),
+                "building_2": Building(
+                    scales.mass / at.mass_ratio, stiffness * at.stiffness_ratio, **vars(at.rod_2)
+                ),
+            }
+        if table in buildings:
+            periods.append((f"{place} [{table}] natural period", buildings[table]))
+            value = getattr(buildings[table], key)
+        else:
+            value = at.friction if table else at.initial_gap
+        require_in_range(f"{place} {f'[{table}] ' if table else ''}{key}", key, value)
+    for place, building in periods:
+        require_in_range(place, "period", building.natural_period)
+
+
+def require_in_range(place: str, quantity: str, value: Any) -> None:
+    """A ``ValueError`` for a number that no such quantity has."""
+    allowed = RANGES[quantity]
+    if (number := float(value)) not in allowed:
+        told = with_unit(f"{number:.6g}", allowed.unit)
+        raise ValueError(f"{place} = {told} must be {allowed.rule}")
 
 
 def _place(message: str) -> str:
@@ -231,18 +323,52 @@ def _title(table: str) -> str:
 
 
 def _check_value(place: str, kind: Any, value: Any) -> None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if kind is float:
-        right, rule = number and abs(value) <= sys.float_info.max, "a finite number"
-    elif kind is int:
-        right, rule = number and isinstance(value, int), "a whole number"
+    if isinstance(kind, Range):
+        told = shown(value)
+        if not is_number(value):
+            rule = "a finite number"
+        elif kind.whole and not isinstance(value, int):
+            rule = "a whole number"
+        else:
+            told, rule = with_unit(told, kind.unit), "" if value in kind else kind.rule
     elif isinstance(kind, tuple):
-        right, rule = value in kind, "one of " + ", ".join(f'"{word}"' for word in kind)
+        told, rule = shown(value), ""
+        if value not in kind:
+            rule = "one of " + ", ".join(f'"{word}"' for word in kind)
+            if close := isinstance(value, str) and did_you_mean(value, kind):
+                rule += f"; {close}"
     else:
-        rule = kind(value)
-        right = not rule
-    if not right:
-        raise ValueError(f"{place} = {value!r} must be {rule}")
+        told, rule = shown(value), kind(value)
+    if rule:
+        raise ValueError(f"{place} = {told} must be {rule}")
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value of a file is a finite number."""
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max  # false for NaN too
+
+
+def shown(value: Any) -> str:
+    """A value as a file has it, shortened where it is long."""
+    text = _shown(value, 3)
+    return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 4]} ..."
+
+
+def _shown(value: Any, depth: int) -> str:
+    if isinstance(value, bool | str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        return f"a whole number of more than {sys.float_info.max_10_exp} digits"
+    if isinstance(value, float):
+        return repr(value) if len(repr(value)) <= 8 else f"{value:.8g}"
+    if isinstance(value, dict | list) and not depth:
+        return "..."
+    if isinstance(value, list):
+        return f"[{', '.join(_shown(x, depth - 1) for x in value[:_MOST_SHOWN])}]"
+    if isinstance(value, dict):
+        entries = list(value.items())[:_MOST_SHOWN]
+        return f"{{{', '.join(f'{key} = {_shown(x, depth - 1)}' for key, x in entries)}}}"
+    return str(value)
 
 
 def needed(source: str, given: dict[str, Any], table: str, key: str) -> Any:
@@ -264,8 +390,12 @@ def _building(source: str, given: dict[str, Any], table: str) -> Building:
     if missing:
         raise ValueError(f"{source}: [{table}] lacks {', '.join(missing)}; give {ways}")
     numbers = {key: float(value) for key, value in values.items()}
-    with named(f"{source}: [{table}]"):
-        return Building.from_period(**numbers) if by_period else Building(**numbers)
+    place = f"{source}: [{table}]"
+    with named(place, UNITS):
+        building = Building.from_period(**numbers) if by_period else Building(**numbers)
+    if not by_period:
+        require_in_range(f"{place} natural period", "period", building.natural_period)
+    return building
 
 
 def _scheme(source: str, run: dict[str, Any], scales: Scales) -> Scheme:
@@ -275,18 +405,22 @@ def _scheme(source: str, run: dict[str, Any], scales: Scales) -> Scheme:
         raise ValueError(f"{source}: [run] smoothing_velocity {rule}")
     law: FrictionLaw = Switching() if name == "switching" else EventResolved()
     if velocity is not None:
-        if velocity <= 0:
-            rule = "must be positive"
-            raise ValueError(f"{source}: [run] smoothing_velocity = {velocity:.6g} m/s {rule}")
         law = Smoothed(velocity * float(scales.time / scales.length))
     with named(f"{source}: [run]"):
         return Scheme(law, order=run.get("order", 2))
 
 
 @contextmanager
-def named(place: str) -> Iterator[None]:
-    """Put the place in the file where the core's messages have the name of a class."""
+def named(place: str, units: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Put the place in the file where the core's messages have the name of a class.
+
+    ``units`` are those of the numbers in these messages, by name.
+    """
     try:
         yield
     except ValueError as error:
-        raise ValueError(f"{place} {re.sub(r'^[A-Za-z_.]+: ', '', str(error))}") from error
+        words = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
+        for name, unit in (units or {}).items():
+            if unit:
+                words = re.sub(rf"(?<!\w)({name} = -?[\w.+-]*\w)", rf"\1 {unit}", words)
+        raise ValueError(f"{place} {words}") from error

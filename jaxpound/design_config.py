@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jaxpound.config import BUILDING, RUN, Keys, named, needed
+from jaxpound._checks import did_you_mean
+from jaxpound.config import (
+    PAIR,
+    Keys,
+    in_si,
+    is_number,
+    named,
+    needed,
+    require_plausible,
+    shown,
+)
 from jaxpound.design_space import Bounds, DesignSpace
-from jaxpound.earthquake_config import EARTHQUAKES, files, opened, word
+from jaxpound.earthquake_config import EARTHQUAKES, files, opened, read_records, word
 from jaxpound.ensembles import Ensemble
 from jaxpound.ground import Record
 from jaxpound.objectives import (
@@ -27,8 +38,9 @@ from jaxpound.objectives import (
     SoftMinimum,
     WorstGap,
 )
+from jaxpound.quantities import DEMANDS, RANGES, Range
 from jaxpound.records import read_record
-from jaxpound.scenarios import PARAMETERS, Scenarios
+from jaxpound.scenarios import PARAMETERS, Scenarios, replaced
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
@@ -38,45 +50,62 @@ EXAMPLE = "example_design.toml"
 _GOALS = ("mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability")
 
 
+_TAU = {"tau_f": RANGES["tau_f"].unit, "tau_x": RANGES["tau_x"].unit}
+
+
 def _bounds(value: Any) -> str:
-    rule = '{low = ..., high = ..., scale = "linear" or "log"}'
-    if not (isinstance(value, dict) and {"low", "high"} <= {*value} <= {"low", "high", "scale"}):
+    """What is wrong with the bounds of a variable, or nothing."""
+    rule, allowed = '{low = ..., high = ..., scale = "linear" or "log"}', RANGES["multiple"]
+    if not isinstance(value, dict):
         return rule
-    right = all(type(value[key]) in (int, float) for key in ("low", "high"))
-    return "" if right and value.get("scale", "linear") in ("linear", "log") else rule
+    if wrong := _entries(value, ("low", "high"), ("low", "high", "scale")):
+        return f"{rule}{wrong}"
+    if not all(is_number(value[key]) and value[key] in allowed for key in ("low", "high")):
+        return f"{rule}, with low and high {allowed.rule}"
+    return "" if value.get("scale", "linear") in ("linear", "log") else rule
 
 
-def _price(key: str, value: Any) -> str:
+def _price(key: str, allowed: Range, value: Any) -> str:
+    """What is wrong with a limit or a penalty, or nothing."""
     rule = f'a number, or {{{key} = ..., over = "worst", "mean" or a share}}'
-    if type(value) in (int, float):
-        return ""
-    return "" if isinstance(value, dict) and key in value and {*value} <= {key, "over"} else rule
+    if isinstance(value, dict):
+        if wrong := _entries(value, (key,), (key, "over")):
+            return f"{rule}{wrong}"
+        value = value[key]
+    if not is_number(value):
+        return rule
+    return "" if value in allowed else allowed.rule
 
 
-_KEYS: Keys = {
-    "": {"gap": float},
-    "building_1": BUILDING,
-    "building_2": BUILDING,
-    "damper": {"friction_force": float},
+def _entries(value: dict[str, Any], needed: tuple[str, ...], allowed: tuple[str, ...]) -> str:
+    """What is to be added to a rule because of the keys of a value, or nothing."""
+    for key in value:
+        if key not in allowed:
+            close = did_you_mean(key, allowed)
+            return f"; {close}" if close else f", without {key!r}"
+    lacking = [key for key in needed if key not in value]
+    return f"; it lacks {lacking[0]!r}" if lacking else ""
+
+
+_KEYS: Keys = PAIR | {
     "earthquakes": EARTHQUAKES,
     "recorded": {"files": files, "units": word},
     "variables": dict.fromkeys(PARAMETERS, _bounds),
     "objective": {
         "goal": _GOALS,
-        "temperature": float,
-        "share": float,
-        "gap": float,
+        "temperature": RANGES["temperature"],
+        "share": RANGES["share"],
+        "gap": RANGES["gap"],
     },
-    "limits": dict.fromkeys(PRICES, lambda value: _price("at_most", value)),
-    "penalties": dict.fromkeys(PRICES, lambda value: _price("weight", value)),
-    "run": RUN,
+    "limits": {price: partial(_price, "at_most", RANGES[DEMANDS[price][0]]) for price in PRICES},
+    "penalties": dict.fromkeys(PRICES, partial(_price, "weight", RANGES["penalty"])),
     "search": {
-        "earthquakes": int,
-        "fresh": int,
-        "starts": int,
-        "iterations": int,
-        "batch": int,
-        "seed": int,
+        "earthquakes": RANGES["count"],
+        "fresh": RANGES["count_or_none"],
+        "starts": RANGES["count"],
+        "iterations": RANGES["count"],
+        "batch": RANGES["count"],
+        "seed": RANGES["seed"],
     },
 }
 
@@ -106,21 +135,16 @@ def read_design(path: Path | None, records: Sequence[Path] = ()) -> DesignConfig
     Raises
     ------
     OSError
-        If a file cannot be read.
+        If the file, or one of ``records``, cannot be read.
     ValueError
-        As ``config.read_config``.
+        As ``config.read_config``, and for a record that it names and that cannot be read.
     """
     read = opened(path, "design", EXAMPLE, _KEYS, by_field="variables")
     source, given, structures, scales = read.source, read.given, read.structures, read.scales
     recorded = _recorded(source, given, read.folder, records)
     grid = read.grid(recorded.values())
     search = {"earthquakes": 256, "fresh": 1000, "seed": 0} | given.get("search", {})
-    for key, value in search.items():
-        if value < (key not in ("seed", "fresh")):
-            raise ValueError(f"{source}: [search] {key} = {value} must be positive")
     n = search.pop("earthquakes")
-    if search["seed"] >= 2**32:
-        raise ValueError(f"{source}: [search] seed = {search['seed']} must be below 2^32")
     if search.get("batch", 1) > (most := n + len(recorded)):
         rule = f"at most the number of earthquakes, {most}"
         raise ValueError(f"{source}: [search] batch = {search['batch']} must be {rule}")
@@ -132,7 +156,7 @@ def read_design(path: Path | None, records: Sequence[Path] = ()) -> DesignConfig
     return DesignConfiguration(
         source,
         read.text,
-        _space(source, given, structures),
+        _space(source, given, structures, scales),
         dataclasses.replace(whole, _more=ensemble._more),
         alone,
         _objective(source, given),
@@ -151,10 +175,9 @@ def _recorded(
     table = given.get("recorded", {})
     if table and "files" not in table:
         raise ValueError(f"{source}: lacks the key 'files' in [recorded]")
-    read = [
-        (folder / file, read_record(folder / file, units=table.get("units", "g")))
-        for file in table.get("files", [])
-    ]
+    names, units = table.get("files", []), table.get("units", "g")
+    own = read_records(f"{source}: [recorded] files", folder, names, units)
+    read = [(folder / name, record) for name, record in zip(names, own, strict=True)]
     read += [(file, read_record(file)) for file in more]
     found: dict[str, Record] = {}
     for file, record in read:
@@ -164,25 +187,43 @@ def _recorded(
     return found
 
 
-def _space(source: str, given: dict[str, Any], structures: AdjacentStructures) -> DesignSpace:
+def _space(
+    source: str, given: dict[str, Any], structures: AdjacentStructures, scales: Scales
+) -> DesignSpace:
     """The variables; in the file their bounds are factors on the values that it states."""
     variables = given.get("variables", {})
     if not variables:
         raise ValueError(f"{source}: [variables] must name what may be chosen")
-    bounds = {}
+    parameters = in_si(structures, scales)
+    made: dict[str, dict[str, Bounds]] = {"SI": {}, "dimensionless": {}}
     for path, value in variables.items():
-        nominal, place = float(attrgetter(path)(structures)), f"{source}: [variables] {path}"
-        if not nominal:
-            raise ValueError(f"{place} must be of a value above 0, for factors on it")
-        if not value["low"] < value["high"]:
-            rule = f"above low = {value['low']:.6g}"
-            raise ValueError(f"{place}: high = {value['high']:.6g} must be {rule}")
-        with named(f"{source}: [variables] {path}:"):
-            bounds[path] = Bounds(
-                value["low"] * nominal, value["high"] * nominal, value.get("scale", "linear")
-            )
-    with named(f"{source}: [variables]"):
-        return DesignSpace(structures, bounds)
+        place = f"{source}: [variables] {path}"
+        with named(f"{place}:"):
+            Bounds(**value)
+        if not value["low"] <= 1 <= value["high"]:
+            rule = "must hold the factor 1: the search starts at the buildings as they are"
+            raise ValueError(f"{place} = {shown(value)} {rule}")
+        for units, nominal in (("SI", parameters), ("dimensionless", structures)):
+            own = float(attrgetter(path)(nominal))
+            if not own:
+                raise ValueError(f"{place} must be of a value above 0, for factors on it")
+            low, high = value["low"] * own, value["high"] * own
+            with named(f"{place}:"):
+                made[units][path] = Bounds(low, high, value.get("scale", "linear"))
+    # In SI units first, which messages are about.
+    with named(f"{source}: [variables]", _TAU):
+        physical = DesignSpace(parameters, made["SI"])
+        start = physical.shares(parameters)
+    extremes = []
+    for i, path in enumerate(physical.names):
+        for end in (0.0, 1.0):
+            shares = start.copy()
+            shares[i] = end
+            place = f"{source}: [variables] {path} = {shown(variables[path])}, at a bound:"
+            values = {x: float(y) for x, y in physical.numbers(shares).items()}
+            extremes.append((place, path, replaced(parameters, values)))
+    require_plausible(extremes, scales)
+    return DesignSpace(structures, made["dimensionless"])
 
 
 def _objective(source: str, given: dict[str, Any]) -> Objective:

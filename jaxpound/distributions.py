@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from statistics import NormalDist
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -130,6 +131,18 @@ class Uniform:
         inside = (share > 0) & (share < 1)
         outside = jnp.where(share <= 0, -jnp.inf, jnp.inf)
         return jnp.where(inside, ndtri(jnp.where(inside, share, 0.5)), outside)
+
+
+RARE = 1e-6
+"""Probability, to either side, of what ``reach`` leaves out."""
+
+
+def reach(distribution: Distribution) -> tuple[float, float]:
+    """Between which values nearly all draws are: the bounds, or the quantiles of ``RARE``."""
+    if isinstance(distribution, Uniform):
+        return float(distribution.low), float(distribution.high)
+    z = NormalDist().inv_cdf(RARE)
+    return float(distribution.from_normal(z)), float(distribution.from_normal(-z))
 
 
 def truncated(distribution: Distribution, z: Any, low: Any, high: Any) -> jax.Array:

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jaxpound._checks import did_you_mean
 from jaxpound.config import (
     STEPS_PER_PERIOD,
     Keys,
     check_keys,
     example,
+    is_number,
     named,
     needed,
     pair,
     parse,
     read_text,
     require_stable,
+    shown,
     time_grid,
 )
-from jaxpound.distributions import Distribution, LogNormal, Normal, Uniform
+from jaxpound.distributions import RARE, LogNormal, Normal, Uniform, reach
 from jaxpound.ground import Record
+from jaxpound.quantities import RANGES, Range, with_unit
 from jaxpound.records import read_record
 from jaxpound.scenarios import RandomRecord, RandomRicker
 from jaxpound.scheme import Scheme, TimeGrid, stability_limit
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
 
-_KINDS: dict[str, Callable[[float, float], Distribution]] = {
+Stated = Normal | LogNormal | Uniform
+"""The distributions that a file can state."""
+
+_KINDS: dict[str, type[Normal] | type[LogNormal] | type[Uniform]] = {
     "normal": Normal,
     "lognormal": LogNormal,
     "uniform": Uniform,
@@ -39,11 +46,14 @@ _RECORDS = ("records", "units", "factor", "weights")
 def distribution(value: Any) -> str:
     """What is wrong with a distribution, or nothing."""
     rule = "{normal = [mean, std]}, {lognormal = [median, sigma]} or {uniform = [low, high]}"
-    if not (isinstance(value, dict) and len(value) == 1 and {*value} <= {*_KINDS}):
+    if not (isinstance(value, dict) and len(value) == 1):
         return rule
-    (given,) = value.values()
+    ((kind, given),) = value.items()
+    if kind not in _KINDS:
+        close = did_you_mean(kind, _KINDS)
+        return f"{rule}; {close}" if close else rule
     right = isinstance(given, list) and len(given) == 2
-    return "" if right and all(type(x) in (int, float) for x in given) else rule
+    return "" if right and all(map(is_number, given)) else f"{rule}, of finite numbers"
 
 
 def files(value: Any) -> str:
@@ -62,23 +72,26 @@ def flag(value: Any) -> str:
     return "" if isinstance(value, bool) else "true or false"
 
 
-def numbers(value: Any) -> str:
-    """What is wrong with a list of numbers, or nothing."""
-    right = isinstance(value, list) and value and all(type(x) in (int, float) for x in value)
-    return "" if right else "a list of numbers"
+def weights(value: Any) -> str:
+    """What is wrong with a list of relative frequencies, or nothing."""
+    right = isinstance(value, list) and value and all(map(is_number, value))
+    if not right:
+        return "a list of finite numbers"
+    allowed = RANGES["weight"]
+    return "" if all(x in allowed for x in value) else f"of numbers {allowed.rule}"
 
 
 EARTHQUAKES: dict[str, Any] = {
-    "wavelets": int,
+    "wavelets": RANGES["count"],
     "amplitude": distribution,
     "periods": distribution,
     "arrivals": distribution,
-    "negative": float,
+    "negative": RANGES["probability"],
     "intensity": distribution,
     "records": files,
     "units": word,
     "factor": distribution,
-    "weights": numbers,
+    "weights": weights,
 }
 """Allowed keys of the table [earthquakes]."""
 
@@ -92,11 +105,22 @@ def by_path(table: dict[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def scaled(value: dict[str, Any], factor: float) -> Distribution:
-    """A distribution of the file, times a factor."""
-    ((kind, (first, second)),) = value.items()
-    scaled = (first * factor, second if kind == "lognormal" else second * factor)
-    return _KINDS[kind](*scaled)
+def drawn(source: str, given: dict[str, Any], table: str, key: str, unit: str) -> Stated:
+    """The distribution of a key, in the file's unit."""
+    value = needed(source, given, table, key)
+    ((kind, numbers),) = value.items()
+    names = ("mean", "std", "median", "low", "high")
+    with named(f"{source}: [{table}] {key}:", dict.fromkeys(names, unit)):
+        return _KINDS[kind](*map(float, numbers))
+
+
+def scaled(distribution: Stated, factor: float) -> Stated:
+    """The distribution of a factor's multiples."""
+    if isinstance(distribution, LogNormal):
+        return LogNormal(distribution.median * factor, distribution.sigma)
+    if isinstance(distribution, Normal):
+        return Normal(distribution.mean * factor, distribution.std * factor)
+    return Uniform(distribution.low * factor, distribution.high * factor)
 
 
 def random_ground(
@@ -109,29 +133,54 @@ def random_ground(
         if key in table:
             rule = "be given with records" if by_record else "be given without records"
             raise ValueError(f"{source}: [earthquakes] {key} must not {rule}")
+    place = f"{source}: [earthquakes]"
+
+    def one(key: str) -> Stated:
+        allowed = RANGES[key]
+        found = drawn(source, given, "earthquakes", key, allowed.unit)
+        _require_reach(f"{place} {key}", table[key], found, allowed)
+        return found
+
     length, time = float(scales.length), float(scales.time)
     if not by_record:
-        wavelets, amplitude, periods, arrivals = (
-            needed(source, given, "earthquakes", key) for key in _WAVELETS[:4]
-        )
-        with named(f"{source}: [earthquakes]"):
+        wavelets = needed(source, given, "earthquakes", "wavelets")
+        amplitude, periods, arrivals = map(one, ("amplitude", "periods", "arrivals"))
+        intensity = one("intensity") if "intensity" in table else None
+        with named(place):
             waves = RandomRicker(
                 wavelets,
                 scaled(amplitude, 1 / length),
                 scaled(periods, 1 / time),
                 scaled(arrivals, 1 / time),
                 table.get("negative", 0.5),
-                scaled(table["intensity"], 1.0) if "intensity" in table else None,
+                intensity,
             )
         return waves, float("inf"), None
-    units = table.get("units", "g")
-    records = [read_record(folder / file, units=units) for file in table["records"]]
-    with named(f"{source}: [earthquakes]"):
-        factor = scaled(table["factor"], 1.0) if "factor" in table else None
+    records = read_records(f"{place} records", folder, table["records"], table.get("units", "g"))
+    factor = one("factor") if "factor" in table else None
+    with named(place):
         motions = tuple(scales.to_dimensionless(record) for record in records)
-        drawn = RandomRecord(motions, factor, table.get("weights"))
+        chosen = RandomRecord(motions, factor, table.get("weights"))
     shortest = min(float(record.dt) for record in records)
-    return drawn, shortest, max(float(record.duration) for record in records)
+    return chosen, shortest, max(float(record.duration) for record in records)
+
+
+def read_records(place: str, folder: Path, names: Iterable[str], units: str) -> list[Record]:
+    """The accelerograms of files beside a configuration; ``place`` is where it names them."""
+    try:
+        return [read_record(folder / name, units=units) for name in names]
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{place}: {str(error).removeprefix('read_record: ')}") from error
+
+
+def _require_reach(place: str, value: Any, found: Stated, allowed: Range) -> None:
+    """A ``ValueError`` for a distribution some of whose draws would be outside of a range."""
+    for end in reach(found):
+        if end not in allowed:
+            told = with_unit(f"{end:.4g}", allowed.unit)
+            often = "" if isinstance(found, Uniform) else f" once in {1 / RARE:,.0f} draws"
+            what = f"{place} = {shown(value)} reaches {told}{often}; it"
+            raise ValueError(f"{what} must stay {allowed.rule}")
 
 
 class Opened(NamedTuple):
@@ -162,7 +211,13 @@ class Opened(NamedTuple):
         duration = run.get("duration", longest)
         if duration is None:
             raise ValueError(f"{self.source}: lacks the key 'duration' in [run]")
-        return time_grid(self.source, self.scales, duration, dt)
+        grid = time_grid(self.source, self.scales, duration, dt)
+        if "arrivals" in (table := self.given["earthquakes"]):
+            within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
+            arrivals = drawn(self.source, self.given, "earthquakes", "arrivals", within.unit)
+            place = f"{self.source}: [earthquakes] arrivals"
+            _require_reach(place, table["arrivals"], arrivals, within)
+        return grid
 
 
 def opened(path: Path | None, kind: str, standard: str, keys: Keys, by_field: str) -> Opened:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -24,9 +25,52 @@ def known(x: Any) -> Any:
     return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
-def cell(x: float | None) -> str:
-    """A number of a table; a dash for none."""
-    return "-" if x is None else f"{x:.4g}"
+def cell(x: Any) -> str:
+    """A number of a table to four digits; a dash for none; words as they are."""
+    if x is None:
+        return "-"
+    if isinstance(x, str):
+        return x
+    return f"{float(f'{x:.4g}'):,.0f}" if 1e4 <= abs(x) < 1e10 else f"{x:.4g}"
+
+
+Row = Mapping[str, Any]
+"""A row of a table: its cells by the names of their columns."""
+
+
+def markdown_table(rows: Sequence[Row]) -> list[str]:
+    """A table's lines. Its header is the names of the rows' cells, so that they cannot part.
+
+    Raises
+    ------
+    ValueError
+        If there is no row, or one has other cells than the first or the same in another order.
+    """
+    header, *cells = _cells(rows)
+    lines = [header, ["---"] * len(header), *cells]
+    return [f"| {' | '.join(x.replace('|', chr(92) + '|') for x in line)} |" for line in lines]
+
+
+def text_table(rows: Sequence[Row]) -> list[str]:
+    """The same for the screen: numbers to the right, words to the left."""
+    cells = _cells(rows)
+    columns = []
+    for name, *column in zip(*cells, strict=True):
+        widest = max(map(len, (name, *column)))
+        words = all(isinstance(row[name], str) for row in rows)
+        columns.append([x.ljust(widest) if words else x.rjust(widest) for x in (name, *column)])
+    return ["  ".join(line).rstrip() for line in zip(*columns, strict=True)]
+
+
+def _cells(rows: Sequence[Row]) -> list[list[str]]:
+    """Names of the columns, and the rows' cells in their order."""
+    if not rows:
+        raise ValueError("table: rows = [] must hold a row")
+    names = list(rows[0])
+    for row in rows:
+        if list(row) != names:
+            raise ValueError(f"table: the cells of a row, {', '.join(row)}, must be {names}")
+    return [names, *([cell(x) for x in row.values()] for row in rows)]
 
 
 def paper_table(response: jp.Response, papers_own: float, initial_gap: float) -> str:
@@ -144,22 +188,25 @@ def as_text(summary: dict[str, Any]) -> str:
         f"{name} {energy / 1e3:.4g} kJ ({energy / supplied if supplied else 0:.0%})"
         for name, energy in taken.items()
     )
-    columns = [
+    quantities = [
         ("natural period", "period_s", 1, "s"),
         ("damping ratio", "damping_ratio", 100, "%"),
         ("peak displacement", "peak_displacement_m", 1, "m"),
-        ("peak absolute acc.", "peak_absolute_acceleration_m_per_s2", 1, "m/s2"),
+        ("peak absolute acceleration", "peak_absolute_acceleration_m_per_s2", 1, "m/s2"),
         ("peak base shear", "base_shear_N", 1e-3, "kN"),
+    ]
+    rows = [
+        {"": words}
+        | {f"building {i}": factor * results[f"building_{i}"][key] for i in (1, 2)}
+        | {"unit": unit}
+        for words, key, factor, unit in quantities
     ]
     lines = [
         f"Record   {record['file']}: PGA {record['pga_g']:.4g} g, {record['duration_s']:.6g} s",
         f"Run      {run['steps']} steps of {run['dt_s']:.4g} s; {run['method']}",
         "",
-        f"{'':20}{'building 1':>12}{'building 2':>12}",
+        *text_table(rows),
     ]
-    for words, key, factor, unit in columns:
-        both = (factor * results[f"building_{i}"][key] for i in (1, 2))
-        lines.append(f"{words:20}{''.join(f'{value:12.4g}' for value in both)} {unit}")
     lines += [
         "",
         f"Gap      {given['gap']:.4g} m at rest, smallest {results['min_gap_m']:.4g} m "

@@ -35,6 +35,7 @@ SERIES = {
     "f2": "force",
     "friction": "force",
     "gap": "length",
+    "ground_velocity": "velocity",
     "slip_direction": None,
 }
 """Quantity of each series of a run, as ``Response.to_columns`` names them."""

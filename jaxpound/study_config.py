@@ -6,25 +6,32 @@ import dataclasses
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
+from statistics import NormalDist
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxpound.chunks import Measure
-from jaxpound.config import BUILDING, RUN, Keys, named
+from jaxpound.config import PAIR, Keys, in_si, named, require_plausible, shown
+from jaxpound.distributions import RARE, Distribution
 from jaxpound.earthquake_config import (
     EARTHQUAKES,
     distribution,
+    drawn,
     flag,
     opened,
     scaled,
 )
 from jaxpound.ground import GroundLike
 from jaxpound.intensity import spectral_acceleration
+from jaxpound.quantities import RANGES
 from jaxpound.scenarios import (
     PARAMETERS,
     Scenarios,
     UncertainStructures,
+    replaced,
 )
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
@@ -32,19 +39,14 @@ from jaxpound.units import Scales
 
 EXAMPLE = "example_study.toml"
 
-_KEYS: Keys = {
-    "": {"gap": float},
-    "building_1": BUILDING,
-    "building_2": BUILDING,
-    "damper": {"friction_force": float},
+_KEYS: Keys = PAIR | {
     "earthquakes": EARTHQUAKES,
     "uncertain": dict.fromkeys(PARAMETERS, distribution),
-    "run": RUN,
     "study": {
-        "samples": int,
-        "seed": int,
+        "samples": RANGES["count"],
+        "seed": RANGES["seed"],
         "sampling": ("plain", "sobol"),
-        "chunk_size": int,
+        "chunk_size": RANGES["count"],
         "keep_failures": flag,
         "spectral_acceleration": flag,
     },
@@ -75,32 +77,18 @@ def read_study(path: Path | None) -> StudyConfiguration:
     Raises
     ------
     OSError
-        If the file, or a record that it names, cannot be read.
+        If the file cannot be read.
     ValueError
-        As ``config.read_config``.
+        As ``config.read_config``, and for a record that it names and that cannot be read.
     """
     read = opened(path, "study", EXAMPLE, _KEYS, by_field="uncertain")
     source, given, structures, grid = read.source, read.given, read.structures, read.grid()
     study = given.get("study", {})
-    samples, chunk_size = study.get("samples", 10_000), study.get("chunk_size")
-    for key, value in (("samples", samples), ("chunk_size", chunk_size)):
-        if value is not None and value < 1:
-            raise ValueError(f"{source}: [study] {key} = {value} must be positive")
-    if not 0 <= (seed := study.get("seed", 0)) < 2**32:
-        raise ValueError(f"{source}: [study] seed = {seed} must be from 0 to 2^32 - 1")
-    drawn: AdjacentStructures | UncertainStructures = structures
-    if uncertain := given.get("uncertain", {}):
-        with named(f"{source}: [uncertain]"):
-            drawn = UncertainStructures(
-                structures,
-                {
-                    path: scaled(value, float(attrgetter(path)(structures)))
-                    for path, value in uncertain.items()
-                },
-            )
-    with named(f"{source}:"):
-        scenarios = Scenarios(drawn, read.ground)
-    sampling = study.get("sampling", "plain")
+    uncertain = _uncertain(source, given, structures, read.scales)
+    if not (uncertain or read.ground.dimension):
+        rule = "[uncertain], a factor on the record, or several records"
+        raise ValueError(f"{source}: nothing is random; it must have {rule}")
+    scenarios = Scenarios(uncertain or structures, read.ground)
     measures: dict[str, Measure] = {}
     if study.get("spectral_acceleration", False):
         gravity = float(read.scales.gravity)
@@ -114,13 +102,46 @@ def read_study(path: Path | None) -> StudyConfiguration:
         read.scales,
         grid,
         read.scheme,
-        samples,
-        seed,
-        sampling,
-        chunk_size,
+        study.get("samples", 10_000),
+        study.get("seed", 0),
+        study.get("sampling", "plain"),
+        study.get("chunk_size"),
         study.get("keep_failures", False),
         measures,
     )
+
+
+def _uncertain(
+    source: str, given: dict[str, Any], structures: AdjacentStructures, scales: Scales
+) -> UncertainStructures | None:
+    """The uncertain structures; in the file distributions are of factors on what it states."""
+    if not (table := given.get("uncertain")):
+        return None
+    parameters = in_si(structures, scales)
+    made: dict[str, dict[str, Distribution]] = {"SI": {}, "dimensionless": {}}
+    for path in table:
+        place, factor = f"{source}: [uncertain] {path}", drawn(source, given, "uncertain", path, "")
+        for units, nominal in (("SI", parameters), ("dimensionless", structures)):
+            value = float(attrgetter(path)(nominal))
+            if not value:
+                raise ValueError(f"{place} must be of a value above 0, for factors on it")
+            with named(f"{place}:"):
+                made[units][path] = scaled(factor, value)
+    with named(f"{source}: [uncertain], in SI units:"):
+        physical = UncertainStructures(parameters, made["SI"])
+    # Each at its two ends, the others at their medians.
+    z = NormalDist().inv_cdf(RARE)
+    ends = np.array([z, -z])[:, None, None] * np.eye(len(table))
+    rows = jax.jit(jax.vmap(jax.vmap(physical.parameters)))(ends)
+    extremes = []
+    for i, (path, value) in enumerate(table.items()):
+        place = f"{source}: [uncertain] {path} = {shown(value)}, once in {1 / RARE:,.0f} draws:"
+        for end in (0, 1):
+            with named(place):
+                at = replaced(parameters, {x: float(rows[x][end, i]) for x in table})
+            extremes.append((place, path, at))
+    require_plausible(extremes, scales)
+    return UncertainStructures(structures, made["dimensionless"])
 
 
 def _spectral_acceleration(

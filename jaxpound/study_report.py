@@ -10,7 +10,8 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.estimates import Estimate
-from jaxpound.report import cell, known
+from jaxpound.quantities import in_words, unit_of
+from jaxpound.report import cell, known, markdown_table
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
 """Probabilities of exceedance for which the required gap is told."""
@@ -23,7 +24,7 @@ INTENSITIES = {
 }
 """Measures of intensity by which fragility is told, where the study has them."""
 
-_QUANTILES = (0.05, 0.5, 0.95)
+_QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
 _MOST_CORRELATIONS = 8
 
 
@@ -65,8 +66,9 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
         if name in identity["parameters"] or name == "pounds":
             continue
         m = study.moments(name)
-        quantiles = np.quantile(study.finite(name), _QUANTILES).tolist()
+        quantiles = np.quantile(study.finite(name), list(_QUANTILES)).tolist()
         row = {
+            "unit": unit_of(name, study.scales is not None),
             "mean": m.mean,
             "std": m.std,
             **dict(zip((f"quantile_{q:g}" for q in _QUANTILES), quantiles, strict=True)),
@@ -94,9 +96,7 @@ def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
 
 def intensity_unit(study: jp.Study, name: str) -> str:
     """Unit of a measure of intensity."""
-    if study.scales is None:
-        return "g/ω1" if name == "pgv" else "g"
-    return "m/s" if name == "pgv" else "m/s²"
+    return unit_of(name, study.scales is not None)
 
 
 def _numbers(estimate: Estimate) -> dict[str, float | None]:
@@ -107,7 +107,6 @@ def _numbers(estimate: Estimate) -> dict[str, float | None]:
 def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
     """One page."""
     si = answers["units"] == "SI"
-    length = "m" if si else "g/ω1²"
     p = answers["pounding_probability"]
     complete = answers["samples"] == answers["samples_asked_for"]
     lines = [
@@ -116,51 +115,65 @@ def as_markdown(answers: dict[str, Any], figures: list[str]) -> str:
         f"{answers['samples']:,} scenarios"
         + ("" if complete else f" of {answers['samples_asked_for']:,} asked for (unfinished)")
         + f", {answers['failed']:,} failed; {answers['sampling']} sampling; "
-        f"jaxpound {answers['made_by']['jaxpound']}. Intervals are of 95 %.",
+        f"jaxpound {answers['made_by']['jaxpound']}. Intervals are of 95 %."
+        + ("" if si else " Units are those of the dimensionless system."),
         "",
-        f"**Probability of pounding: {_told(p)}**",
+        f"**Probability of pounding: {cell(p['value'])} ({_interval(p)})**",
         "",
-        f"| exceeded with probability | required gap ({length}) | interval | absolute sum | SRSS "
-        "| double difference |",
-        "|---|---|---|---|---|---|",
-    ]
-    for share, row in answers["required_gap"].items():
-        rules = " | ".join(f"{row[k]:.4g}" for k in ("absolute_sum", "srss", "double_difference"))
-        lines.append(f"| {share} | {row['value']:.4g} | {_interval(row)} | {rules} |")
-    lines += [
+        *markdown_table(
+            [
+                {
+                    "exceeded with probability": share,
+                    "unit": unit_of("required_gap", si),
+                    "required gap": row["value"],
+                    "95 % interval": _interval(row),
+                    "absolute sum": row["absolute_sum"],
+                    "SRSS": row["srss"],
+                    "double difference": row["double_difference"],
+                }
+                for share, row in answers["required_gap"].items()
+            ]
+        ),
         "",
         "The rules of codes combine the peak displacements that are exceeded with the same "
         "probability; the double difference's correlation coefficient is "
         f"{answers['double_difference_correlation']:.3g}. They were made for buildings without a "
         "damper between them.",
         "",
-        "| demand (" + ("SI units" if si else "dimensionless") + ") | mean | std | 5 % | median "
-        "| 95 % | largest |",
-        "|---|---|---|---|---|---|---|",
+        *markdown_table(
+            [
+                {
+                    "demand": in_words(name),
+                    "unit": row["unit"] or "of the measure",
+                    "mean": row["mean"],
+                    "standard deviation": row["std"],
+                    **{words: row[f"quantile_{q:g}"] for q, words in _QUANTILES.items()},
+                    "largest": row["largest"],
+                }
+                for name, row in answers["demands"].items()
+            ]
+        ),
     ]
-    for name, row in answers["demands"].items():
-        lines.append(f"| {name} | " + " | ".join(map(cell, row.values())) + " |")
     if correlations := answers["correlations_with_required_gap"]:
         told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
         lines += ["", f"Rank correlation with the required gap: {told}."]
-    if answers["fragility"]:
-        lines += [
-            "",
-            "| fragility by | median θ | its standard error | dispersion β | its standard error |",
-            "|---|---|---|---|---|",
+    if fragility := answers["fragility"]:
+        rows = [
+            {
+                "fragility by": in_words(name),
+                "unit": curve["unit"],
+                "median θ": curve["median"],
+                "standard error of θ": curve["median_error"],
+                "dispersion β": curve["dispersion"],
+                "standard error of β": curve["dispersion_error"],
+            }
+            for name, curve in fragility.items()
         ]
-    for name, curve in answers["fragility"].items():
-        numbers = (curve[k] for k in ("median", "median_error", "dispersion", "dispersion_error"))
-        row = " | ".join(f"{x:.3g}" for x in numbers)
-        lines.append(f"| {name.replace('_', ' ')} ({curve['unit']}) | {row} |")
+        lines += ["", *markdown_table(rows), "", "The dispersion is that of the logarithm."]
     lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)
 
 
-def _told(estimate: dict[str, Any]) -> str:
-    return f"{estimate['value']:.4g} ({_interval(estimate)})"
-
-
 def _interval(estimate: dict[str, Any]) -> str:
     ends = (estimate["low"], estimate["high"])
-    return " to ".join("not known" if x is None else f"{x:.4g}" for x in ends)
+    return " to ".join("not known" if x is None else cell(x) for x in ends)

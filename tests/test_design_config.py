@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from test_cli import edited, is_figure
+from test_report import number, tables
 from test_study_config import run
 
 import jaxpound as jp
 from jaxpound import cli, config, design_config
+from jaxpound.quantities import in_words
+from jaxpound.report import cell
 
 EXAMPLE = config.example("example_design.toml")
 SMALL = {
@@ -76,6 +79,7 @@ def test_a_design_from_the_command_line(write, tmp_path):
     printed = run("design", path, "--record", record, "--out", out, "--save", save)
     assert "trained on 13 earthquakes (SI)" in printed
     assert "fresh: 20 earthquakes (SI)" in printed
+    assert re.search(r"(?m)^slip force of the damper +N +200,000 +8\d\d,\d00 ", printed)
     written = [line for line in printed.splitlines() if line.startswith(str(out))]
     assert sorted(map(str, out.iterdir())) == sorted(written)
     assert save.exists()
@@ -95,10 +99,58 @@ def test_a_design_from_the_command_line(write, tmp_path):
         force["reached"], rel=2e-3
     )
     page = (out / "summary.md").read_text()
-    assert "Recorded earthquake shake: smallest gap" in page
+    assert_page_says(page, answers, buildings)
     for name in re.findall(r"\((\w+\.png)\)", page):
         assert imread(out / name).size
     assert is_figure(out / "convergence.png")
+
+
+def assert_page_says(page, answers, buildings):
+    """Every number of the page stands under the name of its column."""
+    answer, rods, limits, *compared, recorded = tables(page)
+    nominal = design_config.read_design(None)
+    first, second, force, gap = nominal.scales.buildings(nominal.space.nominal)
+    expected = [
+        ("slip force of the damper", "N", force, buildings.given["damper"]["friction_force"]),
+        ("gap at rest", "m", gap, buildings.given["gap"]),
+    ]
+    for i, before, after in ((1, first, buildings.building_1), (2, second, buildings.building_2)):
+        at = f"of building {i}"
+        for name, unit, factor in (("natural_period", "s", 1), ("damping_ratio", "%", 100)):
+            both = (factor * float(getattr(building, name)) for building in (before, after))
+            expected.append((f"{name.replace('_', ' ')} {at}", unit, *both))
+    for row, (quantity, unit, before, after) in zip(answer, expected, strict=True):
+        assert (row["quantity"], row["unit"]) == (quantity, unit)
+        assert row["before"] == cell(float(before))
+        assert number(row["after"]) == pytest.approx(float(after), rel=1e-3)
+        change = pytest.approx(float(after - before), rel=1e-2, abs=1e-3 * abs(float(after)))
+        assert number(row["change"]) == change
+    assert {row["parameter of a rod"] for row in rods} == {
+        path for path in answers["variables"] if path.startswith("rod_")
+    }
+    for row in rods:
+        rod, _, name = row["parameter of a rod"].partition(".")
+        own = getattr(buildings, rod.replace("rod", "building"))
+        assert number(row["after"]) == pytest.approx(float(getattr(own, name)), rel=1e-3)
+        assert row["unit"] == "s^order"
+    assert [row["unit"] for row in limits] == ["N", "N"]
+    for key, (gaps, demands) in zip(
+        ("trained", "fresh"), (compared[:2], compared[2:]), strict=True
+    ):
+        for tail, rows in (("5 % quantile", gaps), ("95 % quantile", demands)):
+            for row in rows:
+                (own,) = (
+                    x
+                    for name, x in answers[key]["demands"].items()
+                    if in_words(name) == row["demand"]
+                )
+                assert row["unit"] == own["unit"] != ""
+                for when in ("before", "after"):
+                    assert row[f"mean {when}"] == cell(own[f"mean_{when}"])
+                    assert row[f"{tail} {when}"] == cell(own[f"tail_{when}"])
+    (row,) = recorded
+    assert row["recorded earthquake"] == "shake"
+    assert row["smallest gap after"] == cell(answers["recorded"]["shake"]["min_gap_after"])
 
 
 @pytest.mark.parametrize(
@@ -108,27 +160,45 @@ def test_a_design_from_the_command_line(write, tmp_path):
         ({"friction = {": "friction = [0, 5]"}, "[variables] friction = [0, 5] must be {low"),
         (
             {"friction = {": "friction = {low = 5.0, high = 1.0}"},
-            "[variables] friction: high = 1 must be above low = 5",
+            "[variables] friction: high = 1 must be finite and above low = 5",
         ),
         ({"friction_force": "friction_force = 0"}, "friction must be of a value above 0"),
-        ({"seed": "seed = 4294967296"}, "[search] seed = 4294967296 must be below 2^32"),
+        ({"seed": "seed = 4294967296"}, "[search] seed = 4294967296 must be from 0 to 4294967295"),
         ({"# batch": "batch = 6400"}, "[search] batch = 6400 must be at most the number of"),
         ({"[variables]": "[recorded]\nfiles = []\n[variables]"}, "[recorded] files = [] must be"),
-        ({"friction = {": "friction = {low = 2.0, high = 5.0}"}, "start: DesignSpace: friction"),
-        ({"goal": 'goal = "gap"'}, "[objective] goal = 'gap' must be one of"),
+        (
+            {"friction = {": "friction = {low = 2.0, high = 5.0}"},
+            "[variables] friction = {low = 2.0, high = 5.0} must hold the factor 1",
+        ),
+        (
+            {"friction = {": "friction = {low = 0.0, high = 1e6}"},
+            "at a bound: [damper] friction_force = 2e+11 N must be between 0 and 1e+10 N",
+        ),
+        ({"friction = {": "friction = {low = 0.0, hihg = 5.0}"}, "did you mean 'high'?"),
+        (
+            {'"rod_1.tau_f"': '"rod_1.tau_f" = {low = 0.5, high = 1000}'},
+            "[variables] rod_1.tau_f = 3.7846988 s^order, as large as it may be, must be below "
+            "tau_x = 0.32098712 s^order",
+        ),
+        ({'"rod_1.tau_x"': '"rod_1.tau_x" = {low = 0.5, high = 1e6}'}, "[building_1] natural per"),
+        ({"goal": 'goal = "gap"'}, '[objective] goal = "gap" must be one of'),
+        ({"goal": 'goal = "men gap"'}, "did you mean 'mean gap'?"),
         ({"# share": "share = 0.1"}, "[objective] share must not be given with goal"),
         ({"goal": 'goal = "soft minimum"'}, "lacks the key 'temperature' in [objective]"),
         (
             {"goal": 'goal = "CVaR"', "# share": "share = 2.0"},
-            "[objective] share = 2 must be between 0 and 1",
+            "[objective] share = 2.0 must be between 1e-06 and 1 (of the",
         ),
         ({"peak_f1": "peak_f3 = 1.0"}, "[limits] has an unknown key 'peak_f3'"),
-        ({"peak_f1": "peak_f1 = -1.0"}, "[limits] peak_f1: at_most = -1 must be positive"),
+        (
+            {"peak_f1": "peak_f1 = -1.0"},
+            "[limits] peak_f1 = -1.0 must be between 1e-06 and 1e+12 N",
+        ),
         ({"peak_f1": 'peak_f1 = {at_most = 1.0, over = "x"}'}, "peak_f1: over = 'x' must be"),
-        ({"starts": "starts = 0"}, "[search] starts = 0 must be positive"),
-        ({"earthquakes = 256": "earthquakes = 0"}, "[search] earthquakes = 0 must be positive"),
+        ({"starts": "starts = 0"}, "[search] starts = 0 must be from 1 to"),
+        ({"earthquakes = 256": "earthquakes = 0"}, "[search] earthquakes = 0 must be from 1 to"),
         ({"duration": ""}, "lacks the key 'duration' in [run]"),
-        ({"gap": "gap = -0.1"}, "gap = -0.1 must be finite and not negative"),
+        ({"gap": "gap = -0.1"}, "gap = -0.1 m must be between 0 and 10 m ("),
     ],
 )
 def test_what_is_wrong_is_named(write, changes, message, capsys, tmp_path):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound.distributions import truncated
+from jaxpound.distributions import reach, truncated
 
 CASES = [
     (jp.Normal(2.0, 0.5), stats.norm(2.0, 0.5)),
@@ -57,6 +57,12 @@ def test_a_distribution_that_does_not_reach_the_interval_gives_its_nearer_end():
     z = jnp.linspace(-3, 3, 5)
     np.testing.assert_array_equal(truncated(jp.Uniform(0.0, 1.0), z, 2.0, 3.0), 2.0)
     np.testing.assert_array_equal(truncated(jp.Uniform(4.0, 5.0), z, 2.0, 3.0), 3.0)
+
+
+@pytest.mark.parametrize(("ours", "theirs"), CASES, ids=lambda x: type(x).__name__)
+def test_a_distribution_reaches_its_bounds_or_the_quantiles_of_one_in_a_million(ours, theirs):
+    p = (0, 1) if isinstance(ours, jp.Uniform) else (1e-6, 1 - 1e-6)
+    np.testing.assert_allclose(reach(ours), theirs.ppf(p), rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The units that results name are those that ``Scales`` converts them to."""
+"""Units are those that ``Scales`` converts to; every number of a configuration has a range."""
 
 import dataclasses
 
@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.quantities import DIMENSIONLESS, SI, column, kind_of, unit, unit_of
+from jaxpound import config, design_config, objectives, study_config
+from jaxpound.quantities import (
+    DEMANDS,
+    DIMENSIONLESS,
+    RANGES,
+    SI,
+    Range,
+    column,
+    in_words,
+    kind_of,
+    unit,
+    unit_of,
+)
 from jaxpound.response import SERIES
 
 SCALES = jp.Scales(mass=3.0, frequency=0.7, gravity=11.0)
@@ -47,3 +59,31 @@ def test_units_in_words_and_in_names():
     assert [unit_of(name, True) for name in ("peak_f1", "pounds")] == ["N", ""]
     assert column("pga", "acceleration", True) == "pga_m_per_s2"
     assert column("pga", "acceleration", False) == column("pga", None, True) == "pga"
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_a_range_is_one_and_says_why(name):
+    allowed = RANGES[name]
+    assert allowed.low < allowed.high < np.inf
+    assert allowed.low in allowed
+    assert allowed.high in allowed
+    assert np.nextafter(allowed.low, -np.inf) not in allowed
+    assert np.nan not in allowed
+    assert "1" not in allowed
+    assert allowed.why
+    assert allowed.unit in allowed.rule
+
+
+@pytest.mark.parametrize("module", [config, study_config, design_config])
+def test_every_number_of_a_configuration_has_a_range(module):
+    for table, keys in module._KEYS.items():
+        for key, kind in keys.items():
+            assert isinstance(kind, Range | tuple) or callable(kind), (table, key)
+
+
+def test_every_demand_has_a_unit_and_words():
+    demands = {field.name for field in dataclasses.fields(jp.Demand)} - {"si"}
+    assert demands | {"required_gap", *objectives.PRICES} <= {*DEMANDS}
+    assert {*SI} == {*DIMENSIONLESS} == {kind for kind, _ in DEMANDS.values()}
+    assert (unit_of("peak_f1", si=True), unit_of("peak_f1", si=False)) == ("N", "m1 g")
+    assert (unit_of("own_measure", si=True), in_words("own_measure")) == ("", "own measure")

@@ -9,15 +9,19 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from test_cli import edited, is_figure, run
+from test_report import tables
 
 import jaxpound as jp
 from jaxpound import cli, config, study_config
+from jaxpound.quantities import in_words
+from jaxpound.report import cell
 
 EXAMPLE = config.example(study_config.EXAMPLE)
 SMALL = {
     "duration = ": "duration = 3.0",
     "samples = ": "samples = 40",
     "wavelets = ": "wavelets = 2",
+    "arrivals = ": "arrivals = {uniform = [0.5, 2.5]}",
 }
 
 
@@ -102,13 +106,35 @@ def test_rods_may_be_named_with_and_without_quotation_marks(write):
         ({"wavelets": ""}, "lacks the key 'wavelets' in [earthquakes]"),
         (
             {"wavelets": "wavelets = 0"},
-            "[earthquakes] wavelets = 0 must be a positive whole",
+            "[earthquakes] wavelets = 0 must be from 1 to 2147483648",
         ),
         ({"amplitude": "amplitude = 0.3"}, "[earthquakes] amplitude = 0.3 must be {normal = [mean"),
         ({"amplitude": "amplitude = {beta = [1, 2]}"}, "must be {normal = [mean, std]}, {logn"),
         ({"amplitude": "amplitude = {normal = [1]}"}, "must be {normal = [mean, std]}, {logn"),
-        ({"periods": "periods = {uniform = [2, 1]}"}, "[earthquakes] high = "),
-        ({"negative": "negative = 2.0"}, "[earthquakes] negative = 2 must be between 0 and 1"),
+        (
+            {"periods": "periods = {uniform = [2, 1]}"},
+            "[earthquakes] periods: high = 1 s must be finite and above low = 2 s",
+        ),
+        (
+            {"amplitude": "amplitude = {uniform = [0.04, 0.01]}"},
+            "[earthquakes] amplitude: high = 0.01 m must be finite and above low = 0.04 m",
+        ),
+        (
+            {"amplitude": "amplitude = {lognormal = [-0.04, 0.2]}"},
+            "[earthquakes] amplitude: median = -0.04 m must be positive",
+        ),
+        ({"amplitude": "amplitude = {unifrom = [1, 2]}"}, "did you mean 'uniform'?"),
+        ({"amplitude": "amplitude = {uniform = [0, nan]}"}, "of finite numbers"),
+        (
+            {"friction = {": "friction = {uniform = [2, 1]}"},
+            "[uncertain] friction: high = 1 must be finite and above low = 2",
+        ),
+        (
+            {'"rod_1.tau_x"': '"rod_1.tau_x" = {normal = [0.01, 1e-4]}'},
+            "[uncertain], in SI units: rod_1.tau_x ~ Normal(mean=0.00064",
+        ),
+        ({"friction_force": "friction_force = 0"}, "[uncertain] friction must be of a value above"),
+        ({"negative": "negative = 2.0"}, "[earthquakes] negative = 2.0 must be between 0 and 1"),
         ({"wavelets": 'records = ["a"]'}, "[earthquakes] amplitude must not be given with records"),
         ({"wavelets": "wavelets = 4\nunits = 'g'"}, "units must not be given without records"),
         ({"negative": "records = []"}, "[earthquakes] records = [] must be a list of files"),
@@ -119,13 +145,13 @@ def test_rods_may_be_named_with_and_without_quotation_marks(write):
         ({"duration": ""}, "lacks the key 'duration' in [run]"),
         ({"duration": "duration = 0.001"}, "[run] duration = 0.001 s must be between 2 and"),
         ({"# dt": "dt = 5.0"}, "[run] dt = 5 s must be positive and below the stability limit"),
-        ({"samples": "samples = 0"}, "[study] samples = 0 must be positive"),
+        ({"samples": "samples = 0"}, "[study] samples = 0 must be from 1 to"),
         ({"seed": "seed = -1"}, "[study] seed = -1 must be from 0"),
         (
             {"sampling": 'sampling = "halton"'},
-            "sampling = 'halton' must be one of \"plain\"",
+            '[study] sampling = "halton" must be one of "plain", "sobol"',
         ),
-        ({"gap": "gap = -0.1"}, "gap = -0.1 must be finite and not negative"),
+        ({"gap": "gap = -0.1"}, "gap = -0.1 m must be between 0 and 10 m ("),
         ({"[damper]": "[dampers]"}, "unknown key 'dampers'; did you mean 'damper'?"),
     ],
 )
@@ -138,11 +164,110 @@ def test_what_is_wrong_is_named_with_its_place(write, changes, message, capsys, 
     assert not (tmp_path / "st").exists()
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"periods": "periods = {uniform = [1e-6, 2e-6]}"},
+            "[earthquakes] periods = {uniform = [1e-06, 2e-06]} reaches 1e-06 s; it must stay "
+            "between 0.001 and 60 s",
+        ),
+        ({"periods": "periods = {uniform = [-2, -1]}"}, "reaches -2 s; it must stay between 0.001"),
+        (
+            {"periods": "periods = {normal = [1.0, 0.3]}"},
+            "[earthquakes] periods = {normal = [1.0, 0.3]} reaches -0.426 s once in",
+        ),
+        (
+            {"arrivals": "arrivals = {uniform = [20, 30]}"},
+            "[earthquakes] arrivals = {uniform = [20, 30]} reaches 20 s; it must stay between 0 "
+            "and 12 s (the run",
+        ),
+        ({"arrivals": "arrivals = {uniform = [-1, 2]}"}, "reaches -1 s; it must stay between 0"),
+        (
+            {"intensity": "intensity = {lognormal = [1.0, 21.0]}"},
+            "[earthquakes] intensity = {lognormal = [1.0, 21.0]} reaches 2.25e+43 once in",
+        ),
+        ({"intensity": "intensity = {normal = [1.0, 0.5]}"}, "reaches -1.377 once in 1,000,000"),
+        ({"amplitude": "amplitude = {uniform = [10, 40]}"}, "reaches 40 m; it must stay between"),
+        (
+            {"friction = {": "friction = {lognormal = [1.0, 100]}"},
+            "[uncertain] friction = {lognormal = [1.0, 100]}, once in 1,000,000 draws: [damper] "
+            "friction_force = 5.49066e+211 N must be between 0 and 1e+10 N",
+        ),
+        (
+            {"stiffness_ratio": "mass_ratio = {lognormal = [1e-7, 0.1]}"},
+            "[uncertain] mass_ratio = {lognormal = [1e-07, 0.1]}, once in 1,000,000 draws: "
+            "[building_2] mass = ",
+        ),
+        (
+            {"stiffness_ratio": "stiffness_ratio = {uniform = [1.0, 1e6]}"},
+            "[building_2] natural period = 0.00026429 s must be between 0.002 and 60 s",
+        ),
+    ],
+)
+def test_nonsense_is_refused_before_the_first_run(write, changes, message, capsys, tmp_path):
+    assert cli.main(["montecarlo", str(write(changes)), "--store", str(tmp_path / "st")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "st").exists()
+
+
+def test_weights_whose_sum_overflows_are_refused(write, tmp_path, capsys):
+    head, tail = EXAMPLE.split("[earthquakes]", 1)
+    table = '[earthquakes]\nrecords = ["a.csv", "b.csv"]\nweights = [1e308, 1e308]\n'
+    path = write(text=head + table + tail[tail.index("\n[uncertain]") :])
+    assert cli.main(["montecarlo", str(path), "--store", str(tmp_path / "st")]) == 2
+    message = "[earthquakes] weights = [1e+308, 1e+308] must be of numbers between 0 and 1e+09"
+    assert message in capsys.readouterr().err
+
+
+def test_a_laboratory_s_models_and_towers_are_plausible(write):
+    """What is far from the example, and yet is built."""
+    model = {
+        "mass": "mass = 5.0",
+        "period": "period = 0.01",
+        "friction_force": "friction_force = 0.5",
+        "gap": "gap = 0.001",
+        "amplitude": "amplitude = {uniform = [1e-5, 1e-4]}",
+        "periods": "periods = {uniform = [0.005, 0.02]}",
+        "arrivals": "arrivals = {uniform = [0.05, 0.3]}",
+        "duration": "duration = 0.5",
+    }
+    tower = {
+        "mass": "mass = 5e8",
+        "period": "period = 11.0",
+        "friction_force": "friction_force = 5e7",
+        "gap": "gap = 2.0",
+        "amplitude": "amplitude = {uniform = [0.1, 2.0]}",
+        "periods": "periods = {uniform = [1.0, 15.0]}",
+        "arrivals": "arrivals = {uniform = [10.0, 250.0]}",
+        "duration": "duration = 300.0",
+    }
+    for changes in (model, tower):
+        text = edited(EXAMPLE, changes)
+        head, tail = text.split("[building_2]", 1)
+        second = edited(tail, {key: changes[key] for key in ("mass", "period")})
+        study = study_config.read_study(write(text=f"{head}[building_2]{second}"))
+        assert study.grid.n_steps > 100
+
+
+def test_a_study_in_which_nothing_is_random_is_refused(write, tmp_path, capsys):
+    rows = np.column_stack([0.02 * np.arange(80), 0.1 * np.sin(0.1 * np.arange(80))])
+    np.savetxt(tmp_path / "one.csv", rows, delimiter=",")
+    head, tail = EXAMPLE.split("[earthquakes]", 1)
+    text = head + '[earthquakes]\nrecords = ["one.csv"]\n' + tail[tail.index("\n[run]") :]
+    path = write(text=text)
+    assert cli.main(["montecarlo", str(path), "--store", str(tmp_path / "st")]) == 2
+    assert f"{path}: nothing is random; it must have [uncertain]" in capsys.readouterr().err
+
+
 def test_a_missing_record_is_named(write, tmp_path, capsys):
     head, tail = EXAMPLE.split("[earthquakes]", 1)
     text = head + '[earthquakes]\nrecords = ["none.at2"]\n' + tail[tail.index("\n[uncertain]") :]
     assert cli.main(["montecarlo", str(write(text=text)), "--store", str(tmp_path / "st")]) == 2
-    assert "none.at2: no such file" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert re.search(r"study.toml: \[earthquakes\] records: \S*none.at2: no such file", error)
 
 
 def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_path):
@@ -178,6 +303,19 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
     for name in re.findall(r"\((\w+\.png)\)", page):
         assert imread(out / name).size
     assert is_figure(out / "convergence.png")
+    gaps, demands, fragility = tables(page)
+    row = summary["required_gap"]["0.05"]
+    (gap,) = (x for x in gaps if x["exceeded with probability"] == "0.05")
+    assert (gap["unit"], gap["SRSS"]) == ("m", cell(row["srss"]))
+    for name, row in summary["demands"].items():
+        (told,) = (x for x in demands if x["demand"] == in_words(name))
+        assert told["unit"] == row["unit"] != ""
+        assert told["5 % quantile"] == cell(row["quantile_0.05"])
+        assert told["95 % quantile"] == cell(row["quantile_0.95"])
+    assert {x["unit"] for x in demands} == {"m", "s", "N", "m/s", "m/s²", "J"}
+    for name, told in zip(summary["fragility"], fragility, strict=True):
+        assert told["median θ"] == cell(summary["fragility"][name]["median"])
+        assert told["unit"] == summary["fragility"][name]["unit"] != ""
 
     more = run("montecarlo", path, "--store", store, "--samples", 50)
     assert "Study of 50 scenarios" in more
