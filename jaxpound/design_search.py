@@ -317,24 +317,15 @@ class Sought:
                     break
                 state, here, _ = program(state, given)
                 here, alive, best = jax.device_get((here, state.alive, state.best))
-                met.append(
-                    Met(
-                        here.shares,
-                        here.objective,
-                        here.violation,
-                        here.prices,
-                        alive,
-                        best.infeasible,
-                        best.merit,
-                    )
-                )
+                met.append(Met.at(here, alive, best))
                 if not alive.any():
                     self._refuse_all(best, met)
                 if saved is not None and len(met) % _SAVE_EVERY == 0:
                     saved.write(state, met)
                 told = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
                 bar.update()
-                bar.set_postfix({"objective": f"{told:.5g}"}, refresh=False)
+                if np.isfinite(told):  # else nothing within the limits was found yet
+                    bar.set_postfix({"objective": f"{told:.5g}"}, refresh=False)
                 answer = callback and callback(self._progress(len(met), here, told))
                 if isinstance(answer, bool | np.bool_) and answer:
                     reason = _CALLBACK

@@ -11,7 +11,7 @@ from jaxpound._checks import Rule, enforce, require_share
 
 
 class Estimate(NamedTuple):
-    """An estimate and its confidence interval."""
+    """An estimate and its confidence interval; an end that is not known is infinite or NaN."""
 
     value: float
     low: float
@@ -19,6 +19,8 @@ class Estimate(NamedTuple):
     confidence: float = 0.95
 
     def __str__(self) -> str:
+        if not np.isfinite([self.low, self.high]).any():
+            return f"{self.value:.4g} (no {self.confidence:.0%} interval)"
         return f"{self.value:.4g} ({self.confidence:.0%}: {self.low:.4g} to {self.high:.4g})"
 
 

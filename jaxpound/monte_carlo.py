@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from functools import partial
@@ -124,7 +125,7 @@ def monte_carlo(
     _check(scenarios, n, grid, scheme, sampling, measures or {}, scales, shard)
     if store is None and shard != (1, 1):
         raise ValueError(f"monte_carlo: shard = {shard} must come with a store to fill")
-    begun = store is not None and (Path(store) / MANIFEST).exists()
+    begun = store is not None and os.path.lexists(Path(store) / MANIFEST)
     if store is not None and begun and chunk_size is None:
         chunk_size = Store(store).chunk_size
     size = count("monte_carlo", "chunk_size", _CHUNK_SIZE if chunk_size is None else chunk_size)
@@ -161,7 +162,7 @@ def monte_carlo(
         task,
         names=tuple(identity["columns"]),
         folder=made.folder.resolve() if made else None,
-        most=made.manifest["n"] if made else 0,
+        most=made.asked() if made else 0,
         fingerprint=digest(json.dumps(program).encode()),
     )
 
@@ -185,8 +186,7 @@ def monte_carlo(
         "scales": scales,
     }
     if made is not None:
-        if all(made.has(chunk) for chunk in made.chunks()):
-            made.sweep()
+        made.sweep()
         return Study.of_store(made, {chunk: outcomes[chunk].moments for chunk in own}, **more)
     kept = [outcomes.pop(chunk) for chunk in own]
     return Study(
@@ -261,7 +261,7 @@ def _outcomes(
             if before is not None:
                 yield before[0], before[1].result()
         return
-    store = None if task.folder is None else Store(task.folder)
+    store = None if task.folder is None else Store(task.folder, task.n)
     futures = {executor.submit(task.finish, chunk): chunk for chunk in chunks}
     try:
         for future in as_completed(futures):

@@ -22,7 +22,7 @@ PACKAGE = ROOT / "jaxpound"
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
     {"_pytree", "_checks", "_branches", "_describe"},
-    {"distributions", "estimates", "fragility", "sampling", "store"},
+    {"distributions", "estimates", "fragility", "sampling", "archives", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
     {"records", "rods", "tally"},
     {"scheme"},
