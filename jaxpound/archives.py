@@ -44,7 +44,13 @@ class DamagedError(ValueError):
 
 
 def replace_file(path: Path, write: Callable[[BinaryIO], Any], keep_existing: bool = False) -> None:
-    """Write a whole file or none; ``keep_existing`` leaves one that came first in its place."""
+    """Write a whole file or none; ``keep_existing`` leaves one that came first in its place.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; the message names the file.
+    """
     writer = f"{_host()}-{os.getpid()}-{_began(os.getpid())}"
     part = path.with_name(f"{path.name}-{writer}-{uuid.uuid4().hex[:8]}.part")
     try:
@@ -61,8 +67,11 @@ def replace_file(path: Path, write: Callable[[BinaryIO], Any], keep_existing: bo
                 part.replace(path)
         else:
             part.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink()
 
 
 def open_file(path: Path) -> BinaryIO:

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, instance
+from jaxpound._checks import count, instance, require_memory
 from jaxpound._describe import describe, digest
 from jaxpound.chunks import Measure, Outcome, Task
 from jaxpound.sampling import key_numbers, require_sampling
@@ -33,6 +33,7 @@ from jaxpound.study import Study, total
 from jaxpound.units import Scales
 
 _CHUNK_SIZE = 16_384
+_MOMENTS_BYTES = 250  # of one column of one chunk
 
 
 def monte_carlo(
@@ -108,8 +109,9 @@ def monte_carlo(
     Raises
     ------
     ValueError
-        If an argument breaks its rule. If a scenario is invalid or its run fails: the message has
-        its index and the reason. If the store holds another study: what differs.
+        If an argument breaks its rule, or memory has no room for the study. If a scenario is
+        invalid or its run fails: the message has its index and the reason. If the store holds
+        another study: what differs.
     OSError
         If the store cannot be written to. Finished chunks stay, and are used by the next call.
 
@@ -152,6 +154,7 @@ def monte_carlo(
     except (TypeError, ValueError) as error:
         raise ValueError(f"monte_carlo: notes must be what JSON can hold ({error})") from error
     identity = task.identity() | {"scales": describe(scales)}
+    _require_room(task, len(identity["columns"]), len(own), in_memory=store is None)
     program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
     # A store that was begun has its own.
     context = {} if begun else {"notes": notes, "oscillators": _oscillators(scenarios)}
@@ -226,6 +229,16 @@ def _check(
     right = isinstance(shard, tuple) and len(shard) == 2
     if not (right and all(isinstance(x, int) for x in shard) and 1 <= shard[0] <= shard[1]):
         raise ValueError(f"{owner}: shard = {shard!r} must be (i, k) with 1 ≤ i ≤ k")
+
+
+def _require_room(task: Task, columns: int, chunks: int, in_memory: bool) -> None:
+    """Refuse what takes more memory than there is: points, columns, and moments of columns."""
+    owner, number, d = "monte_carlo", task.normal().dtype.itemsize, task.scenarios.dimension
+    size = min(task.n, task.chunk_size)
+    require_memory(owner, "samples of a chunk", size, size * (d + columns) * number)
+    if in_memory:
+        require_memory(owner, "n (without a store)", task.n, task.n * columns * number)
+    require_memory(owner, "number of chunks", chunks, chunks * columns * _MOMENTS_BYTES)
 
 
 def _oscillators(scenarios: ScenarioSet) -> list[float]:

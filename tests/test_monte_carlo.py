@@ -515,6 +515,22 @@ def test_bad_arguments_are_named(change, message):
         study(**change)
 
 
+@pytest.mark.usefixtures("small_machine")
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({}, r"n \(without a store\) = 2,147,483,648 would take \d+ GB of memory; this .* 24 GB"),
+        ({"chunk_size": 2**31, "store": "never"}, r"samples of a chunk = 2,147,483,648 would take"),
+        ({"chunk_size": 1, "store": "never"}, r"number of chunks = 2,147,483,648 would take .* TB"),
+        ({"chunk_size": 2**40, "store": "never", "n": 4}, "chunk_size = .* must be from 1 to"),
+    ],
+)
+def test_what_memory_has_no_room_for_is_refused_before_it_is_asked_for(change, message):
+    with pytest.raises(ValueError, match=message):
+        study(**({"n": 2**31} | change))
+    assert not Path("never").exists()
+
+
 def test_questions_that_make_no_sense_are_refused():
     found = linear()
     for ask, message in (
