@@ -82,7 +82,7 @@ class SavedSearch:
             jnp.asarray(archive.read(f"state_{i}", leaf.shape, leaf.dtype))
             for i, leaf in enumerate(leaves)
         ]
-        n = int(archive.read("iterations", (), np.int64))
+        (n,) = archive.read("iterations", (1,), np.int64).tolist()
         like = zip(Met._fields, Met.at(state.best, state.alive, state.best), strict=True)
         met = [archive.read(name, (n, *x.shape), x.dtype) for name, x in like]
         return jax.tree.unflatten(structure, held), [Met(*rows) for rows in zip(*met, strict=True)]
@@ -91,9 +91,8 @@ class SavedSearch:
         """Put state and history in the place of what the file held."""
         leaves = {f"state_{i}": np.asarray(x) for i, x in enumerate(jax.tree.leaves(state))}
         rows = {name: np.array([getattr(one, name) for one in met]) for name in Met._fields}
-        write_archive(
-            self.path, {**leaves, **rows, "iterations": np.int64(len(met))}, self.identity
-        )
+        counted = {"iterations": np.array([len(met)], np.int64)}
+        write_archive(self.path, leaves | rows | counted, self.identity)
 
 
 def search_identity(move: Search, text: str, given: Given, begun: np.ndarray) -> dict[str, Any]:

@@ -38,6 +38,7 @@ _MOST = 2**31  # samples
 _SAMPLES = re.compile(r"samples-([1-9]\d{0,9})")
 _PARTIAL = re.compile(r"chunk-(\d{6,10})-([1-9]\d{0,9})\.npz")
 _TRIES = 3
+_LARGEST_MANIFEST = 2**28  # bytes; a file of any size would fill the memory
 
 
 class Store:
@@ -97,6 +98,9 @@ class Store:
                 _require_empty(folder)
                 content = {"format": _FORMAT, **context, "identity": identity}
                 sealed = _as_json(content | {"sha256": _checksum(content)})
+                if len(sealed) > _LARGEST_MANIFEST:
+                    rule = f"at most {_LARGEST_MANIFEST:,} bytes with its notes"
+                    raise ValueError(f"store {folder}: {MANIFEST} must be {rule}")
                 replace_file(folder / MANIFEST, lambda file: file.write(sealed), keep_existing=True)
         store = Store(folder, n)
         if differences := list(_differences(store.manifest["identity"], identity)):
@@ -229,7 +233,10 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     owner = f"store {folder}"
     try:
         with open_file(folder / MANIFEST) as file:
-            content = json.loads(file.read())
+            text = file.read(_LARGEST_MANIFEST + 1)
+            if len(text) > _LARGEST_MANIFEST:
+                raise DamagedError("it is too large")
+            content = json.loads(text)
             checksum = content.pop("sha256", None)
             right = checksum == _checksum(content)
     except (FileNotFoundError, NotADirectoryError):
@@ -286,7 +293,7 @@ def _writing(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         what = f"the store cannot be written ({error.strerror}); its finished chunks are kept"
-        raise OSError(error.errno, what, str(folder)) from error
+        raise OSError(error.errno, what, error.filename or str(folder)) from error
 
 
 def _differences(theirs: Any, ours: Any, path: str = "") -> Iterator[str]:

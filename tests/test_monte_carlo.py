@@ -417,8 +417,9 @@ def test_a_study_killed_at_any_moment_goes_on_to_the_same_files(tmp_path):
     _, errors = worker.communicate()
     assert worker.returncode == 0, errors
     study(n=40_000, chunk_size=1000, store=whole)
-    assert len(files(whole)) == 41
+    assert len(files(whole)) == 40 + 2  # the manifest, and how many samples are asked for
     assert files(killed) == files(whole)
+    assert not [*killed.glob("*.part")]
 
 
 def test_two_shards_fill_one_store_at_once(tmp_path):
@@ -436,6 +437,25 @@ def test_two_shards_fill_one_store_at_once(tmp_path):
     np.testing.assert_array_equal(found.indices, np.arange(8000))
     study(n=8000, chunk_size=1000, store=tmp_path / "whole")
     assert files(both) == files(tmp_path / "whole")
+
+
+def test_two_studies_of_other_sizes_fill_one_store_at_once(tmp_path):
+    """Each has a part of the chunk in which the smaller one ends."""
+    code = KILLED.replace("40_000", "int(sys.argv[2])")
+    sizes, both = (2500, 4300), tmp_path / "both"
+    workers = [
+        subprocess.Popen([sys.executable, "-c", code, both, str(n)], stderr=subprocess.PIPE)
+        for n in sizes
+    ]
+    for worker in workers:
+        _, errors = worker.communicate()
+        assert worker.returncode == 0, errors
+    study(n=4300, chunk_size=1000, store=both)  # sweeps
+    study(n=4300, chunk_size=1000, store=tmp_path / "whole")
+    assert files(both) == files(tmp_path / "whole")
+    np.testing.assert_array_equal(
+        study(n=2500, chunk_size=1000, store=both)["pga"], jp.Study.open(both)["pga"][:2500]
+    )
 
 
 # Failures.

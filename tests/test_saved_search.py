@@ -78,7 +78,7 @@ def rewritten(saved, state, drop=(), about=IDENTITY, **changed):
         name: np.stack(x)
         for name, x in zip(Met._fields, zip(*met(state), strict=True), strict=True)
     }
-    arrays = leaves | rows | {"iterations": np.array(2, np.int64)} | changed
+    arrays = leaves | rows | {"iterations": np.array([2], np.int64)} | changed
     write_archive(saved.path, {k: x for k, x in arrays.items() if k not in drop}, about)
 
 
@@ -92,10 +92,10 @@ def rewritten(saved, state, drop=(), about=IDENTITY, **changed):
         ({"state_0": np.ones((3, 2), np.float32)}, "'state_0' is float32"),
         ({"state_0": np.ones((4, 2))}, r"'state_0' is float64 of shape \(4, 2\), not .* \(3, 2\)"),
         (
-            {"iterations": np.array(3)},
+            {"iterations": np.array([3])},
             r"'shares' is float64 of shape \(2, 3, 2\), not .* \(3, 3, 2",
         ),
-        ({"iterations": np.array(-1)}, "'shares' is float64"),
+        ({"iterations": np.array([-1])}, "'shares' is float64"),
         ({"alive": np.ones((2, 3))}, "'alive' is float64"),
     ],
 )

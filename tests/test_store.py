@@ -230,6 +230,23 @@ def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path, change, mess
     assert not (tmp_path / "study").exists()
 
 
+def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
+    os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
+    with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is too large\)"):
+        Store(store.folder)
+    monkeypatch.setattr("jaxpound.store._LARGEST_MANIFEST", 1000)
+    with pytest.raises(
+        ValueError, match=r"manifest.json must be at most 1,000 bytes with its notes"
+    ):
+        Store.create(store.folder.with_name("other"), IDENTITY, 10, {"notes": "x" * 1000})
+
+
+def test_a_chunk_that_would_fill_the_memory_is_damaged(store):
+    os.truncate(store.folder / "chunk-000001.npz", 10**11)
+    with pytest.raises(DamagedError, match="chunk 1 is damaged"):
+        store.read(1)
+
+
 def test_an_absurd_number_of_samples_is_refused(store):
     (store.folder / "samples-9999999999").touch()
     with pytest.raises(ValueError, match="samples-9999999999 must be at most 2147483648"):
@@ -248,7 +265,7 @@ def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, nu
             OSError, match=r"cannot be written .* its finished chunks are kept"
         ) as e:
             store.write(1, columns(4, 4))
-    assert (e.value.errno, e.value.filename) == (number, str(store.folder))
+    assert (e.value.errno, e.value.filename) == (number, str(store._path(1, 4)))
     assert not [*store.folder.glob("*.part")]
     assert all(store.read(k) is not None for k in store.chunks())
 
