@@ -59,7 +59,8 @@ def monte_carlo(
 
     With a store, the same call goes on where an earlier one was stopped, at whatever instant, and
     ends with the same files; a larger n makes the study grow. What is lost is at most the chunks
-    that were being run. Damaged chunks are made anew. (The same to the last bit where JAX has as
+    that were being run. Damaged chunks are named in a warning and made anew. Processes may fill one
+    store at once, to the same n or to others. (The same to the last bit where JAX has as
     many devices, and linear algebra as many threads; else to rounding.)
 
     Parameters
@@ -79,7 +80,8 @@ def monte_carlo(
     chunk_size
         Samples a chunk; 16,384 by default, or that of the store.
     measures
-        Further columns by name: traceable functions of (structures, ground) to one number.
+        Further columns by name: traceable functions of (structures, ground) to one number. A name
+        has 1 to 200 printable characters, no slash among them.
     keep_parameters
         Whether the scenarios' parameters are columns too. Without, ``Study.parameters`` makes them
         again.
