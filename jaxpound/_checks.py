@@ -6,9 +6,13 @@ turns every result into NaN where it is not (under ``jit``, ``vmap`` or ``grad``
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import os
 import reprlib
 from collections.abc import Callable, Iterable
+from decimal import Decimal
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -80,6 +84,48 @@ def seed(owner: str, name: str, value: Any) -> int:
         rule = "a whole number from 0 to 2^32 - 1"
         raise ValueError(f"{owner}: {name} = {value!r} must be {rule}")
     return int(value)
+
+
+def require_memory(owner: str, name: str, value: int, size: int) -> None:
+    """A ``ValueError`` for a number of things that take more memory than this machine can give.
+
+    ``size`` is what they take at least, in bytes, estimated before any of it is asked for. Beside
+    it the program itself needs memory: what may be asked for is a share of what there is.
+    """
+    memory = machine_memory()
+    if size > _MOST_MEMORY * memory:
+        shown = f"{value:,}" if value < 10**15 else f"{Decimal(value):.3g}"
+        rule = f"would take {_in_bytes(size)} of memory; this machine has {_in_bytes(memory)}"
+        raise ValueError(f"{owner}: {name} = {shown} {rule}")
+
+
+def machine_memory() -> int:
+    """Bytes of memory of this machine, or of the part of it that this process may use.
+
+    Where the system does not tell, as many as no machine has: nothing is refused then.
+    """
+    known = [_MORE_THAN_ANY]
+    with contextlib.suppress(AttributeError, ValueError, OSError):
+        known.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    for limit in _CONTAINER_LIMITS:
+        with contextlib.suppress(ValueError, OSError):  # "max", or no such file
+            known.append(int(Path(limit).read_text()))
+    return min(x for x in known if x > 0)
+
+
+_MOST_MEMORY = 0.8
+_MORE_THAN_ANY = 2**60
+_CONTAINER_LIMITS = (
+    "/sys/fs/cgroup/memory.max",
+    "/sys/fs/cgroup/memory/memory.limit_in_bytes",  # the older interface of Linux
+)
+
+
+def _in_bytes(size: int) -> str:
+    """A number of bytes in the largest decimal unit that it reaches."""
+    units = ["bytes", "kB", "MB", "GB", "TB", "PB", "EB"]
+    power = min((len(f"{min(size, 10**30)}") - 1) // 3, len(units) - 1)
+    return f"{Decimal(size) / 1000**power:.3g} {units[power]}"
 
 
 def require_share(owner: str, name: str, value: Any) -> None:

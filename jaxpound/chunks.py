@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
@@ -16,6 +17,7 @@ import scipy
 import jaxpound
 from jaxpound._checks import refusal
 from jaxpound._describe import describe, digest
+from jaxpound.archives import DamagedError, require_name
 from jaxpound.batches import in_chunks, runs_at_a_time
 from jaxpound.estimates import Moments
 from jaxpound.ground import as_pytree
@@ -122,6 +124,7 @@ class Task:
                 f"monte_carlo: {sorted(taken)[0]!r} is the name of a demand; rename it"
             )
         for name, x in more.items():
+            require_name("monte_carlo", name)
             if shape := jnp.shape(x):
                 raise ValueError(f"monte_carlo: {name!r} of shape {shape} must be one number")
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
@@ -139,9 +142,11 @@ class Task:
 
     def finish(self, chunk: int) -> Outcome:
         """Run a chunk and keep it; one that a lost worker had kept before is only read."""
-        for _, outcome in self.finished([chunk]):
-            return outcome
-        return self.keep(chunk, self.compute(chunk))
+        held = None
+        if self.folder is not None:
+            with contextlib.suppress(DamagedError):
+                held = Store(self.folder, self.n).read(chunk)
+        return self.keep(chunk, self.compute(chunk)) if held is None else Outcome(moments(held), {})
 
     def compute(self, chunk: int) -> Columns:
         """The columns of a chunk."""
@@ -163,7 +168,7 @@ class Task:
     def keep(self, chunk: int, columns: Columns) -> Outcome:
         """Put a chunk in the store, if there is one."""
         if self.folder is not None:
-            Store(self.folder).write(chunk, columns)
+            Store(self.folder, self.n).write(chunk, columns)
         own = {name: x[: len(self.rows(chunk))] for name, x in columns.items()}
         return Outcome(moments(own), {} if self.folder else own)
 

@@ -24,7 +24,8 @@ class Comparison(Shown):
     """Demands before and after, of the same earthquakes.
 
     ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap, the gap at rest
-    and every price of ``Objective``. Intervals are of 95 %.
+    and every price of ``Objective``. Intervals are of 95 %; of fewer than two earthquakes there are
+    none, and their ends are NaN.
     """
 
     before: dict[str, np.ndarray]
@@ -42,8 +43,10 @@ class Comparison(Shown):
             raise ValueError(f"difference: {name!r} must be one of {', '.join(self.before)}")
         d = self.after[name] - self.before[name]
         mean = float(np.mean(d))
-        half = np.std(d, ddof=1) / len(d) ** 0.5 if len(d) > 1 else np.inf
-        half = float(half * stats.t.isf((1 - confidence) / 2, max(len(d) - 1, 1)))
+        if len(d) < 2:
+            return Estimate(mean, np.nan, np.nan, confidence)
+        half = np.std(d, ddof=1) / len(d) ** 0.5
+        half = float(half * stats.t.isf((1 - confidence) / 2, len(d) - 1))
         return Estimate(mean, mean - half, mean + half, confidence)
 
     @cached_property
@@ -58,16 +61,18 @@ class Comparison(Shown):
         def value(columns: dict[str, Any], rows: Any) -> Any:
             return self.objective_function.value({k: x[rows] for k, x in columns.items()})
 
-        draws = np.concatenate([[np.arange(n)], rng.integers(0, n, (_REPLICATES, n))])
+        replicates = _REPLICATES if n > 1 else 0  # draws of one earthquake are all the same
+        draws = np.concatenate([[np.arange(n)], rng.integers(0, n, (replicates, n))])
         values = [
             np.array([float(value(columns, rows)) for rows in draws])
             for columns in (self.before, self.after)
         ]
         found = {"before": values[0], "after": values[1], "difference": values[1] - values[0]}
-        return {
-            name: Estimate(float(x[0]), *map(float, np.quantile(x[1:], [0.025, 0.975])))
+        ends = {
+            name: np.quantile(x[1:], [0.025, 0.975]) if n > 1 else [np.nan, np.nan]
             for name, x in found.items()
         }
+        return {name: Estimate(float(x[0]), *map(float, ends[name])) for name, x in found.items()}
 
     @property
     def pounding(self) -> tuple[float, float]:

@@ -13,13 +13,23 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import Rule, count, enforce, instance, number, positive, refusal, seed
+from jaxpound._checks import (
+    Rule,
+    count,
+    enforce,
+    instance,
+    number,
+    positive,
+    refusal,
+    require_memory,
+    seed,
+)
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, History
 from jaxpound.design_space import DesignSpace, spread_shares, start_shares
 from jaxpound.ensembles import Ensemble, require_apart
 from jaxpound.first_order import AT_BOUND, FirstOrderProgram
-from jaxpound.objectives import Objective
+from jaxpound.objectives import PRICES, Objective
 from jaxpound.saved_search import Met, SavedSearch, search_identity
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.search import Given, Point, Search, Setting, State, evaluator, held, point
@@ -136,9 +146,10 @@ def design_damper(
     Raises
     ------
     ValueError
-        If an argument breaks its rule or the start is outside the bounds; if every start is not
-        finite, with the reason; if no design within the limits was found, with the least by which
-        they were exceeded; if the file holds another search.
+        If an argument breaks its rule, the start is outside the bounds, or memory has no room for
+        so many starts or earthquakes; if every start is not finite, with the reason; if no design
+        within the limits was found, with the least by which they were exceeded; if the file holds
+        another search or is damaged.
     OSError
         If the file cannot be written to.
 
@@ -249,7 +260,11 @@ class Sought:
         positive(_OWNER, limit_tolerance=number(_OWNER, "limit_tolerance", limit_tolerance))
         positive(_OWNER, tolerance=number(_OWNER, "tolerance", tolerance))
         first = start_shares(_OWNER, self.space, start)
-        begun = spread_shares(first, count(_OWNER, "starts", starts), seed(_OWNER, "key", key))
+        starts = count(_OWNER, "starts", starts)
+        # At least every start's variables, and the demands of its earthquakes, which run at once.
+        each = self.space.dimension + self.move.batch * len(PRICES)
+        require_memory(_OWNER, "starts", starts, starts * each * first.dtype.itemsize)
+        begun = spread_shares(first, starts, seed(_OWNER, "key", key))
         fresh = self._fresh(fresh)
         if save is not None and not Path(save).absolute().parent.is_dir():
             raise ValueError(f"{_OWNER}: save = {save} must be in a folder that exists")
@@ -317,24 +332,15 @@ class Sought:
                     break
                 state, here, _ = program(state, given)
                 here, alive, best = jax.device_get((here, state.alive, state.best))
-                met.append(
-                    Met(
-                        here.shares,
-                        here.objective,
-                        here.violation,
-                        here.prices,
-                        alive,
-                        best.infeasible,
-                        best.merit,
-                    )
-                )
+                met.append(Met.at(here, alive, best))
                 if not alive.any():
                     self._refuse_all(best, met)
                 if saved is not None and len(met) % _SAVE_EVERY == 0:
                     saved.write(state, met)
                 told = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
                 bar.update()
-                bar.set_postfix({"objective": f"{told:.5g}"}, refresh=False)
+                if np.isfinite(told):  # else nothing within the limits was found yet
+                    bar.set_postfix({"objective": f"{told:.5g}"}, refresh=False)
                 answer = callback and callback(self._progress(len(met), here, told))
                 if isinstance(answer, bool | np.bool_) and answer:
                     reason = _CALLBACK

@@ -8,9 +8,10 @@ from operator import attrgetter
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import count, instance, seed
+from jaxpound._checks import count, instance, require_memory, seed
 from jaxpound.ground import Ground, GroundLike, Record, Ricker, require_ground, sampled
 from jaxpound.sampling import as_key, key_numbers, points, require_sampling
 from jaxpound.scenarios import PARAMETERS, ScenarioSet
@@ -97,16 +98,24 @@ class Ensemble:
         Raises
         ------
         ValueError
-            If an argument breaks its rule, or a scenario is not finite.
+            If an argument breaks its rule, n are more than memory has room for, or a scenario is
+            not finite.
         """
         owner = "Ensemble.drawn"
         instance(owner, "scenarios", scenarios, ScenarioSet)
         n = count(owner, "n", n)
-        require_sampling(owner, sampling)
+        most = require_sampling(owner, sampling)
         key = as_key(
             *key_numbers(owner, key if isinstance(key, jax.Array) else seed(owner, "key", key))
         )
         start = count(owner, "start + 1", start + 1) - 1
+        normal = jax.ShapeDtypeStruct((scenarios.dimension,), jnp.zeros(()).dtype)
+        one = jax.eval_shape(scenarios.realize, normal)
+        size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(one))
+        require_memory(owner, "n", n, n * (size + 8 * scenarios.dimension))
+        if start + n >= most:
+            rule = f"less than {most:,} for {sampling} sampling"
+            raise ValueError(f"{owner}: start + n = {start + n:,} must be {rule}")
         # One more, to see what varies.
         z = points(sampling, key, scenarios.dimension)(start, start + n + 1)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)

@@ -12,7 +12,7 @@ from jaxpound._tables import Table
 
 
 class Estimate(NamedTuple):
-    """An estimate and its confidence interval."""
+    """An estimate and its confidence interval; an end that is not known is infinite or NaN."""
 
     value: float
     low: float
@@ -20,6 +20,8 @@ class Estimate(NamedTuple):
     confidence: float = 0.95
 
     def __str__(self) -> str:
+        if not np.isfinite([self.low, self.high]).any():
+            return f"{self.value:.4g} (no {self.confidence:.0%} interval)"
         return f"{self.value:.4g} ({self.confidence:.0%}: {self.low:.4g} to {self.high:.4g})"
 
     def _repr_html_(self) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from functools import partial
@@ -20,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, instance
+from jaxpound._checks import count, instance, require_memory
 from jaxpound._describe import describe, digest
 from jaxpound.chunks import Measure, Outcome, Task
 from jaxpound.sampling import key_numbers, require_sampling
@@ -32,6 +33,7 @@ from jaxpound.study import Study, total
 from jaxpound.units import Scales
 
 _CHUNK_SIZE = 16_384
+_MOMENTS_BYTES = 250  # of one column of one chunk
 
 
 def monte_carlo(
@@ -57,7 +59,8 @@ def monte_carlo(
 
     With a store, the same call goes on where an earlier one was stopped, at whatever instant, and
     ends with the same files; a larger n makes the study grow. What is lost is at most the chunks
-    that were being run. Damaged chunks are made anew. (The same to the last bit where JAX has as
+    that were being run. Damaged chunks are named in a warning and made anew. Processes may fill one
+    store at once, to the same n or to others. (The same to the last bit where JAX has as
     many devices, and linear algebra as many threads; else to rounding.)
 
     Parameters
@@ -77,7 +80,8 @@ def monte_carlo(
     chunk_size
         Samples a chunk; 16,384 by default, or that of the store.
     measures
-        Further columns by name: traceable functions of (structures, ground) to one number.
+        Further columns by name: traceable functions of (structures, ground) to one number. A name
+        has 1 to 200 printable characters, no slash among them.
     keep_parameters
         Whether the scenarios' parameters are columns too. Without, ``Study.parameters`` makes them
         again.
@@ -107,8 +111,9 @@ def monte_carlo(
     Raises
     ------
     ValueError
-        If an argument breaks its rule. If a scenario is invalid or its run fails: the message has
-        its index and the reason. If the store holds another study: what differs.
+        If an argument breaks its rule, or memory has no room for the study. If a scenario is
+        invalid or its run fails: the message has its index and the reason. If the store holds
+        another study: what differs.
     OSError
         If the store cannot be written to. Finished chunks stay, and are used by the next call.
 
@@ -124,7 +129,7 @@ def monte_carlo(
     _check(scenarios, n, grid, scheme, sampling, measures or {}, scales, shard)
     if store is None and shard != (1, 1):
         raise ValueError(f"monte_carlo: shard = {shard} must come with a store to fill")
-    begun = store is not None and (Path(store) / MANIFEST).exists()
+    begun = store is not None and os.path.lexists(Path(store) / MANIFEST)
     if store is not None and begun and chunk_size is None:
         chunk_size = Store(store).chunk_size
     size = count("monte_carlo", "chunk_size", _CHUNK_SIZE if chunk_size is None else chunk_size)
@@ -151,6 +156,7 @@ def monte_carlo(
     except (TypeError, ValueError) as error:
         raise ValueError(f"monte_carlo: notes must be what JSON can hold ({error})") from error
     identity = task.identity() | {"scales": describe(scales)}
+    _require_room(task, len(identity["columns"]), len(own), in_memory=store is None)
     program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
     # A store that was begun has its own.
     context = {} if begun else {"notes": notes, "oscillators": _oscillators(scenarios)}
@@ -161,7 +167,7 @@ def monte_carlo(
         task,
         names=tuple(identity["columns"]),
         folder=made.folder.resolve() if made else None,
-        most=made.manifest["n"] if made else 0,
+        most=made.asked() if made else 0,
         fingerprint=digest(json.dumps(program).encode()),
     )
 
@@ -185,8 +191,7 @@ def monte_carlo(
         "scales": scales,
     }
     if made is not None:
-        if all(made.has(chunk) for chunk in made.chunks()):
-            made.sweep()
+        made.sweep()
         return Study.of_store(made, {chunk: outcomes[chunk].moments for chunk in own}, **more)
     kept = [outcomes.pop(chunk) for chunk in own]
     return Study(
@@ -228,6 +233,16 @@ def _check(
         raise ValueError(f"{owner}: shard = {shard!r} must be (i, k) with 1 ≤ i ≤ k")
 
 
+def _require_room(task: Task, columns: int, chunks: int, in_memory: bool) -> None:
+    """Refuse what takes more memory than there is: points, columns, and moments of columns."""
+    owner, number, d = "monte_carlo", task.normal().dtype.itemsize, task.scenarios.dimension
+    size = min(task.n, task.chunk_size)
+    require_memory(owner, "samples of a chunk", size, size * (d + columns) * number)
+    if in_memory:
+        require_memory(owner, "n (without a store)", task.n, task.n * columns * number)
+    require_memory(owner, "number of chunks", chunks, chunks * columns * _MOMENTS_BYTES)
+
+
 def _oscillators(scenarios: ScenarioSet) -> list[float]:
     """Period and damping ratio of both structures of the median scenario, z = 0, uncoupled."""
 
@@ -261,7 +276,7 @@ def _outcomes(
             if before is not None:
                 yield before[0], before[1].result()
         return
-    store = None if task.folder is None else Store(task.folder)
+    store = None if task.folder is None else Store(task.folder, task.n)
     futures = {executor.submit(task.finish, chunk): chunk for chunk in chunks}
     try:
         for future in as_completed(futures):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._describe import describe, digest
-from jaxpound.search import Given, Search, State
-from jaxpound.store import replace_file
+from jaxpound.archives import Archive, DamagedError, opened, sweep_parts, write_archive
+from jaxpound.search import Given, Point, Search, State
 
 
 class Met(NamedTuple):
@@ -27,12 +28,25 @@ class Met(NamedTuple):
     infeasible: np.ndarray  # the best so far
     merit: np.ndarray
 
+    @staticmethod
+    def at(here: Point, alive: Any, best: Point) -> Met:
+        """Of where all starts are, and the best of each so far."""
+        return Met(
+            here.shares,
+            here.objective,
+            here.violation,
+            here.prices,
+            alive,
+            best.infeasible,
+            best.merit,
+        )
+
 
 class SavedSearch:
     """A file with the state of a search."""
 
     def __init__(self, path: Path, identity: dict[str, Any]) -> None:
-        self.path, self.identity = path, json.dumps(identity, sort_keys=True)
+        self.path, self.identity = path, json.loads(json.dumps(identity))
 
     def read(self, state: State) -> tuple[State, list[Met]]:
         """The state and what was met, or the state given where there is no file.
@@ -40,34 +54,45 @@ class SavedSearch:
         Raises
         ------
         ValueError
-            If the file holds something else, or no file of arrays can hold such a state.
+            If the file holds something else or is damaged, or no file of arrays can hold such a
+            state.
         """
         for leaf in jax.tree.leaves(state):
             if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
                 raise ValueError("save cannot keep an optimiser that draws at random")
-        if not self.path.exists():
-            return state, []
+        with contextlib.suppress(OSError):
+            sweep_parts(self.path.parent, self.path.name)
         try:
-            with np.load(self.path, allow_pickle=False) as file:
-                held = dict(file)
-            theirs = str(held["identity"])
-        except Exception as error:
-            raise ValueError(f"save = {self.path} holds no search ({error})") from error
-        if theirs != self.identity:
-            ours = json.loads(self.identity)
-            other = [k for k, x in json.loads(theirs).items() if ours.get(k) != x]
+            with opened(self.path) as archive:
+                return self._held(archive, state)
+        except FileNotFoundError:
+            return state, []
+        except DamagedError as error:
+            rule = f"holds no search, or a damaged one ({error})"
+            raise ValueError(f"save = {self.path} {rule}; move it away to begin anew") from error
+
+    def _held(self, archive: Archive, state: State) -> tuple[State, list[Met]]:
+        theirs = archive.about
+        if not (isinstance(theirs, dict) and theirs.keys() == self.identity.keys()):
+            raise DamagedError("it does not say which search it holds")
+        if other := [name for name, x in theirs.items() if self.identity[name] != x]:
             raise ValueError(f"save = {self.path} holds another search: {', '.join(other)} differs")
         leaves, structure = jax.tree.flatten(state)
-        held_leaves = [jnp.asarray(held[f"state_{i}"]) for i in range(len(leaves))]
-        state = jax.tree.unflatten(structure, held_leaves)
-        met = [Met(*rows) for rows in zip(*(held[name] for name in Met._fields), strict=True)]
-        return state, met
+        held = [
+            jnp.asarray(archive.read(f"state_{i}", leaf.shape, leaf.dtype))
+            for i, leaf in enumerate(leaves)
+        ]
+        (n,) = archive.read("iterations", (1,), np.int64).tolist()
+        like = zip(Met._fields, Met.at(state.best, state.alive, state.best), strict=True)
+        met = [archive.read(name, (n, *x.shape), x.dtype) for name, x in like]
+        return jax.tree.unflatten(structure, held), [Met(*rows) for rows in zip(*met, strict=True)]
 
     def write(self, state: State, met: Sequence[Met]) -> None:
         """Put state and history in the place of what the file held."""
         leaves = {f"state_{i}": np.asarray(x) for i, x in enumerate(jax.tree.leaves(state))}
         rows = {name: np.array([getattr(one, name) for one in met]) for name in Met._fields}
-        replace_file(self.path, {**leaves, **rows, "identity": np.array(self.identity)})
+        counted = {"iterations": np.array([len(met)], np.int64)}
+        write_archive(self.path, leaves | rows | counted, self.identity)
 
 
 def search_identity(move: Search, text: str, given: Given, begun: np.ndarray) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, count, enforce, hint, instance, is_traced, number
+from jaxpound._checks import Rule, count, enforce, hint, instance, is_traced, number, require_memory
 from jaxpound.distributions import Distribution, truncated
 from jaxpound.ground import GroundLike, Record, Ricker, require_ground
 from jaxpound.sampling import as_key, key_numbers, points, require_sampling
@@ -203,8 +203,8 @@ class CustomDraw:
     Raises
     ------
     ValueError
-        If function is not callable, dimension is not a positive whole number, or the names are not
-        so many, each another.
+        If function is not callable, dimension is not a positive whole number or is more than memory
+        has room for, or the names are not so many, each another.
     """
 
     function: Callable[[Any], Any]
@@ -214,7 +214,8 @@ class CustomDraw:
     def __post_init__(self) -> None:
         if not callable(self.function):
             raise ValueError(f"CustomDraw: function = {self.function!r} must be a function of z")
-        count("CustomDraw", "dimension", self.dimension)
+        n = count("CustomDraw", "dimension", self.dimension)
+        require_memory("CustomDraw", "dimension", n, n * _NUMBER_BYTES)
         names = tuple(self.names)
         if names and len(set(names)) != self.dimension:
             raise ValueError(
@@ -248,8 +249,8 @@ class RandomRicker:
     Raises
     ------
     ValueError
-        If wavelets is not a positive whole number, negative not a probability, or another argument
-        not a distribution.
+        If wavelets is not a positive whole number, or more than memory has room for, negative not a
+        probability, or another argument not a distribution.
     """
 
     wavelets: int
@@ -260,7 +261,8 @@ class RandomRicker:
     intensity: Distribution | None = None
 
     def __post_init__(self) -> None:
-        count("RandomRicker", "wavelets", self.wavelets)
+        n = count("RandomRicker", "wavelets", self.wavelets)
+        require_memory("RandomRicker", "wavelets", n, 4 * n * _NUMBER_BYTES)
         for name in ("amplitude", "periods", "arrivals"):
             instance("RandomRicker", name, getattr(self, name), Distribution)
         p = number("RandomRicker", "negative", self.negative)
@@ -381,6 +383,9 @@ class RandomRecord:
         return which, 1.0 if self.factor is None else self.factor.from_normal(z[-1])
 
 
+_NUMBER_BYTES = (
+    22_000  # that JAX keeps of each number of z, in a study's trace and program; measured
+)
 _LEAST = 0.1  # of a distribution's probability that must be where its parameter may be
 _SMALLEST = 1e-30  # of what must be positive, and is not 0 in single precision either
 

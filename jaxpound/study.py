@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from scipy import stats
 
 from jaxpound._checks import Rule, enforce, instance, number, require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.archives import DamagedError
 from jaxpound.columns import Columnar
 from jaxpound.estimates import (
     Estimate,
@@ -26,6 +28,8 @@ from jaxpound.response import Demand
 from jaxpound.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.store import Store
 from jaxpound.units import Scales
+
+_SHOWN = 6  # damaged chunks that a warning names
 
 
 class Separation(NamedTuple):
@@ -95,6 +99,8 @@ class Study(Columnar, Shown):
     def open(folder: str | PathLike[str]) -> Study:
         """The study in a store: those of its chunks that are finished, in the units of its making.
 
+        Chunks that are damaged are left out with a warning that names them.
+
         Raises
         ------
         ValueError
@@ -119,13 +125,17 @@ class Study(Columnar, Shown):
 
         def parts(name: str) -> Iterator[np.ndarray]:
             for chunk in found:
-                if (part := store.read(chunk, [name])) is None:
-                    what = f"store {store.folder}: chunk {chunk} is damaged"
-                    raise ValueError(f"{what}; run monte_carlo again")
+                why = f"chunk {chunk} is not there any more"
+                try:
+                    part = store.read(chunk, [name])
+                except DamagedError as error:
+                    part, why = None, str(error)
+                if part is None:
+                    raise ValueError(f"store {store.folder}: {why}; run monte_carlo again")
                 yield part[name]
 
         rows = [store.rows(chunk) for chunk in found]
-        return Study(rows, store.manifest, total(found.values()), parts, **more)
+        return Study(rows, store.about(), total(found.values()), parts, **more)
 
     def __len__(self) -> int:
         return sum(map(len, self.rows))
@@ -306,10 +316,26 @@ def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
 
 
 def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[str, Moments]]]:
-    """Those of the chunks that are in the store, whole and right, with their moments."""
+    """Those of the chunks that are in the store, whole and right, with their moments.
+
+    In the end a warning names those that are damaged.
+    """
+    damaged = []
     for chunk in chunks:
-        if (columns := store.read(chunk)) is not None:
+        try:
+            columns = store.read(chunk)
+        except DamagedError as error:
+            damaged.append(str(error))
+            continue
+        if columns is not None:
             yield chunk, moments(columns)
+    if damaged:
+        more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
+        warnings.warn(
+            f"store {store.folder}: {'; '.join(damaged[:_SHOWN])}{more}; what is damaged is left "
+            "out until monte_carlo makes it anew",
+            stacklevel=4,
+        )
 
 
 def total(parts: Iterable[Mapping[str, Moments]]) -> dict[str, Moments]:

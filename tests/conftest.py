@@ -47,6 +47,12 @@ def _no_rank_promotion():
         yield
 
 
+@pytest.fixture
+def small_machine(monkeypatch):
+    """A machine of 24 GB, whatever this one has."""
+    monkeypatch.setattr("jaxpound._checks.machine_memory", lambda: 24 * 10**9)
+
+
 def pytest_unconfigure():
     if CACHE:
         shutil.rmtree(CACHE, ignore_errors=True)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxpound import _checks
 from jaxpound._checks import (
     Rule,
     all_hold,
@@ -16,10 +17,12 @@ from jaxpound._checks import (
     finite,
     instance,
     is_traced,
+    machine_memory,
     number,
     one_batch,
     positive,
     real,
+    require_memory,
 )
 from jaxpound._pytree import label, pytree_dataclass, static
 
@@ -287,3 +290,44 @@ def test_objects_can_be_copied_and_pickled():
     for twin in (copy.deepcopy(spring), pickle.loads(pickle.dumps(spring))):
         assert type(twin) is Spring
         assert vars(twin) == vars(spring)
+
+
+# Sizes
+
+
+@pytest.mark.parametrize(
+    ("value", "size", "message"),
+    [
+        (1_000_000, 8 * 10**12, "n = 1,000,000 would take 8 TB of memory; this machine has 24 GB"),
+        (10**12, 20 * 10**9, "n = 1,000,000,000,000 would take 20 GB of memory"),
+        (10**18, 8 * 10**18, r"n = 1.00e\+18 would take 8 EB"),
+    ],
+)
+def test_what_memory_has_no_room_for_is_refused_with_its_bytes(small_machine, value, size, message):
+    with pytest.raises(ValueError, match=f"^owner: {message}"):
+        require_memory("owner", "n", value, size)
+
+
+def test_numbers_that_cannot_be_written_out_are_told_all_the_same(small_machine):
+    with pytest.raises(ValueError, match=r"n = 1.00e\+6000 would take 8.00e\+5982 EB"):
+        require_memory("owner", "n", 10**6000, 8 * 10**6000)
+
+
+def test_what_memory_has_room_for_is_not_refused(small_machine):
+    require_memory("owner", "n", 10**9, 19 * 10**9)
+
+
+def test_the_memory_of_this_machine_is_the_least_that_is_known(monkeypatch, tmp_path):
+    monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", ())
+    whole = machine_memory()
+    assert 10**8 < whole < 10**15
+    for text, known in (("max\n", whole), ("1000000\n", 1_000_000), ("0\n", whole)):
+        (tmp_path / "limit").write_text(text)
+        monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", (str(tmp_path / "limit"),))
+        assert machine_memory() == known
+
+
+def test_a_system_that_does_not_tell_its_memory_refuses_nothing(monkeypatch):
+    monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", ())
+    monkeypatch.delattr(_checks.os, "sysconf")
+    require_memory("owner", "n", 1, 10**15)

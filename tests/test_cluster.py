@@ -57,6 +57,7 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         thread.join()
     assert len(found[0]) == 40_000
+    assert not [*killed.glob("*.part")]  # what the killed one was writing
     assert all(path.stat().st_ino == file for path, file in had.items())
     # Workers have one thread for linear algebra, whose rounding differs.
     here = study(**arguments)

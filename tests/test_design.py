@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -10,9 +11,10 @@ import optax
 import pytest
 from scipy import stats
 from test_tables import assert_shown
+from tqdm.auto import tqdm
 
 import jaxpound as jp
-from jaxpound import design_report
+from jaxpound import design_report, design_search
 from jaxpound.objectives import PRICES
 from jaxpound.search import Search, Setting
 
@@ -379,7 +381,34 @@ def test_what_is_not_finite_is_null_in_a_summary(stand_in):
     assert "(- to -, 95 %)" in design_report.as_markdown(answers, [])
 
 
+def test_of_one_earthquake_there_is_no_interval(stand_in):
+    one = search(iterations=3).compare(jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID))
+    for estimate in (one.difference(), *one.objective.values()):
+        assert np.isfinite(estimate.value)
+        assert np.isnan([estimate.low, estimate.high]).all()
+    assert "(no 95% interval) on average" in repr(one)
+    assert "inf" not in repr(one)
+
+
+@pytest.mark.usefixtures("stand_in")
+def test_no_best_is_shown_until_there_is_one(monkeypatch, capsys):
+    monkeypatch.setattr(design_search, "tqdm", partial(tqdm, mininterval=0, miniters=1))
+    objective = jp.Objective(limits={"damper_force": 0.05})
+    start, told = {"friction": 0.9, "mass_ratio": 1.0}, []
+    search(objective, start=start, starts=1, iterations=40, callback=told.append, progress=True)
+    assert told[0].best == -np.inf
+    shown = capsys.readouterr().err
+    assert "inf" not in shown
+    assert f"objective={told[-1].best:.5g}" in shown
+
+
 # Bad input.
+
+
+@pytest.mark.usefixtures("small_machine")
+def test_more_starts_than_memory_has_room_for_are_refused(stand_in):
+    with pytest.raises(ValueError, match=r"starts = 1,000,000,000 would take \d+ GB of memory"):
+        search(starts=10**9)
 
 
 @pytest.mark.parametrize(

@@ -85,3 +85,17 @@ def test_drawn_earthquakes_are_monte_carlo_s():
 def test_bad_ensembles_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.usefixtures("small_machine")
+def test_more_earthquakes_than_memory_has_room_for_are_refused():
+    drawn = jp.Ensemble.drawn(RANDOM, 2)
+    for make in (lambda n: jp.Ensemble.drawn(RANDOM, n), drawn.fresh):
+        with pytest.raises(ValueError, match=r"n = 1,000,000,000,000 would take \d+ TB of memory"):
+            make(10**12)
+
+
+def test_points_end_where_their_sampling_does():
+    for sampling, most in (("plain", 2**31), ("sobol", 2**30)):
+        with pytest.raises(ValueError, match=f"start . n = {most:,} must be less than {most:,}"):
+            jp.Ensemble.drawn(RANDOM, 2, sampling=sampling, start=most - 2)

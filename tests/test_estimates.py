@@ -6,7 +6,13 @@ from hypothesis.extra.numpy import arrays
 from scipy import stats
 from scipy.integrate import quad
 
-from jaxpound.estimates import Moments, double_difference_correlation, probability, quantile
+from jaxpound.estimates import (
+    Estimate,
+    Moments,
+    double_difference_correlation,
+    probability,
+    quantile,
+)
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 10), (1, 10), (5, 10), (10, 10), (37, 10_000)])
@@ -110,3 +116,10 @@ def test_equal_oscillators_move_together():
     assert double_difference_correlation(1.0, 0.05, 1.0, 0.05) == pytest.approx(1.0)
     assert double_difference_correlation(1.0, 0.0, 1.0, 0.0) == 1.0
     assert double_difference_correlation(1.0, 0.0, 2.0, 0.0) == 0.0
+
+
+def test_what_has_no_interval_says_so():
+    assert str(Estimate(0.25, 0.2, np.inf)) == "0.25 (95%: 0.2 to inf)"
+    for end in (np.nan, np.inf):
+        assert str(Estimate(0.25, -end, end, 0.9)) == "0.25 (no 90% interval)"
+    assert str(quantile(np.array([0.25]), 0.5)) == "0.25 (no 95% interval)"

@@ -304,16 +304,50 @@ def test_a_damaged_chunk_is_made_anew(tmp_path):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    half = jp.Study.open(folder)
+    with pytest.warns(UserWarning, match=r"study: chunk 1 is damaged \(.*\); what is damaged is"):
+        half = jp.Study.open(folder)
     assert len(half) == 50 - 16
-    study(store=folder)
+    with pytest.warns(UserWarning, match="chunk 1 is damaged"):
+        study(store=folder)
     assert files(folder) == before
+    # One worker after the other finds the same.
+    path.write_bytes(data)
+    with ThreadPoolExecutor(2) as threads, pytest.warns(UserWarning, match="chunk 1 is damaged"):
+        study(store=folder, executor=threads)
+    assert len(jp.Study.open(folder)) == 50
+
+
+def test_a_store_all_of_which_is_damaged_is_no_study(tmp_path):
+    study(n=20, store=tmp_path)
+    for path in tmp_path.glob("chunk-*"):
+        path.write_bytes(b"")
+    refused = pytest.raises(ValueError, match="at least one finished chunk")
+    with pytest.warns(UserWarning, match="chunk 0 is damaged .*; chunk 1 is damaged"), refused:
+        jp.Study.open(tmp_path)
+
+
+def test_a_chunk_of_another_key_is_not_taken_for_this_study_s(tmp_path):
+    """Of the same shape, number and name."""
+    one, other = (study(key=key, store=tmp_path / str(key)) for key in (0, 1))
+    name = "chunk-000001.npz"
+    (tmp_path / "0" / name).write_bytes((tmp_path / "1" / name).read_bytes())
+    with pytest.raises(ValueError, match=r"chunk 1 is damaged \(study is .* run monte_carlo"):
+        one["pga"]
+    np.testing.assert_array_equal(jp.Study.open(tmp_path / "1")["pga"], other["pga"])
+
+
+def test_columns_may_have_names_that_numpy_has_a_meaning_for(tmp_path):
+    measures = {name: lambda s, g: 2 * s.friction for name in ("file", "allow_pickle", "self")}
+    study(n=4, store=tmp_path, measures=measures)
+    found = jp.Study.open(tmp_path)
+    for name in measures:
+        np.testing.assert_array_equal(found[name], study(n=4, measures=measures)[name])
 
 
 def test_a_chunk_damaged_later_is_named(tmp_path):
     found = study(store=tmp_path / "study")
     (tmp_path / "study" / "chunk-000002.npz").write_bytes(b"")
-    with pytest.raises(ValueError, match="chunk 2 is damaged; run monte_carlo again"):
+    with pytest.raises(ValueError, match=r"chunk 2 is damaged \(.*\); run monte_carlo again"):
         found["pga"]
 
 
@@ -383,8 +417,9 @@ def test_a_study_killed_at_any_moment_goes_on_to_the_same_files(tmp_path):
     _, errors = worker.communicate()
     assert worker.returncode == 0, errors
     study(n=40_000, chunk_size=1000, store=whole)
-    assert len(files(whole)) == 41
+    assert len(files(whole)) == 40 + 2  # the manifest, and how many samples are asked for
     assert files(killed) == files(whole)
+    assert not [*killed.glob("*.part")]
 
 
 def test_two_shards_fill_one_store_at_once(tmp_path):
@@ -402,6 +437,25 @@ def test_two_shards_fill_one_store_at_once(tmp_path):
     np.testing.assert_array_equal(found.indices, np.arange(8000))
     study(n=8000, chunk_size=1000, store=tmp_path / "whole")
     assert files(both) == files(tmp_path / "whole")
+
+
+def test_two_studies_of_other_sizes_fill_one_store_at_once(tmp_path):
+    """Each has a part of the chunk in which the smaller one ends."""
+    code = KILLED.replace("40_000", "int(sys.argv[2])")
+    sizes, both = (2500, 4300), tmp_path / "both"
+    workers = [
+        subprocess.Popen([sys.executable, "-c", code, both, str(n)], stderr=subprocess.PIPE)
+        for n in sizes
+    ]
+    for worker in workers:
+        _, errors = worker.communicate()
+        assert worker.returncode == 0, errors
+    study(n=4300, chunk_size=1000, store=both)  # sweeps
+    study(n=4300, chunk_size=1000, store=tmp_path / "whole")
+    assert files(both) == files(tmp_path / "whole")
+    np.testing.assert_array_equal(
+        study(n=2500, chunk_size=1000, store=both)["pga"], jp.Study.open(both)["pga"][:2500]
+    )
 
 
 # Failures.
@@ -466,6 +520,9 @@ def test_an_error_in_a_worker_reaches_the_caller_and_stops_the_rest(tmp_path):
         ({"scales": 3}, "scales = 3 must be of type Scales"),
         ({"measures": {"pga": lambda s, g: 1.0}}, "'pga' is the name of a demand"),
         ({"measures": {"two": lambda s, g: jnp.ones(2)}}, r"'two' of shape \(2,\) must be one"),
+        ({"measures": {"a/b": lambda s, g: 1.0}}, "column 'a/b' must have a name of 1 to 200"),
+        ({"measures": {"a\0": lambda s, g: 1.0}}, r"column 'a\\x00' must have a name"),
+        ({"measures": {3: lambda s, g: 1.0}}, "column 3 must have a name"),
         ({"measures": {"two": 3}}, r"measures\['two'\] = 3 must be a function"),
         (
             {"shard": (5, 5), "store": "never made"},
@@ -476,6 +533,22 @@ def test_an_error_in_a_worker_reaches_the_caller_and_stops_the_rest(tmp_path):
 def test_bad_arguments_are_named(change, message):
     with pytest.raises(ValueError, match=message):
         study(**change)
+
+
+@pytest.mark.usefixtures("small_machine")
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({}, r"n \(without a store\) = 2,147,483,648 would take \d+ GB of memory; this .* 24 GB"),
+        ({"chunk_size": 2**31, "store": "never"}, r"samples of a chunk = 2,147,483,648 would take"),
+        ({"chunk_size": 1, "store": "never"}, r"number of chunks = 2,147,483,648 would take .* TB"),
+        ({"chunk_size": 2**40, "store": "never", "n": 4}, "chunk_size = .* must be from 1 to"),
+    ],
+)
+def test_what_memory_has_no_room_for_is_refused_before_it_is_asked_for(change, message):
+    with pytest.raises(ValueError, match=message):
+        study(**({"n": 2**31} | change))
+    assert not Path("never").exists()
 
 
 def test_questions_that_make_no_sense_are_refused():

@@ -23,7 +23,7 @@ PACKAGE = ROOT / "jaxpound"
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
     {"_pytree", "_checks", "_branches", "_describe", "_extras", "_root", "_tables", "quantities"},
-    {"columns", "distributions", "estimates", "fragility", "sampling", "store"},
+    {"columns", "distributions", "estimates", "fragility", "sampling", "archives", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
     {"records", "rods", "tally"},
     {"scheme"},

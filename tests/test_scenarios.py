@@ -237,6 +237,14 @@ def test_bad_values_are_named(make, message):
         make()
 
 
+@pytest.mark.usefixtures("small_machine")
+def test_more_numbers_than_memory_has_room_for_are_refused():
+    with pytest.raises(ValueError, match="wavelets = 1,000,000 would take 88 GB of memory; this"):
+        jp.RandomRicker(1_000_000, U, U, U)
+    with pytest.raises(ValueError, match="dimension = 1,000,000,000 would take 22 TB of memory"):
+        jp.CustomDraw(lambda z: z, 10**9)
+
+
 @pytest.mark.parametrize("sampling", ["plain", "sobol"])
 def test_scenarios_by_index_are_those_of_the_study(sampling):
     scenarios = jp.Scenarios(

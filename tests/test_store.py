@@ -10,10 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxpound import store as store_module
+from jaxpound import archives
+from jaxpound.archives import DamagedError, write_archive
 from jaxpound.store import MANIFEST, Store
 
-IDENTITY = {"chunk_size": 4, "columns": ["a", "b"], "grid": {"dt": 0.1}}
+IDENTITY = {
+    "chunk_size": 4,
+    "precision": "float64",
+    "columns": ["a", "b"],
+    "grid": {"dt": 0.1},
+}
 
 
 def columns(start, n):
@@ -38,7 +44,8 @@ def test_what_was_written_is_read(store):
             np.testing.assert_array_equal(again.read(chunk)[name], x)
             np.testing.assert_array_equal(again.read(chunk, [name])[name], x)
     assert again.read(3) is None
-    assert again.read(0, ["c"]) is None
+    with pytest.raises(DamagedError, match=r"chunk 0 is damaged \(it lacks 'c'"):
+        again.read(0, ["c"])
 
 
 def test_a_store_grows_and_serves_fewer(store):
@@ -51,30 +58,107 @@ def test_a_store_grows_and_serves_fewer(store):
     assert fewer.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
 
 
-@pytest.mark.parametrize("change", [1, 8, 128, 255])
-def test_no_damage_of_a_byte_goes_unnoticed(tmp_path, change):
+def flipped(path, bits):
+    """The file with one bit changed, in every byte those that are asked for in turn."""
+    data = path.read_bytes()
+    for place in range(len(data)):
+        for bit in bits(place):
+            path.write_bytes(data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :])
+            yield
+
+
+def test_no_flipped_bit_of_a_chunk_goes_unnoticed(tmp_path):
     store = Store.create(tmp_path / "study", IDENTITY, 4, {})
     store.write(0, columns(0, 4))
     (path,) = store.folder.glob("chunk-*")
-    data = path.read_bytes()
-    noticed = 0
-    for place in range(len(data)):
-        path.write_bytes(data[:place] + bytes([data[place] ^ change]) + data[place + 1 :])
-        read = store.read(0)
-        noticed += read is None
-        if read is not None:  # a byte of no consequence, such as a date
-            for name, x in columns(0, 4).items():
-                np.testing.assert_array_equal(read[name], x)
-    assert noticed > len(data) / 2
+    noticed = harmless = 0
+    for _ in flipped(path, lambda place: {place % 8, 3 * place % 8}):
+        try:
+            read = store.read(0)
+        except DamagedError:
+            noticed += 1
+            continue
+        harmless += 1  # a byte of no consequence, such as a date
+        for name, x in columns(0, 4).items():
+            np.testing.assert_array_equal(read[name], x)
+    assert noticed > 3 * harmless > 0
+
+
+def test_no_flipped_bit_of_a_manifest_goes_unnoticed(store):
+    whole, noticed = store.manifest, 0
+    for _ in flipped(store.folder / MANIFEST, lambda place: range(8)):
+        try:
+            held = Store(store.folder).manifest
+        except ValueError:
+            noticed += 1
+            continue
+        assert held == whole  # a space that is another one now
+    assert noticed > 8 * 200
 
 
 @pytest.mark.parametrize("length", [0, 10, 300])
 def test_a_file_cut_short_is_no_chunk(store, length):
     path = store.folder / "chunk-000001.npz"
     path.write_bytes(path.read_bytes()[:length])
-    assert store.read(1) is None
+    with pytest.raises(DamagedError, match="chunk 1 is damaged"):
+        store.read(1)
     store.write(1, columns(4, 4))
     assert store.read(1) is not None
+
+
+def sealed(store, changed=None, **seal):
+    """Chunk 1 as an archive with a good seal, of other columns."""
+    about = {"study": store._study, "chunk": 1, "rows": 4} | seal
+    write_archive(store.folder / "chunk-000001.npz", columns(4, 4) | (changed or {}), about)
+
+
+@pytest.mark.parametrize(
+    ("put", "message"),
+    [
+        (lambda s: sealed(s, {"a": np.ones(4, np.float32)}), "'a' is float32 .* not float64"),
+        (lambda s: sealed(s, {"a": np.ones(4) * 1j}), "'a' is complex128"),
+        (lambda s: sealed(s, {"a": np.ones(5)}), r"of shape \(5,\), not float64 of shape \(4,\)"),
+        (lambda s: sealed(s, {"a": np.ones((4, 1))}), r"of shape \(4, 1\)"),
+        (lambda s: sealed(s, {"c": np.ones(4)}), "its columns are others"),
+        (lambda s: sealed(s, chunk=2), "chunk is 2 there and 1 here"),
+        (lambda s: sealed(s, rows=3), "rows is 3 there and 4 here"),
+        (lambda s: sealed(s, study="other"), "study is 'other' there"),
+        (lambda s: np.savez(s.folder / "chunk-000001.npz", **columns(4, 4)), "seal.json"),
+        (lambda s: os.mkfifo(fresh(s)), "it is no regular file"),
+        (lambda s: os.symlink("chunk-000001.npz", fresh(s)), "it is a link to itself"),
+        (lambda s: os.symlink("/dev/zero", fresh(s)), "it is no regular file"),
+    ],
+)
+def test_what_is_no_chunk_of_this_place_is_damage_and_made_anew(store, put, message):
+    put(store)
+    with pytest.raises(DamagedError, match=f"chunk 1 is damaged .*{message}"):
+        store.read(1)
+    store.write(1, columns(4, 4))
+    assert store.read(1)["a"].tolist() == columns(4, 4)["a"].tolist()
+
+
+def fresh(store):
+    path = store.folder / "chunk-000001.npz"
+    path.unlink()
+    return path
+
+
+def test_chunks_that_were_swapped_or_copied_are_noticed(store):
+    one, two = (store.folder / f"chunk-00000{i}.npz" for i in (0, 1))
+    first, second = one.read_bytes(), two.read_bytes()
+    one.write_bytes(second)
+    two.write_bytes(first)
+    for chunk, other in ((0, 1), (1, 0)):
+        with pytest.raises(DamagedError, match=f"chunk is {other} there and {chunk} here"):
+            store.read(chunk)
+
+
+def test_a_folder_in_the_place_of_a_chunk_is_told(store):
+    fresh(store).mkdir()
+    with pytest.raises(DamagedError, match="it is no regular file"):
+        store.read(1)
+    with pytest.raises(OSError, match=r"the store cannot be written \(Is a directory"):
+        store.write(1, columns(4, 4))
 
 
 def test_another_study_is_refused_with_what_differs(store):
@@ -96,8 +180,14 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
     ("text", "message"),
     [
         (None, r"must be a folder with a manifest.json"),
+        ("", r"manifest.json is damaged"),
         ("{", r"manifest.json is damaged"),
-        ('{"format": 99}', r"format 99 must be 1; another version"),
+        ("[]", r"manifest.json is damaged"),
+        ("[" * 100_000, r"manifest.json is damaged"),
+        ('{"format": 2, "n": ' + "9" * 5000 + "}", r"manifest.json is damaged"),
+        ('{"format": 2}', r"manifest.json is damaged \(its checksum is wrong\)"),
+        ('{"format": 99}', r"format 99 must be 2; another version"),
+        ('{"format": 1, "n": 10, "identity": {}}', r"format 1 must be 2; .* run the study anew"),
     ],
 )
 def test_a_folder_without_a_good_manifest_is_refused(tmp_path, text, message):
@@ -107,32 +197,89 @@ def test_a_folder_without_a_good_manifest_is_refused(tmp_path, text, message):
         Store(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "put",
+    [
+        Path.mkdir,
+        os.mkfifo,
+        lambda path: path.symlink_to(path),
+        lambda p: p.symlink_to("/dev/zero"),
+    ],
+    ids=["folder", "pipe", "loop", "device"],
+)
+def test_what_is_no_file_in_the_place_of_the_manifest_is_refused(tmp_path, put):
+    put(tmp_path / MANIFEST)
+    for open_it in (Store, lambda folder: Store.create(folder, IDENTITY, 10, {})):
+        with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is"):
+            open_it(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"chunk_size": 0}, "chunk_size = 0 must be from 1"),
+        ({"chunk_size": 10**12}, "chunk_size = 1000000000000 must be from 1 to 2,147,483,648"),
+        ({"precision": "float16"}, "precision = 'float16' must be float32 or float64"),
+        ({"columns": []}, r"columns = \[\] must be names"),
+        ({"columns": ["../a"]}, "column '../a' must have a name"),
+    ],
+)
+def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path, change, message):
+    with pytest.raises(ValueError, match=message):
+        Store.create(tmp_path / "study", IDENTITY | change, 10, {})
+    assert not (tmp_path / "study").exists()
+
+
+def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
+    os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
+    with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is too large\)"):
+        Store(store.folder)
+    monkeypatch.setattr("jaxpound.store._LARGEST_MANIFEST", 1000)
+    with pytest.raises(
+        ValueError, match=r"manifest.json must be at most 1,000 bytes with its notes"
+    ):
+        Store.create(store.folder.with_name("other"), IDENTITY, 10, {"notes": "x" * 1000})
+
+
+def test_a_chunk_that_would_fill_the_memory_is_damaged(store):
+    os.truncate(store.folder / "chunk-000001.npz", 10**11)
+    with pytest.raises(DamagedError, match="chunk 1 is damaged"):
+        store.read(1)
+
+
+def test_an_absurd_number_of_samples_is_refused(store):
+    (store.folder / "samples-9999999999").touch()
+    with pytest.raises(ValueError, match="samples-9999999999 must be at most 2147483648"):
+        Store(store.folder)
+
+
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
 def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, number, monkeypatch):
-    def savez(file, **_):
+    def write_array(file, *_, **__):
         file.write(b"half a file")
         raise OSError(number, os.strerror(number))
 
     with monkeypatch.context() as patch:
-        patch.setattr(store_module.np, "savez", savez)
+        patch.setattr(archives.np.lib.format, "write_array", write_array)
         with pytest.raises(
             OSError, match=r"cannot be written .* its finished chunks are kept"
         ) as e:
             store.write(1, columns(4, 4))
-    assert (e.value.errno, e.value.filename) == (number, str(store.folder))
+    assert (e.value.errno, e.value.filename) == (number, str(store._path(1, 4)))
     assert not [*store.folder.glob("*.part")]
     assert all(store.read(k) is not None for k in store.chunks())
 
 
-def test_a_file_that_finds_no_more_room_is_given_up(store):
+def test_a_file_that_finds_no_more_room_is_given_up(tmp_path):
     """The operating system's own refusal in the middle of a file."""
     resource = pytest.importorskip("resource")
-    small, large = columns(4, 4), columns(4, 100_000)
+    store = Store.create(tmp_path / "study", IDENTITY | {"chunk_size": 100_000}, 100_004, {})
+    small, large = columns(100_000, 4), columns(0, 100_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
         with pytest.raises(OSError, match=r"cannot be written \(File too large\)"):
-            store.write(1, large)
+            store.write(0, large)
         store.write(1, small)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -189,6 +336,8 @@ def test_a_process_killed_at_any_moment_leaves_whole_chunks_only(tmp_path):
             time.sleep(random.uniform(0, 0.1))
             writer.kill()
         half_written += len([*tmp_path.glob("*.part")])
+        Store.create(tmp_path, store.manifest["identity"], 60_000, {})
+        assert not [*tmp_path.glob("*.part")]
         for chunk in store.chunks():
             if store.has(chunk):
                 found = store.read(chunk)
@@ -207,24 +356,8 @@ def test_a_file_system_without_links_will_do(tmp_path, monkeypatch):
     def link(*_):
         raise OSError(errno.EPERM, os.strerror(errno.EPERM))
 
-    monkeypatch.setattr(store_module.os, "link", link)
+    monkeypatch.setattr(archives.os, "link", link)
     assert Store.create(tmp_path / "study", IDENTITY, 10, {}).n == 10
-
-
-def test_what_killed_processes_left_is_swept_and_what_is_being_written_is_not(store):
-    old, new = (store.folder / f"chunk-000001.npz-{name}.part" for name in ("old", "new"))
-    for path, age in ((old, 4000), (new, 0)):
-        path.write_bytes(b"half")
-        os.utime(path, times=(time.time() - age,) * 2)
-    store.sweep()
-    assert new.exists()
-    new.unlink()
-    assert sorted(p.name for p in store.folder.iterdir()) == [
-        "chunk-000000.npz",
-        "chunk-000001.npz",
-        "chunk-000002.npz",
-        "manifest.json",
-    ]
 
 
 def test_processes_that_make_one_store_at_once_agree_on_it(tmp_path):
@@ -239,8 +372,90 @@ def test_processes_that_make_one_store_at_once_agree_on_it(tmp_path):
         for kind in kinds
     ]
     ends = [worker.communicate()[1].decode() for worker in workers]
-    made = {json.loads((Path(tmp_path) / f"{i}" / MANIFEST).read_text())["n"] for i in range(50)}
-    assert made == {10}
+    assert {Store(tmp_path / f"{i}").n for i in range(50)} == {10}
     # One of the two kinds was first, and all of the other were refused.
     assert sum("holds another study: chunk_size" in end for end in ends) in (1, 2, 3)
     assert not [*Path(tmp_path).glob("*/*.part")]
+
+
+# Studies of other sizes in one store.
+
+
+def test_a_smaller_study_leaves_what_a_larger_one_made(tmp_path):
+    """They start together, and either may be first to write the chunk that both have a part of."""
+    folder = tmp_path / "study"
+    small = Store.create(folder, IDENTITY, 6, {})
+    large = Store.create(folder, IDENTITY, 11, {})
+    larger = Store.create(folder, IDENTITY, 13, {})
+    larger.write(2, columns(8, 4))
+    larger.write(1, columns(4, 4))
+    small.write(1, columns(4, 2))
+    large.write(2, columns(8, 3))
+    assert (Store(folder).n, small.n, large.n) == (13, 6, 11)
+    assert small.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+    assert large.read(2)["b"].tolist() == columns(8, 3)["b"].tolist()
+    assert larger.read(1)["a"].tolist() == columns(4, 4)["a"].tolist()
+    larger.write(0, columns(0, 4))
+    larger.write(3, columns(12, 1))
+    Store.create(folder, IDENTITY, 6, {})  # sweeps
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *(f"chunk-00000{i}.npz" for i in range(3)),
+        "chunk-000003-1.npz",
+        MANIFEST,
+        "samples-13",
+    ]
+    assert small.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+
+
+def test_a_chunk_s_part_stays_until_the_whole_is_there_and_right(tmp_path):
+    store = Store.create(tmp_path, IDENTITY, 6, {})
+    store.write(1, columns(4, 2))
+    larger = Store.create(tmp_path, IDENTITY, 8, {})
+    (tmp_path / "chunk-000001.npz").write_bytes(b"damaged")
+    larger.sweep()
+    assert store.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+    with pytest.raises(DamagedError):
+        larger.read(1)
+    larger.write(1, columns(4, 4))
+    larger.sweep()
+    assert not (tmp_path / "chunk-000001-2.npz").exists()
+
+
+GROWER = """
+import json, sys
+import numpy as np
+from jaxpound.store import Store
+identity = json.loads(sys.argv[2])
+numbers = range(*map(int, sys.argv[3:]))
+sys.stdin.readline()
+for n in numbers:
+    store = Store.create(sys.argv[1], identity, n, {})
+    for chunk in store.chunks():
+        if store.read(chunk) is None:
+            most = Store(sys.argv[1]).rows(chunk)
+            rows = np.arange(most.start, most.stop)
+            store.write(chunk, {"a": rows / 3, "b": np.sqrt(rows)})
+    store.sweep()
+    for chunk in store.chunks():
+        rows = np.arange(store.rows(chunk).start, store.rows(chunk).stop)
+        assert store.read(chunk)["a"].tolist() == (rows / 3).tolist(), (n, chunk)
+"""
+
+
+def test_processes_that_grow_one_store_to_other_sizes_do_not_disturb_each_other(tmp_path):
+    commands = [
+        [sys.executable, "-c", GROWER, tmp_path / "study", json.dumps(IDENTITY), *numbers]
+        for numbers in (("2", "80", "3"), ("3", "80", "2"))
+    ]
+    workers = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        for command in commands
+    ]
+    ends = [worker.communicate(b"go\n")[1].decode() for worker in workers]
+    assert ends == ["", ""]
+    store = Store.create(tmp_path / "study", IDENTITY, 79, {})
+    assert sorted(path.name for path in store.folder.iterdir()) == [
+        *(f"chunk-{i:06d}{'-3' * (i == 19)}.npz" for i in range(20)),
+        MANIFEST,
+        "samples-79",
+    ]

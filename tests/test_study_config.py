@@ -108,6 +108,10 @@ def test_rods_may_be_named_with_and_without_quotation_marks(write):
             {"wavelets": "wavelets = 0"},
             "[earthquakes] wavelets = 0 must be from 1 to 2147483648",
         ),
+        (
+            {"wavelets": "wavelets = 1_000_000_000"},
+            "[earthquakes] wavelets = 1,000,000,000 would take 88 TB of memory; this machine has",
+        ),
         ({"amplitude": "amplitude = 0.3"}, "[earthquakes] amplitude = 0.3 must be {normal = [mean"),
         ({"amplitude": "amplitude = {beta = [1, 2]}"}, "must be {normal = [mean, std]}, {logn"),
         ({"amplitude": "amplitude = {normal = [1]}"}, "must be {normal = [mean, std]}, {logn"),
