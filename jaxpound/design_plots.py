@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, Landscape
@@ -16,6 +17,7 @@ from jaxpound.figure_style import (
     QUANTITIES,
     label,
     legend,
+    legend_above,
     new_axes,
     new_figure,
     only_shares,
@@ -29,11 +31,12 @@ from jaxpound.pareto import ParetoFront
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Objective of every start over iterations, faint where it exceeds a limit; the winner bold."""
+    """Objective of every start over iterations, thin where it exceeds a limit; the winner green."""
     ax = new_axes(ax)
     history = design.history
     k, starts = history.objective.shape
     iterations = np.arange(1, k + 1)
+    outside = False
     for i in range(starts):
         colour = COLOURS["damper"] if i == design.winner else COLOURS["residual"]
         inside = history.alive[:, i] & (history.violation[:, i] <= design.limit_tolerance)
@@ -42,8 +45,12 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         words = "winner" if i == design.winner else "_other"
         width = 2 * LINE_WIDTH if i == design.winner else LINE_WIDTH
         ax.plot(iterations, kept, color=colour, linewidth=width, label=words)
+        outside |= not inside[history.alive[:, i]].all()
+    grey = COLOURS["residual"]
     if starts > 1:
-        ax.plot([], [], color=COLOURS["residual"], linewidth=LINE_WIDTH, label="other starts")
+        ax.plot([], [], color=grey, linewidth=LINE_WIDTH, label="other starts")
+    if outside:
+        ax.plot([], [], color=grey, linewidth=0.5, alpha=0.5, label="thin: limit exceeded")
     ax.margins(x=0)
     label(ax, "iteration", f"objective{_unit(design, design.objective)}")
     legend(ax)
@@ -69,19 +76,16 @@ def landscape(
     lines = ax.contour(x, y, z, 12, colors=COLOURS["ground"], linewidths=0.6, alpha=0.6)
     ax.clabel(lines, np.asarray(lines.levels)[::3], fontsize=FONT_SIZE - 2, fmt="%.3g")
     if (drawn.violation > design.limit_tolerance).any():
-        ax.contourf(
-            x,
-            y,
-            drawn.violation,
-            [design.limit_tolerance, np.inf],
-            colors=COLOURS["limit"],
-            alpha=0.3,
-        )
+        places, violation = _with_the_design(design, drawn)
+        beyond = [design.limit_tolerance, np.inf]
+        ax.tricontourf(places, violation, beyond, colors=COLOURS["limit"], alpha=0.3)
         ax.fill_between([], [], [], label="limit exceeded", **shade("limit"))
     path = design.space.numbers(design.history.shares[:, design.winner])
     xs, ys = path[drawn.x], path[drawn.y]
-    ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path")
-    ax.plot(xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none")
+    ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path, projected")
+    ax.plot(
+        xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none", label="start"
+    )
     end = design.values
     ax.plot(
         end[drawn.x],
@@ -99,10 +103,26 @@ def landscape(
     for name, one in ((drawn.x, ax.xaxis), (drawn.y, ax.yaxis)):
         if design.space.variables[name].scale == "log":
             ratio_ticks(one)
-    ax.legend(
-        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=FONT_SIZE, frameon=False
-    )
+    legend_above(ax, 2)
     return ax
+
+
+def _with_the_design(design: Design, drawn: Landscape) -> tuple[Triangulation, np.ndarray]:
+    """The landscape's points and their violation, and the design among them with its own.
+
+    A design stands where a limit just holds, often between the points of the landscape, of which a
+    straight line need not know.
+    """
+    limits = design.objective_function.limits
+    own = max(design.prices[name] / limit.at_most - 1 for name, limit in limits.items())
+    sides = []
+    for name, values in ((drawn.x, drawn.x_values), (drawn.y, drawn.y_values)):
+        values = np.append(np.ravel(values), design.values[name])
+        log = design.space.variables[name].scale == "log"
+        sides.append((values, np.log(values) if log else values))
+    (x, along), (y, up) = sides
+    triangles = Triangulation(along / np.ptp(along), up / np.ptp(up)).triangles
+    return Triangulation(x, y, triangles), np.append(np.ravel(drawn.violation), own)
 
 
 def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str = "min_gap") -> Axes:
