@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
+from scipy.interpolate import RegularGridInterpolator
 
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, Landscape
@@ -53,7 +53,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         ax.plot([], [], color=grey, linewidth=0.5, alpha=0.5, label="thin: limit exceeded")
     ax.margins(x=0)
     label(ax, "iteration", f"objective{_unit(design, design.objective)}")
-    legend(ax)
+    legend_above(ax, 3)
     return ax
 
 
@@ -76,9 +76,9 @@ def landscape(
     lines = ax.contour(x, y, z, 12, colors=COLOURS["ground"], linewidths=0.6, alpha=0.6)
     ax.clabel(lines, np.asarray(lines.levels)[::3], fontsize=FONT_SIZE - 2, fmt="%.3g")
     if (drawn.violation > design.limit_tolerance).any():
-        places, violation = _with_the_design(design, drawn)
         beyond = [design.limit_tolerance, np.inf]
-        ax.tricontourf(places, violation, beyond, colors=COLOURS["limit"], alpha=0.3)
+        seen = _violation_with_the_design(design, drawn)
+        ax.contourf(*seen, beyond, colors=COLOURS["limit"], alpha=0.3)
         ax.fill_between([], [], [], label="limit exceeded", **shade("limit"))
     path = design.space.numbers(design.history.shares[:, design.winner])
     xs, ys = path[drawn.x], path[drawn.y]
@@ -107,22 +107,28 @@ def landscape(
     return ax
 
 
-def _with_the_design(design: Design, drawn: Landscape) -> tuple[Triangulation, np.ndarray]:
-    """The landscape's points and their violation, and the design among them with its own.
+def _violation_with_the_design(
+    design: Design, drawn: Landscape
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The landscape's axes and violation, with a row and a column more where the design is.
 
-    A design stands where a limit just holds, often between the points of the landscape, of which a
-    straight line need not know.
+    A design often stands where a limit just holds. Interpolated between the landscape's points the
+    limit would be exceeded there; at the design itself its violation is known.
     """
+
+    def even(name: str, values: np.ndarray) -> np.ndarray:
+        return np.log(values) if design.space.variables[name].scale == "log" else values
+
+    x, y = drawn.x_values[0], drawn.y_values[:, 0]
+    between = RegularGridInterpolator((even(drawn.y, y), even(drawn.x, x)), drawn.violation)
+    x_own, y_own = (np.clip(design.values[n], v[0], v[-1]) for n, v in ((drawn.x, x), (drawn.y, y)))
+    x, y = np.union1d(x, x_own), np.union1d(y, y_own)
+    places = np.meshgrid(even(drawn.y, y), even(drawn.x, x), indexing="ij")
+    violation = between(tuple(places))
     limits = design.objective_function.limits
     own = max(design.prices[name] / limit.at_most - 1 for name, limit in limits.items())
-    sides = []
-    for name, values in ((drawn.x, drawn.x_values), (drawn.y, drawn.y_values)):
-        values = np.append(np.ravel(values), design.values[name])
-        log = design.space.variables[name].scale == "log"
-        sides.append((values, np.log(values) if log else values))
-    (x, along), (y, up) = sides
-    triangles = Triangulation(along / np.ptp(along), up / np.ptp(up)).triangles
-    return Triangulation(x, y, triangles), np.append(np.ravel(drawn.violation), own)
+    violation[np.searchsorted(y, y_own), np.searchsorted(x, x_own)] = own
+    return x, y, violation
 
 
 def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str = "min_gap") -> Axes:

@@ -28,6 +28,9 @@ def test_convergence_has_a_line_for_every_start(stand_in, ax):
     assert len(ax.lines) == 2 * 3 + 2
     words = [text.get_text() for text in ax.get_legend().texts]
     assert words == ["winner", "other starts", "thin: limit exceeded"]
+    ax.figure.draw_without_rendering()
+    box = ax.get_legend().get_window_extent()
+    assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
     ax.clear()
     plots.convergence(search(iterations=3), ax)
     assert [text.get_text() for text in ax.get_legend().texts] == ["winner", "other starts"]
