@@ -44,7 +44,8 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         kept = np.where(inside, history.objective[:, i], np.nan)
         words = "winner" if i == design.winner else "_other"
         width = 2 * LINE_WIDTH if i == design.winner else LINE_WIDTH
-        ax.plot(iterations, kept, color=colour, linewidth=width, label=words)
+        on_top = 2.5 if i == design.winner else 2.0
+        ax.plot(iterations, kept, color=colour, linewidth=width, label=words, zorder=on_top)
         outside |= not inside[history.alive[:, i]].all()
     grey = COLOURS["residual"]
     if starts > 1:
@@ -53,7 +54,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         ax.plot([], [], color=grey, linewidth=0.5, alpha=0.5, label="thin: limit exceeded")
     ax.margins(x=0)
     label(ax, "iteration", f"objective{_unit(design, design.objective)}")
-    legend_above(ax, 3)
+    legend_above(ax, 2)
     return ax
 
 
