@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.interpolate import RegularGridInterpolator
 
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, Landscape
@@ -16,6 +17,7 @@ from jaxpound.figure_style import (
     QUANTITIES,
     label,
     legend,
+    legend_above,
     new_axes,
     new_figure,
     only_shares,
@@ -29,11 +31,12 @@ from jaxpound.pareto import ParetoFront
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Objective of every start over iterations, faint where it exceeds a limit; the winner bold."""
+    """Objective of every start over iterations, thin where it exceeds a limit; the winner green."""
     ax = new_axes(ax)
     history = design.history
     k, starts = history.objective.shape
     iterations = np.arange(1, k + 1)
+    outside = False
     for i in range(starts):
         colour = COLOURS["damper"] if i == design.winner else COLOURS["residual"]
         inside = history.alive[:, i] & (history.violation[:, i] <= design.limit_tolerance)
@@ -41,12 +44,17 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         kept = np.where(inside, history.objective[:, i], np.nan)
         words = "winner" if i == design.winner else "_other"
         width = 2 * LINE_WIDTH if i == design.winner else LINE_WIDTH
-        ax.plot(iterations, kept, color=colour, linewidth=width, label=words)
+        on_top = 2.5 if i == design.winner else 2.0
+        ax.plot(iterations, kept, color=colour, linewidth=width, label=words, zorder=on_top)
+        outside |= not inside[history.alive[:, i]].all()
+    grey = COLOURS["residual"]
     if starts > 1:
-        ax.plot([], [], color=COLOURS["residual"], linewidth=LINE_WIDTH, label="other starts")
+        ax.plot([], [], color=grey, linewidth=LINE_WIDTH, label="other starts")
+    if outside:
+        ax.plot([], [], color=grey, linewidth=0.5, alpha=0.5, label="thin: limit exceeded")
     ax.margins(x=0)
     label(ax, "iteration", f"objective{_unit(design, design.objective)}")
-    legend(ax)
+    legend_above(ax, 2)
     return ax
 
 
@@ -69,19 +77,16 @@ def landscape(
     lines = ax.contour(x, y, z, 12, colors=COLOURS["ground"], linewidths=0.6, alpha=0.6)
     ax.clabel(lines, np.asarray(lines.levels)[::3], fontsize=FONT_SIZE - 2, fmt="%.3g")
     if (drawn.violation > design.limit_tolerance).any():
-        ax.contourf(
-            x,
-            y,
-            drawn.violation,
-            [design.limit_tolerance, np.inf],
-            colors=COLOURS["limit"],
-            alpha=0.3,
-        )
+        beyond = [design.limit_tolerance, np.inf]
+        seen = _violation_with_the_design(design, drawn)
+        ax.contourf(*seen, beyond, colors=COLOURS["limit"], alpha=0.3)
         ax.fill_between([], [], [], label="limit exceeded", **shade("limit"))
     path = design.space.numbers(design.history.shares[:, design.winner])
     xs, ys = path[drawn.x], path[drawn.y]
-    ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path")
-    ax.plot(xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none")
+    ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path, projected")
+    ax.plot(
+        xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none", label="start"
+    )
     end = design.values
     ax.plot(
         end[drawn.x],
@@ -99,10 +104,32 @@ def landscape(
     for name, one in ((drawn.x, ax.xaxis), (drawn.y, ax.yaxis)):
         if design.space.variables[name].scale == "log":
             ratio_ticks(one)
-    ax.legend(
-        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=FONT_SIZE, frameon=False
-    )
+    legend_above(ax, 2)
     return ax
+
+
+def _violation_with_the_design(
+    design: Design, drawn: Landscape
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The landscape's axes and violation, with a row and a column more where the design is.
+
+    A design often stands where a limit just holds. Interpolated between the landscape's points the
+    limit would be exceeded there; at the design itself its violation is known.
+    """
+
+    def even(name: str, values: np.ndarray) -> np.ndarray:
+        return np.log(values) if design.space.variables[name].scale == "log" else values
+
+    x, y = drawn.x_values[0], drawn.y_values[:, 0]
+    between = RegularGridInterpolator((even(drawn.y, y), even(drawn.x, x)), drawn.violation)
+    x_own, y_own = (np.clip(design.values[n], v[0], v[-1]) for n, v in ((drawn.x, x), (drawn.y, y)))
+    x, y = np.union1d(x, x_own), np.union1d(y, y_own)
+    places = np.meshgrid(even(drawn.y, y), even(drawn.x, x), indexing="ij")
+    violation = between(tuple(places))
+    limits = design.objective_function.limits
+    own = max(design.prices[name] / limit.at_most - 1 for name, limit in limits.items())
+    violation[np.searchsorted(y, y_own), np.searchsorted(x, x_own)] = own
+    return x, y, violation
 
 
 def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str = "min_gap") -> Axes:

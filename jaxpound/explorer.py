@@ -43,6 +43,9 @@ class Explorer:
     (``explorer.sliders["friction"].value = 0.4``); ``structures``, ``ground`` and ``response`` are
     what is shown, in ``picture`` and ``words``. Needs the extra ``notebooks``.
 
+    A slider is dragged from one round number to the next. Any other number can be typed into the
+    field beside it or set by code, also outside of the slider's range, and stays as it was set.
+
     Parameters
     ----------
     structures
@@ -101,16 +104,16 @@ class Explorer:
         self.structures, self.ground = self._first, ground
         self.response = self._run(self.structures, ground)
         self._panels = LivePanels(self.response)
-        self.picture = widgets.Image(format="png")
+        narrow = widgets.Layout(max_width="calc(100% - 4px)")  # less its margins
+        self.picture = widgets.Image(format="png", layout=narrow)
         self.words = widgets.HTML()
         self._show()
         tab = widgets.Tab([_scrolled(group) for group in tabs.values()], titles=list(tabs))
-        tab.layout.width = "29em"
+        tab.layout.width = "37em"
+        beside = widgets.VBox([self.picture, self.words])
+        beside.layout = widgets.Layout(flex="1 1 40em", align_items="flex-start")
         self.widget = widgets.HBox(
-            [
-                widgets.VBox([tab, back]),
-                widgets.VBox([self.picture, self.words]),
-            ],
+            [widgets.VBox([tab, back]), beside],
             layout=widgets.Layout(flex_flow="row wrap"),
         )
 
@@ -120,17 +123,10 @@ class Explorer:
         return self.widget._repr_mimebundle_(**kwargs) | {"image/png": picture}
 
     def _slider(self, name: str, words: str, value: float, low: float, high: float) -> Any:
-        widgets = require("Explorer", "ipywidgets")
-        style = {"description_width": "10em"}
-        layout = widgets.Layout(width="25em")
-        low, high = min(low, value), max(high, value)
-        look = {"description": words, "style": style, "layout": layout}
-        if name in _LOGARITHMIC:
-            ends = {"min": np.log10(low), "max": np.log10(high)}
-            slider = widgets.FloatLogSlider(value, **ends, step=0.01, readout_format=".3g", **look)
-        else:
-            ends = {"min": low, "max": high}
-            slider = widgets.FloatSlider(value, **ends, step=0.01, readout_format=".2f", **look)
+        from jaxpound.sliders import ExactSlider, even_marks, ratio_marks
+
+        marks = ratio_marks if name in _LOGARITHMIC else even_marks
+        slider = ExactSlider(words, value, marks(min(low, value), max(high, value)))
         slider.observe(self._changed, names="value")
         self.sliders[name] = slider
         self._starts[name] = value

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import logging
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import resources
 from typing import Any
@@ -87,9 +88,36 @@ _PARAMETERS = {
 }
 
 
+# Quantity of a parameter that has a unit; of a wavelet's the first word counts (``period_2``).
+_QUANTITY_OF = {
+    "friction": "force",
+    "initial_gap": "length",
+    "amplitude": "length",
+    "period": "time",
+    "arrival": "time",
+}
+
+
 def parameter_name(path: str) -> str:
     """Name of a parameter in a figure."""
     return _PARAMETERS.get(path, path.replace("_", " "))
+
+
+def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
+    """Factor and name, with its unit, of a parameter on an axis.
+
+    ``scales`` turn it into SI units, if they are given; ``largest`` is its size before. What has no
+    unit, such as a ratio or an order, is told by its name alone.
+    """
+    name, wavelet = parameter_name(path), re.fullmatch(r"(\w+)_\d+", path)
+    quantity = _QUANTITY_OF.get(wavelet[1] if wavelet else path)
+    if quantity is None:
+        return 1.0, name
+    if scales is None:
+        return 1.0, f"{name} ({unit_for(quantity, False, largest)[1]})"
+    scale = float(getattr(scales, quantity))
+    factor, unit = unit_for(quantity, True, scale * largest)
+    return scale * factor, f"{name.partition(' $')[0]} ({unit})"  # symbols are dimensionless
 
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
@@ -173,10 +201,11 @@ def label(ax: Axes, x: str, y: str) -> None:
     ax.set_axisbelow(True)
 
 
-def legend(ax: Axes, columns: int = 4) -> None:
-    """A legend in a strip of its own, above everything drawn."""
+def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
+    """A legend in a strip of its own, above everything drawn; the axis may begin at ``bottom``."""
     ax.autoscale(axis="y")
     low, high = ax.get_ylim()
+    low = low if bottom is None else bottom
     handles, _ = ax.get_legend_handles_labels()
     rows = -(-len(handles) // columns)
     room = 0.07 + 0.09 * rows  # in heights of the axes
@@ -194,6 +223,18 @@ def legend(ax: Axes, columns: int = 4) -> None:
     for handle in shown.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_alpha(1.0)  # a batch's lines are faint
+
+
+def legend_above(ax: Axes, columns: int) -> None:
+    """A legend over the axes, where what is drawn leaves no corner free."""
+    ax.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=columns,
+        fontsize=FONT_SIZE,
+        frameon=False,
+        columnspacing=1.0,
+    )
 
 
 def same_height(panels: Iterable[Axes]) -> None:

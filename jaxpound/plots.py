@@ -67,7 +67,7 @@ def rod_forces(response: Response, ax: Axes | None = None) -> Axes:
 
 
 def gap(response: Response, ax: Axes | None = None) -> Axes:
-    """Gap ξ over time, its minimum marked with value and time, in a batch the smallest of all.
+    """Gap ξ over time, its minimum marked and told by value and time, in a batch the smallest.
 
     The minimum is that of ``response.demand``, which may lie between instants of the grid. The
     region of pounding, ξ ≤ 0, is shaded if the gap comes near it.
@@ -75,29 +75,17 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     ax = _over_time(response, ax, "gap", "length", [_Curve(r"$\xi$", "damper", response.gap)])
     smallest = np.ravel(response.min_gap)
     low, high = float(smallest.min()), float(np.max(response.gap))
-    span = (high - low) or abs(high) or 1.0
-    bottom = low - 0.25 * span  # room for the label
-    near = low < 0.3 * span
-    if near:
-        bottom = min(bottom, -0.15 * span)
-    _shade_pounding(ax, near)
-    if near:
-        legend(ax)
-    ax.set_ylim(bottom=bottom)
-
     time = float(np.ravel(response.demand.min_gap_time)[smallest.argmin()])
-    ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
-    place = time / float(np.max(response.time))
     units = (" m", " s") if response.si else ("", "")
-    ax.annotate(
-        rf"min $\xi$ = {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−"),
-        (time, low),
-        xytext=(0, -5),
-        textcoords="offset points",
-        horizontalalignment="left" if place < 0.3 else "right" if place > 0.7 else "center",
-        verticalalignment="top",
-        fontsize=FONT_SIZE,
-    )
+    words = rf"$\xi$, min {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−")
+    (ax.lines if np.ndim(response.time) == 1 else ax.collections)[-1].set_label(words)
+    ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
+
+    span = (high - low) or abs(high) or 1.0
+    near = low < 0.3 * span
+    _shade_pounding(ax, near)
+    bottom = low - 0.1 * span
+    legend(ax, columns=1, bottom=min(bottom, -0.15 * span) if near else bottom)
     return ax
 
 
@@ -233,22 +221,18 @@ def side_by_side(
     return result
 
 
-_FIGURES = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
+_PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
 
 
 def paper_figures(response: Response) -> dict[str, Figure]:
-    """The six figures of the paper's numerical example, of one run.
+    """What the paper draws of its numerical example, of one run: a figure for each function here.
 
     Returns
     -------
-    ``"figure_3"`` ground motion, ``"figure_4"`` displacements, ``"figure_5"`` velocities,
-    ``"figure_6"`` gap, ``"figure_7"`` friction force with the phases of stick, ``"figure_8"`` rod
-    forces. This order of the paper's Figures 3 to 8 is an assumption: the project has the paper's
-    equations and parameters, but not its figures.
+    ``"ground_motion"``, ``"displacements"``, ``"velocities"``, ``"gap"``, ``"friction_force"`` with
+    the phases of stick, and ``"rod_forces"``.
     """
-    return {
-        f"figure_{number}": figure(draw, response) for number, draw in enumerate(_FIGURES, start=3)
-    }
+    return {draw.__name__: figure(draw, response) for draw in _PAPER}
 
 
 def _pair(label_1: str, values_1: Any, label_2: str, values_2: Any) -> list[_Curve]:

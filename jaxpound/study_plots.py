@@ -19,9 +19,11 @@ from jaxpound.figure_style import (
     bars,
     label,
     legend,
+    legend_above,
     new_axes,
     new_figure,
     only_shares,
+    parameter_axis,
     parameter_name,
     ratio_ticks,
     shade,
@@ -37,24 +39,39 @@ _MOST_DOTS = 2000  # of a scatter diagram
 
 
 def min_gap(study: Study, ax: Axes | None = None) -> Axes:
-    """Histogram of min gap and, on the right, its empirical distribution; pounding shaded."""
+    """Histogram of min gap and, on the right, its empirical distribution; pounding shaded.
+
+    The axis leaves out the smallest thousandth, unless they are positive; the legend says how many
+    lie further left. It also says of how many the min gap is that at rest, if they are 1 % or more:
+    they stand in the last bar, unless the gap at rest is uncertain.
+    """
     ax = new_axes(ax)
     gaps = study.finite("min_gap")
+    n = gaps.size
     low, high = np.quantile(gaps, [0.001, 1.0])
     low = min(low, 0.0)
-    edges = np.linspace(low, high, 41)
-    ax.hist(np.clip(gaps, low, None), list(edges), color=COLOURS["damper"], alpha=0.6, density=True)
+    counts, edges = np.histogram(gaps, np.linspace(low, high, 41))
+    width = np.diff(edges)
+    ax.bar(
+        edges[:-1], counts / (n * width), width, align="edge", color=COLOURS["damper"], alpha=0.6
+    )
     ax.axvspan(low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
     ax.set_xlim(low, high)
     unit = _unit(study, "min_gap", "length")[1]
     label(ax, _name(study, "min_gap"), f"density (1/{unit})" if study.scales else "density")
-    legend(ax)
+
+    ax.plot([], [], color="black", linewidth=LINE_WIDTH, label="cumulative share")
+    beyond = np.sum(gaps < low)
+    if beyond:
+        ax.plot([], [], " ", label=f"further left: {beyond:,} of {n:,}")
+    still = np.mean(study.finite("required_gap") <= 0)
+    if still >= 0.01:
+        ax.plot([], [], " ", label=f"min = gap at rest: {100 * still:.0f} %")
+    legend_above(ax, 2)
+
     right = ax.twinx()
-    ranked = np.sort(gaps)
-    right.plot(
-        ranked, np.arange(1, ranked.size + 1) / ranked.size, color="black", linewidth=LINE_WIDTH
-    )
-    right.set_ylim(0, 1.16)
+    right.plot(np.sort(gaps), np.arange(1, n + 1) / n, color="black", linewidth=LINE_WIDTH)
+    right.set_ylim(0, 1.05)
     right.set_yticks([0, 0.5, 1])
     right.tick_params(labelsize=FONT_SIZE)
     right.set_ylabel("cumulative share", fontsize=FONT_SIZE)
@@ -93,12 +110,14 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # how many exceed it
     estimates = np.array([probability(int(k), n)[:3] for k in more])
     gaps = ranked[n - more]
-    ax.fill_between(gaps, *estimates[:, 1:].T, **shade("damper"))
-    ax.plot(gaps, estimates[:, 0], color=COLOURS["damper"], linewidth=LINE_WIDTH)
+    colour = COLOURS["damper"]
+    ax.plot(gaps, estimates[:, 0], color=colour, linewidth=LINE_WIDTH, label="estimate")
+    ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
     ax.set_yscale("log")
     if rules_at is not None:
         found = study.separation(rules_at)
-        ax.axhline(rules_at, color=COLOURS["residual"], linewidth=0.7)
+        words = f"probability {100 * rules_at:.3g} %"
+        ax.axhline(rules_at, color=COLOURS["residual"], linewidth=0.7, label=words)
         for name, words, style in (
             ("double_difference", "double difference", ":"),
             ("srss", "SRSS", "--"),
@@ -109,8 +128,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
             )
     label(ax, _name(study, "required_gap"), "probability of exceedance")
     ax.set_ylim(top=1)
-    if rules_at is not None:
-        ax.legend(loc="upper right", fontsize=FONT_SIZE, frameon=False)
+    legend_above(ax, 2)
     return ax
 
 
@@ -164,8 +182,10 @@ def scatter_matrix(
         factor = _unit(study, demand, QUANTITIES[demand][0])[0] if known else 1.0
         values = factor * study[demand][:_MOST_DOTS]
         for ax, name in zip(row, names, strict=True):
+            drawn = parameters[name][:_MOST_DOTS]
+            size, words = parameter_axis(name, study.scales, float(np.abs(drawn).max()))
             ax.plot(
-                parameters[name][:_MOST_DOTS],
+                size * drawn,
                 values,
                 ".",
                 color=CYCLE[0],
@@ -173,7 +193,7 @@ def scatter_matrix(
                 alpha=0.4,
                 rasterized=True,
             )
-            label(ax, parameter_name(name), _name(study, demand))
+            label(ax, words, _name(study, demand))
             ax.locator_params(axis="x", nbins=3)
             ax.label_outer()
     return figure

@@ -25,7 +25,15 @@ def test_convergence_has_a_line_for_every_start(stand_in, ax):
     inside = found.history.violation[:, found.winner] <= 1e-3
     expected = np.where(inside, found.history.objective[:, found.winner], np.nan)
     np.testing.assert_array_equal(named[0].get_ydata(), expected)
-    assert len(ax.lines) == 2 * 3 + 1
+    assert len(ax.lines) == 2 * 3 + 2
+    words = [text.get_text() for text in ax.get_legend().texts]
+    assert words == ["winner", "other starts", "thin: limit exceeded"]
+    ax.figure.draw_without_rendering()
+    box = ax.get_legend().get_window_extent()
+    assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
+    ax.clear()
+    plots.convergence(search(iterations=3), ax)
+    assert [text.get_text() for text in ax.get_legend().texts] == ["winner", "other starts"]
 
 
 def test_landscape_has_the_path_and_the_design(stand_in, ax):
@@ -41,6 +49,19 @@ def test_landscape_has_the_path_and_the_design(stand_in, ax):
     ax.clear()
     plots.landscape(found, ax, n=5)
     assert {ax.get_xlabel(), ax.get_ylabel()} == {r"mass ratio $\rho$", r"friction $\mu$"}
+
+
+def test_a_design_at_its_limit_does_not_stand_where_the_limit_is_exceeded(stand_in, ax):
+    found = search(jp.Objective(limits={"damper_force": 0.5}), iterations=60)
+    seen = found.landscape("friction", "mass_ratio", 6)
+    price = 0.5 * (seen.x_values / found.values["friction"]) ** 8
+    plots.landscape(found, ax, seen._replace(violation=price / 0.5 - 1))
+    ax.figure.canvas.draw()
+    (shaded,) = (c for c in ax.collections if "limit" not in str(c.get_label()) and c.get_fill())
+    design = found.values["friction"], found.values["mass_ratio"]
+    assert not any(path.contains_point(design) for path in shaded.get_paths() if len(path))
+    beyond = 1.2 * design[0], design[1]
+    assert any(path.contains_point(beyond) for path in shaded.get_paths() if len(path))
 
 
 def test_before_and_after_are_distributions(stand_in, ax):

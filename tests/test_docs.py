@@ -74,3 +74,54 @@ def test_the_site_s_measured_tables_are_the_readme_s():
     for row in rows:
         numbers = re.findall(r"[−\d.]+e-\d", row)
         assert any(numbers == re.findall(r"[−\d.]+e-\d", line) for line in readme.splitlines()), row
+
+
+def bibliography():
+    """Its entries, each in one line."""
+    page = (DOCS / "bibliography.md").read_text(encoding="utf-8")
+    return [" ".join(entry.split()) for entry in re.split(r"^- ", page, flags=re.M)[1:]]
+
+
+def test_every_source_that_is_named_is_in_the_bibliography():
+    name = r"(?:Den |Der )?[A-Z][\w’'-]+"
+    named = re.compile(
+        rf"({name}(?:, {name})*(?: and {name})?)(?: et al\.)? \(?((?:18|19|20)\d\d)[);,]"
+    )
+    modules = sorted((ROOT / "jaxpound").glob("*.py"))
+    pages = [page for page in PAGES if page.stem not in ("bibliography", "changelog")]
+    found = [
+        (path.name, *source)
+        for path in (*modules, *pages)
+        for source in named.findall(" ".join(path.read_text(encoding="utf-8").split()))
+    ]
+    assert {"Clopper and Pearson", "Jeng, Kasai and Maison"} <= {names for _, names, _ in found}
+    entries = bibliography()
+    for place, names, year in found:
+        authors = re.split(r", | and ", names)
+        assert any(
+            f"({year})" in entry and all(author in entry.split(":")[0] for author in authors)
+            for entry in entries
+        ), f"{place}: {names} {year}"
+
+
+def test_the_paper_s_title_is_the_same_everywhere():
+    title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
+    places = [ROOT / "CITATION.cff", ROOT / "jaxpound" / "paper.py"]
+    places += [DOCS / "model.md", DOCS / "bibliography.md"]
+    for place in places:
+        text = " ".join(place.read_text(encoding="utf-8").split())
+        assert title in text, place.name
+        assert "Grahovac" in text, place.name
+
+
+def test_entries_have_authors_year_and_title():
+    first, *others = bibliography()
+    assert first.startswith("Žigić")
+    for entry in others:
+        assert re.match(
+            r"[^:*]+ \((18|19|20)\d\d\): \*[^*]+\*( \(in Russian\)|, \w+ edition)?\. ", entry
+        )
+    links = re.findall(r"\[(doi|arXiv):([^]]+)\]\(https://([^)]+)\)", " ".join(others))
+    assert links
+    for kind, number, address in links:
+        assert address == {"doi": "doi.org/", "arXiv": "arxiv.org/abs/"}[kind] + number

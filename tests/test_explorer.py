@@ -2,6 +2,7 @@
 
 import base64
 import io
+import math
 import sys
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from PIL import Image
 import jaxpound as jp
 from jaxpound.explorer import Explorer
 from jaxpound.live_panels import LivePanels
+from jaxpound.sliders import ExactSlider, even_marks, ratio_marks
 
 mpl.use("Agg")
 
@@ -34,12 +36,60 @@ def explorer():
     return Explorer(S, GROUND, GRID)
 
 
+class Browser:
+    """What ipywidgets' sliders answer as they are shown, and whenever code sets them.
+
+    The arithmetic of noUiSlider: a value becomes percent of the range, goes to the nearest step and
+    comes back. Where that is not what it was told, it is sent to the kernel as the new value. A
+    busy kernel hears of it later: here, when ``answer`` is called.
+    """
+
+    def __init__(self, widget):
+        self._answers = []
+        self._show(widget)
+
+    def _show(self, widget):
+        for child in getattr(widget, "children", ()):
+            self._show(child)
+        if hasattr(widget, "step") and hasattr(widget, "readout"):
+            self._hear(widget)
+            widget.observe(lambda change: self._hear(change.owner), "value")
+
+    def _hear(self, slider):
+        low, high = float(slider.min), float(slider.max)
+        log = "Log" in slider._view_name
+        value = math.log(slider.value, slider.base) if log else slider.value
+        percent = 100 * (value - low) / (high - low)
+        step = 100 * slider.step / (high - low)
+        percent = min(max(math.floor(percent / step + 0.5) * step, 0.0), 100.0)
+        value = percent * (high - low) / 100 + low
+        if "Int" in slider._view_name:
+            value = math.floor(value + 0.5)
+        value = slider.base**value if log else value
+        if value != slider.value:
+            self._answers.append((slider, value))
+
+    def answer(self):
+        for slider, value in self._answers:
+            send(slider, value)
+
+
+def send(widget, value):
+    """A user's value comes from the browser."""
+    data = {"method": "update", "state": {"value": value}, "buffer_paths": []}
+    widget._handle_msg({"content": {"data": data}, "buffers": []})
+
+
+def chosen(explorer):
+    return {name: slider.value for name, slider in explorer.sliders.items()}
+
+
 def test_a_slider_for_every_parameter_and_wavelet(explorer):
     expected = {"friction", "initial_gap", "mass_ratio", "stiffness_ratio", "strength"}
     expected |= {f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_f", "tau_x")}
     expected |= {f"{kind}_{i}" for kind in ("amplitude", "period", "arrival") for i in range(1, 6)}
     assert set(explorer.sliders) == expected
-    assert all(slider.continuous_update for slider in explorer.sliders.values())
+    assert all(slider.position.continuous_update for slider in explorer.sliders.values())
 
 
 @pytest.mark.parametrize(
@@ -72,6 +122,62 @@ def test_wavelets_move_the_ground(explorer):
     )
     expected = jp.simulate(S, ground, GRID)
     np.testing.assert_allclose(explorer.response.gap, expected.gap, atol=1e-12)
+
+
+def test_a_browser_s_rounding_changes_nothing():
+    odd = replace(S, mass_ratio=1.002, stiffness_ratio=2 / 3, rod_1=replace(S.rod_1, tau_x=1.18349))
+    explorer = Explorer(odd, GROUND, GRID)
+    values, gap, words = chosen(explorer), explorer.response.gap, explorer.words.value
+    assert values["mass_ratio"] == 1.002
+    assert values["rod_1.tau_x"] == 1.18349
+    Browser(explorer.widget).answer()
+    assert chosen(explorer) == values
+    assert (explorer.response.gap == gap).all()
+    assert explorer.words.value == words
+
+
+def test_what_code_sets_stays_whenever_the_browser_answers(explorer):
+    browser = Browser(explorer.widget)  # all cells are run: its answers wait for the last
+    wanted = {"friction": 0.4, "rod_2.tau_x": 4.05, "mass_ratio": 1 / 3, "amplitude_2": -0.1234567}
+    wanted |= {"initial_gap": 12.5}  # beyond the slider's end
+    for name, value in wanted.items():
+        explorer.sliders[name].value = value
+    browser.answer()
+    assert {name: explorer.sliders[name].value for name in wanted} == wanted
+    assert float(explorer.structures.mass_ratio) == 1 / 3
+    explorer.reset()
+    browser.answer()
+    assert explorer.sliders["friction"].value == S.friction
+    assert jax.tree.leaves(explorer.structures) == jax.tree.leaves(S)
+
+
+def test_a_user_drags_to_round_numbers_and_types_any(explorer):
+    friction, tau = explorer.sliders["friction"], explorer.sliders["rod_1.tau_x"]
+    send(friction.position, friction.position.value + 5)
+    assert friction.value == friction.number.value == 0.3
+    send(tau.position, tau.position.value + 1)
+    assert tau.value == tau.number.value == 1.2
+    for value in (1.2345678901234567, 31.0, 0.01):
+        send(tau.number, value)
+        assert tau.value == value
+        assert float(explorer.structures.rod_1.tau_x) == value
+    assert tau.position.value == 0  # the nearest mark
+    with pytest.raises(ValueError, match="μ = nan must be finite"):
+        friction.value = float("nan")
+    assert friction.value == 0.3
+
+
+@pytest.mark.parametrize(
+    "marks",
+    [even_marks(0.0, 1.5), even_marks(-1.0, 1.0), even_marks(0.0, 20.013), ratio_marks(0.001, 1.0)],
+)
+def test_every_mark_is_shown_where_it_is(marks):
+    assert 100 <= len(marks) <= 302
+    slider = ExactSlider("", float(marks[0]), marks)
+    for place, value in enumerate(marks):
+        slider.value = value
+        assert slider.position.value == place
+        assert float(f"{value:.4g}") == value
 
 
 def test_what_breaks_a_rule_is_said_and_nothing_is_lost(explorer):

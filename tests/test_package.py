@@ -43,6 +43,7 @@ FLOORS = [
         "convergence_plots",
         "drawing",
         "live_panels",
+        "sliders",
     },
     {"animation", "explorer", "earthquake_config"},
     {"study_config", "design_config"},

@@ -1,5 +1,7 @@
 """What the figures of a study show: its own numbers, with units."""
 
+import types
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from test_sensitivity import GRID, SCENARIOS
 
 import jaxpound as jp
 from jaxpound import study_plots as plots
-from jaxpound.figure_style import parameter_name
+from jaxpound.figure_style import parameter_axis, parameter_name
 
 mpl.use("Agg")
 
@@ -28,14 +30,35 @@ def ax():
 
 def test_min_gap_s_histogram_and_distribution(found, ax):
     assert plots.min_gap(found, ax) is ax
-    area = sum(bar.get_width() * bar.get_height() for bar in ax.containers[0])
-    assert area == pytest.approx(1)
+    gaps, bars = found["min_gap"], list(ax.containers[0])
+    for bar in (bars[0], bars[-1]):  # nobody is piled up at an end
+        low, high = bar.get_x(), bar.get_x() + bar.get_width()
+        inside = np.sum((gaps >= low) & (gaps < high)) + (bar is bars[-1])
+        assert bar.get_height() * bar.get_width() == pytest.approx(inside / 400)
+    area = sum(bar.get_width() * bar.get_height() for bar in bars)
+    assert area == pytest.approx(399 / 400)
+    assert "further left: 1 of 400" in ax.get_legend_handles_labels()[1]
     right = next(other for other in ax.figure.axes if other is not ax)
     x, share = right.lines[0].get_data()
     np.testing.assert_array_equal(x, np.sort(found["min_gap"]))
     assert share[-1] == 1
     assert ax.patches[-1].get_label().startswith("pounding")
     assert ax.get_xlim()[1] == found["min_gap"].max()
+
+
+def test_how_many_keep_their_gap_at_rest_is_told(ax):
+    columns = {"min_gap": np.r_[np.full(30, 0.1), np.linspace(-0.1, 0.09, 70)]}
+    columns["required_gap"] = 0.1 - columns["min_gap"]
+    moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
+    few = types.SimpleNamespace(
+        finite=columns.__getitem__, moments=lambda column: moments, scales=SCALES
+    )
+    plots.min_gap(few, ax)
+    assert "min = gap at rest: 30 %" in [text.get_text() for text in ax.get_legend().texts]
+    ax.figure.draw_without_rendering()
+    for text in ax.get_legend().texts:
+        box = text.get_window_extent()
+        assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
 
 
 def test_convergence_ends_at_the_estimate(found, ax):
@@ -57,6 +80,13 @@ def test_exceedance_is_the_share_of_larger_gaps(found, ax):
     assert set(ax.lines[1].get_ydata()) == {0.1}
     marked = [line.get_xdata()[0] for line in ax.lines[2:]]
     assert marked == [rules.double_difference, rules.srss, rules.absolute_sum]
+    drawn = [artist.get_label() for artist in (*ax.lines, *ax.collections)]
+    assert {text.get_text() for text in ax.get_legend().texts} == set(drawn)
+    assert not any(words.startswith("_") for words in drawn)
+    ax.figure.draw_without_rendering()
+    box = ax.get_legend().get_window_extent()
+    assert box.y0 >= ax.bbox.y1  # nothing drawn is under it
+    assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
 
 
 def test_fragility_has_its_data_and_its_curve(found, ax):
@@ -85,6 +115,24 @@ def test_scatter_has_a_panel_for_each_pair():
     assert len(plots.scatter_matrix(found).axes) == 6
     with pytest.raises(ValueError, match="'mass' must be one of friction, amplitude_1"):
         plots.scatter_matrix(found, names=["mass"])
+
+
+def test_parameters_have_the_unit_of_the_study():
+    found = study(RANDOM, 50)
+    units = {
+        "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
+        "amplitude_1": (r"amplitude 1 ($g/\omega_1^2$)", "amplitude 1 (m)", SCALES.length),
+        "period_1": (r"period 1 ($1/\omega_1$)", "period 1 (s)", SCALES.time),
+    }
+    for seen, place in ((found, 0), (found.in_si(SCALES), 1)):
+        panels = plots.scatter_matrix(seen, names=list(units)).axes
+        for ax, (name, told) in zip(panels, units.items(), strict=True):
+            assert ax.get_xlabel() == told[place]
+            drawn = (told[2] if place else 1.0) * found.parameters()[name]
+            np.testing.assert_allclose(ax.lines[0].get_xdata(), drawn)
+    assert parameter_axis("rod_1.order", SCALES, 1.0) == (1.0, "rod 1: order")
+    assert parameter_axis("intensity", SCALES, 1.0) == (1.0, "intensity")
+    assert parameter_axis("initial_gap", SCALES, 1.0) == (SCALES.length, "gap at rest (m)")
 
 
 def test_correlation_bars_are_the_correlations_largest_on_top(ax):
