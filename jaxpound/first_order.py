@@ -99,16 +99,19 @@ class FirstOrderProgram:
         )
         points = [one.point for one in self._seen.values() if np.isfinite(one.point.merit)]
         runs = len(self._seen) * -(-(limits.size + 1) // self.starts) * self.starts
+        tolerance = float(given.tolerance)
+
+        def least(excess: float) -> Point | None:
+            found = [point for point in (own, *points) if point.violation <= excess]
+            return min(found, key=lambda point: point.merit, default=None)
+
         # Within the limits to rounding is better than a little above and a little better.
-        for excess, worse in ((_EXACT, 5 * float(given.tolerance)), (float(given.tolerance), 0.0)):
-            found = [point for point in points if point.violation <= excess]
-            if own.violation <= excess:
-                worse = 0.0
-            if found:
-                least = min(found, key=lambda point: point.merit)
-                if own.infeasible or least.merit <= own.merit + worse:
-                    return least, runs
-        return own, runs
+        exact, near = least(_EXACT), least(tolerance)
+        if near is None:
+            return own, runs
+        if exact is not None and exact.merit <= near.merit + 5 * tolerance:
+            return exact, runs
+        return near, runs
 
     def multipliers(self, there: FirstOrder) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers ≥ 0 of the limits that hold at a design, and the Lagrangian's gradient there.
