@@ -152,7 +152,7 @@ def _recorded(
     if table and "files" not in table:
         raise ValueError(f"{source}: lacks the key 'files' in [recorded]")
     read = [
-        (folder / file, read_record(folder / file, units=table.get("units", "g")))
+        (folder / file, read_record(folder / file, units=table.get("units")))
         for file in table.get("files", [])
     ]
     read += [(file, read_record(file)) for file in more]

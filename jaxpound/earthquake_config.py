@@ -124,7 +124,7 @@ def random_ground(
                 scaled(table["intensity"], 1.0) if "intensity" in table else None,
             )
         return waves, float("inf"), None
-    units = table.get("units", "g")
+    units = table.get("units")
     records = [read_record(folder / file, units=units) for file in table["records"]]
     with named(f"{source}: [earthquakes]"):
         factor = scaled(table["factor"], 1.0) if "factor" in table else None

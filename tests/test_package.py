@@ -24,7 +24,7 @@ FLOORS = [
     {"_pytree", "_checks", "_branches", "_describe"},
     {"distributions", "estimates", "fragility", "sampling", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
-    {"records", "rods", "tally"},
+    {"records", "record_headers", "rods", "tally"},
     {"scheme"},
     {"intensity", "simulation"},
     {"units", "paper", "scenarios"},
