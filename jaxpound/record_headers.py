@@ -71,7 +71,16 @@ _GOES_ON = re.compile(r" ?[/*^%×]| x (?=[0-9])|['_+-](?=\w)", re.I)
 _UNIT_WORDS = _set(  # of units that are not known here, or are no acceleration's
     "count counts digit digits bit bits lsb volt volts mv uv percent milli micro centi ug mgal "
     "mgals milligal milligals nm um km kine si mks cgs g gs mg gal gals mm cm meter meters metre "
-    "metres inch inches ft feet"
+    "metres inch inches ft feet kg cg dg yd dm"
+)
+_RATIO = re.compile(
+    r"[^\W\d_] ?/ ?\(?(?:(?:s|ms|sec|min|h|hr|hour)(?![^\W\d_])|[^\W\d_]++ ?\^?-?[234](?!\w))",
+    re.I,
+)
+_NO_UNITS = _set(  # what brackets after "acceleration" may hold
+    "n s e w ns ew ud nw ne sw se x y z h t up down north south east west horizontal vertical "
+    "longitudinal transverse component time history series corrected uncorrected filtered "
+    "unfiltered processed"
 )
 _WORD = re.compile(r"[^\W\d_]++")
 _SAME_SIGN = str.maketrans({"−": "-", "∕": "/", "⁄": "/", "·": ".", "⋅": ".", "’": "'"})
@@ -107,17 +116,20 @@ def _words(text: str) -> list[str]:
 
 
 def _looks_like_unit(text: str) -> bool:
-    """Whether a text that is no known unit is still one: 0.1 g, g/10, % g, counts, mm/min2."""
+    """Whether a text that is no known unit is still one: g/10, % g, counts, mm/min2, yd/s2."""
     words = _words(text)
-    ends = {words[0], words[-1]} if words else set()
-    return "%" in text or bool(ends & _UNIT_WORDS and len(words) <= 4) or text[:2].lower() == "m/"
+    if not words or set(words) <= _NO_UNITS:
+        return "%" in text
+    ends = {words[0], words[-1]}
+    return "%" in text or bool((ends & _UNIT_WORDS and len(words) <= 4) or _RATIO.search(text))
 
 
 # --- the units of the accelerations -------------------------------------------------------------
 
 _ACCELERATION = re.compile(
     r"(?<![^\W_])(?:(?:acc(?:el(?!ero)[^\W\d_]*+|n|s)?|acel(?!ero)[^\W\d_]*+)(?![^\W_])\.?"
-    r"|ag?(?= ?[(\[]))",
+    r"|amplitudes?(?![^\W_])|ag?(?= ?[(\[]))"
+    r"(?: (?:time|history|series|data|values?|record|trace|ordinates?)\b){0,3}",
     re.I,
 )
 _UNITS = re.compile(r"units?(?![^\W\d])", re.I)
@@ -127,28 +139,27 @@ _SEPARATOR = re.compile(r"(?:[,;:=/]|(?:is|are)\b) ?", re.I)
 _TIME_IN = re.compile(r"\btimes? (?:is |are )?in ", re.I)
 _AND = re.compile(r" ?(?:[,;&]|\band\b) ?", re.I)
 _LATER = re.compile(r"(?:\b(?:are|is|in|of)\b|[:=]) ?", re.I)
+_UNIT_AHEAD = re.compile(r"\bin ((?:(?! in ).){1,20}) $", re.I)
 _SENTENCE = re.compile(r"(?:[^.;|]|\.(?! |$)){0,80}+")
 _SEGMENT = re.compile(r"(?:(?! in )[^,;:()\[\]|]){0,40}+", re.I)
 _BRACKET = re.compile(r"[(\[]([^()\[\]]{0,40}+(?:\([^()\[\]]{0,9}+\)[^()\[\]]{0,9}+)?+)")
+_VALUE = re.compile(rf"{NUMBER} ?[^\W\d_]", re.I)
+_A_NUMBER = re.compile(rf"{NUMBER} ?")
 _DIVIDED = re.compile(r"[)\]] ?[/*]")
 _NAME = re.compile(r"[-_]([\w/^*-]{1,40}+)")
-_SERIES = re.compile(r"\b(?:history|series)\b", re.I)
+_SERIES = re.compile(r"\b(?:history|series|data|values?|amplitudes?)\b", re.I)
 _EXTREME = re.compile(r"(?<![^\W_])(?:peak|pk|max|maximum|min|minimum|pg[avd]|rms)(?![^\W_])", re.I)
 _SCALE = re.compile(
     r"\b(?:counts?|(?:scale|scaling|calibration|conversion) ?factor|sensitivity|multiplier|lsb)\b",
     re.I,
 )
+_TIMES = _set("t time times temps zeit tiempo tempo s sec seconds ms")
 _INSTRUMENTS = _set("recorder recording instrument sensor housing power plant")
 _OTHER_QUANTITIES = _set(
     "vel velocity disp displacement jerk arias husid cav intensity energy sa sv sd psa psv psd "
     "spectral spectrum spectra response fourier drift strain stress force moment rotation "
     "pressure temperature voltage depth length distance altitude elevation height frequency "
     "period angle coordinate coordinates magnitude"
-)
-_NO_UNITS = _set(  # what brackets after "acceleration" may hold
-    "n s e w ns ew ud nw ne sw se x y z h t up down north south east west horizontal vertical "
-    "longitudinal transverse component time history series corrected uncorrected filtered "
-    "unfiltered processed"
 )
 
 
@@ -217,12 +228,14 @@ def _units_of_line(line: Line) -> Iterator[str]:
     for match in _IN.finditer(text, begin):
         yield from _after_in(number, text, match.end())
     for match in _BRACKET.finditer(text):
-        if not set(_words_before(text, match.start())[-1:]) & _OTHER_QUANTITIES:
-            inside, unit = _inside(match), _whole(_UNIT, _inside(match))
-            if _goes_on(inside) or (unit and _DIVIDED.match(text, match.end())):
-                raise _unknown(number, text[match.start() : match.end() + 10])
-            if unit:
-                yield unit
+        if set(_words_before(text, match.start())[-1:]) & (_OTHER_QUANTITIES | _TIMES):
+            continue
+        inside, unit = _inside(match), _whole(_UNIT, _inside(match))
+        of_acceleration = match.start() >= begin and _looks_like_unit(inside)
+        if unit and not _DIVIDED.match(text, match.end()):
+            yield unit
+        elif unit or _goes_on(inside) or (of_acceleration and not _whole(_TIME_UNIT, inside)):
+            raise _unknown(number, text[match.start() : match.end() + 10])
 
 
 def _after_units(number: int, text: str, match: re.Match[str]) -> Iterator[str]:
@@ -242,6 +255,14 @@ def _after_units(number: int, text: str, match: re.Match[str]) -> Iterator[str]:
         if units := _listed(sentence, start):
             yield from units
             return
+    if not stated and (
+        ahead := _UNIT_AHEAD.search(text[max(0, match.start() - 30) : match.start()])
+    ):
+        if unit := _whole(_UNIT, ahead[1]):
+            yield unit
+        elif _looks_like_unit(ahead[1]) or _goes_on(ahead[1]):
+            raise _unknown(number, ahead[1])
+        return
     is_one = match[0][-1:] not in "sS"  # "unit 3" is a building
     if (stated and not (is_one and sentence[:1].isdigit())) or _looks_like_unit(sentence):
         raise _unknown(number, sentence)
@@ -255,7 +276,8 @@ def _listed(text: str, at: int) -> list[str]:
         if not (conjunction := _AND.match(text, found[1])):
             return units
         at = conjunction.end()
-    return [] if _goes_on(text, at) or _looks_like_unit(text[at : at + 12]) else units
+    unknown = _goes_on(text, at) or _looks_like_unit(text[at : at + 12])
+    return [] if unknown or not any(unit in UNITS for unit in units) else units
 
 
 def _after_acceleration(number: int, text: str, at: int) -> Iterator[str]:
@@ -270,13 +292,13 @@ def _after_acceleration(number: int, text: str, at: int) -> Iterator[str]:
         inside = _inside(bracket)
         words = set(_words(inside))
         if not (_whole(_UNIT, inside) or _UNITS.search(inside) or words <= _NO_UNITS) and (
-            len(words) == 1 or _looks_like_unit(inside)
+            len(words) == 1 or _looks_like_unit(inside) or _value_of_unit(inside)
         ):
             raise _unknown(number, inside)
         return
     if separator := _SEPARATOR.match(text, at):
         at = separator.end()
-    if not _IN.match(text, at):
+    if not (_IN.match(text, at) or _VALUE.match(text, at)):
         yield from _after_in(number, text, at)
 
 
@@ -287,7 +309,7 @@ def _after_in(number: int, text: str, at: int) -> Iterator[str]:
     segment = str(_SEGMENT.match(text, at)[0])  # type: ignore[index]
     if found := _known(_UNIT, text, at):
         yield found[0]
-    elif _goes_on(segment) or _looks_like_unit(segment):
+    elif _goes_on(segment) or _looks_like_unit(segment) or _value_of_unit(segment):
         raise _unknown(number, segment)
 
 
@@ -315,6 +337,12 @@ def _goes_on(text: str, at: int = 0) -> bool:
     return bool(match and _GOES_ON.match(text, match.end()))
 
 
+def _value_of_unit(text: str) -> bool:
+    """Whether a text is a number of known units, as 0.01 m/s2 is."""
+    number = _A_NUMBER.match(text)
+    return number is not None and _UNIT.match(text, number.end()) is not None
+
+
 def _words_before(text: str, at: int) -> list[str]:
     return _words(text[max(0, at - 30) : at])
 
@@ -328,7 +356,6 @@ _OTHER_HISTORY = re.compile(
 )
 _NOT_OTHER = re.compile(r"\b(?:acc|peak|max)", re.I)
 _CELL = re.compile(r"[^\s(\[]++(?: ?[(\[][^()\[\]]{0,40}+[)\]])?+")
-_TIMES = _set("t time times temps zeit tiempo tempo s sec seconds ms")
 _NO_TIMES = _set(
     "period periods tn frequency frequencies freq f hz distance index no number n i k id point "
     "points sample samples count step steps"
@@ -417,10 +444,13 @@ def _unit_of_cell(
         if (unit := _whole(pattern, inside)) or set(_words(inside)) <= _NO_UNITS - {"h"}:
             return unit
     else:
-        _, _, inside = cell.replace("/", "_", 1).replace(" in ", "_", 1).partition("_")
-        if not inside or (unit := _whole(pattern, inside)):
+        inside = re.split("_|/| in ", cell, maxsplit=1, flags=re.I)[-1]
+        begins = _words(cell)[0] in _UNIT_WORDS | {"m"} or _goes_on(cell) or _value_of_unit(cell)
+        if not begins and (unit := _whole(pattern, inside)):
             return unit
-        if not (_looks_like_unit(inside) or _words(inside)[:1] == ["min"]):
+        if begins or inside == cell or (pattern is _UNIT and _RATIO.search(cell)):
+            inside = cell
+        if not (begins or _looks_like_unit(inside) or _words(inside)[:1] == ["min"]):
             return None
     rule = f"must be one of the known ones: {', '.join(known)}"
     raise MisreadError(number, f"the column's units = {shown(inside)} {rule}")

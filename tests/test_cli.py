@@ -433,6 +433,10 @@ CONFIG_FAULTS = [
     ({"friction_force": "friction_force = -1"}, "friction_force = -1 must be"),
     ({"# pga": "pga = 0.3"}, "[ground] must have scale or pga, not both"),
     ({"scale": "pga = 0"}, "[ground] pga = 0 must be positive"),
+    (
+        {"scale": "scale = 100"},
+        "record: PGA = 39.78 g must be at most 20 g: is [ground] pga or scale right?",
+    ),
     ({"baseline": 'baseline = "cubic"'}, '"none", "mean", "linear"'),
     ({"friction =": 'friction = "smoothed"'}, "[run] smoothing_velocity must be given"),
     ({"# smoothing": "smoothing_velocity = 1e-3"}, "[run] smoothing_velocity must be given"),
