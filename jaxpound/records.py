@@ -151,7 +151,8 @@ def read_record(
     file = Path(path)
     notes: list[str] = []
     try:
-        read = _read(_read_file(file), dt, notes)
+        with np.errstate(over="ignore", invalid="ignore"):  # for what is refused right after
+            read = _read(_read_file(file), dt, notes)
         samples = read.samples * (_factor(read.stated, units) / STANDARD_GRAVITY)
         if dt is not None and not math.isclose(dt, read.dt, rel_tol=1e-6):
             raise MisreadError(None, f"dt = {dt!r} must agree with the file's own, {read.dt!r}")
