@@ -97,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         required=True,
         metavar="FILE",
-        help="accelerogram: PEER AT2, columns of time and acceleration, or values with --dt",
+        help="accelerogram: PEER AT2, K-NET, columns of time and acceleration, or values with --dt",
     )
     simulate.add_argument(
         "--config",
@@ -107,7 +107,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_example(simulate, "example_config.toml", "print the example configuration and exit")
     simulate.add_argument(
-        "--units", default="g", help="of the record: g (default), m/s2, cm/s2, gal, ft/s2, in/s2"
+        "--units",
+        help="of the record: g (where it states none), m/s2, cm/s2, gal, ft/s2, in/s2, mm/s2, mg",
     )
     simulate.add_argument(
         "--dt", type=float, help="the record's time step in s, for a file that states none"

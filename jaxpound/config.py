@@ -19,6 +19,7 @@ from jaxpound.friction import EventResolved, FrictionLaw, Smoothed, Switching
 from jaxpound.ground import Record
 from jaxpound.intensity import pga
 from jaxpound.quantities import RANGES, Range, with_unit
+from jaxpound.records import require_possible
 from jaxpound.scheme import Scheme, TimeGrid, stability_limit
 from jaxpound.structures import AdjacentStructures, ZenerRod
 from jaxpound.units import Building, Scales, dimensionless
@@ -60,7 +61,6 @@ _KEYS: Keys = PAIR | {
 _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
 _MOST_SHOWN = 80  # characters of a value in a message
 _MOST_STEPS = 1_000_000
-_MOST_PGA = 20.0  # in g, several times the largest ever recorded: beyond it the units are wrong
 STEPS_PER_PERIOD = 50
 
 
@@ -101,9 +101,8 @@ class Configuration:
                 record = record.scaled_to_pga(ground["pga"])
         elif (scale := ground.get("scale", 1.0)) != 1:
             record = Record(record.samples * scale, record.dt, record.name)
-        if not (peak := float(pga(record))) <= _MOST_PGA:
-            rule = f"at most {_MOST_PGA:g} g: are the record's units right?"
-            raise ValueError(f"{self.source}: record: PGA = {peak:.4g} g must be {rule}")
+        hint = "is [ground] pga or scale right?"
+        require_possible(f"{self.source}: record", "PGA", float(pga(record)), hint)
         return record
 
     def grid(self, record: Record) -> TimeGrid:

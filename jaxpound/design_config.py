@@ -175,7 +175,7 @@ def _recorded(
     table = given.get("recorded", {})
     if table and "files" not in table:
         raise ValueError(f"{source}: lacks the key 'files' in [recorded]")
-    names, units = table.get("files", []), table.get("units", "g")
+    names, units = table.get("files", []), table.get("units")
     own = read_records(f"{source}: [recorded] files", folder, names, units)
     read = [(folder / name, record) for name, record in zip(names, own, strict=True)]
     read += [(file, read_record(file)) for file in more]

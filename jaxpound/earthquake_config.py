@@ -156,7 +156,7 @@ def random_ground(
                 intensity,
             )
         return waves, float("inf"), None
-    records = read_records(f"{place} records", folder, table["records"], table.get("units", "g"))
+    records = read_records(f"{place} records", folder, table["records"], table.get("units"))
     factor = one("factor") if "factor" in table else None
     with named(place):
         motions = tuple(scales.to_dimensionless(record) for record in records)
@@ -165,7 +165,7 @@ def random_ground(
     return chosen, shortest, max(float(record.duration) for record in records)
 
 
-def read_records(place: str, folder: Path, names: Iterable[str], units: str) -> list[Record]:
+def read_records(place: str, folder: Path, names: Iterable[str], units: str | None) -> list[Record]:
     """The accelerograms of files beside a configuration; ``place`` is where it names them."""
     try:
         return [read_record(folder / name, units=units) for name in names]

@@ -437,6 +437,10 @@ CONFIG_FAULTS = [
     ),
     ({"# pga": "pga = 0.3"}, "[ground] must have scale or pga, not both"),
     ({"scale": "pga = 0"}, "[ground] pga = 0 g must be between 1e-06 and 20 g ("),
+    (
+        {"scale": "scale = 100"},
+        "record: PGA = 39.78 g must be at most 20 g: is [ground] pga or scale right?",
+    ),
     ({"baseline": 'baseline = "cubic"'}, '"none", "mean", "linear"'),
     ({"friction =": 'friction = "smoothed"'}, "[run] smoothing_velocity must be given"),
     ({"# smoothing": "smoothing_velocity = 1e-3"}, "[run] smoothing_velocity must be given"),
@@ -557,7 +561,7 @@ def test_a_record_in_other_units_than_it_is_read_in(write, tmp_path, capsys):
     record, out = tmp_path / "gal.txt", tmp_path / "out"
     np.savetxt(record, PULSE * 980.665)
     line = refusal(capsys, "simulate", "--record", record, "--dt", 0.02, "--out", out)
-    assert "PGA = 390.1 g must be at most 20 g: are the record's units right?" in line
+    assert re.search(r"gal.txt:\d+: acceleration = \S+ g must be at most 20 g: are the units", line)
     assert not out.exists()
 
 

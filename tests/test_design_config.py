@@ -221,6 +221,11 @@ def test_records_join_the_random_earthquakes(write, tmp_path):
     peaks = [np.abs(wanted.recorded[x].ground(0).samples).max() for x in "ab"]
     assert peaks[1] == pytest.approx(9.80665 * peaks[0])
     assert len(wanted.ensemble.fresh(5)) == 5
+    stated = "time (s), acc (m/s2)\n" + (tmp_path / "a.csv").read_text()
+    (tmp_path / "a.csv").write_text(stated)
+    path = write(SMALL | {"[variables]": table.replace('units = "m/s2"\n', "")})
+    own = design_config.read_design(path).recorded["a"].ground(0).samples
+    np.testing.assert_array_equal(own, wanted.recorded["a"].ground(0).samples)
     with pytest.raises(ValueError, match="its name 'a' must be another's than before"):
         design_config.read_design(path, [tmp_path / "more" / "a.csv"])
 

@@ -25,7 +25,7 @@ FLOORS = [
     {"_pytree", "_checks", "_branches", "_describe", "_extras", "_root", "_tables", "quantities"},
     {"columns", "distributions", "estimates", "fragility", "sampling", "archives", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
-    {"records", "rods", "tally"},
+    {"records", "record_headers", "rods", "tally"},
     {"scheme"},
     {"intensity", "simulation"},
     {"units", "paper", "scenarios"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from importlib import resources
 from pathlib import Path
@@ -145,7 +146,9 @@ def test_two_columns_are_time_and_acceleration(write, separator, header):
 
 
 def test_comments_blank_lines_and_empty_cells_between_rows_are_skipped(write):
-    assert_reads(write("0,1,\n\n# note 5,5\n.1,2,,\n  // note\n,,\n.2,3\n%\n"), [1, 2, 3], 0.1)
+    path = write("0,1,\n\n# note 5,5\n.1,2,,\n  // note\n,,\n.2,3\n%\n")
+    with pytest.warns(UserWarning, match=r"quake\.txt: data follow the comment of line 3"):
+        assert_reads(path, [1, 2, 3], 0.1)
 
 
 def test_columns_stuck_together_by_a_sign_are_taken_apart(write):
@@ -160,7 +163,7 @@ def test_a_first_time_other_than_zero_is_dropped(write):
 @pytest.mark.parametrize("times", ["{:.2f}", "{:.3f}", "{:.4g}", "{:.4E}", "{!r}"])
 def test_times_may_be_rounded_in_print(write, times):
     dt, n = 1 / 16, 200
-    text = "".join(f"{times.format(k * dt)} {k}.5\n" for k in range(n))
+    text = "".join(f"{times.format(k * dt)} {k % 10}.5\n" for k in range(n))
     record = read_record(write(text))
     assert record.dt == pytest.approx(dt, rel=1e-3)
     assert record.n_samples == n
@@ -245,6 +248,22 @@ STATED = [
     ("time; accel [m/s²]", "m/s2"),
     ("Units of in/sec/sec", "in/s2"),
     ("acceleration, units of ft/s2", "ft/s2"),
+    ("UNITS OF MG", "mg"),
+    ("ACCELERATION TIME HISTORY IN MILLI-G", "mg"),
+    ("t (s), acc [mg]", "mg"),
+    ("ACCELERATION TIME HISTORY IN UNITS OF MM/S2", "mm/s2"),
+    ("UNITS OF CM S-2", "cm/s2"),
+    ("Acceleration in centimeters/sec^2", "cm/s2"),
+    ("accelerations in meters per second squared", "m/s2"),
+    ("ACCELERATION TIME HISTORY IN [m/s^2]", "m/s2"),
+    ("t,acc_ms2", "m/s2"),
+    ("t acc_cm_s2", "cm/s2"),
+    ("acc (m·s⁻²)", "m/s2"),
+    ("UNITS: CM/SEC/SEC. PEAK 341.7", "cm/s2"),
+    ("Time(s), NS(gal)", "gal"),
+    ("Units of uncor data are sec and g .        Max  =   .086 g , at  14.830 sec.", "g"),
+    ("#AmplitudeUnit:  gal. DCoffset(corr)", "gal"),
+    ("7000  acceleration pts, approx 70 secs, units=cm/sec2(04),Format=(8F10.5)", "cm/s2"),
 ]
 
 
@@ -252,9 +271,110 @@ STATED = [
 @pytest.mark.parametrize(("header", "stated"), STATED)
 def test_units_must_be_those_the_header_states(write, header, stated, body):
     path = write(f"a title\n{header}\n{body}")
-    assert read_record(path, units=stated).n_samples == 2
+    record = read_record(path, units=stated)
+    np.testing.assert_array_equal(read_record(path).samples, record.samples)
+    assert record.samples[0] == pytest.approx(
+        read_record(write(body, "bare.txt"), units=stated).samples[0]
+    )
     other = "m/s2" if stated != "m/s2" else "g"
     assert_refuses(path, 2, f"units = '{other}' .*'{stated}'", units=other)
+
+
+@pytest.mark.parametrize("units", ["g", None])
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        ("UNITS OF G/10", "'G/10'"),
+        ("UNITS ARE SECONDS AND G/10", "'SECONDS AND G/10'"),
+        ("UNITS OF UNCOR ACCEL ARE SEC AND G/10.     MAX  =  0.000 G, AT -20.000 SEC", "G/10'"),
+        ("Raw readings in units of 1.00 mm/s/s  at intervals of 0.005 s", "'1.00 mm/s/s"),
+        ("units: % of g", "'% of g'"),
+        ("Units: furlong", "'furlong'"),
+        ("units = g x 1000", "'g x 1000'"),
+        ("UNITS OF CM/S", "'CM/S'"),
+        ("In SI units", "'SI'"),
+        ("UNITS ARE SEC AND KINE", "'SEC AND KINE'"),
+        ("ACCELERATION TIME HISTORY (% g)", "'% g'"),
+        ("Amplitude [um/s2]", "'um/s2'"),
+        ("Data in yd/s2", "'yd/s2'"),
+        ("acc in 0.01 m/s2", "'0.01 m/s2'"),
+        ("acc [0.1 g]", "'0.1 g'"),
+        ("acc (mgal)", "'mgal'"),
+        ("acc [V]", "'V'"),
+        ("acc (cm/min2)", "'cm/min2'"),
+        ("t,acc_ug", "'ug'"),
+        ("acceleration in % g", "'% g'"),
+        ("ACCELERATION TIME HISTORY IN COUNTS", "'COUNTS'"),
+        ("ACCELERATION TIME HISTORY IN G/100", "'G/100'"),
+        ("acceleration, tenths of g", "'tenths of g'"),
+        ("Scale Factor = 7845/8223790", "speaks of 'Scale Factor'"),
+        ("DIGITIZER COUNTS", "speaks of 'COUNTS'"),
+        ("Instr Period = .0050 sec, Sensitivity = 5.00 v/g", "speaks of 'Sensitivity'"),
+        ("UNITS OF G; acc [gal]", "both 'g' and 'gal'"),
+    ],
+)
+def test_units_and_scales_that_are_not_known_are_refused_by_name(write, header, says, units):
+    for body in ("NPTS= 2, DT= .1 SEC\n1 2\n", "0 1\n.1 2\n"):
+        assert_refuses(write(f"a title\n{header}\n{body}"), 2, re.escape(says), units=units)
+
+
+def test_a_scale_factor_ahead_of_stated_units_is_applied_already(write):
+    title = (
+        "Orig PEER filename = IMPVALL/H-EMO_233_FN.acc, Scale factor = 2.4072\nAcceleration in g\n"
+    )
+    assert_reads(write(title + "2 0.0050 NPTS, DT\n.5 .25\n"), [0.5, 0.25], 0.005)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor"),
+    [
+        ("time [ms], acc (g)", 1e-3),
+        ("Time(msec) Acc(g)", 1e-3),
+        ("t_ms,acc_g", 1e-3),
+        ("ms\tg", 1e-3),
+        ("Time in milliseconds", 1e-3),
+        ("UNITS ARE MSEC AND G", 1e-3),
+        ("time (sec); acc", 1.0),
+        ("Origin time (UTC), station", 1.0),
+        ("Time, Northridge", 1.0),
+    ],
+)
+def test_times_are_in_the_units_that_the_header_states(write, header, factor):
+    body = "".join(f"{20 * k},{0.1 * (-1) ** k}\n" for k in range(9))
+    assert_reads(write(f"{header}\n{body}"), [0.1 * (-1) ** k for k in range(9)], 20 * factor)
+
+
+@pytest.mark.parametrize(
+    "stated", ["DT= 10 MSEC", "DT=10ms", "DT= 10.0 (ms)", "dt: 10 milliseconds,"]
+)
+def test_dt_is_in_the_unit_that_the_npts_line_states(write, stated):
+    assert_reads(write(f"NPTS= 7, {stated}\n" + BODY), VALUES, 0.01)
+    assert_reads(write("7 10 NPTS, DT (MS)\n" + BODY), VALUES, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("NPTS= 2, DT= 10 MIN\n1 2\n", "DT = 10 MIN: its unit must be s or ms"),
+        ("NPTS= 2, DT= 100 Hz\n1 2\n", "DT = 100 Hz"),
+        ("NPTS= 2, DT= 100 FURLONG\n1 2\n", "DT = 100 FURLONG"),
+        ("time (min), acc (g)\n0,1\n1,2\n", "units = 'min' must be one of the known ones: s, ms"),
+        ("Time [h], acc\n0,1\n1,2\n", "units = 'h'"),
+        ("t, NS (counts)\n0,1\n1,2\n", "speaks of 'counts'"),
+        ("time,g/10\n0,1\n1,2\n", "units = 'g/10'"),
+        ("time,m/ms2\n0,1\n1,2\n", "units = 'm/ms2'"),
+        ("t, NS (V)\n0,1\n1,2\n", "units = 'V'"),
+        ("t, NS (mm)\n0,1\n1,2\n", "units = 'mm'"),
+    ],
+)
+def test_units_of_time_and_of_columns_that_are_not_known_are_refused(write, text, says):
+    assert_refuses(write(text), 1, re.escape(says))
+
+
+def test_a_long_time_step_is_warned_of(write):
+    path = write("".join(f"{20 * k},{0.1 * (-1) ** k}\n" for k in range(10)))
+    with pytest.warns(UserWarning, match="the time step is 20 s: are the times in seconds"):
+        assert read_record(path).dt == 20
 
 
 def test_gal_and_cm_per_s2_are_the_same(write):
@@ -268,6 +388,23 @@ def test_gal_and_cm_per_s2_are_the_same(write):
         "acceleration gain 2",
         "spun up to a g level",
         "peak velocity (cm/s) 3",
+        "SAN ONOFRE - SO CAL EDISON, UNIT 1",
+        "Unit 3 building",
+        "Recorder unit: 12345",
+        "UNITED STATES, COUNTY HOSPITAL",
+        "PGA (cm/s2): 341",
+        "Max. Acc. (m/s2)   4.078",
+        "Peak acceleration =    82.584    cm/sec/sec  at   14.840   sec.",
+        "Max =  -161.962 m/s2  at  27.850 sec",
+        "Acceleration in the N-S direction, 10 ft below",
+        "Acceleration (horizontal)",
+        "acceleration (filtered 0.1-25 Hz)",
+        "acc_ns",
+        "VS30_M/S:",
+        "Depth units: km",
+        "Initial velocity  =      .000   cm/sec;   Initial displacement =    -.003   cm",
+        "INSTR PERIOD =  .019 SEC   DAMPING =  .640",
+        "RICHTER SCALE 6.9",
     ],
 )
 def test_other_header_text_states_no_units(write, header):
@@ -404,12 +541,30 @@ def test_npts_and_dt_must_be_positive_numbers(write, npts_line, says):
         ("Displacement in cm", "displacement"),
         ("time, velocity (cm/s)", "velocity"),
         ("# time disp", "disp"),
+        ("ARIAS INTENSITY TIME HISTORY", "intensity"),
     ],
 )
 @pytest.mark.parametrize("body", ["NPTS= 2, DT= .1 SEC\n1 2\n", "0 1\n.1 2\n"])
 def test_velocity_and_displacement_histories_are_refused(write, header, kind, body):
     path = write(f"a title\n{header}\n{body}", "quake.AT2")
     assert_refuses(path, 2, f"must be an acceleration history, but .* {kind}$")
+
+
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        ("Time, Arias intensity", "but the header says arias"),
+        ("Time (s), Sa (g)", "but the header says sa"),
+        ("t;Spectral acceleration", "but the header says spectral"),
+        ("period, Sa", "must be times, but the header says period"),
+        ("Frequency (Hz) Acc (g)", "must be times, but the header says frequency"),
+        ("index,acc", "must be times, but the header says index"),
+        ("# No. acc", "must be times, but the header says no"),
+        ("period,PSA\ns,g", "must be times, but the header says period"),
+    ],
+)
+def test_two_columns_of_something_else_are_refused(write, header, says):
+    assert_refuses(write(f"{header}\n0,.1\n1,.2\n2,.1\n"), 1, says)
 
 
 @pytest.mark.parametrize(
@@ -432,8 +587,39 @@ def test_times_with_several_columns_of_values_are_refused(write):
     assert_reads(path, [0, 5, 6, 0.01, 7, 8, 0.02, 9, 0], 0.011, dt=0.011)
 
 
-def test_one_column_may_rise_by_dt(write):
-    assert_reads(write("0.00\n0.01\n0.02\n0.03\n"), [0, 0.01, 0.02, 0.03], 0.01, dt=0.01)
+def test_columns_are_not_taken_for_one_history(write):
+    times, wave = np.arange(60) * 0.005, np.sin(np.arange(60) / 9)
+    indexed = "".join(
+        f"{k} {t:.3f} {a:.5f}\n" for k, (t, a) in enumerate(zip(times, wave, strict=True))
+    )
+    assert_refuses(
+        write(indexed), 1, "column 1 rises evenly .* one column of values, not 2", dt=0.005
+    )
+    turned = "".join(f"{a:.5f} {-a:.5f} {t:.2f}\n" for t, a in zip(times, wave, strict=True))
+    assert_refuses(write(turned), 1, "column 3 rises evenly", dt=0.005)
+    three = "".join(f"{a:.5f},{1 - a:.5f},{a / 9:.5f}\n" for a in wave)
+    for names in ("NS,EW,UD", "long. (g), tran. (g), vert. (g)"):
+        assert_refuses(write(f"{names}\n{three}"), 1, "names 3 columns", dt=0.005)
+    blanks = three.replace(",", "   ")
+    assert_refuses(write(f"  N-S   E-W   U-D\n{blanks}"), 1, "names 3 columns", dt=0.005)
+    with pytest.warns(UserWarning, match="rows of 3 values seem to be columns side by side"):
+        assert read_record(write(three), dt=0.005).n_samples == 180
+
+
+def test_the_number_of_values_is_no_value(write):
+    values = "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
+    assert_refuses(write("20\n" + values), 1, "20 must be a value, and not the number", dt=0.01)
+    assert_refuses(write("20\n.01\n" + values), 1, "20 must be a value", dt=0.01, units="gal")
+
+
+@pytest.mark.parametrize(
+    "column", [range(100), range(10, 30), np.arange(80) / 200, range(0, 90, 5)]
+)
+def test_one_column_of_times_or_of_an_index_is_refused(write, column):
+    path = write("".join(f"{value:.3f}\n" for value in column))
+    assert_refuses(path, 1, "the only column rises evenly .* must hold accelerations", dt=0.005)
+    assert_refuses(write("0.00\n0.01\n0.02\n0.03\n"), 1, "rises evenly", dt=0.01)
+    assert_refuses(write("0\n10\n20\n30\n"), 1, "rises evenly", dt=0.01)
 
 
 @pytest.mark.parametrize("text", ["0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"])
@@ -445,6 +631,268 @@ def test_decimal_commas_are_refused(write, text):
 def test_a_single_sample_is_refused(write, text):
     path = write(text)
     assert_refuses(path, "1" if text.startswith("0") else None, "at least two samples", dt=0.01)
+
+
+# --- K-NET --------------------------------------------------------------------------------------
+
+COUNTS = np.round(7000 + 900 * np.sin(np.arange(200) / 7) * np.exp(-np.arange(200) / 90)).astype(
+    int
+)
+COUNTS[17] = 9876
+
+
+def knet_text(counts=COUNTS, rate=100, scale="7845(gal)/8223790", **changed):
+    """A file in the layout of NIED's K-NET ASCII format, with what is changed in its header."""
+    gal = np.array(counts) * 7845 / 8223790
+    fields = {
+        "Origin Time": "2014/12/31 23:49:00",
+        "Lat.": "35.6",
+        "Long.": "140.1",
+        "Depth. (km)": "70",
+        "Mag.": "4.0",
+        "Station Code": "XXX001",
+        "Station Lat.": "35.7000",
+        "Station Long.": "140.9000",
+        "Station Height(m)": "4",
+        "Record Time": "2014/12/31 23:49:30",
+        "Sampling Freq(Hz)": f"{rate}Hz",
+        "Duration Time(s)": f"{len(counts) // rate}",
+        "Dir.": "E-W",
+        "Scale Factor": scale,
+        "Max. Acc. (gal)": f"{np.abs(gal - gal.mean()).max():.3f}",
+        "Last Correction": "2014/12/31 23:49:15",
+        "Memo.": "",
+    }
+    fields |= {name.replace("_", " "): value for name, value in changed.items()}
+    header = [f"{name:17s} {value}" for name, value in fields.items() if value is not None]
+    rows = ["".join(f"{n:9d}" for n in counts[k : k + 8]) + " " for k in range(0, len(counts), 8)]
+    return "\n".join([*header, *rows, ""])
+
+
+@pytest.mark.parametrize("units", [None, "gal", "cm/s2"])
+@pytest.mark.parametrize(("rate", "dt"), [(100, 0.01), (200, 0.005)])
+def test_knet_is_read_by_its_header(write, rate, dt, units):
+    path = write(knet_text(rate=rate), "XXX0011412312349.EW")
+    gal = (COUNTS - COUNTS.mean()) * 7845 / 8223790
+    record = read_record(path, units=units)
+    assert (record.n_samples, record.dt, record.name) == (200, dt, "XXX0011412312349")
+    np.testing.assert_allclose(record.samples, gal / 980.665, rtol=1e-12)
+    assert 0.002 < np.max(np.abs(record.samples)) < 0.003
+    assert_refuses(path, 14, "units = 'g' must be the header's own, 'gal'", units="g")
+    assert_refuses(path, None, "dt = 0.02 must agree", dt=0.02)
+
+
+def test_knet_as_its_own_description_prints_it(write):
+    text = knet_text().replace("Max. Acc. (gal)  ", "Max Acc. (gal)   ").replace("Long.", "Lon. ")
+    assert read_record(write(text.replace("\n", "\r\n"))).n_samples == 200
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "line", "says"),
+    [
+        (
+            "Scale Factor",
+            "7845(m)/8223790",
+            14,
+            "Scale Factor = '7845.m./8223790' must be positive",
+        ),
+        ("Scale Factor", "7845(gal)/0", 14, "must be positive, as in 3920"),
+        ("Scale Factor", "7845", 14, "Scale Factor = '7845'"),
+        ("Scale Factor", None, None, "must state Scale Factor"),
+        ("Sampling Freq(Hz)", "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
+        ("Sampling Freq(Hz)", "0.01s", 11, "as in 100Hz"),
+        ("Duration Time(s)", "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
+        ("Duration Time(s)", "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
+        ("Duration Time(s)", None, None, "must state Duration"),
+        ("Max. Acc. (gal)", "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
+        ("Max. Acc. (gal)", None, None, "must state Max. Acc."),
+        ("Memo.", None, None, "must end with its line 'Memo.'"),
+    ],
+)
+def test_knet_headers_that_are_not_understood_are_refused(write, name, value, line, says):
+    assert_refuses(write(knet_text(**{name: value})), line, says)
+
+
+def test_knet_s_scale_without_the_rest_of_its_header_is_refused(write):
+    header, body = knet_text().split("Memo.")
+    scale = "".join(line + "\n" for line in header.split("\n") if "Scale" in line)
+    assert_refuses(write(scale + body), None, "K-NET header must end", dt=0.01, units="gal")
+
+
+def test_one_changed_count_shows_in_the_maximum(write):
+    text = knet_text()
+    assert_refuses(write(text.replace(" 9876", " 8976")), 15, "the file is damaged")
+    assert_refuses(write(text.replace(" 9876", " 9.76")), 20, "9.76 must be a whole number")
+
+
+# --- files cut short ----------------------------------------------------------------------------
+
+
+def fixed(values, form, width):
+    rows = [
+        "".join(form.format(v) for v in values[k : k + width]) for k in range(0, len(values), width)
+    ]
+    return "\n".join(rows) + "\n"
+
+
+MOTION = 0.3 * np.sin(np.arange(33) / 3) * np.exp(-np.arange(33) / 20)
+CUT = {
+    "E format": TITLE + KIND + "NPTS= 33, DT= .01000 SEC\n" + fixed(MOTION, "{:15.7E}", 5),
+    "F format": TITLE + "NPTS= 33, DT= .02 SEC\n" + fixed(MOTION, "{:10.5f}", 8),
+    "one a row": "33 0.0050 NPTS, DT\n" + fixed(MOTION, "{:.6f}", 1),
+    "stuck": "NPTS= 33, DT= .01 SEC\n" + fixed(MOTION, "{:+.3E}", 5),
+    "K-NET": knet_text(COUNTS[:100]),
+}
+
+
+@pytest.mark.parametrize("layout", CUT)
+def test_a_file_cut_anywhere_is_refused_or_whole(write, layout):
+    text = CUT[layout]
+    path = write(text)
+    whole = read_record(path)
+    body_end = len(text.rstrip())
+    for cut in range(len(text)):
+        path.write_text(text[:cut])
+        if cut >= body_end:
+            np.testing.assert_array_equal(read_record(path).samples, whole.samples)
+        else:
+            with pytest.raises(ValueError, match=r"quake\.txt"):
+                read_record(path)
+
+
+@pytest.mark.parametrize("layout", ["{:.3f},{:.7E}\n", "{0:.3f} {1: .5f}\n"])
+def test_two_columns_cut_anywhere_end_with_a_whole_row(write, layout):
+    text = "".join(layout.format(k / 50, a) for k, a in enumerate(MOTION[:12]))
+    path = write(text)
+    whole = read_record(path).samples
+    for cut in range(text.index("\n", len(text) // 2), len(text)):
+        path.write_text(text[:cut])
+        try:
+            samples = read_record(path).samples
+        except ValueError:
+            continue
+        np.testing.assert_array_equal(samples, whole[: len(samples)])
+        assert text[cut - 1] == "\n" or text[cut] == "\n"
+
+
+def test_a_shortened_exponent_at_the_end_is_noticed_in_any_format(write):
+    rows = [f"{k / 50:g},{a!r}" for k, a in enumerate((MOTION / 5000).tolist())]
+    assert rows[20].endswith("e-06")
+    assert read_record(write("\n".join(rows[:21]))).n_samples == 21
+    assert_refuses(write("\n".join(rows[:21])[:-1]), 21, "the file is cut")
+
+
+def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
+    rows = [f"{k / 50:g},{1e-4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
+    assert read_record(write("".join(rows) + "3,9.5\n")).n_samples == 151
+    with pytest.warns(UserWarning, match="the last line has no end and its value is the largest"):
+        assert read_record(write("".join(rows) + "3,9.53")).n_samples == 151
+
+
+# --- what is warned of, and what no earthquake has ----------------------------------------------
+
+
+@pytest.mark.parametrize("value", ["3989", "-3989", "20.01"])
+@pytest.mark.parametrize(
+    "layout", ["NPTS= 6, DT= .01\n.1 .2\n.1 {}\n.2 .1\n", "0 .1\n1 .2\n2 {}\n3 .1\n"]
+)
+def test_a_sample_above_20_g_is_refused_at_its_line(write, layout, value):
+    path = write(layout.format(value))
+    says = rf"acceleration = {float(value):.4g} g must be at most 20 g: .* a decimal point lost\?"
+    assert_refuses(path, 3, re.escape(says).replace(r"\.\*", ".*").replace(r"\\\?", r"\?"))
+    assert read_record(path, units="cm/s2").n_samples > 2
+
+
+def test_data_behind_the_end_mark_are_warned_of(write):
+    text = "NPTS= 7, DT= .01\n" + BODY + "*** End Data ***\n"
+    with pytest.warns(UserWarning, match="behind the end mark of line 4 the data of line 6"):
+        assert_reads(write(text + "more\n.1 .2 .3\n"), VALUES, 0.01)
+
+
+def test_one_value_printed_otherwise_than_all_others_is_warned_of(write):
+    values = np.sin(np.arange(1200)) * 1e-3
+    text = "NPTS= 1200, DT= .01\n" + fixed(values, "{:15.7E}", 5)
+    assert read_record(write(text)).n_samples == 1200
+    damaged = text.replace("E-04", "E-4", 1)
+    with pytest.warns(UserWarning, match=r"E-4 in line 2 is printed with other digits"):
+        read_record(write(damaged))
+
+
+# --- hostile files ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])
+def test_a_device_is_refused(path):
+    if not Path(path).exists():
+        pytest.skip(f"no {path} here")
+    assert_refuses(Path(path), None, "must be a file, not a device, pipe or socket")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    assert_refuses(tmp_path / "pipe", None, "must be a file, not a device, pipe or socket")
+
+
+def test_a_file_above_the_limit_is_refused_with_its_size(tmp_path):
+    with (tmp_path / "large.txt").open("wb") as file:
+        file.truncate(150_000_000)
+    says = "must have at most 100 MB of text, not 150 MB"
+    assert_refuses(tmp_path / "large.txt", None, says)
+
+
+N = 200_000  # with these, a search that goes back would take days
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("accel" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
+        ("unit" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
+        ("1" * N + "x\n", "header must have at most 10,000"),
+        ("0 1\n1 " + "1" * N + "x\n", "'1111111.* must be a finite number"),
+        ("NPTS 1 " * N, "header must have at most 10,000"),
+        ("a\n" * 10_002 + "0 1\n", "header must have at most 10,000"),
+        ("\r" * N + "x", "no data"),
+        ("0 1\n1 " + "1.-" * N, "must be a finite number"),
+        ("0 1\n1 1e" + "9" * N, "must be a finite number"),
+        ("0e99999999999999999999 1\n1 1\n", "must be a finite number"),
+        ("-1e308 1\n1e308 1\n0e9999 1\n", "must be uniform and positive"),
+        (".1 1.7e308\n.2 -1.7e308\n.3 1.7e308\n", "must be at most 20 g"),
+        ("Scale Factor" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
+        ("Sampling Freq(Hz)" + " " * N + "q\n0 1\n", "K-NET header must end"),
+    ],
+    ids=lambda text: text[:12],
+)
+def test_hostile_text_is_refused(write, text, says):
+    path = write(text)
+    with pytest.raises(ValueError, match=says) as caught:
+        read_record(path)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "accel" + " " * 9000 + "q",
+        "unit" + " " * 9000 + "q",
+        "acc " * 2400,
+        "units " * 1600,
+        "(" * 9000,
+        "acc " + "[(" * 4500,
+        "acc in " * 1400,
+        "cm/s" * 2400,
+        "a" * 9000,
+        "*" * 9000,
+        "time in " * 1200,
+        "vel x " * 1600,
+        "Ⅷ" * 9000,
+    ],
+    ids=lambda text: text[:8],
+)
+def test_long_lines_of_a_header_are_read(write, line):
+    path = write(f"{line}\n" * 10 + "0 1\n1 2\n")
+    assert read_record(path).n_samples == 2
 
 
 # --- round trips --------------------------------------------------------------------------------

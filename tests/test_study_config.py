@@ -82,6 +82,10 @@ def test_recorded_earthquakes_are_read_beside_the_file(write, tmp_path):
     )
     study = study_config.read_study(write(text=head + table + rest))
     records = study.scenarios.ground.records
+    (tmp_path / "1.csv").write_text("t (s), a (m/s2)\n" + (tmp_path / "1.csv").read_text())
+    own = table.replace('"0.csv", ', "").replace('units = "m/s2"\n', "")
+    stated = study_config.read_study(write(text=head + own + rest)).scenarios.ground.records
+    np.testing.assert_array_equal(stated[0].samples, records[1].samples)
     assert [record.n_samples for record in records] == [80, 120]
     assert float(np.abs(records[1].samples).max()) == pytest.approx(0.2 / 9.80665, rel=1e-3)
     assert study.scenarios.ground.factor == jp.Uniform(1, 3)

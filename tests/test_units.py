@@ -282,6 +282,7 @@ def test_every_series_of_a_response_has_its_unit():
         "f2": scales.force,
         "friction": scales.force,
         "ground_acceleration": scales.gravity,
+        "ground_velocity": speed,
         "gap": scales.length,
         "phase": 1.0,
         "change_time": scales.time,
