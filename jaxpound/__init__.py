@@ -14,7 +14,7 @@ from jaxpound.design import Design
 from jaxpound.design_search import design_damper
 from jaxpound.design_space import Bounds, DesignSpace
 from jaxpound.distributions import LogNormal, Normal, Uniform
-from jaxpound.elasticities import Elasticities, elasticities
+from jaxpound.elasticity import Elasticities, elasticities
 from jaxpound.ensembles import Ensemble
 from jaxpound.estimates import Estimate
 from jaxpound.fractional import FullHistory, ModalHistory, gl_weights
@@ -22,7 +22,6 @@ from jaxpound.fragility import Fragility, fit_fragility
 from jaxpound.friction import EventResolved, Smoothed, Switching
 from jaxpound.ground import Record, Ricker
 from jaxpound.intensity import arias_intensity, pga, pgv, spectral_acceleration
-from jaxpound.monte_carlo import monte_carlo
 from jaxpound.objectives import (
     CVaR,
     Limit,
@@ -49,6 +48,7 @@ from jaxpound.sensitivity import Sensitivity, sobol_sensitivity
 from jaxpound.simulation import demand, simulate
 from jaxpound.structures import AdjacentStructures, ZenerRod
 from jaxpound.study import Study
+from jaxpound.study_run import monte_carlo
 from jaxpound.units import STANDARD_GRAVITY, Building, Scales, dimensionless
 
 __version__ = "0.1.0"

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, Landscape
-from jaxpound.elasticities import Elasticities
+from jaxpound.elasticity import Elasticities
 from jaxpound.figure_style import (
     COLOURS,
     FONT_SIZE,
