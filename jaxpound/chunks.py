@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-import jaxpound
 from jaxpound._checks import refusal
 from jaxpound._describe import describe, digest
+from jaxpound._version import __version__
 from jaxpound.batches import in_chunks, runs_at_a_time
 from jaxpound.estimates import Moments
 from jaxpound.ground import as_pytree
@@ -74,7 +74,7 @@ class Task:
         kind, numbers = self.key
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
         versions = {
-            "jaxpound": jaxpound.__version__,
+            "jaxpound": __version__,
             "jax": jax.__version__,
             "scipy": scipy.__version__,
         }

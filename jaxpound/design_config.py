@@ -14,6 +14,7 @@ from jaxpound.config import BUILDING, RUN, Keys, named, needed
 from jaxpound.design_space import Bounds, DesignSpace
 from jaxpound.earthquake_config import EARTHQUAKES, files, opened, word
 from jaxpound.ensembles import Ensemble
+from jaxpound.examples import DESIGN as EXAMPLE
 from jaxpound.ground import Record
 from jaxpound.objectives import (
     PRICES,
@@ -32,8 +33,6 @@ from jaxpound.scenarios import PARAMETERS, Scenarios
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
-
-EXAMPLE = "example_design.toml"
 
 _GOALS = ("mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability")
 

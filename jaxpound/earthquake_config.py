@@ -10,7 +10,6 @@ from jaxpound.config import (
     STEPS_PER_PERIOD,
     Keys,
     check_keys,
-    example,
     named,
     needed,
     pair,
@@ -20,6 +19,7 @@ from jaxpound.config import (
     time_grid,
 )
 from jaxpound.distributions import Distribution, LogNormal, Normal, Uniform
+from jaxpound.examples import example
 from jaxpound.ground import Record
 from jaxpound.records import read_record
 from jaxpound.scenarios import RandomRecord, RandomRicker

@@ -19,6 +19,7 @@ from jaxpound.earthquake_config import (
     opened,
     scaled,
 )
+from jaxpound.examples import STUDY as EXAMPLE
 from jaxpound.ground import GroundLike
 from jaxpound.intensity import spectral_acceleration
 from jaxpound.scenarios import (
@@ -29,8 +30,6 @@ from jaxpound.scenarios import (
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
-
-EXAMPLE = "example_study.toml"
 
 _KEYS: Keys = {
     "": {"gap": float},
