@@ -15,11 +15,13 @@ import reprlib
 import time
 import uuid
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from jaxpound.interruption import unfinished
 
 MANIFEST = "manifest.json"
 _PART = ".part"  # ends the name of a file that is being written
@@ -169,14 +171,21 @@ def _require_empty(folder: Path) -> None:
 
 
 def replace_file(
-    path: Path, content: bytes | Mapping[str, np.ndarray], keep_existing: bool = False
+    path: Path,
+    content: bytes | Mapping[str, np.ndarray] | Callable[[Any], object],
+    keep_existing: bool = False,
 ) -> None:
-    """Write a whole file or none; ``keep_existing`` leaves one that came first in its place."""
+    """Write a whole file or none; ``keep_existing`` leaves one that came first in its place.
+
+    Content is bytes, arrays for an ``npz``, or a function that writes to the file it is given.
+    """
     part = path.with_name(f"{path.name}-{uuid.uuid4().hex}{_PART}")
-    try:
+    with unfinished(part):
         with open(part, "xb") as file:
             if isinstance(content, bytes):
                 file.write(content)
+            elif callable(content):
+                content(file)
             else:
                 np.savez(file, **content)  # type: ignore[arg-type]
             file.flush()
@@ -190,8 +199,6 @@ def replace_file(
                 part.replace(path)
         else:
             part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -21,7 +21,7 @@ PACKAGE = ROOT / "jaxpound"
 
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
-    {"_pytree", "_checks", "_branches", "_describe", "_version", "examples"},
+    {"_pytree", "_checks", "_branches", "_describe", "_version", "examples", "interruption"},
     {"distributions", "estimates", "fragility", "sampling", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
     {"records", "rods", "tally"},
