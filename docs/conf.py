@@ -67,8 +67,9 @@ autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.")
 autosummary_context = {
     "without_parameters": [
         name
-        for name, thing in vars(jaxpound).items()
-        if isinstance(thing, type) and "Parameters\n" not in (thing.__doc__ or "")
+        for name in jaxpound.__all__
+        if isinstance(thing := getattr(jaxpound, name), type)
+        and "Parameters\n" not in (thing.__doc__ or "")
     ]
 }
 

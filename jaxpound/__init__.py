@@ -8,134 +8,54 @@ True
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import ast
+import importlib
+import pkgutil
+import sys
+from typing import TYPE_CHECKING, Any
 
-from jaxpound import _root, paper
-from jaxpound.batches import in_chunks, use_cores
-from jaxpound.calibration import Calibration, calibrate
-from jaxpound.comparison import Comparison
-from jaxpound.design import Design
-from jaxpound.design_search import design_damper
-from jaxpound.design_space import Bounds, DesignSpace
-from jaxpound.distributions import LogNormal, Normal, Uniform
-from jaxpound.elasticities import Elasticities, elasticities
-from jaxpound.ensembles import Ensemble
-from jaxpound.estimates import Estimate
-from jaxpound.fractional import FullHistory, ModalHistory, gl_weights
-from jaxpound.fragility import Fragility, fit_fragility
-from jaxpound.friction import EventResolved, Smoothed, Switching
-from jaxpound.ground import Record, Ricker
-from jaxpound.intensity import arias_intensity, pga, pgv, spectral_acceleration
-from jaxpound.monte_carlo import monte_carlo
-from jaxpound.objectives import (
-    CVaR,
-    Limit,
-    MeanGap,
-    Objective,
-    Penalty,
-    PoundingProbability,
-    SoftMinimum,
-    WorstGap,
-)
-from jaxpound.pareto import ParetoFront, pareto_front
-from jaxpound.records import read_record
-from jaxpound.response import Demand, Energy, Phase, Response
-from jaxpound.rods import rod_force
-from jaxpound.scenarios import (
-    CustomDraw,
-    RandomRecord,
-    RandomRicker,
-    Scenarios,
-    UncertainStructures,
-)
-from jaxpound.scheme import PAPER_SCHEME, Scheme, TimeGrid, stability_limit
-from jaxpound.sensitivity import Sensitivity, sobol_sensitivity
-from jaxpound.simulation import demand, simulate
-from jaxpound.structures import AdjacentStructures, ZenerRod
-from jaxpound.study import Study
-from jaxpound.units import STANDARD_GRAVITY, Building, Scales, dimensionless
+from jaxpound import _root
+from jaxpound._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__version__ = "0.1.0"
+# The public names, by the module that holds each: the stub beside this file has them. JAX takes the
+# better part of a second to import, SciPy another; neither is imported before it is needed.
+_STUB = ast.parse(pkgutil.get_data(__name__, "__init__.pyi") or b"")
+_PLACES = {
+    alias.name: statement.module
+    for statement in _STUB.body
+    if isinstance(statement, ast.ImportFrom) and statement.module != f"{__name__}._version"
+    for alias in statement.names
+}
+
+__all__ = sorted(_PLACES)
 
 
-def _overview(response: Response) -> Figure:
+def __getattr__(name: str) -> Any:
+    place = _PLACES.get(name)
+    if place == __name__ or f"{__name__}.{name}" in _PLACES.values():
+        return importlib.import_module(f"{__name__}.{name}")
+    if place is None:
+        message = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(message, name=name, obj=sys.modules[__name__])
+    return globals().setdefault(name, getattr(importlib.import_module(place), name))
+
+
+def __dir__() -> list[str]:
+    ours = {name for name, x in globals().items() if name[:2] == "__" or _is_module(name, x)}
+    return sorted({*ours, *_PLACES})
+
+
+def _is_module(name: str, thing: Any) -> bool:
+    return getattr(thing, "__name__", "") == f"{__name__}.{name}"
+
+
+def _overview(response: Any) -> Figure:
     from jaxpound import plots  # not before something is drawn: it imports matplotlib
 
     return plots.overview(response)
 
 
 _root.overview = _overview
-
-__all__ = [
-    "PAPER_SCHEME",
-    "STANDARD_GRAVITY",
-    "AdjacentStructures",
-    "Bounds",
-    "Building",
-    "CVaR",
-    "Calibration",
-    "Comparison",
-    "CustomDraw",
-    "Demand",
-    "Design",
-    "DesignSpace",
-    "Elasticities",
-    "Energy",
-    "Ensemble",
-    "Estimate",
-    "EventResolved",
-    "Fragility",
-    "FullHistory",
-    "Limit",
-    "LogNormal",
-    "MeanGap",
-    "ModalHistory",
-    "Normal",
-    "Objective",
-    "ParetoFront",
-    "Penalty",
-    "Phase",
-    "PoundingProbability",
-    "RandomRecord",
-    "RandomRicker",
-    "Record",
-    "Response",
-    "Ricker",
-    "Scales",
-    "Scenarios",
-    "Scheme",
-    "Sensitivity",
-    "Smoothed",
-    "SoftMinimum",
-    "Study",
-    "Switching",
-    "TimeGrid",
-    "UncertainStructures",
-    "Uniform",
-    "WorstGap",
-    "ZenerRod",
-    "arias_intensity",
-    "calibrate",
-    "demand",
-    "design_damper",
-    "dimensionless",
-    "elasticities",
-    "fit_fragility",
-    "gl_weights",
-    "in_chunks",
-    "monte_carlo",
-    "paper",
-    "pareto_front",
-    "pga",
-    "pgv",
-    "read_record",
-    "rod_force",
-    "simulate",
-    "sobol_sensitivity",
-    "spectral_acceleration",
-    "stability_limit",
-    "use_cores",
-]

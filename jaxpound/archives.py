@@ -28,6 +28,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jaxpound._describe import digest
+from jaxpound.interruption import unfinished
 
 _SEAL = "seal.json"
 # host, process, when it began, and a number of the file's own
@@ -54,24 +55,22 @@ def replace_file(path: Path, write: Callable[[BinaryIO], Any], keep_existing: bo
     writer = f"{_host()}-{os.getpid()}-{_began(os.getpid())}"
     part = path.with_name(f"{path.name}-{writer}-{uuid.uuid4().hex[:8]}.part")
     try:
-        with open(part, "xb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        if keep_existing:
-            try:
-                os.link(part, path)
-            except FileExistsError:
-                pass
-            except OSError:  # a file system without links
+        with unfinished(part):
+            with open(part, "xb") as file:
+                write(file)
+                file.flush()
+                os.fsync(file.fileno())
+            if keep_existing:
+                try:
+                    os.link(part, path)
+                except FileExistsError:
+                    pass
+                except OSError:  # a file system without links
+                    part.replace(path)
+            else:
                 part.replace(path)
-        else:
-            part.replace(path)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
 
 
 def open_file(path: Path) -> BinaryIO:

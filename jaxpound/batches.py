@@ -71,8 +71,9 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
 
     Memory beyond arguments and results does not grow with the batch, and a chunk that fits the
     caches is faster too. ``function`` takes and returns pytrees of arrays; every argument is
-    batched along its first axis. Chunks are spread over the devices that JAX has; the last is
-    filled up with copies of its last run. It compiles at its first call: keep it for more calls.
+    batched along its first axis. Chunks are spread over the devices that JAX has. The last is
+    filled up with copies of its last run, and a batch smaller than a chunk to a power of two.
+    It compiles at its first call, and once more for each such power: keep it for more calls.
 
     Parameters
     ----------
@@ -114,8 +115,9 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
         n = _batch_size(args)
         _no_tracer(args)
         devices = jax.local_devices()
-        size = chunk_size or runs_at_a_time()
-        size = -(-min(size, n) // len(devices)) * len(devices)
+        # Few sizes, so that batches of nearly as many runs share a program.
+        size = min(chunk_size or runs_at_a_time(), 1 << (n - 1).bit_length())
+        size = -(-size // len(devices)) * len(devices)
         mesh = _mesh()
         results: Any = None
 

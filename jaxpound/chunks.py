@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-import jaxpound
 from jaxpound._checks import refusal
 from jaxpound._describe import describe, digest
+from jaxpound._version import __version__
 from jaxpound.archives import DamagedError, require_name
 from jaxpound.batches import in_chunks, runs_at_a_time
 from jaxpound.estimates import Moments
@@ -76,7 +76,7 @@ class Task:
         kind, numbers = self.key
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
         versions = {
-            "jaxpound": jaxpound.__version__,
+            "jaxpound": __version__,
             "jax": jax.__version__,
             "scipy": scipy.__version__,
         }

@@ -1,25 +1,26 @@
 """Command line: ``jaxpound paper``, ``simulate``, ``montecarlo``, ``report`` and ``design``.
 
-matplotlib is imported only where figures are drawn, so that help and refusals come sooner.
+JAX, and what needs it, is imported once the arguments are right, matplotlib where figures are
+drawn, so that help and refusals come at once.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
+import os
 import re
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
-
-import jax
-import numpy as np
+from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
 import jaxpound as jp
-from jaxpound import config, design_config, design_report, report, study_config, study_report
+from jaxpound import examples, interruption
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,21 +35,71 @@ _SIMULATE_FIGURES = (
     "energy",
 )
 
+_NOBODY_READS = 128 + 13  # as of a process that a closed pipe has ended
+
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns 0, or 2 after one line on stderr that says what is wrong."""
+    """Run the command line; returns 0, or 2 after one line on stderr that says what is wrong.
+
+    Without ``argv`` it is the command line of this process, which then ends at Ctrl-C: a line on
+    stderr says what is kept, and the exit status is 130.
+    """
+    args = argparse.Namespace()
+    if argv is None:
+        interruption.end_at_a_signal(partial(_kept, args))
     try:
-        args = _parser().parse_args(argv)
-        jax.config.update("jax_enable_x64", True)
-        with contextlib.suppress(RuntimeError):  # called where JAX runs already
-            jp.use_cores()
-        args.run(args)
+        try:
+            _parser().parse_args(argv, args)
+            _run(args)
+        finally:
+            interruption.remove_empty_folders()
+            _flush_screen()
+    except BrokenPipeError:
+        return _NOBODY_READS
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         return _refuse(f"{place}{error.strerror or error}")
     except (ValueError, ArithmeticError) as error:
         return _refuse(str(error))
     return 0
+
+
+def _run(args: argparse.Namespace) -> None:
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    with contextlib.suppress(RuntimeError):  # called where JAX runs already
+        jp.use_cores()
+    args.run(args)
+
+
+def _flush_screen() -> None:
+    """Print what is not printed yet: at the process's end a failure could not be told any more."""
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise OSError(error.errno, error.strerror, "standard output") from error
+
+
+def _kept(args: argparse.Namespace) -> str:
+    """What an interrupted command leaves behind."""
+    given = vars(args)
+    store, save, out = (given.get(name) for name in ("store", "save", "out"))
+    again = "the same command goes on from there"
+    if store and given.get("run") is _montecarlo:
+        if any(store.glob("chunk-*.npz")):
+            return f"finished chunks are kept in {store}, and {again}"
+        return "no chunk was finished"
+    if save and save.exists():
+        return f"the search is kept in {save}, and {again}"
+    if out and out.is_dir():
+        return f"the files that are in {out} are whole"
+    return "nothing was written"
 
 
 def _refuse(message: str) -> int:
@@ -66,7 +117,7 @@ class _PrintExample(argparse.Action):
         super().__init__(option_strings, dest=argparse.SUPPRESS, nargs=0, const=const, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        print(config.example(str(self.const)), end="")
+        print(examples.example(str(self.const)), end="")
         parser.exit()
 
 
@@ -105,7 +156,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="buildings, damper and run; without it the example configuration is used",
     )
-    _add_example(simulate, "example_config.toml", "print the example configuration and exit")
+    _add_example(simulate, examples.SIMULATE, "print the example configuration and exit")
     simulate.add_argument(
         "--units",
         help="of the record: g (where it states none), m/s2, cm/s2, gal, ft/s2, in/s2, mm/s2, mg",
@@ -124,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
         out=False,
     )
     study.add_argument("config", type=Path, metavar="CONFIG.toml", help="what is to be studied")
-    _add_example(study, study_config.EXAMPLE, "print an example study and exit")
+    _add_example(study, examples.STUDY, "print an example study and exit")
     _add_store(study, "folder for the results, made if needed; a started study goes on")
     study.add_argument(
         "--samples", type=int, metavar="N", help="number of samples, instead of the file's"
@@ -150,7 +201,7 @@ def _parser() -> argparse.ArgumentParser:
         "  jaxpound design design.toml --record elcentro.at2 --out results",
     )
     design.add_argument("config", type=Path, metavar="CONFIG.toml", help="what may be chosen")
-    _add_example(design, design_config.EXAMPLE, "print an example design and exit")
+    _add_example(design, examples.DESIGN, "print an example design and exit")
     design.add_argument(
         "--record",
         type=Path,
@@ -205,9 +256,11 @@ def _add_command(
 def _make_folder(out: Path) -> None:
     """Make the output folder once the input is checked, so that no run is made in vain."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        interruption.make_folder(out)
+        with tempfile.TemporaryFile(dir=out):
+            pass
     except OSError as error:
-        rule = f"must be a folder that can be made ({error.strerror})"
+        rule = f"must be a folder that can be made and written to ({error.strerror})"
         raise ValueError(f"argument --out: {out} {rule}") from error
 
 
@@ -215,14 +268,13 @@ def _make_folder(out: Path) -> None:
 
 
 def _paper(args: argparse.Namespace) -> None:
+    from jaxpound import plots, report
+
     _make_folder(args.out)
     case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
     response = jp.simulate(*case)
     papers_own = float(jp.demand(*case, jp.PAPER_SCHEME).min_gap) - case[0].initial_gap
     print(report.paper_table(response, papers_own, case[0].initial_gap))
-
-    from jaxpound import plots
-
     _write_figures({"overview": plots.overview(response)}, args)
     _write_figures(plots.paper_figures(response), args)
 
@@ -231,6 +283,8 @@ def _paper(args: argparse.Namespace) -> None:
 
 
 def _simulate(args: argparse.Namespace) -> None:
+    from jaxpound import config, report
+
     configuration = config.read_config(args.config)
     record = configuration.shaking(jp.read_record(args.record, dt=args.dt, units=args.units))
     grid = configuration.grid(record)
@@ -260,6 +314,8 @@ def _simulate(args: argparse.Namespace) -> None:
 
 
 def _montecarlo(args: argparse.Namespace) -> None:
+    from jaxpound import study_config
+
     study = study_config.read_study(args.config)
     found = jp.monte_carlo(
         study.scenarios,
@@ -292,6 +348,8 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _report(args: argparse.Namespace) -> None:
+    from jaxpound import study_report
+
     study = jp.Study.open(args.store)
     curves = study_report.fragilities(study)
     answers = study_report.summary(study, curves)
@@ -325,6 +383,8 @@ def _report(args: argparse.Namespace) -> None:
 
 
 def _design(args: argparse.Namespace) -> None:
+    from jaxpound import design_config, design_report
+
     wanted = design_config.read_design(args.config, args.record)
     _make_folder(args.out)
     design = jp.design_damper(
@@ -369,25 +429,37 @@ def _design(args: argparse.Namespace) -> None:
 # --- files --------------------------------------------------------------------------------------
 
 
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+def _write(path: Path, write: Callable[[BinaryIO], Any]) -> None:
+    """Write a whole file or none, and print its path."""
+    from jaxpound.archives import replace_file
+
+    try:
+        replace_file(path, write)
+    except OSError as error:
+        what = f"cannot be written ({error.strerror or error})"
+        raise OSError(error.errno, what, str(path)) from error
     print(path)
+
+
+def _write_text(path: Path, text: str) -> None:
+    _write(path, lambda file: file.write(text.encode()))
 
 
 def _write_figures(figures: dict[str, Figure], args: argparse.Namespace) -> None:
     for name, figure in figures.items():
         # A figure unknown to pyplot is drawn by Agg, whatever backend is set.
         for kind in ("png", "pdf") if args.pdf else ("png",):
-            path = args.out / f"{name}.{kind}"
-            figure.savefig(path, dpi=300)
-            print(path)
+            drawn = io.BytesIO()
+            figure.savefig(drawn, format=kind, dpi=300)
+            data = drawn.getvalue()
+            _write(args.out / f"{name}.{kind}", lambda file, data=data: file.write(data))
 
 
 def _write_series(response: jp.Response, out: Path, kind: str) -> None:
+    import numpy as np
+
     path = out / f"series.{kind}"
     if kind == "npz":
-        np.savez(path, **response.to_columns())  # type: ignore[arg-type]
+        _write(path, lambda file: np.savez(file, **response.to_columns()))  # type: ignore[arg-type]
     elif kind == "csv":
-        response.to_csv(path)
-    if kind != "none":
-        print(path)
+        _write(path, response.to_csv)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -42,16 +43,25 @@ class Columnar:
         index, columns = self._index_and_columns()
         return pandas.DataFrame(index | columns).set_index([*index])
 
-    def to_csv(self, path: str | PathLike[str]) -> None:
-        """All columns as a file of comma-separated values, below a line of their names.
+    def to_csv(self, file: str | PathLike[str] | BinaryIO) -> None:
+        """All columns as comma-separated values, below a line of their names.
 
         Numbers have 17 digits, which give the same numbers again when they are read.
+
+        Parameters
+        ----------
+        file
+            Its path, or a file that is open for binary writing.
         """
+        if isinstance(file, str | PathLike):
+            with open(file, "wb") as opened:
+                return self.to_csv(opened)
         columns = self.to_columns()
-        table = np.column_stack(list(columns.values()))
-        with open(path, "w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerow(columns)
-            np.savetxt(file, table, "%.17g", delimiter=",")
+        heading = io.StringIO()
+        csv.writer(heading, lineterminator="\n").writerow(columns)
+        file.write(heading.getvalue().encode())
+        np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", delimiter=",")
+        return None
 
     def to_parquet(self, path: str | PathLike[str]) -> None:
         """All columns as a Parquet file, which is smaller and faster than text.

@@ -10,11 +10,11 @@ import sys
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from jaxpound._checks import did_you_mean
+from jaxpound.examples import example
 from jaxpound.friction import EventResolved, FrictionLaw, Smoothed, Switching
 from jaxpound.ground import Record
 from jaxpound.intensity import pga
@@ -146,11 +146,6 @@ def time_grid(source: str, scales: Scales, duration: float, dt: float) -> TimeGr
         rule = f"between 2 and {_MOST_STEPS:,} steps of dt = {dt:.6g} s"
         raise ValueError(f"{source}: [run] duration = {duration:.6g} s must be {rule}")
     return scales.grid(duration, dt)
-
-
-def example(name: str = "example_config.toml") -> str:
-    """A documented example configuration, as text."""
-    return (resources.files("jaxpound") / name).read_text(encoding="utf-8")
 
 
 def read_config(path: Path | None) -> Configuration:

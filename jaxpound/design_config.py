@@ -25,6 +25,7 @@ from jaxpound.config import (
 from jaxpound.design_space import Bounds, DesignSpace
 from jaxpound.earthquake_config import EARTHQUAKES, files, opened, read_records, word
 from jaxpound.ensembles import Ensemble
+from jaxpound.examples import DESIGN as EXAMPLE
 from jaxpound.ground import Record
 from jaxpound.objectives import (
     PRICES,
@@ -44,8 +45,6 @@ from jaxpound.scenarios import PARAMETERS, Scenarios, replaced
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
-
-EXAMPLE = "example_design.toml"
 
 _GOALS = ("mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability")
 

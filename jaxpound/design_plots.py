@@ -9,7 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design, Landscape
-from jaxpound.elasticities import Elasticities
+from jaxpound.elasticity import Elasticities
 from jaxpound.figure_style import (
     COLOURS,
     FONT_SIZE,

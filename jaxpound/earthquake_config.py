@@ -11,7 +11,6 @@ from jaxpound.config import (
     STEPS_PER_PERIOD,
     Keys,
     check_keys,
-    example,
     is_number,
     named,
     needed,
@@ -23,6 +22,7 @@ from jaxpound.config import (
     time_grid,
 )
 from jaxpound.distributions import RARE, LogNormal, Normal, Uniform, reach
+from jaxpound.examples import example
 from jaxpound.ground import Record
 from jaxpound.quantities import RANGES, Range, with_unit
 from jaxpound.records import read_record

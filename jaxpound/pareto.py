@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from tqdm.auto import tqdm
 
 from jaxpound._checks import count, instance, positive, real
 from jaxpound._tables import Shown, Table
 from jaxpound.design import Design
-from jaxpound.design_search import NO_LIMIT, InfeasibleError, Sought
+from jaxpound.design_search import NO_LIMIT, InfeasibleError, Progress, Sought
 from jaxpound.design_space import DesignSpace
 from jaxpound.ensembles import Ensemble
 from jaxpound.objectives import PRICES, Limit, Objective
@@ -82,7 +83,7 @@ def pareto_front(
     iterations: int = 100,
     optimiser: GradientTransformation | None = None,
     scales: Scales | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> ParetoFront:
     """The best objective for every limit on a price, from loose to tight.
 
@@ -91,7 +92,7 @@ def pareto_front(
 
     Parameters
     ----------
-    space, ensemble, grid, scheme, objective, start, key, iterations, optimiser, scales, progress
+    space, ensemble, grid, scheme, objective, start, key, iterations, optimiser, scales
         As of ``design_damper``.
     price, over
         What is to be limited, as of ``Limit``; the objective must not limit it.
@@ -102,6 +103,8 @@ def pareto_front(
         The limits themselves.
     starts
         Of each search.
+    progress
+        Whether to show a progress bar, of the iterations of all searches.
 
     Raises
     ------
@@ -132,22 +135,37 @@ def pareto_front(
         iterations=iterations,
         scales=scales,
     )
-    how: dict[str, Any] = {"starts": starts, "key": key, "progress": progress}
-    free = sought.search(start=start, **how)
-    if limits is None:
-        met = free.history.prices[..., [*limited.limits].index(price)]
-        met = met[np.isfinite(met) & (met > 0)]
-        least = min(met.min(initial=np.inf), free.prices[price])
-        between = np.linspace(free.prices[price], least, points).tolist()[1:] if least > 0 else []
-        limits = [x for x in between if x < free.prices[price]]
-    designs, infeasible, last = [free], [], free
-    for limit in limits:
-        try:
-            last = sought.search(start=last.values, limits={price: limit}, **how)
-        except InfeasibleError:
-            infeasible.append(float(limit))
-            continue
-        designs.append(last)
+    searches = points if limits is None else 1 + len(limits)
+    # Shown with the first iterations: a refusal stays alone.
+    with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
+
+        def begin_search(to_come: int) -> None:
+            bar.total = bar.n + sought.iterations * to_come  # those before may have ended early
+
+        def tell(where: Progress) -> None:
+            bar.update()
+            best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
+            bar.set_postfix({"objective": best}, refresh=False)
+
+        how: dict[str, Any] = {"starts": starts, "key": key, "progress": False, "callback": tell}
+        begin_search(searches)
+        free = sought.search(start=start, **how)
+        if limits is None:
+            met = free.history.prices[..., [*limited.limits].index(price)]
+            met = met[np.isfinite(met) & (met > 0)]
+            least = min(met.min(initial=np.inf), free.prices[price])
+            lower = np.linspace(free.prices[price], least, points).tolist()[1:] if least > 0 else []
+            limits = [x for x in lower if x < free.prices[price]]
+        designs, infeasible, last = [free], [], free
+        for i, limit in enumerate(limits):
+            begin_search(len(limits) - i)
+            try:
+                last = sought.search(start=last.values, limits={price: limit}, **how)
+            except InfeasibleError:
+                infeasible.append(float(limit))
+                continue
+            designs.append(last)
+        begin_search(0)
     ranked = sorted(designs, key=lambda design: (design.prices[price], -design.objective))
     front, best = [], -np.inf
     for design in ranked:

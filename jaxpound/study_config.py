@@ -24,6 +24,7 @@ from jaxpound.earthquake_config import (
     opened,
     scaled,
 )
+from jaxpound.examples import STUDY as EXAMPLE
 from jaxpound.ground import GroundLike
 from jaxpound.intensity import spectral_acceleration
 from jaxpound.quantities import RANGES
@@ -36,8 +37,6 @@ from jaxpound.scenarios import (
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures
 from jaxpound.units import Scales
-
-EXAMPLE = "example_study.toml"
 
 _KEYS: Keys = PAIR | {
     "earthquakes": EARTHQUAKES,

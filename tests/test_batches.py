@@ -31,6 +31,22 @@ def test_chunks_give_what_one_batch_gives(chunk_size):
         np.testing.assert_allclose(other, one, rtol=1e-12, atol=1e-14)
 
 
+def test_batches_of_nearly_as_many_runs_share_a_program():
+    compiled = []
+
+    def wave(a):
+        compiled.append(a)
+        return jnp.sqrt(a) + jnp.sin(a) / 3
+
+    run, a = jp.in_chunks(wave, 64), np.linspace(0.1, 1.0, 200)
+    for programs, sizes in ((1, (5, 6, 7, 8)), (2, (9, 14, 16)), (3, (40, 63, 64, 65, 200))):
+        found = [run(a[:n]) for n in sizes]
+        assert len(compiled) == programs
+        for n, result in zip(sizes, found, strict=True):
+            np.testing.assert_array_equal(result, found[-1][:n])  # to the last bit
+            np.testing.assert_allclose(result, np.sqrt(a[:n]) + np.sin(a[:n]) / 3, rtol=1e-14)
+
+
 def test_chunks_take_keys_and_return_gradients():
     def slope(key):
         amplitude = jax.random.uniform(key, minval=0.1)

@@ -5,18 +5,22 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound import cli, config, report
+from jaxpound import cli, config, examples, report
+from jaxpound.store import Store
 
 ORACLE = Path(__file__).parent / "oracles" / "paper_case.json"
 PHASES = {0: "stick", 1: "slip right", -1: "slip left"}
@@ -594,6 +598,32 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"jaxpound {jp.__version__}\n"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "status"),
+    [
+        (["--help"], 0),
+        (["design", "--help"], 0),
+        (["--version"], 0),
+        (["montecarlo", "--example-config"], 0),
+        (["paper"], 2),
+        (["papper"], 2),
+    ],
+)
+def test_help_and_faulty_arguments_need_no_jax(arguments, status):
+    program = (
+        "import atexit, sys, time; from jaxpound.cli import main\n"
+        "def judge():\n"
+        "    assert not {'jax', 'numpy'} & {*sys.modules}\n"
+        "    assert time.process_time() < 0.5\n"
+        "    print('soon', flush=True)\n"
+        "atexit.register(judge)\n"
+        "sys.exit(main())"
+    )
+    command = [sys.executable, "-c", program, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (status, "soon")
+
+
 def test_python_m_jaxpound():
     command = [sys.executable, "-m", "jaxpound", "--help"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -609,3 +639,139 @@ def test_the_command_line_uses_every_core():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+# --- the end ------------------------------------------------------------------------------------
+
+# A process that Ctrl-C reaches even where whoever runs the tests ignores it.
+PROGRAM = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from jaxpound.cli import main; sys.exit(main())"
+)
+posix = pytest.mark.skipif(os.name == "nt", reason="signals are sent as POSIX has them")
+
+
+def ended(*arguments: object, when: str, number: int = signal.SIGINT, **env: str) -> list[str]:
+    """Run a command, signal once a line on stderr has ``when``; what stderr says after that."""
+    own = {name: x for name, x in os.environ.items() if not name.startswith("JAX_")}
+    command = [sys.executable, "-X", "importtime", "-c", PROGRAM, *map(str, arguments)]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=own | env,
+    ) as process:
+        assert any(when in line for line in process.stderr)
+        process.send_signal(number)
+        rest = process.stderr.read()
+        assert process.wait(60) == 128 + number
+    return [line for line in rest.splitlines() if not line.startswith("import time:")]
+
+
+COMMANDS = {
+    "paper": ["--out", "OUT"],
+    "simulate": ["--record", "record.at2", "--out", "OUT"],
+    "montecarlo": ["study.toml", "--store", "STORE"],
+    "report": ["--store", "STORE", "--out", "OUT"],
+    "design": ["design.toml", "--save", "state.npz", "--out", "OUT"],
+}
+
+
+@posix
+@pytest.mark.parametrize("command", COMMANDS)
+def test_interrupted_while_jax_is_imported(command, tmp_path):
+    """Where an exception may end in a crash of what is being loaded."""
+    places = {"OUT": tmp_path / "new" / "out", "STORE": tmp_path / "store"}
+    arguments = [places.get(word, word) for word in COMMANDS[command]]
+    said = ended(command, *arguments, when="jaxlib")
+    kept = "no chunk was finished" if command == "montecarlo" else "nothing was written"
+    assert said == [f"jaxpound: interrupted; {kept}"]
+    assert not list(tmp_path.iterdir())
+
+
+@posix
+def test_terminated(tmp_path):
+    said = ended("paper", "--out", tmp_path / "out", when="jaxlib", number=signal.SIGTERM)
+    assert said == ["jaxpound: terminated; nothing was written"]
+
+
+@posix
+def test_interrupted_while_xla_compiles(tmp_path):
+    """At once: not when it has compiled, nor with a crash in what it clears up then."""
+    out = tmp_path / "new" / "out"
+    started = "Finished jaxpr to MLIR module conversion jit(_simulate)"
+    said = ended("paper", "--out", out, when=started, JAX_LOG_COMPILES="1")
+    assert said[-1] == "jaxpound: interrupted; nothing was written"
+    assert not any("Finished XLA compilation" in line for line in said)
+    assert not list(tmp_path.iterdir())
+
+
+@posix
+def test_an_interrupted_study_keeps_its_finished_chunks(tmp_path):
+    path, folder = tmp_path / "study.toml", tmp_path / "store"
+    changes = {"# chunk_size": "chunk_size = 16", "duration": "duration = 2.0"}
+    path.write_text(edited(examples.example(examples.STUDY), changes))
+    command = [sys.executable, "-c", PROGRAM, "montecarlo", str(path), "--store", str(folder)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not (folder / "chunk-000001.npz").exists():
+            sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        said = process.stderr.read()
+        assert process.wait(60) == 130
+    again = "the same command goes on from there"
+    assert said == f"jaxpound: interrupted; finished chunks are kept in {folder}, and {again}\n"
+    store = Store(folder)
+    found = [chunk for chunk in store.chunks() if store.has(chunk)]
+    assert 2 <= len(found) < len(store.chunks())
+    assert all(store.read(chunk) is not None for chunk in found)
+    assert not [*folder.glob("*.part")]
+
+
+@pytest.mark.parametrize("options", [[], ["-u"]])
+def test_nobody_reads_what_is_printed(options):
+    """As ``jaxpound simulate --example-config | true``."""
+    own = {name: x for name, x in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    command = [sys.executable, *options, "-m", "jaxpound", "simulate", "--example-config"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        assert process.wait(60) == 141
+
+
+@pytest.mark.parametrize(
+    ("series", "room", "name"),
+    [
+        ("npz", 100, "summary.json"),
+        ("npz", 100_000, "series.npz"),
+        ("csv", 100_000, "series.csv"),
+        ("none", 10_000, "overview.png"),
+    ],
+)
+def test_a_full_disk_names_the_file_and_leaves_no_part_of_it(
+    series, room, name, el_centro, el_centro_run, write, tmp_path, capsys
+):
+    """The operating system's own refusal in the middle of a file; compiled by the run before."""
+    resource = pytest.importorskip("resource")
+    out, path = tmp_path / "new" / "out", write({"series": f'series = "{series}"'})
+    arguments = ["simulate", "--record", el_centro, "--config", path, "--out", out]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        assert cli.main([str(argument) for argument in arguments]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    error = capsys.readouterr().err
+    assert error == f"jaxpound: error: {out / name}: cannot be written (File too large)\n"
+    left = [] if name == "summary.json" else ["summary.json"]
+    assert [path.name for path in out.glob("*")] == left
+    assert out.exists() == bool(left)  # no empty folder
+
+
+def test_a_command_that_fails_leaves_no_empty_folder(pulse, tmp_path, monkeypatch):
+    monkeypatch.setattr(jp, "simulate", lambda *_: 1 / 0)
+    out = tmp_path / "new" / "out"
+    assert cli.main(["simulate", "--record", str(pulse), "--out", str(out)]) == 2
+    assert not list(tmp_path.iterdir())

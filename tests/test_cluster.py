@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_monte_carlo import LINEAR, study
+from test_study_run import LINEAR, study
 
 import jaxpound as jp
 
@@ -94,7 +94,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)
 jax.distributed.initialize(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
-from test_monte_carlo import LINEAR, study
+from test_study_run import LINEAR, study
 shard = (jax.process_index() + 1, jax.process_count())
 print(len(study(LINEAR, 256, store=sys.argv[4], chunk_size=64, shard=shard)))
 """

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_monte_carlo import LINEAR, study
+from test_study_run import LINEAR, study
 
 import jaxpound as jp
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from functools import partial
 
 import jax
@@ -515,3 +516,20 @@ def test_a_front_ends_where_limits_cannot_be_met(stand_in):
     ):
         with pytest.raises(ValueError, match=message):
             jp.pareto_front(space, ENSEMBLE, GRID, **change)
+
+
+@pytest.mark.parametrize("limits", [None, [0.5, 0.01]])
+def test_a_front_shows_one_bar_for_all_its_searches(limits, stand_in, capsys):
+    space = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0)})
+    with pytest.raises(ValueError, match="starts = 0"):
+        jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", starts=0)
+    assert capsys.readouterr().err == ""
+    more = {"limits": limits, "points": 2, "starts": 1, "iterations": 5}
+    jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", **more)
+    shown = capsys.readouterr().err.split("\r")
+    n = 5 * (2 if limits is None else 3)
+    best = r"[\d.]+" if limits is None else "none yet"  # of the last search
+    assert re.search(rf"^100%.* {n}/{n} .*objective={best}\]\s*\n$", shown[-1])
+    assert "\n" not in "".join(shown[:-1])
+    jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", progress=False, **more)
+    assert capsys.readouterr().err == ""

@@ -56,6 +56,18 @@ def test_every_page_is_in_a_table_of_contents(page):
     assert page in found or page == DOCS / "index.md"
 
 
+def test_no_page_installs_from_an_index():
+    """The package is installed from its clone, as the README says."""
+    texts = [ROOT / "README.md", *PAGES, *(ROOT / "notebooks").glob("*.ipynb")]
+    commands = [
+        command
+        for path in texts
+        for command in re.findall(r"pip install ([^`\n]+)", path.read_text(encoding="utf-8"))
+    ]
+    assert len(commands) > 4
+    assert not [command for command in commands if "jaxpound" in command.partition("&&")[0]]
+
+
 def test_every_command_has_its_section(capsys):
     with pytest.raises(SystemExit):
         cli.main(["--help"])

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from test_monte_carlo import RANDOM, study
+from test_study_run import RANDOM, study
 
 import jaxpound as jp
 

@@ -22,7 +22,10 @@ PACKAGE = ROOT / "jaxpound"
 
 # From the ground floor up; a module imports only from below itself.
 FLOORS = [
-    {"_pytree", "_checks", "_branches", "_describe", "_extras", "_root", "_tables", "quantities"},
+    {
+        *("_pytree", "_checks", "_branches", "_describe", "_extras", "_root", "_tables"),
+        *("_version", "examples", "interruption", "quantities"),
+    },
     {"columns", "distributions", "estimates", "fragility", "sampling", "archives", "store"},
     {"structures", "ground", "fractional", "friction", "response", "batches"},
     {"records", "record_headers", "rods", "tally"},
@@ -30,8 +33,8 @@ FLOORS = [
     {"intensity", "simulation"},
     {"units", "paper", "scenarios"},
     {"study", "sensitivity", "design_space", "ensembles", "objectives"},
-    {"chunks", "search", "comparison", "elasticities", "calibration"},
-    {"monte_carlo", "design", "first_order", "saved_search"},
+    {"chunks", "search", "comparison", "elasticity", "calibration"},
+    {"study_run", "design", "first_order", "saved_search"},
     {"design_search"},
     {"pareto"},
     {"figure_style", "config"},
@@ -120,6 +123,50 @@ def test_import_is_silent_and_changes_nothing():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_only_what_is_used_is_imported():
+    """JAX and SciPy take the better part of a second each: neither is paid for by a mere import."""
+    code = (
+        "import sys, jaxpound\n"
+        "assert jaxpound.__version__ and 'simulate' in dir(jaxpound)\n"
+        "assert not {'jax', 'numpy', 'scipy'} & {*sys.modules}\n"
+        "assert jaxpound.simulate and jaxpound.paper.structures()\n"
+        "assert not {'scipy.stats', 'scipy.optimize', 'optax'} & {*sys.modules}\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_public_names_are_there_however_they_are_asked_for():
+    assert len(jp.__all__) == len(set(jp.__all__)) > 60
+    code = (
+        "from jaxpound import *\n"
+        "from jaxpound import monte_carlo as study, paper as case\n"
+        "import jaxpound as jp, pickle, types\n"
+        "assert all(globals()[name] is getattr(jp, name) for name in jp.__all__)\n"
+        "assert {*jp.__all__} <= {*dir(jp)}\n"
+        "assert study is monte_carlo and case is paper\n"
+        "again = pickle.loads(pickle.dumps((simulate, Limit(0.3), paper.structures())))\n"
+        "assert again[0] is simulate and str(again[2]) == str(paper.structures())\n"
+        "assert isinstance(jp.records, types.ModuleType) and not hasattr(jp, 'plots')\n"
+        "from jaxpound import plots\n"
+        "assert jp.plots is plots and 'plots' in dir(jp)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_no_module_has_the_name_of_what_another_holds():
+    """Its import would put it in the place of the function."""
+    modules = {path.stem for path in PACKAGE.glob("*.py")}
+    assert modules & set(jp.__all__) == {"paper"}  # a module itself
+
+
+def test_a_name_that_does_not_exist():
+    with pytest.raises(AttributeError, match="module 'jaxpound' has no attribute 'simulat'") as e:
+        jp.simulat  # noqa: B018
+    assert (e.value.name, e.value.obj) == ("simulat", jp)  # whence Python's "Did you mean"
 
 
 def test_public_names_are_documented():

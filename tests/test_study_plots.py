@@ -6,8 +6,8 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from test_monte_carlo import LINEAR, RANDOM, study
 from test_sensitivity import GRID, SCENARIOS
+from test_study_run import LINEAR, RANDOM, study
 
 import jaxpound as jp
 from jaxpound import study_plots as plots

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from test_monte_carlo import LINEAR, study
+from test_study_run import LINEAR, study
 
 import jaxpound as jp
 from jaxpound._tables import Table

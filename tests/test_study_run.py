@@ -234,7 +234,7 @@ import jax, numpy as np
 jax.config.update("jax_enable_x64", True)
 import jaxpound as jp
 assert jp.use_cores(2) == len(jax.devices()) == 2
-from test_monte_carlo import RANDOM
+from test_study_run import RANDOM
 found = jp.monte_carlo(RANDOM, 100_000, jp.TimeGrid(0.1, 40), progress=False)
 np.savez(sys.argv[1], **{name: found[name] for name in found.columns})
 """
@@ -390,7 +390,7 @@ import sys; sys.path.insert(0, "tests")
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxpound as jp
-from test_monte_carlo import RANDOM
+from test_study_run import RANDOM
 GRID = jp.TimeGrid(0.1, 40)
 jp.monte_carlo(RANDOM, 40_000, GRID, store=sys.argv[1], chunk_size=1000, progress=False)
 """

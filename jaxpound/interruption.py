@@ -1,0 +1,116 @@
+"""The end of a process that is told to end: a line on stderr, nothing half-written, at once.
+
+Python's own way is to raise ``KeyboardInterrupt`` wherever it happens to be. Where JAX's libraries
+are being loaded and in what XLA has just compiled, that ends in a segmentation fault; in a callback
+of the garbage collector it is swallowed, and the program runs on. Nor is it raised before a
+compilation is over. The command line therefore raises nothing: a thread waits for the signal.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+_SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+_PATIENCE = 5.0  # seconds for files that are being written
+_READER = 1.0  # seconds for whoever reads the screen's text
+
+_changed = threading.Condition()
+_unfinished: set[Path] = set()
+_made: list[Path] = []
+_ending = False
+
+
+@contextlib.contextmanager
+def unfinished(part: Path) -> Iterator[None]:
+    """Where ``part`` is written and moved to its place: it is gone afterwards, come what may."""
+    with _changed:
+        _changed.wait_for(lambda: not _ending)
+        _unfinished.add(part)
+    try:
+        yield
+    finally:
+        with _changed:
+            part.unlink(missing_ok=True)
+            _unfinished.discard(part)
+            _changed.notify_all()
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, all of which ``remove_empty_folders`` knows.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    with _changed:
+        _made.extend(place for place in (folder, *folder.parents) if not place.exists())
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def remove_empty_folders() -> None:
+    """Remove the folders that ``make_folder`` has made and that nothing was written to."""
+    with _changed:
+        for folder in sorted(_made, key=lambda place: -len(place.parts)):
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        _made.clear()
+
+
+def end_at_a_signal(kept: Callable[[], str]) -> None:
+    """From now on end this process when it is interrupted (Ctrl-C) or terminated.
+
+    Files that are being written are finished, or removed where that takes long. The exit status is
+    that of shells, 128 and the signal's number. Signals that the process ignores stay ignored.
+
+    Parameters
+    ----------
+    kept
+        What the process leaves behind, for the line on stderr; asked for then.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    threading.Thread(target=_wait, args=(reader, kept), daemon=True).start()
+    signal.set_wakeup_fd(writer)  # written to at once, whatever the main thread is at
+    for number in _SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _raise_nothing)
+
+
+def _raise_nothing(*_: Any) -> None:
+    pass
+
+
+def _wait(reader: int, kept: Callable[[], str]) -> None:
+    global _ending
+    while (number := os.read(reader, 1)[0]) not in _SIGNALS:
+        pass
+    try:
+        with _changed:
+            _ending = True
+            _changed.wait_for(lambda: not _unfinished, _PATIENCE)
+            for part in _unfinished:
+                part.unlink(missing_ok=True)
+            remove_empty_folders()
+            said = f"jaxpound: {_SIGNALS[signal.Signals(number)]}; {kept()}\n"
+        after_a_bar = "\n" if os.isatty(2) else ""
+        _flush_screen()
+        os.write(2, f"{after_a_bar}{said}".encode())
+    finally:
+        os._exit(128 + number)  # threads of XLA may be at work, in what an orderly exit would free
+
+
+def _flush_screen() -> None:
+    if sys.stdout is not None:
+        flush = threading.Thread(target=sys.stdout.flush, daemon=True)
+        flush.start()
+        flush.join(_READER)  # whoever reads it may have stopped
