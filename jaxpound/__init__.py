@@ -8,6 +8,7 @@ True
 
 from jaxpound import paper
 from jaxpound.batches import in_chunks, use_cores
+from jaxpound.buildings import simulate_buildings
 from jaxpound.calibration import Calibration, calibrate
 from jaxpound.comparison import Comparison
 from jaxpound.design import Design
@@ -34,6 +35,7 @@ from jaxpound.objectives import (
     WorstGap,
 )
 from jaxpound.pareto import ParetoFront, pareto_front
+from jaxpound.plausibility import PlausibilityWarning
 from jaxpound.records import read_record
 from jaxpound.response import Demand, Energy, Phase, Response
 from jaxpound.rods import rod_force
@@ -82,6 +84,7 @@ __all__ = [
     "ParetoFront",
     "Penalty",
     "Phase",
+    "PlausibilityWarning",
     "PoundingProbability",
     "RandomRecord",
     "RandomRicker",
@@ -118,6 +121,7 @@ __all__ = [
     "read_record",
     "rod_force",
     "simulate",
+    "simulate_buildings",
     "sobol_sensitivity",
     "spectral_acceleration",
     "stability_limit",

@@ -10,7 +10,8 @@ import contextlib
 import json
 import re
 import sys
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -42,13 +43,28 @@ def main(argv: Sequence[str] | None = None) -> int:
         jax.config.update("jax_enable_x64", True)
         with contextlib.suppress(RuntimeError):  # called where JAX runs already
             jp.use_cores()
-        args.run(args)
+        with _warnings_in_one_line():
+            args.run(args)
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         return _refuse(f"{place}{error.strerror or error}")
     except (ValueError, ArithmeticError) as error:
         return _refuse(str(error))
     return 0
+
+
+@contextlib.contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Print warnings as the command line prints errors; input that is not plausible, each time."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        words = re.sub(r"^[A-Za-z_.]+: ", "", " ".join(str(message).split()))
+        print("jaxpound: warning:", words, file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", jp.PlausibilityWarning)
+        warnings.showwarning = show
+        yield
 
 
 def _refuse(message: str) -> int:
@@ -112,6 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument(
         "--dt", type=float, help="the record's time step in s, for a file that states none"
     )
+    _add_strict(simulate)
     study = _add_command(
         commands,
         _montecarlo,
@@ -134,6 +151,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="I/N",
         help="run every N-th chunk from the I-th only: N jobs, I = 1 to N, fill one store",
     )
+    _add_strict(study)
     told = _add_command(
         commands,
         _report,
@@ -164,11 +182,20 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="keep the search's state there, and go on from it where it was stopped",
     )
+    _add_strict(design)
     return parser
 
 
 def _add_example(command: argparse.ArgumentParser, name: str, words: str) -> None:
     command.add_argument("--example-config", action=_PrintExample, const=name, help=words)
+
+
+def _add_strict(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse what is only warned of: unresolved or implausible input",
+    )
 
 
 def _add_store(command: argparse.ArgumentParser, words: str) -> None:
@@ -232,16 +259,12 @@ def _paper(args: argparse.Namespace) -> None:
 def _simulate(args: argparse.Namespace) -> None:
     configuration = config.read_config(args.config)
     record = configuration.shaking(jp.read_record(args.record, dt=args.dt, units=args.units))
-    grid = configuration.grid(record)
+    configuration.grid(record)  # refuses what is wrong of dt and duration
     _make_folder(args.out)
 
     if args.config is None:
         print("No --config given: these are the buildings of jaxpound simulate --example-config.")
-    scales = configuration.scales
-    shaking = scales.to_dimensionless(record)
-    response = scales.to_si(
-        jp.simulate(configuration.structures, shaking, grid, configuration.scheme)
-    )
+    response = configuration.response(record, strict=args.strict)
     summary = report.summary(configuration, args.record, record, response)
     text = json.dumps(summary, indent=2, allow_nan=False)
     print(report.as_text(summary))
@@ -275,6 +298,7 @@ def _montecarlo(args: argparse.Namespace) -> None:
         scales=study.scales,
         notes={"configuration": study.text},
         shard=_shard(args.shard),
+        strict=args.strict,
         progress=sys.stderr.isatty(),
     )
     print(found)
@@ -335,6 +359,7 @@ def _design(args: argparse.Namespace) -> None:
         scales=wanted.scales,
         fresh=wanted.fresh or None,
         save=args.save,
+        strict=args.strict,
         progress=sys.stderr.isatty(),
         **wanted.search,
     )

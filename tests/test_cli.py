@@ -529,10 +529,10 @@ def test_a_record_in_other_units_than_it_is_read_in(write, tmp_path, capsys):
 
 
 def test_a_run_that_overflows(pulse, tmp_path, monkeypatch, capsys):
-    def simulate(*_):
+    def simulate(*_, **__):
         raise FloatingPointError("the run ended in\nnon-finite numbers")
 
-    monkeypatch.setattr(jp, "simulate", simulate)
+    monkeypatch.setattr(config, "simulate_buildings", simulate)
     assert cli.main(["simulate", "--record", str(pulse), "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert error == "jaxpound: error: the run ended in non-finite numbers\n"
