@@ -259,12 +259,11 @@ def _paper(args: argparse.Namespace) -> None:
 def _simulate(args: argparse.Namespace) -> None:
     configuration = config.read_config(args.config)
     record = configuration.shaking(jp.read_record(args.record, dt=args.dt, units=args.units))
-    configuration.grid(record)  # refuses what is wrong of dt and duration
+    response = configuration.response(record, strict=args.strict)
     _make_folder(args.out)
 
     if args.config is None:
         print("No --config given: these are the buildings of jaxpound simulate --example-config.")
-    response = configuration.response(record, strict=args.strict)
     summary = report.summary(configuration, args.record, record, response)
     text = json.dumps(summary, indent=2, allow_nan=False)
     print(report.as_text(summary))

@@ -103,13 +103,14 @@ class Configuration:
         return record_grid(place, self.structures, self.scales, self.scheme, record, **self._run)
 
     def response(self, record: Record, *, strict: bool = False) -> Response:
-        """The run in SI units; ``strict`` as of ``simulate_buildings``.
+        """The run in SI units, as ``simulate_buildings`` makes it.
 
         Raises
         ------
         ValueError
             If dt or duration breaks its rule; if strict, where there would be a warning.
         """
+        self.grid(record)  # so that messages on dt and duration have their place in the file
         with named(f"{self.source}:"):
             return simulate_buildings(
                 self.building_1,
