@@ -5,6 +5,7 @@ from jaxpound import paper as paper
 from jaxpound._version import __version__ as __version__
 from jaxpound.batches import in_chunks as in_chunks
 from jaxpound.batches import use_cores as use_cores
+from jaxpound.buildings import simulate_buildings as simulate_buildings
 from jaxpound.calibration import Calibration as Calibration
 from jaxpound.calibration import calibrate as calibrate
 from jaxpound.comparison import Comparison as Comparison
@@ -43,6 +44,7 @@ from jaxpound.objectives import SoftMinimum as SoftMinimum
 from jaxpound.objectives import WorstGap as WorstGap
 from jaxpound.pareto import ParetoFront as ParetoFront
 from jaxpound.pareto import pareto_front as pareto_front
+from jaxpound.plausibility import PlausibilityWarning as PlausibilityWarning
 from jaxpound.records import read_record as read_record
 from jaxpound.response import Demand as Demand
 from jaxpound.response import Energy as Energy

@@ -20,7 +20,8 @@ from jaxpound._version import __version__
 from jaxpound.archives import DamagedError, require_name
 from jaxpound.batches import in_chunks, runs_at_a_time
 from jaxpound.estimates import Moments
-from jaxpound.ground import as_pytree
+from jaxpound.ground import Ground, as_pytree
+from jaxpound.plausibility import first_of
 from jaxpound.sampling import Points, as_key, points
 from jaxpound.scenarios import ScenarioSet, keys_in_order, parameter_names, parameters
 from jaxpound.scheme import Scheme, TimeGrid
@@ -33,8 +34,17 @@ Measure = Callable[[Any, Any], Any]
 
 Columns = dict[str, np.ndarray]
 
-_PROGRAMS: dict[str, Callable[[np.ndarray], Columns]] = {}
-_MOST_PROGRAMS = 4  # compiled ones that a process keeps
+_PROGRAMS: dict[tuple[str, str], Callable[[np.ndarray], Any]] = {}
+_MOST_PROGRAMS = 8  # compiled ones that a process keeps, two a study
+
+
+def _kept(what: str, fingerprint: str, make: Callable[[], Callable[..., Any]]) -> Any:
+    """A compiled program of a study, made if it is not among those that are kept."""
+    if (what, fingerprint) not in _PROGRAMS:
+        for oldest in [*_PROGRAMS][: len(_PROGRAMS) - _MOST_PROGRAMS + 1]:
+            del _PROGRAMS[oldest]
+        _PROGRAMS[what, fingerprint] = make()
+    return _PROGRAMS[what, fingerprint]
 
 
 @lru_cache(maxsize=4)
@@ -140,6 +150,16 @@ class Task:
         rows = [self.rows(chunk, full) for chunk in chunks]
         return np.concatenate([draw(some.start, some.stop) for some in rows])
 
+    def first_grounds(self) -> Ground:
+        """Ground motions of the first scenarios, to be looked at before any is run."""
+        draw = _draw(self.sampling, self.key, self.scenarios.dimension)
+
+        def ground(z: jax.Array) -> Ground:
+            return as_pytree(self.scenarios.realize(z)[1], self.grid)
+
+        draw_all = _kept("grounds", self.fingerprint, lambda: jax.jit(jax.vmap(ground)))
+        return draw_all(draw(0, first_of(self.n, self.grid)))
+
     def finish(self, chunk: int) -> Outcome:
         """Run a chunk and keep it; one that a lost worker had kept before is only read."""
         held = None
@@ -152,15 +172,12 @@ class Task:
         """The columns of a chunk."""
         rows = self.rows(chunk, full=True)
         with jax.enable_x64(self.x64):
-            if self.fingerprint not in _PROGRAMS:
-                for oldest in [*_PROGRAMS][: len(_PROGRAMS) - _MOST_PROGRAMS + 1]:
-                    del _PROGRAMS[oldest]
-                program: Any = in_chunks(self.run, self._runs_at_a_time())
-                _PROGRAMS[self.fingerprint] = program
+            size = self._runs_at_a_time()
+            program = _kept("runs", self.fingerprint, lambda: in_chunks(self.run, size))
             z = self.points([chunk], full=True)
             # Always batches of one size: one program, and the same rounding.
-            rest = -len(rows) % self._runs_at_a_time()
-            results = _PROGRAMS[self.fingerprint](np.concatenate([z, np.repeat(z[-1:], rest, 0)]))
+            rest = -len(rows) % size
+            results = program(np.concatenate([z, np.repeat(z[-1:], rest, 0)]))
             columns = {name: results[name][: len(rows)] for name in self.names}
             self._refuse_failures(columns, z, rows)
         return columns

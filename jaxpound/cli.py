@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
 import json
 import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
@@ -70,7 +70,8 @@ def _run(args: argparse.Namespace) -> None:
     jax.config.update("jax_enable_x64", True)
     with contextlib.suppress(RuntimeError):  # called where JAX runs already
         jp.use_cores()
-    args.run(args)
+    with _warnings_in_one_line(strict=getattr(args, "strict", False)):
+        args.run(args)
 
 
 def _flush_screen() -> None:
@@ -100,6 +101,28 @@ def _kept(args: argparse.Namespace) -> str:
     if out and out.is_dir():
         return f"the files that are in {out} are whole"
     return "nothing was written"
+
+
+@contextlib.contextmanager
+def _warnings_in_one_line(strict: bool) -> Iterator[None]:
+    """Print warnings as the command line prints errors; input that is not plausible, each time.
+
+    That is an error if ``strict``.
+    """
+
+    def in_one_line(message: Warning | str) -> str:
+        return re.sub(r"^[A-Za-z_.]+: ", "", " ".join(str(message).split()))
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        print("jaxpound: warning:", in_one_line(message), file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error" if strict else "always", jp.PlausibilityWarning)
+        warnings.showwarning = show
+        try:
+            yield
+        except jp.PlausibilityWarning as warning:
+            raise ValueError(in_one_line(warning)) from warning
 
 
 def _refuse(message: str) -> int:
@@ -164,6 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument(
         "--dt", type=float, help="the record's time step in s, for a file that states none"
     )
+    _add_strict(simulate)
     study = _add_command(
         commands,
         _montecarlo,
@@ -186,6 +210,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="I/N",
         help="run every N-th chunk from the I-th only: N jobs, I = 1 to N, fill one store",
     )
+    _add_strict(study)
     told = _add_command(
         commands,
         _report,
@@ -216,11 +241,20 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="keep the search's state there, and go on from it where it was stopped",
     )
+    _add_strict(design)
     return parser
 
 
 def _add_example(command: argparse.ArgumentParser, name: str, words: str) -> None:
     command.add_argument("--example-config", action=_PrintExample, const=name, help=words)
+
+
+def _add_strict(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse what is only warned of: unresolved or implausible input",
+    )
 
 
 def _add_store(command: argparse.ArgumentParser, words: str) -> None:
@@ -287,16 +321,11 @@ def _simulate(args: argparse.Namespace) -> None:
 
     configuration = config.read_config(args.config)
     record = configuration.shaking(jp.read_record(args.record, dt=args.dt, units=args.units))
-    grid = configuration.grid(record)
+    response = configuration.response(record, strict=args.strict)
     _make_folder(args.out)
 
     if args.config is None:
         print("No --config given: these are the buildings of jaxpound simulate --example-config.")
-    scales = configuration.scales
-    shaking = scales.to_dimensionless(record)
-    response = scales.to_si(
-        jp.simulate(configuration.structures, shaking, grid, configuration.scheme)
-    )
     summary = report.summary(configuration, args.record, record, response)
     text = json.dumps(summary, indent=2, allow_nan=False)
     print(report.as_text(summary))
@@ -332,6 +361,7 @@ def _montecarlo(args: argparse.Namespace) -> None:
         scales=study.scales,
         notes={"configuration": study.text},
         shard=_shard(args.shard),
+        strict=args.strict,
         progress=sys.stderr.isatty(),
     )
     print(found)
@@ -396,6 +426,7 @@ def _design(args: argparse.Namespace) -> None:
         scales=wanted.scales,
         fresh=wanted.fresh or None,
         save=args.save,
+        strict=args.strict,
         progress=sys.stderr.isatty(),
         **wanted.search,
     )
@@ -449,10 +480,8 @@ def _write_figures(figures: dict[str, Figure], args: argparse.Namespace) -> None
     for name, figure in figures.items():
         # A figure unknown to pyplot is drawn by Agg, whatever backend is set.
         for kind in ("png", "pdf") if args.pdf else ("png",):
-            drawn = io.BytesIO()
-            figure.savefig(drawn, format=kind, dpi=300)
-            data = drawn.getvalue()
-            _write(args.out / f"{name}.{kind}", lambda file, data=data: file.write(data))
+            path = args.out / f"{name}.{kind}"
+            _write(path, partial(figure.savefig, format=kind, dpi=300))
 
 
 def _write_series(response: jp.Response, out: Path, kind: str) -> None:

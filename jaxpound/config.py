@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import re
 import sys
 import tomllib
@@ -14,13 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from jaxpound._checks import did_you_mean
+from jaxpound.buildings import record_grid, simulate_buildings
 from jaxpound.examples import example
 from jaxpound.friction import EventResolved, FrictionLaw, Smoothed, Switching
 from jaxpound.ground import Record
 from jaxpound.intensity import pga
 from jaxpound.quantities import RANGES, Range, with_unit
 from jaxpound.records import require_possible
-from jaxpound.scheme import Scheme, TimeGrid, stability_limit
+from jaxpound.response import Response
+from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.structures import AdjacentStructures, ZenerRod
 from jaxpound.units import Building, Scales, dimensionless
 
@@ -60,8 +61,6 @@ _KEYS: Keys = PAIR | {
 }
 _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
 _MOST_SHOWN = 80  # characters of a value in a message
-_MOST_STEPS = 1_000_000
-STEPS_PER_PERIOD = 50
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +99,7 @@ class Configuration:
             with named(f"{self.source}: [ground]"):
                 record = record.scaled_to_pga(ground["pga"])
         elif (scale := ground.get("scale", 1.0)) != 1:
-            record = Record(record.samples * scale, record.dt, record.name)
+            record = Record(record.samples * scale, record.dt, record.name, record.time_unit)
         hint = "is [ground] pga or scale right?"
         require_possible(f"{self.source}: record", "PGA", float(pga(record)), hint)
         return record
@@ -113,39 +112,35 @@ class Configuration:
         ValueError
             If dt or duration breaks its rule.
         """
+        place = f"{self.source}: [run]"
+        return record_grid(place, self.structures, self.scales, self.scheme, record, **self._run)
+
+    def response(self, record: Record, *, strict: bool = False) -> Response:
+        """The run in SI units, as ``simulate_buildings`` makes it.
+
+        Raises
+        ------
+        ValueError
+            If dt or duration breaks its rule; if strict, where there would be a warning.
+        """
+        self.grid(record)  # so that messages on dt and duration have their place in the file
+        with named(f"{self.source}:"):
+            return simulate_buildings(
+                self.building_1,
+                self.building_2,
+                record,
+                friction_force=self.given["damper"]["friction_force"],
+                gap=self.given["gap"],
+                scheme=self.scheme,
+                strict=strict,
+                **self._run,
+            )
+
+    @property
+    def _run(self) -> dict[str, float]:
+        """Duration and time step, as far as they are given, s."""
         run = self.given.get("run", {})
-        limit = stability_limit(self.structures, self.scheme) * float(self.scales.time)
-        if "dt" not in run:
-            dt = self._time_step(float(record.dt), limit)
-        else:
-            dt = run["dt"]
-            require_stable(self.source, dt, limit, "these buildings")
-            if dt > record.dt * (1 + 1e-9):
-                rule = f"at most the record's, {float(record.dt):.6g} s: samples would be skipped"
-                raise ValueError(f"{self.source}: [run] dt = {dt:.6g} s must be {rule}")
-        duration = run.get("duration", float(record.duration))
-        return time_grid(self.source, self.scales, duration, dt)
-
-    def _time_step(self, record_dt: float, limit: float) -> float:
-        """The record's dt, or a whole fraction of it, so that no sample is missed."""
-        periods = [float(b.natural_period) for b in (self.building_1, self.building_2)]
-        largest = min(min(periods) / STEPS_PER_PERIOD, limit / 2)
-        return record_dt / math.ceil(record_dt / largest * (1 - 1e-9))
-
-
-def require_stable(source: str, dt: float, limit: float, whose: str) -> None:
-    """A ``ValueError`` for a time step, s, with which stepping diverges."""
-    if not 0 < dt < limit:
-        rule = f"positive and below the stability limit {limit:.6g} s of {whose}"
-        raise ValueError(f"{source}: [run] dt = {dt:.6g} s must be {rule}")
-
-
-def time_grid(source: str, scales: Scales, duration: float, dt: float) -> TimeGrid:
-    """The dimensionless grid of a duration and a step in s, if there are few enough steps."""
-    if not 2 * dt <= duration <= _MOST_STEPS * dt:
-        rule = f"between 2 and {_MOST_STEPS:,} steps of dt = {dt:.6g} s"
-        raise ValueError(f"{source}: [run] duration = {duration:.6g} s must be {rule}")
-    return scales.grid(duration, dt)
+        return {key: run[key] for key in ("duration", "dt") if key in run}
 
 
 def read_config(path: Path | None) -> Configuration:

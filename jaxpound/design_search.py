@@ -30,6 +30,7 @@ from jaxpound.design_space import DesignSpace, spread_shares, start_shares
 from jaxpound.ensembles import Ensemble, require_apart
 from jaxpound.first_order import AT_BOUND, FirstOrderProgram
 from jaxpound.objectives import PRICES, Objective
+from jaxpound.plausibility import far_apart, first_of, of_many, tell
 from jaxpound.saved_search import Met, SavedSearch, search_identity
 from jaxpound.scheme import Scheme, TimeGrid
 from jaxpound.search import Given, Point, Search, Setting, State, evaluator, held, point
@@ -89,6 +90,7 @@ def design_damper(
     callback: Callable[[Progress], Any] | None = None,
     progress: bool = True,
     polish: bool = True,
+    strict: bool = False,
 ) -> Design:
     """The best structures within bounds and limits, over an ensemble of earthquakes.
 
@@ -138,6 +140,8 @@ def design_damper(
     polish
         Whether the winner, if there are no minibatches, is brought to its optimum by at most 30
         steps of SciPy's sequential quadratic programming, with the same gradients.
+    strict
+        Whether what is only warned of is refused.
 
     Returns
     -------
@@ -149,9 +153,16 @@ def design_damper(
         If an argument breaks its rule, the start is outside the bounds, or memory has no room for
         so many starts or earthquakes; if every start is not finite, with the reason; if no design
         within the limits was found, with the least by which they were exceeded; if the file holds
-        another search or is damaged.
+        another search or is damaged; if ``strict``, also where there would be a warning.
     OSError
         If the file cannot be written to.
+
+    Warns
+    -----
+    PlausibilityWarning
+        Before the search: if, of the first 256 earthquakes, more than 1 % are not resolved by the
+        grid (as of ``simulate``) or, where there are scales or records, have a PGA above 5 g; if
+        the gap is more than 100 times what the buildings of the first start move.
 
     Examples
     --------
@@ -181,6 +192,7 @@ def design_damper(
         batch=batch,
         iterations=iterations,
         scales=scales,
+        strict=strict,
     )
     return sought.search(
         start=start,
@@ -194,6 +206,7 @@ def design_damper(
         callback=callback,
         progress=progress,
         polish=polish,
+        strict=strict,
     )
 
 
@@ -212,6 +225,7 @@ class Sought:
         batch: int | None,
         iterations: int,
         scales: Scales | None,
+        strict: bool = False,
     ) -> None:
         import optax  # takes as long as all the rest
 
@@ -231,6 +245,9 @@ class Sought:
             optimiser = optax.adam(steps, b1=0.8, b2=0.9)
         instance(_OWNER, "optimiser", optimiser, optax.GradientTransformation)
         require_apart(_OWNER, space.names, ensemble)
+        first = first_of(n, grid)
+        grounds = jax.tree.map(lambda x: x[:first], ensemble.grounds)
+        tell(_OWNER, of_many(grounds, grid, in_g=scales is not None), strict)
         self.space, self.ensemble, self.objective = space, ensemble, objective
         self.setting = Setting(grid, scheme, scales)
         self.evaluate = evaluator(space, self.setting)
@@ -253,6 +270,7 @@ class Sought:
         save: str | PathLike[str] | None = None,
         callback: Callable[[Progress], Any] | None = None,
         polish: bool = True,
+        strict: bool = False,
         limits: Mapping[str, float] | None = None,
     ) -> Design:
         """As of ``design_damper``; ``limits`` are bounds in the place of the objective's."""
@@ -269,6 +287,9 @@ class Sought:
         if save is not None and not Path(save).absolute().parent.is_dir():
             raise ValueError(f"{_OWNER}: save = {save} must be in a folder that exists")
         before = self.evaluate(first, self.ensemble)
+        gap, moved = before["initial_gap"].min(), (before["peak_x1"] + before["peak_x2"]).max()
+        si = self.setting.scales is not None
+        tell(_OWNER, far_apart("initial_gap", gap, moved, si=si), strict)
         given = self._given(before, limits, limit_tolerance, key)
         state = self.move.begin(begun)
         if len(begun) not in self._compiled:

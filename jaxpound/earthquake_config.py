@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxpound._checks import did_you_mean
+from jaxpound.buildings import natural_periods, require_stable, time_grid, time_step
 from jaxpound.config import (
-    STEPS_PER_PERIOD,
     Keys,
     check_keys,
     is_number,
@@ -17,9 +17,7 @@ from jaxpound.config import (
     pair,
     parse,
     read_text,
-    require_stable,
     shown,
-    time_grid,
 )
 from jaxpound.distributions import RARE, LogNormal, Normal, Uniform, reach
 from jaxpound.examples import example
@@ -194,24 +192,25 @@ class Opened(NamedTuple):
     scales: Scales
     scheme: Scheme
     ground: RandomRicker | RandomRecord
-    longest_step: float
-    """That periods and records allow, s."""
+    record_dt: float
+    """Shortest sample interval of the records, s; infinite where there are none."""
     duration: float | None
     """Of the longest record, s."""
 
     def grid(self, records: Iterable[Record] = ()) -> TimeGrid:
         """The dimensionless time grid, for further records as well."""
         run, records = self.given.get("run", {}), list(records)
-        shortest = min([self.longest_step, *(float(record.dt) for record in records)])
+        shortest = min([self.record_dt, *(float(record.dt) for record in records)])
         limit = stability_limit(self.structures, self.scheme) * float(self.scales.time)
-        dt = run.get("dt", min(shortest, limit / 2))
-        require_stable(self.source, dt, limit, "the nominal buildings")
+        periods = natural_periods(self.structures, self.scales)
+        dt = run.get("dt", time_step(periods, limit, shortest))
+        require_stable(f"{self.source}: [run]", dt, limit, "the nominal buildings")
         lengths = [float(record.duration) for record in records]
         longest = max([*lengths, *([] if self.duration is None else [self.duration])], default=None)
         duration = run.get("duration", longest)
         if duration is None:
             raise ValueError(f"{self.source}: lacks the key 'duration' in [run]")
-        grid = time_grid(self.source, self.scales, duration, dt)
+        grid = time_grid(f"{self.source}: [run]", self.scales, duration, dt)
         if "arrivals" in (table := self.given["earthquakes"]):
             within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
             arrivals = drawn(self.source, self.given, "earthquakes", "arrivals", within.unit)
@@ -231,9 +230,9 @@ def opened(path: Path | None, kind: str, standard: str, keys: Keys, by_field: st
     if isinstance(table := given.get(by_field), dict):
         given[by_field] = by_path(table)
     check_keys(source, given, keys)
-    left, right, structures, scales, scheme = pair(source, given)
+    _, _, structures, scales, scheme = pair(source, given)
     folder = Path() if path is None else path.parent
     ground, record_dt, duration = random_ground(source, given, folder, scales)
-    periods = [float(building.natural_period) for building in (left, right)]
-    step = min(min(periods) / STEPS_PER_PERIOD, record_dt)
-    return Opened(source, text, given, folder, structures, scales, scheme, ground, step, duration)
+    return Opened(
+        source, text, given, folder, structures, scales, scheme, ground, record_dt, duration
+    )

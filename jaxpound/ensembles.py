@@ -12,7 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import count, instance, require_memory, seed
-from jaxpound.ground import Ground, GroundLike, Record, Ricker, require_ground, sampled
+from jaxpound.ground import (
+    DIMENSIONLESS,
+    Ground,
+    GroundLike,
+    Record,
+    Ricker,
+    require_dimensionless,
+    require_ground,
+    sampled,
+)
 from jaxpound.sampling import as_key, key_numbers, points, require_sampling
 from jaxpound.scenarios import PARAMETERS, ScenarioSet
 from jaxpound.scheme import TimeGrid
@@ -51,13 +60,14 @@ class Ensemble:
         Raises
         ------
         ValueError
-            If there is none, or one is no ground motion.
+            If there is none, or one is no ground motion or a record in seconds.
         """
         given = list(grounds) if isinstance(grounds, Sequence) else []
         if not given:
             raise ValueError(f"Ensemble: grounds = {grounds!r} must hold ground motions")
         for i, ground in enumerate(given):
             require_ground(f"Ensemble: grounds[{i}]", ground)
+            require_dimensionless(f"Ensemble: grounds[{i}]", ground)
         waves = [ground for ground in given if isinstance(ground, Ricker)]
         records = [ground for ground in given if isinstance(ground, Record)]
         if len(waves) + len(records) < len(given):
@@ -66,7 +76,7 @@ class Ensemble:
             return Ensemble(_stacked(_as_long(given)), {})
         # A wavelet of no amplitude and a record of no shaking complete each other.
         still = (
-            Record(np.zeros(2), records[0].dt),
+            Record(np.zeros(2), records[0].dt, time_unit=DIMENSIONLESS),
             Ricker(0.0, np.ravel(waves[0].periods)[:1], [0.0]),
         )
         left = [ground if isinstance(ground, Ricker) else still[1] for ground in given]
@@ -172,7 +182,7 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
     """Wavelets, or records, with as many entries as the longest, by ones that do nothing."""
     if isinstance(grounds[0], Record):
         most = max(ground.n_samples for ground in grounds)
-        return [Record(_padded(g.samples, most), g.dt) for g in grounds]
+        return [Record(_padded(g.samples, most), g.dt, "", g.time_unit) for g in grounds]
     most = max(np.size(ground.arrivals) for ground in grounds)
     return [
         Ricker(

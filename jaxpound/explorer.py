@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxpound._checks import instance
 from jaxpound._extras import require
-from jaxpound.ground import Record, Ricker
+from jaxpound.ground import Record, Ricker, require_dimensionless
 from jaxpound.live_panels import LivePanels
 from jaxpound.response import Response
 from jaxpound.scenarios import replaced
@@ -84,6 +84,7 @@ class Explorer:
         widgets = require("Explorer", "ipywidgets")
         instance("Explorer", "structures", structures, AdjacentStructures)
         instance("Explorer", "ground", ground, Ricker, Record)
+        require_dimensionless("Explorer: ground", ground)
         instance("Explorer", "grid", grid, TimeGrid)
         instance("Explorer", "scheme", scheme, Scheme)
         if scales is not None:

@@ -1,12 +1,13 @@
 """Ground motions: anything with ``acceleration(t)``, their sums and scalings.
 
-In the dimensionless model (eq. 9) acceleration is in units of g and time in units of 1/ω1; a record
-as read from a file is in g and seconds (``Scales.to_dimensionless`` turns one into the other).
+In the dimensionless model (eq. 9) acceleration is in units of g and time in units of 1/ω1. A record
+as read from a file is in g and seconds. It says so (``Record.time_unit``), and no dimensionless run
+takes it before ``Scales.to_dimensionless`` has turned it into the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
@@ -19,15 +20,31 @@ from jaxtyping import ArrayLike
 
 from jaxpound._branches import larger, smaller
 from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
-from jaxpound._pytree import label, pytree_dataclass
+from jaxpound._pytree import label, pytree_dataclass, static
 
 if TYPE_CHECKING:
     from jaxpound.scheme import TimeGrid
 
+SECONDS, DIMENSIONLESS = "s", "1/ω1"
+"""Units of time that a record may be in."""
+
+_SPELLINGS = {SECONDS: SECONDS, DIMENSIONLESS: DIMENSIONLESS, "1/omega1": DIMENSIONLESS}
+
+STEPS_PER_WAVELET = 8
+"""Steps that a wavelet's period should have: the mean of a sine over an eighth of its period, which
+is what moves the blocks in a step, is already 2.6 % less than its value in the middle."""
+
+LOST_ENERGY = 0.01
+"""Share of a record's energy (∫ u''² dt) that a time step may lose: it is 0.5 % of the root mean
+square."""
+
 
 @runtime_checkable
 class Ground(Protocol):
-    """What the simulator asks of a ground motion."""
+    """What the simulator asks of a ground motion.
+
+    One may also have ``unresolved(dt)``: sentences that say what of it steps of dt do not resolve.
+    """
 
     def acceleration(self, t: ArrayLike) -> Any:
         """Ground acceleration u''(t), of the shape of ``t``."""
@@ -82,10 +99,20 @@ class Sum(_Combinable):
             raise ValueError("Sum: grounds = () must hold at least one ground motion")
         for i, ground in enumerate(self.grounds):
             require_ground(f"Sum: grounds[{i}]", ground)
+        records = list(records_in(self))
+        for record in records:
+            if record.time_unit != records[0].time_unit:
+                raise ValueError(
+                    f"Sum: grounds: {record!r} must be in the same unit of time as {records[0]!r}"
+                )
 
     def acceleration(self, t: ArrayLike) -> Any:
         """Sum of the accelerations, of the shape of ``t``."""
         return sum(accelerate(ground, t) for ground in self.grounds)
+
+    def unresolved(self, dt: float) -> list[str]:
+        """What of the parts steps of ``dt`` do not resolve, in words."""
+        return [said for ground in self.grounds for said in unresolved(ground, dt)]
 
 
 @pytree_dataclass
@@ -107,6 +134,10 @@ class Scaled(_Combinable):
     def acceleration(self, t: ArrayLike) -> Any:
         """Factor times the acceleration, of the shape of ``t``."""
         return self.factor * accelerate(self.ground, t)
+
+    def unresolved(self, dt: float) -> list[str]:
+        """What of the ground motion steps of ``dt`` do not resolve, in words."""
+        return unresolved(self.ground, dt) if np.any(self.factor) else []
 
 
 @pytree_dataclass
@@ -201,6 +232,18 @@ class Ricker(_Combinable):
 
         return self._sum(t, shape)
 
+    def unresolved(self, dt: float) -> list[str]:
+        """Whether the shortest wavelet has too few steps of ``dt``, in words."""
+        u0, periods = np.broadcast_arrays(np.asarray(self.amplitude), np.asarray(self.periods))
+        shortest = float(periods[u0 != 0].min(initial=np.inf))
+        if not shortest < STEPS_PER_WAVELET * dt:
+            return []
+        return [
+            f"ground: periods = {shortest:.4g}, the shortest, should be at least "
+            f"{STEPS_PER_WAVELET} steps of dt = {dt:.4g}, but is {shortest / dt:.3g} "
+            "of them: a finer time grid resolves it"
+        ]
+
     def _sum(self, t: ArrayLike, shape: Callable[..., Any]) -> jax.Array:
         t = jnp.asarray(t)
         u0, tp, ts = (
@@ -224,21 +267,26 @@ class Record(_Combinable):
     acceleration
         Samples, shape (n,), n ≥ 2, in g.
     dt
-        Sample interval > 0, in seconds (dimensionless after ``Scales.to_dimensionless``).
+        Sample interval > 0, in the unit of time.
     name
         For titles and tables; transformations such as ``jit`` drop it.
+    time_unit
+        Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
+        dimensionless model. Runs of dimensionless structures refuse a record in seconds;
+        ``Scales.to_dimensionless`` makes one of it that they take, and ``simulate_buildings`` takes
+        it as it is.
 
     Raises
     ------
     ValueError
         If the samples are not one-dimensional, fewer than two or not finite, dt is not a number
-        > 0, or the name is not a string.
+        > 0, the name is not a string, or time_unit is another.
 
     Examples
     --------
     >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5, name="made up")
     >>> record.scaled_to_pga(0.3)
-    Record('made up', 4 samples, dt = 0.5, duration 1.5, peak 0.3)
+    Record('made up', 4 samples, dt = 0.5 s, duration 1.5 s, peak 0.3 g)
     >>> round(float(record.acceleration(0.75)), 6)  # half way between two samples
     -0.05
     """
@@ -246,8 +294,11 @@ class Record(_Combinable):
     samples: Any
     dt: Any
     name: str = label(default="")
+    time_unit: str = static(default=SECONDS)
 
-    def __init__(self, acceleration: Any, dt: Any, name: str = "") -> None:
+    def __init__(
+        self, acceleration: Any, dt: Any, name: str = "", time_unit: str = SECONDS
+    ) -> None:
         samples = real("Record", "acceleration", acceleration)
         if jnp.ndim(samples) != 1 or jnp.size(samples) < 2:
             raise ValueError(
@@ -259,6 +310,10 @@ class Record(_Combinable):
             raise ValueError(f"Record: name = {name!r} must be a string")
         object.__setattr__(self, "dt", number("Record", "dt", dt))
         object.__setattr__(self, "name", name)
+        if not (isinstance(time_unit, str) and time_unit in _SPELLINGS):
+            rule = f"{SECONDS!r} or {DIMENSIONLESS!r}"
+            raise ValueError(f"Record: time_unit = {time_unit!r} must be {rule}")
+        object.__setattr__(self, "time_unit", _SPELLINGS[time_unit])
         enforce("Record", self.rules())
 
     def rules(self) -> list[Rule]:
@@ -318,8 +373,7 @@ class Record(_Combinable):
         (pga,) = positive(owner, pga=number(owner, "pga", pga))
         peak = abs(self.samples).max()
         enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
-        samples = (self.samples * (pga / peak)).astype(self.samples.dtype)
-        return Record(samples, self.dt, self.name)
+        return self._with((self.samples * (pga / peak)).astype(self.samples.dtype), self.dt)
 
     def baseline_corrected(self, kind: str = "linear") -> Record:
         """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
@@ -331,7 +385,7 @@ class Record(_Combinable):
         if kind == "linear":
             ramp = np.linspace(-1, 1, self.n_samples, dtype=samples.dtype)  # of mean zero
             samples = samples - ramp * (ramp @ samples / (ramp @ ramp))
-        return Record(samples, self.dt, self.name)
+        return self._with(samples, self.dt)
 
     def resampled(self, dt: float) -> Record:
         """The record at another sample interval.
@@ -361,7 +415,7 @@ class Record(_Combinable):
             left = np.minimum(place.astype(int), self.n_samples - 2)
             share = (place - left).astype(self.samples.dtype)
             samples = (1 - share) * self.samples[left] + share * self.samples[left + 1]
-            return Record(samples, dt, self.name)
+            return self._with(samples, dt)
         ratio = Fraction(old / dt).limit_denominator(1000)
         if abs(ratio * Fraction(dt) / Fraction(old) - 1) > 1e-7:
             raise ValueError(
@@ -371,16 +425,39 @@ class Record(_Combinable):
         from scipy.signal import resample_poly  # takes as long to import as all the rest
 
         samples = resample_poly(np.asarray(self.samples), ratio.numerator, ratio.denominator)
-        return Record(samples, dt, self.name)
+        return self._with(samples, dt)
+
+    def _with(self, samples: Any, dt: Any) -> Record:
+        """Other samples under the same name, in the same unit of time."""
+        return Record(samples, dt, self.name, self.time_unit)
+
+    def unresolved(self, dt: float) -> list[str]:
+        """Whether steps of ``dt`` lose much above their Nyquist frequency π/dt, in words.
+
+        Steps no longer than the sample interval lose nothing: they follow the straight lines.
+        """
+        own = float(self.dt)
+        if dt <= own * (1 + 1e-9):
+            return []
+        power = np.abs(np.fft.rfft(np.asarray(self.samples, float))) ** 2
+        lost = power[np.fft.rfftfreq(self.n_samples, own) > 0.5 / dt].sum()
+        if not lost > LOST_ENERGY * (whole := power.sum()):
+            return []
+        return [
+            f"ground: dt = {dt:.4g} of the time grid should lose at most {LOST_ENERGY:.0%} of the "
+            f"energy of {self!r}, but loses {lost / whole:.0%}: with dt up to {own:.4g}, "
+            "the record's own, nothing is lost"
+        ]
 
     def __repr__(self) -> str:
         shape = np.shape(self.samples)
         if is_traced((self.samples, self.dt)) or len(shape) != 1 or np.ndim(self.dt):
-            return f"Record({shape} samples)"
-        title = f"{self.name!r}, " if self.name else ""
+            return f"Record({shape} samples, time in {self.time_unit})"
+        title, unit = f"{self.name!r}, " if self.name else "", self.time_unit
         return (
-            f"Record({title}{self.n_samples} samples, dt = {float(self.dt):.6g}, "
-            f"duration {float(self.duration):.6g}, peak {float(abs(self.samples).max()):.4g})"
+            f"Record({title}{self.n_samples} samples, dt = {float(self.dt):.6g} {unit}, "
+            f"duration {float(self.duration):.6g} {unit}, "
+            f"peak {float(abs(self.samples).max()):.4g} g)"
         )
 
 
@@ -438,7 +515,8 @@ def velocity_and_bulge(ground: Any, t: jax.Array, h: float) -> tuple[jax.Array, 
         velocity, around = exact(t), (exact(t - h / 2) + exact(t + h / 2)) / 2
         return velocity, around - velocity
     a = jax.vmap(ground.acceleration)(t)
-    return jnp.pad(jnp.cumsum((a[1:] + a[:-1]) * h / 2), (1, 0)), h / 8 * jnp.gradient(a)
+    rise = jnp.pad((a[2:] - a[:-2]) / 2, 1)
+    return jnp.pad(jnp.cumsum((a[1:] + a[:-1]) * h / 2), (1, 0)), h / 8 * rise
 
 
 def accelerate(ground: GroundLike, t: ArrayLike) -> Any:
@@ -471,8 +549,44 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
     return Sampled(_on_grid(ground, grid.times()), grid.dt)
 
 
+def records_in(ground: GroundLike) -> Iterator[Record]:
+    """The records that a ground motion is made of."""
+    if isinstance(ground, Record):
+        yield ground
+    elif isinstance(ground, Scaled):
+        yield from records_in(ground.ground)
+    elif isinstance(ground, Sum):
+        for part in ground.grounds:
+            yield from records_in(part)
+
+
+def require_dimensionless(place: str, ground: GroundLike) -> None:
+    """A ``ValueError`` for a record in seconds, also within sums and scalings."""
+    for record in records_in(ground):
+        if record.time_unit != DIMENSIONLESS:
+            raise ValueError(
+                f"{place}: {record!r} must be in units of {DIMENSIONLESS}, as the structures are: "
+                "scales.to_dimensionless(record) makes it so, or simulate_buildings takes "
+                "buildings and a record as they are, in SI units"
+            )
+
+
+def unresolved(ground: GroundLike, dt: float) -> list[str]:
+    """What of a ground motion steps of ``dt`` do not resolve, in words, as far as it is known."""
+    if is_traced(ground) or not hasattr(ground, "unresolved"):
+        return []
+    return ground.unresolved(dt)
+
+
 def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
-    """The ground motion itself if JAX can trace through it, else ``sampled`` on the grid."""
+    """The ground motion as a run takes it: itself if JAX can trace through it, else ``sampled``.
+
+    Raises
+    ------
+    ValueError
+        If it is made of a record in seconds, or as ``sampled``.
+    """
+    require_dimensionless("ground", ground)
     leaves = jax.tree.leaves(ground)
     if isinstance(ground, Ground) and all(hasattr(x, "dtype") or np.isscalar(x) for x in leaves):
         return ground

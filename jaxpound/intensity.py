@@ -17,7 +17,7 @@ from jaxpound.scheme import TimeGrid
 
 
 def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
-    """Peak ground acceleration max |u''|, in g; a ``Record`` needs no grid.
+    """Peak ground acceleration max |u''|, in g; a ``Record``, in either unit, needs no grid.
 
     Examples
     --------

@@ -20,22 +20,28 @@ from jaxpound.figure_style import (
     legend,
     new_axes,
     ratio_ticks,
+    unit_for,
 )
-from jaxpound.ground import Record
+from jaxpound.ground import SECONDS, Record
 from jaxpound.intensity import spectral_acceleration
 
 
+def _unit(record: Record) -> str:
+    """The record's unit of time, as axes name it."""
+    return unit_for("time", record.time_unit == SECONDS, 0.0)[1]
+
+
 def accelerogram(record: Record, ax: Axes | None = None) -> Axes:
-    """Acceleration of a record, in g and seconds as it was read, over time, with its peak."""
+    """Acceleration of a record, in g, over time in the record's unit, with its peak."""
     instance("accelerogram", "record", record, Record)
     ax, a = new_axes(ax), np.asarray(record.samples)
     time = float(record.dt) * np.arange(a.size)
     ax.plot(time, a, color=COLOURS["ground"], linewidth=LINE_WIDTH)
     peak = np.abs(a).argmax()
-    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} s"
+    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} {_unit(record)}"
     ax.plot(time[peak], a[peak], "o", color=COLOURS["ground"], markersize=4, label=words)
     ax.margins(x=0)
-    label(ax, "time $t$ (s)", "ground acceleration $u''$ ($g$)")
+    label(ax, f"time $t$ ({_unit(record)})", "ground acceleration $u''$ ($g$)")
     legend(ax)
     return ax
 
@@ -52,26 +58,32 @@ def spectra(
     Parameters
     ----------
     records
-        Records in g and seconds, by name.
+        Records in g, by name; all in the same unit of time.
     ax
         Where to draw.
     periods
-        Natural periods > 0 in s; by default 80 from 0.05 to 5.
+        Natural periods > 0 in the records' unit of time; by default 80 from 0.05 to 5.
     damping
         Damping ratio, at least 0 and below 1.
     marks
-        Natural periods in s to be marked, by name, such as those of two buildings.
+        Natural periods to be marked, by name, such as those of two buildings.
 
     Raises
     ------
     ValueError
-        If there is no record, or an argument breaks its rule.
+        If there is no record, their units of time differ, or an argument breaks its rule.
     """
     instance("spectra", "records", records, Mapping)
     if not records:
         raise ValueError("spectra: records must hold at least one record")
     for name, record in records.items():
         instance("spectra", f"records[{name!r}]", record, Record)
+    first, *others = records.values()
+    for record in others:
+        if record.time_unit != first.time_unit:
+            raise ValueError(
+                f"spectra: records: {record!r} must be in the same unit of time as {first!r}"
+            )
     t = np.geomspace(0.05, 5.0, 80) if periods is None else np.asarray(periods, float)
     if t.ndim != 1 or not t.size or not ((t > 0) & np.isfinite(t)).all():
         raise ValueError(f"spectra: periods = {periods!r} must be positive and finite, shape (n,)")
@@ -102,6 +114,8 @@ def spectra(
         )
     ratio_ticks(ax.xaxis)
     ratio_ticks(ax.yaxis)
-    label(ax, "natural period $T$ (s)", f"$S_a$ at {100 * damping:.3g} % damping ($g$)")
+    label(
+        ax, f"natural period $T$ ({_unit(first)})", f"$S_a$ at {100 * damping:.3g} % damping ($g$)"
+    )
     legend(ax, columns=2)
     return ax

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpound.ground import Record
+from jaxpound.plausibility import PlausibilityWarning
 from jaxpound.quantities import RANGES
 from jaxpound.record_headers import (
     NUMBER,
@@ -110,7 +111,7 @@ def read_record(
 
     Warns
     -----
-    UserWarning
+    PlausibilityWarning
         If data follow a comment inside the block of data, or a mark of its end; if rows of values
         look like columns side by side; if a value is printed otherwise than nearly all (of a
         thousand and more); if the time step is half a second or more; or if the last line has no
@@ -166,7 +167,7 @@ def read_record(
     hint = "are the units right, or is a decimal point lost?"
     require_possible(place, "acceleration", samples[largest], hint)
     for note in notes:
-        warnings.warn(f"{file}: {note}", UserWarning, stacklevel=2)
+        warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)
     return Record(samples, read.dt, name=file.stem)
 
 

@@ -21,7 +21,14 @@ from jaxtyping import Array, Float
 
 from jaxpound._checks import Rule, count, enforce, hint, instance, is_traced, number, require_memory
 from jaxpound.distributions import Distribution, truncated
-from jaxpound.ground import GroundLike, Record, Ricker, require_ground
+from jaxpound.ground import (
+    DIMENSIONLESS,
+    GroundLike,
+    Record,
+    Ricker,
+    require_dimensionless,
+    require_ground,
+)
 from jaxpound.sampling import as_key, key_numbers, points, require_sampling
 from jaxpound.structures import AdjacentStructures
 
@@ -69,7 +76,8 @@ class Scenarios:
     Raises
     ------
     ValueError
-        If one is of another type, both are fixed, or they have parameters of the same name.
+        If one is of another type or a record in seconds, both are fixed, or they have parameters
+        of the same name.
 
     Examples
     --------
@@ -95,6 +103,7 @@ class Scenarios:
             )
         if not isinstance(self.ground, Draw):
             require_ground("Scenarios: ground", self.ground)
+            require_dimensionless("Scenarios: ground", self.ground)
         if not self.dimension:
             raise ValueError("Scenarios: structures and ground are both fixed; one must be drawn")
         parameter_names(self)
@@ -325,8 +334,8 @@ class RandomRecord:
     Raises
     ------
     ValueError
-        If records is empty or holds something else, factor is not a distribution, or the weights
-        are not so many, not negative, with a positive sum.
+        If records is empty, holds something else or a record in seconds, factor is not a
+        distribution, or the weights are not so many, not negative, with a positive sum.
     """
 
     records: tuple[Record, ...]
@@ -339,6 +348,7 @@ class RandomRecord:
             raise ValueError(f"RandomRecord: records = {self.records!r} must hold records")
         for i, record in enumerate(records):
             instance("RandomRecord", f"records[{i}]", record, Record)
+            require_dimensionless(f"RandomRecord: records[{i}]", record)
         object.__setattr__(self, "records", records)
         if self.factor is not None:
             instance("RandomRecord", "factor", self.factor, Distribution)
@@ -365,7 +375,9 @@ class RandomRecord:
         samples = np.stack([np.pad(r.samples, (0, longest - r.n_samples)) for r in self.records])
         dts = np.array([float(record.dt) for record in self.records])
         return Record(
-            factor * jnp.asarray(samples, z.dtype)[which], jnp.asarray(dts, z.dtype)[which]
+            factor * jnp.asarray(samples, z.dtype)[which],
+            jnp.asarray(dts, z.dtype)[which],
+            time_unit=DIMENSIONLESS,
         )
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:

@@ -27,8 +27,10 @@ from jaxpound.ground import (
     as_pytree,
     ground_rules,
     require_ground,
+    unresolved,
     velocity_and_bulge,
 )
+from jaxpound.plausibility import excessive, far_apart, tell
 from jaxpound.response import Demand, Response
 from jaxpound.rods import RodLaw, rod_law, rod_step
 from jaxpound.scheme import Scheme, TimeGrid, courant, stability_limit
@@ -128,6 +130,8 @@ def simulate(
     ground: GroundLike,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
+    *,
+    strict: bool = False,
 ) -> Response:
     """Response of two adjacent structures to a ground motion, at every instant of the grid.
 
@@ -143,6 +147,8 @@ def simulate(
         The instants.
     scheme
         The discretisation; the default is second-order accurate through stick and slip.
+    strict
+        Whether what is only warned of is refused.
 
     Returns
     -------
@@ -152,14 +158,23 @@ def simulate(
     Raises
     ------
     ValueError
-        If dt is above the stability limit, or a known value is invalid.
+        If dt is above the stability limit, a known value is invalid, or the ground motion is made
+        of a record in seconds; if ``strict``, also where there would be a warning.
     FloatingPointError
         If the run ends in non-finite numbers although its input was valid.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
+        record and loses more than 1 % of its energy; if a record shakes with more than 5 g; if the
+        gap is more than 100 times what the buildings move.
 
     Notes
     -----
     Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over every leaf of structures and ground.
-    There values are traced and cannot raise: an invalid run gives NaN in every result.
+    There values are traced and can neither raise nor be warned of: an invalid run gives NaN in
+    every result.
 
     Examples
     --------
@@ -170,8 +185,22 @@ def simulate(
     >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
     [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
-    ground = _prepare(structures, ground, grid, scheme)
-    return _finished(_simulate(structures, ground, grid, scheme))
+    response = respond("simulate", structures, ground, grid, scheme, strict)
+    _look("simulate", structures, ground, response.demand, strict)
+    return response
+
+
+def respond(
+    owner: str,
+    structures: AdjacentStructures,
+    ground: GroundLike,
+    grid: TimeGrid,
+    scheme: Scheme,
+    strict: bool,
+) -> Response:
+    """As ``simulate``, in the name of an owner, which is to look at what was found."""
+    shaking = _prepare(owner, structures, ground, grid, scheme, strict)
+    return _finished(_simulate(structures, shaking, grid, scheme))
 
 
 def demand(
@@ -181,6 +210,7 @@ def demand(
     scheme: Scheme = Scheme(),
     *,
     temperature: ArrayLike | None = None,
+    strict: bool = False,
 ) -> Demand:
     """Scalars of a run, streamed: as ``simulate(...).demand``, in O(modes) memory.
 
@@ -197,6 +227,8 @@ def demand(
         the mean of e^(−ξ/T) over the run's instants: smooth in every parameter, and between the
         smallest ξ of them (T → 0) and their mean (T → ∞). Never below the smallest, and nearer to
         the mean the longer the quiet end of a run.
+    strict
+        As of ``simulate``.
 
     Returns
     -------
@@ -209,6 +241,11 @@ def demand(
     FloatingPointError
         As ``simulate``.
 
+    Warns
+    -----
+    PlausibilityWarning
+        As ``simulate``.
+
     Examples
     --------
     >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
@@ -218,11 +255,13 @@ def demand(
     >>> float(demand.pounds)
     0.0
     """
-    ground = _prepare(structures, ground, grid, scheme)
+    shaking = _prepare("demand", structures, ground, grid, scheme, strict)
     if temperature is not None:
         temperature = number("demand", "temperature", temperature)
         enforce("demand", _temperature_rules(temperature))
-    return _finished(_demand(structures, ground, grid, scheme, temperature))
+    found = _finished(_demand(structures, shaking, grid, scheme, temperature))
+    _look("demand", structures, ground, found, strict)
+    return found
 
 
 def _temperature_rules(temperature: Any) -> list[Rule]:
@@ -233,7 +272,12 @@ def _temperature_rules(temperature: Any) -> list[Rule]:
 
 
 def _prepare(
-    structures: AdjacentStructures, ground: GroundLike, grid: TimeGrid, scheme: Scheme
+    owner: str,
+    structures: AdjacentStructures,
+    ground: GroundLike,
+    grid: TimeGrid,
+    scheme: Scheme,
+    strict: bool,
 ) -> Ground:
     """Refuse what is known to be wrong; put the ground motion in a form that can be traced."""
     instance("run", "structures", structures, AdjacentStructures)
@@ -255,7 +299,21 @@ def _prepare(
                 f"grid: dt = {grid.dt:.8g} must be below the stability limit {limit:.8g} "
                 "of these structures"
             )
-    return as_pytree(ground, grid)
+    traceable = as_pytree(ground, grid)
+    if not is_traced((structures, traceable)):
+        tell(owner, unresolved(ground, grid.dt), strict)
+    return traceable
+
+
+def _look(
+    owner: str, structures: AdjacentStructures, ground: GroundLike, found: Demand, strict: bool
+) -> None:
+    """Warn of what a run that is known shows to be implausible, or refuse it."""
+    if is_traced((structures, found)):
+        return
+    moved = found.peak_x1 + found.peak_x2
+    findings = far_apart("initial_gap", structures.initial_gap, moved, si=False)
+    tell(owner, excessive(ground, found.pga) + findings, strict)
 
 
 def _run(

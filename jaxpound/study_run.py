@@ -24,6 +24,7 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, instance, require_memory
 from jaxpound._describe import describe, digest
 from jaxpound.chunks import Measure, Outcome, Task
+from jaxpound.plausibility import far_apart, of_many, tell
 from jaxpound.sampling import key_numbers, require_sampling
 from jaxpound.scenarios import ScenarioSet
 from jaxpound.scheme import Scheme, TimeGrid
@@ -54,6 +55,7 @@ def monte_carlo(
     executor: Executor | None = None,
     shard: tuple[int, int] = (1, 1),
     progress: bool = True,
+    strict: bool = False,
 ) -> Study:
     """Demands of n random scenarios.
 
@@ -101,6 +103,8 @@ def monte_carlo(
         nothing of each other fill one store.
     progress
         Whether to show a progress bar with rate and time left.
+    strict
+        Whether what is only warned of is refused.
 
     Returns
     -------
@@ -113,18 +117,25 @@ def monte_carlo(
     ValueError
         If an argument breaks its rule, or memory has no room for the study. If a scenario is
         invalid or its run fails: the message has its index and the reason. If the store holds
-        another study: what differs.
+        another study: what differs. If ``strict``, also where there would be a warning.
     OSError
         If the store cannot be written to. Finished chunks stay, and are used by the next call.
 
+    Warns
+    -----
+    PlausibilityWarning
+        Before the first run: if, of the first 256 scenarios, more than 1 % have a ground motion
+        that the grid does not resolve (as of ``simulate``), or a PGA above 5 g. After the last: if
+        the gap is more than 100 times what the buildings move.
+
     Examples
     --------
-    >>> amplitude, periods = jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8)
+    >>> amplitude, periods = jp.LogNormal(0.03, 0.5), jp.Uniform(1.0, 3.8)
     >>> ground = jp.RandomRicker(2, amplitude, periods, arrivals=jp.Uniform(1.0, 7.0))
     >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
     >>> study = jp.monte_carlo(scenarios, 64, jp.TimeGrid.until(20.0, dt=0.1), progress=False)
-    >>> print(study.pounding_probability(gap=0.3))
-    0.07812 (95%: 0.02585 to 0.173)
+    >>> print(study.pounding_probability(gap=0.03))
+    0.1406 (95%: 0.06637 to 0.2502)
     """
     _check(scenarios, n, grid, scheme, sampling, measures or {}, scales, shard)
     if store is None and shard != (1, 1):
@@ -160,16 +171,16 @@ def monte_carlo(
     program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
     # A store that was begun has its own.
     context = {} if begun else {"notes": notes, "oscillators": _oscillators(scenarios)}
-    made = None
-    if store is not None:
-        made = Store.create(store, identity, task.n, context)
     task = dataclasses.replace(
         task,
         names=tuple(identity["columns"]),
-        folder=made.folder.resolve() if made else None,
-        most=made.asked() if made else 0,
         fingerprint=digest(json.dumps(program).encode()),
     )
+    tell("monte_carlo", of_many(task.first_grounds(), grid, in_g=True), strict)
+    made = None
+    if store is not None:
+        made = Store.create(store, identity, task.n, context)
+        task = dataclasses.replace(task, folder=made.folder.resolve(), most=made.asked())
 
     outcomes = dict(task.finished(own))
     missing = [chunk for chunk in own if chunk not in outcomes]
@@ -192,15 +203,21 @@ def monte_carlo(
     }
     if made is not None:
         made.sweep()
-        return Study.of_store(made, {chunk: outcomes[chunk].moments for chunk in own}, **more)
-    kept = [outcomes.pop(chunk) for chunk in own]
-    return Study(
-        [range(task.n)],
-        {"n": task.n, **context, "identity": identity},
-        total([x.moments for x in kept]),
-        lambda name: (outcome.columns[name] for outcome in kept),
-        **more,
-    )
+        moments = {chunk: outcomes[chunk].moments for chunk in own}
+        study = Study.of_store(made, moments, **more)
+    else:
+        kept = [outcomes.pop(chunk) for chunk in own]
+        study = Study(
+            [range(task.n)],
+            {"n": task.n, **context, "identity": identity},
+            total([x.moments for x in kept]),
+            lambda name: (outcome.columns[name] for outcome in kept),
+            **more,
+        )
+    moved = study.moments("peak_x1").largest + study.moments("peak_x2").largest
+    smallest = study.moments("min_gap").smallest
+    tell("monte_carlo", far_apart("initial_gap", smallest, moved, si=scales is not None), strict)
+    return study
 
 
 def _check(

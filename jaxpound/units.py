@@ -20,7 +20,7 @@ from jaxpound._checks import (
     real,
 )
 from jaxpound._pytree import pytree_dataclass
-from jaxpound.ground import Record
+from jaxpound.ground import DIMENSIONLESS, SECONDS, Record
 from jaxpound.response import Demand, Response
 from jaxpound.scheme import TimeGrid
 from jaxpound.structures import AdjacentStructures, ZenerRod
@@ -233,9 +233,19 @@ class Scales:
         )
 
     def to_dimensionless(self, record: Record) -> Record:
-        """A record in g and seconds as a record in g and units of 1/ω1."""
-        instance("Scales.to_dimensionless", "record", record, Record)
-        return Record(record.samples, record.dt * self.frequency, record.name)
+        """A record in g and seconds as a record in g and units of 1/ω1.
+
+        Raises
+        ------
+        ValueError
+            If the record is in units of 1/ω1 already.
+        """
+        owner = "Scales.to_dimensionless"
+        instance(owner, "record", record, Record)
+        if record.time_unit != SECONDS:
+            rule = f"must be in seconds, but is in units of {record.time_unit} already"
+            raise ValueError(f"{owner}: record = {record!r} {rule}")
+        return Record(record.samples, record.dt * self.frequency, record.name, DIMENSIONLESS)
 
     @overload
     def to_si(self, result: Response) -> Response: ...

@@ -569,11 +569,27 @@ def test_a_record_in_other_units_than_it_is_read_in(write, tmp_path, capsys):
     assert not out.exists()
 
 
+def test_implausible_input_is_one_warning_a_line_or_refused(write, pulse, tmp_path, capsys):
+    far = write({"gap": "gap = 1000", "series": 'series = "none"', "scale": "pga = 6"})
+    out = tmp_path / "out"
+    call = ["simulate", "--record", str(pulse), "--config", str(far), "--out", str(out)]
+    assert cli.main([*call, "--strict"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"jaxpound: error: {far}: record: PGA = 6 g should be at most 5 g")
+    assert "; gap = 1000 m should be at most 100 times what the buildings move" in error
+    assert error.count("\n") == 1
+    assert not out.exists()
+    assert cli.main(call) == 0
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("jaxpound: warning: record: PGA = 6 g should be at most 5 g")
+    assert second.startswith("jaxpound: warning: gap = 1000 m should be at most 100 times what")
+
+
 def test_a_run_that_overflows(pulse, tmp_path, monkeypatch, capsys):
-    def simulate(*_):
+    def simulate(*_, **__):
         raise FloatingPointError("the run ended in\nnon-finite numbers")
 
-    monkeypatch.setattr(jp, "simulate", simulate)
+    monkeypatch.setattr(config, "simulate_buildings", simulate)
     assert cli.main(["simulate", "--record", str(pulse), "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert error == "jaxpound: error: the run ended in non-finite numbers\n"

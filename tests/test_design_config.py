@@ -239,3 +239,11 @@ def test_goals_of_the_file(write):
     ):
         wanted = design_config.read_design(write(SMALL | changes))
         assert wanted.objective.goal == goal
+
+
+def test_an_unresolved_design_is_refused_if_strict(write, tmp_path, capsys):
+    path = write({**SMALL, "periods = ": "periods = {uniform = [0.001, 0.002]}"})
+    assert cli.main(["design", str(path), "--out", str(tmp_path / "out"), "--strict"]) == 2
+    error = capsys.readouterr().err
+    assert "ground: 100% of the first 12 earthquakes are not resolved; of one, periods = " in error
+    assert error.count("\n") == 1

@@ -10,7 +10,10 @@ import jaxpound as jp
 GRID = jp.TimeGrid(0.05, 200)
 T = 0.05 * np.arange(201)
 WAVES = [jp.Ricker(0.3, [1.5], [2.0]), jp.Ricker([0.1, 0.2, -0.3], [1.0, 2.0, 3.0], [1, 2, 3])]
-RECORDS = [jp.Record(np.sin(T), 0.05, "sine"), jp.Record(np.cos(T[:50]), 0.1)]
+RECORDS = [
+    jp.Record(np.sin(T), 0.05, "sine", "1/ω1"),
+    jp.Record(np.cos(T[:50]), 0.1, time_unit="1/ω1"),
+]
 
 
 def accelerations(ensemble):

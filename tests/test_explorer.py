@@ -22,7 +22,7 @@ mpl.use("Agg")
 
 S, GROUND, GRID = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid.until(20.0, dt=0.04)
 TIME = np.arange(0, 20, 0.05)
-RECORD = jp.Record(0.5 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), dt=0.05)
+RECORD = jp.Record(0.5 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), 0.05, time_unit="1/ω1")
 SCALES = jp.Scales(mass=5e5, frequency=7.0)
 
 

@@ -30,7 +30,7 @@ def vector(structures, ground):
 
 
 def shaken(samples):
-    return jp.paper.ground() + 2.0 * jp.Record(samples, 0.15)
+    return jp.paper.ground() + 2.0 * jp.Record(samples, 0.15, time_unit="1/ω1")
 
 
 PAPER = vector(jp.paper.structures(), shaken(0 * NOISE))
@@ -99,7 +99,7 @@ def corners():
         ]
         structures = jp.AdjacentStructures(*rods, 1.0, 1.0 if equal else 2.0, mu, 1.0)
         waves = dataclasses.replace(g, amplitude=shaking * g.amplitude)
-        yield vector(structures, waves + 2.0 * jp.Record(shaking * NOISE, 0.15))
+        yield vector(structures, waves + 2.0 * jp.Record(shaking * NOISE, 0.15, time_unit="1/ω1"))
 
 
 def neighbours(n, seed=0):
@@ -180,7 +180,7 @@ structures_ = st.builds(jp.AdjacentStructures, rods, rods, masses, stiffnesses, 
 grounds = st.builds(
     lambda amplitude, periods, arrivals, factor, seed, dt: (
         jp.Ricker(amplitude, periods, arrivals)
-        + factor * jp.Record(np.random.default_rng(seed).normal(size=100), dt)
+        + factor * jp.Record(np.random.default_rng(seed).normal(size=100), dt, time_unit="1/ω1")
     ),
     st.floats(-1.0, 1.0),
     st.lists(st.floats(0.8, 4.0), min_size=5, max_size=5),

@@ -189,11 +189,36 @@ def test_records_of_counts_do_not_overflow(dtype):
         (([1.0, 2.0], None), "dt = None must be a real number"),
         (([1.0, 2.0], [0.1, 0.2]), r"dt of shape \(2,\) must be one number"),
         (([1.0, 2.0], 0.1, 9.81), r"name = 9\.81 must be a string"),
+        (([1.0, 2.0], 0.1, "", "ms"), "time_unit = 'ms' must be 's' or '1/ω1'"),
+        (([1.0, 2.0], 0.1, "", None), "time_unit = None must be 's' or '1/ω1'"),
     ],
 )
 def test_record_refuses_bad_values(values, message):
     with pytest.raises(ValueError, match=f"^Record: {message}"):
         jp.Record(*values)
+
+
+@pytest.mark.parametrize(("given", "unit"), [("s", "s"), ("1/ω1", "1/ω1"), ("1/omega1", "1/ω1")])
+def test_records_keep_their_unit_of_time(given, unit):
+    record = jp.Record(SAMPLES, 0.5, "quake", time_unit=given)
+    derived = [
+        record,
+        record.scaled_to_pga(1.0),
+        record.baseline_corrected(),
+        record.resampled(0.25),
+        record.resampled(1.0),
+        jax.tree.map(lambda x: 2 * x, record),
+        jax.jit(lambda r: r)(record),
+    ]
+    assert {one.time_unit for one in derived} == {unit}
+    assert all(f"dt = {float(one.dt):.6g} {unit}, duration" in repr(one) for one in derived)
+
+
+def test_sums_of_records_in_two_units_of_time_are_refused():
+    other = jp.Record(SAMPLES, 0.5, time_unit="1/ω1")
+    assert (jp.Ricker(1, 1, 1) + other - 2 * other).acceleration(0.0) is not None
+    with pytest.raises(ValueError, match=r"Sum: grounds: Record\(.* must be in the same unit"):
+        RECORD + jp.Ricker(1, 1, 1) + 2 * other
 
 
 @given(finite_samples.filter(lambda x: np.abs(x).max() > 1e-3), st.floats(1e-3, 10))

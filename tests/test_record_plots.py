@@ -23,7 +23,18 @@ def test_accelerogram_marks_the_peak():
     assert np.abs(peak.get_ydata()[0]) == pytest.approx(float(jp.pga(RECORD)))
     assert f"{float(jp.pga(RECORD)):.3g}" in peak.get_label()
     assert "(s)" in ax.get_xlabel()
+    assert " s" in peak.get_label()
     assert "($g$)" in ax.get_ylabel()
+
+
+def test_axes_say_the_record_s_unit_of_time():
+    record = jp.Scales(mass=1e5, frequency=4.0).to_dimensionless(RECORD)
+    time = record_plots.accelerogram(record, Figure().add_subplot()).get_xlabel()
+    period = record_plots.spectra({"a": record}, Figure().add_subplot(), [1.0]).get_xlabel()
+    assert time == r"time $t$ ($1/\omega_1$)"
+    assert period == r"natural period $T$ ($1/\omega_1$)"
+    with pytest.raises(ValueError, match=r"records: Record.* must be in the same unit of"):
+        record_plots.spectra({"a": record, "b": RECORD})
 
 
 def test_wrong_arguments_are_named():

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxpound.ground import Record
+from jaxpound.plausibility import PlausibilityWarning
 from jaxpound.records import read_record
 
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSOME EARTHQUAKE 1/2/03, STATION #9, 180\n"
@@ -147,7 +148,7 @@ def test_two_columns_are_time_and_acceleration(write, separator, header):
 
 def test_comments_blank_lines_and_empty_cells_between_rows_are_skipped(write):
     path = write("0,1,\n\n# note 5,5\n.1,2,,\n  // note\n,,\n.2,3\n%\n")
-    with pytest.warns(UserWarning, match=r"quake\.txt: data follow the comment of line 3"):
+    with pytest.warns(PlausibilityWarning, match=r"quake\.txt: data follow the comment of line 3"):
         assert_reads(path, [1, 2, 3], 0.1)
 
 
@@ -373,7 +374,7 @@ def test_units_of_time_and_of_columns_that_are_not_known_are_refused(write, text
 
 def test_a_long_time_step_is_warned_of(write):
     path = write("".join(f"{20 * k},{0.1 * (-1) ** k}\n" for k in range(10)))
-    with pytest.warns(UserWarning, match="the time step is 20 s: are the times in seconds"):
+    with pytest.warns(PlausibilityWarning, match="the time step is 20 s: are the times in seconds"):
         assert read_record(path).dt == 20
 
 
@@ -602,7 +603,9 @@ def test_columns_are_not_taken_for_one_history(write):
         assert_refuses(write(f"{names}\n{three}"), 1, "names 3 columns", dt=0.005)
     blanks = three.replace(",", "   ")
     assert_refuses(write(f"  N-S   E-W   U-D\n{blanks}"), 1, "names 3 columns", dt=0.005)
-    with pytest.warns(UserWarning, match="rows of 3 values seem to be columns side by side"):
+    with pytest.warns(
+        PlausibilityWarning, match="rows of 3 values seem to be columns side by side"
+    ):
         assert read_record(write(three), dt=0.005).n_samples == 180
 
 
@@ -785,7 +788,9 @@ def test_a_shortened_exponent_at_the_end_is_noticed_in_any_format(write):
 def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
     rows = [f"{k / 50:g},{1e-4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
     assert read_record(write("".join(rows) + "3,9.5\n")).n_samples == 151
-    with pytest.warns(UserWarning, match="the last line has no end and its value is the largest"):
+    with pytest.warns(
+        PlausibilityWarning, match="the last line has no end and its value is the largest"
+    ):
         assert read_record(write("".join(rows) + "3,9.53")).n_samples == 151
 
 
@@ -805,7 +810,9 @@ def test_a_sample_above_20_g_is_refused_at_its_line(write, layout, value):
 
 def test_data_behind_the_end_mark_are_warned_of(write):
     text = "NPTS= 7, DT= .01\n" + BODY + "*** End Data ***\n"
-    with pytest.warns(UserWarning, match="behind the end mark of line 4 the data of line 6"):
+    with pytest.warns(
+        PlausibilityWarning, match="behind the end mark of line 4 the data of line 6"
+    ):
         assert_reads(write(text + "more\n.1 .2 .3\n"), VALUES, 0.01)
 
 
@@ -814,7 +821,7 @@ def test_one_value_printed_otherwise_than_all_others_is_warned_of(write):
     text = "NPTS= 1200, DT= .01\n" + fixed(values, "{:15.7E}", 5)
     assert read_record(write(text)).n_samples == 1200
     damaged = text.replace("E-04", "E-4", 1)
-    with pytest.warns(UserWarning, match=r"E-4 in line 2 is printed with other digits"):
+    with pytest.warns(PlausibilityWarning, match=r"E-4 in line 2 is printed with other digits"):
         read_record(write(damaged))
 
 

@@ -23,7 +23,10 @@ RICKER = jp.RandomRicker(
     jp.Uniform(0.0, 8.0),
     intensity=jp.LogNormal(1, 1),
 )
-RECORDS = [jp.Record(np.sin(np.arange(k)), dt) for k, dt in ((5, 0.1), (9, 0.2), (7, 0.05))]
+RECORDS = [
+    jp.Record(np.sin(np.arange(k)), dt, time_unit="1/ω1")
+    for k, dt in ((5, 0.1), (9, 0.2), (7, 0.05))
+]
 
 
 def value(structures, path):

@@ -354,3 +354,14 @@ def test_bad_commands_are_refused(arguments, message, write, capsys, monkeypatch
     assert cli.main([str(path) if x == "STUDY" else x for x in arguments]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "st").exists()
+
+
+def test_an_unresolved_study_is_refused_if_strict(write, tmp_path, capsys):
+    """Wavelets of 1 to 2 ms, with a step of 12 ms."""
+    path = write({**SMALL, "periods = ": "periods = {uniform = [0.001, 0.002]}"})
+    store = tmp_path / "store"
+    assert cli.main(["montecarlo", str(path), "--store", str(store), "--strict"]) == 2
+    error = capsys.readouterr().err
+    assert "ground: 100% of the first 40 earthquakes are not resolved; of one, periods = " in error
+    assert error.count("\n") == 1
+    assert not store.exists()

@@ -479,7 +479,7 @@ def test_dimensionless_record_keeps_its_acceleration_and_scales_its_time():
     np.testing.assert_array_equal(other.samples, record.samples)
     assert jp.pga(other) == jp.pga(record)
     assert other.duration == pytest.approx(4.0 * record.duration)
-    assert other.name == "sweep"
+    assert (other.name, other.time_unit, record.time_unit) == ("sweep", "1/ω1", "s")
     assert other.acceleration(4.0 * 1.234) == pytest.approx(float(record.acceleration(1.234)))
 
 
