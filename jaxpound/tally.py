@@ -1,8 +1,10 @@
 """The scalars of a run, folded over its instants as they pass.
 
 What happens between instants counts: the gap is smallest where the slip velocity vanishes, smooth
-series peak at the vertex of a parabola, and forces jump where slip ends. So the scalars, and their
-derivatives, are as accurate as the response: second order in the step.
+series peak at the vertex of a parabola, and forces jump where slip ends. So the scalars are as
+accurate as the response, second order in the step, and so are their derivatives, but for those of
+an acceleration that peaks by a jump of friction, and of what is taken from the grid's instants, PGA
+and PGV.
 """
 
 from __future__ import annotations
