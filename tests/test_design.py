@@ -208,6 +208,7 @@ def test_starts_none_of_which_is_finite_are_refused(stand_in):
         search()
 
 
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_the_reason_why_nothing_is_finite_is_the_simulator_s(stand_in):
     stand_in(lambda mu, rho, a: jnp.nan * mu)
     with pytest.raises(ValueError, match=r"earthquake 0: .*must be below the stability limit"):
@@ -292,6 +293,7 @@ def test_si_units_are_those_of_the_demands():
     assert float(plain["damper_force"]) == pytest.approx(0.4)
 
 
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_limits_and_penalties_are_in_si_units_too(stand_in):
     found = search(jp.Objective(limits={"damper_force": 0.5}), scales=jp.Scales(1.0, 1.0))
     assert found.trained.si

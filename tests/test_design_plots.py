@@ -77,6 +77,7 @@ def test_before_and_after_are_distributions(stand_in, ax):
     assert any(label.startswith("pounding") for label in ax.get_legend_handles_labels()[1])
 
 
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_units_are_those_of_the_design(stand_in, ax):
     scales = jp.Scales(mass=500e3, frequency=7.0)
     found = search(iterations=3, scales=scales)
