@@ -16,5 +16,6 @@ def require(owner: str, library: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != library:  # it is there, and what it needs itself is not
             raise
-        brings = f"pip install 'jaxpound[{EXTRAS[library]}]'"
-        raise ImportError(f"{owner} needs {library}, which {brings} brings") from error
+        extra = EXTRAS[library]
+        brings = f"the extra {extra!r} brings: pip install '.[{extra}]' in a clone of jaxpound"
+        raise ImportError(f"{owner} needs {library}, which {brings}") from error

@@ -252,5 +252,8 @@ def _with(number: float | None, unit: str) -> str:
 
 
 def _estimated(estimate: Mapping[str, Any], unit: str) -> str:
+    value = _with(estimate["value"], unit)
+    if estimate["low"] is None and estimate["high"] is None:
+        return f"{value} (no 95 % interval)"
     ends = f"{cell(estimate['low'])} to {_with(estimate['high'], unit)}"
-    return f"{_with(estimate['value'], unit)} (95 % interval {ends})"
+    return f"{value} (95 % interval {ends})"

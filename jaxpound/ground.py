@@ -239,9 +239,8 @@ class Ricker(_Combinable):
         if not shortest < STEPS_PER_WAVELET * dt:
             return []
         return [
-            f"ground: periods = {shortest:.4g}, the shortest, should be at least "
-            f"{STEPS_PER_WAVELET} steps of dt = {dt:.4g}, but is {shortest / dt:.3g} "
-            "of them: a finer time grid resolves it"
+            f"ground: the shortest of periods is {shortest / dt:.3g} time steps long and should "
+            f"be at least {STEPS_PER_WAVELET}: a finer time grid resolves it"
         ]
 
     def _sum(self, t: ArrayLike, shape: Callable[..., Any]) -> jax.Array:
@@ -444,9 +443,9 @@ class Record(_Combinable):
         if not lost > LOST_ENERGY * (whole := power.sum()):
             return []
         return [
-            f"ground: dt = {dt:.4g} of the time grid should lose at most {LOST_ENERGY:.0%} of the "
-            f"energy of {self!r}, but loses {lost / whole:.0%}: with dt up to {own:.4g}, "
-            "the record's own, nothing is lost"
+            f"ground: time steps of {dt / own:.4g} sample intervals should lose at most "
+            f"{LOST_ENERGY:.0%} of the energy of {self!r}, but lose {lost / whole:.0%}: steps no "
+            "longer than the sample interval lose nothing"
         ]
 
     def __repr__(self) -> str:

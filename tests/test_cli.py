@@ -249,7 +249,7 @@ def test_el_centro_files_can_be_read_back(el_centro_run, el_centro_response):
     _, out = el_centro_run
     series = np.load(out / "series.npz")
     response = el_centro_response
-    assert len(series.files) == 13
+    assert len(series.files) == 14
     for name, values in {
         "time_s": response.time,
         "x1_m": response.x1,
@@ -259,6 +259,7 @@ def test_el_centro_files_can_be_read_back(el_centro_run, el_centro_response):
         "friction_N": response.friction,
         "gap_m": response.gap,
         "ground_acceleration_m_per_s2": response.ground_acceleration,
+        "ground_velocity_m_per_s": response.ground_velocity,
         "absolute_acceleration_1_m_per_s2": response.absolute_accelerations[0],
         "slip_direction": response.phase,
     }.items():
@@ -569,20 +570,31 @@ def test_a_record_in_other_units_than_it_is_read_in(write, tmp_path, capsys):
     assert not out.exists()
 
 
-def test_implausible_input_is_one_warning_a_line_or_refused(write, pulse, tmp_path, capsys):
-    far = write({"gap": "gap = 1000", "series": 'series = "none"', "scale": "pga = 6"})
+@pytest.mark.parametrize(
+    ("changes", "finding"),
+    [
+        ({"scale": "pga = 6"}, "record: PGA = 6 g should be at most 5 g"),
+        (
+            {"gap": "gap = 10", "scale": "scale = 1e-3"},
+            "gap = 10 m should be at most 100 times what the buildings move",
+        ),
+    ],
+    ids=["PGA", "gap"],
+)
+def test_implausible_input_is_one_warning_a_line_or_refused(
+    changes, finding, write, pulse, tmp_path, capsys
+):
+    odd = write(changes | {"series": 'series = "none"'})
     out = tmp_path / "out"
-    call = ["simulate", "--record", str(pulse), "--config", str(far), "--out", str(out)]
+    call = ["simulate", "--record", str(pulse), "--config", str(odd), "--out", str(out)]
     assert cli.main([*call, "--strict"]) == 2
     error = capsys.readouterr().err
-    assert error.startswith(f"jaxpound: error: {far}: record: PGA = 6 g should be at most 5 g")
-    assert "; gap = 1000 m should be at most 100 times what the buildings move" in error
+    assert error.startswith(f"jaxpound: error: {odd}: {finding}")
     assert error.count("\n") == 1
     assert not out.exists()
     assert cli.main(call) == 0
-    first, second = capsys.readouterr().err.splitlines()
-    assert first.startswith("jaxpound: warning: record: PGA = 6 g should be at most 5 g")
-    assert second.startswith("jaxpound: warning: gap = 1000 m should be at most 100 times what")
+    (warning,) = capsys.readouterr().err.splitlines()
+    assert warning.startswith(f"jaxpound: warning: {finding}")
 
 
 def test_a_run_that_overflows(pulse, tmp_path, monkeypatch, capsys):
@@ -726,7 +738,11 @@ def test_interrupted_while_xla_compiles(tmp_path):
 @posix
 def test_an_interrupted_study_keeps_its_finished_chunks(tmp_path):
     path, folder = tmp_path / "study.toml", tmp_path / "store"
-    changes = {"# chunk_size": "chunk_size = 16", "duration": "duration = 2.0"}
+    changes = {
+        "# chunk_size": "chunk_size = 16",
+        "arrivals": "arrivals = {uniform = [0.5, 1.0]}",
+        "duration": "duration = 2.0",
+    }
     path.write_text(edited(examples.example(examples.STUDY), changes))
     command = [sys.executable, "-c", PROGRAM, "montecarlo", str(path), "--store", str(folder)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -787,7 +803,7 @@ def test_a_full_disk_names_the_file_and_leaves_no_part_of_it(
 
 
 def test_a_command_that_fails_leaves_no_empty_folder(pulse, tmp_path, monkeypatch):
-    monkeypatch.setattr(jp, "simulate", lambda *_: 1 / 0)
+    monkeypatch.setattr(config, "simulate_buildings", lambda *_, **__: 1 / 0)
     out = tmp_path / "new" / "out"
     assert cli.main(["simulate", "--record", str(pulse), "--out", str(out)]) == 2
     assert not list(tmp_path.iterdir())

@@ -38,7 +38,7 @@ def test_a_run_is_a_row_an_instant(batch):
         "v1_m_per_s",
         "v2_m_per_s",
     ]
-    assert [*si][-4:] == ["f2_N", "friction_N", "gap_m", "slip_direction"]
+    assert [*si][-4:] == ["friction_N", "gap_m", "ground_velocity_m_per_s", "slip_direction"]
     np.testing.assert_array_equal(columns["v2"], run.v2)
     np.testing.assert_array_equal(columns["absolute_acceleration_2"], run.absolute_accelerations[1])
     np.testing.assert_allclose(si["gap_m"], run.gap * SCALES.length)

@@ -26,7 +26,7 @@ def test_extras_bring_what_they_are_said_to_bring():
         (
             "pandas",
             lambda path: DEMAND.to_pandas(),
-            r"to_pandas needs pandas, which pip install 'jaxpound\[tables\]' brings",
+            r"to_pandas needs pandas, which the extra 'tables' brings: pip install '\.\[tables\]'",
         ),
         ("pandas", DEMAND.to_parquet, r"to_parquet needs pandas, .*\[tables\]"),
         ("pyarrow", DEMAND.to_parquet, r"to_parquet needs pyarrow, .*\[tables\]"),

@@ -123,6 +123,24 @@ def test_the_modal_history_s_error_is_smooth_in_time():
     assert np.abs(np.diff(error, 2)).max() < 0.01 * np.abs(error).max()
 
 
+def test_the_slope_of_a_peak_between_samples_has_no_floor():
+    """Second differences of the force place its vertex: they must not show the history's blocks."""
+    h, n = 0.0025, 1600
+    x = np.sin(0.6 * h * np.arange(n + 1)) ** 2  # its force peaks before its end
+
+    def largest(order, history):
+        f = jp.rod_force(jp.ZenerRod(order, 0.0012, 0.888), x, h, history=history)
+        i = jnp.argmax(f)
+        before, at, after = f[i - 1], f[i], f[i + 1]
+        return at - (after - before) ** 2 / (8 * (after - 2 * at + before))
+
+    slopes = [
+        float(jax.jvp(lambda order, kind=kind: largest(order, kind), (0.947,), (1.0,))[1])
+        for kind in (jp.ModalHistory(), jp.FullHistory())
+    ]
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-6)
+
+
 def test_more_modes_for_a_longer_run_or_a_smaller_tolerance():
     loose, tight = jp.ModalHistory(tolerance=1e-4), jp.ModalHistory(tolerance=1e-8)
     assert loose.n_modes(1000) < loose.n_modes(100_000) < tight.n_modes(100_000) <= 48

@@ -224,7 +224,8 @@ def test_energy_is_balanced_under_wavelets_of_few_steps_and_single_spikes():
     for interval in (0.5, 1.0, 1.37):  # of the record in steps
 
         def struck(samples, dt=interval * grid.dt):
-            return residual(jp.simulate(structures, jp.Record(samples, dt), grid))
+            ground = jp.Record(samples, dt, time_unit="1/ω1")
+            return residual(jp.simulate(structures, ground, grid))
 
         spikes = np.zeros((16, 100))
         spikes[range(16), range(40, 56)] = 1.0
@@ -334,6 +335,7 @@ def test_without_shaking_nothing_moves(structures):
     assert float(run.min_gap) == structures.initial_gap
 
 
+@IMPLAUSIBLE
 @given(structures_, grounds)
 def test_the_response_scales_with_the_shaking(structures, ground):
     """Twice the ground motion and twice the friction force give twice the response."""
@@ -559,7 +561,7 @@ def test_user_functions_shake_as_the_wavelets_they_sample():
     assert alike == pytest.approx(expected, abs=1e-4)
     assert min_gap(Shaker()) == pytest.approx(alike, abs=1e-12)
     mixed = 0.5 * ground + (lambda t: 0.5 * np.asarray(ground.acceleration(t)))
-    assert min_gap(mixed) == pytest.approx((alike + expected) / 2, abs=1e-6)
+    assert min_gap(mixed) == pytest.approx(alike, abs=1e-12)
 
 
 def test_a_new_user_function_is_never_mistaken_for_an_old_one():
