@@ -45,6 +45,7 @@ from jaxpound.objectives import WorstGap as WorstGap
 from jaxpound.pareto import ParetoFront as ParetoFront
 from jaxpound.pareto import pareto_front as pareto_front
 from jaxpound.plausibility import PlausibilityWarning as PlausibilityWarning
+from jaxpound.quantities import STANDARD_GRAVITY as STANDARD_GRAVITY
 from jaxpound.records import read_record as read_record
 from jaxpound.response import Demand as Demand
 from jaxpound.response import Energy as Energy
@@ -68,7 +69,6 @@ from jaxpound.structures import AdjacentStructures as AdjacentStructures
 from jaxpound.structures import ZenerRod as ZenerRod
 from jaxpound.study import Study as Study
 from jaxpound.study_run import monte_carlo as monte_carlo
-from jaxpound.units import STANDARD_GRAVITY as STANDARD_GRAVITY
 from jaxpound.units import Building as Building
 from jaxpound.units import Scales as Scales
 from jaxpound.units import dimensionless as dimensionless

@@ -13,11 +13,12 @@ import numpy as np
 from jaxpound._checks import instance, is_traced, number
 from jaxpound.ground import Record
 from jaxpound.plausibility import excessive, far_apart, tell
+from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.response import Response
 from jaxpound.scheme import Scheme, TimeGrid, stability_limit
 from jaxpound.simulation import respond
 from jaxpound.structures import AdjacentStructures
-from jaxpound.units import STANDARD_GRAVITY, Building, Scales, dimensionless
+from jaxpound.units import Building, Scales, dimensionless
 
 STEPS_PER_PERIOD = 50
 """Steps in a natural period, at least: the scheme's error in a free vibration is then below 0.1 %
@@ -115,7 +116,8 @@ def simulate_buildings(
             raise ValueError(f"{owner}: {name} of shape {shape} must be one building, not a batch")
     # Neither damper nor gap, which may be traced, matters to the time step.
     pair = dataclasses.replace(structures, friction=0.0, initial_gap=0.0)
-    grid = record_grid(f"{owner}:", pair, scales, scheme, record, duration, dt)
+    with jax.ensure_compile_time_eval():  # within a traced function too: all of this is known
+        grid = record_grid(f"{owner}:", pair, scales, scheme, record, duration, dt)
     response = respond(owner, structures, shaking, grid, scheme, strict)
     in_si = scales.to_si(response)
     moved = in_si.demand.peak_x1 + in_si.demand.peak_x2

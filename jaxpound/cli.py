@@ -430,10 +430,10 @@ def _design(args: argparse.Namespace) -> None:
         progress=sys.stderr.isatty(),
         **wanted.search,
     )
-    print(design)
     recorded = {name: design.compare(one) for name, one in wanted.recorded.items()}
     answers = design_report.summary(design, recorded, wanted.scales)
     print(design_report.as_text(answers))
+    print(design)
     text = json.dumps(answers, indent=2, allow_nan=False)
     _write_text(args.out / "design.toml", wanted.text)
     designed = design_config.designed_toml(design.structures, wanted.scales)

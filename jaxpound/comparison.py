@@ -14,7 +14,7 @@ from jaxpound._checks import require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.estimates import Estimate
 from jaxpound.objectives import Objective
-from jaxpound.quantities import unit, unit_of
+from jaxpound.quantities import in_words, unit, unit_of
 
 _REPLICATES = 500  # of the bootstrap
 
@@ -89,30 +89,22 @@ class Comparison(Shown):
             columns = (("before", self.before), ("after", self.after))
             table[name] = {
                 f"{what}_{when}": float(f(x[name]))
-                for when, x in columns
                 for what, f in (("mean", np.mean), ("tail", lambda y, q=q: np.quantile(y, q)))
+                for when, x in columns
             }
         return table
 
     def _tables(self) -> list[Table]:
-        columns = ("mean before", "mean after", "quantile before", "quantile after")
         return [
             Table(
                 f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})",
-                ("", *columns, "of share", "unit"),
+                ("", "mean before", "mean after", "quantile before", "quantile after", "unit"),
                 [
-                    (
-                        name,
-                        row["mean_before"],
-                        row["mean_after"],
-                        row["tail_before"],
-                        row["tail_after"],
-                        "5 %" if name == "min_gap" else "95 %",
-                        unit_of(name, self.si),
-                    )
+                    (in_words(name), *row.values(), unit_of(name, self.si))
                     for name, row in self.rows().items()
                 ],
                 [
+                    "quantiles are of 95 %, of the smallest gap of 5 %",
                     "pounding in {:.4g} % of them before, {:.4g} % after".format(
                         *(100 * share for share in self.pounding)
                     ),

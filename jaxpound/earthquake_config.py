@@ -136,7 +136,7 @@ def random_ground(
     def one(key: str) -> Stated:
         allowed = RANGES[key]
         found = drawn(source, given, "earthquakes", key, allowed.unit)
-        _require_reach(f"{place} {key}", table[key], found, allowed)
+        require_reach(f"{place} {key}", table[key], found, allowed)
         return found
 
     length, time = float(scales.length), float(scales.time)
@@ -171,7 +171,7 @@ def read_records(place: str, folder: Path, names: Iterable[str], units: str | No
         raise ValueError(f"{place}: {str(error).removeprefix('read_record: ')}") from error
 
 
-def _require_reach(place: str, value: Any, found: Stated, allowed: Range) -> None:
+def require_reach(place: str, value: Any, found: Stated, allowed: Range) -> None:
     """A ``ValueError`` for a distribution some of whose draws would be outside of a range."""
     for end in reach(found):
         if end not in allowed:
@@ -215,7 +215,7 @@ class Opened(NamedTuple):
             within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
             arrivals = drawn(self.source, self.given, "earthquakes", "arrivals", within.unit)
             place = f"{self.source}: [earthquakes] arrivals"
-            _require_reach(place, table["arrivals"], arrivals, within)
+            require_reach(place, table["arrivals"], arrivals, within)
         return grid
 
 

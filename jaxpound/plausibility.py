@@ -1,7 +1,8 @@
 """Input that no rule forbids but that is hardly meant: what is found is warned of, or refused.
 
 A run without a unit of length claims nothing in g (eq. 9 is homogeneous: ground, friction and gap
-may be scaled together), unless a record, which is in g, shakes it. Values that are traced cannot be
+may be scaled together), unless a record, which is in g, shakes it. A Monte Carlo study does claim
+it in any units: its probabilities are of earthquakes that happen. Values that are traced cannot be
 judged.
 """
 
@@ -115,7 +116,7 @@ def _pgas(grounds: Ground, grid: TimeGrid) -> jax.Array:
 
 
 def _share(some: int, n: int) -> str:
-    return f"{some / n:.0%} of the first {n} earthquakes"
+    return f"{some / n:.0%} of the {n} earthquakes looked at"
 
 
 def _beyond(what: str) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+STANDARD_GRAVITY = 9.80665
+"""Standard gravity, m/s²."""
+
 SI = {
     "time": "s",
     "length": "m",

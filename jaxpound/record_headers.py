@@ -14,7 +14,8 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-STANDARD_GRAVITY = 9.80665  # m/s2
+from jaxpound.quantities import STANDARD_GRAVITY
+
 UNITS = {  # in m/s2
     "g": STANDARD_GRAVITY,
     "m/s2": 1.0,

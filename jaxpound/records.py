@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from jaxpound.ground import Record
 from jaxpound.plausibility import PlausibilityWarning
-from jaxpound.quantities import RANGES
+from jaxpound.quantities import RANGES, STANDARD_GRAVITY
 from jaxpound.record_headers import (
     NUMBER,
     SECONDS,
-    STANDARD_GRAVITY,
     UNITS,
     Line,
     MisreadError,
@@ -38,7 +37,7 @@ from jaxpound.record_headers import (
     to_float,
 )
 
-_MOST_BYTES = 100_000_000
+_MOST_BYTES = 32_000_000  # a million steps, the longest run, in two columns
 _LONGEST_HEADER = 10_000  # lines, and characters in a line
 _MOST_PEAK = RANGES["pga"].high  # in g
 _SLOWEST_STEP = 0.5  # in s: nothing above 1 Hz would be left of an earthquake
@@ -96,7 +95,7 @@ def read_record(
     Parameters
     ----------
     path
-        The file: a regular one of at most 100 MB, with a header of at most 10 000 lines.
+        The file: a regular one of at most 32 MB, with a header of at most 10 000 lines.
     dt
         Time step > 0, in seconds, for a file that states none; else it must agree to 1e-6.
     units

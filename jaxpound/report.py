@@ -192,7 +192,7 @@ def as_text(summary: dict[str, Any]) -> str:
         ("natural period", "period_s", 1, "s"),
         ("damping ratio", "damping_ratio", 100, "%"),
         ("peak displacement", "peak_displacement_m", 1, "m"),
-        ("peak absolute acceleration", "peak_absolute_acceleration_m_per_s2", 1, "m/s2"),
+        ("peak absolute acceleration", "peak_absolute_acceleration_m_per_s2", 1, "m/s²"),
         ("peak base shear", "base_shear_N", 1e-3, "kN"),
     ]
     rows = [

@@ -168,7 +168,8 @@ def simulate(
     PlausibilityWarning
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
         record and loses more than 1 % of its energy; if a record shakes with more than 5 g; if the
-        gap is more than 100 times what the buildings move.
+        gap is more than 100 times what the buildings move. A plain function of t, whose periods are
+        not known, is not judged by steps.
 
     Notes
     -----

@@ -22,6 +22,7 @@ from jaxpound.earthquake_config import (
     drawn,
     flag,
     opened,
+    require_reach,
     scaled,
 )
 from jaxpound.examples import STUDY as EXAMPLE
@@ -120,6 +121,7 @@ def _uncertain(
     made: dict[str, dict[str, Distribution]] = {"SI": {}, "dimensionless": {}}
     for path in table:
         place, factor = f"{source}: [uncertain] {path}", drawn(source, given, "uncertain", path, "")
+        require_reach(f"{source}: [uncertain] {path}", table[path], factor, RANGES["multiple"])
         for units, nominal in (("SI", parameters), ("dimensionless", structures)):
             value = float(attrgetter(path)(nominal))
             if not value:

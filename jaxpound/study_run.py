@@ -192,7 +192,9 @@ def monte_carlo(
         unit_scale=True,
         disable=not progress,
     ) as bar:
-        for chunk, outcome in _outcomes(task, missing, executor):
+        for i, (chunk, outcome) in enumerate(_outcomes(task, missing, executor)):
+            if i == 0:  # before the time for all is spent
+                tell("monte_carlo", _unreached(outcome, scales), strict)
             outcomes[chunk] = outcome
             bar.update(rows[chunk])
 
@@ -214,10 +216,16 @@ def monte_carlo(
             lambda name: (outcome.columns[name] for outcome in kept),
             **more,
         )
-    moved = study.moments("peak_x1").largest + study.moments("peak_x2").largest
-    smallest = study.moments("min_gap").smallest
-    tell("monte_carlo", far_apart("initial_gap", smallest, moved, si=scales is not None), strict)
     return study
+
+
+def _unreached(outcome: Outcome, scales: Scales | None) -> list[str]:
+    """Whether the gap is out of all proportion to what the buildings of a chunk move."""
+    unit = 1.0 if scales is None else float(scales.length)
+    moments = outcome.moments
+    moved = unit * (moments["peak_x1"].largest + moments["peak_x2"].largest)
+    smallest = unit * moments["min_gap"].smallest
+    return far_apart("initial_gap", smallest, moved, si=scales is not None)
 
 
 def _check(

@@ -21,12 +21,10 @@ from jaxpound._checks import (
 )
 from jaxpound._pytree import pytree_dataclass
 from jaxpound.ground import DIMENSIONLESS, SECONDS, Record
+from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.response import Demand, Response
 from jaxpound.scheme import TimeGrid
 from jaxpound.structures import AdjacentStructures, ZenerRod
-
-STANDARD_GRAVITY = 9.80665
-"""Standard gravity, m/s²."""
 
 
 @pytree_dataclass

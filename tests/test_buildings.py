@@ -148,6 +148,18 @@ def test_records_keep_their_unit_where_they_are_traced():
         jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap)(RECORD)
 
 
+def test_an_si_run_chooses_its_step_in_a_traced_function_too():
+    def min_gap(force):
+        run = jp.simulate_buildings(LEFT, RIGHT, RECORD, friction_force=force, gap=0.1)
+        return run.min_gap
+
+    force = 2e5
+    assert float(jax.jit(min_gap)(force)) == pytest.approx(float(min_gap(force)), rel=1e-12)
+    slope = float(jax.jit(jax.grad(min_gap))(force))
+    difference = (min_gap(force + 10) - min_gap(force - 10)) / 20
+    assert slope == pytest.approx(float(difference), rel=1e-3)
+
+
 def test_random_records_and_the_explorer_refuse_seconds():
     from jaxpound.explorer import Explorer
 

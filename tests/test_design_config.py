@@ -80,6 +80,7 @@ def test_a_design_from_the_command_line(write, tmp_path):
     assert "trained on 13 earthquakes (SI)" in printed
     assert "fresh: 20 earthquakes (SI)" in printed
     assert re.search(r"(?m)^slip force of the damper +N +200,000 +8\d\d,\d00 ", printed)
+    assert printed.index("slip force of the damper") < printed.index("rod_1.tau_x")
     written = [line for line in printed.splitlines() if line.startswith(str(out))]
     assert sorted(map(str, out.iterdir())) == sorted(written)
     assert save.exists()
@@ -245,5 +246,5 @@ def test_an_unresolved_design_is_refused_if_strict(write, tmp_path, capsys):
     path = write({**SMALL, "periods = ": "periods = {uniform = [0.001, 0.002]}"})
     assert cli.main(["design", str(path), "--out", str(tmp_path / "out"), "--strict"]) == 2
     error = capsys.readouterr().err
-    assert "ground: 100% of the first 12 earthquakes are not resolved; of one, periods = " in error
+    assert "ground: 100% of the 12 earthquakes looked at are not resolved; of one, the " in error
     assert error.count("\n") == 1

@@ -844,7 +844,7 @@ def test_a_pipe_is_refused_at_once(tmp_path):
 def test_a_file_above_the_limit_is_refused_with_its_size(tmp_path):
     with (tmp_path / "large.txt").open("wb") as file:
         file.truncate(150_000_000)
-    says = "must have at most 100 MB of text, not 150 MB"
+    says = "must have at most 32 MB of text, not 150 MB"
     assert_refuses(tmp_path / "large.txt", None, says)
 
 

@@ -199,8 +199,12 @@ def test_what_is_wrong_is_named_with_its_place(write, changes, message, capsys, 
         ({"amplitude": "amplitude = {uniform = [10, 40]}"}, "reaches 40 m; it must stay between"),
         (
             {"friction = {": "friction = {lognormal = [1.0, 100]}"},
-            "[uncertain] friction = {lognormal = [1.0, 100]}, once in 1,000,000 draws: [damper] "
-            "friction_force = 5.49066e+211 N must be between 0 and 1e+10 N",
+            "[uncertain] friction = {lognormal = [1.0, 100]} reaches 2.745e+206 once in 1,000,000 "
+            "draws; it must stay between 0 and 1e+06",
+        ),
+        (
+            {"friction = {": "friction = {normal = [0, 1]}"},
+            "[uncertain] friction = {normal = [0, 1]} reaches -4.753 once in 1,000,000 draws; it",
         ),
         (
             {"stiffness_ratio": "mass_ratio = {lognormal = [1e-7, 0.1]}"},
@@ -362,6 +366,6 @@ def test_an_unresolved_study_is_refused_if_strict(write, tmp_path, capsys):
     store = tmp_path / "store"
     assert cli.main(["montecarlo", str(path), "--store", str(store), "--strict"]) == 2
     error = capsys.readouterr().err
-    assert "ground: 100% of the first 40 earthquakes are not resolved; of one, periods = " in error
+    assert "ground: 100% of the 40 earthquakes looked at are not resolved; of one, the " in error
     assert error.count("\n") == 1
     assert not store.exists()
