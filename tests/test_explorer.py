@@ -256,5 +256,5 @@ def test_forces_keep_to_the_unit_of_their_axis():
 
 def test_without_ipywidgets_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
-    with pytest.raises(ImportError, match="^Explorer needs ipywidgets, which the extra .notebooks"):
+    with pytest.raises(ImportError, match="Explorer needs ipywidgets, which the extra 'notebooks'"):
         Explorer(S, GROUND, GRID)
