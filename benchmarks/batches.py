@@ -20,8 +20,8 @@ from jax.extend.core import jaxprs_in_params
 from peers import modal_loop, paper_algorithm, paper_batch
 
 import jaxpound as jp
-from jaxpound.fractional import BLOCK
-from jaxpound.rods import rod_law
+from jaxpound.simulation.history import BLOCK
+from jaxpound.simulation.rod import rod_law
 
 jax.config.update("jax_enable_x64", True)
 CORES = jp.use_cores()

@@ -13,8 +13,8 @@ import optax
 from scipy import optimize
 
 import jaxpound as jp
-from jaxpound.design_search import Sought
-from jaxpound.design_space import spread_shares
+from jaxpound.design.run import Sought
+from jaxpound.design.space import spread_shares
 
 GRID = jp.TimeGrid.until(20.0, 0.04)
 PAPER = jp.paper.structures()

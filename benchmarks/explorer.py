@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 import jaxpound as jp
-from jaxpound.explorer import Explorer
+from jaxpound.plots.explorer import Explorer
 
 jax.config.update("jax_enable_x64", True)
 CHANGES = 200

@@ -115,8 +115,10 @@ def main():
         return
     with open(args.file, encoding="utf-8") as file:
         before = json.load(file)
-    print(f"names only there: {len(before.keys() - known.keys())}, only here: "
-          f"{len(known.keys() - before.keys())}")
+    print(
+        f"names only there: {len(before.keys() - known.keys())}, only here: "
+        f"{len(known.keys() - before.keys())}"
+    )
     groups = defaultdict(list)
     for name in before.keys() & known.keys():
         a, b = np.array(before[name]), np.array(known[name])

@@ -21,7 +21,7 @@ ROOT = HERE.parent
 sys.path.insert(0, str(ROOT))
 
 import jaxpound  # noqa: E402
-from jaxpound import cli  # noqa: E402
+from jaxpound.cli import main as cli  # noqa: E402
 
 project = "jaxpound"
 author = "The jaxpound developers"

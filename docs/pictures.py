@@ -11,9 +11,9 @@ import jax
 from matplotlib.figure import Figure
 
 import jaxpound as jp
-from jaxpound.animation import animate
-from jaxpound.drawing import mechanical_system
-from jaxpound.plots import overview
+from jaxpound.plots.animation import animate
+from jaxpound.plots.runs import overview
+from jaxpound.plots.system import mechanical_system
 
 jax.config.update("jax_enable_x64", True)
 HERE = Path(__file__).parent

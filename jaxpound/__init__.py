@@ -30,12 +30,14 @@ _PLACES = {
     for alias in statement.names
 }
 
+_WINGS = {place.split(".")[1] for place in _PLACES.values() if "." in place}
+
 __all__ = sorted(_PLACES)
 
 
 def __getattr__(name: str) -> Any:
     place = _PLACES.get(name)
-    if place == __name__ or f"{__name__}.{name}" in _PLACES.values():
+    if place == __name__ or name in _WINGS:
         return importlib.import_module(f"{__name__}.{name}")
     if place is None:
         message = f"module {__name__!r} has no attribute {name!r}"
@@ -53,7 +55,7 @@ def _is_module(name: str, thing: Any) -> bool:
 
 
 def _overview(response: Any) -> Figure:
-    from jaxpound import plots  # not before something is drawn: it imports matplotlib
+    from jaxpound import plots
 
     return plots.overview(response)
 

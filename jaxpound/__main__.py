@@ -2,6 +2,6 @@
 
 import sys
 
-from jaxpound.cli import main
+from jaxpound.cli.main import main
 
 sys.exit(main())

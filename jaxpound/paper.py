@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from jaxpound.ground import Ricker
-from jaxpound.scheme import TimeGrid
-from jaxpound.structures import AdjacentStructures, ZenerRod
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import Ricker
+from jaxpound.model.rod import ZenerRod
+from jaxpound.model.structures import AdjacentStructures
 
 
 def structures() -> AdjacentStructures:

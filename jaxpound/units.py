@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from typing import Any, overload
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
 from jaxpound._checks import (
     Rule,
     enforce,
@@ -15,132 +11,17 @@ from jaxpound._checks import (
     instance,
     is_traced,
     number,
-    one_batch,
     positive,
     real,
 )
-from jaxpound._pytree import pytree_dataclass
-from jaxpound.ground import DIMENSIONLESS, SECONDS, Record
+from jaxpound._fields import pytree_dataclass
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Record
+from jaxpound.model.building import Building
+from jaxpound.model.rod import ZenerRod
+from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
-from jaxpound.response import Demand, Response
-from jaxpound.scheme import TimeGrid
-from jaxpound.structures import AdjacentStructures, ZenerRod
-
-
-@pytree_dataclass
-class Building:
-    """A building as one block on one fractional Zener rod, in SI units.
-
-    Parameters
-    ----------
-    mass
-        Mass > 0, kg.
-    stiffness
-        Long-time stiffness k > 0, N/m.
-    order
-        Order of the fractional derivative, in (0, 1].
-    tau_f, tau_x
-        Relaxation times, s^order, 0 < τ_f ≤ τ_x.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
-
-    Examples
-    --------
-    >>> building = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
-    >>> f"{building.stiffness:.3g} N/m"
-    '2.19e+07 N/m'
-    >>> round(float(building.natural_period), 6)
-    0.9
-    """
-
-    mass: Any
-    stiffness: Any
-    order: Any
-    tau_f: Any
-    tau_x: Any
-
-    def __post_init__(self) -> None:
-        rod = ZenerRod(self.order, self.tau_f, self.tau_x)
-        mass, stiffness = positive("Building", mass=self.mass, stiffness=self.stiffness)
-        values = {"mass": mass, "stiffness": stiffness, **vars(rod)}
-        one_batch("Building", **values)
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
-    @classmethod
-    def from_period(
-        cls,
-        mass: Any,
-        period: Any,
-        damping_ratio: Any,
-        order: Any = 0.5,
-        tau_f: Any = None,
-    ) -> Building:
-        """The building whose equivalent natural period and damping ratio are the given ones.
-
-        At ω = 2π / period the rod's storage modulus carries the mass, k K'(ω) = m ω², and half its
-        loss factor is the damping ratio: two equations for stiffness and τ_x.
-
-        Parameters
-        ----------
-        mass
-            Mass > 0, kg.
-        period
-            Natural period > 0, s.
-        damping_ratio
-            Equivalent viscous damping ratio ≥ 0 (0.05 is 5 %).
-        order
-            Order of the fractional derivative, in (0, 1].
-        tau_f
-            Relaxation time of force, s^order; by default such that τ_f ω^order = 0.01.
-
-        Raises
-        ------
-        ValueError
-            If a known value breaks its rule, or no rod of this order and τ_f damps as much.
-        """
-        owner = "Building.from_period"
-        mass, period = positive(owner, mass=mass, period=period)
-        zeta = real(owner, "damping_ratio", damping_ratio)
-        rule = Rule("damping_ratio", zeta, (zeta >= 0) & finite(zeta), "finite and not negative")
-        enforce(owner, [rule])
-        order = ZenerRod(order, 1.0, 1.0).order
-        omega = 2 * np.pi / period
-        size = omega**order
-        tau_f = 0.01 / size if tau_f is None else ZenerRod(order, tau_f, tau_f).tau_f
-        one_batch(owner, mass=mass, period=period, damping_ratio=zeta, order=order, tau_f=tau_f)
-        xp = jnp if is_traced((period, order)) else np
-        c, s = size * xp.cos(np.pi / 2 * order), size * xp.sin(np.pi / 2 * order)
-        # Loss − 2ζ storage = 0 is linear in τ_x (numerators of K* over |1 + τ_f (iω)^γ|²).
-        gain = s - 2 * zeta * (c + tau_f * size**2)
-        largest = s / (c + tau_f * size**2) / 2
-        text = "below what a rod of this order and tau_f can give"
-        if not is_traced((largest, gain)):
-            first = np.argmin(gain > 0)  # the one the message is about
-            text += f", {np.broadcast_to(largest, np.shape(gain)).flat[first]:.8g}"
-        enforce(owner, [Rule("damping_ratio", zeta, gain > 0, text)])
-        # As a sum of positive terms, so that τ_x ≥ τ_f to the last digit.
-        tau_x = tau_f + 2 * zeta * (1 + 2 * tau_f * c + (tau_f * size) ** 2) / gain
-        below = (1 + tau_f * c) ** 2 + (tau_f * s) ** 2
-        storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
-        return cls(mass, mass * omega**2 / storage, order, tau_f, tau_x)
-
-    @property
-    def _rod(self) -> ZenerRod:
-        return ZenerRod(self.order, self.tau_f, self.tau_x)
-
-    @property
-    def natural_period(self) -> jax.Array:
-        """Equivalent natural period, s."""
-        return 2 * jnp.pi / self._rod.natural_frequency(self.stiffness, self.mass)
-
-    @property
-    def damping_ratio(self) -> jax.Array:
-        """Equivalent viscous damping ratio at the natural frequency."""
-        return self._rod.damping_ratio(self.stiffness, self.mass)
+from jaxpound.results.response import Demand, Response
 
 
 @pytree_dataclass

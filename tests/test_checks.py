@@ -24,7 +24,7 @@ from jaxpound._checks import (
     real,
     require_memory,
 )
-from jaxpound._pytree import label, pytree_dataclass, static
+from jaxpound._fields import label, pytree_dataclass, static
 
 
 @pytree_dataclass

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_study_run import LINEAR, study
 
 import jaxpound as jp
+from tests.study.test_run import LINEAR, study
 
 ROOT = Path(__file__).parents[1]
 
@@ -89,12 +89,11 @@ def start_two(*command, others=()):
 
 SHARDS = """
 import sys
-sys.path.insert(0, "tests")
 import jax
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)
 jax.distributed.initialize(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
-from test_study_run import LINEAR, study
+from tests.study.test_run import LINEAR, study
 shard = (jax.process_index() + 1, jax.process_count())
 print(len(study(LINEAR, 256, store=sys.argv[4], chunk_size=64, shard=shard)))
 """

@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
-from reference import convergence_order, paper_gradient
 
 import jaxpound as jp
+from tests.reference import convergence_order, paper_gradient
 
 NAMES = [*(field.name for field in dataclasses.fields(jp.Demand) if field.name != "si"), "pounds"]
 SCHEME, GRID = jp.Scheme(), jp.TimeGrid.until(20.0, 0.04)

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are sent as POS
 PROGRAM = """
 import signal, sys, threading, time
 from pathlib import Path
-from jaxpound import interruption
+from jaxpound import _interruption as interruption
 
 folder, seconds, ignored = Path(sys.argv[1]), float(sys.argv[2]), sys.argv[3] == "ignored"
 signal.signal(signal.SIGINT, signal.SIG_IGN if ignored else signal.default_int_handler)

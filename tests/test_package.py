@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import doctest
+import graphlib
 import importlib
 import os
 import re
@@ -20,47 +21,41 @@ from jaxpound._extras import EXTRAS
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "jaxpound"
 
-# From the ground floor up; a module imports only from below itself.
-FLOORS = [
-    {
-        *("_pytree", "_checks", "_branches", "_describe", "_extras", "_root", "_tables"),
-        *("_version", "examples", "interruption", "quantities"),
-    },
-    {"columns", "distributions", "estimates", "fragility", "sampling", "archives", "store"},
-    {"structures", "ground", "fractional", "friction", "response", "batches"},
-    {"record_headers", "rods", "tally"},
-    {"scheme"},
-    {"intensity"},
-    {"plausibility"},
-    {"records", "simulation"},
-    {"units", "paper", "scenarios"},
-    {"buildings"},
-    {"study", "sensitivity", "design_space", "ensembles", "objectives"},
-    {"chunks", "search", "comparison", "elasticity", "calibration"},
-    {"study_run", "design", "first_order", "saved_search"},
-    {"design_search"},
-    {"pareto"},
-    {"figure_style", "config"},
-    {
-        "plots",
-        "study_plots",
-        "design_plots",
-        "record_plots",
-        "convergence_plots",
-        "drawing",
-        "live_panels",
-        "sliders",
-    },
-    {"animation", "explorer", "earthquake_config"},
-    {"study_config", "design_config"},
-    {"report", "study_report", "design_report"},
+# From the ground up; a module imports only from its own wing and from below. What is no folder is
+# named by its modules.
+WINGS = [
+    {"_"},  # the helpers at the root: _checks, _fields and so on
+    {"quantities", "grid"},
+    {"model", "results"},
+    {"ground"},
+    {"units", "paper"},
+    {"simulation"},
+    {"study"},
+    {"design"},
+    {"plots"},
+    {""},  # the package itself: the public names, from wherever they are
     {"cli"},
     {"__main__"},
 ]
 
 
+def module_name(path):
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def wing(module):
+    """The wing of a module of ours; of the package itself nothing."""
+    name = ".".join(module.split(".")[1:2])
+    return "_" if name.startswith("_") and name != "__main__" else name
+
+
 def imports(module):
-    tree = ast.parse((PACKAGE / f"{module}.py").read_text())
+    """What a module imports, as modules: ``from jaxpound import x`` is one of x too."""
+    tree = ast.parse(MODULES[module].read_text())
     for_types_only = {
         node
         for test in ast.walk(tree)
@@ -69,30 +64,43 @@ def imports(module):
     }
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node not in for_types_only:
-            yield node.module
+            assert node.level == 0, f"{module}: imports are absolute"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole in MODULES else node.module
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
 
 
-def test_every_module_has_its_floor():
-    modules = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__"}
-    assert modules == set().union(*FLOORS)
+def test_every_module_has_its_wing():
+    assert {wing(module) for module in MODULES} == set().union(*WINGS)
 
 
-@pytest.mark.parametrize("level", range(len(FLOORS)))
+@pytest.mark.parametrize("level", range(len(WINGS)))
 def test_no_import_runs_upwards(level):
-    below = set().union(*FLOORS[:level])
-    for module in FLOORS[level]:
-        ours = [m.partition(".")[2] for m in imports(module) if m.startswith("jaxpound.")]
-        assert set(ours) <= below | FLOORS[level] - {module}, module
+    below = set().union(*WINGS[:level])
+    for module in MODULES:
+        if wing(module) in WINGS[level]:
+            ours = {m for m in imports(module) if m.partition(".")[0] == "jaxpound"}
+            assert {wing(m) for m in ours} <= below | {wing(module)}, module
+
+
+def test_no_imports_run_in_a_circle():
+    """Within a wing, too."""
+    graph = {
+        module: {m for m in imports(module) if m in MODULES and m not in ("jaxpound", module)}
+        for module in MODULES
+        if module != "jaxpound"
+    }
+    assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
 def test_what_the_root_lends_is_imported_when_it_is_used():
     """``Response.plot`` draws by what stands above it: only the root may know both."""
     code = (
-        "import sys; import jaxpound.response as response; from jaxpound import _root; "
+        "import sys; import jaxpound.results.response as response; from jaxpound import _root; "
         "assert response._root.overview.__module__ == 'jaxpound'; "
-        "assert not {'jaxpound.plots', 'matplotlib'} & sys.modules.keys()"
+        "assert not {'jaxpound.plots.runs', 'matplotlib'} & sys.modules.keys()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -100,7 +108,7 @@ def test_what_the_root_lends_is_imported_when_it_is_used():
 
 def test_no_import_is_hidden():
     """By ``importlib``, ``__import__`` or ``sys.modules``, where this file could not see it."""
-    for path in PACKAGE.glob("*.py"):
+    for module, path in MODULES.items():
         names = {
             node.attr if isinstance(node, ast.Attribute) else node.id
             for node in ast.walk(ast.parse(path.read_text()))
@@ -108,15 +116,14 @@ def test_no_import_is_hidden():
         }
         hidden = names & {"import_module", "__import__", "modules"}
         # The root stands above all, and the extras are no modules of ours.
-        assert not hidden or path.stem in ("__init__", "_extras"), path.stem
+        assert not hidden or module in ("jaxpound", "jaxpound._extras"), module
     assert all(not library.startswith("jaxpound") for library in EXTRAS)
 
 
 def test_only_figures_import_matplotlib():
-    drawing = {"figure_style", "drawing", "animation", "live_panels"}
-    for path in PACKAGE.glob("*.py"):
-        if path.stem not in drawing and not path.stem.endswith("plots"):
-            assert not any("matplotlib" in (m or "") for m in imports(path.stem)), path.stem
+    for module in MODULES:
+        if wing(module) != "plots":
+            assert not any("matplotlib" in m for m in imports(module)), module
 
 
 def test_import_is_silent_and_changes_nothing():
@@ -152,7 +159,7 @@ def test_public_names_are_there_however_they_are_asked_for():
         "assert study is monte_carlo and case is paper\n"
         "again = pickle.loads(pickle.dumps((simulate, Limit(0.3), paper.structures())))\n"
         "assert again[0] is simulate and str(again[2]) == str(paper.structures())\n"
-        "assert isinstance(jp.records, types.ModuleType) and not hasattr(jp, 'plots')\n"
+        "assert isinstance(jp.ground, types.ModuleType) and not hasattr(jp, 'plots')\n"
         "from jaxpound import plots\n"
         "assert jp.plots is plots and 'plots' in dir(jp)\n"
     )
@@ -162,8 +169,14 @@ def test_public_names_are_there_however_they_are_asked_for():
 
 def test_no_module_has_the_name_of_what_another_holds():
     """Its import would put it in the place of the function."""
-    modules = {path.stem for path in PACKAGE.glob("*.py")}
-    assert modules & set(jp.__all__) == {"paper"}  # a module itself
+    assert {wing(module) for module in MODULES} & set(jp.__all__) == {"paper"}  # a module itself
+
+
+def test_no_module_has_the_name_of_a_function_that_it_holds():
+    for module, path in MODULES.items():
+        body = ast.parse(path.read_text()).body
+        held = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+        assert module.rpartition(".")[2] not in held - {"main"}, module
 
 
 def test_a_name_that_does_not_exist():
@@ -180,9 +193,7 @@ def test_public_names_are_documented():
 
 
 MODULES_WITH_EXAMPLES = [
-    "jaxpound" if path.stem == "__init__" else f"jaxpound.{path.stem}"
-    for path in sorted(PACKAGE.glob("*.py"))
-    if ">>>" in path.read_text(encoding="utf-8")
+    module for module, path in MODULES.items() if ">>>" in path.read_text(encoding="utf-8")
 ]
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound import config, design_config, objectives, study_config
+from jaxpound.cli import config, design_config, study_config
+from jaxpound.design import objective as objectives
 from jaxpound.quantities import (
     DEMANDS,
     DIMENSIONLESS,
@@ -19,7 +20,7 @@ from jaxpound.quantities import (
     unit,
     unit_of,
 )
-from jaxpound.response import SERIES
+from jaxpound.results.response import SERIES
 
 SCALES = jp.Scales(mass=3.0, frequency=0.7, gravity=11.0)
 FACTORS = {

@@ -5,10 +5,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from test_study_run import LINEAR, study
 
 import jaxpound as jp
 from jaxpound._tables import Table
+from tests.study.test_run import LINEAR, study
 
 TABLE = Table(
     'R & D of <script>alert("1")</script>',

@@ -1,0 +1,205 @@
+"""Frozen dataclasses that JAX can trace, batch and differentiate, and whose fields know themselves.
+
+A ``parameter`` says at its field what it may be, its kind of quantity and its symbol; a
+``quantity``, a field of a result, its kind and its name in words. Rules, units, labels and columns
+are read from there: ``rules``, ``walk``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, NamedTuple, TypeVar, dataclass_transform
+
+import jax.numpy as jnp
+from jax.tree_util import GetAttrKey, register_pytree_with_keys
+
+from jaxpound._checks import Rule, enforce, finite, instance, is_traced, real
+
+T = TypeVar("T")
+
+_ROLE, _KNOWN = "jaxpound_role", "jaxpound_known"
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """What is known of a parameter: what it may be, its kind of quantity, its symbol and name."""
+
+    symbol: str
+    kind: str | None
+    words: str
+    above: float | None
+    least: float | str | None
+    most: float | None
+    finite: bool
+    why: str
+
+    def rule(self, owner: Any, name: str, value: Any) -> Rule:
+        """The rule of the value; ``owner`` has what it is compared with."""
+        holds, says = (finite(value), "finite") if self.finite else (value == value, "")
+        if self.above is not None and self.most is not None:
+            holds, says = (value > self.above) & (value <= self.most), f"in ({self.above:g}, "
+            says += f"{self.most:g}]"
+        elif self.above is not None:
+            holds, says = holds & (value > self.above), f"positive{' and ' * bool(says)}{says}"
+        elif isinstance(self.least, str):
+            bound = getattr(owner, self.least)
+            holds = holds & (value >= bound)
+            says += f"{' and ' * bool(says)}at least {self.least}{_shown(bound)}"
+        elif self.least is not None:
+            holds = holds & (value >= self.least)
+            says += f"{' and ' * bool(says)}not negative"
+        return Rule(name, value, holds, says + (f" ({self.why})" if self.why else ""))
+
+
+class Quantity(NamedTuple):
+    """What is known of a number in a result: its kind of quantity and its name in words."""
+
+    kind: str | None
+    words: str
+
+
+def parameter(
+    symbol: str,
+    kind: str | None = None,
+    words: str = "",
+    *,
+    above: float | None = None,
+    least: float | str | None = None,
+    most: float | None = None,
+    finite: bool = True,
+    why: str = "",
+    **kwargs: Any,
+) -> Any:
+    """A field that is a parameter: a real number or array, traced and differentiated.
+
+    It may be ``above`` 0, at ``least`` 0 or another field of the object (by name), and with
+    ``above`` at ``most`` a number; ``finite`` unless said otherwise. ``why`` ends the message.
+    """
+    known = Parameter(symbol, kind, words, above, least, most, finite, why)
+    return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
+
+
+def quantity(kind: str | None, words: str = "", **kwargs: Any) -> Any:
+    """A field that is a number or series of a result, of a kind of quantity (None: a number)."""
+    return dataclasses.field(metadata={_KNOWN: Quantity(kind, words)}, **kwargs)
+
+
+def part(*kinds: type, **kwargs: Any) -> Any:
+    """A field that holds an object of one of the kinds, or a pytree of objects if none is given."""
+    return dataclasses.field(metadata={_ROLE: "part", "kinds": kinds}, **kwargs)
+
+
+def static(**kwargs: Any) -> Any:
+    """A field that shapes the compiled program: hashed, never traced."""
+    return dataclasses.field(metadata={_ROLE: "static", "static": True}, **kwargs)
+
+
+def label(*, default: Any) -> Any:
+    """A field for people: transformations drop it, so that it never causes a recompilation."""
+    return dataclasses.field(default=default, metadata={_ROLE: "label"}, compare=False)
+
+
+@dataclass_transform(
+    frozen_default=True,
+    eq_default=False,
+    field_specifiers=(parameter, quantity, part, static, label),
+)
+def pytree_dataclass(cls: type[T]) -> type[T]:
+    """Make ``cls`` a frozen dataclass and a pytree whose fields are its children.
+
+    Where ``cls`` has no ``__post_init__`` of its own, the object is checked as it is made
+    (``check``).
+
+    JAX rebuilds objects with cotangents, axis numbers or tracers in the place of numbers, and those
+    must not be judged as parameters: rebuilding therefore bypasses ``__init__`` and its checks.
+    """
+    if "__post_init__" not in vars(cls):
+        cls.__post_init__ = check  # type: ignore[attr-defined]
+    data_cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    fields = dataclasses.fields(data_cls)  # type: ignore[arg-type]
+    labels = {f.name: f.default for f in fields if f.metadata.get(_ROLE) == "label"}
+    statics = tuple(f.name for f in fields if f.metadata.get(_ROLE) == "static")
+    data = tuple(f.name for f in fields if f.name not in {*labels, *statics})
+
+    def flatten_with_keys(obj: T) -> tuple[list[Any], tuple[Any, ...]]:
+        children = [(GetAttrKey(name), getattr(obj, name)) for name in data]
+        return children, tuple(getattr(obj, name) for name in statics)
+
+    def flatten(obj: T) -> tuple[list[Any], tuple[Any, ...]]:
+        return [getattr(obj, name) for name in data], tuple(getattr(obj, name) for name in statics)
+
+    def unflatten(aux: tuple[Any, ...], children: Any) -> T:
+        obj = object.__new__(data_cls)
+        for name, value in (
+            *zip(data, children, strict=True),
+            *zip(statics, aux, strict=True),
+            *labels.items(),
+        ):
+            object.__setattr__(obj, name, value)
+        return obj
+
+    register_pytree_with_keys(data_cls, flatten_with_keys, unflatten, flatten)
+    return data_cls
+
+
+def check(obj: Any) -> None:
+    """Make an object's parameters numbers, and refuse known ones that break their rules.
+
+    Raises
+    ------
+    ValueError
+        For a parameter that is no real number or breaks its rule, and a part of another type.
+    """
+    owner = type(obj).__name__
+    for field in dataclasses.fields(obj):
+        value = getattr(obj, field.name)
+        if isinstance(field.metadata.get(_KNOWN), Parameter):
+            object.__setattr__(obj, field.name, real(owner, field.name, value))
+        elif kinds := field.metadata.get("kinds"):
+            instance(owner, field.name, value, *kinds)
+    enforce(owner, _own_rules(obj, ""))
+
+
+def rules(tree: Any, prefix: str = "") -> list[Rule]:
+    """The rules of all parameters in a tree of our objects, each by its path from the root."""
+    found: list[Rule] = []
+    for path, obj in _objects(tree, prefix):
+        found += _own_rules(obj, path)
+    return found
+
+
+def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Path, what is known (a ``Parameter`` or a ``Quantity``) and value of all of a tree's."""
+    for path, obj in _objects(tree, prefix):
+        for field in dataclasses.fields(obj):
+            known = field.metadata.get(_KNOWN)
+            if isinstance(known, kind):
+                yield path + field.name, known, getattr(obj, field.name)
+
+
+def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """All dataclasses of a tree, the inner ones first, and the prefix of their fields' paths."""
+    if isinstance(tree, tuple | list):
+        for i, item in enumerate(tree):
+            yield from _objects(item, f"{prefix}{i}.")
+    elif dataclasses.is_dataclass(tree):
+        for field in dataclasses.fields(tree):
+            if field.metadata.get(_ROLE, "part") == "part" and _KNOWN not in field.metadata:
+                yield from _objects(getattr(tree, field.name), f"{prefix}{field.name}.")
+        yield prefix, tree
+
+
+def _own_rules(obj: Any, prefix: str) -> list[Rule]:
+    """The rules of an object's own parameters, and those that it states itself (``more_rules``)."""
+    found = [
+        known.rule(obj, prefix + field.name, getattr(obj, field.name))
+        for field in dataclasses.fields(obj)
+        if isinstance(known := field.metadata.get(_KNOWN), Parameter)
+    ]
+    more = getattr(obj, "more_rules", None)
+    return found if more is None else [*found, *more(prefix)]
+
+
+def _shown(value: Any) -> str:
+    return f" = {float(value):.8g}" if not is_traced(value) and jnp.ndim(value) == 0 else ""

@@ -1,0 +1,1 @@
+"""The command line: a module for what is read, run and told of each command."""

@@ -1,0 +1,276 @@
+"""Parameters of the structures from measured motion: least squares through the simulator."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import optimize, stats
+
+from jaxpound._checks import (
+    Rule,
+    count,
+    enforce,
+    finite,
+    instance,
+    number,
+    real,
+    require_share,
+    seed,
+)
+from jaxpound._tables import Shown, Table
+from jaxpound.design.space import DesignSpace, spread_shares, start_shares
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import GroundLike, as_pytree
+from jaxpound.model.structures import AdjacentStructures
+from jaxpound.quantities import unit
+from jaxpound.results.response import Response
+from jaxpound.simulation.run import simulate
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.statistics import Estimate
+from jaxpound.units import Scales
+
+_AT_BOUND = 1e-4  # of the way between the bounds
+
+SERIES = {
+    "x1": "length",
+    "x2": "length",
+    "v1": "velocity",
+    "v2": "velocity",
+    "a1": "acceleration",
+    "a2": "acceleration",
+    "gap": "length",
+}
+"""What may be measured: series of ``Response``, with a1 and a2 the absolute accelerations."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Shown):
+    """Structures that explain what was measured, and how well the parameters are known."""
+
+    structures: AdjacentStructures
+    parameters: dict[str, Estimate]
+    """By path: value and interval, from the linearised least squares (Student's t)."""
+    correlation: np.ndarray
+    """Of the estimates, shape (d, d)."""
+    noise: dict[str, float]
+    """Standard deviation of what is left, by series, in the series' unit."""
+    response: Response
+    """Of the calibrated structures."""
+    residuals: dict[str, np.ndarray]
+    """Measured − simulated, shape (n_steps+1,) each; NaN where nothing was measured."""
+    at_bounds: tuple[str, ...]
+    """Parameters at a bound of the space: their intervals mean nothing."""
+    simulations: int
+    """Runs of the simulator, each with its derivatives."""
+
+    def _tables(self) -> list[Table]:
+        si = self.response.si
+        return [
+            Table(
+                f"Calibration ({self.simulations} runs)",
+                ("parameter (dimensionless)", "estimate"),
+                [(path, str(estimate)) for path, estimate in self.parameters.items()],
+                [f"{path} is at a bound: its interval means nothing" for path in self.at_bounds],
+            ),
+            Table(
+                "Noise, what is left of the measured series",
+                ("series", "standard deviation", "unit"),
+                [(name, std, unit(SERIES[name], si)) for name, std in self.noise.items()],
+                digits=4,
+            ),
+        ]
+
+
+def calibrate(
+    space: DesignSpace,
+    measured: Mapping[str, Any],
+    ground: GroundLike,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    *,
+    noise: Mapping[str, float] | None = None,
+    start: AdjacentStructures | Mapping[str, float] | None = None,
+    starts: int = 4,
+    key: int = 0,
+    confidence: float = 0.95,
+    scales: Scales | None = None,
+) -> Calibration:
+    """The parameters that fit measured series best (``scipy.optimize.least_squares``).
+
+    The fit's derivatives by μ are right with event-resolved friction, the default.
+
+    Parameters
+    ----------
+    space
+        What is to be found, between which bounds.
+    measured
+        Series by name (x1, x2, v1, v2, a1, a2: absolute accelerations, gap), shape (n_steps+1,)
+        each, at the instants of the grid; NaN where nothing was measured.
+    ground, grid, scheme
+        As of ``simulate``.
+    noise
+        Standard deviation > 0 of each series' errors, its weight; by default that
+        of what a first fit leaves, in which all weigh alike.
+    start, starts, key
+        As of ``design_damper``; the fit of the smallest sum of squares is returned.
+    confidence
+        Of the intervals.
+    scales
+        For measurements in SI units.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule; if there are not more numbers than parameters, they do not
+        determine the parameters, or no start gives a finite response.
+    """
+    owner = "calibrate"
+    instance(owner, "space", space, DesignSpace)
+    instance(owner, "grid", grid, TimeGrid)
+    instance(owner, "scheme", scheme, Scheme)
+    require_share(owner, "confidence", confidence)
+    data = _data(owner, measured, grid)
+    weights = _weights(owner, data, noise)
+    shaking = as_pytree(ground, grid)
+    known = {name: np.isfinite(x) for name, x in data.items()}
+    n, d = sum(int(mask.sum()) for mask in known.values()), space.dimension
+    enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
+
+    def series(shares: Any) -> dict[str, jax.Array]:
+        response = simulate(space.structures(shares), shaking, grid, scheme)
+        return _series(response if scales is None else scales.to_si(response))
+
+    def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
+        found = series(shares)
+        parts = [
+            jnp.where(known[name], (found[name] - np.nan_to_num(x)) / weights[name], 0.0)
+            for name, x in data.items()
+        ]
+        return jnp.concatenate(parts)
+
+    residual, slope = jax.jit(difference), jax.jit(jax.jacfwd(difference))
+
+    def fitted(begun: np.ndarray, weights: Mapping[str, float]) -> Any:
+        return optimize.least_squares(
+            lambda shares: np.asarray(residual(shares, weights), np.float64),
+            np.clip(np.asarray(begun, np.float64), 1e-6, 1 - 1e-6),
+            jac=lambda shares: np.asarray(slope(shares, weights), np.float64),
+            bounds=(0.0, 1.0),
+            x_scale="jac",
+            xtol=1e-10,
+            ftol=1e-12,
+            gtol=1e-12,
+        )
+
+    first = start_shares(owner, space, start)
+    fits: list[Any] = []
+    for begun in spread_shares(first, count(owner, "starts", starts), seed(owner, "key", key)):
+        if np.isfinite(residual(begun, weights)).all():
+            fits.append(fitted(begun, weights))
+    if not fits:
+        raise ValueError(f"{owner}: no start of {starts} gives a finite response")
+    best = min(fits, key=lambda fit: fit.cost)
+    if noise is None:
+        # Each series by what is left of it: so it weighs what it is worth.
+        parts = dict(zip(data, np.split(np.asarray(best.fun), len(data)), strict=True))
+        left = {name: _spread(r[known[name]]) * weights[name] for name, r in parts.items()}
+        weights = {name: std or weights[name] for name, std in left.items()}
+        best = fitted(best.x, weights)
+        fits.append(best)
+    shares = np.asarray(best.x)
+    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
+    structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
+    response = simulate(structures, shaking, grid, scheme)
+    response = response if scales is None else scales.to_si(response)
+    found = _series(response)
+    residuals = {name: x - np.asarray(found[name]) for name, x in data.items()}
+    edges = (shares < _AT_BOUND) | (shares > 1 - _AT_BOUND)
+    return Calibration(
+        structures,
+        estimates,
+        correlation,
+        {name: _spread(r[known[name]]) for name, r in residuals.items()},
+        response,
+        residuals,
+        tuple(name for name, at in zip(space.names, edges, strict=True) if at),
+        sum(fit.nfev for fit in fits),
+    )
+
+
+def _spread(residual: np.ndarray) -> float:
+    """Root mean square; of no number, 0."""
+    return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
+
+
+def _series(response: Response) -> dict[str, jax.Array]:
+    a1, a2 = response.absolute_accelerations
+    own = {name: getattr(response, name) for name in ("x1", "x2", "v1", "v2", "gap")}
+    return own | {"a1": a1, "a2": a2}
+
+
+def _data(owner: str, measured: Any, grid: TimeGrid) -> dict[str, np.ndarray]:
+    instance(owner, "measured", measured, Mapping)
+    if not measured:
+        raise ValueError(f"{owner}: measured = {{}} must hold a series")
+    data = {}
+    for name, values in measured.items():
+        if name not in SERIES:
+            raise ValueError(f"{owner}: measured[{name!r}] must be one of {', '.join(SERIES)}")
+        x = np.asarray(real(owner, f"measured[{name!r}]", values), float)
+        if x.shape != (grid.n_steps + 1,):
+            raise ValueError(
+                f"{owner}: measured[{name!r}] of shape {x.shape} must be ({grid.n_steps + 1},), "
+                "a number for every instant of the grid"
+            )
+        inside = ~np.isinf(x)
+        enforce(owner, [Rule(f"measured[{name!r}]", x, inside, "finite, or NaN for no number")])
+        data[name] = x
+    return data
+
+
+def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str, float]:
+    if noise is None:
+        sizes = {name: float(np.sqrt(np.nanmean(x**2))) for name, x in data.items()}
+        return {name: size if size > 0 else 1.0 for name, size in sizes.items()}
+    instance(owner, "noise", noise, Mapping)
+    for name in data:
+        if name not in noise:
+            raise ValueError(f"{owner}: noise lacks {name!r}, which was measured")
+        std = number(owner, f"noise[{name!r}]", noise[name])
+        right = (std > 0) & finite(std)
+        enforce(owner, [Rule(f"noise[{name!r}]", std, right, "positive and finite")])
+    return {name: float(noise[name]) for name in data}
+
+
+def _estimates(
+    owner: str, space: DesignSpace, fit: Any, n: int, noise_known: bool, confidence: float
+) -> tuple[dict[str, Estimate], np.ndarray]:
+    """Values with intervals, and their correlation, from the Jacobian at the fit."""
+    d = space.dimension
+    information = fit.jac.T @ fit.jac
+    if np.linalg.matrix_rank(fit.jac) < d:
+        raise ValueError(f"{owner}: measured must determine all of {', '.join(space.names)}")
+    spread = 1.0 if noise_known else 2 * fit.cost / (n - d)
+    shares = jnp.asarray(fit.x)
+
+    def values(shares: Any) -> Any:
+        return jnp.stack(list(space.values(shares).values()))
+
+    to = np.asarray(jax.jacfwd(values)(shares))
+    covariance = to @ (spread * np.linalg.inv(information)) @ to.T
+    std = np.sqrt(np.diag(covariance))
+    half = std * stats.t.isf((1 - confidence) / 2, n - d)
+    found = {
+        name: Estimate(float(x), float(x - h), float(x + h), confidence)
+        for name, x, h in zip(space.names, values(shares), half, strict=True)
+    }
+    return found, covariance / np.outer(std, std)

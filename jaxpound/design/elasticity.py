@@ -1,0 +1,106 @@
+"""What a percent of each parameter does to a demand."""
+
+from __future__ import annotations
+
+import dataclasses
+from operator import attrgetter
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxpound._checks import instance
+from jaxpound._tables import Shown, Table
+from jaxpound.design.ensemble import Ensemble
+from jaxpound.design.objective import gathered, require_over
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import GroundLike
+from jaxpound.model.structures import AdjacentStructures
+from jaxpound.quantities import unit_of
+from jaxpound.simulation.run import demand as run_demand
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.scenarios import PARAMETERS, replaced
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Elasticities(Shown):
+    """Relative changes of a demand over relative changes of each parameter, at one design."""
+
+    demand: str
+    value: float
+    """The demand, dimensionless."""
+    parameters: dict[str, float]
+    """The parameters, by path."""
+    values: dict[str, float]
+    """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0."""
+
+    def _tables(self) -> list[Table]:
+        y = f"{self.demand} = {self.value:.6g} {unit_of(self.demand, False)}".rstrip()
+        ranked = sorted(self.values, key=lambda path: -abs(self.values[path]))
+        rows = [(path, self.parameters[path], f"{self.values[path]:+.4f}") for path in ranked]
+        return [Table(f"{y}; percent of it per percent of a parameter", (), rows)]
+
+
+def elasticities(
+    structures: AdjacentStructures,
+    ground: GroundLike | Ensemble,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    *,
+    demand: str = "min_gap",
+    over: str | float = "mean",
+) -> Elasticities:
+    """Elasticities of a demand by every parameter of the structures.
+
+    Parameters
+    ----------
+    structures
+        The design.
+    ground
+        A ground motion, or an ensemble of them.
+    grid, scheme
+        As of ``simulate``.
+    demand
+        A scalar of ``Demand``.
+    over
+        Of an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule, or the demand is zero or not finite.
+
+    Examples
+    --------
+    >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
+    >>> found = jp.elasticities(jp.paper.structures(), jp.paper.ground(), grid)
+    >>> round(found.values["friction"], 2)  # percent of min gap by a percent of friction
+    0.72
+    """
+    owner = "elasticities"
+    instance(owner, "structures", structures, AdjacentStructures)
+    instance(owner, "grid", grid, TimeGrid)
+    instance(owner, "scheme", scheme, Scheme)
+    require_over(owner, over)
+    ensemble = ground if isinstance(ground, Ensemble) else Ensemble.of([ground], grid)
+    parameters = {path: float(attrgetter(path)(structures)) for path in PARAMETERS}
+    chosen = {path: x for path, x in parameters.items() if path not in ensemble.uncertain}
+
+    @jax.jit
+    @jax.value_and_grad
+    def value(chosen: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
+        def one(ground: Any, others: Any) -> jax.Array:
+            found = run_demand(replaced(structures, {**chosen, **others}), ground, grid, scheme)
+            scalars = found.scalars()
+            if demand not in scalars:
+                listed = ", ".join(scalars)
+                raise ValueError(f"{owner}: demand = {demand!r} must be one of {listed}")
+            return scalars[demand]
+
+        return gathered(jax.vmap(one)(grounds, uncertain), over)
+
+    y, slopes = value(chosen, ensemble.grounds, dict(ensemble.uncertain))
+    if not np.isfinite(y) or not y:
+        raise ValueError(f"{owner}: {demand} = {float(y):.6g} must be finite and not zero")
+    relative = {path: float(x * slopes[path] / abs(y)) for path, x in chosen.items()}
+    return Elasticities(demand, float(y), parameters, relative)

@@ -1,0 +1,176 @@
+"""What a wider gap costs: designs for ever tighter limits on one price."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from jaxpound._checks import count, instance, positive, real
+from jaxpound._tables import Shown, Table
+from jaxpound.design.design import Design
+from jaxpound.design.ensemble import Ensemble
+from jaxpound.design.objective import PRICES, Limit, Objective
+from jaxpound.design.run import NO_LIMIT, InfeasibleError, Progress, Sought
+from jaxpound.design.space import DesignSpace
+from jaxpound.grid import TimeGrid
+from jaxpound.model.structures import AdjacentStructures
+from jaxpound.quantities import unit, unit_of
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.units import Scales
+
+if TYPE_CHECKING:
+    from optax import GradientTransformation
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ParetoFront(Shown):
+    """Designs none of which is better than another in both objective and price, cheapest first."""
+
+    price: str
+    over: str | float
+    designs: tuple[Design, ...]
+    infeasible: tuple[float, ...]
+    """Limits that no design was found for."""
+
+    @property
+    def prices(self) -> np.ndarray:
+        """Of each design, shape (k,)."""
+        return np.array([design.prices[self.price] for design in self.designs])
+
+    @property
+    def objectives(self) -> np.ndarray:
+        """Of each design, shape (k,)."""
+        return np.array([design.objective for design in self.designs])
+
+    def _tables(self) -> list[Table]:
+        first = self.designs[0]
+        price = unit_of(self.price, first.trained.si)
+        own = unit(first.objective_function.quantity, first.trained.si)
+        return [
+            Table(
+                f"Pareto front of {len(self.designs)} designs",
+                (
+                    f"{self.price} ({price})",
+                    f"objective ({own})" if own else "objective",
+                    *first.space.names,
+                ),
+                [
+                    (design.prices[self.price], design.objective, *design.values.values())
+                    for design in self.designs
+                ],
+                [f"no design for a limit of {x:.5g} {price}" for x in self.infeasible],
+            )
+        ]
+
+
+def pareto_front(
+    space: DesignSpace,
+    ensemble: Ensemble,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    objective: Objective = Objective(),
+    *,
+    price: str,
+    over: str | float = "mean",
+    points: int = 8,
+    limits: Sequence[float] | None = None,
+    start: AdjacentStructures | Mapping[str, float] | None = None,
+    starts: int = 3,
+    key: int = 0,
+    iterations: int = 100,
+    optimiser: GradientTransformation | None = None,
+    scales: Scales | None = None,
+    progress: bool = True,
+) -> ParetoFront:
+    """The best objective for every limit on a price, from loose to tight.
+
+    Every search starts where the one before ended, and at other places of the space. All run one
+    compiled program.
+
+    Parameters
+    ----------
+    space, ensemble, grid, scheme, objective, start, key, iterations, optimiser, scales
+        As of ``design_damper``.
+    price, over
+        What is to be limited, as of ``Limit``; the objective must not limit it.
+    points
+        Number of limits, evenly spaced from the price of the best design without this limit to the
+        smallest that this first search has met.
+    limits
+        The limits themselves.
+    starts
+        Of each search.
+    progress
+        Whether to show a progress bar, of the iterations of all searches.
+
+    Raises
+    ------
+    ValueError
+        As ``design_damper``; if price is unknown or limited already.
+    """
+    owner = "pareto_front"
+    instance(owner, "objective", objective, Objective)
+    if price not in PRICES:
+        raise ValueError(f"{owner}: price = {price!r} must be one of {', '.join(PRICES)}")
+    if price in objective.limits:
+        raise ValueError(f"{owner}: price = {price!r} must not be limited by the objective")
+    points = count(owner, "points", points)
+    if limits is not None:
+        limits = np.sort(np.ravel(real(owner, "limits", list(limits))))[::-1].tolist()
+        positive(owner, limits=np.asarray(limits))
+    limited = dataclasses.replace(
+        objective, limits={**objective.limits, price: Limit(NO_LIMIT, over)}
+    )
+    sought = Sought(
+        space,
+        ensemble,
+        grid,
+        scheme,
+        limited,
+        optimiser=optimiser,
+        batch=None,
+        iterations=iterations,
+        scales=scales,
+    )
+    searches = points if limits is None else 1 + len(limits)
+    # Shown with the first iterations: a refusal stays alone.
+    with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
+
+        def begin_search(to_come: int) -> None:
+            bar.total = bar.n + sought.iterations * to_come  # those before may have ended early
+
+        def tell(where: Progress) -> None:
+            bar.update()
+            best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
+            bar.set_postfix({"objective": best}, refresh=False)
+
+        how: dict[str, Any] = {"starts": starts, "key": key, "progress": False, "callback": tell}
+        begin_search(searches)
+        free = sought.search(start=start, **how)
+        if limits is None:
+            met = free.history.prices[..., [*limited.limits].index(price)]
+            met = met[np.isfinite(met) & (met > 0)]
+            least = min(met.min(initial=np.inf), free.prices[price])
+            lower = np.linspace(free.prices[price], least, points).tolist()[1:] if least > 0 else []
+            limits = [x for x in lower if x < free.prices[price]]
+        designs, infeasible, last = [free], [], free
+        for i, limit in enumerate(limits):
+            begin_search(len(limits) - i)
+            try:
+                last = sought.search(start=last.values, limits={price: limit}, **how)
+            except InfeasibleError:
+                infeasible.append(float(limit))
+                continue
+            designs.append(last)
+        begin_search(0)
+    ranked = sorted(designs, key=lambda design: (design.prices[price], -design.objective))
+    front, best = [], -np.inf
+    for design in ranked:
+        if design.objective > best:
+            front.append(design)
+            best = design.objective
+    return ParetoFront(price, over, tuple(front), tuple(infeasible))

@@ -1,0 +1,241 @@
+"""What a designer may choose: parameters of the structures by path, each between two bounds.
+
+An optimiser moves in shares of the way between bounds, numbers from 0 to 1; ``DesignSpace`` turns
+them into structures. So every iterate is physical.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from operator import attrgetter
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.stats import qmc
+
+from jaxpound._checks import Rule, enforce, hint, instance, number
+from jaxpound._extrema import larger, smaller
+from jaxpound.model.structures import AdjacentStructures
+from jaxpound.study.scenarios import PARAMETERS, replaced
+
+_SLACK = 1e-6  # of a bound: what single precision loses on the way to a value and back
+_APART = 1.001  # at least, of τ_x over τ_f
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """Between which numbers a design variable is, and whether its steps are ratios.
+
+    Parameters
+    ----------
+    low, high
+        Smallest and largest value, low < high.
+    scale
+        "log" for ratios (low > 0), "linear" for differences.
+
+    Raises
+    ------
+    ValueError
+        If the bounds are not finite or not in this order, or the scale is another or does not fit.
+
+    Examples
+    --------
+    >>> bounds = jp.Bounds(0.1, 10.0, "log")
+    >>> round(float(bounds.value(0.5, bounds.low)), 6)  # half way, by ratio
+    1.0
+    """
+
+    low: float
+    high: float
+    scale: str = "linear"
+
+    def __post_init__(self) -> None:
+        low, high = (float(number("Bounds", name, getattr(self, name))) for name in ("low", "high"))
+        object.__setattr__(self, "low", low)
+        object.__setattr__(self, "high", high)
+        if self.scale not in ("linear", "log"):
+            raise ValueError(f"Bounds: scale = {self.scale!r} must be 'linear' or 'log'")
+        above = f"finite and above low = {low:.8g}"
+        enforce(
+            "Bounds",
+            [
+                Rule("low", low, math.isfinite(low), "finite"),
+                Rule("high", high, low < high < math.inf, above),
+                Rule("low", low, low > 0 or self.scale == "linear", "positive for a log scale"),
+            ],
+        )
+
+    def value(self, share: Any, low: Any) -> Any:
+        """The value at a share of the way from ``low`` (these bounds', or a higher one) to high."""
+        if self.scale == "log":
+            value = low * jnp.exp(share * jnp.log(self.high / low))
+        else:
+            value = low + share * (self.high - low)
+        return smaller(value, self.high)  # which rounding may exceed
+
+    def share(self, value: Any, low: Any) -> Any:
+        """Inverse of ``value``."""
+        if self.scale == "log":
+            return np.log(value / low) / np.log(self.high / low)
+        return (value - low) / (self.high - low)
+
+
+@dataclasses.dataclass(frozen=True)
+class DesignSpace:
+    """Structures some of whose parameters may be chosen.
+
+    Parameters
+    ----------
+    nominal
+        The parameters that are not to be chosen, and by default where a search starts.
+    variables
+        Bounds by field path: ``{"friction": (0.05, 1.0), "rod_1.tau_x": Bounds(0.5, 20, "log")}``;
+        two numbers are ``Bounds`` of linear scale. Of τ_f and τ_x of one rod, τ_x is always the
+        larger: where its lower bound is below τ_f, τ_f is its bound.
+
+    Raises
+    ------
+    ValueError
+        If a path is unknown, bounds are not bounds or are outside of what the parameter may be,
+        there is no variable, or a rod's τ_f could reach the largest τ_x.
+
+    Examples
+    --------
+    >>> bounds = {"friction": (0.0, 1.0), "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log")}
+    >>> space = jp.DesignSpace(jp.paper.structures(), bounds)
+    >>> space.names
+    ('rod_1.tau_x', 'friction')
+    >>> round(float(space.structures(np.array([0.5, 0.5])).rod_1.tau_x), 4)
+    1.4142
+    """
+
+    nominal: AdjacentStructures
+    variables: Mapping[str, Bounds]
+
+    def __post_init__(self) -> None:
+        owner = "DesignSpace"
+        instance(owner, "nominal", self.nominal, AdjacentStructures)
+        instance(owner, "variables", self.variables, Mapping)
+        if not self.variables:
+            raise ValueError(f"{owner}: variables = {{}} must name a parameter")
+        for path in self.variables:
+            if path not in PARAMETERS:
+                meant = hint(path, PARAMETERS)
+                raise ValueError(f"{owner}: unknown path {path!r}; {meant}")
+        bounds = {path: _bounds(path, given) for path, given in self.variables.items()}
+        # τ_f before τ_x, which may depend on it.
+        ordered = {path: bounds[path] for path in PARAMETERS if path in bounds}
+        object.__setattr__(self, "variables", ordered)
+        for rod in ("rod_1", "rod_2"):
+            tau_f, tau_x = (ordered.get(f"{rod}.tau_{x}") for x in "fx")
+            own = getattr(self.nominal, rod)
+            largest = tau_f.high if tau_f else float(own.tau_f)
+            ceiling = tau_x.high if tau_x else float(own.tau_x)
+            if (tau_f or tau_x) and not largest * _APART < ceiling:
+                what = f"{rod}.tau_f = {largest:.8g}, as large as it may be,"
+                raise ValueError(f"{owner}: {what} must be below tau_x = {ceiling:.8g}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Paths of the variables, in the order of shares."""
+        return tuple(self.variables)
+
+    @property
+    def dimension(self) -> int:
+        """Number d of variables."""
+        return len(self.variables)
+
+    def values(self, shares: Float[Array, " d"]) -> dict[str, Any]:
+        """The variables by path, at shares between 0 and 1 of the way between their bounds."""
+        found: dict[str, Any] = {}
+        for path, share in zip(self.names, shares, strict=True):
+            found[path] = self.variables[path].value(share, self._low(path, found))
+        return found
+
+    def numbers(self, shares: np.ndarray) -> dict[str, np.ndarray]:
+        """``values`` of any number of designs: shares of shape (..., d), numbers of shape (...)."""
+        found = self.values(jnp.moveaxis(jnp.asarray(shares), -1, 0))
+        return {path: np.asarray(x) for path, x in found.items()}
+
+    def structures(
+        self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None
+    ) -> AdjacentStructures:
+        """The structures at shares; ``others`` are parameters in the place of nominal ones."""
+        return replaced(self.nominal, {**(others or {}), **self.values(shares)})
+
+    def shares(self, design: AdjacentStructures | Mapping[str, float]) -> np.ndarray:
+        """Where a design is between the bounds, shape (d,): the inverse of ``values``.
+
+        Raises
+        ------
+        ValueError
+            If it lacks a variable or is outside the bounds.
+        """
+        owner = "DesignSpace"
+        if isinstance(design, AdjacentStructures):
+            values = {path: float(attrgetter(path)(design)) for path in self.names}
+        else:
+            instance(owner, "design", design, AdjacentStructures, Mapping)
+            if lacking := [path for path in self.names if path not in design]:
+                raise ValueError(f"{owner}: design lacks {lacking[0]!r}")
+            if others := [path for path in design if path not in self.names]:
+                listed = ", ".join(self.names)
+                raise ValueError(f"{owner}: design has {others[0]!r}, which is none of {listed}")
+            values = {path: float(number(owner, path, design[path])) for path in self.names}
+        shares = []
+        for path, value in values.items():
+            low, high = float(self._low(path, values)), self.variables[path].high
+            slack = _SLACK * max(abs(low), abs(high))
+            inside = low - slack <= value <= high + slack
+            rule = f"between its bounds, {low:.8g} and {high:.8g}"
+            enforce(owner, [Rule(path, value, inside, rule)])
+            shares.append(self.variables[path].share(value, low))
+        return np.clip(shares, 0.0, 1.0)
+
+    def _low(self, path: str, found: Mapping[str, Any]) -> Any:
+        """The lower bound, above τ_f for a τ_x."""
+        low = self.variables[path].low
+        rod, _, name = path.partition(".")
+        if name != "tau_x":
+            return low
+        tau_f = found.get(f"{rod}.tau_f", getattr(self.nominal, rod).tau_f)
+        return larger(low, _APART * tau_f)
+
+
+def _bounds(path: str, given: Any) -> Bounds:
+    """Bounds, as given or as two numbers, within what a parameter may be."""
+    if not isinstance(given, Bounds):
+        if not (isinstance(given, tuple | list) and len(given) == 2):
+            raise ValueError(f"DesignSpace: {path} = {given!r} must be Bounds or (low, high)")
+        try:
+            given = Bounds(*given)
+        except ValueError as error:
+            raise ValueError(f"DesignSpace: {path}: {error}") from error
+    low, high = PARAMETERS[path]
+    rules = [
+        Rule(f"{path}: low", given.low, given.low >= low, f"at least {low:.6g}"),
+        Rule(f"{path}: high", given.high, given.high <= high, f"at most {high:.6g}"),
+    ]
+    enforce("DesignSpace", rules)
+    return given
+
+
+def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
+    """Where n searches start, shape (n, d): one where it is told, others spread over the space."""
+    power = int(np.ceil(np.log2(max(n - 1, 1))))
+    sobol = qmc.Sobol(first.size, rng=np.random.default_rng(key))
+    return np.concatenate([first[None], 0.05 + 0.9 * sobol.random_base2(power)[: n - 1]])
+
+
+def start_shares(
+    owner: str, space: DesignSpace, start: AdjacentStructures | Mapping[str, float] | None
+) -> np.ndarray:
+    """Where a search starts; a ``ValueError`` for what is outside the bounds."""
+    try:
+        return space.shares(space.nominal if start is None else start)
+    except ValueError as error:
+        raise ValueError(f"{owner}: start: {error}") from error

@@ -1,0 +1,69 @@
+"""The instants of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from jaxpound._checks import Rule, enforce, is_traced, number, positive
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeGrid:
+    """Instants 0, dt, …, n_steps·dt. Static: another grid is another compiled program.
+
+    Parameters
+    ----------
+    dt
+        Time step > 0, in units of 1/ω1.
+    n_steps
+        Number of steps, at least 2.
+
+    Raises
+    ------
+    ValueError
+        If a value breaks its rule.
+
+    Examples
+    --------
+    >>> jp.TimeGrid.until(20.0, dt=0.03)
+    TimeGrid(dt=0.03, n_steps=667)
+    >>> jp.TimeGrid(dt=0.5, n_steps=4).times().tolist()
+    [0.0, 0.5, 1.0, 1.5, 2.0]
+    """
+
+    dt: float
+    n_steps: int
+
+    def __post_init__(self) -> None:
+        dt, n = self.dt, self.n_steps
+        if is_traced((dt, n)):
+            raise ValueError("TimeGrid: dt and n_steps shape the program and cannot be traced")
+        dt = number("TimeGrid", "dt", dt)
+        number("TimeGrid", "n_steps", n)
+        whole = isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 2
+        enforce(
+            "TimeGrid",
+            [
+                Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
+                Rule("n_steps", n, whole, "a whole number, at least 2"),
+            ],
+        )
+        object.__setattr__(self, "dt", float(dt))
+        object.__setattr__(self, "n_steps", int(n))
+
+    @classmethod
+    def until(cls, duration: float, dt: float) -> TimeGrid:
+        """The grid of step ``dt`` whose last instant is the first at or after ``duration``."""
+        positive("TimeGrid.until", duration=duration, dt=dt)
+        return cls(dt, int(np.ceil(duration / dt * (1 - 1e-12))))
+
+    @property
+    def duration(self) -> float:
+        """The last instant, n_steps·dt."""
+        return self.n_steps * self.dt
+
+    def times(self) -> np.ndarray:
+        """All instants, shape (n_steps+1,)."""
+        return self.dt * np.arange(self.n_steps + 1)

@@ -1,0 +1,169 @@
+"""Measures of a ground motion's intensity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.integrate import trapezoid
+from jaxtyping import Array, Float
+
+from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, number
+from jaxpound._extrema import larger, peak
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import GroundLike, Record, sampled
+
+
+def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
+    """Peak ground acceleration max |u''|, in g; a ``Record``, in either unit, needs no grid.
+
+    Examples
+    --------
+    >>> float(jp.pga(jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)))
+    0.2
+    >>> round(float(jp.pga(jp.paper.ground(), jp.paper.grid())), 2)
+    21.99
+    """
+    return peak(_samples(ground, grid)[0])
+
+
+def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) -> Float[Array, ""]:
+    """Peak ground velocity max |u'|, from rest, by the trapezoidal rule.
+
+    With a record in g and seconds, ``gravity=9.80665`` gives m/s.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
+    >>> round(float(jp.pgv(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
+    0.4903
+    """
+    a, dt = _samples(ground, grid)
+    velocity = gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2)
+    return peak(velocity)
+
+
+def arias_intensity(
+    ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0
+) -> Float[Array, ""]:
+    """Arias intensity (π/2) ∫ u''² dt × gravity, u'' in g (Arias 1970), by the trapezoidal rule.
+
+    With a record in g and seconds, ``gravity=9.80665`` gives m/s.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
+    >>> round(float(jp.arias_intensity(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
+    0.3851
+    """
+    a, dt = _samples(ground, grid)
+    return jnp.pi / 2 * gravity * trapezoid(a**2, dx=dt)
+
+
+def spectral_acceleration(
+    ground: GroundLike, grid: TimeGrid | None = None, *, period: Any, damping: Any = 0.05
+) -> Float[Array, ""]:
+    """Pseudo-spectral acceleration ω² max |x|, in g, of a linear oscillator from rest.
+
+    Its motion is exact for ground acceleration that is linear between instants (Nigam and Jennings
+    1969), and so is its largest displacement, wherever between two instants it lies, for periods of
+    at least half the interval between instants. What comes after the last instant is not counted.
+
+    Parameters
+    ----------
+    ground, grid
+        The ground motion; a ``Record`` needs no grid.
+    period
+        Natural period T > 0, in the ground motion's unit of time.
+    damping
+        Damping ratio ζ, 0 ≤ ζ < 1.
+
+    Raises
+    ------
+    ValueError
+        If a known period or damping breaks its rule. Traced, the result is NaN.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
+    >>> round(float(jp.spectral_acceleration(record, period=1.0)), 4)
+    0.3789
+    """
+    owner = "spectral_acceleration"
+    period, damping = number(owner, "period", period), number(owner, "damping", damping)
+    rules = [
+        Rule("period", period, (period > 0) & finite(period), "positive and finite"),
+        Rule("damping", damping, (damping >= 0) & (damping < 1), "at least 0 and below 1"),
+    ]
+    enforce(owner, rules)
+    a, h = _samples(ground, grid)
+    if is_traced((period, h)) or np.min(period) < 4 * h:
+        a, h = _between(a, 4), h / 4
+    w, zeta = 2 * jnp.pi / period, damping
+    damped = w * jnp.sqrt(1 - zeta**2)
+
+    def waves(t: Any) -> tuple[Any, Any]:
+        decay = jnp.exp(-zeta * w * t)
+        return decay * jnp.sin(damped * t) / damped, decay * jnp.cos(damped * t)
+
+    def motion(
+        state: tuple[Any, Any], ends: tuple[Any, Any], t: Any, free: tuple[Any, Any]
+    ) -> tuple[Any, Any]:
+        """Displacement and velocity at 0 ≤ t ≤ h after an instant; ``free`` are the waves at t."""
+        (x, v), (start, end), (sine, cosine) = state, ends, free
+        # Less the particular solution of x'' + 2 ζ ω x' + ω² x = −(a + s t), the motion is free.
+        s = (end - start) / h
+        lag = 2 * zeta * s / w**3
+        x, v = x - (lag - start / w**2), v + s / w**2
+        free_x = (cosine + zeta * w * sine) * x + sine * v
+        free_v = (cosine - zeta * w * sine) * v - w**2 * sine * x
+        return free_x + lag - (start + s * t) / w**2, free_v - s / w**2
+
+    whole = waves(h)
+
+    def step(state: tuple[Any, Any], ends: tuple[Any, Any]) -> tuple[tuple[Any, Any], Any]:
+        after = motion(state, ends, h, whole)
+        return after, after
+
+    rest = jnp.zeros((), jnp.result_type(a, w, zeta))
+    x, v = (jnp.pad(y, (1, 0)) for y in jax.lax.scan(step, (rest, rest), (a[:-1], a[1:]))[1])
+
+    # The interval of the largest displacement: where the velocity changes its sign, Hermite's cubic
+    # estimates the extremum; its instant follows by Newton's method.
+    x0, x1, v0, v1 = x[:-1], x[1:], v[:-1], v[1:]
+    turns = ((v0 > 0) & (v1 <= 0)) | ((v0 < 0) & (v1 >= 0))
+    place = jnp.where(turns, v0 / jnp.where(turns, v0 - v1, 1.0), 1.0)
+    rise, run = place**2 * (3 - 2 * place), place * (1 - place) * h
+    about = x0 + rise * (x1 - x0) + run * ((1 - place) * v0 - place * v1)
+    i = jnp.argmax(jnp.where(turns, jnp.abs(about), jnp.maximum(jnp.abs(x0), jnp.abs(x1))))
+    state, ends = (x0[i], v0[i]), (a[i], a[i + 1])
+
+    def improved(t: Any) -> Any:
+        y, u = motion(state, ends, t, waves(t))
+        bend = -(a[i] + (a[i + 1] - a[i]) * t / h) - 2 * zeta * w * u - w**2 * y
+        return jnp.clip(t - u / jnp.where(bend == 0, 1.0, bend), 0, h)
+
+    t = place[i] * h
+    for _ in range(4):
+        t = jax.lax.stop_gradient(improved(t))
+    t = improved(t)
+    at_turn = jnp.abs(motion(state, ends, t, waves(t))[0])
+    largest = jnp.where(turns[i], at_turn, larger(jnp.abs(x0[i]), jnp.abs(x1[i])))
+    return jnp.where(all_hold(rules), w**2 * largest, jnp.nan)
+
+
+def _between(a: jax.Array, parts: int) -> jax.Array:
+    """Samples on the straight lines between samples, ``parts`` intervals in the place of one."""
+    share = jnp.arange(parts) / parts
+    lines = a[:-1, None] + share[None].astype(a.dtype) * (a[1:, None] - a[:-1, None])
+    return jnp.append(lines.reshape(-1), a[-1])
+
+
+def _samples(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, Any]:
+    if grid is None and isinstance(ground, Record):
+        return jnp.asarray(ground.samples), ground.dt
+    if not isinstance(grid, TimeGrid):
+        raise ValueError(f"grid = {grid!r} must be a TimeGrid for a {type(ground).__name__}")
+    return jnp.asarray(sampled(ground, grid).samples), grid.dt

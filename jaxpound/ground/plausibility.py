@@ -1,0 +1,123 @@
+"""Input that no rule forbids but that is hardly meant: what is found is warned of, or refused.
+
+A run without a unit of length claims nothing in g (eq. 9 is homogeneous: ground, friction and gap
+may be scaled together), unless a record, which is in g, shakes it. A Monte Carlo study does claim
+it in any units: its probabilities are of earthquakes that happen. Values that are traced cannot be
+judged.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import is_traced
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.intensity import pga
+from jaxpound.ground.motion import Ground, GroundLike, records_in, unresolved
+
+MOST_PGA = 5.0
+"""Peak ground acceleration, g, that is hardly an earthquake's: the largest recorded are about 4."""
+
+FAR_GAP = 100.0
+"""Ratio of the gap to all displacement at which something has the wrong unit: below it, a pair may
+be meant never to pound; mm, cm and m are factors of 100 and 1000 from each other."""
+
+LEAST_SHARE = 0.01
+"""Share of many earthquakes that may break a limit: it moves no probability by more than that."""
+
+LOOKED_AT = 256
+"""Earthquakes of many that are judged: they hold one of a hundred with a probability of 92 %."""
+
+
+class PlausibilityWarning(UserWarning):
+    """Input is unresolved by the time grid, or beyond what happens: see ``simulate``."""
+
+
+def tell(owner: str, findings: list[str], strict: bool) -> None:
+    """Warn of each finding, at the line that called the library; or refuse them all.
+
+    Raises
+    ------
+    ValueError
+        If there are findings, and ``strict``.
+    """
+    if strict and findings:
+        raise ValueError(f"{owner}: {'; '.join(findings)}")
+    level, frame = 1, sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("jaxpound."):
+        level, frame = level + 1, frame.f_back
+    for finding in findings:
+        warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
+
+
+def excessive(ground: GroundLike, pga: Any, name: str = "ground") -> list[str]:
+    """Whether a ground motion in g, as a record is, shakes more than earthquakes do."""
+    if is_traced(pga) or jnp.ndim(pga) or not any(records_in(ground)):
+        return []
+    return [_beyond(f"{name}: PGA = {float(pga):.4g} g")] if float(pga) > MOST_PGA else []
+
+
+def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
+    """Whether a gap is out of all proportion to what the buildings move, peak |x1| + peak |x2|."""
+    if is_traced((gap, moved)) or jnp.ndim(moved):
+        return []
+    gap, moved, unit = float(gap), float(moved), "m" if si else "g/ω1²"
+    if not gap > FAR_GAP * moved:
+        return []
+    return [
+        f"{name} = {gap:.4g} {unit} should be at most {FAR_GAP:.0f} times what the buildings move, "
+        f"{moved:.4g} {unit} (peak_x1 + peak_x2): are the units right?"
+    ]
+
+
+def first_of(n: int, grid: TimeGrid) -> int:
+    """How many of n earthquakes are judged: fewer long ones, so that it takes no time."""
+    return min(n, LOOKED_AT, max(16, 2**20 // grid.n_steps))
+
+
+def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
+    """What is found in many earthquakes, the first of more.
+
+    Parameters
+    ----------
+    grounds
+        Their ground motions; every array has a leading axis of n.
+    grid
+        Of their runs.
+    in_g
+        Whether accelerations are meant in g although no record is among them.
+    """
+    n, findings = len(jax.tree.leaves(grounds)[0]), []
+    every = jax.tree.map(np.asarray, grounds)
+    found = [unresolved(jax.tree.map(lambda x, i=i: x[i], every), grid.dt) for i in range(n)]
+    unclear = [said for said in found if said]
+    if len(unclear) > LEAST_SHARE * n:
+        one = unclear[0][0].removeprefix("ground: ")
+        findings.append(f"ground: {_share(len(unclear), n)} are not resolved; of one, {one}")
+    if in_g or any(records_in(grounds)):
+        pgas = np.asarray(_pgas(grounds, grid))
+        beyond = int((pgas > MOST_PGA).sum())
+        if beyond > LEAST_SHARE * n:
+            largest = f"up to {np.nanmax(pgas):.4g} g"
+            findings.append(_beyond(f"ground: PGA of {_share(beyond, n)}, {largest},"))
+    return findings
+
+
+@partial(jax.jit, static_argnames="grid")
+def _pgas(grounds: Ground, grid: TimeGrid) -> jax.Array:
+    return jax.vmap(lambda ground: pga(ground, grid))(grounds)
+
+
+def _share(some: int, n: int) -> str:
+    return f"{some / n:.0%} of the {n} earthquakes looked at"
+
+
+def _beyond(what: str) -> str:
+    return f"{what} should be at most {MOST_PGA:.0f} g: are the units right?"

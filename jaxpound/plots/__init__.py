@@ -1,0 +1,22 @@
+"""Pictures: of runs (here), and by module of records, studies, designs and the system itself.
+
+``runs`` draws responses and is what ``jaxpound.plots`` offers by name; ``records``, ``studies``,
+``designs`` and ``convergence`` draw what their names say; ``system`` the blocks and rods;
+``animation`` moves them, ``explorer`` shows them live.
+"""
+
+from jaxpound.plots.runs import displacements as displacements
+from jaxpound.plots.runs import energy as energy
+from jaxpound.plots.runs import friction_force as friction_force
+from jaxpound.plots.runs import friction_hysteresis as friction_hysteresis
+from jaxpound.plots.runs import gap as gap
+from jaxpound.plots.runs import gaps as gaps
+from jaxpound.plots.runs import ground_motion as ground_motion
+from jaxpound.plots.runs import overview as overview
+from jaxpound.plots.runs import paper_figures as paper_figures
+from jaxpound.plots.runs import rod_forces as rod_forces
+from jaxpound.plots.runs import rod_hysteresis as rod_hysteresis
+from jaxpound.plots.runs import same_units as same_units
+from jaxpound.plots.runs import side_by_side as side_by_side
+from jaxpound.plots.runs import velocities as velocities
+from jaxpound.plots.style import COLOURS as COLOURS

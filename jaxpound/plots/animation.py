@@ -1,0 +1,244 @@
+"""An animation of a run: two swaying buildings, the gap and the friction force between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.animation import FuncAnimation
+from matplotlib.axes import Axes
+from matplotlib.patches import FancyArrowPatch, Rectangle
+
+from jaxpound.plots.runs import friction_force, gap, same_units
+from jaxpound.plots.style import COLOURS, FONT_SIZE, new_axes, new_figure, same_height
+from jaxpound.results.response import Response, require_single
+
+_COLUMNS = 20  # points along a bent column
+
+
+class Scene:
+    """A pair of buildings between two instants: blocks on bending columns, and the damper.
+
+    Relative to the ground; widths and heights are chosen for the eye, motions and gap are to one
+    scale. The damper is two plates on the roofs, pressed together at the mark; the arrow is its
+    force q on block 1, to the left where q is positive.
+
+    Parameters
+    ----------
+    response
+        A single run. Where friction is nowhere, there is no damper to be drawn.
+    ax
+        Where to draw.
+    reach
+        The largest displacement to leave room for; by default that of the run.
+    """
+
+    def __init__(self, response: Response, ax: Axes, reach: float | None = None) -> None:
+        self._x = np.asarray(response.x1), np.asarray(response.x2)
+        self._gap = np.asarray(response.gap)
+        self._q = np.asarray(response.friction)
+        self._stick = np.asarray(response.phase) == 0
+        self._shaking = np.asarray(response.ground_acceleration)
+        self._largest = float(np.abs(self._q).max())
+        self._strongest = float(np.abs(self._shaking).max()) or 1.0
+
+        reach = _reach(response) if reach is None else reach
+        rest = float(self._gap[0] - self._x[1][0] + self._x[0][0])
+        self._rest = rest
+        self._width = w = 0.9 * max(rest + reach, 2 * reach) or 1.0
+        self._height, self._block = 1.1 * w, 0.5 * w
+        left, right = -1.1 * w - reach, rest + 1.1 * w + reach
+        ax.set_xlim(left, right)
+        ax.set_ylim(-0.42 * w, 2.5 * w)
+        ax.set_aspect("equal")
+        ax.set_axis_off()
+        ax.add_patch(
+            Rectangle((left, -0.12 * w), right - left, 0.12 * w, facecolor="0.8", linewidth=0)
+        )
+        self._bodies, self._columns = [], []
+        for base, colour in ((-w, COLOURS["structure 1"]), (rest, COLOURS["structure 2"])):
+            body = Rectangle((base, self._height), w, self._block, facecolor=colour, alpha=0.8)
+            ax.add_patch(body)
+            self._bodies.append(body)
+            self._columns.append(
+                [ax.plot([], [], color=colour, linewidth=2.2)[0] for _ in range(2)]
+            )
+        self._roof = self._height + self._block
+        (self._plate_1,) = ax.plot([], [], color=COLOURS["structure 1"], linewidth=2)
+        (self._plate_2,) = ax.plot([], [], color=COLOURS["structure 2"], linewidth=2)
+        (self._clamp,) = ax.plot([], [], "s", markersize=7, zorder=5)
+        self._force, self._ground = _arrow(COLOURS["damper"]), _arrow(COLOURS["ground"])
+        ax.add_patch(self._force)
+        ax.add_patch(self._ground)
+        (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
+        self._arrow_at = left + 0.65 * (right - left)
+        letters: dict[str, Any] = {"va": "center", "fontsize": FONT_SIZE}
+        self._words = ax.text((left + right) / 2, 2.34 * w, "", ha="center", **letters)
+        ax.text(left, -0.3 * w, "ground $u''$", **letters)
+        self._force_name = ax.text(0, 0, "$q$", color=COLOURS["damper"], **letters)
+        for part in (self._plate_1, self._plate_2, self._clamp, self._force, self._force_name):
+            part.set_visible(self._largest > 0)
+
+    def show(self, i: int) -> None:
+        """Move everything to instant i of the run."""
+        w, roof, faces = self._width, self._roof, []
+        for body, columns, x, base in zip(
+            self._bodies, self._columns, self._x, (-w, self._rest), strict=True
+        ):
+            body.set_x(base + x[i])
+            s = np.linspace(0, 1, _COLUMNS)
+            for line, at in zip(columns, (0.12, 0.88), strict=True):
+                line.set_data(base + at * w + x[i] * (3 * s**2 - 2 * s**3), s * self._height)
+            faces.append(base + x[i])
+        left, right = faces[0] + w, faces[1]
+        upper, lower = roof + 0.12 * w, roof + 0.06 * w
+        end_1, end_2 = max(left, right) + 0.35 * w, min(left, right) - 0.35 * w
+        self._plate_1.set_data([left - 0.15 * w, left - 0.15 * w, end_1], [roof, upper, upper])
+        self._plate_2.set_data([right + 0.15 * w, right + 0.15 * w, end_2], [roof, lower, lower])
+        self._clamp.set_data([(left + right) / 2], [roof + 0.09 * w])
+        state = "stick" if self._stick[i] else "damper"
+        self._clamp.set_color(COLOURS[state])
+        start = left - 0.15 * w, roof + 0.28 * w  # q pulls block 1 back
+        length = 0.6 * w * self._q[i] / (self._largest or 1.0)
+        self._force.set_positions(start, (start[0] - length, start[1]))
+        self._force_name.set_position((start[0], start[1] + 0.14 * w))
+        shift = 0.8 * w * self._shaking[i] / self._strongest
+        self._ground.set_positions(
+            (self._arrow_at - shift / 2, -0.3 * w), (self._arrow_at + shift / 2, -0.3 * w)
+        )
+        touching = self._gap[i] <= 0
+        across = (left + right) / 2
+        self._contact.set_data(
+            [across] * 2 if touching else [], [self._height, roof] if touching else []
+        )
+        word = "stick" if self._stick[i] else "slip"
+        free = "" if not self._largest else f"damper: {word}"
+        self._words.set_text("POUNDING (not modelled)" if touching else free)
+        self._words.set_color(COLOURS["pounding" if touching else state])
+
+
+def _arrow(colour: str) -> FancyArrowPatch:
+    return FancyArrowPatch(
+        (0, 0), (0, 0), arrowstyle="-|>", mutation_scale=8, color=colour, shrinkA=0, shrinkB=0
+    )
+
+
+def still(
+    response: Response, time: float, ax: Axes | None = None, reach: float | None = None
+) -> Axes:
+    """The pair of buildings at the instant of a run nearest to ``time``.
+
+    Parameters
+    ----------
+    response
+        A single run, in SI or not.
+    time
+        Within the run, in its unit.
+    ax
+        Where to draw.
+    reach
+        The largest displacement to leave room for, for pictures of several runs to one scale.
+
+    Raises
+    ------
+    ValueError
+        If the response is a batch or invalid, or time is not within the run.
+    """
+    _require_valid("still", response)
+    end = float(response.time[-1])
+    if not 0 <= time <= end:
+        raise ValueError(f"still: time = {time} must be within the run, from 0 to {end:.6g}")
+    ax = new_axes(ax)
+    Scene(response, ax, reach).show(int(np.abs(np.asarray(response.time) - time).argmin()))
+    return ax
+
+
+class _Player(FuncAnimation):
+    """Frames of the figure's own resolution, whatever that of saved figures is."""
+
+    def save(self, filename: Any, *args: Any, **kwargs: Any) -> None:
+        if len(args) < 3:
+            kwargs.setdefault("dpi", self._fig.dpi)  # type: ignore[attr-defined]
+        super().save(filename, *args, **kwargs)
+
+
+def animate(
+    responses: Response | Mapping[str, Response], frames: int = 100, seconds: float = 10.0
+) -> FuncAnimation:
+    """A run, or several side by side, as an animation: the buildings, and what goes on over time.
+
+    ``animate(run).to_jshtml()`` is a player in HTML, ``animate(run).save("run.gif")`` a file.
+    Beside a single run are its gap and friction force, below each of several its gap.
+
+    Parameters
+    ----------
+    responses
+        A single run, in SI or not, or such runs by name, on the same grid.
+    frames
+        Number of pictures ≥ 2, evenly over the run.
+    seconds
+        How long it plays > 0, s.
+
+    Raises
+    ------
+    ValueError
+        If a response is a batch or invalid, grids or units differ, or frames or seconds breaks its
+        rule.
+    """
+    if isinstance(responses, Response):
+        runs, single = {"": responses}, True
+    else:
+        runs, single = same_units("animate", responses), False
+    for response in runs.values():
+        _require_valid("animate", response)
+    if frames < 2 or not 0 < seconds < np.inf:
+        rule = "at least 2 frames, and seconds positive and finite"
+        raise ValueError(f"animate: frames = {frames}, seconds = {seconds} must be {rule}")
+    time = np.asarray(next(iter(runs.values())).time)
+    if any(not np.array_equal(time, response.time) for response in runs.values()):
+        raise ValueError("animate: responses must be on the same grid")
+
+    figure, reach = new_figure(2, 1.25 if single else 1.5), max(map(_reach, runs.values()))
+    figure.set_dpi(80)  # a player holds every frame
+    if single:
+        panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
+    else:
+        numbers = range(len(runs))
+        layout: Any = [[f"{i}" for i in numbers], [f"gap {i}" for i in numbers]]
+        panels = figure.subplot_mosaic(layout, height_ratios=[1.4, 1])
+    scenes, over_time = [], []
+    for i, (name, response) in enumerate(runs.items()):
+        scenes.append(Scene(response, panels[str(i)], reach))
+        panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
+        over_time.append(gap(response, panels[f"gap {i}"]))
+    if single:
+        over_time.append(friction_force(runs[""], panels["friction"]))
+        over_time[0].set_xlabel("")
+        over_time[0].tick_params(labelbottom=False)
+    else:
+        same_height(over_time)
+    clocks = [ax.axvline(time[0], color=COLOURS["residual"], linewidth=0.9) for ax in over_time]
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out once, so that nothing jumps between frames
+    instants = np.linspace(0, time.size - 1, frames).round().astype(int)
+
+    def show(frame: int) -> list[Any]:
+        i = instants[frame]
+        for scene in scenes:
+            scene.show(i)
+        for clock in clocks:
+            clock.set_xdata([time[i]] * 2)
+        return clocks
+
+    return _Player(figure, show, frames=frames, interval=1000 * seconds / frames, blit=False)
+
+
+def _reach(response: Response) -> float:
+    return max(float(np.abs(x).max()) for x in (response.x1, response.x2))
+
+
+def _require_valid(name: str, response: Response) -> None:
+    require_single(name, response)
+    if not np.isfinite(response.min_gap):
+        raise ValueError(f"{name}: the run is invalid (its results are NaN)")

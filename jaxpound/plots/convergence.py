@@ -1,0 +1,61 @@
+"""Errors over the time step: axes in, axes out, in the common style."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from jaxpound.plots.style import CYCLE, LINE_WIDTH, label, legend, new_axes
+
+
+def errors_by_step(
+    steps: Sequence[float], errors: Mapping[str, Any], ax: Axes | None = None, what: str = "error"
+) -> Axes:
+    """Errors over the time step, both logarithmic, with the order fitted to each line.
+
+    Parameters
+    ----------
+    steps
+        Time steps h > 0, shape (n,), in units of 1/ω1.
+    errors
+        Errors by name, shape (n,) each; their size is drawn. An order is told of those that lie on
+        a line.
+    ax
+        Where to draw.
+    what
+        The error's name and unit.
+    """
+    ax, h = new_axes(ax), np.asarray(steps, float)
+    for i, (name, values) in enumerate(errors.items()):
+        size = np.abs(np.asarray(values, float))
+        order = _order(h, size)
+        words = name if order is None else f"{name} (order {order:.2f})"
+        ax.plot(
+            h,
+            size,
+            color=CYCLE[i % len(CYCLE)],
+            marker="osD^vP"[i % 6],
+            markersize=3.5,
+            linewidth=LINE_WIDTH,
+            label=words,
+        )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xticks(h, [f"{step:g}" for step in h])
+    ax.minorticks_off()
+    label(ax, r"time step $h$ ($1/\omega_1$)", what)
+    legend(ax, columns=1)
+    return ax
+
+
+def _order(h: NDArray[np.float64], size: NDArray[np.float64]) -> float | None:
+    """The slope of the errors' logarithms; None where they fall off their line by a third."""
+    if h.size < 3 or not (size > 0).all():
+        return None
+    slope, start = np.polyfit(np.log(h), np.log(size), 1)
+    off = np.abs(np.log(size) - start - slope * np.log(h)).max()
+    return float(slope) if slope > 0.5 and off < 0.33 else None

@@ -1,0 +1,310 @@
+"""Figures of runs: every function draws a ``Response`` into given axes and returns them.
+
+A batch is drawn run upon run, each line the fainter the more there are. Nothing here changes
+matplotlib's settings. With ``ax=None`` the axes belong to a new pyplot figure of column width
+(9 cm), which a notebook shows; with axes given, pyplot is not touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from jaxpound._checks import instance
+from jaxpound.plots.style import (
+    COLOURS,
+    FONT_SIZE,
+    LINE_WIDTH,
+    figure,
+    label,
+    legend,
+    new_axes,
+    new_figure,
+    same_height,
+    shade,
+    shades,
+    unit_for,
+)
+from jaxpound.results.response import Response, require_single
+
+_LINE_ALPHA = 0.85  # where two lines run close together, both are seen
+
+
+class _Curve(NamedTuple):
+    label: str
+    colour: str
+    values: Any
+
+
+def ground_motion(response: Response, ax: Axes | None = None) -> Axes:
+    """Ground acceleration u'' over time."""
+    curve = _Curve("$u''$", "ground", response.ground_acceleration)
+    return _over_time(response, ax, "ground acceleration", "acceleration", [curve])
+
+
+def displacements(response: Response, ax: Axes | None = None) -> Axes:
+    """Displacements x1 and x2, relative to the ground, over time."""
+    curves = _pair("$x_1$", response.x1, "$x_2$", response.x2)
+    return _over_time(response, ax, "displacement", "length", curves)
+
+
+def velocities(response: Response, ax: Axes | None = None) -> Axes:
+    """Velocities x1' and x2', relative to the ground, over time."""
+    curves = _pair("$x_1'$", response.v1, "$x_2'$", response.v2)
+    return _over_time(response, ax, "velocity", "velocity", curves)
+
+
+def rod_forces(response: Response, ax: Axes | None = None) -> Axes:
+    """Rod forces f1 and f2 (base shears) over time."""
+    curves = _pair("$f_1$", response.f1, "$f_2$", response.f2)
+    return _over_time(response, ax, "rod force", "force", curves)
+
+
+def gap(response: Response, ax: Axes | None = None) -> Axes:
+    """Gap ξ over time, its minimum marked and told by value and time, in a batch the smallest.
+
+    The minimum is that of ``response.demand``, which may lie between instants of the grid. The
+    region of pounding, ξ ≤ 0, is shaded if the gap comes near it.
+    """
+    ax = _over_time(response, ax, "gap", "length", [_Curve(r"$\xi$", "damper", response.gap)])
+    smallest = np.ravel(response.min_gap)
+    low, high = float(smallest.min()), float(np.max(response.gap))
+    time = float(np.ravel(response.demand.min_gap_time)[smallest.argmin()])
+    units = (" m", " s") if response.si else ("", "")
+    words = rf"$\xi$, min {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−")
+    (ax.lines if np.ndim(response.time) == 1 else ax.collections)[-1].set_label(words)
+    ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
+
+    span = (high - low) or abs(high) or 1.0
+    near = low < 0.3 * span
+    _shade_pounding(ax, near)
+    bottom = low - 0.1 * span
+    legend(ax, columns=1, bottom=min(bottom, -0.15 * span) if near else bottom)
+    return ax
+
+
+def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
+    """Gap ξ over time of several runs by name, the first in grey, and the smallest of each.
+
+    Raises
+    ------
+    ValueError
+        If there is no run, or some are in SI units and others are not.
+    """
+    runs = list(same_units("gaps", responses).values())
+    for name, response, colour in zip(responses, runs, shades(len(runs)), strict=True):
+        ax = _axes(response, ax)
+        words = f"{name}: min {float(np.min(response.min_gap)):.4g}".replace("-", "−")
+        _draw(ax, response.time, 1.0, _Curve(words, colour, response.gap))
+    assert ax is not None
+    _shade_pounding(ax, False)
+    ax.axhline(0, color=COLOURS["pounding"], linewidth=LINE_WIDTH, zorder=1)
+    ax.margins(x=0)
+    label(ax, _time(runs[0]), rf"gap $\xi$ ({_length(runs[0])})")
+    legend(ax, columns=1)
+    return ax
+
+
+def friction_force(response: Response, ax: Axes | None = None) -> Axes:
+    """Friction force q of the damper over time, the intervals of stick of a single run shaded."""
+    curve = _Curve("$q$", "damper", response.friction)
+    ax = _over_time(response, ax, "friction force", "force", [curve])
+    if np.ndim(response.time) > 1:
+        return ax
+    sticks = [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]
+    if sticks:
+        across = ax.get_xaxis_transform()
+        ax.broken_barh(sticks, (0, 1), transform=across, label="stick", **shade("stick"))
+        legend(ax)
+    return ax
+
+
+def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
+    """Rod force over displacement of both structures: f1 over x1, f2 over x2."""
+    ax = _axes(response, ax)
+    factor, unit = _unit(response, "force", response.f1, response.f2)
+    for x, curve in zip(
+        (response.x1, response.x2),
+        _pair("structure 1", response.f1, "structure 2", response.f2),
+        strict=True,
+    ):
+        _draw(ax, x, factor, curve)
+    label(
+        ax, f"displacement $x_1$, $x_2$ ({_length(response)})", f"rod force $f_1$, $f_2$ ({unit})"
+    )
+    legend(ax)
+    return ax
+
+
+def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
+    """Friction force q over slip x1 − x2: the enclosed area is the energy taken by the damper."""
+    ax = _axes(response, ax)
+    factor, unit = _unit(response, "force", response.friction)
+    _draw(ax, response.x1 - response.x2, factor, _Curve("$q$", "damper", response.friction))
+    label(ax, f"slip $x_1 - x_2$ ({_length(response)})", f"friction force $q$ ({unit})")
+    return ax
+
+
+def energy(response: Response, ax: Axes | None = None) -> Axes:
+    """Energy of a single run over time: what damper, rods and motion hold, stacked, and the input.
+
+    The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
+    What is between the two is the residual of the balance, drawn on its own as well.
+    """
+    require_single("energy", response)
+    ax = _axes(response, ax)
+    terms = response.energy
+    factor, unit = _unit(response, "energy", terms.input)
+    time = np.asarray(response.time)
+    parts = {"friction": "damper", "rods": "rods", "kinetic": "kinetic"}
+    ax.stackplot(
+        time,
+        *(factor * np.asarray(getattr(terms, name)) for name in parts),
+        labels=list(parts),
+        colors=[COLOURS[colour] for colour in parts.values()],
+        alpha=0.6,
+        linewidth=0,
+    )
+    _draw(ax, time, factor, _Curve("input", "ground", terms.input))
+    _draw(ax, time, factor, _Curve("residual", "residual", terms.residual), linestyle="--")
+    ax.margins(x=0)
+    label(ax, _time(response), f"energy $E$ ({unit})")
+    legend(ax, columns=3)
+    return ax
+
+
+Drawing = Callable[[Response, Axes], Axes]
+
+
+def overview(response: Response) -> Figure:
+    """Ground motion, displacements, friction force and gap, one above the other over time."""
+    return side_by_side({"": response})
+
+
+def side_by_side(
+    responses: Mapping[str, Response],
+    drawings: Sequence[Drawing] = (ground_motion, displacements, friction_force, gap),
+) -> Figure:
+    """Runs by name as columns, drawings as rows, each row to one scale.
+
+    Raises
+    ------
+    ValueError
+        If there is no run, or some are in SI units and others are not.
+    """
+    runs = same_units("side_by_side", responses)
+    n = len(runs)
+    result = new_figure(2 if n < 3 else 0.8 * n, 0.825 * max(len(drawings), 1.2))
+    panels = result.subplots(len(drawings), n, squeeze=False)
+    for column, (name, response) in zip(panels.T, runs.items(), strict=True):
+        column[0].set_title(name, fontsize=FONT_SIZE)
+        for draw, ax in zip(drawings, column, strict=True):
+            draw(response, ax)
+    for row in panels:
+        same_height(row)
+    same_x = all(len({ax.get_xlabel() for ax in column}) == 1 for column in panels.T)
+    for ax in panels.flat:
+        spec = ax.get_subplotspec()
+        if same_x and not spec.is_last_row():
+            ax.set_xlabel("")
+            ax.tick_params(labelbottom=False)
+        if not spec.is_first_col():
+            ax.set_ylabel("")
+            ax.tick_params(labelleft=False)
+    result.align_ylabels(panels[:, 0])
+    return result
+
+
+_PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
+
+
+def paper_figures(response: Response) -> dict[str, Figure]:
+    """What the paper draws of its numerical example, of one run: a figure for each function here.
+
+    Returns
+    -------
+    ``"ground_motion"``, ``"displacements"``, ``"velocities"``, ``"gap"``, ``"friction_force"`` with
+    the phases of stick, and ``"rod_forces"``.
+    """
+    return {draw.__name__: figure(draw, response) for draw in _PAPER}
+
+
+def _pair(label_1: str, values_1: Any, label_2: str, values_2: Any) -> list[_Curve]:
+    return [_Curve(label_1, "structure 1", values_1), _Curve(label_2, "structure 2", values_2)]
+
+
+def _over_time(
+    response: Response, ax: Axes | None, words: str, quantity: str, curves: Sequence[_Curve]
+) -> Axes:
+    ax = _axes(response, ax)
+    factor, unit = _unit(response, quantity, *(curve.values for curve in curves))
+    for curve in curves:
+        _draw(ax, response.time, factor, curve)
+    symbols = ", ".join(curve.label for curve in curves)
+    ax.margins(x=0)
+    label(ax, _time(response), f"{words} {symbols} ({unit})")
+    if len(curves) > 1:
+        legend(ax)
+    return ax
+
+
+def _axes(response: Response, ax: Axes | None) -> Axes:
+    if not np.isfinite(response.min_gap).all():
+        gaps = np.ravel(response.min_gap)
+        which = f"{np.isnan(gaps).sum()} of {gaps.size} runs are" if gaps.size > 1 else "the run is"
+        raise ValueError(f"plots: {which} invalid (NaN)")
+    return new_axes(ax)
+
+
+def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
+    """The runs, which must be there and have units in common; a ``ValueError`` in the name."""
+    instance(name, "responses", responses, Mapping)
+    if not responses:
+        raise ValueError(f"{name}: responses must hold at least one run")
+    for run, response in responses.items():
+        instance(name, f"responses[{run!r}]", response, Response)
+    if len({response.si for response in responses.values()}) > 1:
+        raise ValueError(f"{name}: responses must all be in SI units, or all be dimensionless")
+    return dict(responses)
+
+
+def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:
+    x, y = np.asarray(x), factor * np.asarray(curve.values)
+    style |= {"color": COLOURS.get(curve.colour, curve.colour), "label": curve.label}
+    if x.ndim == 1:
+        ax.plot(x, y, linewidth=LINE_WIDTH, alpha=_LINE_ALPHA, **style)
+        return
+    runs = np.stack([x, y], -1).reshape(-1, x.shape[-1], 2)
+    alpha = max(0.03, _LINE_ALPHA / len(runs) ** 0.4)
+    ax.add_collection(LineCollection(list(runs), linewidth=LINE_WIDTH, alpha=alpha, **style))
+    ax.autoscale_view()
+
+
+def _shade_pounding(ax: Axes, named: bool) -> None:
+    # add_artist leaves the limits as they are, so the region may reach far down.
+    low, high = ax.get_ylim()
+    depth = 1e3 * (abs(low) + abs(high) + 1)
+    words = r"pounding, $\xi \leq 0$" if named else "_pounding"
+    across = ax.get_yaxis_transform()
+    region = Rectangle((0, -depth), 1, depth, transform=across, label=words, **shade("pounding"))
+    ax.add_artist(region)
+
+
+def _unit(response: Response, quantity: str, *series: Any) -> tuple[float, str]:
+    """Factor and name of the unit for the series."""
+    peak = max((float(np.max(np.abs(values))) for values in series), default=0.0)
+    return unit_for(quantity, response.si, peak)
+
+
+def _time(response: Response) -> str:
+    return f"time $t$ ({_unit(response, 'time')[1]})"
+
+
+def _length(response: Response) -> str:
+    return _unit(response, "length")[1]

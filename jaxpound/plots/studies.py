@@ -1,0 +1,253 @@
+"""Figures of a Monte Carlo study: axes in, axes out, in the common style."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxpound.plots.style import (
+    COLOURS,
+    CYCLE,
+    FONT_SIZE,
+    LINE_WIDTH,
+    QUANTITIES,
+    bars,
+    label,
+    legend,
+    legend_above,
+    new_axes,
+    new_figure,
+    only_shares,
+    parameter_axis,
+    parameter_name,
+    ratio_ticks,
+    shade,
+    signed_bars,
+    unit_for,
+)
+from jaxpound.study.fragility import Fragility, grouped
+from jaxpound.study.sensitivity import Sensitivity
+from jaxpound.study.statistics import probability
+from jaxpound.study.study import Study
+
+_POINTS = 200  # of a curve
+_MOST_DOTS = 2000  # of a scatter diagram
+
+
+def min_gap(study: Study, ax: Axes | None = None) -> Axes:
+    """Histogram of min gap and, on the right, its empirical distribution; pounding shaded.
+
+    The axis leaves out the smallest thousandth, unless they are positive; the legend says how many
+    lie further left. It also says of how many the min gap is that at rest, if they are 1 % or more:
+    they stand in the last bar, unless the gap at rest is uncertain.
+    """
+    ax = new_axes(ax)
+    gaps = study.finite("min_gap")
+    n = gaps.size
+    low, high = np.quantile(gaps, [0.001, 1.0])
+    low = min(low, 0.0)
+    counts, edges = np.histogram(gaps, np.linspace(low, high, 41))
+    width = np.diff(edges)
+    ax.bar(
+        edges[:-1], counts / (n * width), width, align="edge", color=COLOURS["damper"], alpha=0.6
+    )
+    ax.axvspan(low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
+    ax.set_xlim(low, high)
+    unit = _unit(study, "min_gap", "length")[1]
+    label(ax, _name(study, "min_gap"), f"density (1/{unit})" if study.scales else "density")
+
+    ax.plot([], [], color="black", linewidth=LINE_WIDTH, label="cumulative share")
+    beyond = np.sum(gaps < low)
+    if beyond:
+        ax.plot([], [], " ", label=f"further left: {beyond:,} of {n:,}")
+    still = np.mean(study.finite("required_gap") <= 0)
+    if still >= 0.01:
+        ax.plot([], [], " ", label=f"min = gap at rest: {100 * still:.0f} %")
+    legend_above(ax, 2)
+
+    right = ax.twinx()
+    right.plot(np.sort(gaps), np.arange(1, n + 1) / n, color="black", linewidth=LINE_WIDTH)
+    right.set_ylim(0, 1.05)
+    right.set_yticks([0, 0.5, 1])
+    right.tick_params(labelsize=FONT_SIZE)
+    right.set_ylabel("cumulative share", fontsize=FONT_SIZE)
+    return ax
+
+
+def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) -> Axes:
+    """Probability of pounding by the first n samples over n, with its 95 % interval.
+
+    ``gap`` is as of ``Study.pounding_probability``.
+    """
+    ax = new_axes(ax)
+    pounding = _pounding(study, gap)
+    sizes = np.unique(np.geomspace(min(10, pounding.size), pounding.size, _POINTS).astype(int))
+    counts = np.cumsum(pounding)[sizes - 1]
+    estimates = [probability(int(k), int(n)) for k, n in zip(counts, sizes, strict=True)]
+    value, low, high = np.array([estimate[:3] for estimate in estimates]).T
+    ax.fill_between(sizes, low, high, label="95 % interval", **shade("damper"))
+    ax.plot(sizes, value, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="estimate")
+    ax.set_xscale("log")
+    label(ax, "samples $n$", "probability of pounding")
+    legend(ax)
+    only_shares(ax)
+    return ax
+
+
+def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = None) -> Axes:
+    """Probability that the required gap exceeds a gap, over that gap, with its 95 % interval.
+
+    ``rules_at`` marks a probability and the gaps that code rules ask for at it
+    (``Study.separation``).
+    """
+    ax = new_axes(ax)
+    ranked = np.sort(study.finite("required_gap"))
+    n = ranked.size
+    more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # how many exceed it
+    estimates = np.array([probability(int(k), n)[:3] for k in more])
+    gaps = ranked[n - more]
+    colour = COLOURS["damper"]
+    ax.plot(gaps, estimates[:, 0], color=colour, linewidth=LINE_WIDTH, label="estimate")
+    ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
+    ax.set_yscale("log")
+    if rules_at is not None:
+        found = study.separation(rules_at)
+        words = f"probability {100 * rules_at:.3g} %"
+        ax.axhline(rules_at, color=COLOURS["residual"], linewidth=0.7, label=words)
+        for name, words, style in (
+            ("double_difference", "double difference", ":"),
+            ("srss", "SRSS", "--"),
+            ("absolute_sum", "absolute sum", "-."),
+        ):
+            ax.axvline(
+                getattr(found, name), color="black", linestyle=style, linewidth=0.9, label=words
+            )
+    label(ax, _name(study, "required_gap"), "probability of exceedance")
+    ax.set_ylim(top=1)
+    legend_above(ax, 2)
+    return ax
+
+
+def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -> Axes:
+    """Fragility curve with its 95 % bootstrap band and the data.
+
+    A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
+    their intervals. ``intensity`` is what the axis says, unit and all.
+    """
+    ax = new_axes(ax)
+    im, k, n = curve.intensity, curve.pounding, curve.trials
+    if not curve.stripes:
+        im, k, n = grouped(im, k, 12)
+    shares = np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
+    at = np.geomspace(min(im.min(), curve.median / 4), max(im.max(), curve.median * 2), _POINTS)
+    low, high = curve.band(at, replicates=200)
+    ax.fill_between(at, low, high, label="95 % band", **shade("damper"))
+    words = rf"$\theta$ = {curve.median:.3g}, $\beta$ = {curve.dispersion:.3g}"
+    ax.plot(at, curve.probability(at), color=COLOURS["damper"], linewidth=LINE_WIDTH, label=words)
+    off = np.abs(shares[:, 1:].T - shares[:, 0])
+    ax.errorbar(
+        im, shares[:, 0], off, fmt="o", color="black", markersize=3, linewidth=0.7, label="data"
+    )
+    ax.set_xscale("log")
+    ratio_ticks(ax.xaxis)
+    label(ax, intensity, "probability of pounding")
+    legend(ax, columns=2)
+    only_shares(ax)
+    return ax
+
+
+def scatter_matrix(
+    study: Study, demands: Sequence[str] = ("required_gap",), names: Sequence[str] | None = None
+) -> Figure:
+    """Demands over parameters, a row for each demand and a column for each parameter.
+
+    ``names`` chooses parameters; by default the six of the largest rank correlation with the first
+    demand. At most 2,000 samples are drawn. The figure is unknown to pyplot.
+    """
+    parameters = study.parameters()
+    if names is None:
+        correlations = study.correlations(demands[0])
+        names = sorted(correlations, key=lambda x: -abs(np.nan_to_num(correlations[x])))[:6]
+    for name in names:
+        if name not in parameters:
+            raise ValueError(f"scatter_matrix: {name!r} must be one of {', '.join(parameters)}")
+    figure = new_figure(0.35 + 0.4 * len(names), 0.13 + 0.72 * len(demands))
+    panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
+    for row, demand in zip(panels, demands, strict=True):
+        known = demand in QUANTITIES
+        factor = _unit(study, demand, QUANTITIES[demand][0])[0] if known else 1.0
+        values = factor * study[demand][:_MOST_DOTS]
+        for ax, name in zip(row, names, strict=True):
+            drawn = parameters[name][:_MOST_DOTS]
+            size, words = parameter_axis(name, study.scales, float(np.abs(drawn).max()))
+            ax.plot(
+                size * drawn,
+                values,
+                ".",
+                color=CYCLE[0],
+                markersize=1.5,
+                alpha=0.4,
+                rasterized=True,
+            )
+            label(ax, words, _name(study, demand))
+            ax.locator_params(axis="x", nbins=3)
+            ax.label_outer()
+    return figure
+
+
+def correlations(study: Study, ax: Axes | None = None, column: str = "required_gap") -> Axes:
+    """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
+    found = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
+    names = sorted(found, key=lambda name: abs(found[name]))[-12:]
+    shown = {parameter_name(name): found[name] for name in names}
+    return signed_bars(ax, shown, f"rank correlation with {_plain(column)}")
+
+
+def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
+    """First-order and total Sobol indices as bars with intervals, the twelve largest on top."""
+    names = sorted(indices.total, key=lambda name: indices.total[name].value)[-12:]
+    ax = bars(ax, names)
+    place = np.arange(len(names))
+    for shift, kind, colour in ((0.2, "first", CYCLE[0]), (-0.2, "total", CYCLE[1])):
+        estimates = [getattr(indices, kind)[name] for name in names]
+        values = np.array([estimate.value for estimate in estimates])
+        ends = np.array([[max(e.value - e.low, 0), max(e.high - e.value, 0)] for e in estimates]).T
+        ax.barh(
+            place + shift,
+            values,
+            0.38,
+            xerr=ends,
+            color=colour,
+            alpha=0.8,
+            error_kw={"linewidth": 0.7},
+            label={"first": "first order", "total": "total"}[kind],
+        )
+    label(ax, f"Sobol index of {_plain(indices.demand)}", "")
+    ax.set_yticks(place, [parameter_name(name) for name in names])
+    ax.legend(loc="lower right", fontsize=FONT_SIZE, frameon=False)
+    return ax
+
+
+def _plain(column: str) -> str:
+    return QUANTITIES[column][1] if column in QUANTITIES else column.replace("_", " ")
+
+
+def _name(study: Study, column: str) -> str:
+    if column not in QUANTITIES:
+        return column.replace("_", " ")
+    quantity, words = QUANTITIES[column]
+    return f"{words} ({_unit(study, column, quantity)[1]})"
+
+
+def _unit(study: Study, column: str, quantity: str) -> tuple[float, str]:
+    """Factor and name of a column's unit."""
+    moments = study.moments(column)
+    return unit_for(quantity, study.scales is not None, max(-moments.smallest, moments.largest))
+
+
+def _pounding(study: Study, gap: float | None) -> Any:
+    return study.finite("pounds") == 1 if gap is None else study.finite("required_gap") >= gap

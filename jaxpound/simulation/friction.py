@@ -1,0 +1,359 @@
+r"""The friction link: the set-valued Coulomb law q ∈ μ Sgn(w), w = x1' − x2', over one time step.
+
+The slip velocity obeys w' = A − R q, with A = −f1 + ρ f2 the relative acceleration without friction
+(the ground's drops out) and R = 1 + ρ. A law takes w at t_m − h/2 to t_m + h/2. Within a step time
+is counted by τ from 0 to 1, and A(τ) = A_m + D (τ − ½) with D = A_m − A_{m−1}.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxpound._checks import Rule, enforce, is_traced, number
+from jaxpound._extrema import larger, smaller
+
+
+class Link(NamedTuple):
+    """What a friction law is told of a step, from t_m − h/2 to t_m + h/2."""
+
+    velocity: jax.Array  # w at t_m − h/2
+    phase: jax.Array  # direction of slip before the step, 0 in stick
+    pull: jax.Array  # A_m
+    last_pull: jax.Array  # A_{m−1}
+    inverse_mass: jax.Array  # R
+    friction: jax.Array  # μ
+    dt: Any  # h
+
+
+class Slip(NamedTuple):
+    """What a friction law makes of one step, from t_m − h/2 to t_m + h/2.
+
+    ``jump`` is what the drift from t_m to t_{m+1} misses of x1 − x2 because friction changed within
+    the step. ``turns`` says whether w vanished in the step, ``turn_time`` when (after t_m) and
+    ``turn`` by how much x1 − x2 differs there from its value at t_m. ``phase`` is the direction of
+    slip after the step, 0 in stick; ``change_time`` is when it took over (after t_m).
+    """
+
+    velocity: jax.Array  # w at t_m + h/2
+    mean_force: jax.Array  # q, mean over the step
+    force: jax.Array  # q at t_m
+    velocity_now: jax.Array  # w at t_m
+    jump: jax.Array
+    turns: jax.Array
+    turn_time: jax.Array
+    turn: jax.Array
+    turn_forces: tuple[jax.Array, jax.Array]  # q before and after it
+    phase: jax.Array
+    change_time: jax.Array
+
+
+class FrictionLaw(Protocol):
+    """A law of friction, evaluated as the mean force over one step."""
+
+    set_valued: ClassVar[bool]
+    """Whether |q| = μ in any slip."""
+
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EventResolved:
+    """Coulomb's law with the instants of stopping and of breaking away found within the step.
+
+    The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event,
+    θ < φ < 1 a stop after which friction soon fails to hold, θ = φ a reversal. All three follow in
+    closed form from the linear A(τ). Value and gradient of a run are second-order accurate in h, in
+    the root mean square over where events fall within a step. More events than these in one step,
+    such as a breakaway that turns back within it, are not followed, so that phases shorter than a
+    step may be missed; the force stays within ±μ all the same.
+    """
+
+    set_valued: ClassVar[bool] = True
+
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
+        w, _, a, a_last, inverse_mass, mu, h = link
+        step = _resolved(w, a, a - a_last, inverse_mass * mu, h)
+        return Slip(
+            velocity=step.velocity,
+            mean_force=(a - (step.velocity - w) / h) / inverse_mass,
+            force=step.resistance / inverse_mass,
+            velocity_now=step.velocity_now,
+            jump=step.jump,
+            turns=step.turns > 0,
+            turn_time=step.turn_time,
+            turn=step.turn,
+            turn_forces=(step.before / inverse_mass, step.after / inverse_mass),
+            phase=step.phase,
+            change_time=step.change_time,
+        )
+
+
+class _Resolved(NamedTuple):
+    velocity: jax.Array  # w at t_m + h/2
+    resistance: jax.Array  # R q at t_m
+    velocity_now: jax.Array
+    jump: jax.Array
+    turns: jax.Array  # 1 or 0
+    turn_time: jax.Array
+    turn: jax.Array
+    before: jax.Array  # R q before it, and after it
+    after: jax.Array
+    phase: jax.Array
+    change_time: jax.Array
+
+
+def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h: Any) -> _Resolved:
+    """Events of a step in which A(τ) = pull + rise (τ − ½), and stick lasts while |A| ≤ hold."""
+    # Seen along the slip: speed × h is |w|, and a − hold what accelerates it.
+    slips_first = w != 0
+    way = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
+    speed, a, d = way * w / h, way * pull, way * rise
+
+    # Slip, until the speed vanishes at θ: a root of speed − half θ + d θ²/2 = 0.
+    drive = a - jnp.where(slips_first, hold, 0.0)
+    half = d / 2 - drive
+    below = half**2 - 2 * d * speed
+    dips = (half > 0) & (d > half) & (below >= 0)  # both roots within the step
+    stops = (speed + drive <= 0) | dips | ~slips_first
+    solve = stops & slips_first
+    root = jnp.sqrt(jnp.where(solve, larger(below, _tiny(w)), 1.0))
+    theta = 2 * speed / jnp.where(solve, half + root, 1.0)
+    theta = jnp.where(solve, smaller(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
+
+    # Stick, until |A| exceeds what holds at φ.
+    a_stop, a_end, a_rest = a + d * (theta - 0.5), a + d / 2, a + d * theta / 2
+    sticks = stops & (jnp.abs(a_stop) <= hold)
+    breaks = sticks & (jnp.abs(a_end) > hold)
+    excess = jnp.where(breaks, jnp.abs(a_end) - hold, 0.0)
+    left = excess / jnp.where(breaks, jnp.abs(d), 1.0)  # 1 − φ
+    phi = jnp.where(sticks, 1 - left, theta)
+
+    # Slip again, from rest.
+    after = jnp.sign(jnp.where(sticks, a_end, a_rest))
+    gained = (1 - theta) * larger(jnp.abs(a_rest) - hold, 0.0)
+    gained = jnp.where(sticks, excess * left / 2, gained)
+    # Without friction nothing ever sticks, not even the smallest motion about rest: there the
+    # reversal's impulse, which is zero, counts for its derivative by hold.
+    turned = h * (speed + a - hold * (theta + after * (1 - theta)))
+    w_new = jnp.where(stops & (hold > 0), h * after * gained, turned)
+
+    slipping = theta >= 0.5
+    # A push that reverses nothing leaves the link stuck, with what force it has.
+    stuck = ~slipping & ((phi >= 0.5) | (stops & (gained == 0)))
+    resistance = jnp.where(stuck, _held(a, hold), after * hold)
+    opposed = smaller(theta, 0.5) + after * larger(0.5 - theta, 0.0)
+    turned_now = h * (speed + (a - d / 4) / 2 - hold * opposed)
+    after_now = larger(after * (w_new - h / 2 * (a + d / 4)) + h / 2 * hold, 0.0)
+    w_now = jnp.where(stuck, 0.0, after * after_now)
+    w_now = jnp.where(slipping, larger(turned_now, 0.0), w_now)
+
+    # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
+    s = h * (theta - 0.5)
+    released = jnp.where(sticks, hold - a_stop, hold - after * hold)
+    return _Resolved(
+        velocity=way * w_new,
+        resistance=way * jnp.where(slipping, hold, resistance),
+        velocity_now=way * jnp.where(hold > 0, w_now, turned_now),
+        jump=way * jnp.where(solve, released * s**2 / 2, 0.0),
+        turns=solve.astype(w.dtype),
+        turn_time=s,
+        turn=-way * (drive + 2 / 3 * d * (theta - 0.5)) * s**2 / 2,
+        before=way * hold,
+        after=way * _held(a_stop, hold),
+        phase=way * jnp.where(stops, jnp.sign(w_new), 1.0),
+        change_time=jnp.where(sticks & ~breaks, s, h * (phi - 0.5)),
+    )
+
+
+def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
+    # One limit, not two: at hold = 0 they would coincide.
+    return jnp.sign(a) * smaller(jnp.abs(a), hold)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(4,))
+def _resolved(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Resolved:
+    return _resolve(w, pull, rise, hold, h)
+
+
+@_resolved.defjvp
+def _resolved_jvp(h: Any, primals: Any, tangents: Any) -> Any:
+    # One partial derivative by each of the four: reverse mode keeps these instead of the step's
+    # many intermediates, and forward mode finds them once for all directions.
+    out, parts = None, []
+    for i, (x, tangent) in enumerate(zip(primals, tangents, strict=True)):
+
+        def along(x: Any, i: int = i) -> Any:
+            values: list[Any] = [*primals[:i], x, *primals[i + 1 :], h]
+            return _resolve(*values)
+
+        out, slopes = jax.jvp(along, (x,), (jnp.ones_like(x),))
+        parts.append([slope * tangent for slope in slopes])
+    return out, _Resolved(*[sum(part[1:], part[0]) for part in zip(*parts, strict=True)])
+
+
+@dataclasses.dataclass(frozen=True)
+class Switching:
+    """The paper's law (eqs. 10–12): stick or slip for the whole step, chosen by ``jnp.where``.
+
+    Stick gives way when the force that holds, A/R, exceeds μ; slip ends, in stick or in slip the
+    other way, one step after w has changed sign. First-order accurate, and its derivatives miss how
+    the switching instants move with the parameters.
+    """
+
+    set_valued: ClassVar[bool] = True
+
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
+        w, phase, a, _, inverse_mass, mu, h = link
+        hold = a / inverse_mass
+        leaves = (phase == 0) | (w * phase <= 0)
+        pushed = jnp.where(jnp.abs(hold) <= mu, 0.0, jnp.where(phase == 0, jnp.sign(hold), -phase))
+        new_phase = jnp.where(leaves, pushed, phase)
+        sticks = new_phase == 0
+        force = jnp.where(sticks, hold, mu * new_phase)
+        w_new = jnp.where(sticks, 0.0, w + h * (a - inverse_mass * force))
+        turns, turn_time, turn = vertex(w, w_new, h)
+        return Slip(
+            velocity=w_new,
+            mean_force=force,
+            force=force,
+            velocity_now=(w + w_new) / 2,
+            jump=jnp.zeros_like(w),
+            turns=turns,
+            turn_time=turn_time,
+            turn=turn,
+            turn_forces=(force, force),
+            phase=new_phase,
+            change_time=jnp.where(phase == 0, 0.0, -h) * jnp.ones_like(w),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Smoothed:
+    """Regularised friction, q = μ tanh(w / velocity), by an L-stable second-order implicit step.
+
+    w' = A − R μ tanh(w/v_s) is taken over the step by the two-stage SDIRK method with γ = 1 − 1/√2
+    (Alexander 1977); each stage is one monotone scalar equation. No width is unstable, and v_s → 0
+    gives stick (w = 0) wherever Coulomb's law does. There is no true stick: blocks creep at
+    w ≈ v_s A/(Rμ), so that ``phase`` is the sign of w.
+
+    The gradient tends to that of ``EventResolved`` as v_s falls, if steps resolve it: a v_s that
+    steps jump over spoils the gradient, much more than the value. Take at least h/2 times the
+    largest relative acceleration, half of ``abs(diff(v1 - v2)).max()`` of a run, and shorten the
+    step to go narrower (``benchmarks/gradients.py``).
+
+    Parameters
+    ----------
+    velocity
+        v_s > 0, the slip velocity at which friction reaches 76 % of μ, in units of g/ω1.
+
+    Raises
+    ------
+    ValueError
+        If velocity is not positive and finite.
+    """
+
+    velocity: float
+    set_valued: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if is_traced(self.velocity):
+            raise ValueError("Smoothed: velocity shapes the program and cannot be traced")
+        velocity = number("Smoothed", "velocity", self.velocity)
+        rule = Rule("velocity", velocity, 0 < velocity < float("inf"), "positive and finite")
+        enforce("Smoothed", [rule])
+        object.__setattr__(self, "velocity", float(velocity))
+
+    def slide(self, link: Link) -> Slip:
+        """One step of the link."""
+        w, _, a, _, inverse_mass, mu, h = link
+        # Below √tiny widths are alike, and brake / width stays finite.
+        width = jnp.maximum(jnp.asarray(self.velocity, w.dtype), _tiny(w) ** 0.5)
+        share = 1 - 0.5**0.5
+        brake = h * share * inverse_mass * mu
+        push = h * share * a
+        stage = _creep(w + push, brake, width)
+        slope = (stage - w) / share  # h w' at the first stage
+        w_new = _creep(w + (1 - share) * slope + push, brake, width)
+        w_now = (w + w_new) / 2
+        turns, turn_time, turn = vertex(w, w_new, h)
+        return Slip(
+            velocity=w_new,
+            mean_force=(a - (w_new - w) / h) / inverse_mass,
+            force=mu * jnp.tanh(_ratio(w_now, width)),
+            velocity_now=w_now,
+            jump=jnp.zeros_like(w),
+            turns=turns,
+            turn_time=turn_time,
+            turn=turn,
+            turn_forces=(jnp.zeros_like(w), jnp.zeros_like(w)),
+            phase=jnp.sign(w_new),
+            change_time=turn_time,
+        )
+
+
+def vertex(before: jax.Array, after: jax.Array, h: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Extremum of a series near t_m from its mean velocities in the steps before and after t_m.
+
+    Returns whether the parabola through the three values turns within h/2 of t_m, when (after
+    t_m), and the extremum less the value at t_m.
+    """
+    turns = before * after < 0
+    mean = (before + after) / 2
+    gain = jnp.where(turns, after - before, 1.0)
+    time = jnp.where(turns, -mean / gain * h, 0.0)
+    return turns, time, mean * time / 2
+
+
+def _tiny(x: jax.Array) -> Any:
+    return jnp.finfo(x.dtype).tiny
+
+
+def _ratio(w: jax.Array, width: jax.Array) -> jax.Array:
+    # tanh is ±1 to rounding from 40 on; the limit keeps w/width, and its derivative, finite.
+    near = jnp.abs(w) < 40 * width
+    return jnp.where(near, jnp.where(near, w, 0.0) / width, 40 * jnp.sign(w))
+
+
+@jax.custom_jvp
+def _creep(push: jax.Array, brake: jax.Array, width: jax.Array) -> jax.Array:
+    """The w that solves w + brake tanh(w / width) = push, for brake ≥ 0 and width > 0."""
+    goal = jnp.abs(push)
+    # For w > 0 the left side is concave: from below the root, Newton's method climbs to it.
+    start = jnp.maximum(goal - brake, goal / (1 + brake / width))
+
+    def improve(carry: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+        w, _, turn = carry
+        t = jnp.tanh(_ratio(w, width))
+        better = w + (goal - w - brake * t) / (1 + brake / width * (1 - t * t))
+        better = jnp.clip(better, w, goal)
+        return better, better - w, turn + 1
+
+    def unsettled(carry: tuple[Any, Any, Any]) -> Any:
+        w, change, turn = carry
+        return (turn < 400) & (change > 4 * jnp.finfo(w.dtype).eps * w)
+
+    w, _, _ = lax.while_loop(unsettled, improve, (start, jnp.full_like(start, jnp.inf), 0))
+    return jnp.sign(push) * w
+
+
+@_creep.defjvp
+def _creep_jvp(primals: Any, tangents: Any) -> Any:
+    push, brake, width = primals
+    d_push, d_brake, d_width = tangents
+    w = _creep(push, brake, width)
+    y = _ratio(w, width)
+    t = jnp.tanh(y)
+    # With s = sech², dw (1 + brake s / width) = d_push − t d_brake + (brake s / width) y d_width;
+    # dividing by 1 + brake s / width is safe at any size of it.
+    stiff = brake / width * (1 - t * t)
+    change = (d_push - t * d_brake) / (1 + stiff) + stiff / (1 + stiff) * y * d_width
+    return w, change

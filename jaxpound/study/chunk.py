@@ -1,0 +1,215 @@
+"""One chunk of a Monte Carlo study: what a worker must know, and what it does."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy
+
+from jaxpound._checks import refusal
+from jaxpound._version import __version__
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import Ground, as_pytree
+from jaxpound.ground.plausibility import first_of
+from jaxpound.simulation.batches import in_chunks, runs_at_a_time
+from jaxpound.simulation.run import demand
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.archives import DamagedError, require_name
+from jaxpound.study.identity import describe, digest
+from jaxpound.study.sampling import Points, as_key, points
+from jaxpound.study.scenarios import ScenarioSet, keys_in_order, parameter_names, parameters
+from jaxpound.study.statistics import Moments
+from jaxpound.study.store import Store
+from jaxpound.study.study import finished, moments
+
+Measure = Callable[[Any, Any], Any]
+"""A further column: from a scenario's structures and ground motion to one number."""
+
+Columns = dict[str, np.ndarray]
+
+_PROGRAMS: dict[tuple[str, str], Callable[[np.ndarray], Any]] = {}
+_MOST_PROGRAMS = 8  # compiled ones that a process keeps, two a study
+
+
+def _kept(what: str, fingerprint: str, make: Callable[[], Callable[..., Any]]) -> Any:
+    """A compiled program of a study, made if it is not among those that are kept."""
+    if (what, fingerprint) not in _PROGRAMS:
+        for oldest in [*_PROGRAMS][: len(_PROGRAMS) - _MOST_PROGRAMS + 1]:
+            del _PROGRAMS[oldest]
+        _PROGRAMS[what, fingerprint] = make()
+    return _PROGRAMS[what, fingerprint]
+
+
+@lru_cache(maxsize=4)
+def _draw(sampling: str, key: tuple[str, tuple[int, ...]], dimension: int) -> Points:
+    """The points of a study; kept, since Sobol points are made one after the other."""
+    return points(sampling, as_key(*key), dimension)
+
+
+class Outcome(NamedTuple):
+    """A finished chunk: its statistics and, without a store, its columns."""
+
+    moments: dict[str, Moments]
+    columns: Columns
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """All that a worker must know to run any chunk of a study."""
+
+    scenarios: ScenarioSet
+    grid: TimeGrid
+    scheme: Scheme
+    key: tuple[str, tuple[int, ...]]  # kind and numbers
+    sampling: str
+    n: int
+    chunk_size: int
+    measures: dict[str, Measure]
+    keep_parameters: bool
+    keep_failures: bool
+    x64: bool
+    names: tuple[str, ...] = ()  # of the columns
+    folder: Path | None = None
+    most: int = 0  # samples that the store is to hold
+    fingerprint: str = ""  # of the program, whatever the points
+
+    def identity(self) -> dict[str, Any]:
+        """What determines every number of the study, in words; its number of samples does not."""
+        drawn = parameter_names(self.scenarios) if self.keep_parameters else ()
+        kind, numbers = self.key
+        partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
+        versions = {
+            "jaxpound": __version__,
+            "jax": jax.__version__,
+            "scipy": scipy.__version__,
+        }
+        return {
+            "versions": versions,
+            "precision": "float64" if self.x64 else "float32",
+            "key": {"kind": kind, "numbers": list(numbers), "partitionable": partitionable},
+            "sampling": self.sampling,
+            "chunk_size": self.chunk_size,
+            "columns": list(keys_in_order(self.run, self.normal())),
+            "parameters": list(drawn),
+            "grid": describe(self.grid),
+            "scheme": describe(self.scheme),
+            "scenarios": describe(self.scenarios),
+            "measures": describe(self.measures),
+            "program": self.program_digest(),
+        }
+
+    def program_digest(self) -> str:
+        """Checksum of what scenarios and measures compute, whatever functions they are made of."""
+
+        def drawn(z: jax.Array) -> Any:
+            structures, ground = self.scenarios.realize(z)
+            measured = {name: f(structures, ground) for name, f in self.measures.items()}
+            named = parameters(self.scenarios, z) if self.keep_parameters else {}
+            return structures, as_pytree(ground, self.grid), measured, named
+
+        traced = jax.jit(drawn).trace(self.normal())
+        return digest(traced.lower(lowering_platforms=("cpu",)).as_text().encode())
+
+    def normal(self) -> jax.ShapeDtypeStruct:
+        """Shape and type of z."""
+        return jax.ShapeDtypeStruct((self.scenarios.dimension,), jnp.zeros((), float).dtype)
+
+    def run(self, z: jax.Array) -> dict[str, jax.Array]:
+        """The columns of one scenario."""
+        structures, ground = self.scenarios.realize(z)
+        result = demand(structures, ground, self.grid, self.scheme)
+        columns = result.scalars() | {"required_gap": structures.initial_gap - result.min_gap}
+        more = {name: f(structures, ground) for name, f in self.measures.items()}
+        if self.keep_parameters:
+            more |= parameters(self.scenarios, z)
+        if taken := columns.keys() & more.keys():
+            raise ValueError(
+                f"monte_carlo: {sorted(taken)[0]!r} is the name of a demand; rename it"
+            )
+        for name, x in more.items():
+            require_name("monte_carlo", name)
+            if shape := jnp.shape(x):
+                raise ValueError(f"monte_carlo: {name!r} of shape {shape} must be one number")
+        return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
+
+    def rows(self, chunk: int, full: bool = False) -> range:
+        """Indices of the samples of a chunk; ``full``: of all that the store is to hold."""
+        n = max(self.n, self.most) if full else self.n
+        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, n))
+
+    def points(self, chunks: Sequence[int], full: bool = False) -> np.ndarray:
+        """Points of the samples of some chunks, shape (n, d)."""
+        draw = _draw(self.sampling, self.key, self.scenarios.dimension)
+        rows = [self.rows(chunk, full) for chunk in chunks]
+        return np.concatenate([draw(some.start, some.stop) for some in rows])
+
+    def first_grounds(self) -> Ground:
+        """Ground motions of the first scenarios, to be looked at before any is run."""
+        draw = _draw(self.sampling, self.key, self.scenarios.dimension)
+
+        def ground(z: jax.Array) -> Ground:
+            return as_pytree(self.scenarios.realize(z)[1], self.grid)
+
+        draw_all = _kept("grounds", self.fingerprint, lambda: jax.jit(jax.vmap(ground)))
+        return draw_all(draw(0, first_of(self.n, self.grid)))
+
+    def finish(self, chunk: int) -> Outcome:
+        """Run a chunk and keep it; one that a lost worker had kept before is only read."""
+        held = None
+        if self.folder is not None:
+            with contextlib.suppress(DamagedError):
+                held = Store(self.folder, self.n).read(chunk)
+        return self.keep(chunk, self.compute(chunk)) if held is None else Outcome(moments(held), {})
+
+    def compute(self, chunk: int) -> Columns:
+        """The columns of a chunk."""
+        rows = self.rows(chunk, full=True)
+        with jax.enable_x64(self.x64):
+            size = self._runs_at_a_time()
+            program = _kept("runs", self.fingerprint, lambda: in_chunks(self.run, size))
+            z = self.points([chunk], full=True)
+            # Always batches of one size: one program, and the same rounding.
+            rest = -len(rows) % size
+            results = program(np.concatenate([z, np.repeat(z[-1:], rest, 0)]))
+            columns = {name: results[name][: len(rows)] for name in self.names}
+            self._refuse_failures(columns, z, rows)
+        return columns
+
+    def keep(self, chunk: int, columns: Columns) -> Outcome:
+        """Put a chunk in the store, if there is one."""
+        if self.folder is not None:
+            Store(self.folder, self.n).write(chunk, columns)
+        own = {name: x[: len(self.rows(chunk))] for name, x in columns.items()}
+        return Outcome(moments(own), {} if self.folder else own)
+
+    def finished(self, chunks: Sequence[int]) -> Iterator[tuple[int, Outcome]]:
+        """Those of the chunks that the store holds."""
+        if self.folder is not None:
+            for chunk, found in finished(Store(self.folder, self.n), chunks):
+                yield chunk, Outcome(found, {})
+
+    def _runs_at_a_time(self) -> int:
+        return min(self.chunk_size, runs_at_a_time())
+
+    def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
+        good = np.all([np.isfinite(x) for x in columns.values()], axis=0)
+        if good.all() or self.keep_failures:
+            return
+        first = int(np.argmin(good))
+        at = jnp.asarray(z[first])
+        reason = refusal(lambda: demand(*self.scenarios.realize(at), self.grid, self.scheme))
+        reason = reason or next(
+            f"{name} is not finite" for name, x in columns.items() if not np.isfinite(x[first])
+        )
+        raise ValueError(
+            f"monte_carlo: scenario {rows[first]} fails: {reason}; "
+            "keep_failures (= True) leaves such out"
+        )

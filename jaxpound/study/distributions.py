@@ -1,0 +1,162 @@
+"""Distributions as monotone maps of a standard normal number, so that they trace and truncate."""
+
+from __future__ import annotations
+
+import dataclasses
+from statistics import NormalDist
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.special import ndtr, ndtri
+
+from jaxpound._checks import Rule, enforce, finite, number, positive
+from jaxpound._extrema import larger, smaller
+
+
+@runtime_checkable
+class Distribution(Protocol):
+    """A random number as an increasing function of a standard normal one."""
+
+    def from_normal(self, z: Any) -> Any:
+        """The value whose probability of not being exceeded is Φ(z)."""
+
+    def to_normal(self, x: Any) -> Any:
+        """Inverse of ``from_normal``; from −∞ below the support to ∞ above it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Normal:
+    """Normal distribution of a mean and a standard deviation > 0.
+
+    Raises
+    ------
+    ValueError
+        If mean is not finite or std is not positive and finite.
+
+    Examples
+    --------
+    >>> jp.Normal(mean=2.0, std=0.5).from_normal(-1.0)
+    1.5
+    """
+
+    mean: float
+    std: float
+
+    def __post_init__(self) -> None:
+        mean = number("Normal", "mean", self.mean)
+        enforce("Normal", [Rule("mean", mean, finite(mean), "finite")])
+        positive("Normal", std=number("Normal", "std", self.std))
+
+    def from_normal(self, z: Any) -> Any:
+        """Mean + std z."""
+        return self.mean + self.std * z
+
+    def to_normal(self, x: Any) -> Any:
+        """(x − mean) / std."""
+        return (x - self.mean) / self.std
+
+
+@dataclasses.dataclass(frozen=True)
+class LogNormal:
+    """Lognormal distribution: ln x is normal about ln median > 0 with standard deviation sigma > 0.
+
+    Raises
+    ------
+    ValueError
+        If median or sigma is not positive and finite.
+
+    Examples
+    --------
+    >>> friction = jp.LogNormal(median=0.25, sigma=0.2)
+    >>> round(float(friction.from_normal(1.0)), 4)  # one standard deviation above the median
+    0.3054
+    """
+
+    median: float
+    sigma: float
+
+    def __post_init__(self) -> None:
+        median, sigma = (number("LogNormal", n, getattr(self, n)) for n in ("median", "sigma"))
+        positive("LogNormal", median=median, sigma=sigma)
+
+    def from_normal(self, z: Any) -> Any:
+        """Median e^(sigma z)."""
+        return self.median * jnp.exp(self.sigma * z)
+
+    def to_normal(self, x: Any) -> Any:
+        """ln(x / median) / sigma."""
+        inside = jnp.asarray(x) > 0
+        logarithm = jnp.log(jnp.where(inside, x, 1.0) / self.median)
+        return jnp.where(inside, logarithm / self.sigma, -jnp.inf)
+
+
+@dataclasses.dataclass(frozen=True)
+class Uniform:
+    """Uniform distribution between low and high > low.
+
+    Raises
+    ------
+    ValueError
+        If one is not finite, or high is not above low.
+
+    Examples
+    --------
+    >>> float(jp.Uniform(1.0, 3.0).from_normal(0.0))  # the median
+    2.0
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        low, high = (number("Uniform", name, getattr(self, name)) for name in ("low", "high"))
+        enforce(
+            "Uniform",
+            [
+                Rule("low", low, finite(low), "finite"),
+                Rule(
+                    "high", high, finite(high) & (high > low), f"finite and above low = {low:.8g}"
+                ),
+            ],
+        )
+
+    def from_normal(self, z: Any) -> Any:
+        """Low + (high − low) Φ(z)."""
+        return self.low + (self.high - self.low) * ndtr(jnp.asarray(z, float))
+
+    def to_normal(self, x: Any) -> Any:
+        """Φ⁻¹ of the way from low to high."""
+        share = (jnp.asarray(x, float) - self.low) / (self.high - self.low)
+        inside = (share > 0) & (share < 1)
+        outside = jnp.where(share <= 0, -jnp.inf, jnp.inf)
+        return jnp.where(inside, ndtri(jnp.where(inside, share, 0.5)), outside)
+
+
+RARE = 1e-6
+"""Probability, to either side, of what ``reach`` leaves out."""
+
+
+def reach(distribution: Distribution) -> tuple[float, float]:
+    """Between which values nearly all draws are: the bounds, or the quantiles of ``RARE``."""
+    if isinstance(distribution, Uniform):
+        return float(distribution.low), float(distribution.high)
+    z = NormalDist().inv_cdf(RARE)
+    return float(distribution.from_normal(z)), float(distribution.from_normal(-z))
+
+
+def truncated(distribution: Distribution, z: Any, low: Any, high: Any) -> jax.Array:
+    """The value for z of the distribution given that it is in [low, high].
+
+    Where the distribution does not reach that interval, its nearer end.
+    """
+    # Tails are kept by counting probability from the nearer end.
+    below, above = distribution.to_normal(low), distribution.to_normal(high)
+    from_above = ((z > 0) | (below > 0)) & (above > 0)
+    sign = jnp.where(from_above, -1.0, 1.0)
+    near, far = jnp.where(from_above, -above, below), jnp.where(from_above, -below, above)
+    start = ndtr(near)
+    p = start + (ndtr(far) - start) * ndtr(sign * z)
+    limits = jnp.finfo(p.dtype)
+    x = distribution.from_normal(sign * ndtri(larger(smaller(p, 1 - limits.eps), limits.tiny)))
+    return larger(smaller(x, high), low)

@@ -1,0 +1,122 @@
+"""Which uncertain parameter matters: Sobol indices of a demand."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+from scipy import stats
+
+from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
+from jaxpound._tables import Shown, Table
+from jaxpound.grid import TimeGrid
+from jaxpound.simulation.batches import in_chunks
+from jaxpound.simulation.run import demand as run_demand
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.sampling import points
+from jaxpound.study.scenarios import ScenarioSet, parameter_names
+from jaxpound.study.statistics import Estimate
+
+_REPLICATES = 500  # of the bootstrap
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Sensitivity(Shown):
+    """Sobol indices of one demand, by parameter, with bootstrap intervals.
+
+    ``first`` is the share of the demand's variance that goes if the parameter is known; ``total``
+    the share that stays if all others are.
+    """
+
+    demand: str
+    runs: int
+    first: dict[str, Estimate]
+    total: dict[str, Estimate]
+
+    def _tables(self) -> list[Table]:
+        rows = [(name, str(x), str(self.total[name])) for name, x in self.first.items()]
+        title = f"Sobol indices of {self.demand} ({self.runs:,} runs)"
+        return [Table(title, ("parameter", "first order", "total"), rows)]
+
+
+def sobol_sensitivity(
+    scenarios: ScenarioSet,
+    grid: TimeGrid,
+    scheme: Scheme = Scheme(),
+    demand: str = "required_gap",
+    *,
+    n: int = 1024,
+    key: int = 0,
+    confidence: float = 0.95,
+) -> Sensitivity:
+    """Sobol indices of a demand to a scenario set's parameters, as ``scipy.stats`` estimates them.
+
+    Parameters
+    ----------
+    scenarios, grid, scheme
+        As of ``monte_carlo``.
+    demand
+        A scalar of ``Demand``, or "required_gap" (initial gap − min gap).
+    n
+        Base sample, a power of 2; n (d + 2) scenarios are run for d parameters.
+    key
+        A seed.
+    confidence
+        Of the bootstrap intervals.
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule, a scenario fails, or the demand does not vary.
+    """
+    owner = "sobol_sensitivity"
+    instance(owner, "scenarios", scenarios, ScenarioSet)
+    instance(owner, "grid", grid, TimeGrid)
+    instance(owner, "scheme", scheme, Scheme)
+    n = count(owner, "n", n)
+    key = seed(owner, "key", key)
+    enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
+    require_share(owner, "confidence", confidence)
+
+    def run(z: Any) -> jax.Array:
+        structures, ground = scenarios.realize(z)
+        result = run_demand(structures, ground, grid, scheme)
+        values = {"required_gap": structures.initial_gap - result.min_gap} | result.scalars()
+        if demand not in values:
+            raise ValueError(f"{owner}: demand = {demand!r} must be one of {', '.join(values)}")
+        return values[demand]
+
+    run_all: Any = in_chunks(run)
+
+    names = parameter_names(scenarios)
+    d = len(names)
+    z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
+    one, other = z[:, :d], z[:, d:]
+    mixed = [np.where(np.arange(d) == i, other, one) for i in range(d)]
+    found = run_all(np.concatenate([one, other, *mixed])).astype(float)
+    if bad := np.count_nonzero(~np.isfinite(found)):
+        raise ValueError(f"{owner}: {bad} of {found.size} scenarios fail; monte_carlo says why")
+    if not np.ptp(found):
+        raise ValueError(f"{owner}: {demand} = {found[0]:.8g} must vary, but does not")
+    runs = found.reshape(d + 2, n)
+
+    def indices(rows: Any) -> np.ndarray:
+        f = runs[:, rows]
+        given = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
+        shares = stats.sobol_indices(func=given, n=n)
+        return np.stack([shares.first_order, shares.total_order]).reshape(2, d)
+
+    random = np.random.default_rng(key)
+    drawn = [indices(random.integers(0, n, n)) for _ in range(_REPLICATES)]
+    tail = (1 - confidence) / 2
+    limits = np.quantile(drawn, [tail, 1 - tail], axis=0)
+    first, total = (
+        {
+            name: Estimate(float(value), float(low), float(high), confidence)
+            for name, value, low, high in zip(names, *three, strict=True)
+        }
+        for three in np.stack([indices(slice(None)), *limits], axis=1)
+    )
+    return Sensitivity(demand, found.size, first, total)

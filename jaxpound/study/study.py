@@ -1,0 +1,344 @@
+"""What a Monte Carlo study found: columns of demands, and the answers that follow from them."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from os import PathLike
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from scipy import stats
+
+from jaxpound._checks import Rule, enforce, instance, number, require_share
+from jaxpound._tables import Shown, Table
+from jaxpound.quantities import column, kind_of, unit
+from jaxpound.results.columns import Columnar
+from jaxpound.results.response import Demand
+from jaxpound.study.archives import DamagedError
+from jaxpound.study.scenarios import ScenarioSet, parameter_names, parameters
+from jaxpound.study.statistics import (
+    Estimate,
+    Moments,
+    double_difference_correlation,
+    probability,
+    quantile,
+)
+from jaxpound.study.store import Store
+from jaxpound.units import Scales
+
+_SHOWN = 6  # damaged chunks that a warning names
+
+
+class Separation(NamedTuple):
+    """The gap that is exceeded with a probability, beside what the rules of codes ask for.
+
+    The rules combine the two peak displacements u1, u2 that are exceeded with that probability.
+    """
+
+    required_gap: Estimate
+    absolute_sum: float
+    """u1 + u2."""
+    srss: float
+    """√(u1² + u2²)."""
+    double_difference: float
+    """√(u1² + u2² − 2 ρ u1 u2), with the correlation coefficient ρ of the two oscillators."""
+    correlation: float
+    """ρ, of the median structures without damper (``double_difference_correlation``)."""
+
+    def _table(self) -> Table:
+        rules = (self.absolute_sum, self.srss, self.double_difference)
+        names = ("absolute sum", "SRSS", "double difference")
+        return Table(
+            "Separation",
+            (),
+            [
+                ("required gap", str(self.required_gap)),
+                *((name, f"{x:.4g}") for name, x in zip(names, rules, strict=True)),
+            ],
+            [f"double difference with a correlation of {self.correlation:.3g}"],
+        )
+
+    def __repr__(self) -> str:
+        return self._table().text()
+
+    def _repr_html_(self) -> str:
+        return self._table().html()
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Study(Columnar, Shown):
+    """Demands of many random scenarios, column by column; ``monte_carlo`` makes it.
+
+    ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the gap
+    that an earthquake needs, initial gap − min gap, which does not depend on the gap there is;
+    measures and parameters that were asked for. Columns of a store are read when they are asked
+    for, one by one, so that n may exceed the memory. Runs that failed are NaN and left out of every
+    answer. Dimensionless as in eq. (9), or in SI units if there are ``scales``; measures and the
+    scenarios' parameters are what they are, in both. As a table (``to_pandas``, ``to_csv``,
+    ``to_parquet``) it has a row a sample.
+
+    With Sobol points samples are not independent, and intervals are as wide as for independent
+    ones: too wide, as a rule.
+    """
+
+    rows: Sequence[range]
+    """Indices of the samples, range by range."""
+    about: dict[str, Any]
+    """How it was made: versions, key, scenarios, grid, scheme, notes."""
+    _moments: Mapping[str, Moments]
+    _parts: Callable[[str], Iterable[np.ndarray]]
+    scenarios: ScenarioSet | None = None
+    points: Callable[[], np.ndarray] | None = None
+    """Makes the points z of the samples, shape (n, d), where the scenarios are known."""
+    scales: Scales | None = None
+
+    @staticmethod
+    def open(folder: str | PathLike[str]) -> Study:
+        """The study in a store: those of its chunks that are finished, in the units of its making.
+
+        Chunks that are damaged are left out with a warning that names them.
+
+        Raises
+        ------
+        ValueError
+            If the folder holds no study, or no chunk of it is finished.
+        """
+        store = Store(folder)
+        found = dict(finished(store, store.chunks()))
+        if not found:
+            raise ValueError(f"store {folder} must hold at least one finished chunk")
+        scales = store.manifest["identity"]["scales"]
+        return Study.of_store(
+            store,
+            found,
+            scales=Scales(scales["mass"], scales["frequency"], scales["gravity"])
+            if scales
+            else None,
+        )
+
+    @staticmethod
+    def of_store(store: Store, found: Mapping[int, Mapping[str, Moments]], **more: Any) -> Study:
+        """The study of the chunks found in a store."""
+
+        def parts(name: str) -> Iterator[np.ndarray]:
+            for chunk in found:
+                why = f"chunk {chunk} is not there any more"
+                try:
+                    part = store.read(chunk, [name])
+                except DamagedError as error:
+                    part, why = None, str(error)
+                if part is None:
+                    raise ValueError(f"store {store.folder}: {why}; run monte_carlo again")
+                yield part[name]
+
+        rows = [store.rows(chunk) for chunk in found]
+        return Study(rows, store.about(), total(found.values()), parts, **more)
+
+    def __len__(self) -> int:
+        return sum(map(len, self.rows))
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Indices of the samples, shape (n,)."""
+        return np.concatenate(self.rows)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(self._moments)
+
+    @property
+    def failed(self) -> int:
+        """Number of runs that failed."""
+        return len(self) - self._moments["min_gap"].n
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._read(self._known(name)) * self._factor(name)
+
+    def _read(self, name: str) -> np.ndarray:
+        return np.concatenate([*self._parts(name)])
+
+    def finite(self, name: str) -> np.ndarray:
+        """A column without the runs that failed."""
+        column = self[name]
+        return column[np.isfinite(column)]
+
+    def moments(self, name: str) -> Moments:
+        """Number, mean, standard deviation, skewness and extremes of a column."""
+        return self._moments[self._known(name)].times(self._factor(name))
+
+    def in_si(self, scales: Scales) -> Study:
+        """The same study in SI units."""
+        instance("Study.in_si", "scales", scales, Scales)
+        return dataclasses.replace(self, scales=scales)
+
+    @property
+    def demand(self) -> Demand:
+        """All demands as a batch."""
+        names = [f.name for f in dataclasses.fields(Demand) if f.name in self.columns]
+        return Demand(**{name: self[name] for name in names}, si=self.scales is not None)
+
+    def parameters(self) -> dict[str, np.ndarray]:
+        """The scenarios' parameters by name, shape (n,) each, kept or made again.
+
+        Raises
+        ------
+        ValueError
+            If they were not kept, and the scenarios are not known because the study was opened.
+        """
+        kept = self.about["identity"]["parameters"]
+        if kept:
+            return {name: self._read(name) for name in kept}
+        if self.scenarios is None or self.points is None:
+            raise ValueError(
+                "Study.parameters: not kept (keep_parameters=True keeps them), and the scenarios "
+                "are not known; call monte_carlo with the same arguments and store"
+            )
+        scenarios = self.scenarios
+        made = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(self.points())
+        return {name: np.asarray(made[name]) for name in parameter_names(scenarios)}
+
+    # Answers.
+
+    def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:
+        """Quantile of a column, with its distribution-free interval (``estimates.quantile``)."""
+        return quantile(self.finite(name), share, confidence)
+
+    def pounding_probability(self, gap: float | None = None, confidence: float = 0.95) -> Estimate:
+        """Probability of pounding at a gap, with Clopper and Pearson's interval.
+
+        Parameters
+        ----------
+        gap
+            The gap at rest ≥ 0, any one; by default that of the scenarios.
+        confidence
+            Of the interval.
+        """
+        if gap is None:
+            pounding = sum(int(np.count_nonzero(x == 1)) for x in self._parts("pounds"))
+        else:
+            gap = float(number("pounding_probability", "gap", gap))
+            rule = Rule("gap", gap, 0 <= gap < float("inf"), "finite and not negative")
+            enforce("pounding_probability", [rule])
+            factor = self._factor("required_gap")
+            parts = self._parts("required_gap")
+            pounding = sum(int(np.count_nonzero(x * factor >= gap)) for x in parts)
+        return probability(pounding, len(self) - self.failed, confidence)
+
+    def required_gap(self, probability: float, confidence: float = 0.95) -> Estimate:
+        """The gap at which the probability of pounding is so small."""
+        require_share("required_gap", "probability", probability)
+        return self.quantile("required_gap", 1 - probability, confidence)
+
+    def separation(self, probability: float, confidence: float = 0.95) -> Separation:
+        """The required gap beside those of code rules: absolute sum, SRSS, double difference.
+
+        The rules were made for buildings without a damper between them: compare them in a study
+        with friction 0. Here they take the peaks of this study, whatever its damper.
+        """
+        u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
+        rho = double_difference_correlation(*self.about["oscillators"])
+        return Separation(
+            self.required_gap(probability, confidence),
+            absolute_sum=u1 + u2,
+            srss=(u1**2 + u2**2) ** 0.5,
+            double_difference=max(u1**2 + u2**2 - 2 * rho * u1 * u2, 0.0) ** 0.5,
+            correlation=rho,
+        )
+
+    def correlations(self, name: str = "required_gap", kind: str = "rank") -> dict[str, float]:
+        """Correlation of a column with every parameter, "rank" (Spearman) or "linear" (Pearson).
+
+        NaN where one of the two does not vary.
+        """
+        if kind not in ("rank", "linear"):
+            raise ValueError(f"correlations: kind = {kind!r} must be 'rank' or 'linear'")
+        measure = stats.spearmanr if kind == "rank" else stats.pearsonr
+        column = self._read(self._known(name))
+        good = np.isfinite(column)
+
+        def correlation(x: np.ndarray) -> float:
+            constant = not (np.ptp(x) and np.ptp(column[good]))
+            return float("nan") if constant else float(measure(x, column[good]).statistic)
+
+        return {name: correlation(x[good]) for name, x in self.parameters().items()}
+
+    # Elsewhere.
+
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        si, columns = self.scales is not None, {"sample": self.indices}
+        for name in self.columns:
+            named = column(name, self._quantity(name), si)
+            if named in columns:
+                rule = "must be told from another column of the table: rename it in the study"
+                raise ValueError(f"Study: column {named!r} {rule}")
+            columns[named] = self[name]
+        return {"sample": columns.pop("sample")}, columns
+
+    def _tables(self) -> list[Table]:
+        units = "dimensionless" if self.scales is None else "SI"
+        drawn, rows = self.about["identity"]["parameters"], []
+        for name in [name for name in self.columns if name not in drawn]:
+            m = self.moments(name)
+            numbers = (m.mean, m.std, m.smallest, m.largest)
+            rows.append((name, *numbers, unit(self._quantity(name), self.scales is not None)))
+        title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
+        columns = ("", "mean", "standard deviation", "smallest", "largest", "unit")
+        return [Table(title, columns, rows, digits=4)]
+
+    def _known(self, name: str) -> str:
+        if name not in self._moments:
+            raise ValueError(f"Study: column {name!r} must be one of {', '.join(self._moments)}")
+        return name
+
+    def _quantity(self, name: str) -> str | None:
+        """Quantity of a column; none of pure numbers, and of what is not ours."""
+        own = {field.name for field in dataclasses.fields(Demand)} | {"required_gap"}
+        return kind_of(name) if name in own else None
+
+    def _factor(self, name: str) -> float:
+        """The unit of a column in SI; 1 of what has none, or is not ours."""
+        if self.scales is None:
+            return 1.0
+        names = [f.name for f in dataclasses.fields(Demand) if f.name in self.columns]
+        ones: dict[str, Any] = dict.fromkeys(names, 1.0)
+        units = self.scales.to_si(Demand(**ones))
+        factors = {field: getattr(units, field) for field in names}
+        return float((factors | {"required_gap": units.min_gap}).get(name, 1.0))
+
+
+def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
+    """Moments of every column of a chunk, of the runs that did not fail."""
+    return {name: Moments.of(x[np.isfinite(x)]) for name, x in columns.items()}
+
+
+def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[str, Moments]]]:
+    """Those of the chunks that are in the store, whole and right, with their moments.
+
+    In the end a warning names those that are damaged.
+    """
+    damaged = []
+    for chunk in chunks:
+        try:
+            columns = store.read(chunk)
+        except DamagedError as error:
+            damaged.append(str(error))
+            continue
+        if columns is not None:
+            yield chunk, moments(columns)
+    if damaged:
+        more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
+        warnings.warn(
+            f"store {store.folder}: {'; '.join(damaged[:_SHOWN])}{more}; what is damaged is left "
+            "out until monte_carlo makes it anew",
+            stacklevel=4,
+        )
+
+
+def total(parts: Iterable[Mapping[str, Moments]]) -> dict[str, Moments]:
+    """Moments of all chunks together."""
+    parts = list(parts)
+    return {name: sum((part[name] for part in parts), Moments()) for name in parts[0]}

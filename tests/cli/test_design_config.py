@@ -1,0 +1,251 @@
+"""The command line's design: configuration, run, what is written, and errors with their place."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jaxpound as jp
+from jaxpound.cli import config, design_config
+from jaxpound.cli import main as cli
+from jaxpound.cli.report import cell
+from jaxpound.quantities import in_words
+from tests.cli.test_main import edited, is_figure
+from tests.cli.test_report import number, tables
+from tests.cli.test_study_config import run
+
+EXAMPLE = config.example("example_design.toml")
+SMALL = {
+    "earthquakes = 256": "earthquakes = 12",
+    "fresh = 1000": "fresh = 20",
+    "starts = 4": "starts = 2",
+    "iterations = 100": "iterations = 8",
+    "duration = 10.0": "duration = 6.0",
+    "# dt": "dt = 0.02",
+}
+
+
+@pytest.fixture
+def write(tmp_path):
+    """The example with lines replaced."""
+
+    def write_config(changes):
+        path = tmp_path / "design.toml"
+        path.write_text(edited(EXAMPLE, changes))
+        return path
+
+    return write_config
+
+
+def test_the_example_is_printed_and_names_every_key(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["design", "--example-config"])
+    assert capsys.readouterr().out == EXAMPLE
+    for table in ("objective", "search"):
+        for key in design_config._KEYS[table]:
+            assert re.search(rf"(?m)^(# )?{key} = ", EXAMPLE), key
+    for price in design_config.PRICES:
+        assert price in EXAMPLE
+
+
+def test_the_example_in_words_of_the_library():
+    wanted = design_config.read_design(None)
+    assert wanted.space.names == (
+        "rod_1.tau_f",
+        "rod_2.tau_f",
+        "rod_1.tau_x",
+        "rod_2.tau_x",
+        "friction",
+    )
+    nominal = wanted.space.nominal
+    assert wanted.space.variables["friction"].high == pytest.approx(5 * nominal.friction)
+    assert wanted.space.variables["rod_1.tau_x"] == jp.Bounds(
+        0.8 * nominal.rod_1.tau_x, 5 * nominal.rod_1.tau_x, "log"
+    )
+    assert wanted.objective == jp.Objective(
+        limits={"peak_f1": jp.Limit(1.8e6, "mean"), "damper_force": jp.Limit(800e3)}
+    )
+    assert (len(wanted.ensemble), wanted.fresh) == (256, 1000)
+    assert wanted.search == {"starts": 4, "iterations": 100, "key": 0}
+
+
+def test_a_design_from_the_command_line(write, tmp_path):
+    record = tmp_path / "shake.csv"
+    t = 0.02 * np.arange(300)
+    np.savetxt(record, np.column_stack([t, 0.2 * np.sin(8 * t)]), delimiter=",")
+    path, out = write(SMALL), tmp_path / "out"
+    save = tmp_path / "search.npz"
+    printed = run("design", path, "--record", record, "--out", out, "--save", save)
+    assert "trained on 13 earthquakes (SI)" in printed
+    assert "fresh: 20 earthquakes (SI)" in printed
+    assert re.search(r"(?m)^slip force of the damper +N +200,000 +8\d\d,\d00 ", printed)
+    assert printed.index("slip force of the damper") < printed.index("rod_1.tau_x")
+    written = [line for line in printed.splitlines() if line.startswith(str(out))]
+    assert sorted(map(str, out.iterdir())) == sorted(written)
+    assert save.exists()
+    assert (out / "design.toml").read_text() == path.read_text()
+
+    answers = json.loads((out / "summary.json").read_text())
+    force = answers["limits"]["damper_force"]
+    assert force["reached"] <= 800e3 * 1.001
+    buildings = config.read_config(out / "buildings.toml")
+    nominal = design_config.read_design(path).space.nominal
+    for name, row in answers["variables"].items():
+        rod, _, field = name.rpartition(".")
+        own = getattr(buildings.structures, rod) if rod else buildings.structures
+        assert getattr(own, field) == pytest.approx(row["after"])
+    assert buildings.structures.mass_ratio == pytest.approx(nominal.mass_ratio)
+    assert buildings.structures.friction * buildings.scales.force == pytest.approx(
+        force["reached"], rel=2e-3
+    )
+    page = (out / "summary.md").read_text()
+    assert_page_says(page, answers, buildings)
+    for name in re.findall(r"\((\w+\.png)\)", page):
+        assert imread(out / name).size
+    assert is_figure(out / "convergence.png")
+
+
+def assert_page_says(page, answers, buildings):
+    """Every number of the page stands under the name of its column."""
+    answer, rods, limits, *compared, recorded = tables(page)
+    nominal = design_config.read_design(None)
+    first, second, force, gap = nominal.scales.buildings(nominal.space.nominal)
+    expected = [
+        ("slip force of the damper", "N", force, buildings.given["damper"]["friction_force"]),
+        ("gap at rest", "m", gap, buildings.given["gap"]),
+    ]
+    for i, before, after in ((1, first, buildings.building_1), (2, second, buildings.building_2)):
+        at = f"of building {i}"
+        for name, unit, factor in (("natural_period", "s", 1), ("damping_ratio", "%", 100)):
+            both = (factor * float(getattr(building, name)) for building in (before, after))
+            expected.append((f"{name.replace('_', ' ')} {at}", unit, *both))
+    for row, (quantity, unit, before, after) in zip(answer, expected, strict=True):
+        assert (row["quantity"], row["unit"]) == (quantity, unit)
+        assert row["before"] == cell(float(before))
+        assert number(row["after"]) == pytest.approx(float(after), rel=1e-3)
+        change = pytest.approx(float(after - before), rel=1e-2, abs=1e-3 * abs(float(after)))
+        assert number(row["change"]) == change
+    assert {row["parameter of a rod"] for row in rods} == {
+        path for path in answers["variables"] if path.startswith("rod_")
+    }
+    for row in rods:
+        rod, _, name = row["parameter of a rod"].partition(".")
+        own = getattr(buildings, rod.replace("rod", "building"))
+        assert number(row["after"]) == pytest.approx(float(getattr(own, name)), rel=1e-3)
+        assert row["unit"] == "s^order"
+    assert [row["unit"] for row in limits] == ["N", "N"]
+    for key, (gaps, demands) in zip(
+        ("trained", "fresh"), (compared[:2], compared[2:]), strict=True
+    ):
+        for tail, rows in (("5 % quantile", gaps), ("95 % quantile", demands)):
+            for row in rows:
+                (own,) = (
+                    x
+                    for name, x in answers[key]["demands"].items()
+                    if in_words(name) == row["demand"]
+                )
+                assert row["unit"] == own["unit"] != ""
+                for when in ("before", "after"):
+                    assert row[f"mean {when}"] == cell(own[f"mean_{when}"])
+                    assert row[f"{tail} {when}"] == cell(own[f"tail_{when}"])
+    (row,) = recorded
+    assert row["recorded earthquake"] == "shake"
+    assert row["smallest gap after"] == cell(answers["recorded"]["shake"]["min_gap_after"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"friction = {": "fricton = {low = 0.0, high = 5.0}"}, "did you mean 'friction'"),
+        ({"friction = {": "friction = [0, 5]"}, "[variables] friction = [0, 5] must be {low"),
+        (
+            {"friction = {": "friction = {low = 5.0, high = 1.0}"},
+            "[variables] friction: high = 1 must be finite and above low = 5",
+        ),
+        ({"friction_force": "friction_force = 0"}, "friction must be of a value above 0"),
+        ({"seed": "seed = 4294967296"}, "[search] seed = 4294967296 must be from 0 to 4294967295"),
+        ({"# batch": "batch = 6400"}, "[search] batch = 6400 must be at most the number of"),
+        ({"[variables]": "[recorded]\nfiles = []\n[variables]"}, "[recorded] files = [] must be"),
+        (
+            {"friction = {": "friction = {low = 2.0, high = 5.0}"},
+            "[variables] friction = {low = 2.0, high = 5.0} must hold the factor 1",
+        ),
+        (
+            {"friction = {": "friction = {low = 0.0, high = 1e6}"},
+            "at a bound: [damper] friction_force = 2e+11 N must be between 0 and 1e+10 N",
+        ),
+        ({"friction = {": "friction = {low = 0.0, hihg = 5.0}"}, "did you mean 'high'?"),
+        (
+            {'"rod_1.tau_f"': '"rod_1.tau_f" = {low = 0.5, high = 1000}'},
+            "[variables] rod_1.tau_f = 3.7846988 s^order, as large as it may be, must be below "
+            "tau_x = 0.32098712 s^order",
+        ),
+        ({'"rod_1.tau_x"': '"rod_1.tau_x" = {low = 0.5, high = 1e6}'}, "[building_1] natural per"),
+        ({"goal": 'goal = "gap"'}, '[objective] goal = "gap" must be one of'),
+        ({"goal": 'goal = "men gap"'}, "did you mean 'mean gap'?"),
+        ({"# share": "share = 0.1"}, "[objective] share must not be given with goal"),
+        ({"goal": 'goal = "soft minimum"'}, "lacks the key 'temperature' in [objective]"),
+        (
+            {"goal": 'goal = "CVaR"', "# share": "share = 2.0"},
+            "[objective] share = 2.0 must be between 1e-06 and 1 (of the",
+        ),
+        ({"peak_f1": "peak_f3 = 1.0"}, "[limits] has an unknown key 'peak_f3'"),
+        (
+            {"peak_f1": "peak_f1 = -1.0"},
+            "[limits] peak_f1 = -1.0 must be between 1e-06 and 1e+12 N",
+        ),
+        ({"peak_f1": 'peak_f1 = {at_most = 1.0, over = "x"}'}, "peak_f1: over = 'x' must be"),
+        ({"starts": "starts = 0"}, "[search] starts = 0 must be from 1 to"),
+        ({"earthquakes = 256": "earthquakes = 0"}, "[search] earthquakes = 0 must be from 1 to"),
+        ({"duration": ""}, "lacks the key 'duration' in [run]"),
+        ({"gap": "gap = -0.1"}, "gap = -0.1 m must be between 0 and 10 m ("),
+    ],
+)
+def test_what_is_wrong_is_named(write, changes, message, capsys, tmp_path):
+    assert cli.main(["design", str(write(changes)), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_records_join_the_random_earthquakes(write, tmp_path):
+    t = 0.02 * np.arange(100)
+    for name in ("a", "b", "more/a"):
+        (tmp_path / "more").mkdir(exist_ok=True)
+        values = np.column_stack([t, 0.2 * np.sin(8 * t)])
+        np.savetxt(tmp_path / f"{name}.csv", values, delimiter=",")
+    table = '[recorded]\nfiles = ["a.csv"]\nunits = "m/s2"\n[variables]'
+    path = write(SMALL | {"[variables]": table})
+    wanted = design_config.read_design(path, [tmp_path / "b.csv"])
+    assert (len(wanted.ensemble), list(wanted.recorded)) == (14, ["a", "b"])
+    peaks = [np.abs(wanted.recorded[x].ground(0).samples).max() for x in "ab"]
+    assert peaks[1] == pytest.approx(9.80665 * peaks[0])
+    assert len(wanted.ensemble.fresh(5)) == 5
+    stated = "time (s), acc (m/s2)\n" + (tmp_path / "a.csv").read_text()
+    (tmp_path / "a.csv").write_text(stated)
+    path = write(SMALL | {"[variables]": table.replace('units = "m/s2"\n', "")})
+    own = design_config.read_design(path).recorded["a"].ground(0).samples
+    np.testing.assert_array_equal(own, wanted.recorded["a"].ground(0).samples)
+    with pytest.raises(ValueError, match="its name 'a' must be another's than before"):
+        design_config.read_design(path, [tmp_path / "more" / "a.csv"])
+
+
+def test_goals_of_the_file(write):
+    for changes, goal in (
+        ({"goal": 'goal = "worst gap"'}, jp.WorstGap()),
+        ({"goal": 'goal = "CVaR"', "# share": "share = 0.2"}, jp.CVaR(0.2)),
+        ({"goal": 'goal = "soft minimum"', "# temp": "temperature = 0.02"}, jp.SoftMinimum(0.02)),
+        ({"goal": 'goal = "pounding probability"'}, jp.PoundingProbability()),
+    ):
+        wanted = design_config.read_design(write(SMALL | changes))
+        assert wanted.objective.goal == goal
+
+
+def test_an_unresolved_design_is_refused_if_strict(write, tmp_path, capsys):
+    path = write({**SMALL, "periods = ": "periods = {uniform = [0.001, 0.002]}"})
+    assert cli.main(["design", str(path), "--out", str(tmp_path / "out"), "--strict"]) == 2
+    error = capsys.readouterr().err
+    assert "ground: 100% of the 12 earthquakes looked at are not resolved; of one, the " in error
+    assert error.count("\n") == 1

@@ -1,0 +1,125 @@
+"""Known parameters, found again from noisy motion."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from tests.test_tables import assert_shown
+
+GRID = jp.TimeGrid.until(14.0, 0.05)
+TRUTH, GROUND = jp.paper.structures(), jp.paper.ground()
+SPACE = jp.DesignSpace(
+    TRUTH,
+    {
+        "friction": (0.05, 1.0),
+        "rod_1.order": (0.05, 0.9),
+        "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log"),
+    },
+)
+VALUES = {"friction": 0.25, "rod_1.order": 0.23, "rod_1.tau_x": 1.183}
+START = {"friction": 0.6, "rod_1.order": 0.5, "rod_1.tau_x": 3.0}
+RUN = jp.simulate(TRUTH, GROUND, GRID)
+STD = {"x1": 0.01, "a2": 0.05}
+
+
+def measured(seed):
+    random = np.random.default_rng(seed)
+    series = {"x1": RUN.x1, "a2": RUN.absolute_accelerations[1]}
+    return {k: np.asarray(x) + STD[k] * random.normal(size=x.size) for k, x in series.items()}
+
+
+def test_known_parameters_are_found_within_their_intervals():
+    """From a start far off; the true values are in 95 % intervals, and these are narrow."""
+    found = jp.calibrate(SPACE, measured(0), GROUND, GRID, start=START, starts=2, noise=STD)
+    for path, value in VALUES.items():
+        estimate = found.parameters[path]
+        assert estimate.low < value < estimate.high, path
+        assert estimate.high - estimate.low < 0.1 * value
+    assert found.noise == pytest.approx(STD, rel=0.15)
+    assert found.structures.rod_2.tau_x == TRUTH.rod_2.tau_x
+    np.testing.assert_allclose(np.diag(found.correlation), 1)
+    left = measured(0)["x1"] - np.asarray(found.response.x1)
+    np.testing.assert_allclose(found.residuals["x1"], left)
+    shown = assert_shown(found)
+    assert str(found.parameters["friction"]) in shown
+    at = shown.index("x1")
+    assert shown[at + 1 : at + 3] == [f"{found.noise['x1']:.4g}", "g/ω1²"]
+    assert found.at_bounds == ()
+
+
+def test_intervals_cover_as_often_as_they_say():
+    """By the linearised estimate: its spread over many draws of noise is what intervals state."""
+    found = jp.calibrate(SPACE, measured(1), GROUND, GRID, starts=1, noise=STD)
+    half = np.array([(x.high - x.low) / 2 for x in found.parameters.values()])
+
+    def series(values):
+        structures = SPACE.structures(values)
+        run = jp.simulate(structures, GROUND, GRID)
+        return jnp.concatenate([run.x1 / 0.01, run.absolute_accelerations[1] / 0.05])
+
+    shares = SPACE.shares(TRUTH)
+    jacobian = np.asarray(jax.jit(jax.jacfwd(series))(shares))
+    to = np.asarray(jax.jacfwd(lambda s: jnp.stack(list(SPACE.values(s).values())))(shares))
+    noise = np.random.default_rng(2).normal(size=(4000, len(jacobian)))
+    errors = noise @ np.linalg.pinv(jacobian).T @ to.T
+    covered = (np.abs(errors) < half).mean(axis=0)
+    np.testing.assert_allclose(covered, 0.95, atol=0.02)
+
+
+def test_missing_numbers_units_and_unknown_noise():
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    length = float(scales.length)
+    x1 = length * measured(0)["x1"]
+    x1[::3] = np.nan
+    found = jp.calibrate(SPACE, {"x1": x1}, GROUND, GRID, starts=1, scales=scales)
+    assert found.noise["x1"] == pytest.approx(0.01 * length, rel=0.15)
+    assert np.isnan(found.residuals["x1"][::3]).all()
+    for path, value in VALUES.items():
+        assert found.parameters[path].value == pytest.approx(value, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"measured": {}}, "must hold a series"),
+        ({"measured": {"x3": RUN.x1}}, r"measured\['x3'\] must be one of x1, x2"),
+        ({"measured": {"x1": RUN.x1[:-1]}}, r"of shape \(280,\) must be \(281,\)"),
+        ({"measured": {"x1": np.full(281, np.inf)}}, "must be finite, or NaN for no number"),
+        ({"measured": {"x1": np.r_[0.0, np.full(280, np.nan)]}}, "measured = 1 must be more"),
+        ({"noise": {"a2": 0.1}}, "noise lacks 'x1'"),
+        ({"noise": {"x1": 0.0, "a2": 1.0}}, r"noise\['x1'\] = 0 must be positive"),
+        ({"start": {"friction": 2.0}}, "calibrate: start: DesignSpace: design lacks 'rod_1.order'"),
+        ({"confidence": 1.0}, "confidence = 1 must be between 0 and 1"),
+        ({"starts": 0}, "starts = 0 must be a positive"),
+        ({"key": "a"}, "key = 'a' must be a whole number"),
+        ({"noise": {"x1": "a", "a2": 1.0}}, r"noise\['x1'\] = 'a' must be a real number"),
+    ],
+)
+def test_bad_calibrations_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        jp.calibrate(
+            **({"space": SPACE, "measured": measured(0), "ground": GROUND, "grid": GRID} | change)
+        )
+
+
+def test_a_parameter_at_its_bound_is_named():
+    space = jp.DesignSpace(TRUTH, {"friction": (0.3, 1.0)})
+    found = jp.calibrate(
+        space,
+        {"x1": measured(0)["x1"]},
+        GROUND,
+        GRID,
+        noise={"x1": 0.01},
+        start={"friction": 0.5},
+        starts=1,
+    )
+    assert found.at_bounds == ("friction",)
+    assert "friction is at a bound: its interval means nothing" in assert_shown(found)
+
+
+def test_parameters_that_leave_no_trace_are_refused():
+    space = jp.DesignSpace(TRUTH, {"friction": (0.1, 1.0), "initial_gap": (0.5, 2.0)})
+    with pytest.raises(ValueError, match="must determine all of friction, initial_gap"):
+        jp.calibrate(space, {"x1": measured(0)["x1"]}, GROUND, GRID, starts=1)

@@ -1,0 +1,540 @@
+"""The search for a design: known optima of stand-ins, and the paper's case."""
+
+import dataclasses
+import json
+import re
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from scipy import stats
+from tqdm.auto import tqdm
+
+import jaxpound as jp
+from jaxpound.cli import design_report
+from jaxpound.design import run as design_search
+from jaxpound.design.objective import PRICES
+from jaxpound.design.search import Search, Setting
+from tests.test_tables import assert_shown
+
+PAPER = jp.paper.structures()
+GRID = jp.TimeGrid(0.1, 100)
+SPACE = jp.DesignSpace(PAPER, {"friction": (0.0, 1.0), "mass_ratio": (0.5, 2.5)})
+# An earthquake of the stand-in is a number: the amplitude of its wave.
+AMPLITUDES = np.linspace(-0.2, 0.2, 8)
+ENSEMBLE = jp.Ensemble.of([jp.Ricker(a, [1.0], [1.0]) for a in AMPLITUDES], GRID)
+
+
+def bowl(friction, mass_ratio, a):
+    """Highest, 1, at (0.6 + a, 1.5) for an earthquake a."""
+    return 1 - (friction - 0.6 - a) ** 2 - 0.5 * (mass_ratio - 1.5) ** 2
+
+
+MEAN = jp.Objective()
+
+
+@pytest.fixture
+def stand_in(monkeypatch):
+    """Demands by a formula in the place of the simulator's."""
+
+    def install(gap=bowl):
+        def demands(self, structures, ground):
+            s, a = structures, ground.amplitude[0]
+            values = dict.fromkeys(PRICES, s.friction)
+            values |= {"peak_x1": s.mass_ratio, "initial_gap": 2.0}
+            values |= {"min_gap": gap(s.friction, s.mass_ratio, a)}
+            return {name: jnp.asarray(x, float) for name, x in values.items()}
+
+        monkeypatch.setattr(Setting, "demands", demands)
+
+    install()
+    return install
+
+
+def search(objective=MEAN, space=SPACE, **more):
+    more = {"starts": 3, "iterations": 80, "progress": False} | more
+    return jp.design_damper(space, ENSEMBLE, GRID, objective=objective, **more)
+
+
+# Known optima.
+
+
+def test_the_optimum_of_a_bowl(stand_in):
+    found = search()
+    assert found.values["friction"] == pytest.approx(0.6, abs=1e-3)
+    assert found.values["mass_ratio"] == pytest.approx(1.5, abs=1e-3)
+    assert found.objective == pytest.approx(1 - np.mean(AMPLITUDES**2), abs=1e-6)
+    assert found.gradient_norm < 1e-2
+    assert found.active_bounds == {}
+    assert found.structures.rod_1.tau_x == PAPER.rod_1.tau_x
+    # All starts end there.
+    ends = found.history.shares[-1]
+    np.testing.assert_allclose(ends, np.broadcast_to([0.5, 0.6], ends.shape), atol=1e-2)
+
+
+def test_line_searches_of_optax_will_do(stand_in):
+    found = search(optimiser=optax.lbfgs(), iterations=12)
+    assert found.values["friction"] == pytest.approx(0.6, abs=1e-6)
+    assert found.values["mass_ratio"] == pytest.approx(1.5, abs=1e-6)
+
+
+def test_bounds_that_hold_the_optimum_are_active(stand_in):
+    space = jp.DesignSpace(PAPER, {"friction": (0.0, 0.4), "mass_ratio": (1.7, 2.5)})
+    found = search(space=space, start={"friction": 0.2, "mass_ratio": 2.0})
+    assert found.values == pytest.approx({"mass_ratio": 1.7, "friction": 0.4})
+    assert found.active_bounds == {"mass_ratio": "low", "friction": "high"}
+    assert found.gradient_norm == 0
+    # The objective rises with friction by 2 (0.6 − 0.4) a unit, 0.4 wide; it falls with ρ.
+    assert found.gradient["friction"] == pytest.approx(0.4 * 0.4)
+    assert found.gradient["mass_ratio"] == pytest.approx(-0.2 * 0.8)
+
+
+def test_a_limit_is_kept_and_its_multiplier_is_its_worth(stand_in):
+    """At friction ≤ 0.5 the objective is 0.01 lower; a relative ease of it earns 0.5 · 2 · 0.1."""
+    found = search(jp.Objective(limits={"damper_force": 0.5}), iterations=200, patience=200)
+    assert found.prices["damper_force"] <= 0.5 * 1.001
+    assert found.values["friction"] == pytest.approx(0.5, rel=1e-3)
+    assert found.values["mass_ratio"] == pytest.approx(1.5, abs=5e-3)
+    assert found.multipliers["damper_force"] == pytest.approx(0.1, rel=1e-2)
+    assert found.gradient_norm < 5e-3
+    loose = search(jp.Objective(limits={"damper_force": 0.9}))
+    assert loose.values["friction"] == pytest.approx(0.6, abs=2e-3)
+    assert loose.multipliers["damper_force"] == 0
+
+
+def test_a_penalty_moves_the_optimum_by_its_weight(stand_in):
+    found = search(jp.Objective(penalties={"damper_force": 0.2}))
+    assert found.values["friction"] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_the_worst_earthquake_s_optimum_is_between_the_extremes(stand_in):
+    found = search(jp.Objective(jp.WorstGap()), iterations=150)
+    assert found.values["friction"] == pytest.approx(0.6, abs=5e-3)
+    assert found.objective == pytest.approx(1 - 0.2**2, abs=3e-3)
+
+
+def test_the_winner_is_polished(stand_in):
+    rough = search(iterations=8, polish=False)
+    fine = search(iterations=8)
+    assert rough.values["friction"] != pytest.approx(0.6, abs=1e-3)
+    assert fine.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.6}, abs=1e-4)
+    assert fine.simulations > rough.simulations
+    limited = search(jp.Objective(limits={"damper_force": 0.5}), iterations=20)
+    assert limited.prices["damper_force"] <= 0.5 * 1.001
+    assert limited.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.5}, abs=1e-3)
+
+
+def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
+    found = search(batch=2, iterations=200, patience=100)
+    assert found.values["friction"] == pytest.approx(0.6, abs=0.02)
+    assert found.simulations == len(found.history.objective) * 3 * 2
+    # The objective is that of all earthquakes.
+    whole = np.mean(bowl(found.values["friction"], found.values["mass_ratio"], AMPLITUDES))
+    assert found.objective == pytest.approx(whole)
+
+
+def test_parts_end_with_where_they_came_to(stand_in):
+    """Fewer iterations than an epoch has: the last designs are judged by all earthquakes too."""
+    found = search(batch=1, iterations=7)
+    ends = [
+        np.mean(bowl(*reversed(list(found.space.values(x).values())), AMPLITUDES))
+        for x in found.history.shares[-1]
+    ]
+    assert found.objective >= max(ends) - 0.02
+    assert found.values["friction"] == pytest.approx(0.6, abs=0.2)
+
+
+def test_the_size_of_an_objective_is_its_own_affair(stand_in):
+    """A penalty of any size is no violation."""
+    found = search(jp.Objective(penalties={"peak_x1": 1e7}, limits={"damper_force": 0.9}))
+    assert found.values["mass_ratio"] == pytest.approx(0.5)
+    assert found.prices["damper_force"] <= 0.9
+
+
+def test_single_precision_searches_too(stand_in):
+    with jax.enable_x64(False):
+        found = search(jp.Objective(limits={"damper_force": 0.5}))
+        front = jp.pareto_front(
+            SPACE, ENSEMBLE, GRID, price="damper_force", limits=[0.5, 0.3], starts=2, iterations=40
+        )
+    assert found.history.objective.dtype == np.float32
+    assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
+    np.testing.assert_allclose(front.prices, [0.3, 0.5, 0.6], rtol=1e-2)
+    assert front.designs[0].objective_function.limits["damper_force"].at_most == pytest.approx(0.3)
+    assert not front.designs[-1].objective_function.limits
+
+
+# What befalls a search.
+
+
+def test_a_start_that_is_not_finite_is_dropped_and_reported(stand_in):
+    stand_in(lambda mu, rho, a: jnp.where(mu > 0.7, jnp.nan, bowl(mu, rho, a)))
+    found = search(starts=6)
+    assert found.dropped
+    assert found.winner not in found.dropped
+    assert np.isfinite(found.objective)
+    assert found.values["friction"] == pytest.approx(0.6, abs=1e-3)
+    for start, iteration in found.dropped.items():
+        assert found.history.alive[:iteration, start].all()
+        assert not found.history.alive[iteration:, start].any()
+        words = f"start {start + 1} dropped at iteration {iteration}: not finite"
+        assert words in assert_shown(found)
+
+
+def test_a_dropped_start_is_never_returned(stand_in):
+    """It met the best design of all on its way, and then went where nothing is finite."""
+    gap = lambda mu, rho, a: jnp.where(  # noqa: E731
+        mu > 0.55, jnp.nan, jnp.where(rho > 1.2, mu, 0.3 - (mu - 0.3) ** 2)
+    )
+    stand_in(gap)
+    found = search(starts=8, iterations=60)
+    assert found.dropped
+    assert found.winner not in found.dropped
+
+
+def test_the_best_is_told_when_the_last_start_is_lost(stand_in):
+    stand_in(lambda mu, rho, a: jnp.where(mu > 0.7, jnp.nan, mu))
+    with pytest.raises(ValueError, match=r"none is; .*; the best before was 0\.[3-7]\d* at"):
+        search(starts=1)
+
+
+def test_starts_none_of_which_is_finite_are_refused(stand_in):
+    stand_in(lambda mu, rho, a: jnp.nan * mu)
+    with pytest.raises(
+        ValueError, match=r"all 3 starts must be finite.*earthquake 0 of 8 gives no"
+    ):
+        search()
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_the_reason_why_nothing_is_finite_is_the_simulator_s(stand_in):
+    stand_in(lambda mu, rho, a: jnp.nan * mu)
+    with pytest.raises(ValueError, match=r"earthquake 0: .*must be below the stability limit"):
+        jp.design_damper(SPACE, ENSEMBLE, jp.TimeGrid(1.5, 20), starts=1, progress=False)
+
+
+def test_limits_that_nothing_meets_are_refused_with_the_least_excess(stand_in):
+    space = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0), "mass_ratio": (0.5, 2.5)})
+    message = r"has damper_force = 0.2, 100.00% above its limit 0.1"
+    with pytest.raises(ValueError, match=message):
+        search(jp.Objective(limits={"damper_force": 0.1}), space)
+
+
+def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
+    whole, path = search(iterations=60), tmp_path / "search.npz"
+    part = search(iterations=60, save=path, callback=lambda told: told.iteration == 25)
+    assert part.stopped == "the callback ended it"
+    assert len(part.history.objective) == 25
+    seen = []
+    rest = search(iterations=60, save=path, callback=lambda told: seen.append(told.iteration))
+    assert seen[0] == 26
+    for one, other in zip(rest.history, whole.history, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert rest.values == whole.values
+    # A finished one is only read.
+    again = search(iterations=60, save=path, callback=lambda told: 1 / 0)
+    assert again.values == whole.values
+    with pytest.raises(ValueError, match="holds another search: objective, program differs"):
+        search(jp.Objective(jp.WorstGap()), iterations=60, save=path)
+    path.write_text("nothing")
+    with pytest.raises(ValueError, match="holds no search"):
+        search(iterations=60, save=path)
+
+
+def test_any_true_answer_of_a_callback_ends_a_search(stand_in):
+    found = search(callback=lambda told: told.objective.max() > 0)
+    assert len(found.history.objective) == 1
+
+
+def test_seeds_repeat_a_search_and_others_do_not(stand_in):
+    one, same, other = (search(key=key, batch=4, iterations=20) for key in (1, 1, 2))
+    np.testing.assert_array_equal(one.history.shares, same.history.shares)
+    assert not np.array_equal(one.history.shares[:, 1:], other.history.shares[:, 1:])
+    np.testing.assert_array_equal(one.history.shares[0, 0], other.history.shares[0, 0])
+
+
+def test_a_search_without_progress_ends(stand_in):
+    found = search(iterations=500, patience=15, tolerance=1e-3)
+    assert found.stopped == "no progress in 15 iterations"
+    assert len(found.history.objective) < 300
+
+
+def test_a_callback_is_told_where_every_start_is(stand_in):
+    told = []
+    found = search(iterations=5, callback=told.append, polish=False)
+    assert [one.iteration for one in told] == [1, 2, 3, 4, 5]
+    for one, objective in zip(told, found.history.objective, strict=True):
+        np.testing.assert_array_equal(one.objective, objective)
+        mu, rho = one.values["friction"], one.values["mass_ratio"]
+        np.testing.assert_allclose(one.objective, bowl(mu, rho, AMPLITUDES[:, None]).mean(0))
+    assert told[-1].best == found.objective == found.history.objective.max()
+
+
+def test_si_units_are_those_of_the_demands():
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    one = SPACE.structures(np.array([0.3, 0.4]))
+    ground = jp.paper.ground()
+    plain, si = (
+        jax.jit(Setting(GRID, jp.Scheme(), units).demands)(one, ground) for units in (None, scales)
+    )
+    length, force, g = (float(x) for x in (scales.length, scales.force, scales.gravity))
+    units = {"min_gap": length, "initial_gap": length, "residual_offset": length}
+    units |= {"damper_force": force, "peak_f1": force, "peak_f2": force}
+    units |= {"peak_x1": length, "peak_x2": length, "slip_distance": length}
+    units |= {"peak_acceleration_1": g, "peak_acceleration_2": g, "friction_work": force * length}
+    assert units.keys() == plain.keys() == si.keys()
+    for name, unit in units.items():
+        assert float(si[name]) == pytest.approx(unit * float(plain[name]), rel=1e-12), name
+    run = jp.demand(one, ground, GRID)
+    assert float(plain["peak_f2"]) == pytest.approx(float(run.peak_f2))
+    assert float(plain["residual_offset"]) == pytest.approx(abs(float(run.residual_offset)))
+    assert float(plain["damper_force"]) == pytest.approx(0.4)
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_limits_and_penalties_are_in_si_units_too(stand_in):
+    found = search(jp.Objective(limits={"damper_force": 0.5}), scales=jp.Scales(1.0, 1.0))
+    assert found.trained.si
+    assert "(SI)" in repr(found.trained)
+    shown = assert_shown(found)
+    at = shown.index("damper_force")
+    assert shown[at + 1 : at + 4] == [f"{found.prices['damper_force']:.5g}", "0.5", "N"]
+    before, after = found.start["friction"], found.values["friction"]
+    at = shown.index("friction")
+    assert shown[at + 3] == f"{100 * (after / before - 1):+.3g} %"
+    assert f"objective {found.objective:.6g} m (" in shown[0]
+    assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
+
+
+# The paper's case.
+
+
+def test_the_paper_s_case_from_several_starts_to_one_optimum():
+    """With a price on base shear; the optimum against a grid of designs, and against SciPy's."""
+    space = jp.DesignSpace(
+        PAPER, {"friction": (0.0, 1.0), "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log")}
+    )
+    objective = jp.Objective(penalties={"peak_f1": 0.6, "damper_force": 0.5})
+    grid = jp.TimeGrid.until(14.0, 0.05)
+    ensemble = jp.Ensemble.of([jp.paper.ground()], grid)
+    found = jp.design_damper(
+        space, ensemble, grid, objective=objective, starts=4, iterations=120, progress=False
+    )
+    first, last = found.history.objective[0], found.history.objective[-1]
+    assert (last > first).all()
+    assert np.ptp(last) < 2e-3
+    assert found.objective > found.trained.objective["before"].value + 0.05
+    seen = found.landscape("friction", "rod_1.tau_x", 13)
+    assert found.objective >= seen.objective.max() - 1e-9
+    at = seen.objective[6, 6]
+    middle = space.structures(jnp.array([0.5, 0.5]))
+    one = jp.demand(middle, jp.paper.ground(), grid)
+    assert at == pytest.approx(float(one.min_gap - 0.6 * one.peak_f1) - 0.5 * middle.friction)
+
+
+# Before and after.
+
+
+def test_a_comparison_is_paired(stand_in):
+    found = search()
+    compared = found.trained
+    d = compared.after["min_gap"] - compared.before["min_gap"]
+    low, high = stats.ttest_1samp(d, 0).confidence_interval(0.95)
+    wider = compared.difference()
+    assert (wider.value, wider.low, wider.high) == pytest.approx((d.mean(), low, high))
+    values = compared.objective
+    assert values["after"].value == pytest.approx(found.objective)
+    difference = values["after"].value - values["before"].value
+    assert values["difference"].value == pytest.approx(difference)
+    assert values["difference"].low <= difference <= values["difference"].high
+    assert compared.rows()["min_gap"]["mean_after"] == pytest.approx(
+        np.mean(d) + 1 - np.mean(1 - compared.before["min_gap"])
+    )
+    assert found.fresh is None
+    other = found.compare(jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID))
+    expected = bowl(found.values["friction"], found.values["mass_ratio"], 0.1)
+    assert other.after["min_gap"][0] == pytest.approx(expected)
+    with pytest.raises(ValueError, match="'gap' must be one of min_gap"):
+        compared.difference("gap")
+
+
+def test_a_drawn_ensemble_has_fresh_earthquakes(stand_in):
+    scenarios = jp.Scenarios(
+        PAPER, jp.RandomRicker(1, jp.Normal(0.0, 0.1), jp.Uniform(1, 2), jp.Uniform(0, 1), 0.0)
+    )
+    ensemble = jp.Ensemble.drawn(scenarios, 64, 7)
+    found = jp.design_damper(
+        SPACE, ensemble, GRID, starts=2, iterations=60, fresh=500, progress=False
+    )
+    assert len(found.fresh) == 500
+    amplitudes = ensemble.fresh(500).grounds.amplitude[:, 0]
+    mu, rho = found.values["friction"], found.values["mass_ratio"]
+    np.testing.assert_allclose(found.fresh.after["min_gap"], bowl(mu, rho, amplitudes))
+    assert found.fresh.difference().low > 0
+
+
+def test_what_is_not_finite_is_null_in_a_summary(stand_in):
+    """A single fresh earthquake has no interval."""
+    one = jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID)
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    found = search(iterations=3, fresh=one)
+    answers = design_report.summary(found, {"alone": search().trained}, scales)
+    told = json.loads(json.dumps(answers, allow_nan=False))
+    assert told["fresh"]["min_gap_wider_by"]["low"] is None
+    assert "(no 95 % interval)" in design_report.as_markdown(answers, [])
+
+
+def test_of_one_earthquake_there_is_no_interval(stand_in):
+    one = search(iterations=3).compare(jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID))
+    for estimate in (one.difference(), *one.objective.values()):
+        assert np.isfinite(estimate.value)
+        assert np.isnan([estimate.low, estimate.high]).all()
+    assert "(no 95% interval) g/ω1² on average" in repr(one)
+    assert "inf" not in repr(one)
+
+
+@pytest.mark.usefixtures("stand_in")
+def test_no_best_is_shown_until_there_is_one(monkeypatch, capsys):
+    monkeypatch.setattr(design_search, "tqdm", partial(tqdm, mininterval=0, miniters=1))
+    objective = jp.Objective(limits={"damper_force": 0.05})
+    start, told = {"friction": 0.9, "mass_ratio": 1.0}, []
+    search(objective, start=start, starts=1, iterations=40, callback=told.append, progress=True)
+    assert told[0].best == -np.inf
+    shown = capsys.readouterr().err
+    assert "inf" not in shown
+    assert f"objective={told[-1].best:.5g}" in shown
+
+
+# Bad input.
+
+
+@pytest.mark.usefixtures("small_machine")
+def test_more_starts_than_memory_has_room_for_are_refused(stand_in):
+    with pytest.raises(ValueError, match=r"starts = 1,000,000,000 would take \d+ GB of memory"):
+        search(starts=10**9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"start": {"friction": 2.0, "mass_ratio": 1.0}}, "start: .*friction = 2 must be between"),
+        ({"start": dataclasses.replace(PAPER, mass_ratio=3.0)}, "mass_ratio = 3 must be between"),
+        ({"space": PAPER}, "space = .* must be of type DesignSpace"),
+        ({"objective": "gap"}, "objective = 'gap' must be of type Objective"),
+        ({"optimiser": "adam"}, "optimiser = 'adam' must be of type GradientTransformation"),
+        ({"starts": 0}, "starts = 0 must be a positive whole number"),
+        ({"iterations": 0}, "iterations = 0 must be"),
+        ({"batch": 9}, "batch = 9 must be at most the ensemble's 8"),
+        ({"patience": 0}, "patience = 0 must be"),
+        ({"key": -1}, "key = -1 must be a whole number"),
+        ({"limit_tolerance": 0.0}, "limit_tolerance = 0 must be positive"),
+        ({"tolerance": -1.0}, "tolerance = -1 must be positive"),
+        ({"fresh": "x"}, "fresh = 'x' must be a positive whole number"),
+        ({"fresh": -5}, "fresh = -5 must be a positive"),
+        ({"save": "no/such/folder.npz"}, "save = .* must be in a folder that exists"),
+        (
+            {"start": {"friction": 0.5, "mass_ratio": 1.0, "mu": 1}},
+            "design has 'mu', which is none",
+        ),
+        ({"start": 0.5}, "start: DesignSpace: design = 0.5 must be of type"),
+        (
+            {"optimiser": optax.add_noise(0.1, 0.5, jax.random.key(0)), "save": "x.npz"},
+            "save cannot keep an optimiser that draws at random",
+        ),
+        ({"scales": 9.81}, "scales = 9.81 must be of type Scales"),
+    ],
+)
+def test_bad_arguments_are_named(stand_in, change, message):
+    with pytest.raises(ValueError, match=message):
+        search(**change)
+
+
+def test_what_is_uncertain_cannot_be_chosen():
+    waves = jp.RandomRicker(1, jp.Uniform(0.1, 0.2), jp.Uniform(1, 2), jp.Uniform(0, 1))
+    for path, message in (
+        ("friction", "friction must not be both chosen and uncertain"),
+        ("rod_1.tau_f", "rod_1.tau_x must not be chosen where rod_1.tau_f is uncertain"),
+    ):
+        drawn = jp.UncertainStructures(PAPER, {path: jp.Uniform(0.003, 0.3)})
+        ensemble = jp.Ensemble.drawn(jp.Scenarios(drawn, waves), 4)
+        space = jp.DesignSpace(PAPER, {"friction": (0, 1), "rod_1.tau_x": (0.5, 5.0)})
+        with pytest.raises(ValueError, match=message):
+            jp.design_damper(space, ensemble, GRID, progress=False)
+        with pytest.raises(ValueError, match=message):
+            jp.design_damper(space, ENSEMBLE, GRID, fresh=ensemble, progress=False)
+
+
+def test_landscapes_ask_for_two_variables(stand_in):
+    found = search(iterations=2)
+    with pytest.raises(ValueError, match="x = 'mu' must be one of mass_ratio, friction"):
+        found.landscape("mu", "friction")
+    with pytest.raises(ValueError, match="must be two variables"):
+        found.landscape("friction", "friction")
+    seen = found.landscape("mass_ratio", "friction", 5)
+    friction, ratio = np.asarray(seen.y_values), np.asarray(seen.x_values)
+    expected = bowl(friction, ratio, AMPLITUDES[:, None, None]).mean(0)
+    np.testing.assert_allclose(seen.objective, expected)
+
+
+def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
+    """Against the closed form: at a slip force p < 0.6 the objective is (0.6 − p)² lower."""
+    compiled = []
+    original = Search.compiled
+    monkeypatch.setattr(Search, "compiled", lambda *a: compiled.append(1) or original(*a))
+    front = jp.pareto_front(
+        SPACE, ENSEMBLE, GRID, price="damper_force", limits=[0.5, 0.2, 0.35], starts=2
+    )
+    assert len(compiled) == 1
+    np.testing.assert_allclose(front.prices, [0.2, 0.35, 0.5, 0.6], rtol=5e-3)
+    best = 1 - np.mean(AMPLITUDES**2) - (0.6 - front.prices) ** 2
+    np.testing.assert_allclose(front.objectives, best, atol=2e-4)
+    assert (np.diff(front.objectives) > 0).all()
+    shown = assert_shown(front)
+    assert shown[:3] == ["Pareto front of 4 designs", "damper_force (m1 g)", "objective (g/ω1²)"]
+    assert shown[5:9] == [f"{x:.5g}" for x in (front.prices[0], front.objectives[0])] + [
+        f"{x:.5g}" for x in front.designs[0].values.values()
+    ]
+
+
+def test_a_front_ends_where_limits_cannot_be_met(stand_in):
+    space = jp.DesignSpace(PAPER, {"friction": (0.3, 1.0), "mass_ratio": (0.5, 2.5)})
+    start = {"friction": 0.5, "mass_ratio": 1.0}
+    more = {"start": start, "starts": 2, "iterations": 40}
+    front = jp.pareto_front(
+        space, ENSEMBLE, GRID, price="damper_force", limits=[0.4, 0.2], over="worst", **more
+    )
+    assert front.infeasible == (0.2,)
+    own = jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", points=4, **more)
+    assert own.prices.max() == pytest.approx(0.6, abs=0.01)
+    assert 0.3 <= own.prices.min() < 0.5
+    for change, message in (
+        ({"price": "peak_f3"}, "price = 'peak_f3' must be one of"),
+        ({"price": "peak_f1", "points": 0}, "points = 0 must be"),
+        ({"price": "peak_f1", "limits": [-1.0]}, "limits = -1 "),
+        (
+            {"price": "peak_f1", "objective": jp.Objective(limits={"peak_f1": 1.0})},
+            "must not be limited by the objective",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jp.pareto_front(space, ENSEMBLE, GRID, **change)
+
+
+@pytest.mark.parametrize("limits", [None, [0.5, 0.01]])
+def test_a_front_shows_one_bar_for_all_its_searches(limits, stand_in, capsys):
+    space = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0)})
+    with pytest.raises(ValueError, match="starts = 0"):
+        jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", starts=0)
+    assert capsys.readouterr().err == ""
+    more = {"limits": limits, "points": 2, "starts": 1, "iterations": 5}
+    jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", **more)
+    shown = capsys.readouterr().err.split("\r")
+    n = 5 * (2 if limits is None else 3)
+    best = r"[\d.]+" if limits is None else "none yet"  # of the last search
+    assert re.search(rf"^100%.* {n}/{n} .*objective={best}\]\s*\n$", shown[-1])
+    assert "\n" not in "".join(shown[:-1])
+    jp.pareto_front(space, ENSEMBLE, GRID, price="damper_force", progress=False, **more)
+    assert capsys.readouterr().err == ""

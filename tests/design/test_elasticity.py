@@ -1,0 +1,59 @@
+"""Elasticities against differences of logarithms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from tests.test_tables import assert_shown
+
+PAPER, GRID = jp.paper.structures(), jp.TimeGrid.until(14.0, 0.05)
+OTHER = jp.Ricker(0.3, [1.5, 2.5, 1.0, 2.0, 3.0], [2.0, 4.0, 3.0, 5.0, 6.0])
+GROUNDS = [jp.paper.ground(), OTHER]
+ENSEMBLE = jp.Ensemble.of(GROUNDS, GRID)
+
+
+def test_elasticities_are_relative_derivatives():
+    found = jp.elasticities(PAPER, ENSEMBLE, GRID, demand="peak_x1")
+
+    def mean(structures):
+        return np.mean([float(jp.demand(structures, g, GRID).peak_x1) for g in GROUNDS])
+
+    assert found.value == pytest.approx(mean(PAPER))
+    rod = PAPER.rod_2
+    for path, change in (
+        ("friction", lambda f: {"friction": PAPER.friction * f}),
+        ("rod_2.tau_x", lambda f: {"rod_2": dataclasses.replace(rod, tau_x=rod.tau_x * f)}),
+        ("mass_ratio", lambda f: {"mass_ratio": f}),
+    ):
+        up, down = (mean(dataclasses.replace(PAPER, **change(1 + h))) for h in (1e-4, -1e-4))
+        expected = (np.log(up) - np.log(down)) / 2e-4
+        assert found.values[path] == pytest.approx(expected, rel=1e-3, abs=1e-5)
+    assert found.values["initial_gap"] == 0
+    lines = repr(found).splitlines()
+    sizes = [abs(float(line.split()[-1])) for line in lines[1:]]
+    assert sizes == sorted(sizes, reverse=True)
+    assert assert_shown(found)[0].startswith(f"peak_x1 = {found.value:.6g} g/ω1²; percent of it")
+
+
+def test_one_earthquake_is_an_ensemble_of_one():
+    grid = jp.TimeGrid(0.1, 60)
+    alone = jp.elasticities(PAPER, GROUNDS[0], grid)
+    run = jp.demand(PAPER, GROUNDS[0], grid)
+    assert alone.value == pytest.approx(float(run.min_gap))
+    assert alone.values["initial_gap"] == pytest.approx(1 / float(run.min_gap))
+    still = dataclasses.replace(PAPER, initial_gap=0.0)
+    silence = dataclasses.replace(GROUNDS[0], amplitude=np.zeros(5))
+    with pytest.raises(ValueError, match="min_gap = 0 must be finite and not zero"):
+        jp.elasticities(still, silence, grid)
+
+
+def test_bad_questions_are_named():
+    for change, message in (
+        ({"demand": "gap"}, "demand = 'gap' must be one of min_gap"),
+        ({"over": "median"}, "over = 'median' must be 'worst', 'mean' or a share"),
+        ({"structures": 3}, "structures = 3 must be of type AdjacentStructures"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jp.elasticities(**({"structures": PAPER, "ground": GROUNDS[0], "grid": GRID} | change))

@@ -1,0 +1,129 @@
+"""Goals, prices and limits against their definitions."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxpound as jp
+from jaxpound.design.objective import gathered, tail_mean
+
+GAPS = np.random.default_rng(0).normal(0.3, 0.2, 50)
+REST = np.full(50, 1.0)
+
+
+def goal(which, gaps=GAPS):
+    return float(which(jnp.asarray(gaps), jnp.asarray(REST)))
+
+
+def test_goals_are_their_definitions():
+    assert goal(jp.MeanGap()) == pytest.approx(GAPS.mean())
+    assert goal(jp.WorstGap()) == GAPS.min()
+    soft = -0.1 * np.log(np.mean(np.exp(-GAPS / 0.1)))
+    assert goal(jp.SoftMinimum(0.1)) == pytest.approx(soft)
+    assert goal(jp.SoftMinimum(1e-4)) == pytest.approx(GAPS.min(), abs=1e-3)
+    assert goal(jp.SoftMinimum(1e4)) == pytest.approx(GAPS.mean(), abs=1e-4)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.13, 0.5, 0.999, 0.001])
+def test_cvar_is_rockafellar_and_uryasev_s_minimum(share):
+    """CVaR of losses l at a share a: the smallest of c + mean(max(l − c, 0)) / a over c."""
+    losses = -GAPS
+    values = [c + np.mean(np.maximum(losses - c, 0)) / share for c in losses]
+    assert -goal(jp.CVaR(share)) == pytest.approx(min(values), rel=1e-12)
+
+
+def test_cvar_of_a_normal_sample_is_the_closed_form():
+    gaps = stats.norm.ppf((np.arange(200_000) + 0.5) / 200_000)
+    expected = -stats.norm.pdf(stats.norm.ppf(0.1)) / 0.1
+    found = float(jp.CVaR(0.1)(jnp.asarray(gaps), jnp.zeros(200_000)))
+    assert found == pytest.approx(expected, abs=1e-4)
+
+
+def test_pounding_probability_is_the_share_that_needs_more():
+    required = REST - GAPS
+    for gap in (0.5, 0.7, 0.9):
+        assert goal(jp.PoundingProbability(gap, width=1e-6)) == -np.mean(required >= gap)
+    assert goal(jp.PoundingProbability(width=1e-6)) == -np.mean(GAPS <= 0)
+    width = 1.06 * required.std() * 50**-0.2
+    smooth = -np.mean(stats.norm.cdf((required - 0.7) / width))
+    assert goal(jp.PoundingProbability(0.7)) == pytest.approx(smooth)
+
+
+@pytest.mark.parametrize(
+    "which",
+    [
+        jp.MeanGap(),
+        jp.WorstGap(),
+        jp.SoftMinimum(0.1),
+        jp.CVaR(0.13),
+        jp.PoundingProbability(0.7, 0.1),
+    ],
+)
+def test_derivatives_of_goals_against_differences(which):
+    slope = jax.grad(lambda gaps: which(gaps, jnp.asarray(REST)))(jnp.asarray(GAPS))
+    for i in (0, int(np.argmin(GAPS)), 17):
+        step = 1e-6 * np.eye(50)[i]
+        difference = (goal(which, GAPS + step) - goal(which, GAPS - step)) / 2e-6
+        assert float(slope[i]) == pytest.approx(difference, abs=1e-8)
+
+
+def test_silverman_s_width_has_no_derivative_of_its_own():
+    which = jp.PoundingProbability(0.7)
+    slope = jax.grad(lambda gaps: which(gaps, jnp.asarray(REST)))(jnp.asarray(GAPS))
+    width = 1.06 * (REST - GAPS).std() * 50**-0.2
+    expected = stats.norm.pdf((REST - GAPS - 0.7) / width) / width / 50
+    np.testing.assert_allclose(slope, expected)
+    assert np.isfinite(jax.grad(lambda g: which(g, jnp.ones(3)))(jnp.full(3, 0.3))).all()
+
+
+def test_prices_are_gathered_over_earthquakes():
+    x = jnp.asarray(GAPS)
+    assert float(gathered(x, "mean")) == pytest.approx(GAPS.mean())
+    assert float(gathered(x, "worst")) == GAPS.max()
+    assert float(gathered(x, 0.1)) == pytest.approx(np.sort(GAPS)[-5:].mean())
+    assert float(tail_mean(x, 0.05)) == pytest.approx(
+        np.sum(np.sort(GAPS)[-3:] * [0.5, 1, 1]) / 2.5
+    )
+
+
+def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
+    objective = jp.Objective(
+        penalties={"peak_f1": 0.5, "peak_x1": jp.Penalty(2.0, "worst")},
+        limits={"damper_force": 0.3, "peak_f1": jp.Limit(0.4, "mean")},
+    )
+    f, x = np.abs(GAPS), np.abs(GAPS) / 3
+    columns = {
+        "min_gap": jnp.asarray(GAPS),
+        "initial_gap": jnp.asarray(REST),
+        "peak_f1": jnp.asarray(f),
+        "peak_x1": jnp.asarray(x),
+        "damper_force": jnp.full(50, 0.2),
+    }
+    value = float(objective.value(columns))
+    assert value == pytest.approx(GAPS.mean() - 0.5 * f.mean() - 2 * x.max())
+    np.testing.assert_allclose(objective.prices(columns), [0.2, f.mean()])
+    assert objective.limits["damper_force"] == jp.Limit(0.3, "worst")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jp.SoftMinimum(0.0), "temperature = 0 must be positive"),
+        (lambda: jp.CVaR(1.0), "share = 1 must be between 0 and 1"),
+        (lambda: jp.PoundingProbability(-0.1), "gap = -0.1 must be finite, not negative"),
+        (lambda: jp.PoundingProbability(0.1, 0.0), "width = 0 must be positive"),
+        (lambda: jp.Limit(0.0), "at_most = 0 must be positive"),
+        (lambda: jp.Limit(1.0, "median"), "over = 'median' must be 'worst', 'mean' or a share"),
+        (lambda: jp.Limit(1.0, 2.0), "over = 2 must be between 0 and 1"),
+        (lambda: jp.Penalty(-1.0), "weight = -1 must be finite and not negative"),
+        (lambda: jp.Objective(jp.MeanGap), "goal = .* must be a function"),
+        (lambda: jp.Objective("gap"), "goal = 'gap' must be a function"),
+        (lambda: jp.Objective(limits={"peak_f3": 1.0}), "unknown price 'peak_f3' in limits; did"),
+        (lambda: jp.Objective(limits={"peak_f1": "low"}), "peak_f1 = 'low' must be a real number"),
+    ],
+)
+def test_bad_objectives_are_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -1,0 +1,207 @@
+"""Input that is hardly meant: warned of once, by name, or refused if strict."""
+
+import dataclasses
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.ground.motion import unresolved
+from jaxpound.ground.plausibility import FAR_GAP, LOOKED_AT, MOST_PGA
+from jaxpound.study.chunk import Task
+
+GRID = jp.TimeGrid(0.1, 40)
+PAIR = jp.paper.structures()
+SHORT = jp.Ricker(1e-4, [0.3, 2.0], [1.0, 2.0])
+T = 0.1 * np.arange(41)
+LOUD = jp.Record(6.0 * np.sin(3 * T), 0.1, "loud", "1/ω1")
+SCALES = jp.Scales(mass=5e5, frequency=7.0)
+
+
+def far(gap):
+    return dataclasses.replace(PAIR, initial_gap=gap)
+
+
+@pytest.mark.parametrize("run", [jp.simulate, jp.demand])
+@pytest.mark.parametrize(
+    ("structures", "ground", "message"),
+    [
+        (
+            dataclasses.replace(PAIR, initial_gap=0.0),
+            SHORT,
+            "ground: the shortest of periods is 3 time steps long and should be at least 8: a ",
+        ),
+        (PAIR, LOUD, r"ground: PGA = 5\.\d+ g should be at most 5 g"),
+        (PAIR, jp.Ricker(0.1, 2.0, 1.0) + LOUD, r"ground: PGA = \d\.\d+ g should be at most 5 g"),
+        (
+            far(1000.0),
+            jp.Ricker(0.5, 2.0, 1.0),
+            r"initial_gap = 1000 g/ω1² should be at most 100 times what the buildings move, ",
+        ),
+    ],
+    ids=["resolution", "PGA", "PGA of a sum", "gap"],
+)
+def test_what_is_hardly_meant_is_warned_of_or_refused(run, structures, ground, message):
+    with pytest.warns(jp.PlausibilityWarning, match=f"^{run.__name__}: {message}") as caught:
+        run(structures, ground, GRID)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__  # at the caller's line
+    with pytest.raises(ValueError, match=f"^{run.__name__}: {message}"):
+        run(structures, ground, GRID, strict=True)
+
+
+def test_what_is_meant_is_not_warned_of():
+    """The suite makes errors of warnings."""
+    shaking = jp.Ricker(0.5, [0.8, 2.0], [1.0, 2.0])
+    jp.demand(PAIR, shaking, GRID, strict=True)  # eight steps; its PGA of 46 is of no unit
+    assert jp.pga(shaking, GRID) > MOST_PGA
+    moved = jp.demand(PAIR, shaking, GRID)
+    moved = float(moved.peak_x1 + moved.peak_x2)
+    jp.demand(far(0.99 * FAR_GAP * moved), shaking, GRID, strict=True)
+
+
+def test_a_warning_is_given_once_where_a_line_runs_often():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for _ in range(3):
+            jp.demand(far(0.0), SHORT, GRID)
+    assert len(caught) == 1
+
+
+def test_traced_values_cannot_be_judged():
+    jax.jit(lambda s: jp.demand(s, SHORT, GRID, strict=True).min_gap)(far(1e4))
+    jax.grad(lambda k: jp.demand(PAIR, k * LOUD, GRID, strict=True).min_gap)(1.0)
+    jax.vmap(lambda gap: jp.demand(far(gap), SHORT, GRID, strict=True).min_gap)(jnp.ones(2))
+
+
+# Ground motions answer for themselves.
+
+
+class Buzz:
+    def acceleration(self, t):
+        return jnp.sin(100 * t)
+
+    def unresolved(self, dt):
+        return [f"ground: a buzz needs dt = 0.01, not {dt}"]
+
+
+@pytest.mark.parametrize(
+    ("ground", "said"),
+    [
+        (SHORT, 1),
+        (jp.Ricker(1.0, [0.8], [1.0]), 0),
+        (jp.Ricker([0.0, 1.0], [0.3, 2.0], [1.0, 2.0]), 0),
+        (2 * SHORT, 1),
+        (0.0 * SHORT, 0),
+        (SHORT + SHORT, 2),
+        (Buzz(), 1),
+        (jp.Ricker(1.0, 2.0, 1.0) - Buzz(), 1),
+        (lambda t: jnp.sin(100 * t), 0),
+    ],
+    ids=["short", "long", "still", "scaled", "nothing", "sum", "own", "own in a sum", "function"],
+)
+def test_ground_motions_say_what_a_step_does_not_resolve(ground, said):
+    assert len(unresolved(ground, 0.1)) == said
+
+
+@pytest.mark.parametrize(
+    ("frequency", "share", "dt", "said"),
+    [
+        (1.0, 1.0, 0.1, 0),
+        (8.0, 1.0, 0.1, 1),
+        (8.0, 0.05, 0.1, 0),
+        (8.0, 0.2, 0.1, 1),
+        (8.0, 1.0, 0.05, 0),
+        (24.0, 1.0, 0.02, 0),
+    ],
+)
+def test_a_record_loses_what_is_above_the_nyquist_frequency_of_a_coarse_grid(
+    frequency, share, dt, said
+):
+    """``share`` of the amplitude at a frequency in Hz; the Nyquist frequency of .1 s is 5 Hz."""
+    t = 0.02 * np.arange(1000)
+    samples = np.sin(2 * np.pi * t) + share * np.sin(2 * np.pi * frequency * t)
+    found = unresolved(jp.Record(samples, 0.02, "tone"), dt)
+    assert len(found) == said
+    if found:
+        lost = share**2 / (1 + share**2)
+        assert "lose at most 1% of the energy of Record('tone'" in found[0]
+        assert f"but lose {lost:.0%}" in found[0]
+
+
+# Many earthquakes.
+
+
+def scenarios(periods, amplitude=1e-4):
+    arrivals = jp.Uniform(0.5, 3.0)
+    return jp.Scenarios(PAIR, jp.RandomRicker(1, jp.Uniform(0, amplitude), periods, arrivals))
+
+
+@pytest.fixture
+def nothing_is_run(monkeypatch):
+    def run(*_):
+        raise AssertionError("a chunk is run")
+
+    monkeypatch.setattr(Task, "compute", run)
+
+
+@pytest.mark.usefixtures("nothing_is_run")
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        # Wavelets of 1 to 2 ms with a step of 12 ms.
+        (
+            scenarios(jp.Uniform(0.01, 0.02), amplitude=1e-6),
+            rf"ground: 100% of the {LOOKED_AT} earthquakes looked at are not resolved; of one, "
+            r"the shortest of periods is 0\.1\d+ time steps long and should be at least 8",
+        ),
+        (
+            scenarios(jp.Uniform(1.0, 2.0), amplitude=1.5),
+            rf"ground: PGA of \d\d% of the {LOOKED_AT} earthquakes looked at, up to \d\d\.\d+ g,",
+        ),
+    ],
+    ids=["resolution", "PGA"],
+)
+def test_a_study_is_judged_before_its_first_run(made, message, tmp_path):
+    call = {"n": 1000, "grid": GRID, "progress": False}
+    with pytest.raises(ValueError, match=f"^monte_carlo: {message}"):
+        jp.monte_carlo(made, **call, store=tmp_path / "new", strict=True)
+    assert not (tmp_path / "new").exists()
+    with (
+        pytest.warns(jp.PlausibilityWarning, match=f"^monte_carlo: {message}") as caught,
+        pytest.raises(AssertionError, match="a chunk is run"),
+    ):
+        jp.monte_carlo(made, **call)
+    assert len(caught) == 1
+
+
+def test_a_study_whose_gap_is_far_too_wide_is_warned_of():
+    wide = dataclasses.replace(scenarios(jp.Uniform(1.0, 2.0)), structures=far(1.0))
+    with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: initial_gap = .* 100 times"):
+        study = jp.monte_carlo(wide, 8, GRID, progress=False)
+    with pytest.raises(ValueError, match=r"^monte_carlo: initial_gap = .* m should"):
+        jp.monte_carlo(wide, 8, GRID, scales=SCALES, progress=False, strict=True)
+    assert study.pounding_probability().value == 0
+
+
+@pytest.mark.parametrize(
+    ("made", "scales", "message"),
+    [
+        (
+            scenarios(jp.Uniform(0.01, 0.02)),
+            None,
+            "ground: 100% of the 8 earthquakes looked at are not",
+        ),
+        (scenarios(jp.Uniform(1.0, 2.0), amplitude=1.5), SCALES, "ground: PGA of .* 8 earth"),
+        (scenarios(jp.Uniform(1.0, 2.0)), None, "initial_gap = 1 g/ω1² should be at most"),
+    ],
+    ids=["resolution", "PGA", "gap"],
+)
+def test_a_design_is_judged_before_its_search(made, scales, message):
+    earthquakes = jp.Ensemble.drawn(made, 8)
+    space = jp.DesignSpace(PAIR, {"friction": (0.1, 1.0)})
+    with pytest.raises(ValueError, match=f"^design_damper: {message}"):
+        jp.design_damper(space, earthquakes, GRID, scales=scales, strict=True, progress=False)

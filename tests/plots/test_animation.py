@@ -1,0 +1,107 @@
+"""The animation: what moves is where the run has it."""
+
+import dataclasses
+
+import jax
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import style
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from PIL import Image
+
+import jaxpound as jp
+from jaxpound.plots.animation import Scene, animate, still
+
+mpl.use("Agg")
+
+
+@pytest.fixture(scope="module")
+def response():
+    return jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 1000))
+
+
+def blocks(ax):
+    """Left and right end of both blocks."""
+    bodies = [p for p in ax.patches if isinstance(p, Rectangle) and p.get_y() > 0]
+    return [(b.get_x(), b.get_x() + b.get_width()) for b in bodies]
+
+
+@pytest.mark.parametrize("si", [False, True])
+def test_the_blocks_are_as_far_apart_as_the_gap(si, response):
+    if si:
+        response = jp.Scales(mass=5e5, frequency=7.0).to_si(response)
+    ax = Figure().add_subplot()
+    scene = Scene(response, ax)
+    rest = np.array(blocks(ax))
+    for i in (0, 150, 374, 700):
+        scene.show(i)
+        (left, right), moved = blocks(ax), np.array(blocks(ax)) - rest
+        assert right[0] - left[1] == pytest.approx(float(response.gap[i]), abs=1e-12)
+        np.testing.assert_allclose(moved[0], float(response.x1[i]), atol=1e-12)
+        np.testing.assert_allclose(moved[1], float(response.x2[i]), atol=1e-12)
+        phase = "stick" if float(response.phase[i]) == 0 else "slip"
+        assert ax.texts[0].get_text() == f"damper: {phase}"
+
+
+def test_pounding_is_named_where_the_gap_is_closed(response):
+    closed = dataclasses.replace(response, gap=response.gap - 0.5)
+    at = float(response.demand.min_gap_time)
+    ax = still(closed, at, Figure().add_subplot())
+    assert ax.texts[0].get_text() == "POUNDING (not modelled)"
+    assert still(closed, 0.0, Figure().add_subplot()).texts[0].get_text() == "damper: stick"
+
+
+def test_a_player_and_a_file_have_every_frame(response, tmp_path):
+    moving = animate(response, frames=3, seconds=0.6)
+    page = moving.to_jshtml()
+    assert page.count("data:image/png;base64") == 3
+    moving.save(tmp_path / "run.gif", writer="pillow")
+    with style.context("jaxpound.house"):  # saved figures are finer, frames are not
+        moving.save(tmp_path / "house.gif", writer="pillow")
+    assert (tmp_path / "house.gif").read_bytes() == (tmp_path / "run.gif").read_bytes()
+    with Image.open(tmp_path / "run.gif") as file:
+        assert file.n_frames == 3
+        assert file.info["duration"] == 200
+
+
+def test_wrong_arguments_are_refused(response):
+    with pytest.raises(ValueError, match=r"frames = 1, seconds = 10.0 must be"):
+        animate(response, frames=1)
+    with pytest.raises(ValueError, match="seconds = -1"):
+        animate(response, seconds=-1)
+    batch = jax.tree.map(lambda x: np.stack([x, x]), response)
+    with pytest.raises(ValueError, match=r"animate: a batch of shape \(2, 1001\)"):
+        animate(batch)
+    lost = dataclasses.replace(response.demand, min_gap=np.nan)
+    for time in (99.0, np.nan):
+        with pytest.raises(ValueError, match=r"must be within the run, from 0 to 20"):
+            still(response, time)
+    with pytest.raises(ValueError, match="still: the run is invalid"):
+        still(dataclasses.replace(response, demand=lost), 0.0)
+
+
+def test_several_runs_move_side_by_side_to_one_scale(response):
+    bare = jp.simulate(
+        dataclasses.replace(jp.paper.structures(), friction=0.0),
+        jp.paper.ground(),
+        jp.TimeGrid(0.02, 1000),
+    )
+    moving = animate({"without": bare, "with": response}, frames=2)
+    moving.to_jshtml()
+    figure = moving._fig
+    scenes = [ax for ax in figure.axes if not ax.axison]
+    assert [ax.get_title() for ax in scenes] == ["without", "with"]
+    assert scenes[0].get_xlim() == scenes[1].get_xlim()
+    last = [(blocks(ax)[1][0] - blocks(ax)[0][1]) for ax in scenes]
+    np.testing.assert_allclose(last, [float(r.gap[-1]) for r in (bare, response)], atol=1e-12)
+    assert [ax.texts[0].get_text() for ax in scenes] == ["", "damper: stick"]
+    assert not any(line.get_visible() for line in scenes[0].lines[4:7])  # plates and clamp
+    over_time = [ax for ax in figure.axes if ax.axison]
+    assert over_time[0].get_ylim() == over_time[1].get_ylim()
+    short = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 900))
+    with pytest.raises(ValueError, match="must be on the same grid"):
+        animate({"long": response, "short": short})
+    with pytest.raises(ValueError, match="animate: responses must hold at least one run"):
+        animate({})

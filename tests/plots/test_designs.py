@@ -1,0 +1,113 @@
+"""What the figures of a design show: its own numbers, with units."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxpound as jp
+from jaxpound.plots import designs as plots
+from tests.design.test_design import AMPLITUDES, ENSEMBLE, GRID, SPACE, bowl, search, stand_in
+
+mpl.use("Agg")
+assert stand_in  # a fixture
+
+
+@pytest.fixture
+def ax():
+    return Figure(figsize=(3.54, 2.36), layout="constrained").add_subplot()
+
+
+def test_convergence_has_a_line_for_every_start(stand_in, ax):
+    found = search(jp.Objective(limits={"damper_force": 0.5}), iterations=60)
+    assert plots.convergence(found, ax) is ax
+    named = [line for line in ax.lines if line.get_label() == "winner"]
+    inside = found.history.violation[:, found.winner] <= 1e-3
+    expected = np.where(inside, found.history.objective[:, found.winner], np.nan)
+    np.testing.assert_array_equal(named[0].get_ydata(), expected)
+    assert len(ax.lines) == 2 * 3 + 2
+    words = [text.get_text() for text in ax.get_legend().texts]
+    assert words == ["winner", "other starts", "thin: limit exceeded"]
+    ax.figure.draw_without_rendering()
+    box = ax.get_legend().get_window_extent()
+    assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
+    ax.clear()
+    plots.convergence(search(iterations=3), ax)
+    assert [text.get_text() for text in ax.get_legend().texts] == ["winner", "other starts"]
+
+
+def test_landscape_has_the_path_and_the_design(stand_in, ax):
+    found = search(jp.Objective(limits={"damper_force": 0.5}), iterations=40)
+    seen = found.landscape("friction", "mass_ratio", 9)
+    plots.landscape(found, ax, seen)
+    path, _, design = ax.lines[:3]
+    start = found.space.values(found.history.shares[0, found.winner])
+    assert path.get_xdata()[0] == pytest.approx(float(start["friction"]))
+    assert design.get_ydata()[0] == pytest.approx(found.values["mass_ratio"])
+    assert ax.get_xlabel() == r"friction $\mu$"
+    assert "limit exceeded" in ax.get_legend_handles_labels()[1]
+    ax.clear()
+    plots.landscape(found, ax, n=5)
+    assert {ax.get_xlabel(), ax.get_ylabel()} == {r"mass ratio $\rho$", r"friction $\mu$"}
+
+
+def test_a_design_at_its_limit_does_not_stand_where_the_limit_is_exceeded(stand_in, ax):
+    found = search(jp.Objective(limits={"damper_force": 0.5}), iterations=60)
+    seen = found.landscape("friction", "mass_ratio", 6)
+    price = 0.5 * (seen.x_values / found.values["friction"]) ** 8
+    plots.landscape(found, ax, seen._replace(violation=price / 0.5 - 1))
+    ax.figure.canvas.draw()
+    (shaded,) = (c for c in ax.collections if "limit" not in str(c.get_label()) and c.get_fill())
+    design = found.values["friction"], found.values["mass_ratio"]
+    assert not any(path.contains_point(design) for path in shaded.get_paths() if len(path))
+    beyond = 1.2 * design[0], design[1]
+    assert any(path.contains_point(beyond) for path in shaded.get_paths() if len(path))
+
+
+def test_before_and_after_are_distributions(stand_in, ax):
+    found = search(iterations=40)
+    plots.before_and_after(found.trained, ax)
+    for line, when in zip(ax.lines, (found.trained.before, found.trained.after), strict=True):
+        np.testing.assert_array_equal(line.get_xdata(), np.sort(when["min_gap"]))
+        assert line.get_ydata()[-1] == 1
+    assert max(ax.get_yticks()) <= 1
+    stand_in(lambda mu, rho, a: bowl(mu, rho, a) - 0.9)
+    ax.clear()
+    plots.before_and_after(search(iterations=40).trained, ax)
+    assert any(label.startswith("pounding") for label in ax.get_legend_handles_labels()[1])
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_units_are_those_of_the_design(stand_in, ax):
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    found = search(iterations=3, scales=scales)
+    plots.convergence(found, ax)
+    assert ax.get_ylabel() == "objective (m)"
+    ax.clear()
+    plots.before_and_after(found.trained, ax, "damper_force")
+    assert ax.get_xlabel() == "slip force (N)"
+    ax.clear()
+    plots.convergence(search(jp.Objective(jp.PoundingProbability(1.0)), iterations=3), ax)
+    assert ax.get_ylabel() == "objective"
+
+
+def test_a_front_is_its_prices_and_objectives(stand_in, ax):
+    front = jp.pareto_front(
+        SPACE, ENSEMBLE, GRID, price="damper_force", limits=[0.5, 0.3], starts=2, iterations=40
+    )
+    plots.pareto(front, ax)
+    x, y = ax.lines[0].get_data()
+    np.testing.assert_array_equal(x, front.prices)
+    np.testing.assert_array_equal(y, front.objectives)
+    assert ax.get_xlabel() == "slip force, mean ($m_1 g$)"
+    assert len(AMPLITUDES) == 8
+
+
+def test_tornado_has_the_largest_on_top(ax):
+    sizes = {"initial_gap": 1.4, "friction": 0.1, "rod_2.order": 0.2, "mass_ratio": -0.3}
+    found = jp.Elasticities("min_gap", 0.7, dict.fromkeys(sizes, 1.0), sizes)
+    plots.tornado(found, ax)
+    widths = [bar.get_width() for bar in ax.patches]
+    assert widths == sorted(found.values.values(), key=abs)
+    assert ax.get_yticklabels()[-1].get_text() == r"gap at rest $\xi_0$"
+    assert ax.get_xlabel() == "% of min gap per % of the parameter"

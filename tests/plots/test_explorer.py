@@ -1,0 +1,260 @@
+"""The explorer: sliders move the run, the picture shows it, what breaks a rule changes nothing."""
+
+import base64
+import io
+import math
+import sys
+from dataclasses import replace
+
+import jax
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import style
+from PIL import Image
+
+import jaxpound as jp
+from jaxpound.plots.explorer import Explorer
+from jaxpound.plots.panels import LivePanels
+from jaxpound.plots.sliders import ExactSlider, even_marks, ratio_marks
+
+mpl.use("Agg")
+
+S, GROUND, GRID = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid.until(20.0, dt=0.04)
+TIME = np.arange(0, 20, 0.05)
+RECORD = jp.Record(0.5 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), 0.05, time_unit="1/ω1")
+SCALES = jp.Scales(mass=5e5, frequency=7.0)
+
+
+def pixels(png):
+    with Image.open(io.BytesIO(png)) as image:
+        return np.asarray(image.convert("RGB")).astype(int)
+
+
+@pytest.fixture
+def explorer():
+    return Explorer(S, GROUND, GRID)
+
+
+class Browser:
+    """What ipywidgets' sliders answer as they are shown, and whenever code sets them.
+
+    The arithmetic of noUiSlider: a value becomes percent of the range, goes to the nearest step and
+    comes back. Where that is not what it was told, it is sent to the kernel as the new value. A
+    busy kernel hears of it later: here, when ``answer`` is called.
+    """
+
+    def __init__(self, widget):
+        self._answers = []
+        self._show(widget)
+
+    def _show(self, widget):
+        for child in getattr(widget, "children", ()):
+            self._show(child)
+        if hasattr(widget, "step") and hasattr(widget, "readout"):
+            self._hear(widget)
+            widget.observe(lambda change: self._hear(change.owner), "value")
+
+    def _hear(self, slider):
+        low, high = float(slider.min), float(slider.max)
+        log = "Log" in slider._view_name
+        value = math.log(slider.value, slider.base) if log else slider.value
+        percent = 100 * (value - low) / (high - low)
+        step = 100 * slider.step / (high - low)
+        percent = min(max(math.floor(percent / step + 0.5) * step, 0.0), 100.0)
+        value = percent * (high - low) / 100 + low
+        if "Int" in slider._view_name:
+            value = math.floor(value + 0.5)
+        value = slider.base**value if log else value
+        if value != slider.value:
+            self._answers.append((slider, value))
+
+    def answer(self):
+        for slider, value in self._answers:
+            send(slider, value)
+
+
+def send(widget, value):
+    """A user's value comes from the browser."""
+    data = {"method": "update", "state": {"value": value}, "buffer_paths": []}
+    widget._handle_msg({"content": {"data": data}, "buffers": []})
+
+
+def chosen(explorer):
+    return {name: slider.value for name, slider in explorer.sliders.items()}
+
+
+def test_a_slider_for_every_parameter_and_wavelet(explorer):
+    expected = {"friction", "initial_gap", "mass_ratio", "stiffness_ratio", "strength"}
+    expected |= {f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_f", "tau_x")}
+    expected |= {f"{kind}_{i}" for kind in ("amplitude", "period", "arrival") for i in range(1, 6)}
+    assert set(explorer.sliders) == expected
+    assert all(slider.position.continuous_update for slider in explorer.sliders.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "structures"),
+    [
+        ("friction", 0.6, replace(S, friction=0.6)),
+        ("rod_2.order", 0.8, replace(S, rod_2=replace(S.rod_2, order=0.8))),
+        ("rod_1.tau_x", 2.0, replace(S, rod_1=replace(S.rod_1, tau_x=2.0))),
+        ("mass_ratio", 0.5, replace(S, mass_ratio=0.5)),
+        ("initial_gap", 0.5, replace(S, initial_gap=0.5)),
+    ],
+)
+def test_a_slider_moves_the_run_and_the_picture(name, value, structures, explorer):
+    before = explorer.picture.value
+    explorer.sliders[name].value = value
+    expected = jp.simulate(structures, GROUND, GRID)
+    np.testing.assert_allclose(explorer.response.gap, expected.gap, atol=1e-12)
+    assert f"{float(expected.min_gap):.4g}" in explorer.words.value
+    assert ("pound" in explorer.words.value) == (float(expected.min_gap) <= 0)
+    assert (pixels(explorer.picture.value) != pixels(before)).any()
+
+
+def test_wavelets_move_the_ground(explorer):
+    explorer.sliders["strength"].value = 0.5
+    explorer.sliders["period_3"].value = 2.6
+    explorer.sliders["arrival_5"].value = 7.0
+    explorer.sliders["amplitude_2"].value = -0.3
+    ground = jp.Ricker(
+        [0.25, -0.15, 0.25, 0.25, 0.25], [1.25, 1.0, 2.6, 3.5, 3.8], [1.5, 2.0, 3.0, 4.0, 7.0]
+    )
+    expected = jp.simulate(S, ground, GRID)
+    np.testing.assert_allclose(explorer.response.gap, expected.gap, atol=1e-12)
+
+
+def test_a_browser_s_rounding_changes_nothing():
+    odd = replace(S, mass_ratio=1.002, stiffness_ratio=2 / 3, rod_1=replace(S.rod_1, tau_x=1.18349))
+    explorer = Explorer(odd, GROUND, GRID)
+    values, gap, words = chosen(explorer), explorer.response.gap, explorer.words.value
+    assert values["mass_ratio"] == 1.002
+    assert values["rod_1.tau_x"] == 1.18349
+    Browser(explorer.widget).answer()
+    assert chosen(explorer) == values
+    assert (explorer.response.gap == gap).all()
+    assert explorer.words.value == words
+
+
+def test_what_code_sets_stays_whenever_the_browser_answers(explorer):
+    browser = Browser(explorer.widget)  # all cells are run: its answers wait for the last
+    wanted = {"friction": 0.4, "rod_2.tau_x": 4.05, "mass_ratio": 1 / 3, "amplitude_2": -0.1234567}
+    wanted |= {"initial_gap": 12.5}  # beyond the slider's end
+    for name, value in wanted.items():
+        explorer.sliders[name].value = value
+    browser.answer()
+    assert {name: explorer.sliders[name].value for name in wanted} == wanted
+    assert float(explorer.structures.mass_ratio) == 1 / 3
+    explorer.reset()
+    browser.answer()
+    assert explorer.sliders["friction"].value == S.friction
+    assert jax.tree.leaves(explorer.structures) == jax.tree.leaves(S)
+
+
+def test_a_user_drags_to_round_numbers_and_types_any(explorer):
+    friction, tau = explorer.sliders["friction"], explorer.sliders["rod_1.tau_x"]
+    send(friction.position, friction.position.value + 5)
+    assert friction.value == friction.number.value == 0.3
+    send(tau.position, tau.position.value + 1)
+    assert tau.value == tau.number.value == 1.2
+    for value in (1.2345678901234567, 31.0, 0.01):
+        send(tau.number, value)
+        assert tau.value == value
+        assert float(explorer.structures.rod_1.tau_x) == value
+    assert tau.position.value == 0  # the nearest mark
+    with pytest.raises(ValueError, match="μ = nan must be finite"):
+        friction.value = float("nan")
+    assert friction.value == 0.3
+
+
+@pytest.mark.parametrize(
+    "marks",
+    [even_marks(0.0, 1.5), even_marks(-1.0, 1.0), even_marks(0.0, 20.013), ratio_marks(0.001, 1.0)],
+)
+def test_every_mark_is_shown_where_it_is(marks):
+    assert 100 <= len(marks) <= 302
+    slider = ExactSlider("", float(marks[0]), marks)
+    for place, value in enumerate(marks):
+        slider.value = value
+        assert slider.position.value == place
+        assert float(f"{value:.4g}") == value
+
+
+def test_what_breaks_a_rule_is_said_and_nothing_is_lost(explorer):
+    shown = explorer.picture.value
+    explorer.sliders["rod_1.tau_f"].value = 0.9
+    explorer.sliders["rod_1.tau_x"].value = 0.05
+    assert "tau_x = 0.05" in explorer.words.value
+    assert "second law" in explorer.words.value
+    assert float(explorer.structures.rod_1.tau_f) == 0.9
+    assert float(explorer.structures.rod_1.tau_x) == pytest.approx(S.rod_1.tau_x)
+    explorer.reset()
+    assert "second law" not in explorer.words.value
+    np.testing.assert_allclose(explorer.response.gap, jp.simulate(S, GROUND, GRID).gap, atol=1e-12)
+    assert pixels(explorer.picture.value).shape == pixels(shown).shape
+
+
+def test_a_record_in_si_units_has_its_strength():
+    found = Explorer(S, RECORD, GRID, scales=SCALES)
+    assert "period_1" not in found.sliders
+    found.sliders["strength"].value = 2.0
+    expected = SCALES.to_si(jp.simulate(S, 2.0 * RECORD, GRID))
+    np.testing.assert_allclose(found.response.gap, expected.gap, atol=1e-12)
+    assert " m at t = " in found.words.value
+
+
+def test_the_cell_shows_the_widget_and_a_picture_where_widgets_do_not_live(explorer):
+    bundle = explorer._repr_mimebundle_()
+    assert "application/vnd.jupyter.widget-view+json" in bundle
+    assert base64.b64decode(bundle["image/png"]) == explorer.picture.value
+
+
+def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():
+    panels = LivePanels(jp.simulate(S, GROUND, GRID))
+    runs = [jp.simulate(replace(S, friction=mu), GROUND, GRID) for mu in (0.25, 0.27, 0.0, 0.26)]
+    drawn = [panels.png(run) for run in runs]
+    again = LivePanels(runs[0])
+    again.png(runs[0])
+    assert (pixels(again.png(runs[1])) == pixels(drawn[1])).all()
+    # A stronger run widens the axes; every run stays inside them.
+    louder = jp.simulate(S, jp.Ricker(1.5, GROUND.periods, GROUND.arrivals), GRID)
+    assert (pixels(panels.png(louder)) != pixels(drawn[3])).any()
+    for low, high, lines in panels.limits():
+        for line in lines:
+            assert low <= line.min() <= line.max() <= high
+
+
+def test_other_settings_change_nothing():
+    run = jp.simulate(S, GROUND, GRID)
+    plain = LivePanels(run).png(run)
+    with style.context("jaxpound.house"):
+        assert (pixels(LivePanels(run).png(run)) == pixels(plain)).mean() > 0.9
+
+
+def test_arguments_are_checked():
+    with pytest.raises(ValueError, match=r"ground = .* must be of type"):
+        Explorer(S, lambda t: 0 * t, GRID)
+    with pytest.raises(ValueError, match="structures = 3 must be of type"):
+        Explorer(3, GROUND, GRID)
+    with pytest.raises(ValueError, match=r"grid = 0.02 must be of type"):
+        Explorer(S, GROUND, 0.02)
+    with pytest.raises(ValueError, match="scales = 3 must be of type"):
+        Explorer(S, GROUND, GRID, scales=3)
+    batch = jax.tree.map(lambda x: np.array([x, x]), S)
+    with pytest.raises(ValueError, match="must be a single pair, not a batch"):
+        Explorer(batch, GROUND, GRID)
+
+
+def test_forces_keep_to_the_unit_of_their_axis():
+    found = Explorer(replace(S, friction=0.0), GROUND, GRID, scales=SCALES)
+    found.sliders["friction"].value = 0.5
+    again = Explorer(replace(S, friction=0.5), GROUND, GRID, scales=SCALES)
+    shown = [pixels(one.picture.value) for one in (found, again)]
+    friction = np.s_[shown[0].shape[0] // 2 :, : shown[0].shape[1] // 2]  # below, on the left
+    assert (shown[0][friction] == shown[1][friction]).all()
+
+
+def test_without_ipywidgets_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
+    with pytest.raises(ImportError, match="Explorer needs ipywidgets, which the extra 'notebooks'"):
+        Explorer(S, GROUND, GRID)

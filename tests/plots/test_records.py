@@ -1,0 +1,66 @@
+"""Ground motions: the peak and the spectrum that are drawn are the record's."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxpound as jp
+from jaxpound.plots import records as record_plots
+
+mpl.use("Agg")
+
+TIME = np.arange(0, 10, 0.02)
+RECORD = jp.Record(0.3 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), dt=0.02, name="burst")
+
+
+def test_accelerogram_marks_the_peak():
+    ax = Figure().add_subplot()
+    assert record_plots.accelerogram(RECORD, ax) is ax
+    (series, peak) = ax.lines
+    np.testing.assert_array_equal(series.get_ydata(), RECORD.samples)
+    np.testing.assert_allclose(series.get_xdata(), TIME)
+    assert np.abs(peak.get_ydata()[0]) == pytest.approx(float(jp.pga(RECORD)))
+    assert f"{float(jp.pga(RECORD)):.3g}" in peak.get_label()
+    assert "(s)" in ax.get_xlabel()
+    assert " s" in peak.get_label()
+    assert "($g$)" in ax.get_ylabel()
+
+
+def test_axes_say_the_record_s_unit_of_time():
+    record = jp.Scales(mass=1e5, frequency=4.0).to_dimensionless(RECORD)
+    time = record_plots.accelerogram(record, Figure().add_subplot()).get_xlabel()
+    period = record_plots.spectra({"a": record}, Figure().add_subplot(), [1.0]).get_xlabel()
+    assert time == r"time $t$ ($1/\omega_1$)"
+    assert period == r"natural period $T$ ($1/\omega_1$)"
+    with pytest.raises(ValueError, match=r"records: Record.* must be in the same unit of"):
+        record_plots.spectra({"a": record, "b": RECORD})
+
+
+def test_wrong_arguments_are_named():
+    for call, message in (
+        (lambda: record_plots.spectra({}), "must hold at least one record"),
+        (lambda: record_plots.spectra(RECORD), "records = .* must be of type"),
+        (lambda: record_plots.spectra({"a": 3}), r"records\['a'\] = 3 must be of type Record"),
+        (lambda: record_plots.spectra({"a": RECORD}, periods=[0, 1]), "must be positive"),
+        (lambda: record_plots.accelerogram(jp.paper.ground()), "must be of type Record"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+
+
+def test_spectra_are_the_spectral_accelerations():
+    ax, periods = Figure().add_subplot(), [0.3, 1.0, 2.5]
+    half = jp.Record(RECORD.samples / 2, dt=0.02)
+    found = record_plots.spectra(
+        {"whole": RECORD, "half": half}, ax, periods, damping=0.1, marks={"left": 1.0}
+    )
+    assert found is ax
+    whole, halved, mark = ax.lines
+    for period, value in zip(periods, whole.get_ydata(), strict=True):
+        expected = jp.spectral_acceleration(RECORD, period=period, damping=0.1)
+        assert value == pytest.approx(float(expected))
+    np.testing.assert_allclose(halved.get_ydata(), whole.get_ydata() / 2)
+    assert mark.get_xdata()[0] == 1.0
+    assert "10 %" in ax.get_ylabel()
+    ax.figure.draw_without_rendering()

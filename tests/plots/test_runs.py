@@ -1,0 +1,416 @@
+"""What the figures show: the response's own numbers, with units, nothing hidden or cut off."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import subprocess
+import sys
+
+import jax
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxpound as jp
+from jaxpound import plots
+from jaxpound.plots.style import FIGURE_SIZE
+
+mpl.use("Agg")
+
+DRAWINGS = [
+    plots.ground_motion,
+    plots.displacements,
+    plots.velocities,
+    plots.gap,
+    plots.friction_force,
+    plots.rod_forces,
+    plots.rod_hysteresis,
+    plots.friction_hysteresis,
+    plots.energy,
+]
+NAMES = [draw.__name__ for draw in DRAWINGS]
+SCALES = jp.Scales(mass=500e3, frequency=7.0)
+
+
+@pytest.fixture(scope="module")
+def response() -> jp.Response:
+    return jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 1000))
+
+
+@pytest.fixture(scope="module", params=["dimensionless", "si"])
+def either(request, response) -> jp.Response:
+    return SCALES.to_si(response) if request.param == "si" else response
+
+
+@pytest.fixture
+def ax():
+    return Figure().add_subplot()
+
+
+def with_gap(response: jp.Response, initial_gap: float) -> jp.Response:
+    change = initial_gap - float(response.gap[0])
+    demand = dataclasses.replace(response.demand, min_gap=response.demand.min_gap + change)
+    return dataclasses.replace(response, gap=response.gap + change, demand=demand)
+
+
+def collection(ax, label):
+    found = [c for c in ax.collections if c.get_label() == label]
+    return found[0] if found else None
+
+
+@pytest.mark.parametrize(
+    ("draw", "series"),
+    [
+        (plots.ground_motion, {"ground": "ground_acceleration"}),
+        (plots.displacements, {"structure 1": "x1", "structure 2": "x2"}),
+        (plots.velocities, {"structure 1": "v1", "structure 2": "v2"}),
+        (plots.gap, {"damper": "gap"}),
+        (plots.friction_force, {"damper": "friction"}),
+        (plots.rod_forces, {"structure 1": "f1", "structure 2": "f2"}),
+    ],
+    ids=NAMES[:6],
+)
+def test_series_over_time(draw, series, response, ax):
+    assert draw(response, ax=ax) is ax
+    lines = [line for line in ax.lines if not line.get_label().startswith("_")]
+    assert len(lines) == len(series)
+    for line, (colour, name) in zip(lines, series.items(), strict=True):
+        np.testing.assert_array_equal(line.get_xdata(), response.time)
+        np.testing.assert_array_equal(line.get_ydata(), getattr(response, name))
+        assert line.get_color() == plots.COLOURS[colour]
+    assert (ax.get_legend() is not None) == (len(series) > 1 or draw in DRAWINGS[3:5])
+
+
+def test_rod_hysteresis(response, ax):
+    plots.rod_hysteresis(response, ax)
+    for line, x, f in zip(
+        ax.lines, (response.x1, response.x2), (response.f1, response.f2), strict=True
+    ):
+        np.testing.assert_array_equal(line.get_xdata(), x)
+        np.testing.assert_array_equal(line.get_ydata(), f)
+    assert [text.get_text() for text in ax.get_legend().texts] == ["structure 1", "structure 2"]
+
+
+def test_friction_hysteresis_encloses_the_work_of_friction(response, ax):
+    plots.friction_hysteresis(response, ax)
+    slip, force = ax.lines[0].get_data()
+    np.testing.assert_array_equal(slip, response.x1 - response.x2)
+    area = np.sum((force[1:] + force[:-1]) / 2 * np.diff(slip))
+    assert area == pytest.approx(float(response.demand.friction_work), rel=0.02)
+
+
+def test_energy_stacks_up_to_the_input(response, ax):
+    plots.energy(response, ax)
+    terms = response.energy
+    lines = {line.get_label(): line.get_ydata() for line in ax.lines}
+    np.testing.assert_array_equal(lines["input"], terms.input)
+    np.testing.assert_array_equal(lines["residual"], terms.residual)
+    tops = np.cumsum([terms.friction, terms.rods, terms.kinetic], axis=0)
+    for label, top in zip(("friction", "rods", "kinetic"), tops, strict=True):
+        (path,) = collection(ax, label).get_paths()
+        assert np.isin(top, path.vertices[:, 1]).all()
+    np.testing.assert_allclose(tops[-1] - terms.residual, terms.input, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("draw", "dimensionless", "si"),
+    [
+        (plots.ground_motion, "$u''$ ($g$)", "$u''$ (m/s²)"),
+        (plots.displacements, r"$x_1$, $x_2$ ($g/\omega_1^2$)", "$x_1$, $x_2$ (m)"),
+        (plots.velocities, r"$x_1'$, $x_2'$ ($g/\omega_1$)", "$x_1'$, $x_2'$ (m/s)"),
+        (plots.gap, r"$\xi$ ($g/\omega_1^2$)", r"$\xi$ (m)"),
+        (plots.friction_force, "$q$ ($m_1 g$)", "$q$ (kN)"),
+        (plots.rod_forces, "$f_1$, $f_2$ ($m_1 g$)", "$f_1$, $f_2$ (MN)"),
+        (plots.rod_hysteresis, "$f_1$, $f_2$ ($m_1 g$)", "$f_1$, $f_2$ (MN)"),
+        (plots.friction_hysteresis, "$q$ ($m_1 g$)", "$q$ (kN)"),
+        (plots.energy, r"$E$ ($m_1 g^2/\omega_1^2$)", "$E$ (MJ)"),
+    ],
+    ids=NAMES,
+)
+def test_labels_say_symbol_and_unit(draw, dimensionless, si, either, ax):
+    draw(either, ax)
+    assert ax.get_ylabel().endswith(si if either.si else dimensionless)
+    x_unit = ax.get_xlabel().rsplit("(", 1)[1]
+    hysteresis = "hysteresis" in draw.__name__
+    if either.si:
+        assert x_unit == ("m)" if hysteresis else "s)")
+    else:
+        assert x_unit == (r"$g/\omega_1^2$)" if hysteresis else r"$1/\omega_1$)")
+
+
+@pytest.mark.parametrize(("mass", "unit", "factor"), [(1e3, "N", 1), (5e5, "kN", 1e-3)])
+def test_forces_are_drawn_in_the_unit_they_are_labelled_with(mass, unit, factor, response, ax):
+    si = jp.Scales(mass=mass, frequency=7.0).to_si(response)
+    plots.friction_force(si, ax)
+    assert f"({unit})" in ax.get_ylabel()
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), factor * np.asarray(si.friction))
+
+
+def test_smallest_gap_is_marked_where_it_is(either, ax):
+    plots.gap(either, ax)
+    marker = ax.lines[-1]
+    demand = either.demand
+    assert marker.get_xdata() == pytest.approx(float(demand.min_gap_time))
+    assert marker.get_ydata() == pytest.approx(float(demand.min_gap))
+    text = ax.get_legend().texts[0].get_text()
+    assert text.startswith(r"$\xi$, min")
+    assert f"{float(demand.min_gap):.4g}" in text
+    assert f"{float(demand.min_gap_time):.4g}" in text
+    assert (" m at" in text and text.endswith(" s")) == either.si
+
+
+@pytest.mark.parametrize(
+    ("initial_gap", "shaded"),
+    [(0.5, True), (1.0, True), (3.0, False)],
+    ids=["pounds", "near", "far"],
+)
+def test_pounding_is_shaded_only_if_near(initial_gap, shaded, response, ax):
+    moved = with_gap(response, initial_gap)
+    plots.gap(moved, ax)
+    bands = [patch for patch in ax.patches if patch.get_label().startswith("pounding")]
+    assert len(bands) == shaded
+    bottom, _ = ax.get_ylim()
+    assert bottom < float(moved.min_gap)
+    if shaded:
+        low, high = bands[0].get_extents().transformed(ax.transData.inverted()).intervaly
+        assert low <= bottom
+        assert high == pytest.approx(0, abs=1e-12)
+        assert "pounding" in ax.get_legend().texts[-1].get_text()
+    else:
+        assert bottom > 0
+        assert len(ax.get_legend().texts) == 1
+
+
+def test_stick_is_shaded_where_the_phases_are(either, ax):
+    plots.friction_force(either, ax)
+    drawn = [p.vertices[:, 0] for p in collection(ax, "stick").get_paths()]
+    sticks = [p for p in either.phases() if p.kind == "stick"]
+    assert len(sticks) == 2
+    np.testing.assert_allclose(
+        [(x.min(), x.max()) for x in drawn], [(p.start, p.end) for p in sticks], rtol=1e-12
+    )
+
+
+def test_a_run_without_stick_has_no_shading(response, ax):
+    sliding = dataclasses.replace(response, phase=np.ones_like(response.phase))
+    plots.friction_force(sliding, ax)
+    assert collection(ax, "stick") is None
+    assert ax.get_legend() is None
+
+
+@pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
+@pytest.mark.parametrize("size", [FIGURE_SIZE, (6.4, 4.8)], ids=["column", "large"])
+def test_nothing_overlaps_or_is_cut_off(draw, size, either):
+    figure = Figure(figsize=size, layout="constrained")
+    axes = draw(either, figure.add_subplot())
+    figure.draw_without_rendering()
+    whole = figure.bbox
+    texts = [axes.xaxis.label, axes.yaxis.label, *axes.texts]
+    if axes.get_legend():
+        texts += axes.get_legend().texts
+    boxes = [text.get_window_extent() for text in texts]
+    for box, text in zip(boxes, texts, strict=True):
+        assert text.get_fontsize() >= 8
+        assert whole.x0 <= box.x0 <= box.x1 <= whole.x1, text
+        assert whole.y0 <= box.y0 <= box.y1 <= whole.y1, text
+    for i, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:i])
+    for ticks in (axes.get_xticklabels(), axes.get_yticklabels()):
+        extents = [tick.get_window_extent() for tick in ticks if tick.get_text()]
+        assert not any(a.overlaps(b) for a, b in itertools.pairwise(extents))
+    if axes.get_legend():
+        highest = axes.transData.transform([(0, line.get_ydata().max()) for line in axes.lines])
+        assert highest[:, 1].max() < axes.get_legend().get_window_extent().y0
+
+
+@pytest.mark.parametrize("initial_gap", [0.5, 1.0, 3.0], ids=["pounds", "near", "far"])
+def test_the_smallest_gap_is_told_above_everything_drawn(initial_gap, response):
+    moved = with_gap(response, initial_gap)
+    figure = plots.figure(plots.gap, moved)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert not axes.texts  # nothing is written where pounding is shaded
+    words = axes.get_legend().texts[0]
+    assert f"{float(moved.min_gap):.4g}".replace("-", "−") in words.get_text()
+    box = words.get_window_extent()
+    assert box.y0 > axes.transData.transform((0, float(moved.gap.max())))[1]
+    assert axes.bbox.x0 <= box.x0 <= box.x1 <= axes.bbox.x1
+
+
+def test_drawing_twice_into_the_same_axes_shows_both(response, ax):
+    larger = dataclasses.replace(response, x1=3 * response.x1)
+    plots.displacements(larger, ax)
+    plots.displacements(response, ax)
+    low, high = ax.get_ylim()
+    assert low < float(larger.x1.min())
+    assert high > float(larger.x1.max())
+    assert len(ax.get_legend().texts) == 4
+
+
+@pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
+def test_pyplot_and_settings_are_left_alone(draw, response, ax):
+    from matplotlib import pyplot
+
+    settings = dict(mpl.rcParams)
+    before = pyplot.get_fignums()
+    draw(response, ax=ax)
+    plots.figure(draw, response)
+    assert pyplot.get_fignums() == before
+    shown = draw(response)
+    assert len(pyplot.get_fignums()) == len(before) + 1
+    pyplot.close(shown.figure)
+    assert dict(mpl.rcParams) == settings
+
+
+def test_paper_figures_are_called_what_they_show(response):
+    figures = plots.paper_figures(response)
+    assert list(figures) == [draw.__name__ for draw in (*DRAWINGS[:5], plots.rod_forces)]
+    for name, figure in figures.items():
+        alone = Figure().add_subplot()
+        getattr(plots, name)(response, alone)
+        assert figure.axes[0].get_ylabel() == alone.get_ylabel()
+
+
+def test_overview_shows_four_series_over_one_time_axis(response):
+    panels = plots.overview(response).axes
+    words = ["ground acceleration", "displacement", "friction force", "gap"]
+    for ax, word in zip(panels, words, strict=True):
+        assert ax.get_ylabel().startswith(word)
+        assert ax.get_xlim() == (0, float(response.time[-1]))
+    assert [bool(ax.get_xlabel()) for ax in panels] == [False, False, False, True]
+
+
+@pytest.fixture(scope="module")
+def batch(response) -> jp.Response:
+    """Three runs: the paper's, one of twice the motion, one with a smaller gap."""
+    twice = dataclasses.replace(response, x1=2 * response.x1, x2=2 * response.x2)
+    runs = [response, twice, with_gap(response, 0.5)]
+    return jax.tree.map(lambda *x: np.stack(x), *runs)
+
+
+@pytest.mark.parametrize("draw", DRAWINGS[:-1], ids=NAMES[:-1])
+def test_a_batch_is_drawn_run_upon_run(draw, batch, response, ax):
+    from matplotlib.collections import LineCollection
+
+    draw(batch, ax)
+    runs = [c for c in ax.collections if isinstance(c, LineCollection)]
+    alone = Figure().add_subplot()
+    draw(response, alone)
+    lines = [line for line in alone.lines if not line.get_label().startswith("_")]
+    if "hysteresis" in draw.__name__:
+        lines = alone.lines
+    assert len(runs) == len(lines)
+    for collection, line in zip(runs, lines, strict=True):
+        assert len(collection.get_segments()) == 3
+        np.testing.assert_allclose(collection.get_segments()[0], np.transpose(line.get_data()))
+        assert collection.get_alpha() < line.get_alpha()
+        if draw is not plots.gap:  # which tells the minimum
+            assert collection.get_label() == line.get_label()
+    low, high = ax.get_ylim()
+    every = np.concatenate([path for c in runs for path in c.get_segments()])[:, 1]
+    assert low <= every.min() < every.max() <= high
+
+
+def test_the_smallest_gap_of_a_batch_is_marked(batch, ax):
+    plots.gap(batch, ax)
+    smallest = float(np.min(batch.min_gap))
+    assert ax.lines[-1].get_ydata() == pytest.approx(smallest)
+    assert f"min {smallest:.4g}".replace("-", "−") in ax.get_legend().texts[0].get_text()
+    assert "pounding" in ax.get_legend().texts[-1].get_text()
+
+
+def test_energy_and_invalid_runs_of_a_batch_are_refused(batch, ax):
+    with pytest.raises(ValueError, match=r"energy: a batch of shape \(3, 1001\)"):
+        plots.energy(batch, ax)
+    lost = np.array([0.1, np.nan, np.nan])
+    broken = dataclasses.replace(batch, demand=dataclasses.replace(batch.demand, min_gap=lost))
+    with pytest.raises(ValueError, match="2 of 3 runs are invalid"):
+        plots.gap(broken, ax)
+
+
+def test_gaps_of_several_runs_stand_in_one_picture(response, ax):
+    runs = {"without": with_gap(response, 0.5), "with": response, "wide": with_gap(response, 2.0)}
+    plots.gaps(runs, ax)
+    lines = {line.get_label(): line for line in ax.lines if ":" in line.get_label()}
+    for (name, run), (words, line) in zip(runs.items(), lines.items(), strict=True):
+        assert words == f"{name}: min {float(run.min_gap):.4g}".replace("-", "−")
+        np.testing.assert_array_equal(line.get_ydata(), run.gap)
+    assert len({line.get_color() for line in lines.values()}) == 3
+    assert ax.get_ylim()[0] < float(runs["without"].min_gap)
+
+
+def test_side_by_side_has_runs_as_columns_to_one_scale(response):
+    runs = {"far": with_gap(response, 3.0), "near": response, "pounds": with_gap(response, 0.5)}
+    figure = plots.side_by_side(runs, [plots.displacements, plots.gap])
+    figure.draw_without_rendering()
+    panels = np.reshape(figure.axes, (2, 3))
+    assert [ax.get_title() for ax in panels[0]] == list(runs)
+    for row in panels:
+        assert len({ax.get_ylim() for ax in row}) == 1
+        assert [bool(ax.get_ylabel()) for ax in row] == [True, False, False]
+    assert all(not ax.get_xlabel() for ax in panels[0])
+    low, high = panels[1, 0].get_ylim()
+    assert low < float(runs["pounds"].min_gap)
+    assert high > float(runs["far"].gap.max())
+    # The region of pounding is shaded down to the bottom in each.
+    for ax in panels[1]:
+        (region,) = ax.patches
+        ends = region.get_extents().transformed(ax.transData.inverted()).intervaly
+        assert ends[0] <= low
+        assert ends[1] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_batch_s_legend_is_not_faint(batch, ax):
+    plots.displacements(batch, ax)
+    assert {handle.get_alpha() for handle in ax.get_legend().legend_handles} == {1.0}
+
+
+def test_what_is_no_response_is_named(response):
+    with pytest.raises(ValueError, match=r"responses\['a'\] = 3 must be of type Response"):
+        plots.gaps({"a": 3})
+    with pytest.raises(ValueError, match=r"side_by_side: responses = .* must be of type"):
+        plots.side_by_side(response)
+
+
+def test_runs_to_be_compared_have_the_same_units(response):
+    for draw in (plots.gaps, plots.side_by_side):
+        with pytest.raises(ValueError, match="must hold at least one run"):
+            draw({})
+        with pytest.raises(ValueError, match="must all be in SI units"):
+            draw({"a": response, "b": SCALES.to_si(response)})
+
+
+def test_a_notebook_shows_figures_unknown_to_pyplot(response):
+    assert plots.overview(response)._repr_png_().startswith(b"\x89PNG")
+
+
+def test_letters_stay_letters_in_vector_files(response, tmp_path, caplog):
+    from matplotlib import style
+
+    with style.context("jaxpound.house"):
+        assert mpl.rcParams["figure.figsize"] == list(FIGURE_SIZE)
+        own = plots.displacements(response).figure
+        for kind in ("svg", "pdf"):
+            own.savefig(tmp_path / f"own.{kind}")
+    free = plots.figure(plots.displacements, response)
+    caplog.clear()
+    for kind in ("svg", "pdf"):
+        free.savefig(tmp_path / f"free.{kind}")
+    assert not caplog.records
+    for name in ("own", "free"):
+        assert "displacement" in (tmp_path / f"{name}.svg").read_text()
+        assert b"/Type3" not in (tmp_path / f"{name}.pdf").read_bytes()
+
+
+def test_a_run_at_rest_can_be_drawn(response):
+    nothing = jax.tree.map(np.zeros_like, response)
+    rest = dataclasses.replace(nothing, time=response.time, mass_1=1.0, mass_2=1.0)
+    for draw in DRAWINGS:
+        plots.figure(draw, rest).draw_without_rendering()
+
+
+def test_importing_jaxpound_does_not_import_matplotlib():
+    code = "import sys, jaxpound; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,175 @@
+"""What the figures of a study show: its own numbers, with units."""
+
+import types
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxpound as jp
+from jaxpound.plots import studies as plots
+from jaxpound.plots.style import parameter_axis, parameter_name
+from tests.study.test_run import LINEAR, RANDOM, study
+from tests.study.test_sensitivity import GRID, SCENARIOS
+
+mpl.use("Agg")
+
+SCALES = jp.Scales(mass=500e3, frequency=7.0)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return study(LINEAR, 400)
+
+
+@pytest.fixture
+def ax():
+    return Figure(figsize=(3.54, 2.36), layout="constrained").add_subplot()
+
+
+def test_min_gap_s_histogram_and_distribution(found, ax):
+    assert plots.min_gap(found, ax) is ax
+    gaps, bars = found["min_gap"], list(ax.containers[0])
+    for bar in (bars[0], bars[-1]):  # nobody is piled up at an end
+        low, high = bar.get_x(), bar.get_x() + bar.get_width()
+        inside = np.sum((gaps >= low) & (gaps < high)) + (bar is bars[-1])
+        assert bar.get_height() * bar.get_width() == pytest.approx(inside / 400)
+    area = sum(bar.get_width() * bar.get_height() for bar in bars)
+    assert area == pytest.approx(399 / 400)
+    assert "further left: 1 of 400" in ax.get_legend_handles_labels()[1]
+    right = next(other for other in ax.figure.axes if other is not ax)
+    x, share = right.lines[0].get_data()
+    np.testing.assert_array_equal(x, np.sort(found["min_gap"]))
+    assert share[-1] == 1
+    assert ax.patches[-1].get_label().startswith("pounding")
+    assert ax.get_xlim()[1] == found["min_gap"].max()
+
+
+def test_how_many_keep_their_gap_at_rest_is_told(ax):
+    columns = {"min_gap": np.r_[np.full(30, 0.1), np.linspace(-0.1, 0.09, 70)]}
+    columns["required_gap"] = 0.1 - columns["min_gap"]
+    moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
+    few = types.SimpleNamespace(
+        finite=columns.__getitem__, moments=lambda column: moments, scales=SCALES
+    )
+    plots.min_gap(few, ax)
+    assert "min = gap at rest: 30 %" in [text.get_text() for text in ax.get_legend().texts]
+    ax.figure.draw_without_rendering()
+    for text in ax.get_legend().texts:
+        box = text.get_window_extent()
+        assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
+
+
+def test_convergence_ends_at_the_estimate(found, ax):
+    plots.convergence(found, ax, gap=0.3)
+    n, value = ax.lines[0].get_data()
+    assert (n[-1], value[-1]) == (400, found.pounding_probability(0.3).value)
+    assert value[0] == np.mean(found["required_gap"][:10] >= 0.3)
+    ends = ax.collections[0].get_paths()[0].vertices
+    low, high = found.pounding_probability(0.3)[1:3]
+    assert {round(low, 12), round(high, 12)} <= {round(y, 12) for x, y in ends if x == 400}
+
+
+def test_exceedance_is_the_share_of_larger_gaps(found, ax):
+    plots.exceedance(found, ax, rules_at=0.1)
+    gaps, shares = ax.lines[0].get_data()
+    for gap, share in zip(gaps[::7], shares[::7], strict=True):
+        assert np.mean(found["required_gap"] >= gap) == pytest.approx(share)
+    rules = found.separation(0.1)
+    assert set(ax.lines[1].get_ydata()) == {0.1}
+    marked = [line.get_xdata()[0] for line in ax.lines[2:]]
+    assert marked == [rules.double_difference, rules.srss, rules.absolute_sum]
+    drawn = [artist.get_label() for artist in (*ax.lines, *ax.collections)]
+    assert {text.get_text() for text in ax.get_legend().texts} == set(drawn)
+    assert not any(words.startswith("_") for words in drawn)
+    ax.figure.draw_without_rendering()
+    box = ax.get_legend().get_window_extent()
+    assert box.y0 >= ax.bbox.y1  # nothing drawn is under it
+    assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
+
+
+def test_fragility_has_its_data_and_its_curve(found, ax):
+    for curve in (
+        jp.fit_fragility(found["pga"], np.arange(400) % 7 < 4 * found["pga"] / found["pga"].max()),
+        jp.fit_fragility([0.1, 0.2, 0.4], [1, 5, 9], [10, 10, 10]),
+    ):
+        ax.clear()
+        plots.fragility(curve, ax, "PGA ($g$)")
+        im, p = ax.lines[0].get_data()
+        np.testing.assert_allclose(p, curve.probability(im))
+        _, share = ax.containers[0][0].get_data()
+        assert share @ ([10, 10, 10] if curve.stripes else np.full(12, 400 / 12)) == pytest.approx(
+            curve.pounding.sum(), rel=0.02
+        )
+        assert ax.get_xlabel() == "PGA ($g$)"
+
+
+def test_scatter_has_a_panel_for_each_pair():
+    found = study(RANDOM, 50)
+    figure = plots.scatter_matrix(found, ["required_gap", "peak_f1"], ["friction", "period_1"])
+    assert len(figure.axes) == 4
+    x, y = figure.axes[3].lines[0].get_data()
+    np.testing.assert_array_equal(x, found.parameters()["period_1"])
+    np.testing.assert_array_equal(y, found["peak_f1"])
+    assert len(plots.scatter_matrix(found).axes) == 6
+    with pytest.raises(ValueError, match="'mass' must be one of friction, amplitude_1"):
+        plots.scatter_matrix(found, names=["mass"])
+
+
+def test_parameters_have_the_unit_of_the_study():
+    found = study(RANDOM, 50)
+    units = {
+        "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
+        "amplitude_1": (r"amplitude 1 ($g/\omega_1^2$)", "amplitude 1 (m)", SCALES.length),
+        "period_1": (r"period 1 ($1/\omega_1$)", "period 1 (s)", SCALES.time),
+    }
+    for seen, place in ((found, 0), (found.in_si(SCALES), 1)):
+        panels = plots.scatter_matrix(seen, names=list(units)).axes
+        for ax, (name, told) in zip(panels, units.items(), strict=True):
+            assert ax.get_xlabel() == told[place]
+            drawn = (told[2] if place else 1.0) * found.parameters()[name]
+            np.testing.assert_allclose(ax.lines[0].get_xdata(), drawn)
+    assert parameter_axis("rod_1.order", SCALES, 1.0) == (1.0, "rod 1: order")
+    assert parameter_axis("intensity", SCALES, 1.0) == (1.0, "intensity")
+    assert parameter_axis("initial_gap", SCALES, 1.0) == (SCALES.length, "gap at rest (m)")
+
+
+def test_correlation_bars_are_the_correlations_largest_on_top(ax):
+    found = study(RANDOM, 50)
+    plots.correlations(found, ax)
+    names = [text.get_text() for text in ax.get_yticklabels()]
+    expected = found.correlations()
+    ranked = sorted(expected, key=lambda name: abs(expected[name]))
+    assert names == [parameter_name(name) for name in ranked]
+    assert r"friction $\mu$" in names
+    assert [bar.get_width() for bar in ax.patches] == [expected[name] for name in ranked]
+
+
+def test_sensitivity_bars_are_the_indices_largest_on_top(ax):
+    indices = jp.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=64)
+    plots.sensitivity(indices, ax)
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["none", "two", "one"]
+    bars = [container for container in ax.containers if hasattr(container, "patches")]
+    widths = [[bar.get_width() for bar in container.patches] for container in bars]
+    names = ["none", "two", "one"]
+    assert widths == [[kind[n].value for n in names] for kind in (indices.first, indices.total)]
+
+
+def test_axes_say_the_unit_of_the_study(found, ax):
+    for units, length in ((found, r"g/\omega_1^2"), (found.in_si(SCALES), "(m)")):
+        ax.clear()
+        plots.exceedance(units, ax)
+        assert length in ax.get_xlabel()
+    figure = plots.scatter_matrix(found.in_si(SCALES), ["peak_f1"])
+    assert "(MN)" in figure.axes[0].get_ylabel()
+    top = figure.axes[0].lines[0].get_ydata().max()
+    assert top == pytest.approx(found.in_si(SCALES)["peak_f1"].max() / 1e6)
+
+
+def test_new_axes_are_pyplot_s(found):
+    from matplotlib import pyplot
+
+    axes = plots.convergence(found)
+    assert axes.figure.number in pyplot.get_fignums()
+    pyplot.close("all")

@@ -1,0 +1,124 @@
+"""Results as columns, data frames and files: the names say the units, the numbers stay the same."""
+
+import csv
+import dataclasses
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tests.study.test_run import LINEAR, study
+
+import jaxpound as jp
+
+GRID = jp.TimeGrid(0.05, 40)
+SCALES = jp.Scales(mass=500e3, frequency=7.0)
+
+
+def simulate(friction):
+    structures = dataclasses.replace(jp.paper.structures(), friction=friction)
+    return jp.simulate(structures, jp.paper.ground(), GRID)
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return jax.vmap(simulate)(jnp.array([0.1, 0.2, 0.3]))
+
+
+def test_a_run_is_a_row_an_instant(batch):
+    run = batch[1]
+    columns, si = run.to_columns(), SCALES.to_si(run).to_columns()
+    assert [*columns][:4] == ["time", "ground_acceleration", "x1", "x2"]
+    assert [*si][:6] == [
+        "time_s",
+        "ground_acceleration_m_per_s2",
+        "x1_m",
+        "x2_m",
+        "v1_m_per_s",
+        "v2_m_per_s",
+    ]
+    assert [*si][-4:] == ["friction_N", "gap_m", "ground_velocity_m_per_s", "slip_direction"]
+    np.testing.assert_array_equal(columns["v2"], run.v2)
+    np.testing.assert_array_equal(columns["absolute_acceleration_2"], run.absolute_accelerations[1])
+    np.testing.assert_allclose(si["gap_m"], run.gap * SCALES.length)
+    np.testing.assert_array_equal(si["slip_direction"], run.phase)
+    assert not np.signbit(si["slip_direction"][si["slip_direction"] == 0]).any()
+
+
+def test_a_batch_of_runs_has_their_numbers(batch):
+    table = batch.to_pandas()
+    assert table.index.names == ["run", "time"]
+    assert len(table) == 3 * 41
+    for i in range(3):
+        one = batch[i].to_pandas()
+        assert one.index.name == "time"
+        np.testing.assert_array_equal(table.loc[i], one)
+    demands = batch.demand.to_pandas()
+    assert demands.index.name == "run"
+    assert list(demands.index) == [0, 1, 2]
+    np.testing.assert_array_equal(demands["peak_f1"], batch.demand.peak_f1)
+    one = SCALES.to_si(batch[2].demand).to_pandas()
+    assert one.shape == (1, len(batch.demand.scalars()))
+    assert one["peak_f1_N"][0] == pytest.approx(float(batch.demand.peak_f1[2]) * SCALES.force)
+
+
+def test_a_batch_of_batches_has_a_number_an_axis(batch):
+    twice = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), batch)
+    table = twice.to_pandas()
+    assert table.index.names == ["run_0", "run_1", "time"]
+    np.testing.assert_array_equal(table.loc[1, 2]["x1"], 2 * batch.x1[2])
+    demands = twice.demand.to_pandas()
+    assert demands.index.names == ["run_0", "run_1"]
+    assert demands.loc[(1, 2), "peak_x1"] == 2 * float(batch.demand.peak_x1[2])
+
+
+@pytest.mark.parametrize("kind", [lambda x: x, lambda x: x.demand], ids=["response", "demand"])
+@pytest.mark.parametrize("chosen", [1, slice(None)], ids=["single", "batch"])
+def test_files_hold_the_same_numbers(batch, kind, chosen, tmp_path, monkeypatch):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    result = kind(SCALES.to_si(batch[chosen]))
+    table = result.to_pandas()
+    result.to_parquet(tmp_path / "table.parquet")
+    pandas.testing.assert_frame_equal(pandas.read_parquet(tmp_path / "table.parquet"), table)
+    monkeypatch.setitem(sys.modules, "pandas", None)  # text needs NumPy only
+    result.to_csv(tmp_path / "table.csv")
+    read = np.genfromtxt(tmp_path / "table.csv", delimiter=",", names=True, ndmin=1)
+    assert read.dtype.names == (*table.index.names, *table.columns)
+    for name in table.columns:
+        np.testing.assert_array_equal(read[name], table[name])
+    for name in table.index.names:
+        np.testing.assert_array_equal(read[name], table.index.get_level_values(name))
+
+
+def test_a_study_is_a_row_a_sample(tmp_path):
+    measures = {"mu": lambda structures, ground: structures.friction}
+    found = study(LINEAR, 64, measures=measures, keep_parameters=True).in_si(SCALES)
+    table = found.to_pandas()
+    assert table.index.name == "sample"
+    units = dict(zip(found.columns, table.columns, strict=True))
+    assert (units["min_gap"], units["pga"]) == ("min_gap_m", "pga_m_per_s2")
+    assert units["required_gap"] == "required_gap_m"
+    # Pure numbers, and what is not ours, are what they are.
+    assert all(units[name] == name for name in ("pounds", "mu", *found.parameters()))
+    for name, named in units.items():
+        np.testing.assert_array_equal(table[named], found[name])
+    found.to_csv(tmp_path / "study.csv")
+    read = np.genfromtxt(tmp_path / "study.csv", delimiter=",", names=True, deletechars="")
+    np.testing.assert_array_equal(read["required_gap_m"], found["required_gap"])
+
+
+def test_names_that_users_gave_stay_apart(tmp_path):
+    def friction(structures, ground):
+        return structures.friction
+
+    found = study(LINEAR, 64, measures={"μ, the friction": friction})
+    found.to_csv(tmp_path / "study.csv")
+    with open(tmp_path / "study.csv", encoding="utf-8", newline="") as file:
+        header = next(csv.reader(file))
+    assert header == ["sample", *found.columns]
+    for name, scales in (("sample", None), ("min_gap_m", SCALES)):
+        found = study(LINEAR, 64, measures={name: friction}, scales=scales)
+        with pytest.raises(ValueError, match=f"column '{name}' must be told from another"):
+            found.to_columns()

@@ -1,0 +1,220 @@
+import dataclasses
+import itertools
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tests.test_tables import assert_shown
+
+import jaxpound as jp
+
+N = 200
+
+
+@pytest.fixture(scope="module")
+def run():
+    return jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 1000))
+
+
+def synthetic(**series):
+    """A response of block 1 alone, of given series."""
+    t = np.linspace(0, 2, N + 1)
+    zero = np.zeros(N + 1)
+    names = ("x1", "x2", "v1", "v2", "f1", "f2", "friction", "gap", "phase", "change_time")
+    values = dict.fromkeys((*names, "ground_acceleration", "ground_velocity"), zero) | {
+        name: f(t) for name, f in series.items()
+    }
+    scalars = jp.Demand(*np.zeros(13))
+    return jp.Response(time=t, **values, mass_1=1.0, mass_2=4.0, demand=scalars)
+
+
+def test_energy_terms_are_the_integrals_of_the_powers():
+    """A motion that solves no equation: each term alone against its closed form."""
+    run = synthetic(
+        v1=lambda t: np.sin(t),
+        v2=lambda t: t,
+        f1=lambda t: 3 * np.cos(t),
+        f2=lambda t: 2 + 0 * t,
+        friction=lambda t: 0.5 + 0 * t,
+        ground_acceleration=lambda t: -1 + 0 * t,
+        ground_velocity=lambda t: -t,
+    )
+    t, energy = np.asarray(run.time), run.energy
+    close = {"atol": 2e-4}
+    np.testing.assert_allclose(energy.rods, 1.5 * np.sin(t) ** 2 + t**2, **close)
+    np.testing.assert_allclose(energy.friction, 0.5 * (1 - np.cos(t)) - 0.25 * t**2, **close)
+    np.testing.assert_allclose(energy.kinetic, np.sin(t) ** 2 / 2 + 2 * t**2, **close)
+    np.testing.assert_allclose(energy.input, 1 - np.cos(t) + 2 * t**2, **close)
+    balance = energy.rods + energy.friction + energy.kinetic - energy.input
+    np.testing.assert_allclose(energy.residual, balance, atol=1e-15)
+
+
+def test_the_residual_notices_a_wrong_force(run):
+    wrong = jax.tree.map(lambda x: x, run)
+    object.__setattr__(wrong, "f1", run.f1 * 1.1)
+    sound, broken = (np.abs(r.energy.residual).max() for r in (run, wrong))
+    assert broken > 3 * sound
+
+
+def test_phases_are_the_runs_of_equal_direction_at_their_instants():
+    direction = np.repeat([0, 1, -1, 0], [50, 60, 40, 51]).astype(float)
+    t = np.linspace(0, 2, N + 1)
+    run = synthetic(phase=lambda t: direction, change_time=lambda t: t + 0.003)
+    phases = run.phases()
+    assert [p.kind for p in phases] == ["stick", "slip right", "slip left", "stick"]
+    starts = [0.0, *(t[[50, 110, 150]] + 0.003)]
+    np.testing.assert_allclose([p.start for p in phases], starts)
+    np.testing.assert_allclose([p.end for p in phases], [*starts[1:], 2.0])
+
+
+def test_phases_cover_the_run_without_holes(run):
+    phases = run.phases()
+    assert (phases[0].start, phases[-1].end) == (0, float(run.time[-1]))
+    for one, following in itertools.pairwise(phases):
+        assert one.end == following.start > one.start
+        assert one.kind != following.kind
+
+
+def test_slip_velocity_has_the_sign_of_its_phase(run):
+    t, w = np.asarray(run.time), np.asarray(run.slip_velocity)
+    for phase in run.phases():
+        inside = w[(t > phase.start + 0.02) & (t < phase.end - 0.02)]
+        sign = {"stick": 0, "slip right": 1, "slip left": -1}[phase.kind]
+        assert (np.sign(inside) == sign).all(), phase
+
+
+def test_absolute_accelerations_are_those_of_the_blocks(run):
+    """Against second differences of x plus the mean of u'' over the step, away from the kinks."""
+    t, ground = np.asarray(run.time), np.asarray(run.ground_acceleration)
+    mean = ground[1:-1] + np.diff(ground, 2) / 24
+    changes = np.array([p.start for p in run.phases()[1:]])
+    away = np.abs(t[1:-1, None] - changes).min(axis=1) > 0.04
+    for x, a in zip((run.x1, run.x2), run.absolute_accelerations, strict=True):
+        seen = np.diff(np.asarray(x), 2) / 0.02**2 + mean
+        np.testing.assert_allclose(seen[away], np.asarray(a)[1:-1][away], atol=0.02)
+
+
+def test_gap_follows_the_blocks(run):
+    np.testing.assert_allclose(run.gap, 1 + run.x2 - run.x1, atol=1e-14)
+
+
+def test_pounds_tells_whether_the_gap_closes():
+    def pounds(gap):
+        structures = jp.AdjacentStructures(
+            jp.paper.structures().rod_1, jp.paper.structures().rod_2, 1.0, 2.0, 0.25, gap
+        )
+        return jp.demand(structures, jp.paper.ground(), jp.TimeGrid(0.02, 500)).pounds
+
+    np.testing.assert_array_equal(jax.vmap(pounds)(jnp.array([0.5, 0.6, 0.7, 0.8])), [1, 1, 0, 0])
+
+
+def test_results_show_themselves(run):
+    text = repr(run)
+    assert_shown(run)
+    assert "EventResolved" in text
+    assert "1000 steps of 0.02" in text
+    assert f"{float(run.min_gap):.6g}" in text
+    assert "12 phases" in text
+    assert "POUNDS" not in text
+    assert "POUNDS" in repr(jax.tree.map(lambda x: -x, run))
+    shown = assert_shown(run.demand)
+    for name, value in run.demand.scalars().items():
+        at = shown.index(name)
+        assert shown[at + 1] == f"{value:.8g}"
+    assert shown[shown.index("peak_f2") + 2] == "m1 g"
+    si = jp.Scales(mass=500e3, frequency=7.0).to_si(run)
+    assert " m at " in "".join(assert_shown(si))
+    shown = assert_shown(si.demand)
+    assert shown[shown.index("peak_f2") + 2] == "N"
+
+
+def test_a_batch_shows_its_range(run):
+    batch = jax.tree.map(lambda x: jnp.stack([x, 3 * x, -x, jnp.nan * x]), run)
+    for result, owner in ((batch, "Response"), (batch.demand, "Demand")):
+        shown = assert_shown(result)
+        assert shown[0].startswith(owner)
+        assert "(dimensionless, batch of shape (4,))" in shown[0]
+        at = shown.index("peak_x1")
+        peak = float(run.demand.peak_x1)
+        assert shown[at + 1 : at + 5] == [f"{k * peak:.5g}" for k in (-1, 1, 3)] + ["g/ω1²"]
+        assert shown[-2:] == [
+            "pounding in 1 of 3 valid runs",
+            "1 invalid, with NaN for every result",
+        ]
+    invalid = assert_shown(batch[3:])
+    assert invalid[1:] == ["pounding in 0 of 0 valid runs", "1 invalid, with NaN for every result"]
+    for result in (batch[3], batch[3].demand):
+        assert "an invalid run, every result is NaN" in assert_shown(result)[0]
+
+
+def test_what_holds_no_numbers_shows_itself_too(run):
+    jax.jit(lambda result: assert_shown(result) and result.min_gap)(run.demand)
+    for leaf in (None, object(), jax.ShapeDtypeStruct((3,), float)):
+        empty = jax.tree.map(lambda _, leaf=leaf: leaf, run)
+        assert "not known before the program runs" in repr(empty)
+        assert "not known before the program runs" in repr(empty.demand)
+
+
+def test_scalars_of_one_run_are_python_s_numbers(run):
+    scalars = run.demand.scalars()
+    assert {type(x) for x in scalars.values()} == {float}
+    assert json.loads(json.dumps(scalars)) == scalars
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run.demand)
+    assert batch.scalars()["peak_x1"] is batch.peak_x1
+
+
+def test_scalars_stay_traced(run):
+    def doubled(demand):
+        return {name: 2 * x for name, x in demand.scalars().items()}
+
+    expected = {name: 2 * x for name, x in run.demand.scalars().items()}
+    assert jax.jit(doubled)(run.demand) == expected
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run.demand)
+    assert {name: float(x[1]) for name, x in jax.vmap(doubled)(batch).items()} == expected
+    slope = jax.grad(lambda demand: demand.scalars()["pgv"] ** 2)(run.demand)
+    assert float(slope.pgv) == pytest.approx(2 * float(run.demand.pgv))
+
+
+def test_a_run_draws_itself(run):
+    figure = run.plot()
+    times, gap = figure.axes[-1].lines[0].get_data()
+    np.testing.assert_array_equal(times, run.time)
+    np.testing.assert_array_equal(gap, run.gap)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
+    assert len(batch.plot().axes) == len(figure.axes)
+    with pytest.raises(ValueError, match="the run is invalid"):
+        jax.tree.map(lambda x: x * jnp.nan, run).plot()
+
+
+def test_a_batch_and_an_invalid_run_have_no_phases(run):
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
+    with pytest.raises(ValueError, match=r"batch of shape \(2, 1001\) must be indexed"):
+        batch.phases()
+    with pytest.raises(ValueError, match="the run is invalid"):
+        jax.tree.map(lambda x: x * jnp.nan, run).phases()
+
+
+@pytest.mark.parametrize(
+    "index", [0, -1, slice(1, 3), np.array([True, False, True]), [2, 0]], ids=str
+)
+def test_runs_of_a_batch_by_index(index):
+    def run(friction):
+        structures = dataclasses.replace(jp.paper.structures(), friction=friction)
+        return jp.simulate(structures, jp.paper.ground(), jp.TimeGrid(0.05, 40))
+
+    batch = jax.vmap(run)(jnp.array([0.1, 0.2, 0.3]))
+    one = batch[index]
+    np.testing.assert_array_equal(one.gap, np.asarray(batch.gap)[index])
+    np.testing.assert_array_equal(one.demand.min_gap, np.asarray(batch.demand.min_gap)[index])
+    np.testing.assert_array_equal(batch.demand[index].peak_f1, one.demand.peak_f1)
+    assert one.method == batch.method
+    with pytest.raises(IndexError):
+        batch[3]
+    assert [float(r.min_gap) for r in batch] == [float(x) for x in batch.min_gap]
+    if isinstance(index, int):
+        assert one.phases()
+        with pytest.raises(TypeError, match="Response: only a batch has an index"):
+            one[0]

@@ -1,0 +1,221 @@
+from functools import partial
+from itertools import groupby
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+
+import jaxpound as jp
+from jaxpound.simulation.friction import Link, _creep, _resolve, _resolved
+
+H = 0.1
+moderate = st.floats(-2, 2).map(lambda x: round(x, 3))
+step = st.fixed_dictionaries(
+    {
+        "w": moderate.map(lambda x: 0.1 * x) | st.just(0.0),
+        "a": moderate,
+        "a_last": moderate,
+        "rho": st.floats(0.1, 5),
+        "mu": st.floats(0, 1).map(lambda x: round(x, 3)),
+    }
+)
+
+
+@partial(jax.jit, static_argnums=0)
+def slide(law, w, a, a_last, rho, mu, phase=0.0):
+    return law.slide(Link(w, phase * jnp.ones_like(w), a, a_last, 1 + rho, mu, H))
+
+
+@partial(jax.jit, static_argnums=0)
+def jacobians(law, case):
+    """Forward and reverse derivatives of what a step returns, by every input."""
+
+    def outcome(values):
+        slip = slide(law, **values)
+        turn = jnp.where(slip.turns, slip.turn, 0.0)
+        moved = [slip.velocity, slip.mean_force, slip.force, slip.velocity_now, slip.jump]
+        return jnp.stack([*moved, turn, slip.turn_time * slip.turns])
+
+    return jax.jacfwd(outcome)(case), jax.jacrev(outcome)(case)
+
+
+def brute_force(w, a, a_last, rho, mu, n=4000):
+    """w' ∈ A(τ) − R μ Sgn(w) by n implicit Euler substeps of one step, each solved exactly."""
+    dt, brake = H / n, H / n * (1 + rho) * mu
+    tau = (np.arange(n) + 0.5) / n
+    push = dt * (a + (a - a_last) * (tau - 0.5))
+    path = [w]
+    for kick in push:
+        free = path[-1] + kick
+        path.append(np.sign(free) * max(abs(free) - brake, 0.0))
+    return np.array(path)
+
+
+@given(step)
+@example({"w": 0.05, "a": -1.0, "a_last": -1.0, "rho": 1.0, "mu": 0.1})  # reverses
+@example({"w": 0.05, "a": 0.1, "a_last": 0.1, "rho": 1.0, "mu": 0.5})  # sticks
+@example({"w": 0.0, "a": 1.0, "a_last": 0.5, "rho": 1.0, "mu": 0.5})  # breaks away
+@example({"w": 0.002, "a": 0.0, "a_last": -2.0, "rho": 1.0, "mu": 0.3})  # stops for a while
+@example({"w": 0.02, "a": 0.98, "a_last": 0.0, "rho": 1.0, "mu": 0.6})  # stops, then breaks away
+def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
+    slip = slide(jp.EventResolved(), **case)
+    path = brute_force(**case)
+    # The law follows slip, stick and slip again: more than that in one step is not resolved.
+    directions = [sign for sign, _ in groupby(np.sign(path[1:])) if sign]
+    assume(len(directions) <= (2 if directions[:1] == [np.sign(case["w"])] else 1))
+    assert slip.velocity == pytest.approx(path[-1], abs=2e-4)
+    assert slip.velocity_now == pytest.approx(path[len(path) // 2], abs=2e-4)
+    if slip.turns and slip.turn_time > 0:
+        stop = len(path) // 2 + int(float(slip.turn_time) / H * 4000)
+        slid = path[len(path) // 2 : stop].sum() * H / 4000
+        assert slip.turn == pytest.approx(slid, abs=1e-5)
+
+
+@given(step)
+def test_friction_opposes_slip_and_stays_within_its_bound(case):
+    slip = slide(jp.EventResolved(), **case)
+    assert abs(slip.force) <= case["mu"] * (1 + 1e-15)
+    assert abs(slip.mean_force) <= case["mu"] + 1e-12
+    assert slip.force * slip.velocity_now >= 0
+
+
+@given(step)
+def test_mirrored_motion_gives_mirrored_friction(case):
+    mirrored = {**case, "w": -case["w"], "a": -case["a"], "a_last": -case["a_last"]}
+    for law in (jp.EventResolved(), jp.Smoothed(0.05)):
+        one, other = slide(law, **case), slide(law, **mirrored)
+        for name in ("velocity", "mean_force", "force", "velocity_now", "jump", "phase"):
+            np.testing.assert_allclose(getattr(one, name), -getattr(other, name), atol=1e-15)
+        np.testing.assert_allclose(one.turn_time, other.turn_time, atol=1e-15)
+
+
+@given(step, st.integers(0, 3))
+def test_velocity_is_continuous_across_all_cases(case, which):
+    """A change of 1e-7 in any input moves the velocity by no more than slopes of order 1 allow."""
+    name = ("w", "a", "a_last", "mu")[which]
+    moved = {**case, name: case[name] + 1e-7}
+    law = jp.EventResolved()
+    start = slide(law, **case).velocity
+    assert abs(slide(law, **moved).velocity - start) < 1e-5
+
+
+@given(step)
+@example({"w": 0.0, "a": 0.0, "a_last": 0.0, "rho": 1.0, "mu": 0.0})
+@example({"w": 0.0, "a": 0.5, "a_last": 0.5, "rho": 1.0, "mu": 0.0})
+@example({"w": 0.0, "a": 1.0, "a_last": 1.0, "rho": 1.0, "mu": 0.5})
+@example({"w": 0.1, "a": -1.0, "a_last": -1.0, "rho": 1.0, "mu": 0.0})
+def test_derivatives_are_finite_in_every_case(case):
+    for law in (jp.EventResolved(), jp.Switching(), jp.Smoothed(1e-3), jp.Smoothed(1e-300)):
+        for jacobian in jacobians(law, case):
+            for name, slope in jacobian.items():
+                assert np.isfinite(slope).all(), (law, name, slope)
+
+
+@given(step)
+def test_derivative_of_the_velocity_against_a_central_difference(case):
+    law = jp.EventResolved()
+    slopes = {name: slope[0] for name, slope in jacobians(law, case)[0].items()}
+    # In stick w is the constant 0, and has no derivative.
+    for name in ("a", "a_last", "mu") + (("w",) if case["w"] else ()):
+        low, middle, high = (
+            float(slide(law, **{**case, name: case[name] + d}).velocity) for d in (-1e-6, 0, 1e-6)
+        )
+        if abs(high - 2 * middle + low) < 1e-9:  # not at a kink
+            assert slopes[name] == pytest.approx((high - low) / 2e-6, abs=2e-3), name
+
+
+def test_switching_follows_the_paper_s_table():
+    law, h = jp.Switching(), H
+    held = slide(law, w=0.0, a=0.4, a_last=0.0, rho=1.0, mu=0.25, phase=0.0)
+    assert (held.phase, held.force, held.velocity) == (0, 0.2, 0)
+    breaks = slide(law, w=0.0, a=-0.8, a_last=0.0, rho=1.0, mu=0.25, phase=0.0)
+    assert (breaks.phase, breaks.force) == (-1, -0.25)
+    assert breaks.velocity == pytest.approx(h * (-0.8 + 0.5))
+    slides = slide(law, w=0.3, a=-9.0, a_last=0.0, rho=1.0, mu=0.25, phase=1.0)
+    assert (slides.phase, slides.force) == (1, 0.25)
+    stops = slide(law, w=-0.01, a=0.4, a_last=0.0, rho=1.0, mu=0.25, phase=1.0)
+    assert (stops.phase, stops.force, stops.velocity) == (0, 0.2, 0)
+    turns = slide(law, w=-0.01, a=-2.0, a_last=0.0, rho=1.0, mu=0.25, phase=1.0)
+    assert (turns.phase, turns.force) == (-1, -0.25)
+
+
+creep = jax.jit(_creep)
+
+
+@given(
+    push=st.floats(-1e3, 1e3),
+    brake=st.floats(0, 1e3),
+    width=st.sampled_from([1e3, 1.0, 1e-3, 1e-9, 1e-100]),
+)
+def test_the_creep_equation_is_solved_at_every_width(push, brake, width):
+    w = float(creep(push, brake, width))
+    assert np.isfinite(w)
+    assert np.sign(w) in (0, np.sign(push))
+    assert abs(w) <= abs(push)
+    # Bracketed to rounding: the left side is increasing.
+    nudge = 1e-9 * max(abs(w), 1e-9 * width)
+    low, high = (x + brake * np.tanh(x / width) for x in (w - nudge, w + nudge))
+    slack = 1e-12 * (abs(push) + brake)
+    assert low - slack <= push <= high + slack
+
+
+def test_creep_differentiates_by_the_implicit_function_theorem_to_second_order():
+    point = (0.7, 0.5, 0.3)
+    first = [jax.jit(jax.grad(_creep, argnums=i)) for i in range(3)]
+    second = jax.jit(jax.grad(jax.grad(_creep)))
+    h = 1e-5
+    for i in range(3):
+        up, down = (tuple(x + d * (i == j) for j, x in enumerate(point)) for d in (h, -h))
+        difference = float(creep(*up) - creep(*down)) / (2 * h)
+        assert first[i](*point) == pytest.approx(difference, rel=1e-8)
+    up, down = (0.7 + h, 0.5, 0.3), (0.7 - h, 0.5, 0.3)
+    difference = float(first[0](*up) - first[0](*down)) / (2 * h)
+    assert second(*point) == pytest.approx(difference, rel=1e-7)
+
+
+@given(step)
+def test_a_vanishing_width_sticks_where_coulomb_s_law_sticks(case):
+    slip = slide(jp.Smoothed(1e-300), **{**case, "w": 0.0})
+    holds = abs(case["a"]) <= (1 + case["rho"]) * case["mu"]
+    assert holds == (abs(slip.velocity) < 1e-12)
+
+
+def test_no_width_is_unstable():
+    """With a constant push the slip velocity settles, whatever the width, and never oscillates."""
+    for width in (1e-300, 1e-6, 1e-3, 0.1):
+        w, path = 1.0, []
+        for _ in range(400):
+            w = float(slide(jp.Smoothed(width), w=w, a=0.3, a_last=0.3, rho=1.0, mu=0.5).velocity)
+            path.append(w)
+        rest = width * np.arctanh(0.3) if width > 1e-200 else 0.0
+        assert path[-1] == pytest.approx(rest, rel=1e-3, abs=1e-12)
+        assert np.min(path) >= min(0.0, rest) - 0.02
+
+
+@pytest.mark.parametrize("velocity", [0.0, -1.0, float("nan"), float("inf")])
+def test_smoothed_friction_needs_a_positive_width(velocity):
+    with pytest.raises(ValueError, match=f"Smoothed: velocity = {velocity:g} must be positive"):
+        jp.Smoothed(velocity)
+
+
+def test_the_step_s_derivatives_are_those_of_its_own_formulas():
+    """The rule that serves both modes against plain forward differentiation, in every case."""
+    random = np.random.default_rng(3)
+    n = 4000
+    w = random.normal(size=n) * 0.03 * (random.random(n) < 0.8)
+    pull, hold = random.normal(size=n), np.abs(random.normal(size=n)) * (random.random(n) < 0.9)
+    rise = random.normal(size=n) * random.choice([0.01, 1.0, 5.0], n)
+
+    def jacobian(formulas, mode):
+        def outcome(x):
+            return jnp.stack(formulas(*x, H))
+
+        return jax.jit(jax.vmap(mode(outcome)))(np.stack([w, pull, rise, hold], -1))
+
+    plain = jacobian(_resolve, jax.jacfwd)
+    assert np.isfinite(plain).all()
+    for mode in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(jacobian(_resolved, mode), plain, rtol=1e-12, atol=1e-12)

@@ -1,0 +1,574 @@
+"""Studies of scenarios whose demands are known, and what befalls a study on its way."""
+
+import dataclasses
+import multiprocessing
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxpound as jp
+
+TESTS = Path(__file__).parent
+GRID = jp.TimeGrid(0.1, 40)
+SLIDING = dataclasses.replace(jp.paper.structures(), friction=0.0)
+MEDIAN, SIGMA = 0.3, 0.5
+
+
+def wave(z):
+    return jp.Ricker(MEDIAN * jnp.exp(SIGMA * z[0]), [2.0], [1.5])
+
+
+# Without friction the response is linear: every peak is the amplitude times that of a unit wave.
+LINEAR = jp.Scenarios(SLIDING, jp.CustomDraw(wave, 1, ("amplitude",)))
+RANDOM = jp.Scenarios(
+    jp.UncertainStructures(jp.paper.structures(), {"friction": jp.LogNormal(0.25, 0.3)}),
+    jp.RandomRicker(2, jp.Uniform(0.1, 0.5), jp.Uniform(1.0, 3.0), jp.Uniform(0.0, 3.0)),
+)
+
+
+def study(scenarios=RANDOM, n=50, **more):
+    more = {"chunk_size": 16, "progress": False} | more
+    return jp.monte_carlo(scenarios, n, GRID, **more)
+
+
+def unit():
+    return jp.demand(SLIDING, jp.Ricker(1.0, [2.0], [1.5]), GRID)
+
+
+def files(folder):
+    """Names and contents of finished files."""
+    paths = [path for path in sorted(Path(folder).iterdir()) if path.suffix != ".part"]
+    return {path.name: path.read_bytes() for path in paths}
+
+
+# Against closed forms.
+
+
+@cache
+def linear():
+    return study(LINEAR, 4000, chunk_size=1000, key=5)
+
+
+def test_columns_are_the_demands_of_their_scenarios():
+    found = study(n=20, keep_parameters=True, measures={"double": lambda s, g: 2 * s.friction})
+    structures, grounds = jax.jit(jax.vmap(RANDOM.realize))(found.points())
+    demands = jax.jit(jax.vmap(lambda s, g: jp.demand(s, g, GRID)))(structures, grounds)
+    for name, values in demands.scalars().items():
+        np.testing.assert_allclose(found[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(found["required_gap"], 1 - demands.min_gap, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found["friction"], structures.friction)
+    np.testing.assert_allclose(found["double"], 2 * structures.friction)
+    parameters = list(found.parameters())
+    assert list(found.columns) == [*demands.scalars(), "required_gap", "double", *parameters]
+    assert len(found) == 20
+    np.testing.assert_allclose(found.demand.peak_x1, found["peak_x1"])
+
+
+def test_statistics_of_a_linear_response_are_the_lognormal_s():
+    found, one = linear(), unit()
+    for name in ("peak_x1", "peak_f2", "pga", "required_gap"):
+        per_amplitude = float(1 - one.min_gap if name == "required_gap" else getattr(one, name))
+        known = stats.lognorm(SIGMA, scale=MEDIAN * per_amplitude)
+        assert stats.kstest(found[name], known.cdf).pvalue > 0.01, name
+        moments = found.moments(name)
+        assert moments.n == 4000
+        assert moments.mean == pytest.approx(known.mean(), rel=4 * known.std() / known.mean() / 63)
+        assert moments.std == pytest.approx(np.std(found[name], ddof=1), rel=1e-12)
+        for share in (0.1, 0.5, 0.99):
+            estimate = found.quantile(name, share, 0.999)
+            assert estimate.low <= known.ppf(share) <= estimate.high
+    assert found.correlations("peak_x1")["amplitude"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("gap", [0.1, 0.3, 0.8])
+def test_the_probability_of_pounding_at_any_gap_from_one_run(gap):
+    known = stats.lognorm(SIGMA, scale=MEDIAN * float(1 - unit().min_gap))
+    found = linear().pounding_probability(gap, 0.999)
+    assert found.low <= known.sf(gap) <= found.high
+    assert found.high - found.low < 0.06
+    needed = linear().required_gap(float(known.sf(gap)), 0.999)
+    assert needed.low <= gap <= needed.high
+
+
+def test_the_gap_of_the_scenarios_is_the_default():
+    wide, narrow = (
+        study(jp.Scenarios(dataclasses.replace(SLIDING, initial_gap=gap), LINEAR.ground), 200)
+        for gap in (1.0, 0.2)
+    )
+    np.testing.assert_allclose(wide["required_gap"], narrow["required_gap"], rtol=1e-9, atol=1e-12)
+    assert narrow.pounding_probability() == wide.pounding_probability(0.2)
+    assert narrow.pounding_probability().value == np.mean(narrow["pounds"])
+
+
+def test_code_rules_beside_the_required_gap():
+    found = linear().separation(0.01)
+    u1, u2 = (np.quantile(linear()[f"peak_x{i}"], 0.99) for i in (1, 2))
+    assert found.absolute_sum == pytest.approx(u1 + u2)
+    assert found.srss == pytest.approx(np.hypot(u1, u2))
+    squares = u1**2 + u2**2 - 2 * found.correlation * u1 * u2
+    assert found.double_difference == pytest.approx(squares**0.5)
+    assert found.double_difference < found.srss < found.absolute_sum
+    assert found.required_gap == linear().required_gap(0.01)
+
+
+def test_answers_in_si_units():
+    scales = jp.Scales(2e5, 7.0)
+    si = linear().in_si(scales)
+    assert si.pounding_probability(0.3 * scales.length) == linear().pounding_probability(0.3)
+    needed, bare = si.required_gap(0.1), linear().required_gap(0.1)
+    np.testing.assert_allclose(needed[:3], np.array(bare[:3]) * scales.length)
+    demand = scales.to_si(linear().demand)
+    assert si.demand.si
+    for name, values in demand.scalars().items():
+        np.testing.assert_allclose(si[name], values, rtol=1e-12)
+        assert si.moments(name).mean == pytest.approx(float(np.mean(values)))
+    assert "(SI)" in repr(si)
+    made = study(LINEAR, 4, scales=scales)
+    np.testing.assert_allclose(made["pga"], study(LINEAR, 4)["pga"] * 9.80665)
+
+
+def test_sobol_points_estimate_a_mean_better():
+    errors = {}
+    true = MEDIAN * np.exp(SIGMA**2 / 2) * float(unit().peak_x1)
+    for sampling in ("plain", "sobol"):
+        means = [
+            study(LINEAR, 256, key=key, sampling=sampling, chunk_size=256).moments("peak_x1").mean
+            for key in range(4)
+        ]
+        errors[sampling] = np.sqrt(np.mean((np.array(means) - true) ** 2))
+    assert errors["sobol"] < errors["plain"] / 5
+
+
+def test_any_object_with_a_dimension_and_a_way_to_realize_will_do():
+    class Mine:
+        dimension = 2
+
+        def realize(self, z):
+            return dataclasses.replace(SLIDING, friction=0.1 * jnp.exp(z[0])), lambda t: z[1] * t
+
+    found = study(Mine(), 20)
+    assert list(found.correlations()) == ["z_1", "z_2"]
+    slope = jax.vmap(lambda z: jp.demand(*Mine().realize(z), GRID).peak_x2)(found.points())
+    np.testing.assert_allclose(found["peak_x2"], slope, rtol=1e-9)
+
+
+def test_spectral_acceleration_is_a_measure_for_fragility():
+    """Of a linear pair every peak is proportional to the wave's amplitude, and to its spectrum."""
+
+    def sa(structures, ground):
+        return jp.spectral_acceleration(ground, GRID, period=structures.natural_frequencies[0])
+
+    found = study(LINEAR, 400, measures={"sa": sa}, chunk_size=400)
+    one = jp.spectral_acceleration(
+        jp.Ricker(1.0, [2.0], [1.5]), GRID, period=SLIDING.natural_frequencies[0]
+    )
+    amplitude = MEDIAN * np.exp(SIGMA * found.points()[:, 0])
+    np.testing.assert_allclose(found["sa"], amplitude * float(one), rtol=1e-9)
+    noisy = found["required_gap"] * np.random.default_rng(0).lognormal(0, 0.2, 400)
+    threshold = float(np.median(noisy))
+    curve = jp.fit_fragility(found["sa"], noisy >= threshold)
+    at_half = threshold * float(one) / float(1 - unit().min_gap)
+    assert curve.median == pytest.approx(at_half, rel=4 * curve.median_error / curve.median)
+
+
+# The same sample whatever the way.
+
+
+@pytest.mark.parametrize("sampling", ["plain", "sobol"])
+def test_samples_do_not_depend_on_chunks_or_shards_or_where_they_run(tmp_path, sampling):
+    whole = study(sampling=sampling)
+    ways = [study(sampling=sampling, chunk_size=7), study(sampling=sampling, store=tmp_path / "a")]
+    with ThreadPoolExecutor(3) as threads:
+        ways.append(study(sampling=sampling, executor=threads))
+    parts = [study(sampling=sampling, store=tmp_path / "b", shard=(i, 3)) for i in (1, 2, 3)]
+    assert sorted(np.concatenate([part.indices for part in parts])) == list(range(50))
+    ways.append(jp.Study.open(tmp_path / "b"))
+    for way in ways:
+        np.testing.assert_array_equal(way.indices, whole.indices)
+        for name in whole.columns:
+            np.testing.assert_allclose(way[name], whole[name], rtol=1e-9, atol=1e-12)
+    for part in parts:
+        np.testing.assert_allclose(part["pga"], whole["pga"][part.indices], rtol=1e-9)
+        np.testing.assert_array_equal(part.points(), whole.points()[part.indices])
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+
+
+def test_chunks_may_run_in_other_processes(tmp_path):
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as processes:
+        found = study(store=tmp_path / "study", executor=processes)
+    here = study()
+    for name in here.columns:
+        np.testing.assert_allclose(found[name], here[name], rtol=1e-9, atol=1e-12)
+
+
+def test_a_key_is_a_seed_or_a_key():
+    seeded, keyed = (study(n=4, key=key) for key in (3, jax.random.key(3)))
+    other = study(n=4, key=4)
+    np.testing.assert_array_equal(seeded["pga"], keyed["pga"])
+    np.testing.assert_array_equal(study(n=4, key=jax.random.PRNGKey(3))["pga"], keyed["pga"])
+    assert np.abs(seeded["pga"] - other["pga"]).min() > 0
+
+
+def test_single_precision_is_the_callers(tmp_path):
+    with jax.enable_x64(False):
+        single = study(n=8, store=tmp_path / "study")
+        assert single["pga"].dtype == np.float32
+    np.testing.assert_allclose(single["pga"], single["pga"])
+    with pytest.raises(ValueError, match="precision is 'float32' there and 'float64' here"):
+        study(n=8, store=tmp_path / "study")
+
+
+TWO_DEVICES = """
+import sys
+import jax, numpy as np
+jax.config.update("jax_enable_x64", True)
+import jaxpound as jp
+assert jp.use_cores(2) == len(jax.devices()) == 2
+from tests.study.test_run import RANDOM
+found = jp.monte_carlo(RANDOM, 100_000, jp.TimeGrid(0.1, 40), progress=False)
+np.savez(sys.argv[1], **{name: found[name] for name in found.columns})
+"""
+
+
+def test_a_hundred_thousand_samples_are_the_same_on_one_device_and_on_two(tmp_path):
+    command = [sys.executable, "-c", TWO_DEVICES, str(tmp_path / "two.npz")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    two, one = np.load(tmp_path / "two.npz"), study(n=100_000, chunk_size=None)
+    assert len(jax.devices()) == 1
+    for name in one.columns:
+        np.testing.assert_allclose(two[name], one[name], rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+# The store.
+
+
+def test_a_finished_study_is_read_not_run(tmp_path, monkeypatch):
+    first = study(store=tmp_path / "study", notes={"who": "me"}, scales=jp.Scales(1e5, 7.0))
+    before = files(tmp_path / "study")
+    monkeypatch.setattr("jaxpound.study.chunk.Task.finish", None)
+    again = study(store=tmp_path / "study", scales=jp.Scales(1e5, 7.0))
+    opened = jp.Study.open(tmp_path / "study")
+    for name in first.columns:
+        np.testing.assert_array_equal(opened[name], first[name])
+        np.testing.assert_array_equal(again[name], first[name])
+    assert files(tmp_path / "study") == before
+    assert opened.about["notes"] == {"who": "me"}
+    assert float(opened.scales.mass) == 1e5
+    assert repr(opened) == repr(first)
+    with pytest.raises(ValueError, match="keep_parameters=True keeps them"):
+        opened.parameters()
+    assert next(iter(again.parameters())) == "friction"
+
+
+def test_a_study_grows_and_serves_fewer(tmp_path):
+    folder = tmp_path / "study"
+    small = study(n=20, store=folder)
+    large = study(n=50, store=folder)
+    np.testing.assert_array_equal(large["pga"][:20], small["pga"])
+    np.testing.assert_array_equal(study(n=20, store=folder)["pga"], small["pga"])
+    assert files(folder) == files(study(n=50, store=tmp_path / "new") and tmp_path / "new")
+
+
+def test_fewer_samples_than_the_store_is_for_write_whole_chunks(tmp_path):
+    folder = tmp_path / "study"
+    study(n=50, store=folder)
+    before = files(folder)
+    (folder / "chunk-000001.npz").unlink()
+    few = study(n=20, store=folder)
+    assert len(few) == few.moments("pga").n == 20
+    assert files(folder) == before
+
+
+def test_chunk_size_is_that_of_the_store(tmp_path):
+    study(n=20, store=tmp_path / "study", chunk_size=5)
+    assert len(study(n=40, store=tmp_path / "study", chunk_size=None)) == 40
+    assert len([*(tmp_path / "study").glob("chunk-*")]) == 8
+
+
+def test_a_damaged_chunk_is_made_anew(tmp_path):
+    folder = tmp_path / "study"
+    study(store=folder)
+    before = files(folder)
+    path = folder / "chunk-000001.npz"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.warns(UserWarning, match=r"study: chunk 1 is damaged \(.*\); what is damaged is"):
+        half = jp.Study.open(folder)
+    assert len(half) == 50 - 16
+    with pytest.warns(UserWarning, match="chunk 1 is damaged"):
+        study(store=folder)
+    assert files(folder) == before
+    # One worker after the other finds the same.
+    path.write_bytes(data)
+    with ThreadPoolExecutor(2) as threads, pytest.warns(UserWarning, match="chunk 1 is damaged"):
+        study(store=folder, executor=threads)
+    assert len(jp.Study.open(folder)) == 50
+
+
+def test_a_store_all_of_which_is_damaged_is_no_study(tmp_path):
+    study(n=20, store=tmp_path)
+    for path in tmp_path.glob("chunk-*"):
+        path.write_bytes(b"")
+    refused = pytest.raises(ValueError, match="at least one finished chunk")
+    with pytest.warns(UserWarning, match="chunk 0 is damaged .*; chunk 1 is damaged"), refused:
+        jp.Study.open(tmp_path)
+
+
+def test_a_chunk_of_another_key_is_not_taken_for_this_study_s(tmp_path):
+    """Of the same shape, number and name."""
+    one, other = (study(key=key, store=tmp_path / str(key)) for key in (0, 1))
+    name = "chunk-000001.npz"
+    (tmp_path / "0" / name).write_bytes((tmp_path / "1" / name).read_bytes())
+    with pytest.raises(ValueError, match=r"chunk 1 is damaged \(study is .* run monte_carlo"):
+        one["pga"]
+    np.testing.assert_array_equal(jp.Study.open(tmp_path / "1")["pga"], other["pga"])
+
+
+def test_columns_may_have_names_that_numpy_has_a_meaning_for(tmp_path):
+    measures = {name: lambda s, g: 2 * s.friction for name in ("file", "allow_pickle", "self")}
+    study(n=4, store=tmp_path, measures=measures)
+    found = jp.Study.open(tmp_path)
+    for name in measures:
+        np.testing.assert_array_equal(found[name], study(n=4, measures=measures)[name])
+
+
+def test_a_chunk_damaged_later_is_named(tmp_path):
+    found = study(store=tmp_path / "study")
+    (tmp_path / "study" / "chunk-000002.npz").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"chunk 2 is damaged \(.*\); run monte_carlo again"):
+        found["pga"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"key": 1}, "key.numbers is "),
+        ({"sampling": "sobol"}, "sampling is 'plain' there and 'sobol' here"),
+        ({"scheme": jp.Scheme(order=1)}, "scheme.order is 2 there and 1 here"),
+        ({"keep_parameters": True}, "columns is "),
+        ({"scales": jp.Scales(1e5, 7.0)}, "scales is absent there and"),
+        ({"chunk_size": 8}, "chunk_size is 16 there and 8 here"),
+        (
+            {"scenarios": dataclasses.replace(RANDOM, structures=jp.paper.structures())},
+            "scenarios.structures.type is 'UncertainStructures' there and 'AdjacentStructures'",
+        ),
+    ],
+    ids=lambda x: next(iter(x)) if isinstance(x, dict) else "",
+)
+def test_another_study_is_refused_with_what_differs(tmp_path, change, message):
+    study(n=8, store=tmp_path / "study", chunk_size=16)
+    before = files(tmp_path / "study")
+    with pytest.raises(ValueError, match=f"holds another study: .*{message}"):
+        study(**({"n": 8, "store": tmp_path / "study"} | change))
+    assert files(tmp_path / "study") == before
+
+
+def test_a_function_with_other_numbers_inside_is_another_study(tmp_path):
+    def scenarios(factor):
+        return jp.Scenarios(SLIDING, jp.CustomDraw(lambda z: factor * wave(z), 1))
+
+    study(scenarios(2.0), n=8, store=tmp_path / "study")
+    study(scenarios(2.0), n=8, store=tmp_path / "study")
+    with pytest.raises(ValueError, match="holds another study: program"):
+        study(scenarios(3.0), n=8, store=tmp_path / "study")
+
+
+KILLED = """
+import sys
+import jax
+jax.config.update("jax_enable_x64", True)
+import jaxpound as jp
+from tests.study.test_run import RANDOM
+GRID = jp.TimeGrid(0.1, 40)
+jp.monte_carlo(RANDOM, 40_000, GRID, store=sys.argv[1], chunk_size=1000, progress=False)
+"""
+
+
+def test_a_study_killed_at_any_moment_goes_on_to_the_same_files(tmp_path):
+    """SIGKILL at random moments while chunks are run and written."""
+
+    def start(folder):
+        return subprocess.Popen([sys.executable, "-c", KILLED, str(folder)], stderr=subprocess.PIPE)
+
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    random = np.random.default_rng(0)
+    for _ in range(2):
+        worker, had = start(killed), len([*killed.glob("chunk-*.npz")])
+        while worker.poll() is None and len([*killed.glob("chunk-*.npz")]) <= had:
+            time.sleep(0.01)
+        time.sleep(random.uniform(0, 0.05))
+        worker.send_signal(signal.SIGKILL)
+        worker.communicate()
+    unfinished = len([*killed.glob("chunk-*.npz")])
+    assert 2 <= unfinished < 40
+    worker = start(killed)
+    _, errors = worker.communicate()
+    assert worker.returncode == 0, errors
+    study(n=40_000, chunk_size=1000, store=whole)
+    assert len(files(whole)) == 40 + 2  # the manifest, and how many samples are asked for
+    assert files(killed) == files(whole)
+    assert not [*killed.glob("*.part")]
+
+
+def test_two_shards_fill_one_store_at_once(tmp_path):
+    code = KILLED.replace("progress=False", "progress=False, shard=(int(sys.argv[2]), 2)")
+    code = code.replace("40_000", "8000")
+    both = tmp_path / "both"
+    workers = [
+        subprocess.Popen([sys.executable, "-c", code, both, str(i)], stderr=subprocess.PIPE)
+        for i in (1, 2)
+    ]
+    for worker in workers:
+        _, errors = worker.communicate()
+        assert worker.returncode == 0, errors
+    found = jp.Study.open(both)
+    np.testing.assert_array_equal(found.indices, np.arange(8000))
+    study(n=8000, chunk_size=1000, store=tmp_path / "whole")
+    assert files(both) == files(tmp_path / "whole")
+
+
+def test_two_studies_of_other_sizes_fill_one_store_at_once(tmp_path):
+    """Each has a part of the chunk in which the smaller one ends."""
+    code = KILLED.replace("40_000", "int(sys.argv[2])")
+    sizes, both = (2500, 4300), tmp_path / "both"
+    workers = [
+        subprocess.Popen([sys.executable, "-c", code, both, str(n)], stderr=subprocess.PIPE)
+        for n in sizes
+    ]
+    for worker in workers:
+        _, errors = worker.communicate()
+        assert worker.returncode == 0, errors
+    study(n=4300, chunk_size=1000, store=both)  # sweeps
+    study(n=4300, chunk_size=1000, store=tmp_path / "whole")
+    assert files(both) == files(tmp_path / "whole")
+    np.testing.assert_array_equal(
+        study(n=2500, chunk_size=1000, store=both)["pga"], jp.Study.open(both)["pga"][:2500]
+    )
+
+
+# Failures.
+
+
+def failing(z):
+    order = jnp.where(jnp.abs(z[0]) > 1.5, 2.0, 0.5)
+    return dataclasses.replace(SLIDING, rod_1=jp.ZenerRod(order, 0.1, 1.0))
+
+
+FAILING = jp.Scenarios(jp.CustomDraw(failing, 1, ("z",)), jp.Ricker(0.3, [2.0], [1.5]))
+
+
+def test_a_scenario_that_fails_is_named_with_its_reason(tmp_path):
+    with pytest.raises(ValueError, match=r"scenario \d+ fails: .*order = 2 must be in \(0, 1\]"):
+        study(FAILING, store=tmp_path / "study")
+
+
+def test_failures_may_be_kept_and_are_left_out_of_every_answer(tmp_path):
+    found = study(FAILING, 200, keep_failures=True)
+    bad = np.abs(found.points()[:, 0]) > 1.5
+    assert 0 < found.failed == bad.sum() < 50
+    np.testing.assert_array_equal(np.isnan(found["min_gap"]), bad)
+    assert np.isnan(found["pounds"][bad]).all()
+    assert found.moments("peak_x1").n == 200 - bad.sum()
+    good = found["required_gap"][~bad]
+    assert found.required_gap(0.5).value == pytest.approx(np.median(good))
+    assert found.pounding_probability(0.1).value == pytest.approx(np.mean(good >= 0.1))
+
+
+def test_an_unstable_step_is_the_reason_given():
+    stiff = jp.UncertainStructures(SLIDING, {"stiffness_ratio": jp.LogNormal(20.0, 2.0)})
+    with pytest.raises(
+        ValueError, match=r"scenario \d+ fails: .*must be below the stability limit"
+    ):
+        study(jp.Scenarios(stiff, LINEAR.ground), 200)
+
+
+def test_an_error_in_a_worker_reaches_the_caller_and_stops_the_rest(tmp_path):
+    with ThreadPoolExecutor(1) as threads, pytest.raises(ValueError, match="fails"):
+        study(FAILING, 200, executor=threads, store=tmp_path / "study")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n": 0}, "n = 0 must be a positive whole number"),
+        ({"n": 2**31 + 1}, "n = 2147483649 must be at most 2,147,483,648 for plain"),
+        ({"scenarios": jp.paper.structures()}, "scenarios = .* must be of type ScenarioSet"),
+        ({"sampling": "halton"}, "sampling = 'halton' must be 'plain' or 'sobol'"),
+        ({"key": -1}, "key = -1 must be from 0"),
+        ({"key": "seed"}, "key = 'seed' must be a whole number or a key"),
+        ({"key": jax.random.key(3, impl="rbg")}, "key of kind rbg must be of kind threefry2x32"),
+        ({"chunk_size": 0}, "chunk_size = 0 must be a positive whole number"),
+        ({"notes": {1, 2}}, "notes must be what JSON can hold"),
+        ({"key": jnp.asarray(3)}, "must be a whole number or a key"),
+        ({"key": jax.random.split(jax.random.key(0))}, "must be a whole number or a key"),
+        ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
+        ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
+        ({"shard": (0, 2)}, r"shard = \(0, 2\) must be \(i, k\)"),
+        ({"shard": (1, 2)}, r"shard = \(1, 2\) must come with a store"),
+        ({"scales": 3}, "scales = 3 must be of type Scales"),
+        ({"measures": {"pga": lambda s, g: 1.0}}, "'pga' is the name of a demand"),
+        ({"measures": {"two": lambda s, g: jnp.ones(2)}}, r"'two' of shape \(2,\) must be one"),
+        ({"measures": {"a/b": lambda s, g: 1.0}}, "column 'a/b' must have a name of 1 to 200"),
+        ({"measures": {"a\0": lambda s, g: 1.0}}, r"column 'a\\x00' must have a name"),
+        ({"measures": {3: lambda s, g: 1.0}}, "column 3 must have a name"),
+        ({"measures": {"two": 3}}, r"measures\['two'\] = 3 must be a function"),
+        (
+            {"shard": (5, 5), "store": "never made"},
+            r"leave a chunk for each shard: the study has 4",
+        ),
+    ],
+)
+def test_bad_arguments_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        study(**change)
+
+
+@pytest.mark.usefixtures("small_machine")
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({}, r"n \(without a store\) = 2,147,483,648 would take \d+ GB of memory; this .* 24 GB"),
+        ({"chunk_size": 2**31, "store": "never"}, r"samples of a chunk = 2,147,483,648 would take"),
+        ({"chunk_size": 1, "store": "never"}, r"number of chunks = 2,147,483,648 would take .* TB"),
+        ({"chunk_size": 2**40, "store": "never", "n": 4}, "chunk_size = .* must be from 1 to"),
+    ],
+)
+def test_what_memory_has_no_room_for_is_refused_before_it_is_asked_for(change, message):
+    with pytest.raises(ValueError, match=message):
+        study(**({"n": 2**31} | change))
+    assert not Path("never").exists()
+
+
+def test_questions_that_make_no_sense_are_refused():
+    found = linear()
+    for ask, message in (
+        (lambda: found["gap"], "column 'gap' must be one of min_gap"),
+        (lambda: found.pounding_probability(-1.0), "gap = -1 must be finite and not negative"),
+        (lambda: found.required_gap(0.0), "probability = 0 must be between 0 and 1"),
+        (lambda: found.correlations(kind="fancy"), "kind = 'fancy' must be 'rank' or 'linear'"),
+        (lambda: found.in_si(3.0), "scales = 3.0 must be of type Scales"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ask()
+
+
+def test_columns_as_a_table(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    table = linear().to_pandas()
+    assert list(table.columns) == list(linear().columns)
+    assert table.index.name == "sample"
+    pytest.importorskip("pyarrow")
+    linear().to_parquet(tmp_path / "table.parquet")
+    pandas.testing.assert_frame_equal(pandas.read_parquet(tmp_path / "table.parquet"), table)

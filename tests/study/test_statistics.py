@@ -1,0 +1,125 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import stats
+from scipy.integrate import quad
+
+from jaxpound.study.statistics import (
+    Estimate,
+    Moments,
+    double_difference_correlation,
+    probability,
+    quantile,
+)
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 10), (1, 10), (5, 10), (10, 10), (37, 10_000)])
+def test_clopper_and_pearson_s_limits_are_beta_quantiles(k, n):
+    estimate = probability(k, n, 0.9)
+    assert estimate.value == k / n
+    assert estimate.low == pytest.approx(stats.beta.ppf(0.05, k, n - k + 1) if k else 0.0)
+    assert estimate.high == pytest.approx(stats.beta.ppf(0.95, k + 1, n - k) if k < n else 1.0)
+
+
+@pytest.mark.parametrize("p", [0.01, 0.1, 0.5])
+def test_the_interval_of_a_probability_covers_it(p):
+    """At least as often as it says, in 2,000 repetitions of 200 draws."""
+    counts = np.random.default_rng(0).binomial(200, p, 2000)
+    limits = {k: probability(int(k), 200, 0.9) for k in np.unique(counts)}
+    covered = np.mean([limits[k].low <= p <= limits[k].high for k in counts])
+    assert 0.9 - 0.01 < covered < 0.99
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
+def test_the_interval_of_a_quantile_covers_it_whatever_the_distribution(share):
+    draws = np.random.default_rng(1).standard_exponential((2000, 101)) ** 2
+    truth = stats.expon.ppf(share) ** 2
+    intervals = [quantile(sample, share, 0.9) for sample in draws]
+    covered = np.mean([i.low <= truth <= i.high for i in intervals])
+    assert 0.9 - 0.01 < covered < 0.96
+
+
+@given(
+    arrays(float, st.integers(1, 60), elements=st.floats(-1e3, 1e3)),
+    st.floats(0.01, 0.99),
+    st.sampled_from([0.5, 0.9, 0.99]),
+)
+def test_a_quantile_is_numpy_s_and_its_ends_are_order_statistics(sample, share, confidence):
+    estimate = quantile(sample, share, confidence)
+    assert estimate.value == pytest.approx(np.quantile(sample, share), rel=1e-12, abs=1e-9)
+    ranked, n, rest = np.sort(sample), sample.size, (1 - confidence) / 2
+    below = [k for k in range(1, n + 1) if stats.binom.cdf(k - 1, n, share) <= rest]
+    above = [k for k in range(1, n + 1) if stats.binom.sf(k - 1, n, share) <= rest]
+    assert estimate.low == (ranked[max(below) - 1] if below else -np.inf)
+    assert estimate.high == (ranked[min(above) - 1] if above else np.inf)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: probability(3, 2), "successes = 3 must be between 0 and n = 2"),
+        (lambda: probability(0, 0), "n = 0 must be at least 1"),
+        (lambda: probability(1, 2, 1.0), "confidence = 1 must be between 0 and 1"),
+        (lambda: quantile([], 0.5), r"sample of shape \(0,\) must be"),
+        (lambda: quantile([1.0, np.nan], 0.5), r"sample = nan \(at index \[1\]\) must be finite"),
+        (lambda: quantile([1.0], 0.0), "share = 0 must be between 0 and 1"),
+    ],
+)
+def test_bad_values_are_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@given(arrays(float, st.integers(2, 50), elements=st.floats(-100, 100)), st.data())
+def test_moments_of_parts_are_those_of_the_whole(sample, data):
+    cuts = data.draw(st.lists(st.integers(0, sample.size), max_size=3))
+    parts = [Moments.of(part) for part in np.split(sample, sorted(cuts))]
+    whole = sum(parts, Moments())
+    assert whole.n == sample.size
+    assert (whole.smallest, whole.largest) == (sample.min(), sample.max())
+    assert whole.mean == pytest.approx(sample.mean(), abs=1e-10)
+    assert whole.std == pytest.approx(sample.std(ddof=1), rel=1e-9, abs=1e-9)
+    if sample.std() > 1e-3:
+        assert whole.skewness == pytest.approx(stats.skew(sample), rel=1e-6, abs=1e-6)
+        assert whole.times(3.0).std == pytest.approx(3 * whole.std)
+        assert whole.times(3.0).skewness == pytest.approx(whole.skewness)
+
+
+@pytest.mark.parametrize(
+    ("t1", "z1", "t2", "z2"), [(1.0, 0.05, 0.7, 0.05), (2.0, 0.02, 1.9, 0.1), (1.0, 0.3, 3.0, 0.1)]
+)
+def test_the_double_difference_s_correlation_is_that_of_two_oscillators_in_white_noise(
+    t1, z1, t2, z2
+):
+    """ρ = Re ∫ H1 H2* dω over √(∫ |H1|² ∫ |H2|²), by quadrature."""
+
+    def h(w, t, z):
+        w0 = 2 * np.pi / t
+        return 1 / (w0**2 - w**2 + 2j * z * w0 * w)
+
+    def integral(a, b):
+        peaks = sorted({2 * np.pi / t1, 2 * np.pi / t2})
+        return sum(
+            quad(lambda w: (h(w, *a) * np.conj(h(w, *b))).real, low, high, limit=500)[0]
+            for low, high in zip([0, *peaks], [*peaks, np.inf], strict=True)
+        )
+
+    one, two = (t1, z1), (t2, z2)
+    rho = integral(one, two) / np.sqrt(integral(one, one) * integral(two, two))
+    assert double_difference_correlation(*one, *two) == pytest.approx(rho, rel=1e-6)
+    assert double_difference_correlation(*two, *one) == pytest.approx(rho, rel=1e-6)
+
+
+def test_equal_oscillators_move_together():
+    assert double_difference_correlation(1.0, 0.05, 1.0, 0.05) == pytest.approx(1.0)
+    assert double_difference_correlation(1.0, 0.0, 1.0, 0.0) == 1.0
+    assert double_difference_correlation(1.0, 0.0, 2.0, 0.0) == 0.0
+
+
+def test_what_has_no_interval_says_so():
+    assert str(Estimate(0.25, 0.2, np.inf)) == "0.25 (95%: 0.2 to inf)"
+    for end in (np.nan, np.inf):
+        assert str(Estimate(0.25, -end, end, 0.9)) == "0.25 (no 90% interval)"
+    assert str(quantile(np.array([0.25]), 0.5)) == "0.25 (no 95% interval)"

@@ -1,0 +1,49 @@
+"""Larger, smaller and peak: values, ties, NaN, and derivatives under compilation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from jaxpound._extrema import larger, peak, smaller
+
+NUMBERS = st.floats(-1e6, 1e6)
+
+
+@given(NUMBERS, NUMBERS)
+def test_values_are_numpy_s(a, b):
+    assert larger(a, b) == np.maximum(a, b)
+    assert smaller(a, b) == np.minimum(a, b)
+
+
+@given(arrays(float, st.integers(1, 20), elements=NUMBERS))
+def test_peak_is_the_largest_absolute_value(y):
+    assert peak(jnp.asarray(y)) == np.abs(y).max()
+    assert np.count_nonzero(jax.grad(peak)(y)) <= 1
+
+
+@pytest.mark.parametrize("function", [larger, smaller])
+def test_a_tie_goes_to_the_first(function):
+    assert jax.grad(function, argnums=(0, 1))(1.0, 1.0) == (1.0, 0.0)
+
+
+def test_nan_is_not_hidden():
+    assert jnp.isnan(larger(jnp.nan, 0.0))
+    assert jnp.isnan(smaller(jnp.nan, 0.0))
+    assert jnp.isnan(peak(jnp.array([1.0, jnp.nan, 2.0])))
+
+
+def test_derivatives_are_those_of_one_of_the_two():
+    """Under fusion, where ``jnp.maximum`` may compare a result with operands rounded otherwise."""
+    x = np.random.default_rng(0).normal(size=1000)
+
+    def terms(x):
+        return x * jnp.exp(x) + x / 3, jnp.sin(x) * x - x / 7
+
+    slopes = jax.jit(jax.vmap(jax.grad(lambda x: larger(*terms(x)))))(x)
+    one, other = (jax.vmap(jax.grad(lambda x, i=i: terms(x)[i]))(x) for i in (0, 1))
+    first, second = terms(x)
+    np.testing.assert_allclose(slopes, np.where(first >= second, one, other), rtol=1e-12)
