@@ -35,8 +35,12 @@ from jaxpound.ground.reader import read_record as read_record
 from jaxpound.model.building import Building as Building
 from jaxpound.model.rod import ZenerRod as ZenerRod
 from jaxpound.model.structures import AdjacentStructures as AdjacentStructures
+from jaxpound.model.system import GROUND as GROUND
+from jaxpound.model.system import Link as Link
+from jaxpound.model.system import Rod as Rod
+from jaxpound.model.system import System as System
 from jaxpound.quantities import STANDARD_GRAVITY as STANDARD_GRAVITY
-from jaxpound.results.response import Demand as Demand
+from jaxpound.results.demand import Demand as Demand
 from jaxpound.results.response import Energy as Energy
 from jaxpound.results.response import Phase as Phase
 from jaxpound.results.response import Response as Response

@@ -8,7 +8,7 @@ are read from there: ``rules``, ``walk``.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
 import jax.numpy as jnp
@@ -33,6 +33,16 @@ class Parameter:
     most: float | None
     finite: bool
     why: str
+    each: bool
+    """Whether the field is a tuple of such parameters."""
+
+    def items(self, name: str, value: Any) -> Iterator[tuple[str, Any]]:
+        """The field's parameters by name: one, or one for ``each`` entry of a tuple."""
+        return (
+            ((f"{name}.{i}", x) for i, x in enumerate(value))
+            if self.each
+            else iter([(name, value)])
+        )
 
     def rule(self, owner: Any, name: str, value: Any) -> Rule:
         """The rule of the value; ``owner`` has what it is compared with."""
@@ -53,10 +63,15 @@ class Parameter:
 
 
 class Quantity(NamedTuple):
-    """What is known of a number in a result: its kind of quantity and its name in words."""
+    """What is known of a number in a result: its kind of quantity, and its names.
+
+    ``column`` is its name where results are flat, with braces for the number, from 1, of the mass,
+    rod or link; ``words`` likewise.
+    """
 
     kind: str | None
     words: str
+    column: str
 
 
 def parameter(
@@ -69,20 +84,22 @@ def parameter(
     most: float | None = None,
     finite: bool = True,
     why: str = "",
+    each: bool = False,
     **kwargs: Any,
 ) -> Any:
     """A field that is a parameter: a real number or array, traced and differentiated.
 
     It may be ``above`` 0, at ``least`` 0 or another field of the object (by name), and with
     ``above`` at ``most`` a number; ``finite`` unless said otherwise. ``why`` ends the message.
+    ``each`` makes it a tuple of such numbers.
     """
-    known = Parameter(symbol, kind, words, above, least, most, finite, why)
+    known = Parameter(symbol, kind, words, above, least, most, finite, why, each)
     return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
 
 
-def quantity(kind: str | None, words: str = "", **kwargs: Any) -> Any:
+def quantity(kind: str | None, words: str = "", column: str = "", **kwargs: Any) -> Any:
     """A field that is a number or series of a result, of a kind of quantity (None: a number)."""
-    return dataclasses.field(metadata={_KNOWN: Quantity(kind, words)}, **kwargs)
+    return dataclasses.field(metadata={_KNOWN: Quantity(kind, words, column)}, **kwargs)
 
 
 def part(*kinds: type, **kwargs: Any) -> Any:
@@ -154,8 +171,9 @@ def check(obj: Any) -> None:
     owner = type(obj).__name__
     for field in dataclasses.fields(obj):
         value = getattr(obj, field.name)
-        if isinstance(field.metadata.get(_KNOWN), Parameter):
-            object.__setattr__(obj, field.name, real(owner, field.name, value))
+        if isinstance(known := field.metadata.get(_KNOWN), Parameter):
+            numbers = tuple(real(owner, name, x) for name, x in known.items(field.name, value))
+            object.__setattr__(obj, field.name, numbers if known.each else numbers[0])
         elif kinds := field.metadata.get("kinds"):
             instance(owner, field.name, value, *kinds)
     enforce(owner, _own_rules(obj, ""))
@@ -174,8 +192,34 @@ def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, An
     for path, obj in _objects(tree, prefix):
         for field in dataclasses.fields(obj):
             known = field.metadata.get(_KNOWN)
-            if isinstance(known, kind):
-                yield path + field.name, known, getattr(obj, field.name)
+            value = getattr(obj, field.name)
+            if isinstance(known, Parameter) and isinstance(known, kind):
+                yield from ((path + name, known, x) for name, x in known.items(field.name, value))
+            elif isinstance(known, kind):
+                yield path + field.name, known, value
+
+
+def quantities(cls: type) -> dict[str, Quantity]:
+    """The quantities of a class of results, by field."""
+    return {
+        field.name: field.metadata[_KNOWN]
+        for field in dataclasses.fields(cls)
+        if isinstance(field.metadata.get(_KNOWN), Quantity)
+    }
+
+
+def converted(tree: Any, convert: Callable[[Quantity, Any], Any]) -> Any:
+    """A tree of our objects with each quantity that there is replaced by what ``convert`` says."""
+    if isinstance(tree, tuple):
+        return tuple(converted(item, convert) for item in tree)
+    changes = {}
+    for field in dataclasses.fields(tree):
+        known, value = field.metadata.get(_KNOWN), getattr(tree, field.name)
+        if isinstance(known, Quantity) and value is not None:
+            changes[field.name] = convert(known, value)
+        elif field.metadata.get(_ROLE) == "part":
+            changes[field.name] = converted(value, convert)
+    return dataclasses.replace(tree, **changes)
 
 
 def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
@@ -193,9 +237,10 @@ def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
 def _own_rules(obj: Any, prefix: str) -> list[Rule]:
     """The rules of an object's own parameters, and those that it states itself (``more_rules``)."""
     found = [
-        known.rule(obj, prefix + field.name, getattr(obj, field.name))
+        known.rule(obj, prefix + name, value)
         for field in dataclasses.fields(obj)
         if isinstance(known := field.metadata.get(_KNOWN), Parameter)
+        for name, value in known.items(field.name, getattr(obj, field.name))
     ]
     more = getattr(obj, "more_rules", None)
     return found if more is None else [*found, *more(prefix)]

@@ -14,6 +14,7 @@ SI = {
     "acceleration": "m/s²",
     "force": "N",
     "energy": "J",
+    "mass": "kg",
 }
 """SI unit of each kind of quantity."""
 
@@ -24,52 +25,14 @@ DIMENSIONLESS = {
     "acceleration": "g",
     "force": "m1 g",
     "energy": "m1 g²/ω1²",
+    "mass": "m1",
 }
 """The same in eq. (9)."""
-
-DEMANDS = {
-    "min_gap": ("length", "smallest gap"),
-    "min_gap_time": ("time", "time of the smallest gap"),
-    "peak_x1": ("length", "peak displacement of building 1"),
-    "peak_x2": ("length", "peak displacement of building 2"),
-    "peak_f1": ("force", "peak base shear of building 1"),
-    "peak_f2": ("force", "peak base shear of building 2"),
-    "peak_acceleration_1": ("acceleration", "peak absolute acceleration of building 1"),
-    "peak_acceleration_2": ("acceleration", "peak absolute acceleration of building 2"),
-    "damper_force": ("force", "slip force of the damper"),
-    "slip_distance": ("length", "distance slid by the damper"),
-    "friction_work": ("energy", "energy taken by the damper"),
-    "residual_offset": ("length", "residual offset"),
-    "pga": ("acceleration", "peak ground acceleration"),
-    "pgv": ("velocity", "peak ground velocity"),
-    "required_gap": ("length", "required gap"),
-    "soft_min_gap": ("length", "soft minimum of the gap"),
-    "initial_gap": ("length", "gap at rest"),
-    "spectral_acceleration_1": ("acceleration", "spectral acceleration at period 1"),
-    "spectral_acceleration_2": ("acceleration", "spectral acceleration at period 2"),
-}
-"""Kind of each demand or measure of intensity, and its name in words; what is not here is a pure
-number."""
-
-
-def in_words(name: str) -> str:
-    """Name of a demand in words; of another column, its own."""
-    return DEMANDS[name][1] if name in DEMANDS else name.replace("_", " ")
 
 
 def unit(kind: str | None, si: bool) -> str:
     """Unit of a kind of quantity; nothing for a pure number."""
     return (SI if si else DIMENSIONLESS)[kind] if kind else ""
-
-
-def kind_of(name: str) -> str | None:
-    """Kind of a demand; none of a pure number, and of what is no demand."""
-    return DEMANDS[name][0] if name in DEMANDS else None
-
-
-def unit_of(name: str, si: bool) -> str:
-    """Unit of a demand; nothing for a column of which it is not known."""
-    return unit(kind_of(name), si)
 
 
 def column(name: str, kind: str | None, si: bool) -> str:

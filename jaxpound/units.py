@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, overload
 
 from jaxpound._checks import (
@@ -14,14 +15,15 @@ from jaxpound._checks import (
     positive,
     real,
 )
-from jaxpound._fields import pytree_dataclass
+from jaxpound._fields import converted, pytree_dataclass
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Record
 from jaxpound.model.building import Building
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
-from jaxpound.results.response import Demand, Response
+from jaxpound.results.demand import Demand
+from jaxpound.results.response import Response
 
 
 @pytree_dataclass
@@ -69,6 +71,19 @@ class Scales:
     def force(self) -> Any:
         """Unit of force m1 g, N."""
         return self.mass * self.gravity
+
+    @property
+    def units(self) -> dict[str, Any]:
+        """The unit of each kind of quantity in SI (``quantities.SI``)."""
+        return {
+            "time": self.time,
+            "length": self.length,
+            "velocity": self.length / self.time,
+            "acceleration": self.gravity,
+            "force": self.force,
+            "energy": self.force * self.length,
+            "mass": self.mass,
+        }
 
     def grid(self, duration: float, dt: float) -> TimeGrid:
         """The dimensionless time grid for a duration and a step in seconds.
@@ -143,50 +158,11 @@ class Scales:
         instance("Scales.to_si", "result", result, Response, Demand)
         if result.si:
             raise ValueError("to_si: result must be dimensionless, but is in SI units already")
-        if isinstance(result, Demand):
-            return self._demand_to_si(result)
-        time, length, force, gravity = self.time, self.length, self.force, self.gravity
-        speed = length / time
-        return Response(
-            time=result.time * time,
-            x1=result.x1 * length,
-            x2=result.x2 * length,
-            v1=result.v1 * speed,
-            v2=result.v2 * speed,
-            f1=result.f1 * force,
-            f2=result.f2 * force,
-            friction=result.friction * force,
-            ground_acceleration=result.ground_acceleration * gravity,
-            ground_velocity=result.ground_velocity * speed,
-            gap=result.gap * length,
-            phase=result.phase,
-            change_time=result.change_time * time,
-            mass_1=result.mass_1 * self.mass,
-            mass_2=result.mass_2 * self.mass,
-            demand=self._demand_to_si(result.demand),
-            method=result.method,
-            si=True,
-        )
-
-    def _demand_to_si(self, demand: Demand) -> Demand:
-        length, force = self.length, self.force
-        return Demand(
-            min_gap=demand.min_gap * length,
-            min_gap_time=demand.min_gap_time * self.time,
-            peak_x1=demand.peak_x1 * length,
-            peak_x2=demand.peak_x2 * length,
-            peak_f1=demand.peak_f1 * force,
-            peak_f2=demand.peak_f2 * force,
-            peak_acceleration_1=demand.peak_acceleration_1 * self.gravity,
-            peak_acceleration_2=demand.peak_acceleration_2 * self.gravity,
-            slip_distance=demand.slip_distance * length,
-            friction_work=demand.friction_work * force * length,
-            residual_offset=demand.residual_offset * length,
-            pga=demand.pga * self.gravity,
-            pgv=demand.pgv * length / self.time,
-            soft_min_gap=None if demand.soft_min_gap is None else demand.soft_min_gap * length,
-            si=True,
-        )
+        units = self.units
+        known = converted(result, lambda q, x: x * units[q.kind] if q.kind else x)
+        if isinstance(known, Response):
+            known = dataclasses.replace(known, demand=dataclasses.replace(known.demand, si=True))
+        return dataclasses.replace(known, si=True)
 
 
 def dimensionless(

@@ -4,13 +4,12 @@ import sys
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-import jaxpound as jp
 from jaxpound._extras import EXTRAS, require
+from tests.made import pair_demand
 
-DEMAND = jp.Demand(*np.ones(14))
+DEMAND = pair_demand(1.0)
 
 
 def test_extras_bring_what_they_are_said_to_bring():

@@ -26,7 +26,8 @@ PACKAGE = ROOT / "jaxpound"
 WINGS = [
     {"_"},  # the helpers at the root: _checks, _fields and so on
     {"quantities", "grid"},
-    {"model", "results"},
+    {"model"},
+    {"results"},
     {"ground"},
     {"units", "paper"},
     {"simulation"},

@@ -1,27 +1,21 @@
 """Units are those that ``Scales`` converts to; every number of a configuration has a range."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 import jaxpound as jp
 from jaxpound.cli import config, design_config, study_config
 from jaxpound.design import objective as objectives
-from jaxpound.quantities import (
-    DEMANDS,
-    DIMENSIONLESS,
-    RANGES,
-    SI,
-    Range,
-    column,
-    in_words,
-    kind_of,
-    unit,
-    unit_of,
-)
-from jaxpound.results.response import SERIES
+from jaxpound.quantities import DIMENSIONLESS, RANGES, SI, Range, column, unit
+from jaxpound.results.demand import in_words, kind_of, unit_of
+from tests.made import SERIES, pair_demand, pair_response
 
+SERIES_KINDS = {
+    "time": "time",
+    **dict.fromkeys(("v1", "v2", "ground_velocity"), "velocity"),
+    **dict.fromkeys(("f1", "f2", "friction"), "force"),
+    "slip_direction": None,
+}
 SCALES = jp.Scales(mass=3.0, frequency=0.7, gravity=11.0)
 FACTORS = {
     "time": SCALES.time,
@@ -30,29 +24,30 @@ FACTORS = {
     "acceleration": SCALES.gravity,
     "force": SCALES.force,
     "energy": SCALES.force * SCALES.length,
+    "mass": SCALES.mass,
 }
-ONES = jp.Demand(*np.ones(14))
+ONES = pair_demand(1.0, soft=1.0)
 
 
 def test_every_scalar_is_of_the_quantity_that_it_is_converted_by():
     assert FACTORS.keys() == SI.keys() == DIMENSIONLESS.keys()
     assert len(set(FACTORS.values())) == len(FACTORS)
     converted = SCALES.to_si(ONES)
-    for field in dataclasses.fields(ONES):
-        if field.name != "si":
-            assert getattr(converted, field.name) == pytest.approx(FACTORS[kind_of(field.name)])
+    for name, value in converted.scalars().items():
+        if name != "pounds":
+            assert value == pytest.approx(FACTORS[kind_of(name)])
 
 
 def test_every_series_is_of_the_quantity_that_it_is_converted_by():
-    one, names = np.ones(3), {field.name for field in dataclasses.fields(jp.Response)}
-    numbers = dict.fromkeys(names - {"demand", "method", "si", "mass_1", "mass_2"}, one)
-    response = jp.Response(**numbers, mass_1=1.0, mass_2=1.0, demand=ONES)
+    response = pair_response(np.ones(3), dict.fromkeys(SERIES, np.ones(3)), demand=ONES)
     plain = response.to_columns()
     converted = SCALES.to_si(response).to_columns()
-    assert [*plain] == [*SERIES]
-    for (name, quantity), values in zip(SERIES.items(), converted.values(), strict=True):
-        factor = FACTORS[quantity] if quantity else 1.0
-        np.testing.assert_allclose(values, factor * plain[name], err_msg=name)
+    assert len(plain) == len(converted) == 14
+    for (name, values), in_si in zip(plain.items(), converted, strict=True):
+        kind = "acceleration" if "acceleration" in name else SERIES_KINDS.get(name, "length")
+        factor = FACTORS[kind] if kind else 1.0
+        assert in_si == column(name, kind, si=True)
+        np.testing.assert_allclose(converted[in_si], factor * values, err_msg=name)
 
 
 def test_units_in_words_and_in_names():
@@ -83,8 +78,9 @@ def test_every_number_of_a_configuration_has_a_range(module):
 
 
 def test_every_demand_has_a_unit_and_words():
-    demands = {field.name for field in dataclasses.fields(jp.Demand)} - {"si"}
-    assert demands | {"required_gap", *objectives.PRICES} <= {*DEMANDS}
-    assert {*SI} == {*DIMENSIONLESS} == {kind for kind, _ in DEMANDS.values()}
+    for name in {*ONES.scalars(), "required_gap", *objectives.PRICES} - {"pounds"}:
+        assert kind_of(name) in SI
+        assert in_words(name)[1:2].islower()  # words, no letters
+    assert {*SI} == {*DIMENSIONLESS}
     assert (unit_of("peak_f1", si=True), unit_of("peak_f1", si=False)) == ("N", "m1 g")
     assert (unit_of("own_measure", si=True), in_words("own_measure")) == ("", "own measure")

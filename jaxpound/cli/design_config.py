@@ -42,7 +42,8 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Record
 from jaxpound.ground.reader import read_record
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.quantities import DEMANDS, RANGES, Range
+from jaxpound.quantities import RANGES, Range
+from jaxpound.results.demand import kind_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.scenarios import PARAMETERS, Scenarios, replaced
 from jaxpound.units import Scales
@@ -97,7 +98,9 @@ _KEYS: Keys = PAIR | {
         "share": RANGES["share"],
         "gap": RANGES["gap"],
     },
-    "limits": {price: partial(_price, "at_most", RANGES[DEMANDS[price][0]]) for price in PRICES},
+    "limits": {
+        price: partial(_price, "at_most", RANGES[kind_of(price) or "length"]) for price in PRICES
+    },
     "penalties": dict.fromkeys(PRICES, partial(_price, "weight", RANGES["penalty"])),
     "search": {
         "earthquakes": RANGES["count"],

@@ -9,7 +9,7 @@ from typing import Any
 import jaxpound as jp
 from jaxpound.cli.config import UNITS, in_si
 from jaxpound.cli.report import cell, known, markdown_table, text_table
-from jaxpound.quantities import in_words, unit_of
+from jaxpound.results.demand import in_words, unit_of
 from jaxpound.study.scenarios import replaced
 
 

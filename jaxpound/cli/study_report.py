@@ -10,7 +10,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.cli.report import cell, known, markdown_table
-from jaxpound.quantities import in_words, unit_of
+from jaxpound.results.demand import in_words, unit_of
 from jaxpound.study.statistics import Estimate
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)

@@ -13,7 +13,8 @@ from scipy import stats
 from jaxpound._checks import require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.design.objective import Objective
-from jaxpound.quantities import in_words, unit, unit_of
+from jaxpound.quantities import unit
+from jaxpound.results.demand import in_words, unit_of
 from jaxpound.study.statistics import Estimate
 
 _REPLICATES = 500  # of the bootstrap

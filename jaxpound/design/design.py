@@ -15,7 +15,8 @@ from jaxpound.design.ensemble import Ensemble, require_apart
 from jaxpound.design.objective import Objective
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.quantities import unit, unit_of
+from jaxpound.quantities import unit
+from jaxpound.results.demand import unit_of
 
 
 class Landscape(NamedTuple):

@@ -16,7 +16,7 @@ from jaxpound.design.objective import gathered, require_over
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.quantities import unit_of
+from jaxpound.results.demand import unit_of
 from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.scenarios import PARAMETERS, replaced

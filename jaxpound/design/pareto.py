@@ -18,7 +18,8 @@ from jaxpound.design.run import NO_LIMIT, InfeasibleError, Progress, Sought
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.quantities import unit, unit_of
+from jaxpound.quantities import unit
+from jaxpound.results.demand import unit_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
 

@@ -1,5 +1,5 @@
-"""What stands: rods, buildings and the pair of structures, as physics has them.
+"""What stands: masses, rods and links, as physics has them.
 
-``rod`` has the fractional Zener law, ``structures`` two structures and the damper between them, and
-``building`` a building in SI units.
+``rod`` has the fractional Zener law, ``system`` rods and links between masses, ``structures`` the
+paper's two structures and the damper between them, ``building`` a building in SI units.
 """

@@ -8,6 +8,7 @@ import jax
 
 from jaxpound._fields import parameter, part, pytree_dataclass
 from jaxpound.model.rod import ZenerRod
+from jaxpound.model.system import GROUND, Link, Rod, System
 
 
 @pytree_dataclass
@@ -50,6 +51,17 @@ class AdjacentStructures:
     stiffness_ratio: Any = parameter(r"\varepsilon", words="stiffness ratio", above=0)
     friction: Any = parameter(r"\mu", "force", "friction", least=0)
     initial_gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0)
+
+    def system(self) -> System:
+        """Masses 1 and 1/ρ on rods of stiffness 1 and ε, and the damper between them."""
+        return System(
+            masses=(1.0, 1 / self.mass_ratio),
+            rods=(
+                Rod(self.rod_1, 1.0, (0, GROUND)),
+                Rod(self.rod_2, self.stiffness_ratio, (1, GROUND)),
+            ),
+            links=(Link((0, 1), self.friction, self.initial_gap),),
+        )
 
     @property
     def natural_frequencies(self) -> tuple[jax.Array, jax.Array]:

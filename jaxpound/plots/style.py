@@ -23,7 +23,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from jaxpound.quantities import DEMANDS, DIMENSIONLESS, SI
+from jaxpound.quantities import DIMENSIONLESS, SI
+from jaxpound.results.demand import kind_of
 
 # Okabe and Ito's colours, which stay apart for every kind of colour vision, by what they stand for;
 # what is merely compared has those of CYCLE.
@@ -68,7 +69,9 @@ _WORDS = {
     "required_gap": "required gap",
 }
 
-QUANTITIES = {name: (DEMANDS[name][0], words) for name, words in _WORDS.items()}
+QUANTITIES: dict[str, tuple[Any, str]] = {
+    name: (kind_of(name), words) for name, words in _WORDS.items()
+}
 """Kind of each demand, and its name in a figure."""
 
 _PARAMETERS = {

@@ -1,6 +1,7 @@
 """How it moves: the discretisation of the model, the time loop, and the runs.
 
-``run`` has ``simulate`` and ``demand``; ``scheme``, ``history``, ``rod`` and ``friction`` are the
-discretisation, ``tally`` the scalars as they pass, ``batches`` many runs at once, and ``buildings``
-runs in SI units.
+``run`` has ``simulate`` and ``demand``. ``scheme`` chooses the discretisation: ``history`` and
+``rod`` of the rods, ``friction`` of the links. ``stepping`` is one step, ``scan`` the loop over
+time, ``tally`` the scalars as they pass. ``batches`` has many runs at once, ``buildings`` runs in
+SI units.
 """

@@ -1,8 +1,9 @@
-r"""The friction link: the set-valued Coulomb law q ∈ μ Sgn(w), w = x1' − x2', over one time step.
+r"""The friction of a link: Coulomb's set-valued law q ∈ μ Sgn(w) over one step, w = x_i' − x_j'.
 
-The slip velocity obeys w' = A − R q, with A = −f1 + ρ f2 the relative acceleration without friction
-(the ground's drops out) and R = 1 + ρ. A law takes w at t_m − h/2 to t_m + h/2. Within a step time
-is counted by τ from 0 to 1, and A(τ) = A_m + D (τ − ½) with D = A_m − A_{m−1}.
+The slip velocity obeys w' = A − R q, with A the relative acceleration of the link's ends without
+friction and R the sum of their inverse masses (A = −f1 + ρ f2 and R = 1 + ρ for the paper's pair).
+A law takes w from t_m − h/2 to t_m + h/2. Within a step time is counted by τ from 0 to 1, and
+A(τ) = A_m + D (τ − ½) with D = A_m − A_{m−1}.
 """
 
 from __future__ import annotations
@@ -19,25 +20,25 @@ from jaxpound._checks import Rule, enforce, is_traced, number
 from jaxpound._extrema import larger, smaller
 
 
-class Link(NamedTuple):
+class LinkStep(NamedTuple):
     """What a friction law is told of a step, from t_m − h/2 to t_m + h/2."""
 
     velocity: jax.Array  # w at t_m − h/2
     phase: jax.Array  # direction of slip before the step, 0 in stick
     pull: jax.Array  # A_m
-    last_pull: jax.Array  # A_{m−1}
+    rise: jax.Array  # D = A_m − A_{m−1}
     inverse_mass: jax.Array  # R
     friction: jax.Array  # μ
     dt: Any  # h
 
 
-class Slip(NamedTuple):
+class LinkMotion(NamedTuple):
     """What a friction law makes of one step, from t_m − h/2 to t_m + h/2.
 
-    ``jump`` is what the drift from t_m to t_{m+1} misses of x1 − x2 because friction changed within
-    the step. ``turns`` says whether w vanished in the step, ``turn_time`` when (after t_m) and
-    ``turn`` by how much x1 − x2 differs there from its value at t_m. ``phase`` is the direction of
-    slip after the step, 0 in stick; ``change_time`` is when it took over (after t_m).
+    ``jump`` is what the drift from t_m to t_{m+1} misses of x_i − x_j because friction changed
+    within the step. ``turns`` says whether w vanished in the step, ``turn_time`` when (after t_m)
+    and ``turn`` by how much x_i − x_j differs there from its value at t_m. ``phase`` is the
+    direction of slip after the step, 0 in stick; ``change_time`` is when it took over (after t_m).
     """
 
     velocity: jax.Array  # w at t_m + h/2
@@ -59,7 +60,7 @@ class FrictionLaw(Protocol):
     set_valued: ClassVar[bool]
     """Whether |q| = μ in any slip."""
 
-    def slide(self, link: Link) -> Slip:
+    def slide(self, before: LinkStep) -> LinkMotion:
         """One step of the link."""
 
 
@@ -77,11 +78,11 @@ class EventResolved:
 
     set_valued: ClassVar[bool] = True
 
-    def slide(self, link: Link) -> Slip:
+    def slide(self, before: LinkStep) -> LinkMotion:
         """One step of the link."""
-        w, _, a, a_last, inverse_mass, mu, h = link
-        step = _resolved(w, a, a - a_last, inverse_mass * mu, h)
-        return Slip(
+        w, _, a, rise, inverse_mass, mu, h = before
+        step = _resolved(w, a, rise, inverse_mass * mu, h)
+        return LinkMotion(
             velocity=step.velocity,
             mean_force=(a - (step.velocity - w) / h) / inverse_mass,
             force=step.resistance / inverse_mass,
@@ -210,9 +211,9 @@ class Switching:
 
     set_valued: ClassVar[bool] = True
 
-    def slide(self, link: Link) -> Slip:
+    def slide(self, before: LinkStep) -> LinkMotion:
         """One step of the link."""
-        w, phase, a, _, inverse_mass, mu, h = link
+        w, phase, a, _, inverse_mass, mu, h = before
         hold = a / inverse_mass
         leaves = (phase == 0) | (w * phase <= 0)
         pushed = jnp.where(jnp.abs(hold) <= mu, 0.0, jnp.where(phase == 0, jnp.sign(hold), -phase))
@@ -221,7 +222,7 @@ class Switching:
         force = jnp.where(sticks, hold, mu * new_phase)
         w_new = jnp.where(sticks, 0.0, w + h * (a - inverse_mass * force))
         turns, turn_time, turn = vertex(w, w_new, h)
-        return Slip(
+        return LinkMotion(
             velocity=w_new,
             mean_force=force,
             force=force,
@@ -272,9 +273,9 @@ class Smoothed:
         enforce("Smoothed", [rule])
         object.__setattr__(self, "velocity", float(velocity))
 
-    def slide(self, link: Link) -> Slip:
+    def slide(self, before: LinkStep) -> LinkMotion:
         """One step of the link."""
-        w, _, a, _, inverse_mass, mu, h = link
+        w, _, a, _, inverse_mass, mu, h = before
         # Below √tiny widths are alike, and brake / width stays finite.
         width = jnp.maximum(jnp.asarray(self.velocity, w.dtype), _tiny(w) ** 0.5)
         share = 1 - 0.5**0.5
@@ -285,7 +286,7 @@ class Smoothed:
         w_new = _creep(w + (1 - share) * slope + push, brake, width)
         w_now = (w + w_new) / 2
         turns, turn_time, turn = vertex(w, w_new, h)
-        return Slip(
+        return LinkMotion(
             velocity=w_new,
             mean_force=(a - (w_new - w) / h) / inverse_mass,
             force=mu * jnp.tanh(_ratio(w_now, width)),

@@ -7,8 +7,6 @@ with an error bound that is known before a run.
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
@@ -38,7 +36,7 @@ def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... n+1"]:
 # in one matrix product. Few steps, so that written out they compile soon; many enough that modes
 # are seldom touched.
 BLOCK = 4
-_NEAR = 2 * BLOCK - 1  # the longest lag within the two
+NEAR = 2 * BLOCK - 1  # the longest lag within the two
 
 
 class History(Protocol):
@@ -64,75 +62,6 @@ class History(Protocol):
         """The memory with c_{m0−BLOCK} … c_{m0−1} added."""
 
 
-def scan_with_history(
-    advance: Callable[[Any, list[jax.Array], jax.Array], tuple[Any, list[jax.Array], Any]],
-    carry: Any,
-    n_steps: int,
-    orders: Sequence[jax.Array],
-    history: History,
-    segmented: bool = False,
-    checkpoint: bool = False,
-) -> tuple[Any, Any]:
-    """``lax.scan`` of advance(carry, sums, m) → (carry, c, out) over m = 0 … n_steps.
-
-    ``sums`` are S_m of each order, ``c`` the values c_m to be remembered. To fill whole blocks some
-    steps m < 0 come first: ``advance`` must leave a system at rest there at rest, with c = 0.
-    ``segmented`` splits the scan into about √n_steps segments, whose small outputs XLA fills faster
-    on a CPU; with ``checkpoint`` reverse mode keeps the first state of each only.
-    """
-    blocks = -(-(n_steps + 1) // BLOCK)
-    segment = blocks
-    if segmented or checkpoint:
-        root = math.isqrt(blocks - 1) + 1
-        segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
-    segments = -(-blocks // segment)
-    idle = segments * segment * BLOCK - (n_steps + 1)
-
-    advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
-    kernels = [history.kernel(order, n_steps) for order in orders]
-    near = [
-        lax.split(history.near(kernel, order), (1,) * _NEAR)
-        for kernel, order in zip(kernels, orders, strict=True)
-    ]
-
-    def block(state: Any, _: None) -> tuple[Any, Any]:
-        start, carry, memories, recent = state
-        ahead = [
-            lax.split(history.ahead(kernel, memory, start), (1,) * BLOCK)
-            for kernel, memory in zip(kernels, memories, strict=True)
-        ]
-        past = recent  # c_{m0−BLOCK} and on
-        out = []
-        for i in range(BLOCK):
-            sums = [
-                far[i].squeeze()
-                + sum(w.squeeze() * c[-j] for j, w in enumerate(weight[: len(c)], 1))
-                for far, weight, c in zip(ahead, near, past, strict=True)
-            ]
-            carry, new, seen = advance(carry, sums, start + i)
-            past = [[*c, now] for c, now in zip(past, new, strict=True)]
-            out.append(seen)
-        memories = [
-            history.absorb(kernel, memory, start, jnp.stack(c[:BLOCK]))
-            for kernel, memory, c in zip(kernels, memories, past, strict=True)
-        ]
-        return (start + BLOCK, carry, memories, [c[BLOCK:] for c in past]), out
-
-    def run(state: Any, _: None) -> tuple[Any, Any]:
-        return lax.scan(block, state, length=segment)
-
-    # As the carry is, so that memories too may differ between the shards of a ``jax.shard_map``.
-    rest = 0 * jax.tree.leaves(carry)[0]
-    memories = [jax.tree.map(lambda y: y + rest, history.empty(kernel)) for kernel in kernels]
-    recent = [[rest] * BLOCK for _ in kernels]
-    state = jnp.asarray(-idle), carry, memories, recent
-    if checkpoint:
-        run = jax.checkpoint(run, prevent_cse=False)
-    state, out = lax.scan(run, state, length=segments) if segments > 1 else run(state, None)
-    series = jax.tree.map(lambda *x: jnp.stack(x, -1).reshape(-1)[idle:], *out)
-    return state[1], series
-
-
 @dataclasses.dataclass(frozen=True)
 class FullHistory:
     """The sum as it stands (eq. 10): O(n) work a step and O(n) memory; the reference.
@@ -147,7 +76,7 @@ class FullHistory:
 
     def near(self, kernel: jax.Array, order: jax.Array) -> jax.Array:
         """The weights as they are."""
-        return gl_weights(order, _NEAR)[1:]
+        return gl_weights(order, NEAR)[1:]
 
     def empty(self, kernel: jax.Array) -> jax.Array:
         """All c_m of the run to come, from c_{−BLOCK} on."""
@@ -249,7 +178,7 @@ class ModalHistory:
 
     def near(self, kernel: list[_Modes], order: jax.Array) -> jax.Array:
         """The first weights as they are, the others from the modes, as in later blocks."""
-        parts = [m.weight @ m.ahead[:, : _NEAR - BLOCK] for m in kernel]
+        parts = [m.weight @ m.ahead[:, : NEAR - BLOCK] for m in kernel]
         return jnp.concatenate([gl_weights(order, BLOCK)[1:], sum(parts[1:], parts[0])])
 
     def empty(self, kernel: list[_Modes]) -> list[jax.Array]:

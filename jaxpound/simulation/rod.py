@@ -14,13 +14,14 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, real
 from jaxpound.model.rod import ZenerRod
-from jaxpound.simulation.history import History, ModalHistory, scan_with_history
+from jaxpound.simulation.history import History, ModalHistory
+from jaxpound.simulation.scan import scan_with_history
 
 
 class RodLaw(NamedTuple):
     """A rod's law over one step.
 
-    f_m = [stiffness x_m + lag (K x_{m−1} − f_{m−1}) + memory S_m] / divisor.
+    f_m = [stiffness x_m + lag (K x_{m−1} − f_{m−1}) + memory S_m] / divisor, x its elongation.
     """
 
     stiffness: jax.Array
@@ -123,13 +124,12 @@ def rod_force(
     x, rod = jax.tree.map(lambda a: jnp.asarray(a, dtype), (x, rod))
     law = rod_law(rod, jnp.asarray(stiffness, dtype), dt, order)
 
-    def advance(excess: jax.Array, sums: list[jax.Array], m: jax.Array) -> Any:
-        before = jnp.where(m < 0, jnp.zeros((), dtype), x[jnp.maximum(m, 0)])
-        f, excess, c = rod_step(law, excess, sums[0], before)
+    def advance(excess: jax.Array, sums: list[jax.Array], m: jax.Array, now: jax.Array) -> Any:
+        f, excess, c = rod_step(law, excess, sums[0], now)
         return excess, [c], f
 
     rest = jnp.zeros((), dtype)
-    return scan_with_history(advance, rest, x.size - 1, [rod.order], history)[1]
+    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x)[1]
 
 
 def nyquist_stiffness(rod: ZenerRod, modulus: ArrayLike, dt: ArrayLike, order: int) -> Any:

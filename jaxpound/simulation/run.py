@@ -1,13 +1,12 @@
-"""Stepping: one pure ``step``, one scan; ``simulate`` keeps every instant, ``demand`` only scalars.
+"""Runs: ``simulate`` keeps every instant, ``demand`` only scalars.
 
-Kick and drift: velocities live half a step before the positions, v_{m+1/2} = v_{m−1/2} + h a_m and
-x_{m+1} = x_m + h v_{m+1/2}. This is the central difference of eqs. (10) and (12) without its
-cancellation. Block 1 and the relative motion x1 − x2 are the unknowns, so that stick is exact.
+A run goes from structures to their ``System``, its rules and constants, through the scan over time,
+where ``step`` moves it and ``Tally`` observes it, to a ``Demand`` or a ``Response``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold, enforce, finite, instance, is_traced, number
-from jaxpound._fields import rules
+from jaxpound._fields import Parameter, rules, walk
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import (
     Ground,
@@ -30,117 +29,31 @@ from jaxpound.ground.motion import (
     velocity_and_bulge,
 )
 from jaxpound.ground.plausibility import excessive, far_apart, tell
-from jaxpound.model.structures import AdjacentStructures
-from jaxpound.results.response import Demand, Response
+from jaxpound.model.system import GROUND, Structures, System
+from jaxpound.results.demand import Demand
+from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.batches import spread
-from jaxpound.simulation.friction import Link
-from jaxpound.simulation.history import scan_with_history
-from jaxpound.simulation.rod import RodLaw, rod_law, rod_step
-from jaxpound.simulation.scheme import Scheme, courant, stability_limit
-from jaxpound.simulation.tally import Instant, Tally
-
-
-class _Laws(NamedTuple):
-    """Constants of a run."""
-
-    rod_1: RodLaw
-    rod_2: RodLaw
-    mass_ratio: jax.Array
-    friction: jax.Array
-
-
-class State(NamedTuple):
-    """Positions at t_m, velocities at t_m − h/2, and what rods and damper remember of t_{m−1}."""
-
-    x1: jax.Array
-    v1: jax.Array
-    slip: jax.Array  # x1 − x2
-    slip_velocity: jax.Array
-    excess_1: jax.Array  # K1 x1 − f1
-    excess_2: jax.Array
-    phase: jax.Array
-    pull: jax.Array  # A_{m−1} = −f1 + ρ f2
-
-
-def step(
-    laws: _Laws,
-    state: State,
-    sums: list[jax.Array],
-    time: jax.Array,
-    ground: tuple[jax.Array, jax.Array],
-    dt: float,
-    scheme: Scheme,
-) -> tuple[State, list[jax.Array], Instant]:
-    """One step of eq. (9): the state at t_{m+1}, both rods' c_m, and what is seen at t_m.
-
-    ``sums`` are both rods' history sums S_m; ``ground`` is u'' at t_m and its mean over the step
-    from t_m − h/2 to t_m + h/2.
-    """
-    ground_acceleration, shaking = ground
-    x1, x2 = state.x1, state.x1 - state.slip
-    rho = laws.mass_ratio
-
-    # Rod forces at t_m.
-    f1, excess_1, c1 = rod_step(laws.rod_1, state.excess_1, sums[0], x1)
-    f2, excess_2, c2 = rod_step(laws.rod_2, state.excess_2, sums[1], x2)
-
-    # Friction over the step from t_m − h/2 to t_m + h/2.
-    pull = rho * f2 - f1
-    w = state.slip_velocity
-    link = Link(w, state.phase, pull, state.pull, 1 + rho, laws.friction, dt)
-    slip = scheme.friction.slide(link)
-
-    # Kick.
-    v1 = state.v1 - dt * (f1 + slip.mean_force + shaking)
-
-    # Drift. What friction's change within the step displaces is shared as the masses have it.
-    after = State(
-        x1=x1 + dt * v1 + slip.jump / (1 + rho),
-        v1=v1,
-        slip=state.slip + dt * slip.velocity + slip.jump,
-        slip_velocity=slip.velocity,
-        excess_1=excess_1,
-        excess_2=excess_2,
-        phase=slip.phase,
-        pull=pull,
-    )
-
-    # At t_m the centre of mass moves with its mean velocity; the slip velocity has a kink.
-    kink = slip.velocity_now - (w + slip.velocity) / 2
-    now = Instant(
-        time=time,
-        ground_acceleration=ground_acceleration,
-        x1=x1,
-        slip=state.slip,
-        v1=(state.v1 + v1) / 2 + kink / (1 + rho),
-        slip_velocity=slip.velocity_now,
-        f1=f1,
-        f2=f2,
-        friction=slip.force,
-        turns=slip.turns,
-        turn_time=slip.turn_time,
-        turn=slip.turn,
-        turn_friction=slip.turn_forces,
-        phase=slip.phase,
-        change_time=time + slip.change_time,
-    )
-    return after, [c1, c2], now
+from jaxpound.simulation.scan import scan_with_history
+from jaxpound.simulation.scheme import Scheme, courant, require_structures, stability_limit
+from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
+from jaxpound.simulation.tally import Tally
 
 
 def simulate(
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: GroundLike,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
     *,
     strict: bool = False,
 ) -> Response:
-    """Response of two adjacent structures to a ground motion, at every instant of the grid.
+    """Response of structures to a ground motion, at every instant of the grid.
 
     Parameters
     ----------
     structures
-        The dimensionless system of eq. (9), at rest at t = 0.
+        ``AdjacentStructures`` (eq. 9), a ``System`` of any number of masses, rods and links, or
+        any other pytree with ``system()``; dimensionless, at rest at t = 0.
     ground
         A ground motion in units of g over time in units of 1/ω1: ``Ricker``, ``Record``, sums and
         scalings of them, any object with ``acceleration(t)`` or any function of t. One that is not
@@ -160,8 +73,8 @@ def simulate(
     Raises
     ------
     ValueError
-        If dt is above the stability limit, a known value is invalid, or the ground motion is made
-        of a record in seconds; if ``strict``, also where there would be a warning.
+        If dt is not below the stability limit, a known value is invalid, or the ground motion is
+        made of a record in seconds; if ``strict``, also where there would be a warning.
     FloatingPointError
         If the run ends in non-finite numbers although its input was valid.
 
@@ -195,7 +108,7 @@ def simulate(
 
 def respond(
     owner: str,
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: GroundLike,
     grid: TimeGrid,
     scheme: Scheme,
@@ -207,7 +120,7 @@ def respond(
 
 
 def demand(
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: GroundLike,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
@@ -276,14 +189,14 @@ def _temperature_rules(temperature: Any) -> list[Rule]:
 
 def _prepare(
     owner: str,
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: GroundLike,
     grid: TimeGrid,
     scheme: Scheme,
     strict: bool,
 ) -> Ground:
     """Refuse what is known to be wrong; put the ground motion in a form that can be traced."""
-    instance("run", "structures", structures, AdjacentStructures)
+    require_structures("run", structures)
     instance("run", "grid", grid, TimeGrid)
     instance("run", "scheme", scheme, Scheme)
     require_ground("ground", ground)
@@ -295,7 +208,7 @@ def _prepare(
             )
     enforce("structures", rules(structures))
     if not is_traced(structures):
-        known = jax.tree.map(np.asarray, structures)
+        known = jax.tree.map(np.asarray, structures.system())
         if not courant(known, grid.dt, scheme, np) < 1:
             limit = stability_limit(structures, scheme)
             raise ValueError(
@@ -309,121 +222,162 @@ def _prepare(
 
 
 def _look(
-    owner: str, structures: AdjacentStructures, ground: GroundLike, found: Demand, strict: bool
+    owner: str, structures: Structures, ground: GroundLike, found: Demand, strict: bool
 ) -> None:
     """Warn of what a run that is known shows to be implausible, or refuse it."""
     if is_traced((structures, found)):
         return
-    moved = found.peak_x1 + found.peak_x2
-    findings = far_apart("initial_gap", structures.initial_gap, moved, si=False)
-    tell(owner, excessive(ground, found.pga) + findings, strict)
+    findings = excessive(ground, found.pga)
+    gaps = [path for path, known, _ in walk(structures, Parameter) if known.kind == "length"]
+    for path, link in zip(gaps, structures.system().links, strict=False):
+        ends = [end for end in link.ends if end != GROUND]
+        moved = sum(found.masses[end].peak_x for end in ends)
+        findings += far_apart(path, link.gap, moved, si=False)
+    tell(owner, findings, strict)
+
+
+class _Kept(NamedTuple):
+    """Series of a run; what follows from these is made of them afterwards."""
+
+    x: tuple[Any, ...]
+    v: tuple[Any, ...]
+    forces: tuple[Any, ...]
+    links: tuple[tuple[Any, ...], ...]  # closing, velocity, friction, phase, change_time
+
+    @staticmethod
+    def of(now: Instant) -> _Kept:
+        """What is kept of an instant."""
+        links = tuple(
+            (
+                link.closing,
+                link.velocity,
+                link.motion.force,
+                link.motion.phase,
+                now.time + link.motion.change_time,
+            )
+            for link in now.links
+        )
+        return _Kept(now.x, now.v, now.forces, links)
 
 
 def _run(
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: Ground,
     grid: TimeGrid,
     scheme: Scheme,
     temperature: ArrayLike | None,
-    keep: Sequence[str],
-) -> tuple[Demand, list[jax.Array]]:
-    """The scalars of a run, and the series of an instant's fields that are to be kept."""
+    keep: bool,
+) -> tuple[System, Demand, _Kept | None]:
+    """The system in the run's dtype, the scalars, and the series if they are to be kept."""
     structures, ground, temperature = spread((structures, ground, temperature))
     dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
     structures, ground, temperature = jax.tree.map(
         lambda x: jnp.asarray(x, dtype), (structures, ground, temperature)
     )
-    dt, n = grid.dt, grid.n_steps
-    rho = structures.mass_ratio
-    laws = _Laws(
-        rod_1=rod_law(structures.rod_1, jnp.ones((), dtype), dt, scheme.order),
-        rod_2=rod_law(structures.rod_2, structures.stiffness_ratio, dt, scheme.order),
-        mass_ratio=rho,
-        friction=structures.friction,
-    )
+    system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
+    dt, n, topology = grid.dt, grid.n_steps, system.topology
 
     # A run that breaks a rule starts from NaN, and so is NaN throughout.
-    valid = all_hold(rules(structures)) & (courant(structures, dt, scheme) < 1)
-    valid &= all_hold([*ground_rules(ground), *_temperature_rules(temperature)])
+    valid = all_hold([*rules(structures), *rules(system), *ground_rules(ground)])
+    valid &= all_hold(_temperature_rules(temperature)) & (courant(system, dt, scheme) < 1)
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
-    # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
+    constants = elements(system, dt, scheme.order)
     accelerations = acceleration_and_mean(ground, dt, scheme.order)
+    # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
     start = accelerations(jnp.zeros((), dtype))[1]
-    before = dt * start * (0.5 if scheme.start == "rest" else 1.0)
-    before = before.astype(dtype)
+    before = (dt * start * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
 
-    def advance(
-        carry: tuple[State, Tally], sums: list[jax.Array], m: jax.Array
-    ) -> tuple[tuple[State, Tally], list[jax.Array], list[jax.Array]]:
+    def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
         state, tally = carry
         time = m.astype(dtype) * dt
         now_and_mean = accelerations(jnp.maximum(time, 0))
         a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
-        state = state._replace(v1=jnp.where(m == 0, before, state.v1))
-        state, c, now = step(laws, state, sums, time, (a, mean), dt, scheme)
-        tally = tally.observe(now, rho, dt, m == n, temperature)
-        return (state, tally), c, [getattr(now, name) for name in keep]
+        starts = m == 0
+        v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
+        state, c, now = step(
+            constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts
+        )
+        tally = tally.observe(now, constants, dt, m == n, temperature)
+        return (state, tally), c, _Kept.of(now) if keep else None
 
-    rest = State(*[zero] * len(State._fields))
     (state, tally), series = scan_with_history(
         advance,
-        (rest, Tally.start(zero, temperature is not None)),
+        (at_rest(topology, zero), Tally.start(topology, zero, temperature is not None)),
         n,
-        [structures.rod_1.order, structures.rod_2.order],
+        [rod.material.order for rod in system.rods],
         scheme.history,
-        segmented=bool(keep),
+        segmented=keep,
         checkpoint=scheme.checkpoint,
     )
-    slip_force = structures.friction if scheme.friction.set_valued else None
-    result = tally.demand(structures.initial_gap, slip_force, temperature), series
-    # One that fails on its way is NaN throughout as well.
-    finite = jnp.isfinite(state.x1) & jnp.isfinite(state.slip)
-    # A factor, not a choice, so that its derivatives are NaN as well.
-    return jax.tree.map(lambda x: x * jnp.where(finite, 1.0, jnp.nan).astype(dtype), result)
+    scalars = tally.demand(system, scheme.friction.set_valued, temperature)
+    # A run that fails on its way is NaN throughout as well, its derivatives too: hence a product,
+    # as ``where`` would leave finite derivatives.
+    closings = [link.closing for link in state.links]
+    whole = all_finite(of_all_masses(topology, state.x, closings))
+    poison = jnp.where(whole, 1.0, jnp.nan).astype(dtype)
+    return (system, *jax.tree.map(lambda x: x * poison, (scalars, series)))
+
+
+def all_finite(values: tuple[Any, ...]) -> jax.Array:
+    """Whether all of them are finite."""
+    return jnp.stack([jnp.isfinite(x) for x in values]).all()
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
 def _demand(
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: Ground,
     grid: TimeGrid,
     scheme: Scheme,
     temperature: ArrayLike | None,
 ) -> Demand:
-    return _run(structures, ground, grid, scheme, temperature, keep=())[0]
-
-
-_KEPT = ("x1", "slip", "v1", "slip_velocity", "f1", "f2", "friction", "phase", "change_time")
+    return _run(structures, ground, grid, scheme, temperature, keep=False)[1]
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
-def _simulate(
-    structures: AdjacentStructures, ground: Ground, grid: TimeGrid, scheme: Scheme
-) -> Response:
-    scalars, kept = _run(structures, ground, grid, scheme, None, _KEPT)
-    x1, slip, v1, slip_velocity, f1, f2, friction, phase, change_time = kept
+def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme) -> Response:
+    system, scalars, kept = _run(structures, ground, grid, scheme, None, keep=True)
+    assert kept is not None
+    topology, rest = system.topology, 0 * kept.forces[0]
     # What follows from the rest is not carried out of the scan; an invalid run's is NaN too.
-    time = jnp.asarray(grid.times(), x1.dtype)
-    ground_velocity, bulge = (y.astype(x1.dtype) for y in velocity_and_bulge(ground, time, grid.dt))
-    # v1 is the mean of the velocities half a step away, where the ground's is more than now by the
-    # bulge; but the run starts at rest.
-    v1 = v1 + bulge.at[0].set(0)
+    time = jnp.asarray(grid.times(), rest.dtype)
+    ground_velocity, bulge = (
+        y.astype(rest.dtype) for y in velocity_and_bulge(ground, time, grid.dt)
+    )
+    # A free mass's velocity is the mean of those half a step away, where the ground's is more than
+    # now by the bulge; but the run starts at rest.
+    bulge = bulge.at[0].set(0)
+    v = of_all_masses(
+        topology,
+        [None if v is None else v + bulge for v in kept.v],
+        [velocity for _, velocity, *_ in kept.links],
+    )
+    x = of_all_masses(topology, kept.x, [closing for closing, *_ in kept.links])
     return Response(
-        time=time + 0 * x1,
-        x1=x1,
-        x2=x1 - slip,
-        v1=v1,
-        v2=v1 - slip_velocity,
-        f1=f1,
-        f2=f2,
-        friction=friction,
-        ground_acceleration=jax.vmap(ground.acceleration)(time).astype(x1.dtype) + 0 * x1,
-        ground_velocity=ground_velocity + 0 * x1,
-        gap=structures.initial_gap - slip,
-        phase=phase,
-        change_time=change_time,
-        mass_1=jnp.ones_like(scalars.min_gap),
-        mass_2=jnp.ones_like(scalars.min_gap) / structures.mass_ratio,
+        time=time + rest,
+        ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
+        ground_velocity=ground_velocity + rest,
+        masses=tuple(
+            MassResponse(x=x, v=v, mass=mass + rest[0])
+            for x, v, mass in zip(x, v, system.masses, strict=True)
+        ),
+        rods=tuple(
+            RodResponse(force=force, ends=ends)
+            for force, ends in zip(kept.forces, topology.rods, strict=True)
+        ),
+        links=tuple(
+            LinkResponse(
+                gap=link.gap - closing,
+                friction=friction,
+                slip_velocity=velocity,
+                phase=phase,
+                change_time=change_time,
+                ends=link.ends,
+            )
+            for link, (closing, velocity, friction, phase, change_time) in zip(
+                system.links, kept.links, strict=True
+            )
+        ),
         demand=scalars,
         method=f"{scheme.friction}, order {scheme.order}, {scheme.history}",
     )
@@ -432,7 +386,18 @@ def _simulate(
 def _finished(result: Any) -> Any:
     """The result of a run; a run that is known to have failed raises."""
     scalars = result.demand if isinstance(result, Response) else result
-    if not is_traced(scalars) and not all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
+    if is_traced(scalars):
+        return result
+    # A gap without end stays so.
+    gaps = [gap for link in scalars.links for gap in (link.min_gap, link.soft_min_gap)]
+    others = jax.tree.leaves(
+        dataclasses.replace(
+            scalars,
+            links=[dataclasses.replace(x, min_gap=0.0, soft_min_gap=0.0) for x in scalars.links],
+        )
+    )
+    above = [gap > -np.inf for gap in gaps if gap is not None]
+    if not all(np.all(x) for x in [*above, *map(np.isfinite, others)]):
         raise FloatingPointError(
             "the run ended in non-finite numbers: the ground motion returns some or overflows, "
             "or the temperature is too small"

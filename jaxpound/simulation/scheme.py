@@ -1,15 +1,17 @@
-"""How eq. (9) is discretised: time grid, scheme, and the largest stable step."""
+"""How the equations of motion are discretised, and the largest stable step."""
 
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound._checks import is_traced
+from jaxpound.model.system import Structures, System, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, History, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
@@ -66,12 +68,27 @@ PAPER_SCHEME = Scheme(Switching(), order=1, history=FullHistory(), start="paper"
 """The paper's scheme (eqs. 10–12): order 1, full history, switching friction, x_0 = x_1 = 0."""
 
 
-def stability_limit(structures: AdjacentStructures, scheme: Scheme = Scheme()) -> float:
+def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     """Largest stable time step, in units of 1/ω1, of structures whose values are known.
 
     Where the scheme loses stability the fastest motion of the grid, x_m = (−1)^m, neither grows nor
-    decays: h² max(K1, ρ K2) = 4 with each rod's stiffness for that motion. The limit says nothing
-    of accuracy, which asks for some 50 steps in the shorter natural period.
+    decays: h² λ = 4 with the largest eigenvalue λ of M⁻¹ K, where K has each rod's stiffness for
+    that motion (for the paper's pair λ is the larger of K1 and ρ K2). Links that stick make a
+    system slower, never faster. The limit says nothing of accuracy, which asks for some 50 steps in
+    the shortest natural period.
+
+    Parameters
+    ----------
+    structures
+        ``AdjacentStructures``, a ``System`` or anything else with ``system()``; of a batch of them
+        it is the smallest limit.
+    scheme
+        The discretisation.
+
+    Raises
+    ------
+    ValueError
+        If it is something else, or its values are traced.
 
     Examples
     --------
@@ -81,9 +98,13 @@ def stability_limit(structures: AdjacentStructures, scheme: Scheme = Scheme()) -
     >>> round(jp.stability_limit(structures, jp.PAPER_SCHEME), 3)
     0.561
     """
-    known = jax.tree.map(np.asarray, structures)
-    stiffest = np.maximum(1.0, known.mass_ratio * known.stiffness_ratio).max()
-    low, high = 0.0, 2 / stiffest**0.5  # the static stiffness bounds the step from above
+    owner = "stability_limit"
+    require_structures(owner, structures)
+    if is_traced(structures):
+        raise ValueError(f"{owner}: structures must be known, not traced")
+    known = jax.tree.map(np.asarray, structures.system())
+    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods], np)
+    low, high = 0.0, 2 / float(np.max(static)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
         stable = (courant(known, middle, scheme, np) < 1).all()
@@ -91,8 +112,38 @@ def stability_limit(structures: AdjacentStructures, scheme: Scheme = Scheme()) -
     return float(low)
 
 
-def courant(structures: AdjacentStructures, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:
-    """h² max(K1, ρ K2) / 4: below 1 where explicit stepping is stable."""
-    stiff_1 = nyquist_stiffness(structures.rod_1, 1.0, dt, scheme.order)
-    stiff_2 = nyquist_stiffness(structures.rod_2, structures.stiffness_ratio, dt, scheme.order)
-    return dt**2 / 4 * xp.maximum(stiff_1, structures.mass_ratio * stiff_2)
+def require_structures(owner: str, structures: Any) -> None:
+    """A ``ValueError`` for what no run can be made of."""
+    if not isinstance(structures, Structures) or isinstance(structures, type):
+        rule = "AdjacentStructures, a System, or anything else with system()"
+        raise ValueError(f"{owner}: structures = {reprlib.repr(structures)} must be {rule}")
+
+
+def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:
+    """h² λ / 4, below 1 where explicit stepping is stable (see ``stability_limit``)."""
+    stiffness = [
+        nyquist_stiffness(rod.material, rod.stiffness, dt, scheme.order) for rod in system.rods
+    ]
+    return dt**2 / 4 * _largest_eigenvalue(system, stiffness, xp)
+
+
+def _largest_eigenvalue(system: System, stiffness: list[Any], xp: Any) -> Any:
+    """The largest eigenvalue of M⁻¹ K with a stiffness for each rod."""
+    topology = system.topology
+    largest: Any = 0.0
+    for masses in rod_groups(topology):  # masses that no rods join do not know of each other
+        rods = [k for k, ends in enumerate(topology.rods) if set(ends) & {*masses}]
+        k = xp.stack(xp.broadcast_arrays(*[stiffness[i] for i in rods]), -1)
+        m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)
+        if len(masses) == 1:
+            largest = xp.maximum(largest, k.sum(-1) / m[..., 0])
+            continue
+        ends = [topology.rods[i] for i in rods]
+        signs = [[(mass == i) - (mass == j) for i, j in ends] for mass in masses]
+        pulls = np.array(signs, k.dtype)
+        root = pulls / xp.sqrt(m)[..., None]
+        matrix = (root * k[..., None, :]) @ xp.swapaxes(root, -1, -2)
+        if xp is jnp:  # no derivative of it is asked for, and none exists where eigenvalues meet
+            matrix = jax.lax.stop_gradient(matrix)
+        largest = xp.maximum(largest, xp.linalg.eigvalsh(matrix)[..., -1])
+    return largest

@@ -15,27 +15,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
-from jaxpound.results.response import Demand
-
-
-class Instant(NamedTuple):
-    """The state of the system at one instant t_m, and what friction did around it."""
-
-    time: jax.Array
-    ground_acceleration: jax.Array
-    x1: jax.Array
-    slip: jax.Array  # x1 − x2
-    v1: jax.Array
-    slip_velocity: jax.Array
-    f1: jax.Array
-    f2: jax.Array
-    friction: jax.Array
-    turns: jax.Array  # whether the slip velocity vanishes within h/2 of t_m; then
-    turn_time: jax.Array  # when, after t_m,
-    turn: jax.Array  # by how much x1 − x2 differs there from its value at t_m,
-    turn_friction: tuple[jax.Array, jax.Array]  # and the friction force before and after.
-    phase: jax.Array  # direction of slip at t_m + h/2, 0 in stick
-    change_time: jax.Array  # when that phase took over, if it differs from the last
+from jaxpound.model.system import System, Topology
+from jaxpound.results.demand import Demand, LinkDemand, MassDemand, RodDemand
+from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, load_on, of_all_masses
 
 
 class Peak(NamedTuple):
@@ -104,111 +86,161 @@ class GroundPeaks(NamedTuple):
         )
 
 
+class LinkTally(NamedTuple):
+    """What is remembered of a link."""
+
+    closing: jax.Array
+    farthest: jax.Array  # largest closing, where the gap is smallest
+    farthest_time: jax.Array
+    last_turn: jax.Array  # closing where the slip velocity vanished last
+    distance: jax.Array  # slid until then
+    work: jax.Array  # ∫ q w dt by the trapezoidal rule
+    calm: jax.Array  # instants passed since the slip velocity vanished last
+    softly: LogMeanExp | None  # of closing / temperature
+
+    def observe(
+        self,
+        now: LinkInstant,
+        turns: jax.Array,
+        time: jax.Array,
+        share: jax.Array,
+        last: jax.Array,
+        temperature: Any,
+    ) -> LinkTally:
+        """Take one instant into account; ``last`` tells whether the run ends with it.
+
+        ``turns`` says whether the slip velocity vanishes near it, and ``share`` is its part of the
+        time.
+        """
+        turn = now.closing + now.motion.turn
+        higher = turns & (turn > self.farthest)
+        farthest = jnp.where(higher, turn, self.farthest)
+        farthest_time = jnp.where(higher, time + now.motion.turn_time, self.farthest_time)
+        # The run's end is the farthest only if the ends slide there: where they stick, the stop
+        # before was, and differs from the position since by the error of a step.
+        ends = last & (now.velocity > 0) & (now.closing > farthest)
+        softly = self.softly
+        if softly is not None:
+            softly = softly.observe(now.closing / temperature, jnp.where(time < 0, 0.0, share))
+        return LinkTally(
+            closing=now.closing,
+            farthest=jnp.where(ends, now.closing, farthest),
+            farthest_time=jnp.where(ends, time, farthest_time),
+            last_turn=jnp.where(turns, turn, self.last_turn),
+            distance=self.distance + jnp.where(turns, jnp.abs(turn - self.last_turn), 0.0),
+            work=self.work + share * now.motion.force * now.velocity,
+            calm=jnp.where(now.motion.turns, 0.0, self.calm + 1),
+            softly=softly,
+        )
+
+    def demand(self, gap: jax.Array, slip_force: jax.Array | None, temperature: Any) -> LinkDemand:
+        """The scalars of the link, which had the ``gap`` at rest.
+
+        ``slip_force`` is the force in any slip, where there is one: its work is exact then.
+        """
+        distance = self.distance + jnp.abs(self.closing - self.last_turn)
+        soft = self.softly
+        return LinkDemand(
+            min_gap=gap - self.farthest,
+            min_gap_time=self.farthest_time,
+            slip_distance=distance,
+            friction_work=self.work if slip_force is None else slip_force * distance,
+            residual_offset=-self.closing,
+            soft_min_gap=None if soft is None else gap - temperature * soft.value(),
+        )
+
+
 class Tally(NamedTuple):
     """A ``Demand`` in the making."""
 
     ground: GroundPeaks
-
-    slip: jax.Array
-    farthest: jax.Array  # largest x1 − x2, where the gap is smallest
-    farthest_time: jax.Array
-    last_turn: jax.Array  # x1 − x2 where the slip velocity vanished last
-    distance: jax.Array  # slid until then
-    work: jax.Array  # ∫ q w dt by the trapezoidal rule
-    x1: Peak
-    x2: Peak
-    f1: Peak
-    f2: Peak
-    acceleration_1: Peak
-    acceleration_2: Peak
-    calm: jax.Array  # instants passed since the slip velocity vanished last
-    softly: LogMeanExp | None  # of (x1 − x2) / temperature
+    x: tuple[Peak, ...]
+    acceleration: tuple[Peak, ...]
+    forces: tuple[Peak, ...]  # of the rods
+    links: tuple[LinkTally, ...]
 
     @staticmethod
-    def start(zero: jax.Array, soft: bool) -> Tally:
-        """Nothing has happened yet; ``soft`` asks for the soft minimum of the gap as well."""
-        peaks = [Peak(zero, zero, zero)] * 6
+    def start(topology: Topology, zero: jax.Array, soft: bool) -> Tally:
+        """Nothing has happened yet; ``soft`` asks for the soft minimum of the gaps as well."""
+        peak = Peak(zero, zero, zero)
         softly = LogMeanExp(zero, zero, zero) if soft else None
-        ground = GroundPeaks(zero, zero, zero, zero)
-        fields: list[Any] = [ground, *[zero] * 6, *peaks, zero, softly]
-        return Tally(*fields)
+        link = LinkTally(zero, zero, zero, zero, zero, zero, zero, softly)
+        return Tally(
+            ground=GroundPeaks(zero, zero, zero, zero),
+            x=(peak,) * topology.n_masses,
+            acceleration=(peak,) * topology.n_masses,
+            forces=(peak,) * len(topology.rods),
+            links=(link,) * len(topology.links),
+        )
 
     def observe(
-        self,
-        now: Instant,
-        mass_ratio: jax.Array,
-        dt: float,
-        last: jax.Array,
-        temperature: Any,
+        self, now: Instant, system: Elements, dt: float, last: jax.Array, temperature: Any
     ) -> Tally:
         """Take one instant into account; ``last`` tells whether the run ends with it."""
-        turns = now.turns & (~last | (now.turn_time <= 0))
-        turn = now.slip + now.turn
-        higher = turns & (turn > self.farthest)
-        farthest = jnp.where(higher, turn, self.farthest)
-        farthest_time = jnp.where(higher, now.time + now.turn_time, self.farthest_time)
-        # The run's end is the farthest only if the blocks slide there: where they stick, the stop
-        # before was, and differs from the position since by the error of a step.
-        ends = last & (now.slip_velocity > 0) & (now.slip > farthest)
-
         # Trapezoidal sums; the run starts at rest, and half of its first instant is before it.
-        share = jnp.where(last | (now.time <= 0), dt / 2, dt).astype(now.x1.dtype)
-
-        def accelerations(q: jax.Array, late: jax.Array) -> tuple[jax.Array, jax.Array]:
-            f1 = now.f1 + (now.f1 - self.f1.last) * late
-            f2 = now.f2 + (now.f2 - self.f2.last) * late
-            return f1 + q, mass_ratio * (q - f2)
-
-        a1, a2 = accelerations(now.friction, jnp.zeros_like(now.f1))
-        calm = jnp.where(now.turns, 0.0, self.calm + 1)
-        smooth = calm >= 3
-        late = jnp.where(turns, now.turn_time / dt, 0.0)
-        before, after = (
-            accelerations(jnp.where(turns, q, now.friction), late) for q in now.turn_friction
+        share = jnp.where(last | (now.time <= 0), dt / 2, dt).astype(now.forces[0].dtype)
+        turns = [link.motion.turns & (~last | (link.motion.turn_time <= 0)) for link in now.links]
+        links = tuple(
+            link.observe(seen, turned, now.time, share, last, temperature)
+            for link, seen, turned in zip(self.links, now.links, turns, strict=True)
         )
-        softly = self.softly
-        if softly is not None:
-            softly = softly.observe(now.slip / temperature, jnp.where(now.time < 0, 0.0, share))
+        x = of_all_masses(system.topology, now.x, [link.closing for link in now.links])
         return Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
-            slip=now.slip,
-            farthest=jnp.where(ends, now.slip, farthest),
-            farthest_time=jnp.where(ends, now.time, farthest_time),
-            last_turn=jnp.where(turns, turn, self.last_turn),
-            distance=self.distance + jnp.where(turns, jnp.abs(turn - self.last_turn), 0.0),
-            work=self.work + share * now.friction * now.slip_velocity,
-            x1=self.x1.observe(now.x1),
-            x2=self.x2.observe(now.x1 - now.slip),
-            f1=self.f1.observe(now.f1),
-            f2=self.f2.observe(now.f2),
-            acceleration_1=self.acceleration_1.observe(a1, smooth).reaching(before[0], after[0]),
-            acceleration_2=self.acceleration_2.observe(a2, smooth).reaching(before[1], after[1]),
-            calm=calm,
-            softly=softly,
+            x=tuple(peak.observe(value) for peak, value in zip(self.x, x, strict=True)),
+            acceleration=tuple(
+                self._acceleration(mass, now, system, turns, links, dt)
+                for mass in range(system.topology.n_masses)
+            ),
+            forces=tuple(
+                peak.observe(force) for peak, force in zip(self.forces, now.forces, strict=True)
+            ),
+            links=links,
         )
 
-    def demand(
-        self, initial_gap: jax.Array, slip_force: jax.Array | None, temperature: Any
-    ) -> Demand:
-        """The scalars of the instants seen.
+    def _acceleration(
+        self,
+        mass: int,
+        now: Instant,
+        system: Elements,
+        turns: list[jax.Array],
+        links: tuple[LinkTally, ...],
+        dt: float,
+    ) -> Peak:
+        """A mass's peak acceleration: it jumps with the friction of the mass's link."""
+        topology, inverse = system.topology, system.inverse_masses[mass]
+        load, peak = load_on(topology, mass, now.forces), self.acceleration[mass]
+        for ends, link, seen, turned in zip(topology.links, links, now.links, turns, strict=True):
+            if mass not in ends:
+                continue
+            sign = -1.0 if mass == ends[0] else 1.0
+            motion = seen.motion
+            late = jnp.where(turned, motion.turn_time / dt, 0.0)
+            forces = [
+                force + (force - before.last) * late
+                for force, before in zip(now.forces, self.forces, strict=True)
+            ]
+            at_turn = load_on(topology, mass, forces)
+            return peak.observe((load + sign * motion.force) * inverse, link.calm >= 3).reaching(
+                *(
+                    (at_turn + sign * jnp.where(turned, q, motion.force)) * inverse
+                    for q in motion.turn_forces
+                )
+            )
+        return peak.observe(load * inverse)
 
-        ``slip_force`` is the force in any slip, where there is one: its work is exact then.
-        """
-        distance = self.distance + jnp.abs(self.slip - self.last_turn)
-        soft = self.softly
+    def demand(self, system: System, set_valued: bool, temperature: Any) -> Demand:
+        """The scalars of the instants seen; ``set_valued`` says that |q| = μ in any slip."""
         return Demand(
-            min_gap=initial_gap - self.farthest,
-            min_gap_time=self.farthest_time,
-            peak_x1=self.x1.largest,
-            peak_x2=self.x2.largest,
-            peak_f1=self.f1.largest,
-            peak_f2=self.f2.largest,
-            peak_acceleration_1=self.acceleration_1.largest,
-            peak_acceleration_2=self.acceleration_2.largest,
-            slip_distance=distance,
-            friction_work=self.work if slip_force is None else slip_force * distance,
-            residual_offset=-self.slip,
+            masses=tuple(
+                MassDemand(peak_x=x.largest, peak_acceleration=a.largest)
+                for x, a in zip(self.x, self.acceleration, strict=True)
+            ),
+            rods=tuple(RodDemand(peak_force=force.largest) for force in self.forces),
+            links=tuple(
+                tally.demand(link.gap, link.friction if set_valued else None, temperature)
+                for tally, link in zip(self.links, system.links, strict=True)
+            ),
             pga=self.ground.largest,
             pgv=self.ground.largest_velocity,
-            soft_min_gap=None if soft is None else initial_gap - temperature * soft.value(),
         )

@@ -14,9 +14,10 @@ from scipy import stats
 
 from jaxpound._checks import Rule, enforce, instance, number, require_share
 from jaxpound._tables import Shown, Table
-from jaxpound.quantities import column, kind_of, unit
+from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
-from jaxpound.results.response import Demand
+from jaxpound.results.demand import Demand, kind_of
+from jaxpound.results.elements import place_of
 from jaxpound.study.archives import DamagedError
 from jaxpound.study.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.study.statistics import (
@@ -178,8 +179,9 @@ class Study(Columnar, Shown):
     @property
     def demand(self) -> Demand:
         """All demands as a batch."""
-        names = [f.name for f in dataclasses.fields(Demand) if f.name in self.columns]
-        return Demand(**{name: self[name] for name in names}, si=self.scales is not None)
+        return Demand.of_columns(
+            {name: self[name] for name in self.columns}, si=self.scales is not None
+        )
 
     def parameters(self) -> dict[str, np.ndarray]:
         """The scenarios' parameters by name, shape (n,) each, kept or made again.
@@ -296,18 +298,13 @@ class Study(Columnar, Shown):
 
     def _quantity(self, name: str) -> str | None:
         """Quantity of a column; none of pure numbers, and of what is not ours."""
-        own = {field.name for field in dataclasses.fields(Demand)} | {"required_gap"}
-        return kind_of(name) if name in own else None
+        ours = name == "required_gap" or place_of(Demand, name) is not None
+        return kind_of(name) if ours else None
 
     def _factor(self, name: str) -> float:
         """The unit of a column in SI; 1 of what has none, or is not ours."""
-        if self.scales is None:
-            return 1.0
-        names = [f.name for f in dataclasses.fields(Demand) if f.name in self.columns]
-        ones: dict[str, Any] = dict.fromkeys(names, 1.0)
-        units = self.scales.to_si(Demand(**ones))
-        factors = {field: getattr(units, field) for field in names}
-        return float((factors | {"required_gap": units.min_gap}).get(name, 1.0))
+        kind = self._quantity(name)
+        return 1.0 if self.scales is None or kind is None else float(self.scales.units[kind])
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:

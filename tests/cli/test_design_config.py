@@ -11,7 +11,7 @@ import jaxpound as jp
 from jaxpound.cli import config, design_config
 from jaxpound.cli import main as cli
 from jaxpound.cli.report import cell
-from jaxpound.quantities import in_words
+from jaxpound.results.demand import in_words
 from tests.cli.test_main import edited, is_figure
 from tests.cli.test_report import number, tables
 from tests.cli.test_study_config import run

@@ -13,7 +13,7 @@ import jaxpound as jp
 from jaxpound.cli import config, study_config
 from jaxpound.cli import main as cli
 from jaxpound.cli.report import cell
-from jaxpound.quantities import in_words
+from jaxpound.results.demand import in_words
 from tests.cli.test_main import edited, is_figure, run
 from tests.cli.test_report import tables
 

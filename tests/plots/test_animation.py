@@ -13,6 +13,7 @@ from PIL import Image
 
 import jaxpound as jp
 from jaxpound.plots.animation import Scene, animate, still
+from tests.made import changed
 
 mpl.use("Agg")
 
@@ -46,7 +47,7 @@ def test_the_blocks_are_as_far_apart_as_the_gap(si, response):
 
 
 def test_pounding_is_named_where_the_gap_is_closed(response):
-    closed = dataclasses.replace(response, gap=response.gap - 0.5)
+    closed = changed(response, gap=response.gap - 0.5)
     at = float(response.demand.min_gap_time)
     ax = still(closed, at, Figure().add_subplot())
     assert ax.texts[0].get_text() == "POUNDING (not modelled)"
@@ -74,7 +75,7 @@ def test_wrong_arguments_are_refused(response):
     batch = jax.tree.map(lambda x: np.stack([x, x]), response)
     with pytest.raises(ValueError, match=r"animate: a batch of shape \(2, 1001\)"):
         animate(batch)
-    lost = dataclasses.replace(response.demand, min_gap=np.nan)
+    lost = changed(response.demand, min_gap=np.nan)
     for time in (99.0, np.nan):
         with pytest.raises(ValueError, match=r"must be within the run, from 0 to 20"):
             still(response, time)

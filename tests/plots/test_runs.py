@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import FIGURE_SIZE
+from tests.made import changed
 
 mpl.use("Agg")
 
@@ -51,8 +52,8 @@ def ax():
 
 def with_gap(response: jp.Response, initial_gap: float) -> jp.Response:
     change = initial_gap - float(response.gap[0])
-    demand = dataclasses.replace(response.demand, min_gap=response.demand.min_gap + change)
-    return dataclasses.replace(response, gap=response.gap + change, demand=demand)
+    demand = changed(response.demand, min_gap=response.demand.min_gap + change)
+    return changed(response, gap=response.gap + change, demand=demand)
 
 
 def collection(ax, label):
@@ -194,7 +195,7 @@ def test_stick_is_shaded_where_the_phases_are(either, ax):
 
 
 def test_a_run_without_stick_has_no_shading(response, ax):
-    sliding = dataclasses.replace(response, phase=np.ones_like(response.phase))
+    sliding = changed(response, phase=np.ones_like(response.phase))
     plots.friction_force(sliding, ax)
     assert collection(ax, "stick") is None
     assert ax.get_legend() is None
@@ -240,7 +241,7 @@ def test_the_smallest_gap_is_told_above_everything_drawn(initial_gap, response):
 
 
 def test_drawing_twice_into_the_same_axes_shows_both(response, ax):
-    larger = dataclasses.replace(response, x1=3 * response.x1)
+    larger = changed(response, x1=3 * response.x1)
     plots.displacements(larger, ax)
     plots.displacements(response, ax)
     low, high = ax.get_ylim()
@@ -285,7 +286,7 @@ def test_overview_shows_four_series_over_one_time_axis(response):
 @pytest.fixture(scope="module")
 def batch(response) -> jp.Response:
     """Three runs: the paper's, one of twice the motion, one with a smaller gap."""
-    twice = dataclasses.replace(response, x1=2 * response.x1, x2=2 * response.x2)
+    twice = changed(response, x1=2 * response.x1, x2=2 * response.x2)
     runs = [response, twice, with_gap(response, 0.5)]
     return jax.tree.map(lambda *x: np.stack(x), *runs)
 
@@ -325,7 +326,7 @@ def test_energy_and_invalid_runs_of_a_batch_are_refused(batch, ax):
     with pytest.raises(ValueError, match=r"energy: a batch of shape \(3, 1001\)"):
         plots.energy(batch, ax)
     lost = np.array([0.1, np.nan, np.nan])
-    broken = dataclasses.replace(batch, demand=dataclasses.replace(batch.demand, min_gap=lost))
+    broken = dataclasses.replace(batch, demand=changed(batch.demand, min_gap=lost))
     with pytest.raises(ValueError, match="2 of 3 runs are invalid"):
         plots.gap(broken, ax)
 
@@ -406,7 +407,7 @@ def test_letters_stay_letters_in_vector_files(response, tmp_path, caplog):
 
 def test_a_run_at_rest_can_be_drawn(response):
     nothing = jax.tree.map(np.zeros_like, response)
-    rest = dataclasses.replace(nothing, time=response.time, mass_1=1.0, mass_2=1.0)
+    rest = changed(nothing, time=response.time, mass_1=1.0, mass_2=1.0)
     for draw in DRAWINGS:
         plots.figure(draw, rest).draw_without_rendering()
 

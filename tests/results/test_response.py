@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.made import changed, pair_response
 from tests.test_tables import assert_shown
 
 import jaxpound as jp
@@ -21,13 +22,7 @@ def run():
 def synthetic(**series):
     """A response of block 1 alone, of given series."""
     t = np.linspace(0, 2, N + 1)
-    zero = np.zeros(N + 1)
-    names = ("x1", "x2", "v1", "v2", "f1", "f2", "friction", "gap", "phase", "change_time")
-    values = dict.fromkeys((*names, "ground_acceleration", "ground_velocity"), zero) | {
-        name: f(t) for name, f in series.items()
-    }
-    scalars = jp.Demand(*np.zeros(13))
-    return jp.Response(time=t, **values, mass_1=1.0, mass_2=4.0, demand=scalars)
+    return pair_response(t, {name: f(t) for name, f in series.items()}, masses=(1.0, 4.0))
 
 
 def test_energy_terms_are_the_integrals_of_the_powers():
@@ -52,8 +47,7 @@ def test_energy_terms_are_the_integrals_of_the_powers():
 
 
 def test_the_residual_notices_a_wrong_force(run):
-    wrong = jax.tree.map(lambda x: x, run)
-    object.__setattr__(wrong, "f1", run.f1 * 1.1)
+    wrong = changed(run, f1=run.f1 * 1.1)
     sound, broken = (np.abs(r.energy.residual).max() for r in (run, wrong))
     assert broken > 3 * sound
 

@@ -9,7 +9,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 import jaxpound as jp
-from jaxpound.simulation.friction import Link, _creep, _resolve, _resolved
+from jaxpound.simulation.friction import LinkStep, _creep, _resolve, _resolved
 
 H = 0.1
 moderate = st.floats(-2, 2).map(lambda x: round(x, 3))
@@ -26,7 +26,7 @@ step = st.fixed_dictionaries(
 
 @partial(jax.jit, static_argnums=0)
 def slide(law, w, a, a_last, rho, mu, phase=0.0):
-    return law.slide(Link(w, phase * jnp.ones_like(w), a, a_last, 1 + rho, mu, H))
+    return law.slide(LinkStep(w, phase * jnp.ones_like(w), a, a - a_last, 1 + rho, mu, H))
 
 
 @partial(jax.jit, static_argnums=0)

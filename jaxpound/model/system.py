@@ -1,0 +1,234 @@
+"""Masses, rods and links: what every structure of this package is made of.
+
+Masses move along one line. A rod joins a mass to the ground or to another mass; a link, with dry
+friction and a gap, stands between two neighbours or between a mass and the ground. Two adjacent
+blocks, buildings of many storeys and sliding isolators are all a ``System``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import jax
+import numpy as np
+
+from jaxpound._checks import instance
+from jaxpound._fields import check, parameter, part, pytree_dataclass, static
+from jaxpound.model.rod import ZenerRod
+
+GROUND = -1
+"""The ground, as an end of a rod or of a link."""
+
+Ends = tuple[int, int]
+
+
+@pytree_dataclass
+class Rod:
+    """A fractional Zener rod between two masses, or between a mass and the ground.
+
+    Parameters
+    ----------
+    material
+        The rod's law.
+    stiffness
+        Long-time stiffness K > 0, in units of m1 ω1² for a dimensionless system.
+    ends
+        Masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and by
+        x_i if j is the ground; its force f pulls i back and j along.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule, or the ends are not two different ones.
+    """
+
+    material: ZenerRod = part(ZenerRod)
+    stiffness: Any = parameter("K", words="stiffness", above=0)
+    ends: Ends = static()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ends", _two_ends("Rod", self.ends))
+        check(self)
+
+
+@pytree_dataclass
+class Link:
+    """What acts between two neighbours i and j that slide past or towards each other: dry friction.
+
+    Parameters
+    ----------
+    ends
+        Mass i, which stands left, and mass j, by number from 0; one of them may be ``GROUND``: a
+        sliding bearing. The link is closed by s = x_i − x_j, and the gap left is ``gap`` − s.
+    friction
+        Slip force μ ≥ 0, in units of m1 g.
+    gap
+        Gap ξ0 ≥ 0 at rest, in units of g/ω1²; infinite by default.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule, or the ends are not two different ones.
+    """
+
+    ends: Ends = static()
+    friction: Any = parameter(r"\mu", "force", "friction", least=0, default=0.0)
+    gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, finite=False, default=np.inf)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ends", _two_ends("Link", self.ends))
+        check(self)
+
+
+class Topology(NamedTuple):
+    """Which masses there are, and what joins which: static, it shapes the program of a run."""
+
+    n_masses: int
+    rods: tuple[Ends, ...]
+    links: tuple[Ends, ...]
+
+
+@runtime_checkable
+class Structures(Protocol):
+    """What a run takes: a ``System``, or anything that is one in other words."""
+
+    def system(self) -> System:
+        """Its masses, rods and links."""
+
+
+@pytree_dataclass
+class System:
+    """Masses on rods, with links between them; dimensionless, at rest at t = 0.
+
+    The equations of motion are M x'' = −B_r f − B_l q − M 1 u'', with the rods' forces f, the
+    links' friction q and the ground acceleration u''; displacements x are relative to the ground.
+
+    Parameters
+    ----------
+    masses
+        Masses > 0, one number each, in units of m1. Any of them may be m1; usually it is the first.
+    rods
+        The rods. Every mass must be tied to the ground by rods, through other masses if need be.
+    links
+        The links. They may not close a ring (in a ring that sticks the forces are not determined),
+        and until several links are solved together no mass may have two.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule, an end names no mass, a mass has no path of rods to the
+        ground, links close a ring, or two links share a mass.
+
+    Examples
+    --------
+    A building of two storeys beside one of one storey, with a friction damper between the roofs:
+
+    >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
+    >>> system = jp.System(
+    ...     masses=(1.0, 1.0, 0.8),
+    ...     rods=(
+    ...         jp.Rod(steel, 1.0, (0, jp.GROUND)),
+    ...         jp.Rod(steel, 0.8, (1, 0)),
+    ...         jp.Rod(steel, 1.5, (2, jp.GROUND)),
+    ...     ),
+    ...     links=(jp.Link((1, 2), friction=0.1, gap=1.0),),
+    ... )
+    >>> found = jp.demand(system, jp.paper.ground(), jp.TimeGrid.until(20.0, dt=0.05))
+    >>> found.links[0].min_gap.shape, len(found.masses)
+    ((), 3)
+    """
+
+    masses: tuple[Any, ...] = parameter("m", "mass", "mass", above=0, each=True)
+    rods: tuple[Rod, ...] = part()
+    links: tuple[Link, ...] = part(default=())
+
+    def __post_init__(self) -> None:
+        for name, kind in (("rods", Rod), ("links", Link)):
+            items = _as_tuple(name, getattr(self, name))
+            for i, item in enumerate(items):
+                instance("System", f"{name}.{i}", item, kind)
+            object.__setattr__(self, name, items)
+        object.__setattr__(self, "masses", _as_tuple("masses", self.masses))
+        check(self)
+        _check_topology(self.topology)
+
+    def system(self) -> System:
+        """Itself."""
+        return self
+
+    @property
+    def topology(self) -> Topology:
+        """Number of masses, and the ends of rods and links."""
+        return Topology(
+            len(self.masses),
+            tuple(rod.ends for rod in self.rods),
+            tuple(link.ends for link in self.links),
+        )
+
+
+def _as_tuple(name: str, value: Any) -> tuple[Any, ...]:
+    if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
+        raise ValueError(f"System: {name} = {value!r} must be a tuple")
+    return tuple(value)
+
+
+def _two_ends(owner: str, value: Any) -> Ends:
+    """Two different ends, each a mass's number or ``GROUND``."""
+    rule = "two different masses by number, from 0, of which one may be GROUND"
+    try:
+        i, j = value
+        whole = all(isinstance(end, int | np.integer) and end >= GROUND for end in (i, j))
+    except (TypeError, ValueError):
+        whole = False
+    if not whole or i == j or any(isinstance(end, bool) for end in value):
+        raise ValueError(f"{owner}: ends = {value!r} must be {rule}")
+    return int(i), int(j)
+
+
+def _check_topology(topology: Topology) -> None:
+    """A ``ValueError`` for what no run can be made of."""
+    n = topology.n_masses
+    if not n:
+        raise ValueError("System: masses = () must hold at least one mass")
+    for name, ends_of_all in (("rods", topology.rods), ("links", topology.links)):
+        for k, ends in enumerate(ends_of_all):
+            if max(ends) >= n:
+                rule = f"name masses from 0 to {n - 1}, or GROUND (-1)"
+                raise ValueError(f"System: {name}.{k}.ends = {ends} must {rule}")
+    held = _groups(n, topology.rods)
+    for mass in range(n):
+        if held[mass] != held[GROUND]:
+            rule = "must be tied to the ground by rods, directly or through other masses"
+            raise ValueError(f"System: masses.{mass} {rule}")
+    for k, ends in enumerate(topology.links):
+        joined = _groups(n, topology.links[:k])
+        if joined[ends[0]] == joined[ends[1]]:
+            rule = "must not close a ring with the links before it"
+            raise ValueError(f"System: links.{k}.ends = {ends} {rule}")
+    seen: dict[int, int] = {}
+    for k, ends in enumerate(topology.links):
+        for mass in set(ends) - {GROUND}:
+            if mass in seen:
+                raise ValueError(
+                    f"System: links.{k}.ends = {ends} shares mass {mass} with links.{seen[mass]}: "
+                    "several links on one mass are not simulated yet"
+                )
+            seen[mass] = k
+
+
+def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
+    """The masses in groups that rods join among themselves: the buildings of a system."""
+    between = [ends for ends in topology.rods if GROUND not in ends]
+    group = _groups(topology.n_masses, between)
+    first = sorted({group[mass] for mass in range(topology.n_masses)})
+    return [tuple(m for m in range(topology.n_masses) if group[m] == one) for one in first]
+
+
+def _groups(n: int, edges: Iterable[Ends]) -> dict[int, int]:
+    """For each mass, and for the ground, the smallest member of the group that edges join it to."""
+    group = {end: end for end in range(GROUND, n)}
+    for i, j in edges:
+        low, high = sorted((group[i], group[j]))
+        group = {end: low if of == high else of for end, of in group.items()}
+    return group

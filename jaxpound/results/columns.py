@@ -1,0 +1,76 @@
+"""Results as columns: for pandas, and as files of comma-separated values or Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+from os import PathLike
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from jaxpound._extras import require
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+class Columnar:
+    """A result that is a table: a row an instant, a run or a sample.
+
+    The names of columns end with the SI unit where the numbers are SI (``x1_m``, ``v1_m_per_s``),
+    and have no ending where they are dimensionless. What tells rows apart (the run, the instant,
+    the sample) comes first, and is the index of a data frame.
+    """
+
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        raise NotImplementedError
+
+    def to_columns(self) -> dict[str, np.ndarray]:
+        """All columns by name, of one length, as NumPy arrays."""
+        index, columns = self._index_and_columns()
+        return index | columns
+
+    def to_pandas(self) -> DataFrame:
+        """All columns as a data frame.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed; the extra ``tables`` brings it.
+        """
+        pandas = require("to_pandas", "pandas")
+        index, columns = self._index_and_columns()
+        return pandas.DataFrame(index | columns).set_index([*index])
+
+    def to_csv(self, file: str | PathLike[str] | BinaryIO) -> None:
+        """All columns as comma-separated values, below a line of their names.
+
+        Numbers have 17 digits, which give the same numbers again when they are read.
+
+        Parameters
+        ----------
+        file
+            Its path, or a file that is open for binary writing.
+        """
+        if isinstance(file, str | PathLike):
+            with open(file, "wb") as opened:
+                return self.to_csv(opened)
+        columns = self.to_columns()
+        heading = io.StringIO()
+        csv.writer(heading, lineterminator="\n").writerow(columns)
+        file.write(heading.getvalue().encode())
+        np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", delimiter=",")
+        return None
+
+    def to_parquet(self, path: str | PathLike[str]) -> None:
+        """All columns as a Parquet file, which is smaller and faster than text.
+
+        Raises
+        ------
+        ImportError
+            If pandas or pyarrow is not installed; the extra ``tables`` brings both.
+        """
+        for library in ("pandas", "pyarrow"):
+            require("to_parquet", library)
+        self.to_pandas().to_parquet(path, engine="pyarrow")

@@ -1,0 +1,250 @@
+"""The scalars of a run, by mass, rod and link, and what they are called in tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
+from jaxpound._tables import Shown, Table
+from jaxpound.quantities import column, unit
+from jaxpound.results.columns import Columnar
+from jaxpound.results.elements import ByElement, are_known, chosen, place_of, run_numbers
+
+
+@pytree_dataclass
+class MassDemand:
+    """Scalars of a mass."""
+
+    peak_x: Any = quantity("length", "peak displacement of building {}", "peak_x{}")
+    """Largest |x|, displacement relative to the ground."""
+    peak_acceleration: Any = quantity(
+        "acceleration", "peak absolute acceleration of building {}", "peak_acceleration_{}"
+    )
+    """Largest absolute acceleration |x'' + u''|."""
+
+
+@pytree_dataclass
+class RodDemand:
+    """Scalars of a rod."""
+
+    peak_force: Any = quantity("force", "peak base shear of building {}", "peak_f{}")
+    """Largest |f|, the rod's force (of a rod to the ground, the base shear)."""
+
+
+@pytree_dataclass
+class LinkDemand:
+    """Scalars of a link."""
+
+    min_gap: Any = quantity("length", "smallest gap", "min_gap")
+    """Smallest gap ξ, where the slip velocity vanishes or at an end of the run."""
+    min_gap_time: Any = quantity("time", "time of the smallest gap", "min_gap_time")
+    """When the gap is smallest."""
+    slip_distance: Any = quantity("length", "distance slid by the damper", "slip_distance")
+    """Distance slid by the damper, ∫ |w| dt with the slip velocity w."""
+    friction_work: Any = quantity("energy", "energy taken by the damper", "friction_work")
+    """Energy taken by the damper, ∫ q w dt."""
+    residual_offset: Any = quantity("length", "residual offset", "residual_offset")
+    """x_j − x_i at the end of the run: by how much the gap has changed."""
+    soft_min_gap: Any = quantity("length", "soft minimum of the gap", "soft_min_gap", default=None)
+    """−T log of the mean of e^(−ξ/T) over the run, for the temperature T given to ``demand``."""
+
+
+@pytree_dataclass
+class Demand(ByElement, Columnar, Shown):
+    """Scalars of a run, as a designer asks for them. A batch has arrays in their place.
+
+    Dimensionless as in eq. (9) (length g/ω1², time 1/ω1, force m1 g), or SI after ``Scales.to_si``.
+    Scalars of a mass, rod or link are in ``masses[i]``, ``rods[r]`` and ``links[k]``; each has a
+    flat name as well, by which tables (``to_pandas``, ``to_csv``, ``to_parquet``: a row a run) and
+    attributes have it, numbered from 1: ``peak_x1``, ``peak_acceleration_1``, ``peak_f1``, and for
+    a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset`` and
+    ``soft_min_gap`` (for several ``min_gap_time_1`` and so on).
+
+    Examples
+    --------
+    >>> found = jp.demand(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+    >>> table = found.to_pandas()
+    >>> table.index.name, round(float(table["min_gap"][0]), 3)
+    ('run', 0.305)
+    >>> bool(found.peak_x2 == found.masses[1].peak_x)
+    True
+    """
+
+    _elements: ClassVar[dict[str, type]] = {
+        "masses": MassDemand,
+        "rods": RodDemand,
+        "links": LinkDemand,
+    }
+
+    masses: tuple[MassDemand, ...] = part()
+    """Scalars of each mass."""
+    rods: tuple[RodDemand, ...] = part()
+    """Scalars of each rod."""
+    links: tuple[LinkDemand, ...] = part()
+    """Scalars of each link."""
+    pga: Any = quantity("acceleration", "peak ground acceleration")
+    """Peak ground acceleration, largest |u''| at the instants of the run."""
+    pgv: Any = quantity("velocity", "peak ground velocity")
+    """Peak ground velocity, largest |u'| there, from rest by the trapezoidal rule."""
+    si: bool = static(default=False)
+    """Whether the numbers are SI."""
+
+    @classmethod
+    def of_columns(cls, columns: Mapping[str, Any], *, si: bool) -> Demand:
+        """The demand of which ``columns`` are the scalars by flat name; other columns are left out.
+
+        The inverse of ``scalars``.
+        """
+        found: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
+        own: dict[str, Any] = {}
+        several = "min_gap_1" in columns
+        for name, value in columns.items():
+            if (place := place_of(cls, name)) is None:
+                continue
+            if not place.group:
+                own[place.field] = value
+            elif not (several and name in ("min_gap", "min_gap_time")):  # of all links
+                found[place.group].setdefault(place.element, {})[place.field] = value
+        groups = {
+            group: tuple(kind(**found[group][i]) for i in sorted(found[group]))
+            for group, kind in cls._elements.items()
+        }
+        return cls(**groups, **own, si=si)
+
+    @property
+    def min_gap(self) -> Any:
+        """Smallest gap of all links; infinite where there is no link."""
+        return self._closest()[0]
+
+    @property
+    def min_gap_time(self) -> Any:
+        """When it is smallest."""
+        return self._closest()[1]
+
+    def _closest(self) -> tuple[Any, Any]:
+        if not self.links:
+            return jnp.full_like(self.pga, jnp.inf), jnp.full_like(self.pga, jnp.nan)
+        gap, time = self.links[0].min_gap, self.links[0].min_gap_time
+        for link in self.links[1:]:
+            lower = jnp.asarray(link.min_gap) < gap
+            gap = jnp.where(lower, link.min_gap, gap)
+            time = jnp.where(lower, link.min_gap_time, time)
+        return gap, time
+
+    @property
+    def pounds(self) -> Any:
+        """1.0 where a gap closes (min_gap ≤ 0), else 0.0; NaN where the run is invalid."""
+        gap = jnp.asarray(self.min_gap)
+        return jnp.where(jnp.isnan(gap), jnp.nan, (gap <= 0).astype(gap.dtype))
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Shape of the batch; () for a single run."""
+        return np.shape(self.pga)
+
+    def scalars(self) -> dict[str, Any]:
+        """All of them by flat name, with ``pounds``: a row of a table, or the columns of a batch.
+
+        Python's numbers for a single run, arrays for a batch; under ``jit``, ``vmap`` or ``grad``
+        what JAX traces.
+        """
+        closest = {"min_gap": self.min_gap, "min_gap_time": self.min_gap_time}
+        values = closest if self.links else {}
+        for field in _ORDER:
+            values |= {field: getattr(self, field)} if field in _OWN else self.flat(field)
+        known = {name: value for name, value in values.items() if value is not None}
+        known |= {"pounds": self.pounds} if self.links else {}
+        if not are_known(self) or any(map(jnp.ndim, known.values())):
+            return known
+        return {name: float(value) for name, value in known.items()}
+
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        batch = self.batch
+        values = {
+            column(name, kind_of(name), self.si): np.broadcast_to(value, batch).ravel()
+            for name, value in self.scalars().items()
+        }
+        return run_numbers(batch or (1,)), values
+
+    def __getitem__(self, index: Any) -> Demand:
+        """Runs of a batch by number, slice or mask, as of an array."""
+        return chosen(self, index, self.batch)
+
+    def _tables(self) -> list[Table]:
+        return [self._table("Demand", [])]
+
+    def _table(self, title: str, rows: list[tuple[str, str]]) -> Table:
+        """The scalars of a single run, or rows that say more of it; of a batch their range."""
+        batch, about = self.batch, "SI" if self.si else "dimensionless"
+        if batch:
+            about += f", batch of shape {batch}"
+        if not are_known(self):
+            return Table(f"{title} ({about}, traced: not known before the program runs)")
+        scalars = self.scalars()
+        good = np.isfinite(self.pga)
+        if not batch:
+            if not good:
+                return Table(f"{title} ({about}): an invalid run, every result is NaN")
+            numbers = [(name, x, unit_of(name, self.si)) for name, x in scalars.items()]
+            return Table(f"{title} ({about})", (), rows or numbers, digits=8)
+        pounding = int(np.count_nonzero(scalars.pop("pounds") == 1))
+        notes = [f"pounding in {pounding:,} of {good.sum():,} valid runs"]
+        if not good.all():
+            notes.append(f"{(~good).sum():,} invalid, with NaN for every result")
+        ranges = [
+            (name, *_range(np.broadcast_to(x, batch)[good]), unit_of(name, self.si))
+            for name, x in scalars.items()
+            if good.any()
+        ]
+        return Table(
+            f"{title} ({about})", ("", "smallest", "median", "largest", "unit"), ranges, notes
+        )
+
+    __repr__ = Shown.__repr__  # else a dataclass makes its own
+
+
+def _range(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values.min()), float(np.median(values)), float(values.max())
+
+
+_OWN = ("pga", "pgv")
+_ORDER = (  # in which tables have them
+    *("min_gap", "min_gap_time", "peak_x", "peak_force", "peak_acceleration"),
+    *("slip_distance", "friction_work", "residual_offset", "pga", "pgv", "soft_min_gap"),
+)
+
+_OTHERS = {
+    "damper_force": Quantity("force", "slip force of the damper", ""),
+    "required_gap": Quantity("length", "required gap", ""),
+    "initial_gap": Quantity("length", "gap at rest", ""),
+    "spectral_acceleration_1": Quantity("acceleration", "spectral acceleration at period 1", ""),
+    "spectral_acceleration_2": Quantity("acceleration", "spectral acceleration at period 2", ""),
+}
+"""What studies and designs know by name besides."""
+
+
+def known_of(name: str) -> Quantity | None:
+    """What is known of a scalar by its flat name; None of what is a pure number or no scalar."""
+    place = place_of(Demand, name)
+    return _OTHERS.get(name) if place is None else place.known
+
+
+def in_words(name: str) -> str:
+    """Name of a scalar in words; of another column, its own."""
+    known = known_of(name)
+    return name.replace("_", " ") if known is None else known.words
+
+
+def kind_of(name: str) -> str | None:
+    """Kind of a scalar; none of a pure number, and of what is no scalar."""
+    known = known_of(name)
+    return None if known is None else known.kind
+
+
+def unit_of(name: str, si: bool) -> str:
+    """Unit of a scalar; nothing for a column of which it is not known."""
+    return unit(kind_of(name), si)

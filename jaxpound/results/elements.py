@@ -1,0 +1,124 @@
+"""Results by mass, rod and link, and the flat names by which tables and scripts know them.
+
+A result holds tuples, ``masses``, ``rods`` and ``links``. Each quantity of theirs has a flat name
+at its field: ``peak_x{}`` of ``MassDemand`` is ``peak_x1`` of the first mass. What belongs to links
+has the plain name where there is one link, ``min_gap``, and a number, ``min_gap_2``, where there
+are several.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import is_traced
+from jaxpound._fields import Quantity, quantities
+
+T = TypeVar("T")
+
+GROUPS = ("masses", "rods", "links")
+
+
+class Place(NamedTuple):
+    """Where a flat name belongs: group ("" for the result itself), element from 0, and field."""
+
+    group: str
+    element: int
+    field: str
+    known: Quantity
+
+
+class ByElement:
+    """A result with ``masses``, ``rods`` and ``links``, whose quantities have flat names too."""
+
+    _elements: ClassVar[dict[str, type]]
+    """Class of the elements of each group."""
+
+    def flat(self, field: str) -> dict[str, Any]:
+        """A quantity of all elements that have it, by flat name."""
+        group, known = _fields_of_elements(type(self))[field]
+        items = getattr(self, group)
+        return {
+            _flat_name(known, i, len(items)): getattr(item, field) for i, item in enumerate(items)
+        }
+
+    def flat_names(self) -> list[str]:
+        """The flat names of all quantities of masses, rods and links."""
+        return [name for field in _fields_of_elements(type(self)) for name in self.flat(field)]
+
+    def __getattr__(self, name: str) -> Any:
+        place = None if name in GROUPS or name[:2] == "__" else place_of(type(self), name)
+        if place is None or not place.group:
+            message = f"{type(self).__name__!r} object has no attribute {name!r}"
+            raise AttributeError(message, name=name, obj=self)
+        group, i, field, known = place
+        items = getattr(self, group)
+        if i < len(items) and _flat_name(known, i, len(items)) == name:
+            return getattr(items[i], field)
+        rule = f"{group}[i].{field} has it of each of its {len(items)} {group}"
+        raise AttributeError(f"{type(self).__name__} has no {name!r}: {rule}", name=name, obj=self)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.flat_names()})
+
+
+def place_of(cls: type[ByElement], name: str) -> Place | None:
+    """Where a flat name belongs in a class of results; None if it is no such name."""
+    if name in (own := quantities(cls)):
+        return Place("", 0, name, own[name])
+    for field, (group, known) in _fields_of_elements(cls).items():
+        if found := re.fullmatch(_pattern(known), name):
+            number = found[1] or "1"
+            known = known._replace(words=known.words.format(number))
+            return Place(group, int(number) - 1, field, known)
+    return None
+
+
+def _fields_of_elements(cls: type[ByElement]) -> dict[str, tuple[str, Quantity]]:
+    """Group and what is known of each quantity that elements have in flat form, by field."""
+    return {
+        field: (group, known)
+        for group, kind in cls._elements.items()
+        for field, known in quantities(kind).items()
+        if known.column
+    }
+
+
+def _flat_name(known: Quantity, i: int, n: int) -> str:
+    if "{}" in known.column:
+        return known.column.format(i + 1)
+    return known.column if n == 1 else f"{known.column}_{i + 1}"
+
+
+def _pattern(known: Quantity) -> str:
+    if "{}" in known.column:
+        return known.column.replace("{}", "([1-9][0-9]*)")
+    return f"{known.column}(?:_([1-9][0-9]*))?"
+
+
+def are_known(results: Any) -> bool:
+    """Whether all values are numbers: not traced, and not what JAX puts in their place."""
+    leaves = jax.tree.leaves(results)
+    numbers = (float, int, np.generic, np.ndarray, jax.Array)
+    return bool(leaves) and not is_traced(leaves) and all(isinstance(x, numbers) for x in leaves)
+
+
+def run_numbers(batch: tuple[int, ...], each: int = 1) -> dict[str, np.ndarray]:
+    """The number of every run along each axis of a batch, ``each`` rows a run."""
+    names = ["run"] if len(batch) == 1 else [f"run_{axis}" for axis in range(len(batch))]
+    numbers = np.indices(batch)
+    return {name: np.repeat(x.ravel(), each) for name, x in zip(names, numbers, strict=True)}
+
+
+def chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:
+    """Results at the index of their batch; an index outside raises (JAX would clamp it)."""
+    if not batch:
+        raise TypeError(f"{type(results).__name__}: only a batch has an index, this is one run")
+    index = np.asarray(index) if isinstance(index, list) else index
+    np.empty(batch, bool)[index]
+    # What the runs of a batch share has no batch axes.
+    return jax.tree.map(lambda x: x[index] if jnp.ndim(x) >= len(batch) else x, results)

@@ -1,0 +1,338 @@
+"""The time series of a run, by mass, rod and link, and what follows from them."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxpound import _root
+from jaxpound._fields import part, pytree_dataclass, quantity, static
+from jaxpound._tables import Shown, Table
+from jaxpound.model.system import GROUND, Ends
+from jaxpound.quantities import column, unit
+from jaxpound.results.columns import Columnar
+from jaxpound.results.demand import Demand
+from jaxpound.results.elements import ByElement, are_known, chosen, run_numbers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Phase(NamedTuple):
+    """An interval of 'stick', 'slip right' (x1' > x2') or 'slip left', and its ends."""
+
+    kind: str
+    """'stick', 'slip right' or 'slip left'."""
+    start: float
+    """When it begins."""
+    end: float
+    """When it ends."""
+
+
+class Energy(NamedTuple):
+    """Terms of the energy balance over time (relative motion), each by its own quadrature.
+
+    The terms are cumulative trapezoidal integrals of the powers at the grid's instants (of the
+    ground's, of the momentum over its velocity u'), not the scheme's telescoping sums, so that
+    ``residual`` = rods + friction + kinetic − input can fail: it measures how well motion, forces
+    and quadrature agree (not the rods' law). Shape (n_steps+1,) each; unit (m1 g)(g/ω1²), or J in
+    SI.
+    """
+
+    input: Any
+    """Work of the ground, −∫ u'' Σ m x' dt."""
+    kinetic: Any
+    """Kinetic energy Σ ½ m x'²."""
+    rods: Any
+    """Work into the rods, Σ ∫ f e' dt with the elongations e."""
+    friction: Any
+    """Work into the links' dampers, Σ ∫ q w dt with the slip velocities w."""
+    residual: Any
+    """rods + friction + kinetic − input."""
+
+
+@pytree_dataclass
+class MassResponse:
+    """Series of a mass, each of shape (n_steps+1,)."""
+
+    x: Any = quantity("length", column="x{}")
+    """Displacement relative to the ground."""
+    v: Any = quantity("velocity", column="v{}")
+    """Velocity x'."""
+    mass: Any = quantity("mass", column="mass_{}")
+    """The mass itself, a number, in units of m1 (in SI, kg)."""
+
+
+@pytree_dataclass
+class RodResponse:
+    """Series of a rod, each of shape (n_steps+1,)."""
+
+    force: Any = quantity("force", column="f{}")
+    """Force f of the rod: positive where it is stretched and pulls mass i back."""
+    ends: Ends = static()
+    """Masses i and j, or ``GROUND``; the rod is stretched by x_i − x_j."""
+
+
+@pytree_dataclass
+class LinkResponse:
+    """Series of a link, each of shape (n_steps+1,)."""
+
+    gap: Any = quantity("length", column="gap")
+    """ξ = ξ0 − (x_i − x_j); pounding is ξ ≤ 0."""
+    friction: Any = quantity("force", column="friction")
+    """Force q of the damper: positive when it pulls mass i back (x_i' > x_j' in slip)."""
+    slip_velocity: Any = quantity("velocity", column="slip_velocity")
+    """w = x_i' − x_j'."""
+    phase: Any = quantity(None, column="phase")
+    """Direction of slip half a step after each instant: 1, −1, or 0 in stick."""
+    change_time: Any = quantity("time", column="change_time")
+    """Where ``phase`` differs from the entry before: when it changed."""
+    ends: Ends = static()
+    """Masses i and j, or ``GROUND``."""
+
+    def phases(self, time: Any) -> list[Phase]:
+        """Intervals of stick and slip in order, of a single valid run with these instants."""
+        time, phase = np.asarray(time), np.asarray(self.phase)
+        changes = np.flatnonzero(np.diff(phase)) + 1
+        instants = np.clip(np.asarray(self.change_time)[changes], time[0], time[-1])
+        kinds = {0: "stick", 1: "slip right", -1: "slip left"}
+        bounds = [float(time[0]), *instants.tolist(), float(time[-1])]
+        directions = [int(phase[0]), *phase[changes].tolist()]
+        return [
+            Phase(kinds[direction], start, end)
+            for direction, start, end in zip(directions, bounds[:-1], bounds[1:], strict=True)
+        ]
+
+
+@pytree_dataclass
+class Response(ByElement, Columnar, Shown):
+    """Time series of a run, each of shape (n_steps+1,), and what follows from them.
+
+    Dimensionless as in eq. (9): time 1/ω1, length g/ω1², force m1 g, acceleration g;
+    ``Scales.to_si`` gives the same object in s, m, N and m/s². A batch has a leading axis.
+
+    Series of a mass, rod or link are in ``masses[i]``, ``rods[r]`` and ``links[k]``; each has a
+    flat name as well, numbered from 1: ``x1``, ``v1``, ``f1`` and ``mass_1``, and for a single link
+    ``gap``, ``friction``, ``slip_velocity``, ``phase`` and ``change_time`` (for several ``gap_1``
+    and so on). As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row an instant, and
+    of a batch a row for every instant of every run, by the run's number.
+
+    Examples
+    --------
+    >>> scales = jp.Scales(mass=500e3, frequency=7.0)
+    >>> response = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+    >>> table = scales.to_si(response).to_pandas()
+    >>> table.index.name, *table.columns[:4]
+    ('time_s', 'ground_acceleration_m_per_s2', 'x1_m', 'x2_m', 'v1_m_per_s')
+    >>> bool((response.x2 == response.masses[1].x).all())
+    True
+    """
+
+    _elements: ClassVar[dict[str, type]] = {
+        "masses": MassResponse,
+        "rods": RodResponse,
+        "links": LinkResponse,
+    }
+
+    time: Any = quantity("time")
+    """Instants t of the grid."""
+    ground_acceleration: Any = quantity("acceleration")
+    """Ground acceleration u''."""
+    ground_velocity: Any = quantity("velocity")
+    """Ground velocity u'."""
+    masses: tuple[MassResponse, ...] = part()
+    """Series of each mass."""
+    rods: tuple[RodResponse, ...] = part()
+    """Series of each rod."""
+    links: tuple[LinkResponse, ...] = part()
+    """Series of each link."""
+    demand: Demand = part()
+    """The scalars of the run."""
+    method: str = static(default="")
+    """The scheme in words."""
+    si: bool = static(default=False)
+    """Whether the numbers are SI."""
+
+    @property
+    def min_gap(self) -> Any:
+        """Smallest gap of the run (not only of its grid)."""
+        return self.demand.min_gap
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Shape of the batch; () for a single run."""
+        return self.demand.batch
+
+    @property
+    def absolute_accelerations(self) -> tuple[Any, ...]:
+        """x'' + u'' of each mass, in g (m/s² in SI): the forces on it over its mass."""
+        found = []
+        for i, mass in enumerate(self.masses):
+            force: Any = 0.0
+            for ends, pull in (
+                *((rod.ends, rod.force) for rod in self.rods),
+                *((link.ends, link.friction) for link in self.links),
+            ):
+                if i in ends:
+                    force = force - pull if i == ends[0] else force + pull
+            found.append(force / jnp.asarray(mass.mass)[..., None])
+        return tuple(found)
+
+    @property
+    def energy(self) -> Energy:
+        """Energy balance over time."""
+        masses = [jnp.asarray(m.mass)[..., None] for m in self.masses]
+        momentum = _total(m * one.v for m, one in zip(masses, self.masses, strict=True))
+        kinetic = _total(m * one.v**2 for m, one in zip(masses, self.masses, strict=True)) / 2
+        rods = self._integral(_total(rod.force * self._relative_velocity(rod.ends) for rod in self.rods))
+        powers = [link.friction * link.slip_velocity for link in self.links]
+        friction = self._integral(_total(powers)) if powers else 0 * rods
+        # Over a step by the change of u', which has what u'' does between the instants.
+        between = (momentum[..., 1:] + momentum[..., :-1]) / 2
+        supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * between)
+        return Energy(supplied, kinetic, rods, friction, rods + friction + kinetic - supplied)
+
+    def _relative_velocity(self, ends: Ends) -> Any:
+        v, w = (0.0 if end == GROUND else self.masses[end].v for end in ends)
+        return v - w
+
+    def phases(self, link: int = 0) -> list[Phase]:
+        """Intervals of stick and slip of a link in order, with the instants found within the steps.
+
+        Raises
+        ------
+        ValueError
+            For a batch (take one response of it first), for an invalid run, and for a link that
+            does not exist.
+        """
+        require_single("phases", self)
+        if not 0 <= link < len(self.links):
+            rule = f"the number of one of the {len(self.links)} links, from 0"
+            raise ValueError(f"phases: link = {link!r} must be {rule}")
+        if not np.isfinite(self.links[link].phase).all():
+            raise ValueError("phases: the run is invalid (its results are NaN)")
+        return self.links[link].phases(self.time)
+
+    def __getitem__(self, index: Any) -> Response:
+        """Runs of a batch by number, slice or mask, as of an array: ``batch[3]`` is one run."""
+        return chosen(self, index, self.batch)
+
+    def _integral(self, power: Any) -> Float[Array, "... time"]:
+        return _summed(jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2)
+
+    def plot(self) -> Figure:
+        """Ground motion, displacements, friction force and gap over time (``plots.overview``).
+
+        Of a batch all runs, line upon line.
+
+        Raises
+        ------
+        ValueError
+            If a run is invalid.
+        """
+        return _root.overview(self)
+
+    def _series(self) -> dict[str, tuple[str | None, Any]]:
+        """Kind and values of every series by flat name, in the order of tables."""
+        own = {
+            f"absolute_acceleration_{i + 1}": ("acceleration", a)
+            for i, a in enumerate(self.absolute_accelerations)
+        }
+        found: dict[str, tuple[str | None, Any]] = {
+            "time": ("time", self.time),
+            "ground_acceleration": ("acceleration", self.ground_acceleration),
+        }
+        for field, kind in (("x", "length"), ("v", "velocity")):
+            found |= {name: (kind, y) for name, y in self.flat(field).items()}
+        found |= own
+        for field, kind in (("force", "force"), ("friction", "force"), ("gap", "length")):
+            found |= {name: (kind, y) for name, y in self.flat(field).items()}
+        found["ground_velocity"] = ("velocity", self.ground_velocity)
+        for name, phase in self.flat("phase").items():  # no −0 in a file
+            found[name.replace("phase", "slip_direction")] = (None, phase + 0.0)
+        return found
+
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        batch, n = self.batch, jnp.shape(self.time)[-1]
+        series = {
+            column(name, kind, self.si): np.broadcast_to(values, (*batch, n)).ravel()
+            for name, (kind, values) in self._series().items()
+        }
+        runs = run_numbers(batch, n) if batch else {}
+        time = column("time", "time", self.si)
+        return runs | {time: series.pop(time)}, series
+
+    def _tables(self) -> list[Table]:
+        known = are_known(self) and not self.batch and jnp.isfinite(self.demand.pga)
+        title = f"Response of {self.method}" if self.method else "Response"
+        return [self.demand._table(title, self._rows() if known else [])]
+
+    def _rows(self) -> list[tuple[str, str]]:
+        """What a single run is known by."""
+        length, second, acceleration, force, energy = (
+            unit(quantity, self.si)
+            for quantity in ("length", "time", "acceleration", "force", "energy")
+        )
+        d, time = self.demand, np.asarray(self.time)
+        peaks = {field: list(d.flat(field).values()) for field in ("peak_x", "peak_force")}
+        accelerations = list(d.flat("peak_acceleration").values())
+        closest = f"{d.min_gap:.6g} {length} at {d.min_gap_time:.6g} {second}"
+        rows = [
+            (
+                "time",
+                f"{time.size - 1} steps of {time[1] - time[0]:.6g} {second}, "
+                f"until {time[-1]:.6g} {second}",
+            ),
+            ("min gap", closest + ("   POUNDS" if d.pounds else "")),
+            ("displacement", f"{_largest('x', peaks['peak_x'])} {length}"),
+            (
+                "acceleration",
+                f"{_largest('a', accelerations)} {acceleration}; "
+                f"of the ground {d.pga:.4g} {acceleration}",
+            ),
+            ("rod force", f"{_largest('f', peaks['peak_force'])} {force}"),
+        ]
+        for k, link in enumerate(d.links):
+            rows.append(
+                (
+                    "damper" if len(d.links) == 1 else f"damper {k + 1}",
+                    f"{len(self.phases(k))} phases, slid {link.slip_distance:.4g} {length}, "
+                    f"took {link.friction_work:.4g} {energy}, "
+                    f"offset left {link.residual_offset:.4g} {length}",
+                )
+            )
+        return rows if d.links else [row for row in rows if row[0] != "min gap"]
+
+    __repr__ = Shown.__repr__  # else a dataclass makes its own
+
+
+def _total(terms: Iterable[Any]) -> Any:
+    """Sum of one term or more, without a zero to begin with."""
+    return functools.reduce(operator.add, terms)
+
+
+def _largest(letter: str, peaks: list[Any]) -> str:
+    """Peaks of a few elements one by one, of more the largest."""
+    if len(peaks) <= 4:
+        return ", ".join(f"|{letter}{i}| ≤ {peak:.4g}" for i, peak in enumerate(peaks, 1))
+    i = int(np.argmax(peaks))
+    return f"|{letter}| ≤ {peaks[i]:.4g} (|{letter}{i + 1}|)"
+
+
+def _summed(steps: jax.Array) -> Float[Array, "... time"]:
+    """Sums until each instant of what belongs to the steps between them."""
+    return jnp.concatenate([0 * steps[..., :1], jnp.cumsum(steps, axis=-1)], -1)
+
+
+def require_single(name: str, response: Response) -> None:
+    """A ``ValueError`` in the name where a batch is given."""
+    if jnp.ndim(response.time) != 1:
+        shape = jnp.shape(response.time)
+        raise ValueError(f"{name}: a batch of shape {shape} must be indexed to one response")

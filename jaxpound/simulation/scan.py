@@ -1,0 +1,121 @@
+"""The loop over time: one ``lax.scan`` over blocks of steps, and the rods' memories between them.
+
+block of steps m0 … m0 + 3                          next block
+┌──────────────────────────────────────────────┐
+│ ahead: what all c before the last block      │    history.ahead
+│        add to S of these four steps          │
+│ step m0     S = ahead + near · recent c      │    advance → c of m0
+│ step m0+1   S = ahead + near · recent c      │    advance → c of m0+1
+│ …                                            │
+│ absorb: the last block's c enter the memory  │    history.absorb
+└──────────────────────────────────────────────┘
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxpound.simulation.history import BLOCK, NEAR, History
+
+Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
+
+
+class _Layout(NamedTuple):
+    """How steps are laid out: ``segments`` scans of ``segment`` blocks, the first steps idle."""
+
+    segments: int
+    segment: int
+    idle: int
+
+
+def _layout(n_steps: int, segmented: bool) -> _Layout:
+    """Whole blocks for steps 0 … n_steps; about as many segments as blocks in each."""
+    blocks = -(-(n_steps + 1) // BLOCK)
+    segment = blocks
+    if segmented:
+        root = math.isqrt(blocks - 1) + 1
+        segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
+    segments = -(-blocks // segment)
+    return _Layout(segments, segment, segments * segment * BLOCK - (n_steps + 1))
+
+
+def scan_with_history(
+    advance: Advance,
+    carry: Any,
+    n_steps: int,
+    orders: Sequence[jax.Array],
+    history: History,
+    inputs: Any = None,
+    segmented: bool = False,
+    checkpoint: bool = False,
+) -> tuple[Any, Any]:
+    """``lax.scan`` of advance(carry, sums, m, entry) → (carry, c, out) over m = 0 … n_steps.
+
+    ``sums`` are S_m of each order, ``c`` the values c_m to be remembered; ``entry`` is what
+    ``inputs``, a pytree of arrays with a leading axis of n_steps+1, has at m. To fill whole blocks
+    some steps m < 0 come first, with entries of zero: ``advance`` must leave a system at rest there
+    at rest, with c = 0. ``segmented`` splits the scan into about √n_steps segments, whose small
+    outputs XLA fills faster on a CPU; with ``checkpoint`` reverse mode keeps the first state of
+    each only.
+    """
+    layout = _layout(n_steps, segmented or checkpoint)
+    advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
+    kernels = [history.kernel(order, n_steps) for order in orders]
+    near = [
+        lax.split(history.near(kernel, order), (1,) * NEAR)
+        for kernel, order in zip(kernels, orders, strict=True)
+    ]
+
+    def block(state: Any, entries: Any) -> tuple[Any, Any]:
+        start, carry, memories, recent = state
+        ahead = [
+            lax.split(history.ahead(kernel, memory, start), (1,) * BLOCK)
+            for kernel, memory in zip(kernels, memories, strict=True)
+        ]
+        past = recent  # c_{m0−BLOCK} and on
+        out = []
+        for i in range(BLOCK):
+            sums = [
+                far[i].squeeze()
+                + sum(w.squeeze() * c[-j] for j, w in enumerate(weight[: len(c)], 1))
+                for far, weight, c in zip(ahead, near, past, strict=True)
+            ]
+            entry = jax.tree.map(lambda x, i=i: x[i], entries)
+            carry, new, seen = advance(carry, sums, start + i, entry)
+            past = [[*c, now] for c, now in zip(past, new, strict=True)]
+            out.append(seen)
+        memories = [
+            history.absorb(kernel, memory, start, jnp.stack(c[:BLOCK]))
+            for kernel, memory, c in zip(kernels, memories, past, strict=True)
+        ]
+        return (start + BLOCK, carry, memories, [c[BLOCK:] for c in past]), out
+
+    def run(state: Any, entries: Any) -> tuple[Any, Any]:
+        return lax.scan(block, state, entries, length=layout.segment)
+
+    # Zeros made of the carry, so that they vary over the axes of a mesh (shard_map) as it does.
+    rest = 0 * jax.tree.leaves(carry)[0]
+    memories = [jax.tree.map(lambda y: y + rest, history.empty(kernel)) for kernel in kernels]
+    recent = [[rest] * BLOCK for _ in kernels]
+    state = jnp.asarray(-layout.idle), carry, memories, recent
+    if checkpoint:
+        run = jax.checkpoint(run, prevent_cse=False)
+    inputs = jax.tree.map(lambda x: _in_blocks(x, layout), inputs)
+    if layout.segments > 1:
+        state, out = lax.scan(run, state, inputs, length=layout.segments)
+    else:
+        state, out = run(state, jax.tree.map(lambda x: x[0], inputs))
+    series = jax.tree.map(lambda *x: jnp.stack(x, -1).reshape(-1)[layout.idle :], *out)
+    return state[1], series
+
+
+def _in_blocks(x: jax.Array, layout: _Layout) -> jax.Array:
+    """A series with idle zeros before it, shape (segments, segment, BLOCK, ...)."""
+    padded = jnp.pad(x, [(layout.idle, 0), *[(0, 0)] * (x.ndim - 1)])
+    return padded.reshape(layout.segments, layout.segment, BLOCK, *x.shape[1:])
