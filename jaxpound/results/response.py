@@ -172,7 +172,7 @@ class Response(ByElement, Columnar, Shown):
 
     @property
     def absolute_accelerations(self) -> tuple[Any, ...]:
-        """x'' + u'' of each mass, in g (m/s² in SI): the forces on it over its mass."""
+        """Absolute acceleration x'' + u'' of each mass, in g (m/s² in SI): force over mass."""
         found = []
         for i, mass in enumerate(self.masses):
             force: Any = 0.0
@@ -191,7 +191,9 @@ class Response(ByElement, Columnar, Shown):
         masses = [jnp.asarray(m.mass)[..., None] for m in self.masses]
         momentum = _total(m * one.v for m, one in zip(masses, self.masses, strict=True))
         kinetic = _total(m * one.v**2 for m, one in zip(masses, self.masses, strict=True)) / 2
-        rods = self._integral(_total(rod.force * self._relative_velocity(rod.ends) for rod in self.rods))
+        rods = self._integral(
+            _total(rod.force * self._relative_velocity(rod.ends) for rod in self.rods)
+        )
         powers = [link.friction * link.slip_velocity for link in self.links]
         friction = self._integral(_total(powers)) if powers else 0 * rods
         # Over a step by the change of u', which has what u'' does between the instants.
@@ -323,7 +325,7 @@ def _largest(letter: str, peaks: list[Any]) -> str:
     if len(peaks) <= 4:
         return ", ".join(f"|{letter}{i}| ≤ {peak:.4g}" for i, peak in enumerate(peaks, 1))
     i = int(np.argmax(peaks))
-    return f"|{letter}| ≤ {peaks[i]:.4g} (|{letter}{i + 1}|)"
+    return f"|{letter}{i + 1}| ≤ {peaks[i]:.4g} is the largest,"
 
 
 def _summed(steps: jax.Array) -> Float[Array, "... time"]:

@@ -216,11 +216,8 @@ class Tally(NamedTuple):
             sign = -1.0 if mass == ends[0] else 1.0
             motion = seen.motion
             late = jnp.where(turned, motion.turn_time / dt, 0.0)
-            forces = [
-                force + (force - before.last) * late
-                for force, before in zip(now.forces, self.forces, strict=True)
-            ]
-            at_turn = load_on(topology, mass, forces)
+            before = load_on(topology, mass, [force.last for force in self.forces])
+            at_turn = load + (load - before) * late
             return peak.observe((load + sign * motion.force) * inverse, link.calm >= 3).reaching(
                 *(
                     (at_turn + sign * jnp.where(turned, q, motion.force)) * inverse

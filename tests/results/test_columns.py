@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.study.test_run import LINEAR, study
 
 import jaxpound as jp
+from tests.study.test_run import LINEAR, study
 
 GRID = jp.TimeGrid(0.05, 40)
 SCALES = jp.Scales(mass=500e3, frequency=7.0)

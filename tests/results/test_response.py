@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.made import changed, pair_response
-from tests.test_tables import assert_shown
 
 import jaxpound as jp
+from tests.made import changed, pair_response
+from tests.test_tables import assert_shown
 
 N = 200
 
