@@ -1,0 +1,128 @@
+"""What a system may be made of, and what is said of what it may not."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.model.system import Structures, rod_groups
+
+ROD = jp.ZenerRod(0.5, 0.01, 0.05)
+
+
+def rods(*ends):
+    return tuple(jp.Rod(ROD, 1.0, each) for each in ends)
+
+
+def links(*ends):
+    return tuple(jp.Link(each, 0.1, 1.0) for each in ends)
+
+
+GROUNDED = rods(*((i, jp.GROUND) for i in range(4)))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: jp.System((), ()), r"System: masses = \(\) must hold at least one mass"),
+        (lambda: jp.System(1.0, GROUNDED), r"System: masses = 1.0 must be a tuple"),
+        (
+            lambda: jp.System((1.0, -2.0), GROUNDED[:2]),
+            r"System: masses.1 = -2 must be positive and finite",
+        ),
+        (
+            lambda: jp.System((1.0,), (ROD,)),
+            r"System: rods.0 = ZenerRod.* must be of type Rod",
+        ),
+        (
+            lambda: jp.System((1.0,), GROUNDED[:1], (ROD,)),
+            r"System: links.0 = ZenerRod.* must be of type Link",
+        ),
+        (
+            lambda: jp.System((1.0, 1.0), GROUNDED[:3]),
+            r"System: rods.2.ends = \(2, -1\) must name masses from 0 to 1, or GROUND",
+        ),
+        (
+            lambda: jp.System((1.0, 1.0), GROUNDED[:2], links((0, 2))),
+            r"System: links.0.ends = \(0, 2\) must name masses from 0 to 1",
+        ),
+        (
+            lambda: jp.System((1.0,) * 4, rods((0, -1), (1, 0), (2, 3)), links((1, 2))),
+            r"System: masses.2 must be tied to the ground by rods, directly or through",
+        ),
+        (
+            lambda: jp.System((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2), (2, 0))),
+            r"System: links.2.ends = \(2, 0\) must not close a ring with the links before it",
+        ),
+        (
+            lambda: jp.System((1.0,) * 2, GROUNDED[:2], links((0, 1), (1, 0))),
+            r"System: links.1.ends = \(1, 0\) must not close a ring",
+        ),
+        (
+            lambda: jp.System((1.0,) * 2, GROUNDED[:2], links((0, -1), (1, -1), (0, 1))),
+            r"System: links.2.ends = \(0, 1\) must not close a ring",
+        ),
+        (
+            lambda: jp.System((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2))),
+            r"System: links.1.ends = \(1, 2\) shares mass 1 with links.0: several links",
+        ),
+        (lambda: jp.Link((1, 1)), r"Link: ends = \(1, 1\) must be two different masses by number"),
+        (lambda: jp.Link((0, -2)), r"Link: ends = \(0, -2\) must be two different masses"),
+        (lambda: jp.Link((0, 1.0)), r"Link: ends = \(0, 1.0\) must be two different masses"),
+        (lambda: jp.Link((0, True)), r"Link: ends = \(0, True\) must be two different masses"),
+        (lambda: jp.Link(3), r"Link: ends = 3 must be two different masses"),
+        (lambda: jp.Link((0, 1), -0.1), r"Link: friction = -0.1 must be finite and not negative"),
+        (lambda: jp.Link((0, 1), 0.1, -1.0), r"Link: gap = -1 must be not negative"),
+        (lambda: jp.Rod(ROD, 0.0, (0, -1)), r"Rod: stiffness = 0 must be positive and finite"),
+        (lambda: jp.Rod(1.0, 1.0, (0, -1)), r"Rod: material = 1.0 must be of type ZenerRod"),
+        (lambda: jp.Rod(ROD, 1.0, (-1, -1)), r"Rod: ends = \(-1, -1\) must be two different"),
+    ],
+)
+def test_what_no_system_can_be_made_of(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_forest_of_links_and_bearings_is_a_system():
+    system = jp.System((1.0,) * 4, GROUNDED, links((0, 1), (2, jp.GROUND), (jp.GROUND, 3)))
+    assert system.topology.links == ((0, 1), (2, -1), (-1, 3))
+    assert system.system() is system
+    assert isinstance(system, Structures)
+
+
+def test_masses_that_rods_join_are_a_building():
+    towers = rods((0, -1), (1, 0), (2, -1), (3, 2))
+    assert rod_groups(jp.System((1.0,) * 4, towers).topology) == [(0, 1), (2, 3)]
+    bridge = (*towers, *rods((3, 1)))
+    assert rod_groups(jp.System((1.0,) * 4, bridge).topology) == [(0, 1, 2, 3)]
+
+
+def test_numbers_of_any_kind_are_taken_and_kept_as_leaves():
+    ends = tuple(np.array([1, 0]))
+    whole = (jp.Rod(ROD, 2, (0, -1)), jp.Rod(ROD, np.float32(3), ends))
+    system = jp.System([1, np.float32(2)], whole)
+    assert system.rods[1].ends == (1, 0)
+    assert all(type(end) is int for end in system.rods[1].ends)
+    assert len(jax.tree.leaves(system)) == 2 + 2 * 4
+    doubled = jax.tree.map(lambda x: 2 * x, system)
+    assert (doubled.masses, doubled.rods[0].ends) == ((2.0, 4.0), (0, -1))
+
+
+def test_a_run_refuses_what_is_no_structure():
+    grid = jp.TimeGrid(0.1, 10)
+    for wrong in (ROD, 3.0, jp.System, None):
+        with pytest.raises(
+            ValueError, match=r"structures = .* must be AdjacentStructures, a System"
+        ):
+            jp.demand(wrong, jp.paper.ground(), grid)
+        with pytest.raises(ValueError, match=r"stability_limit: structures = .* must be Adj"):
+            jp.stability_limit(wrong)
+    system = jp.System((1.0, np.ones(3)), GROUNDED[:2])
+    with pytest.raises(ValueError, match=r"structures: masses.1 of shape \(3,\) must be one num"):
+        jp.demand(system, jp.paper.ground(), grid)
+    broken = dataclasses.replace(jp.System((1.0,), GROUNDED[:1]))
+    object.__setattr__(broken, "masses", (float("nan"),))
+    with pytest.raises(ValueError, match=r"structures: masses\.0 = nan must be positive"):
+        jp.demand(broken, jp.paper.ground(), grid)
