@@ -33,8 +33,8 @@ from jaxpound.ground.headers import (
     time_unit,
     to_float,
 )
-from jaxpound.ground.motion import Record
 from jaxpound.ground.plausibility import PlausibilityWarning
+from jaxpound.ground.record import Record
 from jaxpound.quantities import RANGES, STANDARD_GRAVITY
 
 _MOST_BYTES = 32_000_000  # a million steps, the longest run, in two columns

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxpound.ground.motion import Record
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
+from jaxpound.ground.record import Record
 
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSOME EARTHQUAKE 1/2/03, STATION #9, 180\n"
 KIND = "ACCELERATION TIME HISTORY IN UNITS OF G\n"
