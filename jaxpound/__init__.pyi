@@ -28,10 +28,10 @@ from jaxpound.ground.intensity import arias_intensity as arias_intensity
 from jaxpound.ground.intensity import pga as pga
 from jaxpound.ground.intensity import pgv as pgv
 from jaxpound.ground.intensity import spectral_acceleration as spectral_acceleration
-from jaxpound.ground.motion import Record as Record
-from jaxpound.ground.motion import Ricker as Ricker
 from jaxpound.ground.plausibility import PlausibilityWarning as PlausibilityWarning
 from jaxpound.ground.reader import read_record as read_record
+from jaxpound.ground.record import Record as Record
+from jaxpound.ground.ricker import Ricker as Ricker
 from jaxpound.model.building import Building as Building
 from jaxpound.model.rod import ZenerRod as ZenerRod
 from jaxpound.model.structures import AdjacentStructures as AdjacentStructures

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ricker
+from jaxpound.ground.ricker import Ricker
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
 

@@ -17,7 +17,8 @@ from jaxpound._checks import (
 )
 from jaxpound._fields import converted, pytree_dataclass
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Record
+from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
+from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures

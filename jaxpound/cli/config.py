@@ -16,8 +16,8 @@ from jaxpound._checks import did_you_mean
 from jaxpound.cli.examples import example
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
-from jaxpound.ground.motion import Record
 from jaxpound.ground.reader import require_possible
+from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures

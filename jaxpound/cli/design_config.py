@@ -39,8 +39,8 @@ from jaxpound.design.objective import (
 )
 from jaxpound.design.space import Bounds, DesignSpace
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Record
 from jaxpound.ground.reader import read_record
+from jaxpound.ground.record import Record
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import RANGES, Range
 from jaxpound.results.demand import kind_of

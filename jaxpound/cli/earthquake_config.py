@@ -20,8 +20,8 @@ from jaxpound.cli.config import (
 )
 from jaxpound.cli.examples import example
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Record
 from jaxpound.ground.reader import read_record
+from jaxpound.ground.record import Record
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import RANGES, Range, with_unit
 from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step

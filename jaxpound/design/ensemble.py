@@ -17,12 +17,12 @@ from jaxpound.ground.motion import (
     DIMENSIONLESS,
     Ground,
     GroundLike,
-    Record,
-    Ricker,
     require_dimensionless,
     require_ground,
     sampled,
 )
+from jaxpound.ground.record import Record
+from jaxpound.ground.ricker import Ricker
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
 from jaxpound.study.scenarios import PARAMETERS, ScenarioSet
 

@@ -1,5 +1,11 @@
 """What shakes: ground motions, the files they are read from, and measures of their intensity.
 
-``motion`` has wavelets, records, their sums and scalings; ``reader`` reads accelerograms with the
-help of ``headers``; ``intensity`` measures; ``plausibility`` says what is implausible of a motion.
+``motion`` says what is asked of a ground motion, and has sums and scalings; ``ricker`` has
+wavelets, ``record`` accelerograms, which ``reader`` reads from files of the layouts in
+``formats``; ``intensity`` measures; ``plausibility`` says what is implausible of a motion.
 """
+
+from jaxpound.ground.motion import Ground as Ground
+from jaxpound.ground.motion import GroundMotion as GroundMotion
+from jaxpound.ground.motion import Scaled as Scaled
+from jaxpound.ground.motion import Sum as Sum

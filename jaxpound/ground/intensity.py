@@ -13,7 +13,8 @@ from jaxtyping import Array, Float
 from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, number
 from jaxpound._extrema import larger, peak
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike, Record, sampled
+from jaxpound.ground.motion import GroundLike, sampled
+from jaxpound.ground.record import Record
 
 
 def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:

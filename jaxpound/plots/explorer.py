@@ -13,7 +13,9 @@ import numpy as np
 from jaxpound._checks import instance
 from jaxpound._extras import require
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Record, Ricker, require_dimensionless
+from jaxpound.ground.motion import require_dimensionless
+from jaxpound.ground.record import Record
+from jaxpound.ground.ricker import Ricker
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.plots.panels import LivePanels
 from jaxpound.results.response import Response

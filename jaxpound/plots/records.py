@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
 from jaxpound.ground.intensity import spectral_acceleration
-from jaxpound.ground.motion import SECONDS, Record
+from jaxpound.ground.motion import SECONDS
+from jaxpound.ground.record import Record
 from jaxpound.plots.style import (
     COLOURS,
     CYCLE,

@@ -12,8 +12,8 @@ import numpy as np
 
 from jaxpound._checks import instance, is_traced, number
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Record
 from jaxpound.ground.plausibility import excessive, far_apart, tell
+from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY

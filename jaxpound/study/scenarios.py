@@ -20,14 +20,9 @@ from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 
 from jaxpound._checks import Rule, count, enforce, hint, instance, is_traced, number, require_memory
-from jaxpound.ground.motion import (
-    DIMENSIONLESS,
-    GroundLike,
-    Record,
-    Ricker,
-    require_dimensionless,
-    require_ground,
-)
+from jaxpound.ground.motion import DIMENSIONLESS, GroundLike, require_dimensionless, require_ground
+from jaxpound.ground.record import Record
+from jaxpound.ground.ricker import Ricker
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.study.distributions import Distribution, truncated
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling

@@ -1,0 +1,125 @@
+"""A file as lines of text, and words for what is wrong with one of them."""
+
+from __future__ import annotations
+
+import io
+import re
+import stat
+import unicodedata
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?![0-9]))?+"
+"""A pattern of a decimal number, also with Fortran's D for its exponent, of at most four digits."""
+
+
+class MisreadError(ValueError):
+    """What is wrong with a file, or with the line of it that is numbered."""
+
+    def __init__(self, line: int | None, says: str) -> None:
+        super().__init__(says)
+        self.line = line
+
+
+class Line(NamedTuple):
+    """A line that is not blank, and its number from 1 on."""
+
+    number: int
+    text: str
+
+
+def set_of(words: str) -> frozenset[str]:
+    """The words of a text, as a set."""
+    return frozenset(words.split())
+
+
+_SAME_SIGN = str.maketrans({"−": "-", "∕": "/", "⁄": "/", "·": ".", "⋅": ".", "’": "'"})
+
+
+def plain(text: str) -> str:
+    """A line with single blanks between its words and simple signs: ² is 2."""
+    return " ".join(unicodedata.normalize("NFKC", text).translate(_SAME_SIGN).split())
+
+
+def shown(text: str) -> str:
+    """A text as a message has it: its beginning, if it is long."""
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def to_float(number: str) -> float:
+    """The value of a number as printed."""
+    return float(number.upper().replace("D", "E"))
+
+
+_MOST_BYTES = 32_000_000  # a million steps, the longest run, in two columns
+
+
+class TextFile(NamedTuple):
+    """A file that has been read."""
+
+    lines: list[Line]  # without the blank ones
+    ended: bool  # whether the last line has its end
+
+
+def read_file(file: Path) -> TextFile:
+    """The lines of a file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    MisreadError
+        If it is no regular file, too large, binary or empty.
+    """
+    try:
+        status = file.stat()
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{file}: no such file") from None
+    if not stat.S_ISREG(status.st_mode):
+        kind = "directory" if stat.S_ISDIR(status.st_mode) else "device, pipe or socket"
+        raise MisreadError(None, f"must be a file, not a {kind}")
+    with file.open("rb") as opened:
+        data = opened.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        size = max(len(data), status.st_size) / 1e6
+        rule = f"at most {_MOST_BYTES / 1e6:.0f} MB of text, not {size:.4g} MB"
+        raise MisreadError(None, f"must have {rule}")
+    data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a")  # the end-of-file mark of DOS
+    if re.search(rb"[\x00-\x08\x0e-\x1f]", data):
+        raise MisreadError(None, "must be plain text, not a binary or UTF-16 file")
+    try:
+        data.decode("utf-8")
+        encoding = "utf-8"
+    except UnicodeDecodeError:
+        encoding = "latin-1"
+    lines = list(_lines(data, encoding))
+    if not lines:
+        raise MisreadError(None, "is empty: it must hold rows of numbers")
+    return TextFile(lines, data.endswith((b"\n", b"\r")))
+
+
+def _lines(data: bytes, encoding: str) -> Iterator[Line]:
+    """Lines that are not blank. Some PEER files end them in CR CR LF, which counts as one end."""
+    number = 0
+    for chunk in io.BytesIO(data):
+        for line in chunk.rstrip(b"\r\n").split(b"\r"):
+            number += 1
+            if line and trimmed(text := line.decode(encoding)):
+                yield Line(number, text)
+
+
+def trimmed(text: str) -> str:
+    """A line without blanks around it and separators at its end."""
+    return text.strip().rstrip(",; \t")
+
+
+def is_comment(text: str) -> bool:
+    """Whether a trimmed line is a comment."""
+    return text.startswith(("#", "%", "//"))
+
+
+def tokens_of(text: str) -> list[str]:
+    """What stands between blanks, commas and semicolons; empty between two of the latter."""
+    cells = text.replace(";", ",").split(",") if ";" in text or "," in text else [text]
+    return [token for cell in cells for token in (cell.split() or [""])]

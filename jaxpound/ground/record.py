@@ -1,0 +1,228 @@
+"""Recorded accelerograms: uniform samples, joined by straight lines."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.signal import detrend
+from jaxtyping import ArrayLike
+
+from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
+from jaxpound._extrema import larger, smaller
+from jaxpound._fields import check, label, parameter, pytree_dataclass, static
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import (
+    DIMENSIONLESS,
+    SECONDS,
+    Excitation,
+    GroundMotion,
+    instants,
+    mean_acceleration,
+)
+
+LOST_ENERGY = 0.01
+"""Share of a record's energy (∫ u''² dt) that a time step may lose: it is 0.5 % of the root mean
+square."""
+
+_TIME_UNITS = {SECONDS: SECONDS, DIMENSIONLESS: DIMENSIONLESS, "1/omega1": DIMENSIONLESS}
+
+
+@pytree_dataclass
+class Record(GroundMotion):
+    """A recorded accelerogram: uniform samples from t = 0, joined by straight lines.
+
+    Before the first sample and after the last the ground is at rest; the acceleration goes linearly
+    to zero within one sample interval there.
+
+    Parameters
+    ----------
+    acceleration
+        Samples, shape (n,), n ≥ 2, in g.
+    dt
+        Sample interval > 0, in the unit of time.
+    name
+        For titles and tables; transformations such as ``jit`` drop it.
+    time_unit
+        Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
+        dimensionless model. Runs of dimensionless structures refuse a record in seconds;
+        ``Scales.to_dimensionless`` makes one of it that they take, and ``simulate_buildings`` takes
+        it as it is.
+
+    Raises
+    ------
+    ValueError
+        If the samples are not one-dimensional, fewer than two or not finite, dt is not a number
+        > 0, the name is not a string, or time_unit is another.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5, name="made up")
+    >>> record.scaled_to_pga(0.3)
+    Record('made up', 4 samples, dt = 0.5 s, duration 1.5 s, peak 0.3 g)
+    >>> round(float(record.acceleration(0.75)), 6)  # half way between two samples
+    -0.05
+    """
+
+    samples: Any
+    dt: Any = parameter(r"\Delta t", "time", "sample interval", above=0)
+    name: str = label(default="")
+    time_unit: str = static(default=SECONDS)
+
+    def __init__(
+        self, acceleration: Any, dt: Any, name: str = "", time_unit: str = SECONDS
+    ) -> None:
+        samples = real("Record", "acceleration", acceleration)
+        if jnp.ndim(samples) != 1 or jnp.size(samples) < 2:
+            raise ValueError(
+                f"Record: acceleration of shape {jnp.shape(samples)} must be one-dimensional "
+                "with at least two samples"
+            )
+        object.__setattr__(self, "samples", samples)
+        if not isinstance(name, str):
+            raise ValueError(f"Record: name = {name!r} must be a string")
+        object.__setattr__(self, "dt", number("Record", "dt", dt))
+        object.__setattr__(self, "name", name)
+        if not (isinstance(time_unit, str) and time_unit in _TIME_UNITS):
+            rule = f"{SECONDS!r} or {DIMENSIONLESS!r}"
+            raise ValueError(f"Record: time_unit = {time_unit!r} must be {rule}")
+        object.__setattr__(self, "time_unit", _TIME_UNITS[time_unit])
+        check(self)
+
+    def more_rules(self, prefix: str) -> list[Rule]:
+        """The rule of the samples, by the name that they are given under."""
+        return [Rule(f"{prefix}acceleration", self.samples, finite(self.samples), "finite")]
+
+    def acceleration(self, t: ArrayLike) -> jax.Array:
+        """u''(t) by linear interpolation, of the shape of ``t``."""
+        samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
+        left, share = self._place(t)
+        return (1 - share) * samples[left] + share * samples[left + 1]
+
+    def velocity(self, t: ArrayLike) -> jax.Array:
+        """u'(t), the exact integral of the straight lines from rest, of the shape of ``t``."""
+        samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
+        sums = jnp.pad(jnp.cumsum((samples[1:] + samples[:-1]) / 2), (1, 0))
+        left, share = self._place(t)
+        slope = samples[left + 1] - samples[left]
+        return self.dt * (sums[left] + share * (samples[left] + share * slope / 2))
+
+    def excitation(self, grid: TimeGrid, order: int) -> Excitation:
+        """Values and means over the steps, from exact integrals, of the whole grid at once.
+
+        For both orders: the kinks may lie on the instants of the grid, where u'' at a point has no
+        derivative by the sample interval, but its mean has.
+        """
+        t = instants(grid, self)
+        series = self.acceleration(t), mean_acceleration(self.velocity, t, grid.dt)
+        return Excitation(series, lambda _, entry: entry)
+
+    def _place(self, t: ArrayLike) -> tuple[jax.Array, jax.Array]:
+        """Sample to the left of t, among samples with a zero at either end, and the way from it."""
+        last = self.n_samples + 1
+        place = larger(smaller(jnp.asarray(t) / self.dt + 1, last), 0)
+        left = jnp.minimum(place.astype(int), last - 1)
+        return left, place - left
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return jnp.shape(self.samples)[-1]
+
+    @property
+    def duration(self) -> Any:
+        """Time of the last sample."""
+        return (self.n_samples - 1) * self.dt
+
+    def scaled_to_pga(self, pga: ArrayLike) -> Record:
+        """The record scaled to the peak ground acceleration ``pga`` > 0."""
+        owner = "Record.scaled_to_pga"
+        (pga,) = positive(owner, pga=number(owner, "pga", pga))
+        peak = abs(self.samples).max()
+        enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
+        return self._with((self.samples * (pga / peak)).astype(self.samples.dtype), self.dt)
+
+    def baseline_corrected(self, kind: str = "linear") -> Record:
+        """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
+        if kind not in ("mean", "linear"):
+            raise ValueError(
+                f"Record.baseline_corrected: kind = {kind!r} must be 'mean' or 'linear'"
+            )
+        samples = detrend(self.samples, type="linear" if kind == "linear" else "constant")
+        return self._with(samples, self.dt)
+
+    def resampled(self, dt: float) -> Record:
+        """The record at another sample interval.
+
+        A finer one inserts points on the straight lines between samples, which leaves the motion
+        as the simulator sees it unchanged where the old samples are among the new ones; a coarser
+        one low-passes first (``scipy.signal.resample_poly``), so that nothing aliases.
+
+        Raises
+        ------
+        ValueError
+            If dt is not a positive number, is above the record's duration, or is coarser in no
+            ratio of whole numbers to the record's own; if either interval is traced.
+        """
+        owner = "Record.resampled"
+        if is_traced((dt, self.dt)):
+            raise ValueError(f"{owner}: dt decides the number of samples and cannot be traced")
+        positive(owner, dt=number(owner, "dt", dt))
+        dt, old = float(dt), float(self.dt)
+        if dt > self.duration:
+            raise ValueError(
+                f"{owner}: dt = {dt:.8g} must be at most the record's duration, {self.duration:.8g}"
+            )
+        if dt <= old:
+            n = int((self.n_samples - 1) * old / dt * (1 + 1e-7)) + 1
+            place = np.minimum(np.arange(n) * (dt / old), self.n_samples - 1)
+            left = np.minimum(place.astype(int), self.n_samples - 2)
+            share = (place - left).astype(self.samples.dtype)
+            samples = (1 - share) * self.samples[left] + share * self.samples[left + 1]
+            return self._with(samples, dt)
+        ratio = Fraction(old / dt).limit_denominator(1000)
+        if abs(ratio * Fraction(dt) / Fraction(old) - 1) > 1e-7:
+            raise ValueError(
+                f"{owner}: dt = {dt:.8g} must be a ratio of whole numbers up to 1000 times "
+                f"the record's dt = {old:.8g}"
+            )
+        from scipy.signal import resample_poly  # takes as long to import as all the rest
+
+        samples = resample_poly(np.asarray(self.samples), ratio.numerator, ratio.denominator)
+        return self._with(samples, dt)
+
+    def _with(self, samples: Any, dt: Any) -> Record:
+        """Other samples under the same name, in the same unit of time."""
+        return Record(samples, dt, self.name, self.time_unit)
+
+    def unresolved(self, dt: float) -> list[str]:
+        """Whether steps of ``dt`` lose much above their Nyquist frequency π/dt, in words.
+
+        Steps no longer than the sample interval lose nothing: they follow the straight lines.
+        """
+        own = float(self.dt)
+        if dt <= own * (1 + 1e-9):
+            return []
+        power = np.abs(np.fft.rfft(np.asarray(self.samples, float))) ** 2
+        lost = power[np.fft.rfftfreq(self.n_samples, own) > 0.5 / dt].sum()
+        if not lost > LOST_ENERGY * (whole := power.sum()):
+            return []
+        return [
+            f"ground: time steps of {dt / own:.4g} sample intervals should lose at most "
+            f"{LOST_ENERGY:.0%} of the energy of {self!r}, but lose {lost / whole:.0%}: steps no "
+            "longer than the sample interval lose nothing"
+        ]
+
+    def __repr__(self) -> str:
+        shape = np.shape(self.samples)
+        if is_traced((self.samples, self.dt)) or len(shape) != 1 or np.ndim(self.dt):
+            return f"Record({shape} samples, time in {self.time_unit})"
+        title, unit = f"{self.name!r}, " if self.name else "", self.time_unit
+        return (
+            f"Record({title}{self.n_samples} samples, dt = {float(self.dt):.6g} {unit}, "
+            f"duration {float(self.duration):.6g} {unit}, "
+            f"peak {float(abs(self.samples).max()):.4g} g)"
+        )

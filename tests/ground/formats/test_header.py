@@ -1,0 +1,212 @@
+"""What a header states in prose: units of accelerations and times."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from jaxpound.ground.plausibility import PlausibilityWarning
+from jaxpound.ground.reader import read_record
+from tests.ground.files import BODY, VALUES, assert_reads, assert_refuses
+
+
+@pytest.mark.parametrize(
+    ("units", "one_g"),
+    [
+        ("g", 1.0),
+        ("m/s2", 9.80665),
+        ("cm/s2", 980.665),
+        ("gal", 980.665),
+        ("ft/s2", 9.80665 / 0.3048),
+        ("in/s2", 9.80665 / 0.0254),
+    ],
+)
+def test_units_of_the_file_are_converted_to_g(write, units, one_g):
+    assert_reads(write(f"0 {one_g!r}\n.1 {-one_g / 2!r}\n"), [1, -0.5], 0.1, units=units)
+
+
+STATED = [
+    ("ACCELERATION TIME SERIES IN UNITS OF G. FILTER POINTS: HP=0.2 Hz", "g"),
+    ("The units are (g)", "g"),
+    ("time,acc (g)", "g"),
+    ("ACCELERATION TIME HISTORY IN UNITS OF CM/S/S", "cm/s2"),
+    ("# UNITS OF CM/SEC**2", "cm/s2"),
+    ("Acceleration in cm/sec^2", "cm/s2"),
+    ("units: gal", "gal"),
+    ("UNITS OF GALS", "gal"),
+    ("t (s), a (m/s2)", "m/s2"),
+    ("time; accel [m/s²]", "m/s2"),
+    ("Units of in/sec/sec", "in/s2"),
+    ("acceleration, units of ft/s2", "ft/s2"),
+    ("UNITS OF MG", "mg"),
+    ("ACCELERATION TIME HISTORY IN MILLI-G", "mg"),
+    ("t (s), acc [mg]", "mg"),
+    ("ACCELERATION TIME HISTORY IN UNITS OF MM/S2", "mm/s2"),
+    ("UNITS OF CM S-2", "cm/s2"),
+    ("Acceleration in centimeters/sec^2", "cm/s2"),
+    ("accelerations in meters per second squared", "m/s2"),
+    ("ACCELERATION TIME HISTORY IN [m/s^2]", "m/s2"),
+    ("t,acc_ms2", "m/s2"),
+    ("t acc_cm_s2", "cm/s2"),
+    ("acc (m·s⁻²)", "m/s2"),
+    ("UNITS: CM/SEC/SEC. PEAK 341.7", "cm/s2"),
+    ("Time(s), NS(gal)", "gal"),
+    ("Units of uncor data are sec and g .        Max  =   .086 g , at  14.830 sec.", "g"),
+    ("#AmplitudeUnit:  gal. DCoffset(corr)", "gal"),
+    ("7000  acceleration pts, approx 70 secs, units=cm/sec2(04),Format=(8F10.5)", "cm/s2"),
+]
+
+
+@pytest.mark.parametrize("body", ["NPTS= 2, DT= .1 SEC\n1 2\n", "0 1\n.1 2\n"])
+@pytest.mark.parametrize(("header", "stated"), STATED)
+def test_units_must_be_those_the_header_states(write, header, stated, body):
+    path = write(f"a title\n{header}\n{body}")
+    record = read_record(path, units=stated)
+    np.testing.assert_array_equal(read_record(path).samples, record.samples)
+    assert record.samples[0] == pytest.approx(
+        read_record(write(body, "bare.txt"), units=stated).samples[0]
+    )
+    other = "m/s2" if stated != "m/s2" else "g"
+    assert_refuses(path, 2, f"units = '{other}' .*'{stated}'", units=other)
+
+
+@pytest.mark.parametrize("units", ["g", None])
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        ("UNITS OF G/10", "'G/10'"),
+        ("UNITS ARE SECONDS AND G/10", "'SECONDS AND G/10'"),
+        ("UNITS OF UNCOR ACCEL ARE SEC AND G/10.     MAX  =  0.000 G, AT -20.000 SEC", "G/10'"),
+        ("Raw readings in units of 1.00 mm/s/s  at intervals of 0.005 s", "'1.00 mm/s/s"),
+        ("units: % of g", "'% of g'"),
+        ("Units: furlong", "'furlong'"),
+        ("units = g x 1000", "'g x 1000'"),
+        ("UNITS OF CM/S", "'CM/S'"),
+        ("In SI units", "'SI'"),
+        ("UNITS ARE SEC AND KINE", "'SEC AND KINE'"),
+        ("ACCELERATION TIME HISTORY (% g)", "'% g'"),
+        ("Amplitude [um/s2]", "'um/s2'"),
+        ("Data in yd/s2", "'yd/s2'"),
+        ("acc in 0.01 m/s2", "'0.01 m/s2'"),
+        ("acc [0.1 g]", "'0.1 g'"),
+        ("acc (mgal)", "'mgal'"),
+        ("acc [V]", "'V'"),
+        ("acc (cm/min2)", "'cm/min2'"),
+        ("t,acc_ug", "'ug'"),
+        ("acceleration in % g", "'% g'"),
+        ("ACCELERATION TIME HISTORY IN COUNTS", "'COUNTS'"),
+        ("ACCELERATION TIME HISTORY IN G/100", "'G/100'"),
+        ("acceleration, tenths of g", "'tenths of g'"),
+        ("Scale Factor = 7845/8223790", "speaks of 'Scale Factor'"),
+        ("DIGITIZER COUNTS", "speaks of 'COUNTS'"),
+        ("Instr Period = .0050 sec, Sensitivity = 5.00 v/g", "speaks of 'Sensitivity'"),
+        ("UNITS OF G; acc [gal]", "both 'g' and 'gal'"),
+    ],
+)
+def test_units_and_scales_that_are_not_known_are_refused_by_name(write, header, says, units):
+    for body in ("NPTS= 2, DT= .1 SEC\n1 2\n", "0 1\n.1 2\n"):
+        assert_refuses(write(f"a title\n{header}\n{body}"), 2, re.escape(says), units=units)
+
+
+def test_a_scale_factor_ahead_of_stated_units_is_applied_already(write):
+    title = (
+        "Orig PEER filename = IMPVALL/H-EMO_233_FN.acc, Scale factor = 2.4072\nAcceleration in g\n"
+    )
+    assert_reads(write(title + "2 0.0050 NPTS, DT\n.5 .25\n"), [0.5, 0.25], 0.005)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor"),
+    [
+        ("time [ms], acc (g)", 1e-3),
+        ("Time(msec) Acc(g)", 1e-3),
+        ("t_ms,acc_g", 1e-3),
+        ("ms\tg", 1e-3),
+        ("Time in milliseconds", 1e-3),
+        ("UNITS ARE MSEC AND G", 1e-3),
+        ("time (sec); acc", 1.0),
+        ("Origin time (UTC), station", 1.0),
+        ("Time, Northridge", 1.0),
+    ],
+)
+def test_times_are_in_the_units_that_the_header_states(write, header, factor):
+    body = "".join(f"{20 * k},{0.1 * (-1) ** k}\n" for k in range(9))
+    assert_reads(write(f"{header}\n{body}"), [0.1 * (-1) ** k for k in range(9)], 20 * factor)
+
+
+@pytest.mark.parametrize(
+    "stated", ["DT= 10 MSEC", "DT=10ms", "DT= 10.0 (ms)", "dt: 10 milliseconds,"]
+)
+def test_dt_is_in_the_unit_that_the_npts_line_states(write, stated):
+    assert_reads(write(f"NPTS= 7, {stated}\n" + BODY), VALUES, 0.01)
+    assert_reads(write("7 10 NPTS, DT (MS)\n" + BODY), VALUES, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("NPTS= 2, DT= 10 MIN\n1 2\n", "DT = 10 MIN: its unit must be s or ms"),
+        ("NPTS= 2, DT= 100 Hz\n1 2\n", "DT = 100 Hz"),
+        ("NPTS= 2, DT= 100 FURLONG\n1 2\n", "DT = 100 FURLONG"),
+        ("time (min), acc (g)\n0,1\n1,2\n", "units = 'min' must be one of the known ones: s, ms"),
+        ("Time [h], acc\n0,1\n1,2\n", "units = 'h'"),
+        ("t, NS (counts)\n0,1\n1,2\n", "speaks of 'counts'"),
+        ("time,g/10\n0,1\n1,2\n", "units = 'g/10'"),
+        ("time,m/ms2\n0,1\n1,2\n", "units = 'm/ms2'"),
+        ("t, NS (V)\n0,1\n1,2\n", "units = 'V'"),
+        ("t, NS (mm)\n0,1\n1,2\n", "units = 'mm'"),
+    ],
+)
+def test_units_of_time_and_of_columns_that_are_not_known_are_refused(write, text, says):
+    assert_refuses(write(text), 1, re.escape(says))
+
+
+def test_a_long_time_step_is_warned_of(write):
+    path = write("".join(f"{20 * k},{0.1 * (-1) ** k}\n" for k in range(10)))
+    with pytest.warns(PlausibilityWarning, match="the time step is 20 s: are the times in seconds"):
+        assert read_record(path).dt == 20
+
+
+def test_gal_and_cm_per_s2_are_the_same(write):
+    assert read_record(write("units: gal\n0 1\n.1 2\n"), units="cm/s2").n_samples == 2
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "EL CENTRO (G STREET)",
+        "acceleration gain 2",
+        "spun up to a g level",
+        "peak velocity (cm/s) 3",
+        "SAN ONOFRE - SO CAL EDISON, UNIT 1",
+        "Unit 3 building",
+        "Recorder unit: 12345",
+        "UNITED STATES, COUNTY HOSPITAL",
+        "PGA (cm/s2): 341",
+        "Max. Acc. (m/s2)   4.078",
+        "Peak acceleration =    82.584    cm/sec/sec  at   14.840   sec.",
+        "Max =  -161.962 m/s2  at  27.850 sec",
+        "Acceleration in the N-S direction, 10 ft below",
+        "Acceleration (horizontal)",
+        "acceleration (filtered 0.1-25 Hz)",
+        "acc_ns",
+        "VS30_M/S:",
+        "Depth units: km",
+        "Initial velocity  =      .000   cm/sec;   Initial displacement =    -.003   cm",
+        "INSTR PERIOD =  .019 SEC   DAMPING =  .640",
+        "RICHTER SCALE 6.9",
+    ],
+)
+def test_other_header_text_states_no_units(write, header):
+    assert_reads(write(f"{header}\nmore text\n0 980.665\n.1 0\n"), [1, 0], 0.1, units="gal")
+
+
+@pytest.mark.parametrize(
+    ("text", "own"), [("NPTS= 2, DT= .02\n1 2\n", 0.02), ("time,a\n0,1\n0.02,2\n", 0.02)]
+)
+def test_dt_must_agree_with_the_files_own(write, text, own):
+    path = write(text)
+    assert_reads(path, [1, 2], own, dt=own * (1 + 5e-7))
+    assert_refuses(path, None, "dt = 0.02001 .*0.02", dt=0.02001)

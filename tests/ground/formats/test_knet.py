@@ -1,0 +1,65 @@
+"""K-NET's ASCII format."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jaxpound.ground.reader import read_record
+from tests.ground.files import COUNTS, assert_refuses, knet_text
+
+
+@pytest.mark.parametrize("units", [None, "gal", "cm/s2"])
+@pytest.mark.parametrize(("rate", "dt"), [(100, 0.01), (200, 0.005)])
+def test_knet_is_read_by_its_header(write, rate, dt, units):
+    path = write(knet_text(rate=rate), "XXX0011412312349.EW")
+    gal = (COUNTS - COUNTS.mean()) * 7845 / 8223790
+    record = read_record(path, units=units)
+    assert (record.n_samples, record.dt, record.name) == (200, dt, "XXX0011412312349")
+    np.testing.assert_allclose(record.samples, gal / 980.665, rtol=1e-12)
+    assert 0.002 < np.max(np.abs(record.samples)) < 0.003
+    assert_refuses(path, 14, "units = 'g' must be the header's own, 'gal'", units="g")
+    assert_refuses(path, None, "dt = 0.02 must agree", dt=0.02)
+
+
+def test_knet_as_its_own_description_prints_it(write):
+    text = knet_text().replace("Max. Acc. (gal)  ", "Max Acc. (gal)   ").replace("Long.", "Lon. ")
+    assert read_record(write(text.replace("\n", "\r\n"))).n_samples == 200
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "line", "says"),
+    [
+        (
+            "Scale Factor",
+            "7845(m)/8223790",
+            14,
+            "Scale Factor = '7845.m./8223790' must be positive",
+        ),
+        ("Scale Factor", "7845(gal)/0", 14, "must be positive, as in 3920"),
+        ("Scale Factor", "7845", 14, "Scale Factor = '7845'"),
+        ("Scale Factor", None, None, "must state Scale Factor"),
+        ("Sampling Freq(Hz)", "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
+        ("Sampling Freq(Hz)", "0.01s", 11, "as in 100Hz"),
+        ("Duration Time(s)", "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
+        ("Duration Time(s)", "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
+        ("Duration Time(s)", None, None, "must state Duration"),
+        ("Max. Acc. (gal)", "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
+        ("Max. Acc. (gal)", None, None, "must state Max. Acc."),
+        ("Memo.", None, None, "must end with its line 'Memo.'"),
+    ],
+)
+def test_knet_headers_that_are_not_understood_are_refused(write, name, value, line, says):
+    assert_refuses(write(knet_text(**{name: value})), line, says)
+
+
+def test_knet_s_scale_without_the_rest_of_its_header_is_refused(write):
+    header, body = knet_text().split("Memo.")
+    scale = "".join(line + "\n" for line in header.split("\n") if "Scale" in line)
+    assert_refuses(write(scale + body), None, "K-NET header must end", dt=0.01, units="gal")
+
+
+def test_one_changed_count_shows_in_the_maximum(write):
+    text = knet_text()
+    assert_refuses(write(text.replace(" 9876", " 8976")), 15, "the file is damaged")
+    assert_refuses(write(text.replace(" 9876", " 9.76")), 20, "9.76 must be a whole number")

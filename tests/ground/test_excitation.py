@@ -1,0 +1,131 @@
+"""What the time loop takes of a ground motion: values, means over the steps, velocities."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+import jaxpound as jp
+from jaxpound.ground.motion import excitation, sampled, velocity_and_bulge
+from tests.ground.motions import GRID, RECORD, SAMPLES, sine
+
+
+class Sine:
+    """A user's ground motion that knows its integral."""
+
+    def acceleration(self, t):
+        return jnp.sin(t)
+
+    def velocity(self, t):
+        return 1 - jnp.cos(t)
+
+
+def taken(ground, grid, order=2):
+    """u'' and its mean over the steps, at all instants, as the time loop reads them."""
+    series, at = excitation(ground, grid, order)
+
+    def instant(_, xs):
+        return None, at(*xs)
+
+    return jax.lax.scan(instant, None, (grid.times(), series), length=grid.n_steps + 1)[1]
+
+
+MEANS = {  # the mean over a step of h about t, exactly
+    "sine": (Sine(), lambda t, h: np.sin(t) * np.sin(h / 2) / (h / 2)),
+    "record": (RECORD, lambda t, h: mean_of_lines(SAMPLES, 0.5, t, h)),
+    "factor": (-2 * RECORD, lambda t, h: -2 * mean_of_lines(SAMPLES, 0.5, t, h)),
+    "sum": (
+        RECORD + Sine(),
+        lambda t, h: mean_of_lines(SAMPLES, 0.5, t, h) + np.sin(t) * np.sin(h / 2) / (h / 2),
+    ),
+}
+
+
+def mean_of_lines(samples, dt, t, h):
+    """By the trapezoidal rule over the ends of the step and the kinks between them."""
+    kinks, padded = dt * np.arange(-1, len(samples) + 1), np.pad(samples, 1)
+    means = []
+    for begin, end in zip(t - h / 2, t + h / 2, strict=True):
+        x = np.array([begin, *kinks[(kinks > begin) & (kinks < end)], end])
+        means.append(np.trapezoid(np.interp(x, kinks, padded), x) / h)
+    return np.array(means)
+
+
+@pytest.mark.parametrize(("ground", "mean"), MEANS.values(), ids=MEANS)
+@pytest.mark.parametrize("dt", [0.05, 0.3])
+def test_the_time_loop_takes_values_and_exact_means(ground, mean, dt):
+    grid = jp.TimeGrid(dt, 45)
+    t = grid.times()
+    values, means = taken(ground, grid)
+    np.testing.assert_allclose(values, sampled(ground, grid).samples, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(means, mean(t, dt), rtol=1e-10, atol=1e-13)
+
+
+def test_the_mean_of_a_wavelet_is_of_fourth_order_and_its_value_in_the_paper_s_scheme():
+    wavelet = jp.Ricker([0.5, -0.2], [1.0, 2.0], [1.5, 2.0])
+    errors = []
+    for dt, n in ((0.1, 30), (0.05, 60)):
+        grid = jp.TimeGrid(dt, n)
+        t = grid.times()
+        exact = (wavelet.velocity(t + dt / 2) - wavelet.velocity(t - dt / 2)) / dt
+        value, mean = taken(wavelet, grid)
+        errors.append(float(jnp.abs(mean - exact).max()))
+        np.testing.assert_allclose(value, wavelet.acceleration(t), rtol=1e-12, atol=1e-12)
+        for same in taken(wavelet, grid, order=1):
+            np.testing.assert_allclose(same, wavelet.acceleration(t), rtol=1e-12, atol=1e-12)
+    assert 14 < errors[0] / errors[1] < 18
+
+
+def test_of_a_ground_motion_without_a_velocity_the_value_is_the_mean():
+    for ground in (sampled(sine, GRID), lambda t: 0.3 * jnp.sin(2 * t)):
+        value, mean = taken(ground, GRID)
+        np.testing.assert_array_equal(value, mean)
+        np.testing.assert_allclose(value, sine(GRID.times()), rtol=1e-14, atol=1e-15)
+
+
+def test_the_series_is_one_entry_an_instant_and_shared_by_many_factors():
+    grid = jp.TimeGrid(0.1, 7)
+    for ground, arrays in ((jp.Ricker(1, 1, 1), 0), (RECORD, 2), (RECORD + 2 * RECORD + sine, 4)):
+        leaves = jax.tree.leaves(excitation(ground, grid, 2).series)
+        assert [leaf.shape for leaf in leaves] == [(8,)] * arrays
+
+    def series(factor):
+        return excitation(factor * RECORD, grid, 2).series
+
+    batch = jax.vmap(series, out_axes=None)(jnp.array([1.0, 2.0, 3.0]))  # refuses what is batched
+    np.testing.assert_array_equal(batch[0], series(1.0)[0])
+
+
+def test_the_excitation_by_a_record_is_differentiable_by_its_sample_interval():
+    """Kinks lie on the instants: the mean has a derivative there, against central differences."""
+    grid = jp.TimeGrid(0.25, 8)
+
+    def means(dt):
+        return excitation(jp.Record(SAMPLES, dt), grid, 2).series[1]
+
+    check_grads(means, (0.5,), order=1, modes=["fwd", "rev"], eps=1e-6, rtol=1e-6)
+
+
+def test_velocities_are_exact_where_they_are_known():
+    grid = jp.TimeGrid(0.3, 12)
+    t, h = grid.times(), grid.dt
+    for ground in (Sine(), jp.Ricker(0.5, 1, 1), RECORD):
+        around = (ground.velocity(t - h / 2) + ground.velocity(t + h / 2)) / 2
+        found = velocity_and_bulge(RECORD - 2 * (ground + RECORD), t, h)
+        expected = (
+            -RECORD.velocity(t) - 2 * ground.velocity(t),
+            -(RECORD.velocity(t - h / 2) + RECORD.velocity(t + h / 2)) / 2 - 2 * around,
+        )
+        np.testing.assert_allclose(found[0], expected[0], rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(found[0] + found[1], expected[1], rtol=1e-12, atol=1e-13)
+
+
+def test_a_field_of_a_user_s_that_is_called_velocity_is_not_its_integral():
+    class Stream:
+        velocity = 3.0
+
+        def acceleration(self, t):
+            return 0.1 * t
+
+    np.testing.assert_array_equal(*taken(Stream(), GRID))

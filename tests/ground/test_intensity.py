@@ -1,0 +1,118 @@
+"""Measures of intensity and the response spectrum against closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from jax.test_util import check_grads
+from scipy.integrate import solve_ivp
+
+import jaxpound as jp
+from tests.ground.motions import RECORD, SAMPLES, sine
+
+
+@given(st.floats(0.01, 3), st.floats(0.5, 5))
+def test_measures_of_a_sine_are_the_closed_forms(amplitude, omega):
+    periods, per_period = 3, 800
+    dt = 2 * np.pi / omega / per_period
+    record = jp.Record(amplitude * np.sin(omega * dt * np.arange(periods * per_period + 1)), dt)
+    duration = periods * 2 * np.pi / omega
+    assert record.duration == pytest.approx(duration)
+    assert jp.pga(record) == pytest.approx(amplitude, rel=1e-12)
+    # From rest u' = (A/ω)(1 − cos ωt).
+    assert jp.pgv(record) == pytest.approx(2 * amplitude / omega, rel=1e-4)
+    arias = np.pi / 2 * amplitude**2 * duration / 2
+    assert jp.arias_intensity(record) == pytest.approx(arias, rel=1e-4)
+    assert jp.pgv(record, gravity=9.81) == pytest.approx(9.81 * 2 * amplitude / omega, rel=1e-4)
+    assert jp.arias_intensity(record, gravity=9.81) == pytest.approx(9.81 * arias, rel=1e-4)
+
+
+def test_measures_of_functions_are_taken_on_the_grid():
+    grid = jp.TimeGrid(0.001, 5000)
+    assert jp.pga(sine, grid) == pytest.approx(0.3, rel=1e-5)
+    assert jp.pgv(sine, grid) == pytest.approx(0.3, rel=1e-5)
+    # ∫ sin² 2t dt over [0, 5] = 5/2 − sin(20)/8
+    arias = np.pi / 2 * 0.09 * (2.5 - np.sin(20) / 8)
+    assert jp.arias_intensity(sine, grid) == pytest.approx(arias, rel=1e-5)
+    assert jp.pga(2 * RECORD, jp.TimeGrid(0.5, 3)) == 6.0
+
+
+def test_paper_ground_moves_as_its_closed_form():
+    ground, grid = jp.paper.ground(), jp.TimeGrid(0.0005, 40_000)
+    t = grid.times()
+    assert jp.pgv(ground, grid) == pytest.approx(float(abs(ground.velocity(t)).max()), rel=1e-3)
+
+
+@pytest.mark.parametrize("measure", [jp.pga, jp.pgv, jp.arias_intensity])
+def test_measures_ask_for_a_grid_where_they_need_one(measure):
+    for ground in (sine, jp.Ricker(1, 1, 1), 2 * RECORD):
+        with pytest.raises(ValueError, match="grid = None must be a TimeGrid"):
+            measure(ground)
+    with pytest.raises(ValueError, match=r"grid = 0\.1 must be a TimeGrid"):
+        measure(sine, 0.1)
+
+
+@pytest.mark.parametrize("measure", [jp.pga, jp.pgv, jp.arias_intensity])
+def test_measures_work_compiled_and_batched(measure):
+    factors = jnp.array([1.0, 2.0])
+    batch = jax.jit(jax.vmap(lambda k: measure(jp.Record(k * SAMPLES, 0.5))))(factors)
+    single = [measure(RECORD), measure(RECORD.scaled_to_pga(6.0))]
+    np.testing.assert_allclose(batch, single, rtol=1e-12)
+
+
+# The spectrum.
+
+
+def test_spectral_acceleration_of_a_suddenly_applied_force_is_the_closed_form():
+    """u'' = −1 from t = 0: x rises to (1 + e^(−πζ/√(1 − ζ²))) / ω²."""
+    record = jp.Record(-np.ones(2001), 0.002)
+    for period, damping in ((1.0, 0.05), (0.5, 0.0), (3.0, 0.3)):
+        found = jp.spectral_acceleration(record, period=period, damping=damping)
+        over = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
+        assert float(found) == pytest.approx(1 + over, rel=1e-12)
+
+
+def test_spectral_acceleration_is_exact_at_any_step():
+    """Against a fine integration of the same straight lines, peaks between samples included."""
+    record = jp.Record(np.random.default_rng(0).normal(size=60), 0.1)
+    for period in (0.15, 0.4, 1.3):
+        w = 2 * np.pi / period
+
+        def motion(t, y, w=w):
+            a = np.interp(t, 0.1 * np.arange(60), record.samples)
+            return [y[1], -2 * 0.05 * w * y[1] - w**2 * y[0] - a]
+
+        times = np.linspace(0, 0.1 * 59, 59 * 400 + 1)
+        exact = solve_ivp(
+            motion, (0, times[-1]), [0, 0], t_eval=times, max_step=0.02, rtol=1e-9, atol=1e-12
+        )
+        found = float(jp.spectral_acceleration(record, period=period))
+        assert found == pytest.approx(w**2 * np.abs(exact.y[0]).max(), rel=1e-6)
+
+
+def test_spectral_acceleration_has_exact_slopes_at_peaks_between_samples():
+    record = jp.Record(np.random.default_rng(1).normal(size=60), 0.1)
+
+    def spectrum(p):
+        return jp.spectral_acceleration(record, period=p[0], damping=p[1])
+
+    at = np.array([0.9, 0.05])
+    check_grads(spectrum, (at,), order=2, modes=["fwd"], eps=1e-5, rtol=1e-5)
+
+
+def test_spectral_acceleration_of_a_stiff_oscillator_is_the_pga():
+    record = jp.Record(np.sin(np.linspace(0, 6, 400)), 0.02)
+    assert float(jp.spectral_acceleration(record, period=0.01)) == pytest.approx(1.0, rel=1e-2)
+
+
+def test_spectral_acceleration_traces_and_refuses_bad_periods():
+    record = jp.Record(np.sin(np.linspace(0, 6, 50)), 0.1)
+    spectrum = jax.vmap(lambda p: jp.spectral_acceleration(record, period=p))(np.array([0.5, -1.0]))
+    assert float(spectrum[0]) == pytest.approx(float(jp.spectral_acceleration(record, period=0.5)))
+    assert np.isnan(spectrum[1])
+    with pytest.raises(ValueError, match="period = 0 must be positive"):
+        jp.spectral_acceleration(record, period=0.0)
+    with pytest.raises(ValueError, match="damping = 1 must be at least 0 and below 1"):
+        jp.spectral_acceleration(record, period=1.0, damping=1.0)
