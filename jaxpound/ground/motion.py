@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, is_traced, number, real
-from jaxpound._fields import check, parameter, part, pytree_dataclass, rules
+from jaxpound._fields import check, parameter, part, pytree_dataclass
 from jaxpound.grid import TimeGrid
 
 SECONDS, DIMENSIONLESS = "s", "1/ω1"
@@ -403,23 +403,3 @@ def require_ground(name: str, value: Any) -> None:
     """A ``ValueError`` for what is neither a ground motion nor a function of t."""
     if not (callable(value) or isinstance(value, Ground)):
         raise ValueError(f"{name} = {value!r} must have acceleration(t) or be a function of t")
-
-
-def acceleration_and_mean(ground: Any, h: float, order: int = 2) -> Callable[[Any], Any]:
-    """A function of t: u''(t), and its mean over h about t, as a step of the simulator takes it."""
-    if isinstance(ground, Sum):
-        parts = [acceleration_and_mean(part, h, order) for part in ground.grounds]
-        return lambda t: _summed([part(t) for part in parts])
-    if isinstance(ground, Scaled):
-        whole = acceleration_and_mean(ground.ground, h, order)
-        return lambda t: ground._times(whole(t))
-    grid, motion = TimeGrid(h, 2), as_motion(ground)
-    taken = motion.excitation(grid, order)
-    if jax.tree.leaves(taken.series):  # a record: both orders take its mean
-        taken = GroundMotion.excitation(motion, grid, 2)
-    return lambda t: taken.at(t, ())
-
-
-def ground_rules(ground: Any) -> list[Rule]:
-    """The rules of a ground motion's parameters, of all its parts."""
-    return rules(ground)

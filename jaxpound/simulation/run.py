@@ -21,9 +21,8 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import (
     Ground,
     GroundLike,
-    acceleration_and_mean,
     as_pytree,
-    ground_rules,
+    excitation,
     require_ground,
     unresolved,
     velocity_and_bulge,
@@ -278,19 +277,20 @@ def _run(
     dt, n, topology = grid.dt, grid.n_steps, system.topology
 
     # A run that breaks a rule starts from NaN, and so is NaN throughout.
-    valid = all_hold([*rules(structures), *rules(system), *ground_rules(ground)])
+    valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
     valid &= all_hold(_temperature_rules(temperature)) & (courant(system, dt, scheme) < 1)
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
     constants = elements(system, dt, scheme.order)
-    accelerations = acceleration_and_mean(ground, dt, scheme.order)
+    shaking = excitation(ground, grid, scheme.order)
     # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
-    start = accelerations(jnp.zeros((), dtype))[1]
+    first = jax.tree.map(lambda x: x[0], shaking.series)
+    start = shaking.at(jnp.zeros((), dtype), first)[1]
     before = (dt * start * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
 
     def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
         state, tally = carry
         time = m.astype(dtype) * dt
-        now_and_mean = accelerations(jnp.maximum(time, 0))
+        now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
         a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
         starts = m == 0
         v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
@@ -306,6 +306,7 @@ def _run(
         n,
         [rod.material.order for rod in system.rods],
         scheme.history,
+        shaking.series,
         segmented=keep,
         checkpoint=scheme.checkpoint,
     )

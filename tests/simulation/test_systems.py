@@ -271,10 +271,10 @@ def test_gradients_of_a_system_are_systems_and_agree_in_both_modes():
 
 
 def test_single_precision_stays_so_and_is_near():
-    wide = jp.demand(small(), GROUND, GRID)
+    double = jp.demand(small(), GROUND, GRID)
     single = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (small(), GROUND))
     found = jp.demand(*single, GRID)
-    for narrow, wide in zip(jax.tree.leaves(found), jax.tree.leaves(wide), strict=True):
+    for narrow, wide in zip(jax.tree.leaves(found), jax.tree.leaves(double), strict=True):
         assert narrow.dtype == jnp.float32
         np.testing.assert_allclose(narrow, wide, rtol=2e-3, atol=1e-4)
 
