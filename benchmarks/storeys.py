@@ -1,0 +1,107 @@
+"""Two buildings of n storeys with a damper at every floor: compilation, speed and accuracy.
+
+    python benchmarks/storeys.py             # the pair, 2 × 2, 2 × 5 and 2 × 10
+    python benchmarks/storeys.py --accuracy  # 2 × 10, by step: errors of values and derivatives
+
+Speed is of a batch of earthquakes, per rod and step, over that of the paper's pair in the same
+process; compilation is in seconds of processor time, without any cache.
+"""
+
+import argparse
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_enable_compilation_cache", False)
+
+import jaxpound as jp  # noqa: E402
+
+BATCH, STEPS, ROUNDS = 512, 500, 5
+
+
+def storeys(n, friction=0.05):
+    """Two buildings of n storeys of other rods and masses, dampers and gaps at all floors."""
+    laws = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.7, 0.05, 0.3)
+    rods = []
+    for first, law, stiffness in ((0, laws[0], 20.0), (n, laws[1], 30.0)):
+        for i in range(first, first + n):
+            rods.append(jp.Rod(law, stiffness, (i, i - 1 if i > first else jp.GROUND)))
+    links = [jp.Link((i, n + i), friction * (1 + i), 1.0) for i in range(n)]
+    return jp.System((1.0,) * n + (0.7,) * n, tuple(rods), tuple(links))
+
+
+def compiled(function, *args):
+    """A compiled function, and the processor time that tracing and compiling it took."""
+    start = time.process_time()
+    program = jax.jit(function).lower(*args).compile()
+    return program, time.process_time() - start
+
+
+def best(program, *args):
+    """The shortest time of a call."""
+    times = []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        jax.block_until_ready(program(*args))
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def speed():
+    """A table by number of storeys."""
+    amplitudes = np.linspace(0.2, 0.8, BATCH)
+    print(
+        f"{'':10}{'compile: value':>16}{'gradient':>10}{'per rod and step':>24}{'of the pair':>13}"
+    )
+    pair = None
+    systems = {"pair": jp.paper.structures()} | {f"2 x {n}": storeys(n) for n in (2, 5, 10)}
+    for name, structures in systems.items():
+        structures = jax.tree.map(jnp.asarray, structures)
+        grid = jp.TimeGrid(0.02, STEPS)
+
+        def gap(structures, amplitude, grid=grid):
+            ground = jp.Ricker(amplitude, [1.25, 2.0, 3.5], [2.0, 3.0, 5.0])
+            return jp.demand(structures, ground, grid).min_gap
+
+        _, value = compiled(gap, structures, 0.5)
+        _, slope = compiled(jax.grad(gap), structures, 0.5)
+        many, _ = compiled(jax.vmap(gap, (None, 0)), structures, amplitudes)
+        rods = len(structures.system().rods)
+        each = best(many, structures, amplitudes) / BATCH / STEPS / rods
+        pair = pair or each
+        print(f"{name:10}{value:14.1f} s{slope:8.1f} s{each * 1e9:21.1f} ns{each / pair:13.2f}")
+
+
+def accuracy():
+    """Errors against a run of shorter steps, 2 × 10 storeys."""
+    system = jax.tree.map(jnp.asarray, storeys(10))
+    leaves, structure = jax.tree.flatten(system)
+    draw = np.random.default_rng(0)
+    way = jax.tree.unflatten(structure, [x * draw.uniform(-0.3, 0.3) for x in leaves])
+    ground = jp.Ricker(0.5, [1.25, 2.0, 3.5], [2.0, 3.0, 5.0])
+
+    def seen(s, dt):
+        found = jp.demand(s, ground, jp.TimeGrid.until(10.0, dt))
+        return jnp.array(
+            [*(link.min_gap for link in found.links), *(m.peak_x for m in found.masses)]
+        )
+
+    steps = (0.04, 0.02, 0.01, 0.0025)
+    found = [jax.jvp(lambda s, h=h: seen(s, h), (system,), (way,)) for h in steps]
+    for what, k in (("values", 0), ("derivatives along a direction of all parameters", 1)):
+        *coarse, fine = (np.asarray(both[k]) for both in found)
+        errors = [np.sqrt(np.mean((one - fine) ** 2)) for one in coarse]
+        order = np.polyfit(np.log(steps[:-1]), np.log(errors), 1)[0]
+        listed = ", ".join(f"{h}: {e:.1e}" for h, e in zip(steps, errors, strict=False))
+        print(
+            f"{what} (size {np.abs(fine).max():.2g}), rms error by step: {listed}; order {order:.1f}"
+        )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--accuracy", action="store_true")
+    accuracy() if parser.parse_args().accuracy else speed()
