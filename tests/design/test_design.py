@@ -15,9 +15,10 @@ from tqdm.auto import tqdm
 
 import jaxpound as jp
 from jaxpound.cli import design_report
-from jaxpound.design import run as design_search
+from jaxpound.design import search as design_search
+from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import PRICES
-from jaxpound.design.search import Search, Setting
+from jaxpound.design.problem import DesignProblem
 from tests.test_tables import assert_shown
 
 PAPER = jp.paper.structures()
@@ -48,7 +49,7 @@ def stand_in(monkeypatch):
             values |= {"min_gap": gap(s.friction, s.mass_ratio, a)}
             return {name: jnp.asarray(x, float) for name, x in values.items()}
 
-        monkeypatch.setattr(Setting, "demands", demands)
+        monkeypatch.setattr(DesignProblem, "demands", demands)
 
     install()
     return install
@@ -278,7 +279,8 @@ def test_si_units_are_those_of_the_demands():
     one = SPACE.structures(np.array([0.3, 0.4]))
     ground = jp.paper.ground()
     plain, si = (
-        jax.jit(Setting(GRID, jp.Scheme(), units).demands)(one, ground) for units in (None, scales)
+        jax.jit(DesignProblem(SPACE, ENSEMBLE, GRID, jp.Scheme(), MEAN, units).demands)(one, ground)
+        for units in (None, scales)
     )
     length, force, g = (float(x) for x in (scales.length, scales.force, scales.gravity))
     units = {"min_gap": length, "initial_gap": length, "residual_offset": length}
@@ -481,13 +483,15 @@ def test_landscapes_ask_for_two_variables(stand_in):
 
 def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
     """Against the closed form: at a slip force p < 0.6 the objective is (0.6 − p)² lower."""
-    compiled = []
-    original = Search.compiled
-    monkeypatch.setattr(Search, "compiled", lambda *a: compiled.append(1) or original(*a))
+    programs = []
+    make = AugmentedLagrangian.begin
+    monkeypatch.setattr(AugmentedLagrangian, "begin", lambda a, x: programs.append(a) or make(a, x))
     front = jp.pareto_front(
         SPACE, ENSEMBLE, GRID, price="damper_force", limits=[0.5, 0.2, 0.35], starts=2
     )
-    assert len(compiled) == 1
+    one, *others = programs
+    assert others == [one] * 3
+    assert one.gradient._cache_size() == one.update._cache_size() == 1
     np.testing.assert_allclose(front.prices, [0.2, 0.35, 0.5, 0.6], rtol=5e-3)
     best = 1 - np.mean(AMPLITUDES**2) - (0.6 - front.prices) ** 2
     np.testing.assert_allclose(front.objectives, best, atol=2e-4)
