@@ -129,7 +129,7 @@ def pareto_front(
         objective, limits={**objective.limits, price: Limit(NO_LIMIT, over)}
     )
 
-    def tell(where: Progress) -> None:
+    def report(where: Progress) -> None:
         bar.update()
         best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
         bar.set_postfix({"objective": best}, refresh=False)
@@ -141,7 +141,7 @@ def pareto_front(
             key=key,
             iterations=iterations,
             optimiser=optimiser,
-            callback=tell,
+            callback=report,
             progress=False,
         ),
     )

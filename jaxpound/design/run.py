@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from jaxpound.design.ensemble import Ensemble, require_apart
 from jaxpound.design.lagrangian import AugmentedLagrangian, at_active_bound
 from jaxpound.design.objective import PRICES, Objective
 from jaxpound.design.optimum import AT_BOUND, FirstOrderConditions
-from jaxpound.design.problem import OWNER, DesignProblem, best_start, better
+from jaxpound.design.problem import OWNER, DesignProblem, best_start
 from jaxpound.design.search import (
     STOPPED_BY_CALLBACK,
     Descent,
@@ -219,35 +218,33 @@ class Designer:
         tell(OWNER, far_apart("initial_gap", gap, moved, si=si), self.strict)
         data = problem.data(before, options.limit_tolerance, options.key, limits)
         descent = Descent(self.lagrangian, options, data)
-        state, history, stopped = descent.run(spread_shares(first, options.starts, options.key))
+        begun = spread_shares(first, options.starts, options.key)
+        best, history, stopped = descent.run(begun)
 
-        best, alive = history[-1].best, history[-1].alive
-        whole = self.lagrangian.per_epoch == 1
-        if not whole:
-            best = better(best, problem.points(state.scaled, data), alive)
-        winner = best_start(best, alive)
+        winner = best_start(best, history[-1].alive)
         own = jax.tree.map(lambda x: x[winner], best)
         conditions, runs = FirstOrderConditions(self.lagrangian, data, options.starts), 0
+        whole = self.lagrangian.per_epoch == 1
         if options.polish and whole and stopped != STOPPED_BY_CALLBACK:
             own, runs = conditions.polished(own)
-        bounds = np.asarray(data.limits)
+        bounds, limited = np.asarray(data.limits), [*problem.objective.limits]
         if own.infeasible:
             worst = int(np.argmax(own.limited / bounds))
             raise InfeasibleError(
                 f"{OWNER}: limits must leave a design, but the closest that was found, in "
-                f"{len(history)} iterations, has {[*problem.objective.limits][worst]} = "
-                f"{own.limited[worst]:.6g}, {own.violation:.2%} above its limit {bounds[worst]:.6g}"
+                f"{len(history)} iterations, has {limited[worst]} = {own.limited[worst]:.6g}, "
+                f"{own.violation:.2%} above its limit {bounds[worst]:.6g}"
             )
         function = _limited(problem.objective, bounds.tolist())
         multipliers, slope = conditions.multipliers(own)
         active = at_active_bound(own.scaled, slope, AT_BOUND)
+        after = problem.evaluate(own.scaled, problem.ensemble)
         size, names = float(data.size), problem.space.names
-        by_limit = partial(zip, problem.objective.limits, strict=True)
         design = Design(
             structures=jax.tree.map(float, problem.space.structures(jnp.asarray(own.scaled))),
             shares=np.asarray(own.scaled),
             objective=float(own.objective),
-            prices=dict(by_limit(own.limited.tolist())),
+            prices=dict(zip(limited, own.limited.tolist(), strict=True)),
             objective_function=function,
             history=_history(history),
             winner=winner,
@@ -255,13 +252,11 @@ class Designer:
                 names[i]: "low" if own.scaled[i] < 0.5 else "high" for i in np.flatnonzero(active)
             },
             gradient=dict(zip(names, (-size * slope).tolist(), strict=True)),
-            multipliers=dict(by_limit((size * multipliers).tolist())),
+            multipliers=dict(zip(limited, (size * multipliers).tolist(), strict=True)),
             limit_tolerance=options.limit_tolerance,
             stopped=stopped,
             simulations=(len(history) * options.starts + runs) * self.lagrangian.batch,
-            trained=Comparison(
-                before, problem.evaluate(own.scaled, problem.ensemble), function, si
-            ),
+            trained=Comparison(before, after, function, si),
             fresh=None,
             _first=first,
             _problem=problem,

@@ -98,8 +98,8 @@ class Descent:
     options: SearchOptions
     data: ProblemData
 
-    def run(self, scaled: np.ndarray) -> tuple[State, list[Iterate], str]:
-        """From starts, shape (s, d): the last state, all that was met, and why the search ended.
+    def run(self, scaled: np.ndarray) -> tuple[Point, list[Iterate], str]:
+        """From starts, shape (s, d): the best of each, all that was met, and why the search ended.
 
         Raises
         ------
@@ -109,22 +109,22 @@ class Descent:
             If the file cannot be written to.
         """
         problem, options = self.lagrangian.problem, self.options
+        whole = self.lagrangian.per_epoch == 1
         state, saved = self.lagrangian.begin(scaled), None
         history: list[Iterate] = []
         if options.save is not None:
             saved = SavedSearch(Path(options.save), self._identity(state))
             state, history = saved.read(state)
-        bar = tqdm(
-            total=options.iterations,
-            initial=len(history),
-            unit=" iterations",
-            disable=not options.progress,
-        )
-        with bar:
+        best = history[-1].best if history else no_design(state)
+        n, hidden = options.iterations, not options.progress
+        with tqdm(total=n, initial=len(history), unit=" iterations", disable=hidden) as bar:
             while not (reason := self._end(history)):
-                best = history[-1].best if history else no_design(state)
                 state, here = self.lagrangian.iterate(state, len(history), self.data)
-                best = self._best(best, here, state.alive, len(history))
+                if whole:
+                    best = better(best, here, state.alive)
+                elif len(history) % self.lagrangian.per_epoch == 0:
+                    # The objective of a part of the earthquakes is noise.
+                    best = better(best, problem.points(here.scaled, self.data), state.alive)
                 history.append(Iterate(here, best, state.alive))
                 if not state.alive.any():
                     raise ValueError(f"{OWNER}: {self._none_finite(history)}")
@@ -144,19 +144,9 @@ class Descent:
                         break
         if saved is not None:
             saved.write(state, history)
-        return state, history, reason
-
-    def _best(self, before: Point, here: Point, alive: np.ndarray, iteration: int) -> Point:
-        """The best design that each start has met.
-
-        The objective of a part of the earthquakes is noise: designs are then judged by all of them,
-        once an epoch.
-        """
-        if iteration % self.lagrangian.per_epoch:
-            return before
-        if self.lagrangian.per_epoch > 1:
-            here = self.lagrangian.problem.points(here.scaled, self.data)
-        return better(before, here, alive)
+        if not whole:
+            best = better(best, problem.points(state.scaled, self.data), state.alive)
+        return best, history, reason
 
     def _end(self, history: Sequence[Iterate]) -> str:
         """Why to end, or nothing."""

@@ -1,6 +1,7 @@
 """The search for a design: known optima of stand-ins, and the paper's case."""
 
 import dataclasses
+import inspect
 import json
 import re
 from functools import partial
@@ -19,6 +20,7 @@ from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import PRICES
 from jaxpound.design.problem import DesignProblem
+from jaxpound.design.search import SearchOptions
 from tests.test_tables import assert_shown
 
 PAPER = jp.paper.structures()
@@ -166,6 +168,32 @@ def test_single_precision_searches_too(stand_in):
     np.testing.assert_allclose(front.prices, [0.3, 0.5, 0.6], rtol=1e-2)
     assert front.designs[0].objective_function.limits["damper_force"].at_most == pytest.approx(0.3)
     assert not front.designs[-1].objective_function.limits
+
+
+def test_the_search_s_program_gives_the_jacobian(stand_in):
+    """In blocks of as many rows as there are starts; with minibatches the mean of an epoch."""
+    limits = {"damper_force": 0.5, "peak_x1": jp.Limit(2.0, "mean")}
+    problem = DesignProblem(SPACE, ENSEMBLE, GRID, jp.Scheme(), jp.Objective(limits=limits))
+    scaled = np.array([0.3, 0.4])
+    data = problem.data(problem.evaluate(scaled, ENSEMBLE), 1e-3, 0)
+
+    def terms(scaled):
+        objective, limited = problem.values(scaled, data)
+        return jnp.append(-objective / data.size, limited / data.limits - 1)
+
+    for starts, batch in ((2, 8), (4, 8), (1, 4)):
+        lagrangian = AugmentedLagrangian(
+            problem, optax.with_extra_args_support(optax.sgd(1)), batch
+        )
+        here, rows = lagrangian.jacobian(scaled, starts, data)
+        np.testing.assert_allclose(rows, jax.jacfwd(terms)(scaled), atol=1e-12)
+        np.testing.assert_allclose(here.limited, [0.4, 1.1])
+
+
+def test_options_are_by_default_those_of_design_damper():
+    signature = inspect.signature(jp.design_damper).parameters
+    for field in dataclasses.fields(SearchOptions):
+        assert signature[field.name].default == field.default, field.name
 
 
 # What befalls a search.
@@ -352,6 +380,8 @@ def test_a_comparison_is_paired(stand_in):
     difference = values["after"].value - values["before"].value
     assert values["difference"].value == pytest.approx(difference)
     assert values["difference"].low <= difference <= values["difference"].high
+    slip = compared.difference("damper_force")  # the same of all earthquakes
+    assert slip.low == slip.value == slip.high == found.values["friction"] - found.start["friction"]
     assert compared.rows()["min_gap"]["mean_after"] == pytest.approx(
         np.mean(d) + 1 - np.mean(1 - compared.before["min_gap"])
     )
