@@ -58,24 +58,22 @@ class Comparison(Shown):
 
         Of what a single earthquake decides (``WorstGap``) they say nothing reliable.
         """
-        n, rng = len(self), np.random.default_rng(0)
+        function = self.objective_function
+        value = jax.jit(
+            lambda columns, rows: function.value(jax.tree.map(lambda x: x[rows], columns))
+        )
 
-        @jax.jit
-        def value(columns: dict[str, Any], rows: Any) -> Any:
-            return self.objective_function.value({k: x[rows] for k, x in columns.items()})
+        def values(rows: np.ndarray, axis: int = -1) -> np.ndarray:  # of one draw, shape (1, n)
+            before, after = (float(value(x, rows[0])) for x in (self.before, self.after))
+            return np.array([[before], [after], [after - before]])
 
-        replicates = _REPLICATES if n > 1 else 0  # draws of one earthquake are all the same
-        draws = np.concatenate([[np.arange(n)], rng.integers(0, n, (replicates, n))])
-        values = [
-            np.array([float(value(columns, rows)) for rows in draws])
-            for columns in (self.before, self.after)
-        ]
-        found = {"before": values[0], "after": values[1], "difference": values[1] - values[0]}
-        ends = {
-            name: np.quantile(x[1:], [0.025, 0.975]) if n > 1 else [np.nan, np.nan]
-            for name, x in found.items()
-        }
-        return {name: Estimate(float(x[0]), *map(float, ends[name])) for name, x in found.items()}
+        every, ends = np.arange(len(self)), np.full((2, 3), np.nan)
+        if len(self) > 1:
+            how: dict[str, Any] = {"method": "percentile", "batch": 1, "rng": 0}
+            resampled = stats.bootstrap((every,), values, n_resamples=_REPLICATES, **how)
+            ends = resampled.confidence_interval
+        rows = zip(("before", "after", "difference"), values(every[None])[:, 0], *ends, strict=True)
+        return {name: Estimate(*map(float, numbers)) for name, *numbers in rows}
 
     @property
     def pounding(self) -> tuple[float, float]:

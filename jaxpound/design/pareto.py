@@ -170,10 +170,13 @@ def pareto_front(
                 continue
             designs.append(last)
         begin_search(0)
-    ranked = sorted(designs, key=lambda design: (design.prices[price], -design.objective))
-    front, best = [], -np.inf
-    for design in ranked:
-        if design.objective > best:
+    return ParetoFront(price, over, _front(designs, price), tuple(infeasible))
+
+
+def _front(designs: Sequence[Design], price: str) -> tuple[Design, ...]:
+    """Designs none of which is better than another in both objective and price."""
+    front: list[Design] = []
+    for design in sorted(designs, key=lambda one: (one.prices[price], -one.objective)):
+        if not front or design.objective > front[-1].objective:
             front.append(design)
-            best = design.objective
-    return ParetoFront(price, over, tuple(front), tuple(infeasible))
+    return tuple(front)

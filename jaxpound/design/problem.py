@@ -61,13 +61,10 @@ class DesignProblem:
     scales: Scales | None = None
 
     def __post_init__(self) -> None:
-        instance(OWNER, "space", self.space, DesignSpace)
-        instance(OWNER, "ensemble", self.ensemble, Ensemble)
-        instance(OWNER, "grid", self.grid, TimeGrid)
-        instance(OWNER, "scheme", self.scheme, Scheme)
-        instance(OWNER, "objective", self.objective, Objective)
-        if self.scales is not None:
-            instance(OWNER, "scales", self.scales, Scales)
+        kinds = {"space": DesignSpace, "ensemble": Ensemble, "grid": TimeGrid, "scheme": Scheme}
+        kinds |= {"objective": Objective} | ({} if self.scales is None else {"scales": Scales})
+        for name, kind in kinds.items():
+            instance(OWNER, name, getattr(self, name), kind)
         require_apart(OWNER, self.space.names, self.ensemble)
 
     def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:

@@ -130,23 +130,33 @@ class Descent:
                     raise ValueError(f"{OWNER}: {self._none_finite(history)}")
                 if saved is not None and len(history) % _SAVE_EVERY == 0:
                     saved.write(state, history)
-                within = state.alive & ~best.infeasible
-                reported = float(np.where(within, best.objective, -np.inf).max())
-                bar.update()
-                if np.isfinite(reported):  # else nothing within the limits was found yet
-                    bar.set_postfix({"objective": f"{reported:.5g}"}, refresh=False)
-                if options.callback is not None:
-                    values = problem.space.numbers(here.scaled)
-                    progress = here.objective, here.violation, values, reported
-                    answer = options.callback(Progress(len(history), *progress))
-                    if isinstance(answer, bool | np.bool_) and answer:
-                        reason = STOPPED_BY_CALLBACK
-                        break
+                if self._report(history, bar):
+                    reason = STOPPED_BY_CALLBACK
+                    break
         if saved is not None:
             saved.write(state, history)
         if not whole:
             best = better(best, problem.points(state.scaled, self.data), state.alive)
         return best, history, reason
+
+    def _report(self, history: Sequence[Iterate], bar: tqdm) -> bool:
+        """Show the last iteration, and say whether the callback ends the search."""
+        here, best, alive = history[-1]
+        reported = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
+        bar.update()
+        if np.isfinite(reported):  # else nothing within the limits was found yet
+            bar.set_postfix({"objective": f"{reported:.5g}"}, refresh=False)
+        if self.options.callback is None:
+            return False
+        progress = Progress(
+            iteration=len(history),
+            objective=here.objective,
+            violation=here.violation,
+            values=self.lagrangian.problem.space.numbers(here.scaled),
+            best=reported,
+        )
+        answer = self.options.callback(progress)
+        return isinstance(answer, bool | np.bool_) and bool(answer)
 
     def _end(self, history: Sequence[Iterate]) -> str:
         """Why to end, or nothing."""
@@ -179,18 +189,17 @@ class Descent:
 
     def _identity(self, state: State) -> dict[str, Any]:
         """What determines every number of a search."""
-        lagrangian, data, problem = self.lagrangian, self.data, self.lagrangian.problem
+        data, problem = self.data, self.lagrangian.problem
+        posed = ("space", "objective", "grid", "scheme", "scales")
+        numbers = ("limits", "tolerance")
         leaves = jax.tree.leaves((data.grounds, data.uncertain))
         return {
-            "space": describe(problem.space),
-            "setting": describe([problem.grid, problem.scheme, problem.scales]),
-            "objective": describe(problem.objective),
-            "limits": np.asarray(data.limits).tolist(),
-            "tolerance": np.asarray(data.tolerance).tolist(),
+            **{name: describe(getattr(problem, name)) for name in posed},
+            **{name: np.asarray(getattr(data, name)).tolist() for name in numbers},
             "key": np.asarray(jax.random.key_data(data.key)).tolist(),
             "ensemble": [digest(np.asarray(x).tobytes()) for x in leaves],
-            "starts": digest(np.asarray(state.scaled).tobytes()),
-            "program": [digest(x.encode()) for x in lagrangian.texts(state, data)],
+            "starts": digest(state.scaled.tobytes()),
+            "program": [digest(x.encode()) for x in self.lagrangian.texts(state, data)],
         }
 
 
