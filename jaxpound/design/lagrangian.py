@@ -81,12 +81,12 @@ class AugmentedLagrangian:
         )
 
     def jacobian(self, scaled: np.ndarray, starts: int, data: ProblemData) -> tuple[Point, Any]:
-        """A design, and the derivatives of −J and of every excess by its scaled variables.
+        """A design, and the derivatives of −J and every excess by its scaled variables, (1 + m, d).
 
-        Shape (1 + m, d). A second program would take as long to compile as the search's: each row
-        is the gradient of a Lagrangian with one weight of 1 and no others, ``starts`` at a time, as
-        the search's program is compiled for. With minibatches it is the mean of an epoch's, and
-        the design's values are those of the last.
+        A program of its own would take as long to compile as the search's. Therefore each row is
+        the gradient of a Lagrangian of which one term has the weight 1 and all others 0, for as
+        many rows at a time as the search has ``starts``. With minibatches it is the mean of an
+        epoch's, and the design's values are those of the last.
         """
         m = len(self.problem.objective.limits)
         weights = np.eye(-(-(1 + m) // starts) * starts, 1 + m)
@@ -135,9 +135,12 @@ class AugmentedLagrangian:
     ) -> State:
         multipliers, weight = state.multipliers, state.weight
 
+        def raised(limited: Any) -> Any:
+            return jax.nn.relu(multipliers + weight * (limited / data.limits - 1))
+
         def lagrangian(objective: Any, limited: Any) -> Any:
-            pull = jax.nn.relu(multipliers + weight * (limited / data.limits - 1))
-            return jnp.sum(pull**2 - multipliers**2) / (2 * weight) - objective / data.size
+            terms = (raised(limited) ** 2 - multipliers**2) / (2 * weight)
+            return jnp.sum(terms) - objective / data.size
 
         def lagrangian_at(scaled: Any) -> Any:  # for optimisers that search along lines
             rows = self._rows(iteration, data.key)
@@ -150,13 +153,12 @@ class AugmentedLagrangian:
             slope, state.optimiser, state.scaled, value=value, grad=slope, value_fn=lagrangian_at
         )
         due = (iteration + 1) % _MULTIPLIERS_EVERY == 0
-        raised = jax.nn.relu(multipliers + weight * (here.limited / data.limits - 1))
         lagging = here.violation > jnp.maximum(10 * data.tolerance, state.violation / 2)
         heavier = jnp.minimum(jnp.where(lagging, 2 * weight, weight), _LARGEST_WEIGHT)
         following = State(
             scaled=jnp.clip(state.scaled + steps, 0, 1),
             optimiser=memory,
-            multipliers=jnp.where(due, raised, multipliers),
+            multipliers=jnp.where(due, raised(here.limited), multipliers),
             weight=jnp.where(due, heavier, weight),
             violation=jnp.where(due, here.violation, state.violation),
             alive=alive,
