@@ -13,7 +13,9 @@ import optax
 from scipy import optimize
 
 import jaxpound as jp
-from jaxpound.design.run import Sought
+from jaxpound.design.problem import DesignProblem
+from jaxpound.design.run import Designer
+from jaxpound.design.search import SearchOptions
 from jaxpound.design.space import spread_shares
 
 GRID = jp.TimeGrid.until(20.0, 0.04)
@@ -35,38 +37,32 @@ def earthquakes(n):
     return jp.Ensemble.drawn(jp.Scenarios(PAPER, ground), n)
 
 
-def sought(space, ensemble, scheme=None, optimiser=None):
-    return Sought(
-        space,
-        ensemble,
-        GRID,
-        scheme or jp.Scheme(),
-        OBJECTIVE,
-        optimiser=optimiser,
-        batch=None,
-        iterations=ITERATIONS,
-        scales=None,
-    )
+def problem(space, ensemble, scheme=None):
+    return DesignProblem(space, ensemble, GRID, scheme or jp.Scheme(), OBJECTIVE)
 
 
-def search(one, **more):
-    how = {"patience": ITERATIONS, "tolerance": 1e-6, "start": None, "starts": STARTS, "key": 0}
+def designer(problem, **more):
+    how = {"iterations": ITERATIONS, "patience": ITERATIONS, "tolerance": 1e-6, "starts": STARTS}
+    return Designer(problem, SearchOptions(**(how | {"progress": False} | more)))
+
+
+def search(one):
     start = time.perf_counter()
-    found = one.search(**(how | {"progress": False} | more))
+    found = one.design()
     return found, time.perf_counter() - start
 
 
 class Counted:
     """The objective as SciPy asks for it: to be made small, by shares."""
 
-    def __init__(self, one):
-        self.one, self.calls = one, 0
+    def __init__(self, problem):
+        self.problem, self.calls = problem, 0
         self.value = jax.jit(OBJECTIVE.value)
 
     def __call__(self, shares):
         """Minus the objective at shares."""
         self.calls += 1
-        columns = self.one.evaluate(np.clip(shares, 0, 1), self.one.ensemble)
+        columns = self.problem.evaluate(np.clip(shares, 0, 1), self.problem.ensemble)
         return -float(self.value(columns))
 
 
@@ -79,22 +75,23 @@ def against(title, space, ensemble):
     n, bounds = len(ensemble), [(0.0, 1.0)] * space.dimension
     print(f"{title}: {', '.join(space.names)}; {n} earthquakes, objective to be large")
     print(f"  {'':36} {'objective':>11} {'simulations':>11} {'':>8}")
-    one = sought(space, ensemble)
-    search(one)  # compiles
+    sought = problem(space, ensemble)
+    one = designer(sought)
+    _, compiling = search(one)
     found, seconds = search(one)
+    print(f"  the first search takes {compiling - seconds:.0f} s more, to compile")
     told(f"Adam, {STARTS} starts, polished", found.objective, found.simulations, seconds)
-    other = sought(space, ensemble, optimiser=optax.lbfgs())
-    other.iterations = 15
-    search(other, polish=False)
-    lines, seconds = search(other, polish=False)
+    other = designer(sought, optimiser=optax.lbfgs(), iterations=15, polish=False)
+    search(other)  # compiles
+    lines, seconds = search(other)
     told("L-BFGS, 15 iterations (+ line search)", lines.objective, lines.simulations, seconds)
-    least = Counted(one)
+    least = Counted(sought)
     begun = spread_shares(space.shares(PAPER), STARTS, 0)
     start = time.perf_counter()
     ends = [optimize.minimize(least, x, method="Nelder-Mead", bounds=bounds) for x in begun]
     seconds = time.perf_counter() - start
     told(f"Nelder-Mead, {STARTS} starts", -min(x.fun for x in ends), least.calls * n, seconds)
-    least, most = Counted(one), 20 * found.simulations // n
+    least, most = Counted(sought), 20 * found.simulations // n
     start = time.perf_counter()
     end = optimize.differential_evolution(
         least, bounds, maxiter=most // (15 * len(bounds)) - 1, tol=0, polish=False, rng=0
@@ -133,8 +130,8 @@ def friction_laws(ensemble):
             ("1, 2 variables", TWO, jp.Ensemble.of([jp.paper.ground()], GRID)),
             (f"{len(ensemble)}, 5 variables", FIVE, ensemble),
         ):
-            found, _ = search(sought(space, many, scheme))
-            judge = Counted(sought(space, many))
+            found, _ = search(designer(problem(space, many, scheme)))
+            judge = Counted(problem(space, many))
             ends = [-judge(x) for x in found.history.shares[-1]]
             print(
                 f"  {name:16} {goal:16} best {-judge(found.shares):.6f}; ends of the starts "
@@ -145,27 +142,26 @@ def friction_laws(ensemble):
 
 def iteration(ensemble):
     """Time of one iteration of all starts over that of the same runs without gradient."""
-    one = sought(FIVE, ensemble)
+    sought = problem(FIVE, ensemble)
+    lagrangian = designer(sought).lagrangian
     begun = spread_shares(FIVE.shares(PAPER), STARTS, 0)
-    before = one.evaluate(begun[0], ensemble)
-    given = one._given(before, None, 1e-3, 0)
-    state = one.move.begin(begun)
-    program, _ = one.move.compiled(state, given)
+    data = sought.data(sought.evaluate(begun[0], ensemble), 1e-3, 0)
+    state = lagrangian.begin(begun)
 
     @jax.jit
     def forward(shares):
         def run(at):
-            return jax.vmap(
-                lambda ground: one.setting.demands(FIVE.structures(at), ground)["min_gap"]
-            )(given.grounds)
+            return jax.vmap(lambda ground: sought.demands(FIVE.structures(at), ground)["min_gap"])(
+                data.grounds
+            )
 
         return jax.vmap(run)(shares)
 
     ratios = []
-    jax.block_until_ready((program(state, given), forward(begun)))
+    jax.block_until_ready((lagrangian.iterate(state, 0, data), forward(begun)))
     for _ in range(7):
         took = []
-        for call in (lambda: program(state, given), lambda: forward(begun)):
+        for call in (lambda: lagrangian.iterate(state, 0, data), lambda: forward(begun)):
             start = time.perf_counter()
             jax.block_until_ready(call())
             took.append(time.perf_counter() - start)

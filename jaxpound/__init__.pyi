@@ -5,7 +5,7 @@ from jaxpound import paper as paper
 from jaxpound._version import __version__ as __version__
 from jaxpound.design.calibration import Calibration as Calibration
 from jaxpound.design.calibration import calibrate as calibrate
-from jaxpound.design.comparison import Comparison as Comparison
+from jaxpound.design.design import Comparison as Comparison
 from jaxpound.design.design import Design as Design
 from jaxpound.design.elasticity import Elasticities as Elasticities
 from jaxpound.design.elasticity import elasticities as elasticities

@@ -1,22 +1,121 @@
-"""A design: the structures that a search ended with, and how it came there."""
+"""A design: the structures that a search ended with, how it came there, and what they change."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
+from scipy import stats
 
-from jaxpound._checks import Rule, count, enforce, instance
+from jaxpound._checks import Rule, count, enforce, instance, require_share
 from jaxpound._tables import Shown, Table
-from jaxpound.design.comparison import Comparison
 from jaxpound.design.ensemble import Ensemble, require_apart
 from jaxpound.design.objective import Objective
+from jaxpound.design.problem import DesignProblem
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import unit
-from jaxpound.results.demand import unit_of
+from jaxpound.results.demand import in_words, unit_of
+from jaxpound.study.statistics import Estimate
+
+_REPLICATES = 500  # of the bootstrap
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Shown):
+    """Demands before and after, of the same earthquakes.
+
+    ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap, the gap at rest
+    and every price of ``Objective``. Intervals are of 95 %; of fewer than two earthquakes there are
+    none, and their ends are NaN.
+    """
+
+    before: dict[str, np.ndarray]
+    after: dict[str, np.ndarray]
+    objective_function: Objective
+    si: bool
+
+    def __len__(self) -> int:
+        return len(self.before["min_gap"])
+
+    def difference(self, name: str = "min_gap", confidence: float = 0.95) -> Estimate:
+        """Mean of after − before, earthquake by earthquake, with Student's interval."""
+        require_share("difference", "confidence", confidence)
+        if name not in self.before:
+            raise ValueError(f"difference: {name!r} must be one of {', '.join(self.before)}")
+        d = self.after[name] - self.before[name]
+        mean, half = float(np.mean(d)), np.nan
+        if len(d) > 1:  # ttest_1samp gives no interval where all differences are the same
+            half = float(stats.sem(d) * stats.t.isf((1 - confidence) / 2, len(d) - 1))
+        return Estimate(mean, mean - half, mean + half, confidence)
+
+    @cached_property
+    def objective(self) -> dict[str, Estimate]:
+        """Objective before, after, and after less before, with bootstrap intervals.
+
+        Of what a single earthquake decides (``WorstGap``) they say nothing reliable.
+        """
+        function = self.objective_function
+        value = jax.jit(
+            lambda columns, rows: function.value(jax.tree.map(lambda x: x[rows], columns))
+        )
+
+        def values(rows: np.ndarray, axis: int = -1) -> np.ndarray:  # of one draw, shape (1, n)
+            before, after = (float(value(x, rows[0])) for x in (self.before, self.after))
+            return np.array([[before], [after], [after - before]])
+
+        every, ends = np.arange(len(self)), np.full((2, 3), np.nan)
+        if len(self) > 1:
+            how: dict[str, Any] = {"method": "percentile", "batch": 1, "rng": 0}
+            resampled = stats.bootstrap((every,), values, n_resamples=_REPLICATES, **how)
+            ends = resampled.confidence_interval
+        rows = zip(("before", "after", "difference"), values(every[None])[:, 0], *ends, strict=True)
+        return {name: Estimate(*map(float, numbers)) for name, *numbers in rows}
+
+    @property
+    def pounding(self) -> tuple[float, float]:
+        """Share of earthquakes in which the gap closes, before and after."""
+        return tuple(float(np.mean(x["min_gap"] <= 0)) for x in (self.before, self.after))  # type: ignore[return-value]
+
+    def rows(self) -> dict[str, dict[str, float]]:
+        """Mean and 95 % quantile (5 % of the smallest gap) of every demand, before and after."""
+        table = {}
+        for name in self.before:
+            if name == "initial_gap":
+                continue
+            q = 0.05 if name == "min_gap" else 0.95
+            columns = (("before", self.before), ("after", self.after))
+            table[name] = {
+                f"{what}_{when}": float(f(x[name]))
+                for what, f in (("mean", np.mean), ("tail", lambda y, q=q: np.quantile(y, q)))
+                for when, x in columns
+            }
+        return table
+
+    def _tables(self) -> list[Table]:
+        return [
+            Table(
+                f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})",
+                ("", "mean before", "mean after", "quantile before", "quantile after", "unit"),
+                [
+                    (in_words(name), *row.values(), unit_of(name, self.si))
+                    for name, row in self.rows().items()
+                ],
+                [
+                    "quantiles are of 95 %, of the smallest gap of 5 %",
+                    "pounding in {:.4g} % of them before, {:.4g} % after".format(
+                        *(100 * share for share in self.pounding)
+                    ),
+                    f"min gap wider by {self.difference()} {unit('length', self.si)} on average",
+                    f"objective {self.objective['after']} "
+                    f"{unit(self.objective_function.quantity, self.si)}".rstrip(),
+                ],
+                digits=4,
+            )
+        ]
 
 
 class Landscape(NamedTuple):
@@ -52,7 +151,6 @@ class History(NamedTuple):
 class Design(Shown):
     """The structures that a search ended with, and how it came there."""
 
-    space: DesignSpace
     structures: AdjacentStructures
     """The design; dimensionless."""
     shares: np.ndarray
@@ -65,14 +163,10 @@ class Design(Shown):
     history: History
     winner: int
     """The start that found it, from 0."""
-    dropped: dict[int, int]
-    """Starts that were dropped because something was not finite, and their last iterations."""
     active_bounds: dict[str, str]
-    """Variables that stand at a bound, "low" or "high", because the objective would leave it."""
+    """Variables at an active bound, "low" or "high": beyond it the objective would be better."""
     gradient: dict[str, float]
-    """Of the objective, with multipliers for the limits, by shares of the way between bounds."""
-    gradient_norm: float
-    """Of the gradient's components that no bound holds."""
+    """Of the objective less multipliers times limits, by the scaled variables."""
     multipliers: dict[str, float]
     """What a relative change of each limit is worth, in the objective's unit."""
     limit_tolerance: float
@@ -85,9 +179,25 @@ class Design(Shown):
     """Before (the first start) and after, on the ensemble that it was made for."""
     fresh: Comparison | None
     """The same on earthquakes that it was not made for."""
-    _evaluate: Callable[[np.ndarray, Ensemble], dict[str, np.ndarray]]
     _first: np.ndarray
-    _ensemble: Ensemble
+    _problem: DesignProblem
+
+    @property
+    def space(self) -> DesignSpace:
+        """What could be chosen."""
+        return self._problem.space
+
+    @property
+    def dropped(self) -> dict[int, int]:
+        """Starts that were dropped because something was not finite, and their last iterations."""
+        alive = self.history.alive
+        return {i: int(np.argmin(alive[:, i])) for i in np.flatnonzero(~alive[-1]).tolist()}
+
+    @property
+    def gradient_norm(self) -> float:
+        """Of the gradient's components at no active bound."""
+        free = [x for path, x in self.gradient.items() if path not in self.active_bounds]
+        return float(np.linalg.norm(free))
 
     @property
     def values(self) -> dict[str, float]:
@@ -104,8 +214,8 @@ class Design(Shown):
         instance("Design.compare", "ensemble", ensemble, Ensemble)
         require_apart("Design.compare", self.space.names, ensemble)
         return Comparison(
-            self._evaluate(self._first, ensemble),
-            self._evaluate(self.shares, ensemble),
+            self._problem.evaluate(self._first, ensemble),
+            self._problem.evaluate(self.shares, ensemble),
             self.objective_function,
             self.trained.si,
         )
@@ -133,26 +243,23 @@ class Design(Shown):
             raise ValueError(f"landscape: x = y = {x!r} must be two variables")
         enforce("landscape", [Rule("n", n, count("landscape", "n", n) >= 2, "at least 2")])
         i, j = names.index(x), names.index(y)
-        ticks, rows = np.linspace(0, 1, n), []
-        for share in ticks:
-            row = np.tile(self.shares, (n, 1))
-            row[:, i], row[:, j] = ticks, share
-            rows.append(row)
-        at = np.concatenate(rows)
-        found = [self._evaluate(shares, self._ensemble) for shares in at]
+        at = np.tile(self.shares, (n, n, 1))
+        at[..., i], at[..., j] = np.meshgrid(*[np.linspace(0, 1, n)] * 2)
+        problem = self._problem
+        found = [problem.evaluate(scaled, problem.ensemble) for scaled in at.reshape(n * n, -1)]
         function = self.objective_function
         objective = np.array([float(function.value(columns)) for columns in found])
         limits = np.array([limit.at_most for limit in function.limits.values()])
         prices = np.array([function.prices(columns) for columns in found])
         violation = (prices / limits - 1).max(axis=1, initial=-1.0)
-        values, shape = self.space.numbers(at), (n, n)
+        values = self.space.numbers(at)
         return Landscape(
-            x,
-            y,
-            values[x].reshape(shape),
-            values[y].reshape(shape),
-            objective.reshape(shape),
-            violation.reshape(shape),
+            x=x,
+            y=y,
+            x_values=values[x],
+            y_values=values[y],
+            objective=objective.reshape(n, n),
+            violation=violation.reshape(n, n),
         )
 
     def _tables(self) -> list[Table]:

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import Literal
 
 from jaxpound._checks import count, instance, require_memory, seed
 from jaxpound.grid import TimeGrid
@@ -123,15 +124,14 @@ class Ensemble:
         one = jax.eval_shape(scenarios.realize, normal)
         size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(one))
         require_memory(owner, "n", n, n * (size + 8 * scenarios.dimension))
-        if start + n >= most:
-            rule = f"less than {most:,} for {sampling} sampling"
+        if start + n > most:
+            rule = f"at most {most:,} for {sampling} sampling"
             raise ValueError(f"{owner}: start + n = {start + n:,} must be {rule}")
-        # One more, to see what varies.
-        z = points(sampling, key, scenarios.dimension)(start, start + n + 1)
+        z = points(sampling, key, scenarios.dimension)(start, start + n)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)
-        values = {path: np.asarray(attrgetter(path)(structures)) for path in PARAMETERS}
-        uncertain = {path: x[:n] for path, x in values.items() if np.ptp(x)}
-        grounds = jax.tree.map(lambda x: np.asarray(x)[:n], grounds)
+        drawn = drawn_parameters(scenarios)
+        uncertain = {path: np.asarray(attrgetter(path)(structures)) for path in drawn}
+        grounds = jax.tree.map(np.asarray, grounds)
         for leaf in jax.tree.leaves((uncertain, grounds)):
             if not np.isfinite(leaf).all():
                 bad = int(np.argmin(np.isfinite(leaf).reshape(n, -1).all(axis=1)))
@@ -146,18 +146,33 @@ class Ensemble:
         """The n scenarios that follow those of a drawn ensemble; None where none are drawn."""
         return None if self._more is None else self._more(n)
 
+    def including(self, grounds: Sequence[GroundLike], grid: TimeGrid) -> Ensemble:
+        """The ensemble and given ground motions, as of ``of``; fresh ones are drawn as before.
+
+        Raises
+        ------
+        ValueError
+            As ``of``; if structures are uncertain, which given ground motions do not say.
+        """
+        self._require_certain()
+        both = Ensemble.of([*self, *grounds], grid)
+        return dataclasses.replace(both, _more=self._more)
+
     def __add__(self, other: Ensemble) -> Ensemble:
         """Both together, as far as neither has uncertain structures."""
         instance("Ensemble", "other", other, Ensemble)
-        if self.uncertain or other.uncertain:
-            path = next(iter({**self.uncertain, **other.uncertain}))
-            raise ValueError(f"Ensemble: {path} is uncertain; such ensembles cannot be added")
+        self._require_certain()
+        other._require_certain()
         kinds = {type(self.grounds), type(other.grounds)}
         if not kinds <= {Ricker, Record}:
             names = " and ".join(kind.__name__ for kind in kinds)
             raise ValueError(f"Ensemble: {names} cannot be added; use Ensemble.of for all")
         # The grid is not asked for where all are wavelets and records.
         return Ensemble.of([*self, *other], TimeGrid(1.0, 2))
+
+    def _require_certain(self) -> None:
+        for path in self.uncertain:
+            raise ValueError(f"Ensemble: {path} is uncertain; such ensembles cannot be added")
 
     def __len__(self) -> int:
         return len(jax.tree.leaves(self.grounds)[0])
@@ -179,7 +194,7 @@ def _stacked(grounds: Sequence[Any]) -> Any:
 
 
 def _as_long(grounds: Sequence[Any]) -> list[Any]:
-    """Wavelets, or records, with as many entries as the longest, by ones that do nothing."""
+    """Padded to the longest: with wavelets of zero amplitude, or with zero samples."""
     if isinstance(grounds[0], Record):
         most = max(ground.n_samples for ground in grounds)
         return [Record(_padded(g.samples, most), g.dt, "", g.time_unit) for g in grounds]
@@ -196,6 +211,26 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
 
 def _padded(x: Any, n: int, **how: Any) -> np.ndarray:
     return np.pad(np.ravel(np.asarray(x, float)), (0, n - np.size(x)), **how)
+
+
+def drawn_parameters(scenarios: ScenarioSet) -> list[str]:
+    """Paths of the structures' parameters that depend on what is drawn.
+
+    Those that the program of ``realize`` computes from z: a parameter that is seldom another, and
+    the same in all draws, is one of them.
+    """
+
+    def parameters(z: Any) -> list[Any]:
+        structures, _ = scenarios.realize(z)
+        return [attrgetter(path)(structures) for path in PARAMETERS]
+
+    program = jax.make_jaxpr(parameters)(jnp.zeros(scenarios.dimension)).jaxpr
+    drawn = {*program.invars}
+    for equation in program.eqns:
+        if any(x in drawn for x in equation.invars if not isinstance(x, Literal)):
+            drawn.update(equation.outvars)
+    found = zip(PARAMETERS, program.outvars, strict=True)
+    return [path for path, x in found if not isinstance(x, Literal) and x in drawn]
 
 
 def require_apart(owner: str, chosen: Sequence[str], ensemble: Ensemble) -> None:

@@ -265,7 +265,7 @@ class Objective:
 
     Notes
     -----
-    All are in dimensionless units, or in SI units where the design is told its scales. Prices are
+    All are in dimensionless units, or in SI units where the design is given scales. Prices are
     ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its slip force), ``peak_x1``,
     ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``, ``residual_offset`` (its size),
     ``slip_distance`` and ``friction_work``.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm.auto import tqdm
@@ -14,7 +14,9 @@ from jaxpound._tables import Shown, Table
 from jaxpound.design.design import Design
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import PRICES, Limit, Objective
-from jaxpound.design.run import NO_LIMIT, InfeasibleError, Progress, Sought
+from jaxpound.design.problem import DesignProblem
+from jaxpound.design.run import NO_LIMIT, Designer, InfeasibleError
+from jaxpound.design.search import Progress, SearchOptions
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.model.structures import AdjacentStructures
@@ -126,32 +128,32 @@ def pareto_front(
     limited = dataclasses.replace(
         objective, limits={**objective.limits, price: Limit(NO_LIMIT, over)}
     )
-    sought = Sought(
-        space,
-        ensemble,
-        grid,
-        scheme,
-        limited,
-        optimiser=optimiser,
-        batch=None,
-        iterations=iterations,
-        scales=scales,
+
+    def report(where: Progress) -> None:
+        bar.update()
+        best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
+        bar.set_postfix({"objective": best}, refresh=False)
+
+    designer = Designer(
+        DesignProblem(space, ensemble, grid, scheme, limited, scales),
+        SearchOptions(
+            starts=starts,
+            key=key,
+            iterations=iterations,
+            optimiser=optimiser,
+            callback=report,
+            progress=False,
+        ),
     )
     searches = points if limits is None else 1 + len(limits)
     # Shown with the first iterations: a refusal stays alone.
     with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
 
         def begin_search(to_come: int) -> None:
-            bar.total = bar.n + sought.iterations * to_come  # those before may have ended early
+            bar.total = bar.n + iterations * to_come  # those before may have ended early
 
-        def tell(where: Progress) -> None:
-            bar.update()
-            best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
-            bar.set_postfix({"objective": best}, refresh=False)
-
-        how: dict[str, Any] = {"starts": starts, "key": key, "progress": False, "callback": tell}
         begin_search(searches)
-        free = sought.search(start=start, **how)
+        free = designer.design(start)
         if limits is None:
             met = free.history.prices[..., [*limited.limits].index(price)]
             met = met[np.isfinite(met) & (met > 0)]
@@ -162,16 +164,19 @@ def pareto_front(
         for i, limit in enumerate(limits):
             begin_search(len(limits) - i)
             try:
-                last = sought.search(start=last.values, limits={price: limit}, **how)
+                last = designer.design(last.values, limits={price: limit})
             except InfeasibleError:
                 infeasible.append(float(limit))
                 continue
             designs.append(last)
         begin_search(0)
-    ranked = sorted(designs, key=lambda design: (design.prices[price], -design.objective))
-    front, best = [], -np.inf
-    for design in ranked:
-        if design.objective > best:
+    return ParetoFront(price, over, _front(designs, price), tuple(infeasible))
+
+
+def _front(designs: Sequence[Design], price: str) -> tuple[Design, ...]:
+    """Designs none of which is better than another in both objective and price."""
+    front: list[Design] = []
+    for design in sorted(designs, key=lambda one: (one.prices[price], -one.objective)):
+        if not front or design.objective > front[-1].objective:
             front.append(design)
-            best = design.objective
-    return ParetoFront(price, over, tuple(front), tuple(infeasible))
+    return tuple(front)

@@ -1,248 +1,277 @@
-"""One step of a design search, compiled: an objective and its gradient at many designs at once.
-
-Limits are kept by an augmented Lagrangian (Nocedal and Wright 2006, section 17.3): with
-c = price / limit − 1, J the objective to be made small, multipliers λ ≥ 0 and a weight w, an
-optimiser makes J + Σ (max(0, λ + w c)² − λ²) / 2 w small, and now and then λ becomes
-max(0, λ + w c). Bounds are kept by projection.
-"""
+"""The loop of a design search: iterations until there is no more progress, and their file."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+from tqdm.auto import tqdm
 
-from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import PRICES, Objective
-from jaxpound.design.space import DesignSpace
-from jaxpound.grid import TimeGrid
-from jaxpound.model.structures import AdjacentStructures
-from jaxpound.simulation.batches import in_chunks
-from jaxpound.simulation.run import demand
-from jaxpound.simulation.scheme import Scheme
-from jaxpound.units import Scales
+from jaxpound._checks import count, instance, number, positive, seed
+from jaxpound.design.lagrangian import AugmentedLagrangian, State
+from jaxpound.design.problem import OWNER, Point, ProblemData, best_start, better
+from jaxpound.study.archives import Archive, DamagedError, opened, sweep_parts, write_archive
+from jaxpound.study.identity import describe, digest
 
 if TYPE_CHECKING:
-    from optax import GradientTransformationExtraArgs
+    from optax import GradientTransformation
 
-_MULTIPLIERS_EVERY = 10  # iterations
-_FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # heavier ones make steps and multipliers swing
+STOPPED_BY_CALLBACK = "the callback ended it"
 
-
-class Point(NamedTuple):
-    """A design that was met: arrays with a leading axis of starts."""
-
-    shares: Any  # (s, d)
-    infeasible: Any  # whether a limit is exceeded
-    merit: Any  # to be made small: the violation if infeasible, else minus the objective over size
-    objective: Any  # as the user sees it: goal less penalties
-    violation: Any  # the largest c, or 0
-    prices: Any  # (s, m)
+_SAVE_EVERY = 20  # iterations
+_FORMAT = 2  # of the file
 
 
-class State(NamedTuple):
-    """Where all starts are; arrays with a leading axis of starts."""
+class Progress(NamedTuple):
+    """Where a search is, as a callback is told."""
 
-    shares: Any  # (s, d)
-    optimiser: Any
-    multipliers: Any  # (s, m)
-    weight: Any  # (s,)
-    violated: Any  # largest violation when multipliers last changed
-    alive: Any
+    iteration: int
+    objective: np.ndarray
+    """Goal less penalties of every start, shape (s,); the larger the better."""
+    violation: np.ndarray
+    """By how much a limit is exceeded, at most, as a share of the limit, shape (s,)."""
+    values: dict[str, np.ndarray]
+    """The variables of every start, shape (s,) each."""
+    best: float
+    """Best objective within the limits so far; −∞ while there is none."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SearchOptions:
+    """How a design is searched for; ``design_damper`` says what each option is.
+
+    Raises
+    ------
+    ValueError
+        If an option breaks its rule.
+    """
+
+    starts: int = 4
+    key: int = 0
+    iterations: int = 150
+    optimiser: GradientTransformation | None = None
+    batch: int | None = None
+    patience: int = 40
+    tolerance: float = 1e-4
+    limit_tolerance: float = 1e-3
+    save: str | PathLike[str] | None = None
+    callback: Callable[[Progress], Any] | None = None
+    progress: bool = True
+    polish: bool = True
+
+    def __post_init__(self) -> None:
+        import optax  # takes as long as all the rest
+
+        for name in ("starts", "iterations", "patience"):
+            count(OWNER, name, getattr(self, name))
+        if self.batch is not None:
+            count(OWNER, "batch", self.batch)
+        for name in ("tolerance", "limit_tolerance"):
+            positive(OWNER, **{name: number(OWNER, name, getattr(self, name))})
+        seed(OWNER, "key", self.key)
+        if self.optimiser is not None:
+            instance(OWNER, "optimiser", self.optimiser, optax.GradientTransformation)
+        if self.save is not None and not Path(self.save).absolute().parent.is_dir():
+            raise ValueError(f"{OWNER}: save = {self.save} must be in a folder that exists")
+
+
+class Iterate(NamedTuple):
+    """What an iteration met: the design of every start, and the best that each has met so far."""
+
+    here: Point
     best: Point
-    iteration: Any
-
-
-class Given(NamedTuple):
-    """What a step is told beside the state; other numbers need no other program."""
-
-    grounds: Any
-    uncertain: Any
-    limits: Any  # (m,)
-    size: Any  # a number of the order of the objective, that makes it a pure number
-    tolerance: Any  # largest violation that is none
-    key: Any  # of minibatches
+    alive: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
-class Setting:
-    """How an earthquake is run, and in which units its demands are told."""
+class Descent:
+    """The iterations of all starts, until there is no more progress."""
 
-    grid: TimeGrid
-    scheme: Scheme
-    scales: Scales | None
+    lagrangian: AugmentedLagrangian
+    options: SearchOptions
+    data: ProblemData
 
-    def demands(self, structures: AdjacentStructures, ground: Any) -> dict[str, jax.Array]:
-        """Prices, smallest gap and gap at rest of structures in one earthquake."""
-        found = demand(structures, ground, self.grid, self.scheme)
-        gap, slip_force = structures.initial_gap, structures.friction
-        if self.scales is not None:
-            found = self.scales.to_si(found)
-            gap, slip_force = gap * self.scales.length, slip_force * self.scales.force
-        own = {"residual_offset": jnp.abs(found.residual_offset), "damper_force": slip_force}
-        columns = {name: own.get(name, getattr(found, name, None)) for name in PRICES}
-        rest = {"min_gap": found.min_gap, "initial_gap": gap}
-        return {name: jnp.asarray(x, found.min_gap.dtype) for name, x in (columns | rest).items()}
+    def run(self, scaled: np.ndarray) -> tuple[Point, list[Iterate], str]:
+        """From starts, shape (s, d): the best of each, all that was met, and why the search ended.
+
+        Raises
+        ------
+        ValueError
+            If every start is not finite, or the file holds another search or is damaged.
+        OSError
+            If the file cannot be written to.
+        """
+        problem, options = self.lagrangian.problem, self.options
+        whole = self.lagrangian.per_epoch == 1
+        state, saved = self.lagrangian.begin(scaled), None
+        history: list[Iterate] = []
+        if options.save is not None:
+            saved = SavedSearch(Path(options.save), self._identity(state))
+            state, history = saved.read(state)
+        best = history[-1].best if history else no_design(state)
+        n, hidden = options.iterations, not options.progress
+        with tqdm(total=n, initial=len(history), unit=" iterations", disable=hidden) as bar:
+            while not (reason := self._end(history)):
+                state, here = self.lagrangian.iterate(state, len(history), self.data)
+                if whole:
+                    best = better(best, here, state.alive)
+                elif len(history) % self.lagrangian.per_epoch == 0:
+                    # The objective of a part of the earthquakes is noise.
+                    best = better(best, problem.points(here.scaled, self.data), state.alive)
+                history.append(Iterate(here, best, state.alive))
+                if not state.alive.any():
+                    raise ValueError(f"{OWNER}: {self._none_finite(history)}")
+                if saved is not None and len(history) % _SAVE_EVERY == 0:
+                    saved.write(state, history)
+                if self._report(history, bar):
+                    reason = STOPPED_BY_CALLBACK
+                    break
+        if saved is not None:
+            saved.write(state, history)
+        if not whole:
+            best = better(best, problem.points(state.scaled, self.data), state.alive)
+        return best, history, reason
+
+    def _report(self, history: Sequence[Iterate], bar: tqdm) -> bool:
+        """Show the last iteration, and say whether the callback ends the search."""
+        here, best, alive = history[-1]
+        reported = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
+        bar.update()
+        if np.isfinite(reported):  # else nothing within the limits was found yet
+            bar.set_postfix({"objective": f"{reported:.5g}"}, refresh=False)
+        if self.options.callback is None:
+            return False
+        progress = Progress(
+            iteration=len(history),
+            objective=here.objective,
+            violation=here.violation,
+            values=self.lagrangian.problem.space.numbers(here.scaled),
+            best=reported,
+        )
+        answer = self.options.callback(progress)
+        return isinstance(answer, bool | np.bool_) and bool(answer)
+
+    def _end(self, history: Sequence[Iterate]) -> str:
+        """Why to end, or nothing."""
+        patience = self.options.patience * self.lagrangian.per_epoch
+        if len(history) >= self.options.iterations:
+            return f"{self.options.iterations} iterations"
+        if len(history) <= patience:
+            return ""
+        (_, then, _), (_, now, alive) = history[-1 - patience], history[-1]
+        entered = then.infeasible & ~now.infeasible
+        gained = then.merit[alive] - now.merit[alive]
+        within = ~now.infeasible[alive]
+        if within.any() and not entered[alive].any() and (gained < self.options.tolerance).all():
+            return f"no progress in {patience} iterations"
+        return ""
+
+    def _none_finite(self, history: Sequence[Iterate]) -> str:
+        """Why no start is finite, and what the best design was."""
+        problem, (here, best, _) = self.lagrangian.problem, history[-1]
+        before = ""
+        if not best.infeasible.all():
+            i = best_start(best)
+            values = problem.space.numbers(best.scaled[i])
+            listed = ", ".join(f"{path} = {float(x):.6g}" for path, x in values.items())
+            before = f"; the best before was {float(best.objective[i]):.6g} at {listed}"
+        return (
+            f"all {len(best.merit)} starts must be finite, but after {len(history) - 1} iterations "
+            f"none is; of the first, {problem.not_finite(here.scaled[0])}{before}"
+        )
+
+    def _identity(self, state: State) -> dict[str, Any]:
+        """What determines every number of a search."""
+        data, problem = self.data, self.lagrangian.problem
+        posed = ("space", "objective", "grid", "scheme", "scales")
+        numbers = ("limits", "tolerance")
+        leaves = jax.tree.leaves((data.grounds, data.uncertain))
+        return {
+            **{name: describe(getattr(problem, name)) for name in posed},
+            **{name: np.asarray(getattr(data, name)).tolist() for name in numbers},
+            "key": np.asarray(jax.random.key_data(data.key)).tolist(),
+            "ensemble": [digest(np.asarray(x).tobytes()) for x in leaves],
+            "starts": digest(state.scaled.tobytes()),
+            "program": [digest(x.encode()) for x in self.lagrangian.texts(state, data)],
+        }
+
+
+def no_design(state: State) -> Point:
+    """The best designs of starts that have met none yet."""
+    far, none = np.full_like(state.weight, np.inf), np.zeros_like(state.multipliers)
+    return Point(state.scaled, -far, none, far, np.ones_like(state.alive), far)
 
 
 @dataclasses.dataclass(frozen=True)
-class Search:
-    """What a design is sought for, and how; ``move`` is one iteration."""
+class SavedSearch:
+    """A file with the state of a search and all that it has met; ``identity`` says of which."""
 
-    space: DesignSpace
-    setting: Setting
-    objective: Objective
-    optimiser: GradientTransformationExtraArgs
-    earthquakes: int
-    batch: int  # earthquakes of an iteration
+    path: Path
+    identity: dict[str, Any]
 
-    @property
-    def per_epoch(self) -> int:
-        """Iterations in which every earthquake is met."""
-        return -(-self.earthquakes // self.batch)
+    def read(self, state: State) -> tuple[State, list[Iterate]]:
+        """State and history, or the state given and nothing where there is no file.
 
-    def values(self, shares: Any, rows: Any, given: Given) -> tuple[jax.Array, jax.Array]:
-        """Objective and prices of a design in some earthquakes, or in all (rows None)."""
-        grounds, uncertain = given.grounds, given.uncertain
-        if rows is not None:
-            grounds, uncertain = jax.tree.map(lambda x: x[rows], (grounds, uncertain))
+        Raises
+        ------
+        ValueError
+            If the file holds something else or is damaged, or no file of arrays can hold such a
+            state.
+        """
+        if any(jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key) for x in jax.tree.leaves(state)):
+            raise ValueError(f"{OWNER}: save cannot keep an optimiser that draws at random")
+        with contextlib.suppress(OSError):
+            sweep_parts(self.path.parent, self.path.name)
+        best = no_design(state)
+        try:
+            with opened(self.path) as archive:
+                self._require_same(archive.about)
+                (n,) = archive.read("iterations", (1,), np.int64).tolist()
+                held = _read(archive, state, ())
+                met = _read(archive, Iterate(best, best, state.alive), (n,))
+        except FileNotFoundError:
+            return state, []
+        except DamagedError as error:
+            rule = f"holds no search, or a damaged one ({error})"
+            raise ValueError(f"{self._said(rule)}; move it away to begin anew") from error
+        return held, [jax.tree.map(lambda x, i=i: x[i], met) for i in range(n)]
 
-        def run(ground: Any, others: Any) -> dict[str, jax.Array]:
-            return self.setting.demands(self.space.structures(shares, others), ground)
+    def write(self, state: State, history: Sequence[Iterate]) -> None:
+        """Put state and history in the place of what the file held."""
+        met = jax.tree.map(lambda *rows: np.stack(rows), *history)
+        arrays = {name: np.asarray(x) for name, x in (_named(state) | _named(met)).items()}
+        arrays["iterations"] = np.array([len(history)], np.int64)
+        write_archive(self.path, arrays, {"format": _FORMAT, **self.identity})
 
-        found = jax.vmap(run)(grounds, uncertain)
-        return self.objective.value(found), self.objective.prices(found)
+    def _require_same(self, theirs: Any) -> None:
+        if not isinstance(theirs, dict) or theirs.get("format") != _FORMAT:
+            rule = "holds no search, or one of another version of jaxpound"
+            raise ValueError(f"{self._said(rule)}; move it away to begin anew")
+        ours = json.loads(json.dumps(self.identity))
+        if other := [name for name, x in ours.items() if theirs.get(name) != x]:
+            raise ValueError(self._said(f"holds another search: {', '.join(other)} differs"))
 
-    def merit(self, shares: Any, multipliers: Any, weight: Any, rows: Any, given: Given) -> Any:
-        """The Lagrangian in units of size, and (objective, prices)."""
-        objective, prices = self.values(shares, rows, given)
-        pull = jax.nn.relu(multipliers + weight * (prices / given.limits - 1))
-        extra = jnp.sum(pull**2 - multipliers**2) / (2 * weight)
-        return extra - objective / given.size, (objective, prices)
-
-    def begin(self, shares: np.ndarray) -> State:
-        """The state of starts, shape (s, d)."""
-        s, m = len(shares), len(self.objective.limits)
-        places, far = jnp.asarray(shares), jnp.full(s, jnp.inf)
-        best = Point(places, jnp.ones(s, bool), far, -far, far, jnp.zeros((s, m)))
-        return State(
-            places,
-            jax.vmap(self.optimiser.init)(places),
-            jnp.zeros((s, m)),
-            jnp.full(s, _FIRST_WEIGHT),
-            far,
-            jnp.ones(s, bool),
-            best,
-            jnp.asarray(0),
-        )
-
-    def move(self, state: State, given: Given) -> tuple[State, Point, jax.Array]:
-        """The next state; where all starts were, and the Lagrangian's gradient by shares there."""
-        whole = self.per_epoch == 1
-        rows = None if whole else self._rows(state.iteration, given.key)
-
-        def one(state: State) -> tuple[State, Point, jax.Array]:
-            return self._move_one(state, rows, given)
-
-        axes = State(0, 0, 0, 0, 0, 0, Point(*[0] * len(Point._fields)), None)
-        following, here, slopes = jax.vmap(one, in_axes=(axes,), out_axes=(axes, 0, 0))(state)
-        if whole:
-            best = _better(state.best, here, following.alive)
-        else:
-            # The objective of a part is noise: what is best is judged by all, once an epoch.
-            def judge() -> Point:
-                there = jax.vmap(
-                    lambda shares: point(shares, *self.values(shares, None, given), given)
-                )(here.shares)
-                return _better(state.best, there, following.alive)
-
-            due = state.iteration % self.per_epoch == 0
-            best = jax.lax.cond(due, judge, lambda: state.best)
-        return following._replace(best=best, iteration=state.iteration + 1), here, slopes
-
-    def _rows(self, iteration: Any, key: Any) -> Any:
-        """A part of the ensemble: all are met once an epoch, in another order each time."""
-        epoch, part = jnp.divmod(iteration, self.per_epoch)
-        order = jax.random.permutation(jax.random.fold_in(key, epoch), self.earthquakes)
-        first = part * self.batch
-        return order[(first + jnp.arange(self.batch)) % self.earthquakes]
-
-    def _move_one(self, state: State, rows: Any, given: Given) -> tuple[State, Point, jax.Array]:
-        multipliers, weight = state.multipliers, state.weight
-
-        def merit(shares: Any) -> Any:
-            return self.merit(jnp.clip(shares, 0, 1), multipliers, weight, rows, given)[0]
-
-        shares = state.shares
-        (value, (objective, prices)), gradient = jax.value_and_grad(self.merit, has_aux=True)(
-            shares, multipliers, weight, rows, given
-        )
-        here = point(shares, objective, prices, given)
-        alive = state.alive & jnp.isfinite(value) & jnp.isfinite(gradient).all()
-        slope = jnp.where(held(shares, gradient), 0.0, gradient)
-        updates, memory = self.optimiser.update(
-            slope, state.optimiser, shares, value=value, grad=slope, value_fn=merit
-        )
-
-        due = (state.iteration + 1) % _MULTIPLIERS_EVERY == 0
-        raised = jax.nn.relu(multipliers + weight * (prices / given.limits - 1))
-        lagging = here.violation > jnp.maximum(10 * given.tolerance, state.violated / 2)
-        heavier = jnp.minimum(jnp.where(lagging, 2 * weight, weight), _LARGEST_WEIGHT)
-        following = state._replace(
-            shares=jnp.clip(shares + updates, 0, 1),
-            optimiser=memory,
-            multipliers=jnp.where(due, raised, multipliers),
-            weight=jnp.where(due, heavier, weight),
-            violated=jnp.where(due, here.violation, state.violated),
-        )
-        kept = jax.tree.map(lambda new, old: jnp.where(alive, new, old), following, state)
-        return kept._replace(alive=alive, iteration=state.iteration), here, gradient
-
-    def compiled(self, state: State, given: Given) -> tuple[Callable[..., Any], str]:
-        """``move`` as a program, and its text."""
-        lowered = jax.jit(self.move).lower(state, given)
-        return lowered.compile(), lowered.as_text()
+    def _said(self, rule: str) -> str:
+        return f"{OWNER}: save = {self.path} {rule}"
 
 
-def held(shares: Any, gradient: Any, within: float = 0.0) -> Any:
-    """Which shares a bound holds: what is to be made small would have them leave."""
-    return ((shares <= within) & (gradient > 0)) | ((shares >= 1 - within) & (gradient < 0))
+def _named(tree: Any) -> dict[str, Any]:
+    """Arrays of a tree by their paths: ``State.scaled``, ``Iterate.best.merit``."""
+    kind = type(tree).__name__
+    return {
+        f"{kind}.{jax.tree_util.keystr(path, simple=True, separator='.')}": x
+        for path, x in jax.tree.leaves_with_path(tree)
+    }
 
 
-def point(shares: Any, objective: Any, prices: Any, given: Given) -> Point:
-    """A design with its objective and prices, and what these mean for the search."""
-    violation = jnp.max(prices / given.limits - 1, initial=0.0)
-    infeasible = ~(violation <= given.tolerance)
-    merit = jnp.where(infeasible, violation, -objective / given.size)
-    return Point(shares, infeasible, merit, objective, violation, prices)
-
-
-def _better(old: Point, new: Point, alive: Any) -> Point:
-    """The better one of each start: within the limits first, then the smaller merit."""
-    nearer = (new.infeasible == old.infeasible) & (new.merit < old.merit)
-    wins = alive & ((old.infeasible & ~new.infeasible & jnp.isfinite(new.merit)) | nearer)
-
-    def pick(a: Any, b: Any) -> Any:
-        return jnp.where(wins.reshape(-1, *[1] * (a.ndim - 1)), b, a)
-
-    return jax.tree.map(pick, old, new)
-
-
-def evaluator(
-    space: DesignSpace, setting: Setting
-) -> Callable[[np.ndarray, Ensemble], dict[str, np.ndarray]]:
-    """From shares and an ensemble to columns of demands; one program for all designs."""
-    run: Any = in_chunks(
-        lambda shares, ground, others: setting.demands(space.structures(shares, others), ground)
-    )
-
-    def evaluate(shares: np.ndarray, ensemble: Ensemble) -> dict[str, np.ndarray]:
-        every = np.tile(shares, (len(ensemble), 1))
-        found = run(every, ensemble.grounds, dict(ensemble.uncertain))
-        return {name: found[name] for name in ("min_gap", "initial_gap", *PRICES)}
-
-    return evaluate
+def _read(archive: Archive, like: Any, before: tuple[int, ...]) -> Any:
+    """A tree of arrays of the shapes and types of another's, with more axes before them."""
+    leaves = [archive.read(name, (*before, *x.shape), x.dtype) for name, x in _named(like).items()]
+    return jax.tree.unflatten(jax.tree.structure(like), leaves)

@@ -7,8 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.interpolate import RegularGridInterpolator
 
-from jaxpound.design.comparison import Comparison
-from jaxpound.design.design import Design, Landscape
+from jaxpound.design.design import Comparison, Design, Landscape
 from jaxpound.design.elasticity import Elasticities
 from jaxpound.design.pareto import ParetoFront
 from jaxpound.plots.style import (

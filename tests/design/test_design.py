@@ -1,6 +1,7 @@
 """The search for a design: known optima of stand-ins, and the paper's case."""
 
 import dataclasses
+import inspect
 import json
 import re
 from functools import partial
@@ -15,9 +16,11 @@ from tqdm.auto import tqdm
 
 import jaxpound as jp
 from jaxpound.cli import design_report
-from jaxpound.design import run as design_search
+from jaxpound.design import search as design_search
+from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import PRICES
-from jaxpound.design.search import Search, Setting
+from jaxpound.design.problem import DesignProblem
+from jaxpound.design.search import SearchOptions
 from tests.test_tables import assert_shown
 
 PAPER = jp.paper.structures()
@@ -48,7 +51,7 @@ def stand_in(monkeypatch):
             values |= {"min_gap": gap(s.friction, s.mass_ratio, a)}
             return {name: jnp.asarray(x, float) for name, x in values.items()}
 
-        monkeypatch.setattr(Setting, "demands", demands)
+        monkeypatch.setattr(DesignProblem, "demands", demands)
 
     install()
     return install
@@ -167,6 +170,32 @@ def test_single_precision_searches_too(stand_in):
     assert not front.designs[-1].objective_function.limits
 
 
+def test_the_search_s_program_gives_the_jacobian(stand_in):
+    """In blocks of as many rows as there are starts; with minibatches the mean of an epoch."""
+    limits = {"damper_force": 0.5, "peak_x1": jp.Limit(2.0, "mean")}
+    problem = DesignProblem(SPACE, ENSEMBLE, GRID, jp.Scheme(), jp.Objective(limits=limits))
+    scaled = np.array([0.3, 0.4])
+    data = problem.data(problem.evaluate(scaled, ENSEMBLE), 1e-3, 0)
+
+    def terms(scaled):
+        objective, limited = problem.values(scaled, data)
+        return jnp.append(-objective / data.size, limited / data.limits - 1)
+
+    for starts, batch in ((2, 8), (4, 8), (1, 4)):
+        lagrangian = AugmentedLagrangian(
+            problem, optax.with_extra_args_support(optax.sgd(1)), batch
+        )
+        here, rows = lagrangian.jacobian(scaled, starts, data)
+        np.testing.assert_allclose(rows, jax.jacfwd(terms)(scaled), atol=1e-12)
+        np.testing.assert_allclose(here.limited, [0.4, 1.1])
+
+
+def test_options_are_by_default_those_of_design_damper():
+    signature = inspect.signature(jp.design_damper).parameters
+    for field in dataclasses.fields(SearchOptions):
+        assert signature[field.name].default == field.default, field.name
+
+
 # What befalls a search.
 
 
@@ -278,7 +307,8 @@ def test_si_units_are_those_of_the_demands():
     one = SPACE.structures(np.array([0.3, 0.4]))
     ground = jp.paper.ground()
     plain, si = (
-        jax.jit(Setting(GRID, jp.Scheme(), units).demands)(one, ground) for units in (None, scales)
+        jax.jit(DesignProblem(SPACE, ENSEMBLE, GRID, jp.Scheme(), MEAN, units).demands)(one, ground)
+        for units in (None, scales)
     )
     length, force, g = (float(x) for x in (scales.length, scales.force, scales.gravity))
     units = {"min_gap": length, "initial_gap": length, "residual_offset": length}
@@ -350,6 +380,9 @@ def test_a_comparison_is_paired(stand_in):
     difference = values["after"].value - values["before"].value
     assert values["difference"].value == pytest.approx(difference)
     assert values["difference"].low <= difference <= values["difference"].high
+    slip = compared.difference("damper_force")  # the same of all earthquakes
+    more = found.values["friction"] - found.start["friction"]
+    assert (slip.value, slip.low, slip.high) == pytest.approx((more, more, more), rel=1e-12)
     assert compared.rows()["min_gap"]["mean_after"] == pytest.approx(
         np.mean(d) + 1 - np.mean(1 - compared.before["min_gap"])
     )
@@ -481,13 +514,15 @@ def test_landscapes_ask_for_two_variables(stand_in):
 
 def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
     """Against the closed form: at a slip force p < 0.6 the objective is (0.6 − p)² lower."""
-    compiled = []
-    original = Search.compiled
-    monkeypatch.setattr(Search, "compiled", lambda *a: compiled.append(1) or original(*a))
+    programs = []
+    make = AugmentedLagrangian.begin
+    monkeypatch.setattr(AugmentedLagrangian, "begin", lambda a, x: programs.append(a) or make(a, x))
     front = jp.pareto_front(
         SPACE, ENSEMBLE, GRID, price="damper_force", limits=[0.5, 0.2, 0.35], starts=2
     )
-    assert len(compiled) == 1
+    one, *others = programs
+    assert others == [one] * 3
+    assert one.gradient._cache_size() == one.update._cache_size() == 1
     np.testing.assert_allclose(front.prices, [0.2, 0.35, 0.5, 0.6], rtol=5e-3)
     best = 1 - np.mean(AMPLITUDES**2) - (0.6 - front.prices) ** 2
     np.testing.assert_allclose(front.objectives, best, atol=2e-4)

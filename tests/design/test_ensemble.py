@@ -1,12 +1,16 @@
 """Ensembles: their earthquakes are those that were given or drawn."""
 
+import dataclasses
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxpound as jp
 from tests.study.test_run import RANDOM, study
 
+PAPER = jp.paper.structures()
 GRID = jp.TimeGrid(0.05, 200)
 T = 0.05 * np.arange(201)
 WAVES = [jp.Ricker(0.3, [1.5], [2.0]), jp.Ricker([0.1, 0.2, -0.3], [1.0, 2.0, 3.0], [1, 2, 3])]
@@ -65,6 +69,29 @@ def test_drawn_earthquakes_are_monte_carlo_s():
     assert "8 earthquakes, with uncertain friction" in repr(ensemble)
 
 
+def test_what_depends_on_a_draw_is_uncertain_even_where_it_seldom_varies():
+    def rarely_weak(z):
+        rod = dataclasses.replace(PAPER.rod_1, tau_x=np.float64(2.0) * PAPER.rod_1.tau_x)
+        friction = jnp.where(z[0] > 9, 0.1, 0.3)
+        return dataclasses.replace(PAPER, rod_1=rod, friction=friction, initial_gap=jnp.cos(0.5))
+
+    scenarios = jp.Scenarios(jp.CustomDraw(rarely_weak, 1), WAVES[0])
+    ensemble = jp.Ensemble.drawn(scenarios, 3)
+    assert list(ensemble.uncertain) == ["friction"]
+    np.testing.assert_array_equal(ensemble.uncertain["friction"], 0.3)
+
+
+def test_given_earthquakes_join_those_that_are_drawn():
+    wave = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0))
+    drawn = jp.Ensemble.drawn(jp.Scenarios(PAPER, wave), 3)
+    both = drawn.including(RECORDS, GRID)
+    expected = [*accelerations(drawn), *(one.acceleration(T) for one in RECORDS)]
+    np.testing.assert_allclose(accelerations(both), expected, atol=1e-12)
+    fresh, same = both.fresh(4), drawn.fresh(4)
+    np.testing.assert_array_equal(accelerations(fresh), accelerations(same))
+    assert jp.Ensemble.of(WAVES, GRID).including(RECORDS, GRID).fresh(4) is None
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -77,6 +104,10 @@ def test_drawn_earthquakes_are_monte_carlo_s():
         (lambda: jp.Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
         (
             lambda: jp.Ensemble.drawn(RANDOM, 2) + jp.Ensemble.of(WAVES, GRID),
+            "friction is uncertain; such ensembles cannot be added",
+        ),
+        (
+            lambda: jp.Ensemble.drawn(RANDOM, 2).including(WAVES, GRID),
             "friction is uncertain; such ensembles cannot be added",
         ),
         (
@@ -100,5 +131,5 @@ def test_more_earthquakes_than_memory_has_room_for_are_refused():
 
 def test_points_end_where_their_sampling_does():
     for sampling, most in (("plain", 2**31), ("sobol", 2**30)):
-        with pytest.raises(ValueError, match=f"start . n = {most:,} must be less than {most:,}"):
-            jp.Ensemble.drawn(RANDOM, 2, sampling=sampling, start=most - 2)
+        with pytest.raises(ValueError, match=f"start . n = {most + 1:,} must be at most {most:,}"):
+            jp.Ensemble.drawn(RANDOM, 2, sampling=sampling, start=most - 1)

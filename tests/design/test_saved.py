@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import zipfile
 
 import jax
 import numpy as np
@@ -10,22 +11,25 @@ import optax
 import pytest
 
 import jaxpound as jp
-from jaxpound.design.saved import Met, SavedSearch
-from jaxpound.design.search import Search, Setting
-from jaxpound.study.archives import write_archive
+from jaxpound.design.lagrangian import AugmentedLagrangian
+from jaxpound.design.problem import DesignProblem
+from jaxpound.design.search import Iterate, SavedSearch, no_design
+from jaxpound.study.archives import opened, write_archive
 from tests.study.test_archives import part
 from tests.study.test_store import flipped
 
 IDENTITY = {"space": {"friction": [0.0, 1.0]}, "limits": [0.5], "key": (0, 1)}
-SHARES = np.array([[0.25, 0.5], [0.5, 0.75], [1.0, 0.0]])
+SCALED = np.array([[0.25, 0.5], [0.5, 0.75], [1.0, 0.0]])
 
 
-def begun(shares=SHARES):
+def begun(scaled=SCALED):
     space = jp.DesignSpace(jp.paper.structures(), {"friction": (0, 1), "mass_ratio": (1, 2)})
-    setting = Setting(jp.TimeGrid(0.1, 10), jp.Scheme(), None)
+    grid = jp.TimeGrid(0.1, 10)
+    ensemble = jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])] * 4, grid)
     objective = jp.Objective(limits={"damper_force": 0.5})
+    problem = DesignProblem(space, ensemble, grid, jp.Scheme(), objective)
     optimiser = optax.with_extra_args_support(optax.adam(0.1))
-    return Search(space, setting, objective, optimiser, 4, 4).begin(shares)
+    return AugmentedLagrangian(problem, optimiser, 4).begin(scaled)
 
 
 @pytest.fixture
@@ -34,7 +38,8 @@ def state():
 
 
 def met(state, n=2):
-    return [jax.device_get(Met.at(state.best, state.alive, state.best)) for _ in range(n)]
+    best = no_design(state)
+    return [Iterate(best._replace(scaled=state.scaled / 2), best, state.alive)] * n
 
 
 def same(one, other):
@@ -49,7 +54,7 @@ def saved(tmp_path, state):
 
 
 def test_what_was_saved_is_read(saved, state):
-    held, history = saved.read(begun(SHARES / 2))
+    held, history = saved.read(begun(SCALED / 2))
     same(held, state)
     assert len(history) == 2
     for one in history:
@@ -72,37 +77,36 @@ def test_no_flipped_bit_goes_unnoticed(saved, state):
     assert noticed > 3 * harmless > 0
 
 
-def rewritten(saved, state, drop=(), about=IDENTITY, **changed):
-    leaves = {f"state_{i}": np.asarray(x) for i, x in enumerate(jax.tree.leaves(state))}
-    rows = {
-        name: np.stack(x)
-        for name, x in zip(Met._fields, zip(*met(state), strict=True), strict=True)
-    }
-    arrays = leaves | rows | {"iterations": np.array([2], np.int64)} | changed
-    write_archive(saved.path, {k: x for k, x in arrays.items() if k not in drop}, about)
+def rewritten(saved, drop=(), about=None, **changed):
+    with opened(saved.path) as archive, zipfile.ZipFile(saved.path) as file:
+        held = {name: np.load(file.open(f"{name}.npy")) for name in archive.names}
+        about = archive.about if about is None else about
+    arrays = {name: x for name, x in (held | changed).items() if name not in drop}
+    write_archive(saved.path, arrays, about)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"drop": ("state_0",)}, "it lacks 'state_0'"),
-        ({"drop": ("merit",)}, "it lacks 'merit'"),
-        ({"about": [1, 2]}, "it does not say which search it holds"),
-        ({"about": {"space": 1}}, "it does not say which search it holds"),
-        ({"state_0": np.ones((3, 2), np.float32)}, "'state_0' is float32"),
-        ({"state_0": np.ones((4, 2))}, r"'state_0' is float64 of shape \(4, 2\), not .* \(3, 2\)"),
+        ({"drop": ("State.scaled",)}, "it lacks 'State.scaled'"),
+        ({"drop": ("Iterate.best.merit",)}, "it lacks 'Iterate.best.merit'"),
+        ({"State.scaled": np.ones((3, 2), np.float32)}, "'State.scaled' is float32"),
+        (
+            {"State.scaled": np.ones((4, 2))},
+            r"'State.scaled' is float64 of shape \(4, 2\), not .* \(3, 2\)",
+        ),
         (
             {"iterations": np.array([3])},
-            r"'shares' is float64 of shape \(2, 3, 2\), not .* \(3, 3, 2",
+            r"'Iterate.here.scaled' is float64 of shape \(2, 3, 2\), not .* \(3, 3, 2",
         ),
-        ({"iterations": np.array([-1])}, "'shares' is float64"),
-        ({"alive": np.ones((2, 3))}, "'alive' is float64"),
+        ({"iterations": np.array([-1])}, "'Iterate.here.scaled' is float64"),
+        ({"Iterate.alive": np.ones((2, 3))}, "'Iterate.alive' is float64"),
     ],
 )
 def test_what_cannot_be_a_search_is_refused_by_name(saved, state, change, message):
-    rewritten(saved, state)
+    rewritten(saved)
     same(saved.read(state)[0], state)
-    rewritten(saved, state, **change)
+    rewritten(saved, **change)
     with pytest.raises(
         ValueError, match=f"search.npz holds no search, or a damaged one .{message}"
     ):
@@ -110,6 +114,11 @@ def test_what_cannot_be_a_search_is_refused_by_name(saved, state, change, messag
 
 
 def test_a_file_of_an_earlier_version_is_refused(saved, state):
+    for about in (IDENTITY, [1, 2], {"format": 3, **IDENTITY}):
+        rewritten(saved, about=about)
+        message = "npz holds no search, or one of another version of jaxpound; move it away"
+        with pytest.raises(ValueError, match=message):
+            saved.read(state)
     leaves = {f"state_{i}": np.asarray(x) for i, x in enumerate(jax.tree.leaves(state))}
     np.savez(saved.path, **leaves, identity=np.array(json.dumps(IDENTITY)))
     with pytest.raises(ValueError, match=r"or a damaged one \(.*seal.json.*; move it away"):
@@ -131,6 +140,9 @@ def test_what_is_no_file_is_refused(saved, state, put):
 def test_another_search_is_told(saved, state):
     with pytest.raises(ValueError, match="holds another search: limits differs"):
         SavedSearch(saved.path, IDENTITY | {"limits": [0.6]}).read(state)
+    rewritten(saved, about={"format": 2, "space": IDENTITY["space"], "limits": [0.5]})
+    with pytest.raises(ValueError, match="holds another search: key differs"):
+        saved.read(state)
 
 
 def test_what_a_killed_search_left_is_swept(saved, state):

@@ -1,0 +1,183 @@
+"""A design problem: what may be chosen, for which earthquakes, to what end; values of a design."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import instance, refusal
+from jaxpound.design.ensemble import Ensemble, require_apart
+from jaxpound.design.objective import PRICES, Objective
+from jaxpound.design.space import DesignSpace
+from jaxpound.grid import TimeGrid
+from jaxpound.simulation.batches import in_chunks
+from jaxpound.simulation.run import demand
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.units import Scales
+
+OWNER = "design_damper"
+
+
+class ProblemData(NamedTuple):
+    """The numbers of a search, which its programs are given: others need no other program."""
+
+    grounds: Any
+    uncertain: Any
+    limits: Any  # (m,)
+    size: Any  # of the order of the objective: their ratio is a pure number
+    tolerance: Any  # the largest violation that is none
+    key: Any  # of the minibatches
+
+
+class Point(NamedTuple):
+    """A design and its values; of several designs, arrays with a leading axis."""
+
+    scaled: Any  # the scaled variables, (d,)
+    objective: Any  # goal less penalties
+    limited: Any  # the limited demands, (m,)
+    violation: Any  # by which share a limit is exceeded, at most
+    infeasible: Any  # whether the violation is above its tolerance
+    merit: Any  # to be made small: the violation if infeasible, else minus the objective over size
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DesignProblem:
+    """Parameters of structures to be chosen for an ensemble of earthquakes; as ``design_damper``.
+
+    A design is given by its scaled variables, shape (d,): shares of the way between their bounds.
+    """
+
+    space: DesignSpace
+    ensemble: Ensemble
+    grid: TimeGrid
+    scheme: Scheme
+    objective: Objective
+    scales: Scales | None = None
+
+    def __post_init__(self) -> None:
+        kinds = {"space": DesignSpace, "ensemble": Ensemble, "grid": TimeGrid, "scheme": Scheme}
+        kinds |= {"objective": Objective} | ({} if self.scales is None else {"scales": Scales})
+        for name, kind in kinds.items():
+            instance(OWNER, name, getattr(self, name), kind)
+        require_apart(OWNER, self.space.names, self.ensemble)
+
+    def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:
+        """Every price, the smallest gap and the gap at rest of structures in one earthquake."""
+        found = demand(structures, ground, self.grid, self.scheme)
+        gap, slip_force = structures.initial_gap, structures.friction
+        if self.scales is not None:
+            found = self.scales.to_si(found)
+            gap, slip_force = gap * self.scales.length, slip_force * self.scales.force
+        own = {"residual_offset": jnp.abs(found.residual_offset), "damper_force": slip_force}
+        columns = {name: own.get(name, getattr(found, name, None)) for name in PRICES}
+        rest = {"min_gap": found.min_gap, "initial_gap": gap}
+        return {name: jnp.asarray(x, found.min_gap.dtype) for name, x in (columns | rest).items()}
+
+    def values(self, scaled: Any, data: ProblemData, rows: Any = None) -> tuple[Any, Any]:
+        """Objective and limited demands (m,) at a design, traceable.
+
+        In the earthquakes of an ensemble's ``rows``, or in all.
+        """
+        earthquakes = data.grounds, data.uncertain
+        if rows is not None:
+            earthquakes = jax.tree.map(lambda x: x[rows], earthquakes)
+
+        def run(ground: Any, others: Any) -> dict[str, jax.Array]:
+            return self.demands(self.space.structures(scaled, others), ground)
+
+        found = jax.vmap(run)(*earthquakes)
+        return self.objective.value(found), self.objective.prices(found)
+
+    def evaluate(self, scaled: np.ndarray, ensemble: Ensemble) -> dict[str, np.ndarray]:
+        """Columns of demands at a design, shape (n,) each; one program for all designs."""
+        every = np.tile(scaled, (len(ensemble), 1))
+        found = self._run(every, ensemble.grounds, dict(ensemble.uncertain))
+        return {name: found[name] for name in ("min_gap", "initial_gap", *PRICES)}
+
+    @cached_property
+    def _run(self) -> Callable[..., Any]:
+        return in_chunks(
+            lambda scaled, ground, others: self.demands(
+                self.space.structures(scaled, others), ground
+            )
+        )
+
+    def data(
+        self,
+        before: Mapping[str, np.ndarray],
+        tolerance: float,
+        key: int,
+        limits: Mapping[str, float] | None = None,
+    ) -> ProblemData:
+        """The numbers of a search; ``before`` are the demands of its first start.
+
+        ``limits`` are bounds in the place of the objective's.
+        """
+        own = {name: limit.at_most for name, limit in self.objective.limits.items()}
+        size = getattr(self.objective.goal, "size", None)
+        if size is None:
+            required = np.mean(before["initial_gap"] - before["min_gap"])
+            size = required if np.isfinite(required) and required > 0 else 1.0
+        return ProblemData(
+            grounds=jax.tree.map(jnp.asarray, self.ensemble.grounds),
+            uncertain={path: jnp.asarray(x) for path, x in self.ensemble.uncertain.items()},
+            limits=jnp.asarray([*{**own, **(limits or {})}.values()], float),
+            size=jnp.asarray(size, float),
+            tolerance=jnp.asarray(tolerance, float),
+            key=jax.random.key(key, impl="threefry2x32"),
+        )
+
+    def points(self, scaled: np.ndarray, data: ProblemData) -> Point:
+        """Designs, shape (s, d), by their values in the whole ensemble, one after another."""
+        found = []
+        for one in scaled:
+            columns = self.evaluate(one, self.ensemble)
+            values = self.objective.value(columns), self.objective.prices(columns)
+            found.append(jax.device_get(point(one, *values, data)))
+        return jax.tree.map(lambda *x: np.stack(x), *found)
+
+    def not_finite(self, scaled: np.ndarray) -> str:
+        """Why a design has no finite values, or no finite gradient."""
+        columns = self.evaluate(scaled, self.ensemble)
+        bad = ~np.all([np.isfinite(x) for x in columns.values()], axis=0)
+        if not bad.any():
+            return "its gradient is not finite"
+        i = int(np.argmax(bad))
+        others = {path: x[i] for path, x in self.ensemble.uncertain.items()}
+
+        def run() -> Any:
+            structures = self.space.structures(jnp.asarray(scaled), others)
+            return demand(structures, self.ensemble.ground(i), self.grid, self.scheme)
+
+        if said := refusal(run):
+            return f"earthquake {i}: {said}"
+        return f"earthquake {i} of {len(bad)} gives no finite demand"
+
+
+def point(scaled: Any, objective: Any, limited: Any, data: ProblemData) -> Point:
+    """A design with its values, and what these mean for a search; traceable."""
+    violation = jnp.max(limited / data.limits - 1, initial=0.0)
+    infeasible = ~(violation <= data.tolerance)
+    merit = jnp.where(infeasible, violation, -objective / data.size)
+    return Point(scaled, objective, limited, violation, infeasible, merit)
+
+
+def better(old: Point, new: Point, alive: Any) -> Point:
+    """The better one of each start: within the limits first, then of the smaller merit."""
+    nearer = (new.infeasible == old.infeasible) & (new.merit < old.merit)
+    wins = alive & ((old.infeasible & ~new.infeasible & np.isfinite(new.merit)) | nearer)
+    return jax.tree.map(
+        lambda a, b: np.where(wins.reshape(-1, *[1] * (a.ndim - 1)), b, a), old, new
+    )
+
+
+def best_start(best: Point, alive: Any = True) -> int:
+    """The start of the best design: alive, within the limits, of the least merit."""
+    lost = ~(alive & np.isfinite(best.merit))
+    return int(np.lexsort((best.merit, best.infeasible, lost))[0])
