@@ -9,7 +9,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import optimize, stats
 
 from jaxpound._checks import (
     Rule,
@@ -133,6 +132,8 @@ def calibrate(
         If an argument breaks its rule; if there are not more numbers than parameters, they do not
         determine the parameters, or no start gives a finite response.
     """
+    from scipy import optimize  # only here: it takes a second to import
+
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
     instance(owner, "grid", grid, TimeGrid)
@@ -255,6 +256,8 @@ def _estimates(
     owner: str, space: DesignSpace, fit: Any, n: int, noise_known: bool, confidence: float
 ) -> tuple[dict[str, Estimate], np.ndarray]:
     """Values with intervals, and their correlation, from the Jacobian at the fit."""
+    from scipy import stats
+
     d = space.dimension
     information = fit.jac.T @ fit.jac
     if np.linalg.matrix_rank(fit.jac) < d:

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from scipy import stats
 
 from jaxpound._checks import require_share
 from jaxpound._tables import Shown, Table
@@ -39,16 +39,16 @@ class Comparison(Shown):
 
     def difference(self, name: str = "min_gap", confidence: float = 0.95) -> Estimate:
         """Mean of after − before, earthquake by earthquake, with Student's interval."""
+        from scipy import stats  # only here: it takes a second to import
+
         require_share("difference", "confidence", confidence)
         if name not in self.before:
             raise ValueError(f"difference: {name!r} must be one of {', '.join(self.before)}")
         d = self.after[name] - self.before[name]
-        mean = float(np.mean(d))
         if len(d) < 2:
-            return Estimate(mean, np.nan, np.nan, confidence)
-        half = np.std(d, ddof=1) / len(d) ** 0.5
-        half = float(half * stats.t.isf((1 - confidence) / 2, len(d) - 1))
-        return Estimate(mean, mean - half, mean + half, confidence)
+            return Estimate(float(np.mean(d)), np.nan, np.nan, confidence)
+        low, high = stats.ttest_1samp(d, 0.0).confidence_interval(confidence)
+        return Estimate(float(np.mean(d)), float(low), float(high), confidence)
 
     @cached_property
     def objective(self) -> dict[str, Estimate]:
@@ -56,24 +56,28 @@ class Comparison(Shown):
 
         Of what a single earthquake decides (``WorstGap``) they say nothing reliable.
         """
-        n, rng = len(self), np.random.default_rng(0)
+        from scipy import stats  # only here: it takes a second to import
 
         @jax.jit
-        def value(columns: dict[str, Any], rows: Any) -> Any:
-            return self.objective_function.value({k: x[rows] for k, x in columns.items()})
+        def both(rows: Any) -> Any:
+            columns = ({k: x[rows] for k, x in one.items()} for one in (self.before, self.after))
+            before, after = map(self.objective_function.value, columns)
+            return jnp.stack([before, after, after - before])
 
-        replicates = _REPLICATES if n > 1 else 0  # draws of one earthquake are all the same
-        draws = np.concatenate([[np.arange(n)], rng.integers(0, n, (replicates, n))])
-        values = [
-            np.array([float(value(columns, rows)) for rows in draws])
-            for columns in (self.before, self.after)
-        ]
-        found = {"before": values[0], "after": values[1], "difference": values[1] - values[0]}
-        ends = {
-            name: np.quantile(x[1:], [0.025, 0.975]) if n > 1 else [np.nan, np.nan]
-            for name, x in found.items()
-        }
-        return {name: Estimate(float(x[0]), *map(float, ends[name])) for name, x in found.items()}
+        every = np.arange(len(self))
+        ends = np.full((2, 3), np.nan)
+        if len(self) > 1:  # draws of one earthquake are all the same
+            ends = stats.bootstrap(
+                (every,),
+                lambda rows: np.asarray(both(rows)),
+                vectorized=False,
+                n_resamples=_REPLICATES,
+                method="percentile",
+                rng=np.random.default_rng(0),
+            ).confidence_interval
+        names = ("before", "after", "difference")
+        found = zip(names, np.asarray(both(every)), *ends, strict=True)
+        return {name: Estimate(*map(float, three)) for name, *three in found}
 
     @property
     def pounding(self) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxpound._checks import Rule, count, enforce, instance
 from jaxpound._tables import Shown, Table
 from jaxpound.design.comparison import Comparison
-from jaxpound.design.ensemble import Ensemble, require_apart
+from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Objective
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.structures import AdjacentStructures
@@ -102,7 +102,7 @@ class Design(Shown):
     def compare(self, ensemble: Ensemble) -> Comparison:
         """Before and after on other earthquakes."""
         instance("Design.compare", "ensemble", ensemble, Ensemble)
-        require_apart("Design.compare", self.space.names, ensemble)
+        self.space.require_certain("Design.compare", ensemble.uncertain)
         return Comparison(
             self._evaluate(self._first, ensemble),
             self._evaluate(self.shares, ensemble),

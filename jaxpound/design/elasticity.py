@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from operator import attrgetter
 from typing import Any
 
 import jax
@@ -15,11 +14,11 @@ from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import gathered, require_over
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
+from jaxpound.model.parameters import get, paths, put, require_structures
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.results.demand import unit_of
 from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.scenarios import PARAMETERS, replaced
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -78,19 +77,19 @@ def elasticities(
     0.72
     """
     owner = "elasticities"
-    instance(owner, "structures", structures, AdjacentStructures)
+    require_structures(owner, "structures", structures)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_over(owner, over)
     ensemble = ground if isinstance(ground, Ensemble) else Ensemble.of([ground], grid)
-    parameters = {path: float(attrgetter(path)(structures)) for path in PARAMETERS}
+    parameters = {path: float(get(structures, path)) for path in paths(structures)}
     chosen = {path: x for path, x in parameters.items() if path not in ensemble.uncertain}
 
     @jax.jit
     @jax.value_and_grad
     def value(chosen: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
         def one(ground: Any, others: Any) -> jax.Array:
-            found = run_demand(replaced(structures, {**chosen, **others}), ground, grid, scheme)
+            found = run_demand(put(structures, {**chosen, **others}), ground, grid, scheme)
             scalars = found.scalars()
             if demand not in scalars:
                 listed = ", ".join(scalars)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from operator import attrgetter
 from typing import Any
 
 import jax
@@ -23,8 +22,9 @@ from jaxpound.ground.motion import (
 )
 from jaxpound.ground.record import Record
 from jaxpound.ground.ricker import Ricker
+from jaxpound.model.parameters import get, paths
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
-from jaxpound.study.scenarios import PARAMETERS, ScenarioSet
+from jaxpound.study.scenarios import ScenarioSet
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -129,7 +129,7 @@ class Ensemble:
         # One more, to see what varies.
         z = points(sampling, key, scenarios.dimension)(start, start + n + 1)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)
-        values = {path: np.asarray(attrgetter(path)(structures)) for path in PARAMETERS}
+        values = {path: np.asarray(get(structures, path)) for path in paths(structures)}
         uncertain = {path: x[:n] for path, x in values.items() if np.ptp(x)}
         grounds = jax.tree.map(lambda x: np.asarray(x)[:n], grounds)
         for leaf in jax.tree.leaves((uncertain, grounds)):
@@ -196,14 +196,3 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
 
 def _padded(x: Any, n: int, **how: Any) -> np.ndarray:
     return np.pad(np.ravel(np.asarray(x, float)), (0, n - np.size(x)), **how)
-
-
-def require_apart(owner: str, chosen: Sequence[str], ensemble: Ensemble) -> None:
-    """Refuse parameters that are to be chosen and uncertain at once."""
-    for path in ensemble.uncertain:
-        if path in chosen:
-            raise ValueError(f"{owner}: {path} must not be both chosen and uncertain")
-        rod, _, name = path.partition(".")
-        other = {"tau_f": f"{rod}.tau_x", "tau_x": f"{rod}.tau_f"}.get(name)
-        if other in chosen:
-            raise ValueError(f"{owner}: {other} must not be chosen where {path} is uncertain")

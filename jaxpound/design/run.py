@@ -26,7 +26,7 @@ from jaxpound._checks import (
 )
 from jaxpound.design.comparison import Comparison
 from jaxpound.design.design import Design, History
-from jaxpound.design.ensemble import Ensemble, require_apart
+from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import PRICES, Objective
 from jaxpound.design.optimum import AT_BOUND, FirstOrderProgram
 from jaxpound.design.saved import Met, SavedSearch, search_identity
@@ -245,7 +245,7 @@ class Sought:
             steps = optax.cosine_decay_schedule(0.2, self.iterations)
             optimiser = optax.adam(steps, b1=0.8, b2=0.9)
         instance(_OWNER, "optimiser", optimiser, optax.GradientTransformation)
-        require_apart(_OWNER, space.names, ensemble)
+        space.require_certain(_OWNER, ensemble.uncertain)
         first = first_of(n, grid)
         grounds = jax.tree.map(lambda x: x[:first], ensemble.grounds)
         tell(_OWNER, of_many(grounds, grid, in_g=scales is not None), strict)
@@ -314,7 +314,7 @@ class Sought:
             return None
         if not isinstance(fresh, Ensemble):
             return self.ensemble.fresh(count(_OWNER, "fresh", fresh))
-        require_apart(_OWNER, self.space.names, fresh)
+        self.space.require_certain(_OWNER, fresh.uncertain)
         return fresh
 
     def _given(self, before: Any, limits: Any, limit_tolerance: float, key: int) -> Given:

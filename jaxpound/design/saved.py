@@ -13,8 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound.design.search import Given, Point, Search, State
-from jaxpound.study.archives import Archive, DamagedError, opened, sweep_parts, write_archive
-from jaxpound.study.identity import describe, digest
+from jaxpound.study.archives import (
+    Archive,
+    DamagedError,
+    digest,
+    opened,
+    sweep_parts,
+    write_archive,
+)
+from jaxpound.study.store import describe
 
 
 class Met(NamedTuple):

@@ -26,12 +26,12 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import far_apart, of_many, tell
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.chunk import Measure, Outcome, Task
-from jaxpound.study.identity import describe, digest
+from jaxpound.study.archives import digest
+from jaxpound.study.chunk import Measure, Outcome, Task, total
 from jaxpound.study.sampling import key_numbers, require_sampling
 from jaxpound.study.scenarios import ScenarioSet
-from jaxpound.study.store import MANIFEST, Store
-from jaxpound.study.study import Study, total
+from jaxpound.study.store import MANIFEST, Store, describe
+from jaxpound.study.study import Study
 from jaxpound.units import Scales
 
 _CHUNK_SIZE = 16_384

@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from scipy import stats
 
 from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
 from jaxpound._tables import Shown, Table
@@ -71,6 +70,8 @@ def sobol_sensitivity(
     ValueError
         If an argument breaks its rule, a scenario fails, or the demand does not vary.
     """
+    from scipy import stats  # only here: it takes a second to import
+
     owner = "sobol_sensitivity"
     instance(owner, "scenarios", scenarios, ScenarioSet)
     instance(owner, "grid", grid, TimeGrid)
@@ -108,15 +109,21 @@ def sobol_sensitivity(
         shares = stats.sobol_indices(func=given, n=n)
         return np.stack([shares.first_order, shares.total_order]).reshape(2, d)
 
-    random = np.random.default_rng(key)
-    drawn = [indices(random.integers(0, n, n)) for _ in range(_REPLICATES)]
-    tail = (1 - confidence) / 2
-    limits = np.quantile(drawn, [tail, 1 - tail], axis=0)
+    every = np.arange(n)
+    low, high = stats.bootstrap(
+        (every,),
+        indices,
+        vectorized=False,
+        n_resamples=_REPLICATES,
+        confidence_level=confidence,
+        method="percentile",
+        rng=np.random.default_rng(key),
+    ).confidence_interval
     first, total = (
         {
             name: Estimate(float(value), float(low), float(high), confidence)
-            for name, value, low, high in zip(names, *three, strict=True)
+            for name, value, low, high in zip(names, *of_order, strict=True)
         }
-        for three in np.stack([indices(slice(None)), *limits], axis=1)
+        for of_order in zip(indices(every), low, high, strict=True)
     )
     return Sensitivity(demand, found.size, first, total)

@@ -53,7 +53,7 @@ def test_bad_questions_are_named():
     for change, message in (
         ({"demand": "gap"}, "demand = 'gap' must be one of min_gap"),
         ({"over": "median"}, "over = 'median' must be 'worst', 'mean' or a share"),
-        ({"structures": 3}, "structures = 3 must be of type AdjacentStructures"),
+        ({"structures": 3}, "structures = 3 must be structures"),
     ):
         with pytest.raises(ValueError, match=message):
             jp.elasticities(**({"structures": PAPER, "ground": GROUNDS[0], "grid": GRID} | change))
