@@ -24,7 +24,8 @@ from jaxpound._checks import (
 from jaxpound._tables import Shown, Table
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike, as_pytree
+from jaxpound.ground.motion import GroundLike, as_pytree, unresolved
+from jaxpound.ground.plausibility import tell
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import unit
 from jaxpound.results.response import Response
@@ -98,6 +99,7 @@ def calibrate(
     key: int = 0,
     confidence: float = 0.95,
     scales: Scales | None = None,
+    strict: bool = False,
 ) -> Calibration:
     """The parameters that fit measured series best (``scipy.optimize.least_squares``).
 
@@ -121,6 +123,8 @@ def calibrate(
         Of the intervals.
     scales
         For measurements in SI units.
+    strict
+        Whether what is only warned of is refused.
 
     Returns
     -------
@@ -130,7 +134,13 @@ def calibrate(
     ------
     ValueError
         If an argument breaks its rule; if there are not more numbers than parameters, they do not
-        determine the parameters, or no start gives a finite response.
+        determine the parameters, or no start gives a finite response. If ``strict``, also where
+        there would be a warning.
+
+    Warns
+    -----
+    PlausibilityWarning
+        As of ``simulate``, of the run of the calibrated structures.
     """
     from scipy import optimize  # only here: it takes a second to import
 
@@ -142,6 +152,8 @@ def calibrate(
     data = _data(owner, measured, grid)
     weights = _weights(owner, data, noise)
     shaking = as_pytree(ground, grid)
+    if strict:  # before the time for the fit is spent
+        tell(owner, unresolved(ground, grid.dt), strict)
     known = {name: np.isfinite(x) for name, x in data.items()}
     n, d = sum(int(mask.sum()) for mask in known.values()), space.dimension
     enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
@@ -190,7 +202,7 @@ def calibrate(
     shares = np.asarray(best.x)
     estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
-    response = simulate(structures, shaking, grid, scheme)
+    response = simulate(structures, shaking, grid, scheme, strict=strict)
     response = response if scales is None else scales.to_si(response)
     found = _series(response)
     residuals = {name: x - np.asarray(found[name]) for name, x in data.items()}

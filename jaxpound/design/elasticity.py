@@ -13,7 +13,9 @@ from jaxpound._tables import Shown, Table
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import gathered, require_over
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike
+from jaxpound.ground.intensity import pga
+from jaxpound.ground.motion import GroundLike, unresolved
+from jaxpound.ground.plausibility import excessive, first_of, of_many, tell
 from jaxpound.model.parameters import get, paths, put, require_structures
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.results.demand import unit_of
@@ -48,6 +50,7 @@ def elasticities(
     *,
     demand: str = "min_gap",
     over: str | float = "mean",
+    strict: bool = False,
 ) -> Elasticities:
     """Elasticities of a demand by every parameter of the structures.
 
@@ -63,11 +66,20 @@ def elasticities(
         A scalar of ``Demand``.
     over
         Of an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
+    strict
+        Whether what is only warned of is refused.
 
     Raises
     ------
     ValueError
-        If an argument breaks its rule, or the demand is zero or not finite.
+        If an argument breaks its rule, or the demand is zero or not finite. If ``strict``, also
+        where there would be a warning.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If the grid does not resolve the ground motion, or more than 1 % of the ensemble's (as of
+        ``simulate``), or records have a PGA above 5 g.
 
     Examples
     --------
@@ -81,7 +93,13 @@ def elasticities(
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_over(owner, over)
-    ensemble = ground if isinstance(ground, Ensemble) else Ensemble.of([ground], grid)
+    if isinstance(ground, Ensemble):
+        ensemble, first = ground, first_of(len(ground), grid)
+        findings = of_many(jax.tree.map(lambda x: x[:first], ground.grounds), grid, in_g=False)
+    else:
+        ensemble = Ensemble.of([ground], grid)
+        findings = unresolved(ground, grid.dt) + excessive(ground, pga(ground, grid))
+    tell(owner, findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
     chosen = {path: x for path, x in parameters.items() if path not in ensemble.uncertain}
 

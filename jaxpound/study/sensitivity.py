@@ -11,6 +11,8 @@ import numpy as np
 from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
 from jaxpound._tables import Shown, Table
 from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import as_pytree
+from jaxpound.ground.plausibility import first_of, of_many, tell
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
@@ -49,6 +51,7 @@ def sobol_sensitivity(
     n: int = 1024,
     key: int = 0,
     confidence: float = 0.95,
+    strict: bool = False,
 ) -> Sensitivity:
     """Sobol indices of a demand to a scenario set's parameters, as ``scipy.stats`` estimates them.
 
@@ -64,11 +67,20 @@ def sobol_sensitivity(
         A seed.
     confidence
         Of the bootstrap intervals.
+    strict
+        Whether what is only warned of is refused.
 
     Raises
     ------
     ValueError
-        If an argument breaks its rule, a scenario fails, or the demand does not vary.
+        If an argument breaks its rule, a scenario fails, or the demand does not vary. If
+        ``strict``, also where there would be a warning.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If, of the first 256 scenarios, more than 1 % have a ground motion that the grid does not
+        resolve (as of ``simulate``), or a record with a PGA above 5 g.
     """
     from scipy import stats  # only here: it takes a second to import
 
@@ -95,6 +107,8 @@ def sobol_sensitivity(
     d = len(names)
     z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
     one, other = z[:, :d], z[:, d:]
+    grounds = jax.jit(jax.vmap(lambda z: as_pytree(scenarios.realize(z)[1], grid)))
+    tell(owner, of_many(grounds(one[: first_of(n, grid)]), grid, in_g=False), strict)
     mixed = [np.where(np.arange(d) == i, other, one) for i in range(d)]
     found = run_all(np.concatenate([one, other, *mixed])).astype(float)
     if bad := np.count_nonzero(~np.isfinite(found)):
