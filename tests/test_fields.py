@@ -162,5 +162,7 @@ def test_quantities_are_no_parameters():
     class Result:
         length: float = quantity("length", "a length")
 
-    assert list(walk(Result(2.0), Quantity)) == [("length", Quantity("length", "a length"), 2.0)]
+    assert list(walk(Result(2.0), Quantity)) == [
+        ("length", Quantity("length", "a length", ""), 2.0)
+    ]
     assert not list(walk(Result(2.0), Parameter))

@@ -21,7 +21,7 @@ def summary(
     """
     limits, si = design.objective_function.limits, design.trained.si
     free = getattr(design.objective_function.goal, "size", None) is not None
-    before = parameters.put(design.space.nominal, design.start)
+    before: Any = parameters.put(design.space.nominal, design.start)
     return known(
         {
             "units": "SI" if si else "dimensionless",

@@ -16,8 +16,8 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import GroundLike, unresolved
 from jaxpound.ground.plausibility import excessive, first_of, of_many, tell
-from jaxpound.model.parameters import get, paths, put, require_structures
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.parameters import get, paths, put
+from jaxpound.model.system import Structures
 from jaxpound.results.demand import unit_of
 from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
@@ -43,7 +43,7 @@ class Elasticities(Shown):
 
 
 def elasticities(
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: GroundLike | Ensemble,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
@@ -89,7 +89,7 @@ def elasticities(
     0.72
     """
     owner = "elasticities"
-    require_structures(owner, "structures", structures)
+    instance(owner, "structures", structures, Structures)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_over(owner, over)

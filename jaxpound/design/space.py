@@ -24,9 +24,8 @@ from jaxpound.model.parameters import (
     paths,
     put,
     require_paths,
-    require_structures,
 )
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import Structures
 
 _SLACK = 1e-6  # of a bound: what single precision loses on the way to a value and back
 _APART = 1.001  # at least, of a parameter over the one that it must not be below
@@ -112,12 +111,12 @@ class DesignSpace:
     1.4142
     """
 
-    nominal: AdjacentStructures
+    nominal: Structures
     variables: Mapping[str, Bounds]
 
     def __post_init__(self) -> None:
         owner = "DesignSpace"
-        require_structures(owner, "nominal", self.nominal)
+        instance(owner, "nominal", self.nominal, Structures)
         instance(owner, "variables", self.variables, Mapping)
         if not self.variables:
             raise ValueError(f"{owner}: variables = {{}} must name a parameter")
@@ -165,11 +164,11 @@ class DesignSpace:
 
     def structures(
         self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None
-    ) -> AdjacentStructures:
+    ) -> Any:
         """The structures at shares; ``others`` are parameters in the place of nominal ones."""
         return put(self.nominal, {**(others or {}), **self.values(shares)})
 
-    def shares(self, design: AdjacentStructures | Mapping[str, float]) -> np.ndarray:
+    def shares(self, design: Structures | Mapping[str, float]) -> np.ndarray:
         """Where a design is between the bounds, shape (d,): the inverse of ``values``.
 
         Raises
@@ -243,7 +242,7 @@ def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
 
 
 def start_shares(
-    owner: str, space: DesignSpace, start: AdjacentStructures | Mapping[str, float] | None
+    owner: str, space: DesignSpace, start: Structures | Mapping[str, float] | None
 ) -> np.ndarray:
     """Where a search starts; a ``ValueError`` for what is outside the bounds."""
     try:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
 from typing import Any, TypeVar
@@ -116,12 +115,6 @@ def interval(
 def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:
     """What is known of each parameter, and its value, by path."""
     return {path: (parameter, x) for path, parameter, x in walk(structures, Parameter)}
-
-
-def require_structures(owner: str, name: str, value: Any) -> None:
-    """A ``ValueError`` for what has no parameters."""
-    if isinstance(value, type) or not _table(value):
-        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be structures")
 
 
 def require_paths(owner: str, structures: Any, given: Iterable[str]) -> None:

@@ -78,7 +78,8 @@ QUANTITIES: dict[str, tuple[Any, str]] = {
 }
 """Kind of each demand, and its name in a figure."""
 
-_WITH_PARAMETERS = (AdjacentStructures, System)  # whose paths a figure may meet without an object of them
+# Whose paths a figure may meet, of a study that was opened say, without an object of them.
+_WITH_PARAMETERS = (AdjacentStructures, System)
 
 
 def parameter_name(path: str) -> str:

@@ -20,6 +20,7 @@ from jaxpound._version import __version__
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, as_pytree
 from jaxpound.ground.plausibility import first_of
+from jaxpound.model.structures import AdjacentStructures
 from jaxpound.simulation.batches import in_chunks, runs_at_a_time
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
@@ -126,7 +127,9 @@ class Task:
         """The columns of one scenario."""
         structures, ground = self.scenarios.realize(z)
         result = demand(structures, ground, self.grid, self.scheme)
-        columns = result.scalars() | {"required_gap": structures.initial_gap - result.min_gap}
+        columns = result.scalars()
+        if isinstance(structures, AdjacentStructures):
+            columns = columns | {"required_gap": structures.initial_gap - result.min_gap}
         more = {name: f(structures, ground) for name, f in self.measures.items()}
         if self.keep_parameters:
             more |= parameters(self.scenarios, z)

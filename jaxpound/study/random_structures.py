@@ -10,8 +10,8 @@ from jax.scipy.special import ndtr
 from jaxtyping import Array, Float
 
 from jaxpound._checks import instance, is_traced
-from jaxpound.model.parameters import interval, paths, put, require_paths, require_structures
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.parameters import interval, paths, put, require_paths
+from jaxpound.model.system import Structures
 from jaxpound.study.distributions import Distribution, truncated
 
 _LEAST = 0.1  # of a distribution's probability that must be where its parameter may be
@@ -38,12 +38,12 @@ class UncertainStructures:
         a distribution's probability is where its parameter may be.
     """
 
-    nominal: AdjacentStructures
+    nominal: Structures
     uncertain: Mapping[str, Distribution]
 
     def __post_init__(self) -> None:
         owner = "UncertainStructures"
-        require_structures(owner, "nominal", self.nominal)
+        instance(owner, "nominal", self.nominal, Structures)
         instance(owner, "uncertain", self.uncertain, Mapping)
         if not self.uncertain:
             raise ValueError(f"{owner}: uncertain = {{}} must name a parameter")
@@ -65,7 +65,7 @@ class UncertainStructures:
         """Number of uncertain parameters."""
         return len(self.uncertain)
 
-    def draw(self, z: Float[Array, " d"]) -> AdjacentStructures:
+    def draw(self, z: Float[Array, " d"]) -> Structures:
         """The structures of z."""
         return put(self.nominal, self.parameters(z))
 

@@ -274,7 +274,7 @@ def _oscillators(scenarios: ScenarioSet) -> list[float]:
 
     @jax.jit
     def median(z: jax.Array) -> list[jax.Array]:
-        structures, _ = scenarios.realize(z)
+        structures: Any = scenarios.realize(z)[0]
         instance("monte_carlo", "scenarios: structures", structures, AdjacentStructures)
         (w1, w2), (z1, z2) = structures.natural_frequencies, structures.damping_ratios
         return [2 * jnp.pi / w1, z1, 2 * jnp.pi / w2, z2]

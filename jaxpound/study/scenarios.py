@@ -17,10 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import count, require_memory
+from jaxpound._checks import count, instance, require_memory
 from jaxpound.ground.motion import GroundLike, require_dimensionless, require_ground
-from jaxpound.model.parameters import require_structures
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import Structures
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
 
 NUMBER_BYTES = 22_000
@@ -40,7 +39,7 @@ class ScenarioSet(Protocol):
     def dimension(self) -> int:
         """Number d of independent standard normal numbers."""
 
-    def realize(self, z: Float[Array, " d"]) -> tuple[AdjacentStructures, GroundLike]:
+    def realize(self, z: Float[Array, " d"]) -> tuple[Structures, GroundLike]:
         """The scenario of z."""
 
 
@@ -63,7 +62,8 @@ class Scenarios:
     Parameters
     ----------
     structures
-        ``AdjacentStructures``, or a ``Draw`` of them (``UncertainStructures``, ``CustomDraw``).
+        ``AdjacentStructures`` or others, or a ``Draw`` of them (``UncertainStructures``,
+        ``CustomDraw``).
     ground
         A ground motion, or a ``Draw`` (``RandomRicker``, ``RandomRecord``, ``CustomDraw``).
 
@@ -87,12 +87,11 @@ class Scenarios:
     0.25
     """
 
-    structures: AdjacentStructures | Draw
+    structures: Structures | Draw
     ground: GroundLike | Draw
 
     def __post_init__(self) -> None:
-        if not isinstance(self.structures, Draw):
-            require_structures("Scenarios", "structures", self.structures)
+        instance("Scenarios", "structures", self.structures, Structures, Draw)
         if not isinstance(self.ground, Draw):
             require_ground("Scenarios: ground", self.ground)
             require_dimensionless("Scenarios: ground", self.ground)
@@ -105,7 +104,7 @@ class Scenarios:
         """Number of standard normal numbers: first the structures', then the ground's."""
         return _dimension(self.structures) + _dimension(self.ground)
 
-    def realize(self, z: Float[Array, " d"]) -> tuple[AdjacentStructures, GroundLike]:
+    def realize(self, z: Float[Array, " d"]) -> tuple[Structures, GroundLike]:
         """Structures and ground motion of z, shape (dimension,)."""
         first = _dimension(self.structures)
         structures, ground = self.structures, self.ground
@@ -116,7 +115,7 @@ class Scenarios:
 
     def at(
         self, indices: Any, key: int | jax.Array = 0, *, sampling: str = "plain"
-    ) -> tuple[AdjacentStructures, GroundLike]:
+    ) -> tuple[Structures, GroundLike]:
         """The scenarios of a study's samples, to be looked at one by one.
 
         Parameters
@@ -195,7 +194,7 @@ class CustomDraw:
     ----------
     function
         Pure and traceable: from z of shape (dimension,), independent standard normals, to
-        ``AdjacentStructures`` or a ground motion.
+        structures or a ground motion.
     dimension
         Length of z, at least 1.
     names

@@ -13,6 +13,7 @@ from jaxpound._tables import Shown, Table
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import as_pytree
 from jaxpound.ground.plausibility import first_of, of_many, tell
+from jaxpound.model.structures import AdjacentStructures
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
@@ -96,7 +97,9 @@ def sobol_sensitivity(
     def run(z: Any) -> jax.Array:
         structures, ground = scenarios.realize(z)
         result = run_demand(structures, ground, grid, scheme)
-        values = {"required_gap": structures.initial_gap - result.min_gap} | result.scalars()
+        values = result.scalars()
+        if isinstance(structures, AdjacentStructures):
+            values = {"required_gap": structures.initial_gap - result.min_gap} | values
         if demand not in values:
             raise ValueError(f"{owner}: demand = {demand!r} must be one of {', '.join(values)}")
         return values[demand]

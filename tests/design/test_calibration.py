@@ -126,5 +126,5 @@ def test_parameters_that_leave_no_trace_are_refused():
 
 
 def test_what_the_grid_does_not_resolve_is_refused_before_the_fit():
-    with pytest.raises(ValueError, match="^calibrate: ground: the shortest of periods is"):
+    with pytest.raises(ValueError, match=r"^calibrate: ground: the shortest of periods is"):
         jp.calibrate(SPACE, {"x1": np.zeros(31)}, GROUND, jp.TimeGrid(0.5, 30), strict=True)

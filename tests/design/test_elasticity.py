@@ -62,7 +62,7 @@ def test_bad_questions_are_named():
     for change, message in (
         ({"demand": "gap"}, "demand = 'gap' must be one of min_gap"),
         ({"over": "median"}, "over = 'median' must be 'worst', 'mean' or a share"),
-        ({"structures": 3}, "structures = 3 must be structures"),
+        ({"structures": 3}, "structures = 3 must be of type Structures"),
     ):
         with pytest.raises(ValueError, match=message):
             jp.elasticities(**({"structures": PAPER, "ground": GROUNDS[0], "grid": GRID} | change))

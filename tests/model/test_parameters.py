@@ -8,30 +8,18 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound._fields import parameter, part, pytree_dataclass
 from jaxpound.model import parameters
 
 PAPER = jp.paper.structures()
 STEEL, RUBBER = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.2, 0.1, 2.0)
 
 
-@pytree_dataclass
-class Spring:
-    """A rod in a nesting of its own."""
-
-    material: jp.ZenerRod = part(jp.ZenerRod)
-    stiffness: object = parameter("K", words="stiffness", above=0)
-
-
-@pytree_dataclass
-class Tower:
-    """Tuples of numbers and of objects."""
-
-    masses: tuple = parameter("m", words="mass", above=0, each=True)
-    rods: tuple = part(Spring, each=True)
-
-
-TOWER = Tower((1.0, 0.5), (Spring(STEEL, 1.0), Spring(RUBBER, 0.8)))
+KINDS = {"friction": "force", "links.0.friction": "force", "masses.1": "mass"}
+TOWER = jp.System(
+    masses=(1.0, 0.5),
+    rods=(jp.Rod(STEEL, 1.0, (0, jp.GROUND)), jp.Rod(RUBBER, 0.8, (1, 0))),
+    links=(jp.Link((1, jp.GROUND), 0.3),),
+)
 
 
 def test_paths_are_those_of_the_leaves():
@@ -62,6 +50,7 @@ def test_what_bounds_another_parameter_comes_first_and_alike_ones_stand_together
         (TOWER, "masses.1", 0.5),
         (TOWER, "rods.1.stiffness", 0.8),
         (TOWER, "rods.1.material.tau_x", 2.0),
+        (TOWER, "links.0.friction", 0.3),
     ],
 )
 def test_a_value_is_got_and_put_and_nothing_else_changes(tree, path, value):
@@ -108,6 +97,7 @@ def test_intervals_are_what_a_parameter_may_be_given_the_others():
         (TOWER, "masses.0", (least, np.inf)),
         (TOWER, "rods.1.material.tau_f", (least, 2.0)),
         (TOWER, "rods.1.material.tau_x", (0.1, np.inf)),
+        (TOWER, "links.0.friction", (0, np.inf)),
     ):
         assert parameters.interval(tree, path) == expected
         for end in expected:
@@ -135,13 +125,14 @@ def test_intervals_of_traced_structures_are_traced():
         (PAPER, "rod_1.tau_x", r"rod 1: $\bar\tau_x$"),
         (PAPER, "rod_2.order", "rod 2: order"),
         (TOWER, "masses.1", "mass 1 $m$"),
+        (TOWER, "links.0.friction", r"links 0: $\mu$"),
         (TOWER, "rods.1.material.tau_f", r"rods 1 material: $\bar\tau_f$"),
     ],
 )
 def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
     for owner in (tree, type(tree)):
         assert parameters.name(owner, path) == name
-        assert parameters.known(owner, path).kind == {"friction": "force"}.get(path)
+        assert parameters.known(owner, path).kind == KINDS.get(path)
 
 
 def test_an_unknown_path_is_told_with_what_was_meant():
@@ -162,12 +153,6 @@ def test_an_unknown_path_is_told_with_what_was_meant():
         parameters.get(PAPER, "zeta")
     with pytest.raises(ValueError, match=r"unknown path 'rods\.2\.stiffness'; did you mean 'rods"):
         parameters.get(TOWER, "rods.2.stiffness")
-
-
-@pytest.mark.parametrize("value", [3, None, jp.Normal, (), jp.AdjacentStructures])
-def test_what_has_no_parameters_is_no_structures(value):
-    with pytest.raises(ValueError, match=r"owner: given = .* must be structures"):
-        parameters.require_structures("owner", "given", value)
 
 
 def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
