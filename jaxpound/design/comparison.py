@@ -59,24 +59,25 @@ class Comparison(Shown):
         from scipy import stats  # only here: it takes a second to import
 
         @jax.jit
-        def both(rows: Any) -> Any:
-            columns = ({k: x[rows] for k, x in one.items()} for one in (self.before, self.after))
-            before, after = map(self.objective_function.value, columns)
+        def both(columns: Any, rows: Any) -> Any:
+            drawn = [{name: x[rows] for name, x in one.items()} for one in columns]
+            before, after = map(self.objective_function.value, drawn)
             return jnp.stack([before, after, after - before])
 
+        columns = (self.before, self.after)
         every = np.arange(len(self))
         ends = np.full((2, 3), np.nan)
         if len(self) > 1:  # draws of one earthquake are all the same
             ends = stats.bootstrap(
                 (every,),
-                lambda rows: np.asarray(both(rows)),
+                lambda rows: np.asarray(both(columns, rows)),
                 vectorized=False,
                 n_resamples=_REPLICATES,
                 method="percentile",
                 rng=np.random.default_rng(0),
             ).confidence_interval
         names = ("before", "after", "difference")
-        found = zip(names, np.asarray(both(every)), *ends, strict=True)
+        found = zip(names, np.asarray(both(columns, every)), *ends, strict=True)
         return {name: Estimate(*map(float, three)) for name, *three in found}
 
     @property

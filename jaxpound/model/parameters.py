@@ -103,7 +103,7 @@ def interval(
     else:
         low = values[bound]
         low = interval(structures, bound, others)[0] if low is None else low
-    highs: list[Any] = [] if parameter.most is None else [parameter.most]
+    highs: list[Any] = [] if parameter.most is None else [float(parameter.most)]
     highs += [
         values[other]
         for other, (one, _) in table.items()

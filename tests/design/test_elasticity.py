@@ -50,7 +50,7 @@ def test_one_earthquake_is_an_ensemble_of_one():
 
 
 def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
-    coarse = jp.TimeGrid(0.5, 20)
+    coarse = jp.TimeGrid(0.4, 25)
     for ground, said in ((OTHER, "the shortest of periods is"), (ENSEMBLE, "of the 2 earthquakes")):
         with pytest.warns(jp.PlausibilityWarning, match=f"^elasticities: ground: .*{said}"):
             jp.elasticities(PAPER, ground, coarse)

@@ -61,7 +61,7 @@ def test_scenarios_that_fail_are_counted():
 
 
 def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
-    coarse, said = jp.TimeGrid(0.5, 8), r"^sobol_sensitivity: ground: 100% of the 4 earthquakes"
+    coarse, said = jp.TimeGrid(0.4, 10), r"^sobol_sensitivity: ground: 100% of the 4 earthquakes"
     with pytest.warns(jp.PlausibilityWarning, match=said):
         jp.sobol_sensitivity(SCENARIOS, coarse, demand="peak_x1", n=4)
     with pytest.raises(ValueError, match=said):
