@@ -33,7 +33,10 @@ class Elasticities(Shown):
     parameters: dict[str, float]
     """The parameters, by path."""
     values: dict[str, float]
-    """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0."""
+    """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0.
+
+    Not of parameters that are uncertain or infinite.
+    """
 
     def _tables(self) -> list[Table]:
         y = f"{self.demand} = {self.value:.6g} {unit_of(self.demand, False)}".rstrip()
@@ -101,7 +104,11 @@ def elasticities(
         findings = unresolved(ground, grid.dt) + excessive(ground, pga(ground, grid))
     tell(owner, findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
-    chosen = {path: x for path, x in parameters.items() if path not in ensemble.uncertain}
+    chosen = {
+        path: x
+        for path, x in parameters.items()
+        if path not in ensemble.uncertain and np.isfinite(x)  # a gap may be infinite
+    }
 
     @jax.jit
     @jax.value_and_grad

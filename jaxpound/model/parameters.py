@@ -99,7 +99,8 @@ def interval(
     values = {other: others.get(other, x) for other, (_, x) in table.items()}
     bound = _lower(parameter, path)
     if bound is None:
-        low = -math.inf if parameter.low is None else SMALLEST if parameter.above == 0 else 0.0
+        least = -math.inf if parameter.least is None else parameter.least
+        low = float(least) if parameter.above is None else SMALLEST
     else:
         low = values[bound]
         low = interval(structures, bound, others)[0] if low is None else low

@@ -181,3 +181,14 @@ def test_objects_without_a_changed_parameter_stay_themselves():
     assert changed.rods[0] is TOWER.rods[0]
     assert changed.rods[1].material is RUBBER
     assert dataclasses.replace(changed).rods == changed.rods
+
+
+def test_elasticities_are_those_of_any_structures():
+    found = jp.elasticities(
+        TOWER, jp.paper.ground(), jp.TimeGrid(0.05, 40), demand="peak_acceleration_1"
+    )
+    assert tuple(found.parameters) == parameters.paths(TOWER)
+    assert all(np.isfinite(x) for x in found.values.values())
+    assert found.values["rods.0.stiffness"] != 0
+    assert found.parameters["links.0.gap"] == np.inf
+    assert "links.0.gap" not in found.values
