@@ -177,6 +177,7 @@ class DesignSpace:
             If it lacks a variable or is outside the bounds.
         """
         owner = "DesignSpace"
+        instance(owner, "design", design, Structures, Mapping)
         if not isinstance(design, Mapping):
             require_paths(owner, design, self.names)
             values = {path: float(get(design, path)) for path in self.names}

@@ -15,7 +15,9 @@ from jaxtyping import Array, Float
 
 from jaxpound._checks import count, instance, require_memory
 from jaxpound._fields import Checked, parameter, part
-from jaxpound.ground.motion import DIMENSIONLESS, Record, Ricker, require_dimensionless
+from jaxpound.ground.motion import DIMENSIONLESS, require_dimensionless
+from jaxpound.ground.record import Record
+from jaxpound.ground.ricker import Ricker
 from jaxpound.model.parameters import SMALLEST
 from jaxpound.study.distributions import Distribution, truncated
 from jaxpound.study.scenarios import NUMBER_BYTES
