@@ -96,9 +96,7 @@ def accuracy():
         errors = [np.sqrt(np.mean((one - fine) ** 2)) for one in coarse]
         order = np.polyfit(np.log(steps[:-1]), np.log(errors), 1)[0]
         listed = ", ".join(f"{h}: {e:.1e}" for h, e in zip(steps, errors, strict=False))
-        print(
-            f"{what} (size {np.abs(fine).max():.2g}), rms error by step: {listed}; order {order:.1f}"
-        )
+        print(f"{what} (size {np.abs(fine).max():.2g}), rms errors: {listed}; order {order:.1f}")
 
 
 if __name__ == "__main__":

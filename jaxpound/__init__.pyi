@@ -64,12 +64,12 @@ from jaxpound.study.distributions import Normal as Normal
 from jaxpound.study.distributions import Uniform as Uniform
 from jaxpound.study.fragility import Fragility as Fragility
 from jaxpound.study.fragility import fit_fragility as fit_fragility
+from jaxpound.study.random_ground import RandomRecord as RandomRecord
+from jaxpound.study.random_ground import RandomRicker as RandomRicker
+from jaxpound.study.random_structures import UncertainStructures as UncertainStructures
 from jaxpound.study.run import monte_carlo as monte_carlo
 from jaxpound.study.scenarios import CustomDraw as CustomDraw
-from jaxpound.study.scenarios import RandomRecord as RandomRecord
-from jaxpound.study.scenarios import RandomRicker as RandomRicker
 from jaxpound.study.scenarios import Scenarios as Scenarios
-from jaxpound.study.scenarios import UncertainStructures as UncertainStructures
 from jaxpound.study.sensitivity import Sensitivity as Sensitivity
 from jaxpound.study.sensitivity import sobol_sensitivity as sobol_sensitivity
 from jaxpound.study.statistics import Estimate as Estimate

@@ -10,9 +10,10 @@ import contextlib
 import difflib
 import os
 import reprlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
 from pathlib import Path
+from types import NoneType
 from typing import Any, NamedTuple
 
 import jax
@@ -157,15 +158,20 @@ def refusal(call: Callable[[], Any]) -> str:
 
 def positive(owner: str, **values: Any) -> list[Any]:
     """``real`` of each value; a ``ValueError`` for a known one that is not positive and finite."""
-    numbers = [real(owner, name, value) for name, value in values.items()]
-    enforce(
-        owner,
-        [
-            Rule(name, x, (x > 0) & finite(x), "positive and finite")
-            for name, x in zip(values, numbers, strict=True)
-        ],
-    )
-    return numbers
+    return _numbers(owner, values, lambda x: x > 0, "positive and finite")
+
+
+def not_negative(owner: str, **values: Any) -> list[Any]:
+    """``real`` of each value; a ``ValueError`` for a known one that is negative or not finite."""
+    return _numbers(owner, values, lambda x: x >= 0, "finite and not negative")
+
+
+def _numbers(
+    owner: str, values: Mapping[str, Any], holds: Callable[[Any], Any], says: str
+) -> list[Any]:
+    numbers = {name: real(owner, name, value) for name, value in values.items()}
+    enforce(owner, [Rule(name, x, holds(x) & finite(x), says) for name, x in numbers.items()])
+    return list(numbers.values())
 
 
 def one_batch(owner: str, **values: Any) -> None:
@@ -181,7 +187,7 @@ def one_batch(owner: str, **values: Any) -> None:
 def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
     """A ``ValueError`` for an object of another type."""
     if not isinstance(value, kinds):
-        wanted = " or ".join(kind.__name__ for kind in kinds)
+        wanted = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be of type {wanted}")
 
 

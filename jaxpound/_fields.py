@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar, dataclass_transform
 import jax.numpy as jnp
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
-from jaxpound._checks import Rule, enforce, finite, instance, is_traced, real
+from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number, real
 
 T = TypeVar("T")
 
@@ -28,38 +28,49 @@ class Parameter:
     symbol: str
     kind: str | None
     words: str
-    above: float | None
+    above: float | str | None
     least: float | str | None
     most: float | None
     finite: bool
     why: str
-    each: bool
-    """Whether the field is a tuple of such parameters."""
+    single: bool
+    """Whether it must be one number, not an array."""
+    usual: tuple[float, float] | None
+    """Between which numbers it usually is."""
 
-    def items(self, name: str, value: Any) -> Iterator[tuple[str, Any]]:
-        """The field's parameters by name: one, or one for ``each`` entry of a tuple."""
-        return (
-            ((f"{name}.{i}", x) for i, x in enumerate(value))
-            if self.each
-            else iter([(name, value)])
-        )
+    @property
+    def low(self) -> float | str | None:
+        """The lower bound: a number, or the field of the object that has it."""
+        return self.least if self.above is None else self.above
+
+    @property
+    def is_ratio(self) -> bool:
+        """Whether values are told apart by their ratios: positive, without an upper limit."""
+        return self.most is None and (self.above == 0 or isinstance(self.low, str))
 
     def rule(self, owner: Any, name: str, value: Any) -> Rule:
         """The rule of the value; ``owner`` has what it is compared with."""
-        holds, says = (finite(value), "finite") if self.finite else (value == value, "")
-        if self.above is not None and self.most is not None:
-            holds, says = (value > self.above) & (value <= self.most), f"in ({self.above:g}, "
-            says += f"{self.most:g}]"
+        low = getattr(owner, self.low) if isinstance(self.low, str) else self.low
+        holds = finite(value) if self.finite else value == value
+        if low is not None:
+            holds = holds & (value >= low if self.above is None else value > low)
+        if self.most is not None:
+            holds = holds & (value <= self.most)
+        return Rule(name, value, holds, self._says(low) + (f" ({self.why})" if self.why else ""))
+
+    def _says(self, low: Any) -> str:
+        """Completes 'must be'."""
+        if self.most is not None:
+            inside = f"in ({low:g}, {self.most:g}]"
+            return f"between {low:g} and {self.most:g}" if self.above is None else inside
+        words = ["finite"] if self.finite else []
+        if isinstance(self.low, str):
+            words.append(f"{'at least' if self.above is None else 'above'} {self.low}{_shown(low)}")
         elif self.above is not None:
-            holds, says = holds & (value > self.above), f"positive{' and ' * bool(says)}{says}"
-        elif isinstance(self.least, str):
-            bound = getattr(owner, self.least)
-            holds = holds & (value >= bound)
-            says += f"{' and ' * bool(says)}at least {self.least}{_shown(bound)}"
+            words.insert(0, "positive")
         elif self.least is not None:
-            holds = holds & (value >= self.least)
-            says += f"{' and ' * bool(says)}not negative"
-        return Rule(name, value, holds, says + (f" ({self.why})" if self.why else ""))
+            words.append("not negative")
+        return " and ".join(words)
 
 
 class Quantity(NamedTuple):
@@ -75,26 +86,34 @@ class Quantity(NamedTuple):
 
 
 def parameter(
-    symbol: str,
+    symbol: str = "",
     kind: str | None = None,
     words: str = "",
     *,
-    above: float | None = None,
+    above: float | str | None = None,
     least: float | str | None = None,
     most: float | None = None,
     finite: bool = True,
     why: str = "",
     each: bool = False,
+    single: bool = False,
+    usual: tuple[float, float] | None = None,
     **kwargs: Any,
 ) -> Any:
     """A field that is a parameter: a real number or array, traced and differentiated.
 
-    It may be ``above`` 0, at ``least`` 0 or another field of the object (by name), and with
-    ``above`` at ``most`` a number; ``finite`` unless said otherwise. ``why`` ends the message.
-    ``each`` makes it a tuple of such numbers.
+    It may be ``above`` or at ``least`` 0 or an earlier field of the object (by name), and at
+    ``most`` a number; ``finite`` unless said otherwise. ``why`` ends the message. ``each`` makes it
+    a tuple of such numbers, ``single`` refuses arrays. ``usual`` are the ends of a slider.
     """
-    known = Parameter(symbol, kind, words, above, least, most, finite, why, each)
-    return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
+    known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual)
+    return dataclasses.field(metadata={_KNOWN: known, "each": each}, **kwargs)
+
+
+def like(cls: type, name: str) -> Any:
+    """A field that is the same parameter as a field of another class."""
+    (field,) = (f for f in dataclasses.fields(cls) if f.name == name)
+    return dataclasses.field(metadata=field.metadata)
 
 
 def quantity(kind: str | None, words: str = "", column: str = "", **kwargs: Any) -> Any:
@@ -102,9 +121,13 @@ def quantity(kind: str | None, words: str = "", column: str = "", **kwargs: Any)
     return dataclasses.field(metadata={_KNOWN: Quantity(kind, words, column)}, **kwargs)
 
 
-def part(*kinds: type, **kwargs: Any) -> Any:
-    """A field that holds an object of one of the kinds, or a pytree of objects if none is given."""
-    return dataclasses.field(metadata={_ROLE: "part", "kinds": kinds}, **kwargs)
+def part(*kinds: type, each: bool = False, **kwargs: Any) -> Any:
+    """A field that holds an object of one of the kinds, or a pytree of objects if none is given.
+
+    ``each`` makes it a tuple of such objects.
+    """
+    metadata = {_ROLE: "part", "kinds": kinds, "each": each}
+    return dataclasses.field(metadata=metadata, **kwargs)
 
 
 def static(**kwargs: Any) -> Any:
@@ -120,7 +143,7 @@ def label(*, default: Any) -> Any:
 @dataclass_transform(
     frozen_default=True,
     eq_default=False,
-    field_specifiers=(parameter, quantity, part, static, label),
+    field_specifiers=(parameter, like, quantity, part, static, label),
 )
 def pytree_dataclass(cls: type[T]) -> type[T]:
     """Make ``cls`` a frozen dataclass and a pytree whose fields are its children.
@@ -170,13 +193,24 @@ def check(obj: Any) -> None:
     """
     owner = type(obj).__name__
     for field in dataclasses.fields(obj):
-        value = getattr(obj, field.name)
-        if isinstance(known := field.metadata.get(_KNOWN), Parameter):
-            numbers = tuple(real(owner, name, x) for name, x in known.items(field.name, value))
-            object.__setattr__(obj, field.name, numbers if known.each else numbers[0])
+        known, value = field.metadata.get(_KNOWN), getattr(obj, field.name)
+        if isinstance(known, Parameter):
+            as_number = number if known.single else real
+            numbers = [as_number(owner, *entry) for entry in _entries(field, value)]
+            object.__setattr__(
+                obj, field.name, tuple(numbers) if field.metadata["each"] else numbers[0]
+            )
         elif kinds := field.metadata.get("kinds"):
-            instance(owner, field.name, value, *kinds)
+            for name, item in _entries(field, value):
+                instance(owner, name, item, *kinds)
     enforce(owner, _own_rules(obj, ""))
+
+
+class Checked:
+    """A dataclass, not for JAX to trace, whose parameters are checked as it is made."""
+
+    def __post_init__(self) -> None:
+        check(self)
 
 
 def rules(tree: Any, prefix: str = "") -> list[Rule]:
@@ -188,15 +222,16 @@ def rules(tree: Any, prefix: str = "") -> list[Rule]:
 
 
 def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Path, what is known (a ``Parameter`` or a ``Quantity``) and value of all of a tree's."""
+    """Path, what is known (a ``Parameter`` or a ``Quantity``) and value of all of a tree's.
+
+    ``tree`` may be a class: then values are None, and ``*`` stands for the index of an entry.
+    """
     for path, obj in _objects(tree, prefix):
         for field in dataclasses.fields(obj):
             known = field.metadata.get(_KNOWN)
-            value = getattr(obj, field.name)
-            if isinstance(known, Parameter) and isinstance(known, kind):
-                yield from ((path + name, known, x) for name, x in known.items(field.name, value))
-            elif isinstance(known, kind):
-                yield path + field.name, known, value
+            if isinstance(known, kind):
+                for name, value in _entries(field, _value(obj, field)):
+                    yield path + name, known, value
 
 
 def quantities(cls: type) -> dict[str, Quantity]:
@@ -230,8 +265,25 @@ def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
     elif dataclasses.is_dataclass(tree):
         for field in dataclasses.fields(tree):
             if field.metadata.get(_ROLE, "part") == "part" and _KNOWN not in field.metadata:
-                yield from _objects(getattr(tree, field.name), f"{prefix}{field.name}.")
+                if not isinstance(tree, type):
+                    yield from _objects(getattr(tree, field.name), f"{prefix}{field.name}.")
+                    continue
+                ((name, _),) = _entries(field, None)
+                for kind in field.metadata.get("kinds", ()):
+                    yield from _objects(kind, f"{prefix}{name}.")
         yield prefix, tree
+
+
+def _value(obj: Any, field: dataclasses.Field[Any]) -> Any:
+    return None if isinstance(obj, type) else getattr(obj, field.name)
+
+
+def _entries(field: dataclasses.Field[Any], value: Any) -> list[tuple[str, Any]]:
+    """What a field holds, by name: its value, or each entry of its tuple."""
+    if not field.metadata.get("each"):
+        return [(field.name, value)]
+    entries = [("*", None)] if value is None else enumerate(value)
+    return [(f"{field.name}.{i}", x) for i, x in entries]
 
 
 def _own_rules(obj: Any, prefix: str) -> list[Rule]:
@@ -240,7 +292,7 @@ def _own_rules(obj: Any, prefix: str) -> list[Rule]:
         known.rule(obj, prefix + name, value)
         for field in dataclasses.fields(obj)
         if isinstance(known := field.metadata.get(_KNOWN), Parameter)
-        for name, value in known.items(field.name, getattr(obj, field.name))
+        for name, value in _entries(field, getattr(obj, field.name))
     ]
     more = getattr(obj, "more_rules", None)
     return found if more is None else [*found, *more(prefix)]

@@ -5,17 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, overload
 
-from jaxpound._checks import (
-    Rule,
-    enforce,
-    finite,
-    instance,
-    is_traced,
-    number,
-    positive,
-    real,
-)
-from jaxpound._fields import converted, pytree_dataclass
+from jaxpound._checks import instance, is_traced, not_negative, number, positive
+from jaxpound._fields import converted, parameter, pytree_dataclass
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
 from jaxpound.ground.record import Record
@@ -49,14 +40,9 @@ class Scales:
     TimeGrid(dt=0.035, n_steps=2400)
     """
 
-    mass: Any
-    frequency: Any
-    gravity: Any = STANDARD_GRAVITY
-
-    def __post_init__(self) -> None:
-        values = vars(self).copy()
-        for name, value in zip(values, positive("Scales", **values), strict=True):
-            object.__setattr__(self, name, value)
+    mass: Any = parameter("m_1", words="mass of building 1", above=0)
+    frequency: Any = parameter(r"\omega_1", words="frequency of building 1", above=0)
+    gravity: Any = parameter("g", words="gravity", above=0, default=STANDARD_GRAVITY)
 
     @property
     def time(self) -> Any:
@@ -207,13 +193,7 @@ def dimensionless(
     """
     instance("dimensionless", "building_1", building_1, Building)
     instance("dimensionless", "building_2", building_2, Building)
-    friction_force = real("dimensionless", "friction_force", friction_force)
-    gap = real("dimensionless", "gap", gap)
-    rules = [
-        Rule(name, value, (value >= 0) & finite(value), "finite and not negative")
-        for name, value in (("friction_force", friction_force), ("gap", gap))
-    ]
-    enforce("dimensionless", rules)
+    friction_force, gap = not_negative("dimensionless", friction_force=friction_force, gap=gap)
     scales = Scales(building_1.mass, (building_1.stiffness / building_1.mass) ** 0.5, gravity)
     rod_1, rod_2 = (
         ZenerRod(b.order, b.tau_f * scales.frequency**b.order, b.tau_x * scales.frequency**b.order)

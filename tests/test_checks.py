@@ -18,6 +18,7 @@ from jaxpound._checks import (
     instance,
     is_traced,
     machine_memory,
+    not_negative,
     number,
     one_batch,
     positive,
@@ -197,6 +198,13 @@ def test_positive_returns_floats_and_refuses_the_rest(bad):
     assert positive("Owner", a=1, b=2.5) == [1.0, 2.5]
     with pytest.raises(ValueError, match=r"Owner: b = .* must be positive and finite"):
         positive("Owner", a=1, b=bad)
+
+
+@pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
+def test_not_negative_returns_floats_and_refuses_the_rest(bad):
+    assert not_negative("Owner", a=0, b=2.5) == [0.0, 2.5]
+    with pytest.raises(ValueError, match=r"Owner: b = .* must be finite and not negative"):
+        not_negative("Owner", a=1, b=bad)
 
 
 def test_one_batch_refuses_shapes_that_cannot_be_broadcast():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import partial
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +40,12 @@ from jaxpound.design.space import Bounds, DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.reader import read_record
 from jaxpound.ground.record import Record
+from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import RANGES, Range
 from jaxpound.results.demand import kind_of
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.scenarios import PARAMETERS, Scenarios, replaced
+from jaxpound.study.scenarios import Scenarios
 from jaxpound.units import Scales
 
 _GOALS = ("mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability")
@@ -91,7 +91,7 @@ def _entries(value: dict[str, Any], needed: tuple[str, ...], allowed: tuple[str,
 _KEYS: Keys = PAIR | {
     "earthquakes": EARTHQUAKES,
     "recorded": {"files": files, "units": word},
-    "variables": dict.fromkeys(PARAMETERS, _bounds),
+    "variables": dict.fromkeys(parameters.paths(AdjacentStructures), _bounds),
     "objective": {
         "goal": _GOALS,
         "temperature": RANGES["temperature"],
@@ -197,7 +197,7 @@ def _space(
     variables = given.get("variables", {})
     if not variables:
         raise ValueError(f"{source}: [variables] must name what may be chosen")
-    parameters = in_si(structures, scales)
+    in_si_units = in_si(structures, scales)
     made: dict[str, dict[str, Bounds]] = {"SI": {}, "dimensionless": {}}
     for path, value in variables.items():
         place = f"{source}: [variables] {path}"
@@ -206,8 +206,8 @@ def _space(
         if not value["low"] <= 1 <= value["high"]:
             rule = "must hold the factor 1: the search starts at the buildings as they are"
             raise ValueError(f"{place} = {shown(value)} {rule}")
-        for units, nominal in (("SI", parameters), ("dimensionless", structures)):
-            own = float(attrgetter(path)(nominal))
+        for units, nominal in (("SI", in_si_units), ("dimensionless", structures)):
+            own = float(parameters.get(nominal, path))
             if not own:
                 raise ValueError(f"{place} must be of a value above 0, for factors on it")
             low, high = value["low"] * own, value["high"] * own
@@ -215,8 +215,8 @@ def _space(
                 made[units][path] = Bounds(low, high, value.get("scale", "linear"))
     # In SI units first, which messages are about.
     with named(f"{source}: [variables]", _TAU):
-        physical = DesignSpace(parameters, made["SI"])
-        start = physical.shares(parameters)
+        physical = DesignSpace(in_si_units, made["SI"])
+        start = physical.shares(in_si_units)
     extremes = []
     for i, path in enumerate(physical.names):
         for end in (0.0, 1.0):
@@ -224,7 +224,7 @@ def _space(
             shares[i] = end
             place = f"{source}: [variables] {path} = {shown(variables[path])}, at a bound:"
             values = {x: float(y) for x, y in physical.numbers(shares).items()}
-            extremes.append((place, path, replaced(parameters, values)))
+            extremes.append((place, path, parameters.put(in_si_units, values)))
     require_plausible(extremes, scales)
     return DesignSpace(structures, made["dimensionless"])
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from operator import attrgetter
 from typing import Any
 
 import jaxpound as jp
 from jaxpound.cli.config import UNITS, in_si
 from jaxpound.cli.report import cell, known, markdown_table, text_table
+from jaxpound.model import parameters
 from jaxpound.results.demand import in_words, unit_of
-from jaxpound.study.scenarios import replaced
 
 
 def summary(
@@ -22,7 +21,7 @@ def summary(
     """
     limits, si = design.objective_function.limits, design.trained.si
     free = getattr(design.objective_function.goal, "size", None) is not None
-    before = replaced(design.space.nominal, design.start)
+    before: Any = parameters.put(design.space.nominal, design.start)
     return known(
         {
             "units": "SI" if si else "dimensionless",
@@ -108,8 +107,8 @@ def _rods(
         _changed(
             path,
             UNITS[path.rpartition(".")[2]],
-            attrgetter(path)(first),
-            attrgetter(path)(last),
+            parameters.get(first, path),
+            parameters.get(last, path),
             design.active_bounds.get(path),
         )
         for path in design.space.names

@@ -27,7 +27,7 @@ from jaxpound.quantities import RANGES, Range, with_unit
 from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
 from jaxpound.simulation.scheme import Scheme, stability_limit
 from jaxpound.study.distributions import RARE, LogNormal, Normal, Uniform, reach
-from jaxpound.study.scenarios import RandomRecord, RandomRicker
+from jaxpound.study.random_ground import RandomRecord, RandomRicker
 from jaxpound.units import Scales
 
 Stated = Normal | LogNormal | Uniform

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from operator import attrgetter
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -27,22 +26,19 @@ from jaxpound.cli.examples import STUDY as EXAMPLE
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.motion import GroundLike
+from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import RANGES
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.chunk import Measure
 from jaxpound.study.distributions import RARE, Distribution
-from jaxpound.study.scenarios import (
-    PARAMETERS,
-    Scenarios,
-    UncertainStructures,
-    replaced,
-)
+from jaxpound.study.random_structures import UncertainStructures
+from jaxpound.study.scenarios import Scenarios
 from jaxpound.units import Scales
 
 _KEYS: Keys = PAIR | {
     "earthquakes": EARTHQUAKES,
-    "uncertain": dict.fromkeys(PARAMETERS, distribution),
+    "uncertain": dict.fromkeys(parameters.paths(AdjacentStructures), distribution),
     "study": {
         "samples": RANGES["count"],
         "seed": RANGES["seed"],
@@ -118,29 +114,29 @@ def _uncertain(
     """The uncertain structures; in the file distributions are of factors on what it states."""
     if not (table := given.get("uncertain")):
         return None
-    parameters = in_si(structures, scales)
+    physical = in_si(structures, scales)
     made: dict[str, dict[str, Distribution]] = {"SI": {}, "dimensionless": {}}
     for path in table:
         place, factor = f"{source}: [uncertain] {path}", drawn(source, given, "uncertain", path, "")
         require_reach(f"{source}: [uncertain] {path}", table[path], factor, RANGES["multiple"])
-        for units, nominal in (("SI", parameters), ("dimensionless", structures)):
-            value = float(attrgetter(path)(nominal))
+        for units, nominal in (("SI", physical), ("dimensionless", structures)):
+            value = float(parameters.get(nominal, path))
             if not value:
                 raise ValueError(f"{place} must be of a value above 0, for factors on it")
             with named(f"{place}:"):
                 made[units][path] = scaled(factor, value)
     with named(f"{source}: [uncertain], in SI units:"):
-        physical = UncertainStructures(parameters, made["SI"])
+        drawn_in_si = UncertainStructures(physical, made["SI"])
     # Each at its two ends, the others at their medians.
     z = NormalDist().inv_cdf(RARE)
     ends = np.array([z, -z])[:, None, None] * np.eye(len(table))
-    rows = jax.jit(jax.vmap(jax.vmap(physical.parameters)))(ends)
+    rows = jax.jit(jax.vmap(jax.vmap(drawn_in_si.parameters)))(ends)
     extremes = []
     for i, (path, value) in enumerate(table.items()):
         place = f"{source}: [uncertain] {path} = {shown(value)}, once in {1 / RARE:,.0f} draws:"
         for end in (0, 1):
             with named(place):
-                at = replaced(parameters, {x: float(rows[x][end, i]) for x in table})
+                at = parameters.put(physical, {x: float(rows[x][end, i]) for x in table})
             extremes.append((place, path, at))
     require_plausible(extremes, scales)
     return UncertainStructures(structures, made["dimensionless"])

@@ -9,7 +9,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import optimize, stats
 
 from jaxpound._checks import (
     Rule,
@@ -25,7 +24,8 @@ from jaxpound._checks import (
 from jaxpound._tables import Shown, Table
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike, as_pytree
+from jaxpound.ground.motion import GroundLike, as_pytree, unresolved
+from jaxpound.ground.plausibility import tell
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import unit
 from jaxpound.results.response import Response
@@ -99,6 +99,7 @@ def calibrate(
     key: int = 0,
     confidence: float = 0.95,
     scales: Scales | None = None,
+    strict: bool = False,
 ) -> Calibration:
     """The parameters that fit measured series best (``scipy.optimize.least_squares``).
 
@@ -122,6 +123,8 @@ def calibrate(
         Of the intervals.
     scales
         For measurements in SI units.
+    strict
+        Whether what is only warned of is refused.
 
     Returns
     -------
@@ -131,8 +134,16 @@ def calibrate(
     ------
     ValueError
         If an argument breaks its rule; if there are not more numbers than parameters, they do not
-        determine the parameters, or no start gives a finite response.
+        determine the parameters, or no start gives a finite response. If ``strict``, also where
+        there would be a warning.
+
+    Warns
+    -----
+    PlausibilityWarning
+        As of ``simulate``, of the run of the calibrated structures.
     """
+    from scipy import optimize  # only here: it takes a second to import
+
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
     instance(owner, "grid", grid, TimeGrid)
@@ -141,6 +152,8 @@ def calibrate(
     data = _data(owner, measured, grid)
     weights = _weights(owner, data, noise)
     shaking = as_pytree(ground, grid)
+    if strict:  # before the time for the fit is spent
+        tell(owner, unresolved(ground, grid.dt), strict)
     known = {name: np.isfinite(x) for name, x in data.items()}
     n, d = sum(int(mask.sum()) for mask in known.values()), space.dimension
     enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
@@ -189,7 +202,7 @@ def calibrate(
     shares = np.asarray(best.x)
     estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
-    response = simulate(structures, shaking, grid, scheme)
+    response = simulate(structures, shaking, grid, scheme, strict=strict)
     response = response if scales is None else scales.to_si(response)
     found = _series(response)
     residuals = {name: x - np.asarray(found[name]) for name, x in data.items()}
@@ -255,6 +268,8 @@ def _estimates(
     owner: str, space: DesignSpace, fit: Any, n: int, noise_known: bool, confidence: float
 ) -> tuple[dict[str, Estimate], np.ndarray]:
     """Values with intervals, and their correlation, from the Jacobian at the fit."""
+    from scipy import stats
+
     d = space.dimension
     information = fit.jac.T @ fit.jac
     if np.linalg.matrix_rank(fit.jac) < d:

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy import stats
 
 from jaxpound._checks import Rule, count, enforce, instance, require_share
 from jaxpound._tables import Shown, Table
-from jaxpound.design.ensemble import Ensemble, require_apart
+from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Objective
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.space import DesignSpace
@@ -43,6 +42,8 @@ class Comparison(Shown):
 
     def difference(self, name: str = "min_gap", confidence: float = 0.95) -> Estimate:
         """Mean of after − before, earthquake by earthquake, with Student's interval."""
+        from scipy import stats  # only here: it takes a second to import
+
         require_share("difference", "confidence", confidence)
         if name not in self.before:
             raise ValueError(f"difference: {name!r} must be one of {', '.join(self.before)}")
@@ -58,6 +59,8 @@ class Comparison(Shown):
 
         Of what a single earthquake decides (``WorstGap``) they say nothing reliable.
         """
+        from scipy import stats  # only here: it takes a second to import
+
         function = self.objective_function
         value = jax.jit(
             lambda columns, rows: function.value(jax.tree.map(lambda x: x[rows], columns))
@@ -212,7 +215,7 @@ class Design(Shown):
     def compare(self, ensemble: Ensemble) -> Comparison:
         """Before and after on other earthquakes."""
         instance("Design.compare", "ensemble", ensemble, Ensemble)
-        require_apart("Design.compare", self.space.names, ensemble)
+        self.space.require_certain("Design.compare", ensemble.uncertain)
         return Comparison(
             self._problem.evaluate(self._first, ensemble),
             self._problem.evaluate(self.shares, ensemble),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from operator import attrgetter
 from typing import Any
 
 import jax
@@ -14,12 +13,14 @@ from jaxpound._tables import Shown, Table
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import gathered, require_over
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.ground.intensity import pga
+from jaxpound.ground.motion import GroundLike, unresolved
+from jaxpound.ground.plausibility import excessive, first_of, of_many, tell
+from jaxpound.model.parameters import get, paths, put
+from jaxpound.model.system import Structures
 from jaxpound.results.demand import unit_of
 from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.scenarios import PARAMETERS, replaced
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -32,7 +33,10 @@ class Elasticities(Shown):
     parameters: dict[str, float]
     """The parameters, by path."""
     values: dict[str, float]
-    """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0."""
+    """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0.
+
+    Not of parameters that are uncertain or infinite.
+    """
 
     def _tables(self) -> list[Table]:
         y = f"{self.demand} = {self.value:.6g} {unit_of(self.demand, False)}".rstrip()
@@ -42,13 +46,14 @@ class Elasticities(Shown):
 
 
 def elasticities(
-    structures: AdjacentStructures,
+    structures: Structures,
     ground: GroundLike | Ensemble,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
     *,
     demand: str = "min_gap",
     over: str | float = "mean",
+    strict: bool = False,
 ) -> Elasticities:
     """Elasticities of a demand by every parameter of the structures.
 
@@ -64,11 +69,20 @@ def elasticities(
         A scalar of ``Demand``.
     over
         Of an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
+    strict
+        Whether what is only warned of is refused.
 
     Raises
     ------
     ValueError
-        If an argument breaks its rule, or the demand is zero or not finite.
+        If an argument breaks its rule, or the demand is zero or not finite. If ``strict``, also
+        where there would be a warning.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If the grid does not resolve the ground motion, or more than 1 % of the ensemble's (as of
+        ``simulate``), or records have a PGA above 5 g.
 
     Examples
     --------
@@ -78,19 +92,29 @@ def elasticities(
     0.72
     """
     owner = "elasticities"
-    instance(owner, "structures", structures, AdjacentStructures)
+    instance(owner, "structures", structures, Structures)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_over(owner, over)
-    ensemble = ground if isinstance(ground, Ensemble) else Ensemble.of([ground], grid)
-    parameters = {path: float(attrgetter(path)(structures)) for path in PARAMETERS}
-    chosen = {path: x for path, x in parameters.items() if path not in ensemble.uncertain}
+    if isinstance(ground, Ensemble):
+        ensemble, first = ground, first_of(len(ground), grid)
+        findings = of_many(jax.tree.map(lambda x: x[:first], ground.grounds), grid, in_g=False)
+    else:
+        ensemble = Ensemble.of([ground], grid)
+        findings = unresolved(ground, grid.dt) + excessive(ground, pga(ground, grid))
+    tell(owner, findings, strict)
+    parameters = {path: float(get(structures, path)) for path in paths(structures)}
+    chosen = {
+        path: x
+        for path, x in parameters.items()
+        if path not in ensemble.uncertain and np.isfinite(x)  # a gap may be infinite
+    }
 
     @jax.jit
     @jax.value_and_grad
     def value(chosen: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
         def one(ground: Any, others: Any) -> jax.Array:
-            found = run_demand(replaced(structures, {**chosen, **others}), ground, grid, scheme)
+            found = run_demand(put(structures, {**chosen, **others}), ground, grid, scheme)
             scalars = found.scalars()
             if demand not in scalars:
                 listed = ", ".join(scalars)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from operator import attrgetter
 from typing import Any
 
 import jax
@@ -24,8 +23,9 @@ from jaxpound.ground.motion import (
 )
 from jaxpound.ground.record import Record
 from jaxpound.ground.ricker import Ricker
+from jaxpound.model.parameters import get, paths
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
-from jaxpound.study.scenarios import PARAMETERS, ScenarioSet
+from jaxpound.study.scenarios import ScenarioSet
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -130,7 +130,7 @@ class Ensemble:
         z = points(sampling, key, scenarios.dimension)(start, start + n)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)
         drawn = drawn_parameters(scenarios)
-        uncertain = {path: np.asarray(attrgetter(path)(structures)) for path in drawn}
+        uncertain = {path: np.asarray(get(structures, path)) for path in drawn}
         grounds = jax.tree.map(np.asarray, grounds)
         for leaf in jax.tree.leaves((uncertain, grounds)):
             if not np.isfinite(leaf).all():
@@ -219,26 +219,17 @@ def drawn_parameters(scenarios: ScenarioSet) -> list[str]:
     Those that the program of ``realize`` computes from z: a parameter that is seldom another, and
     the same in all draws, is one of them.
     """
+    names: list[str] = []
 
     def parameters(z: Any) -> list[Any]:
         structures, _ = scenarios.realize(z)
-        return [attrgetter(path)(structures) for path in PARAMETERS]
+        names[:] = paths(structures)
+        return [get(structures, path) for path in names]
 
     program = jax.make_jaxpr(parameters)(jnp.zeros(scenarios.dimension)).jaxpr
     drawn = {*program.invars}
     for equation in program.eqns:
         if any(x in drawn for x in equation.invars if not isinstance(x, Literal)):
             drawn.update(equation.outvars)
-    found = zip(PARAMETERS, program.outvars, strict=True)
+    found = zip(names, program.outvars, strict=True)
     return [path for path, x in found if not isinstance(x, Literal) and x in drawn]
-
-
-def require_apart(owner: str, chosen: Sequence[str], ensemble: Ensemble) -> None:
-    """Refuse parameters that are to be chosen and uncertain at once."""
-    for path in ensemble.uncertain:
-        if path in chosen:
-            raise ValueError(f"{owner}: {path} must not be both chosen and uncertain")
-        rod, _, name = path.partition(".")
-        other = {"tau_f": f"{rod}.tau_x", "tau_x": f"{rod}.tau_f"}.get(name)
-        if other in chosen:
-            raise ValueError(f"{owner}: {other} must not be chosen where {path} is uncertain")

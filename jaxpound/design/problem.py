@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import instance, refusal
-from jaxpound.design.ensemble import Ensemble, require_apart
+from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import PRICES, Objective
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
@@ -65,7 +65,7 @@ class DesignProblem:
         kinds |= {"objective": Objective} | ({} if self.scales is None else {"scales": Scales})
         for name, kind in kinds.items():
             instance(OWNER, name, getattr(self, name), kind)
-        require_apart(OWNER, self.space.names, self.ensemble)
+        self.space.require_certain(OWNER, self.ensemble.uncertain)
 
     def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:
         """Every price, the smallest gap and the gap at rest of structures in one earthquake."""

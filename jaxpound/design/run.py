@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, require_memory
 from jaxpound.design.design import Comparison, Design, History
-from jaxpound.design.ensemble import Ensemble, require_apart
+from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AugmentedLagrangian, at_active_bound
 from jaxpound.design.objective import PRICES, Objective
 from jaxpound.design.optimum import AT_BOUND, FirstOrderConditions
@@ -269,7 +269,7 @@ class Designer:
             return None
         if not isinstance(fresh, Ensemble):
             return self.problem.ensemble.fresh(count(OWNER, "fresh", fresh))
-        require_apart(OWNER, self.problem.space.names, fresh)
+        self.problem.space.require_certain(OWNER, fresh.uncertain)
         return fresh
 
 

@@ -17,8 +17,15 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, instance, number, positive, seed
 from jaxpound.design.lagrangian import AugmentedLagrangian, State
 from jaxpound.design.problem import OWNER, Point, ProblemData, best_start, better
-from jaxpound.study.archives import Archive, DamagedError, opened, sweep_parts, write_archive
-from jaxpound.study.identity import describe, digest
+from jaxpound.study.archives import (
+    Archive,
+    DamagedError,
+    digest,
+    opened,
+    sweep_parts,
+    write_archive,
+)
+from jaxpound.study.store import describe
 
 if TYPE_CHECKING:
     from optax import GradientTransformation

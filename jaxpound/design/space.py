@@ -7,27 +7,32 @@ them into structures. So every iterate is physical.
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping
-from operator import attrgetter
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.stats import qmc
 
-from jaxpound._checks import Rule, enforce, hint, instance, number
+from jaxpound._checks import Rule, enforce, instance, number
 from jaxpound._extrema import larger, smaller
-from jaxpound.model.structures import AdjacentStructures
-from jaxpound.study.scenarios import PARAMETERS, replaced
+from jaxpound._fields import Checked, parameter
+from jaxpound.model.parameters import (
+    get,
+    interval,
+    lower,
+    paths,
+    put,
+    require_paths,
+)
+from jaxpound.model.system import Structures
 
 _SLACK = 1e-6  # of a bound: what single precision loses on the way to a value and back
-_APART = 1.001  # at least, of τ_x over τ_f
+_APART = 1.001  # at least, of a parameter over the one that it must not be below
 
 
 @dataclasses.dataclass(frozen=True)
-class Bounds:
+class Bounds(Checked):
     """Between which numbers a design variable is, and whether its steps are ratios.
 
     Parameters
@@ -49,25 +54,18 @@ class Bounds:
     1.0
     """
 
-    low: float
-    high: float
+    low: float = parameter(single=True)
+    high: float = parameter(above="low", single=True)
     scale: str = "linear"
 
     def __post_init__(self) -> None:
-        low, high = (float(number("Bounds", name, getattr(self, name))) for name in ("low", "high"))
-        object.__setattr__(self, "low", low)
-        object.__setattr__(self, "high", high)
         if self.scale not in ("linear", "log"):
             raise ValueError(f"Bounds: scale = {self.scale!r} must be 'linear' or 'log'")
-        above = f"finite and above low = {low:.8g}"
-        enforce(
-            "Bounds",
-            [
-                Rule("low", low, math.isfinite(low), "finite"),
-                Rule("high", high, low < high < math.inf, above),
-                Rule("low", low, low > 0 or self.scale == "linear", "positive for a log scale"),
-            ],
-        )
+        super().__post_init__()
+        for name in ("low", "high"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+        positive = self.low > 0 or self.scale == "linear"
+        enforce("Bounds", [Rule("low", self.low, positive, "positive for a log scale")])
 
     def value(self, share: Any, low: Any) -> Any:
         """The value at a share of the way from ``low`` (these bounds', or a higher one) to high."""
@@ -113,31 +111,34 @@ class DesignSpace:
     1.4142
     """
 
-    nominal: AdjacentStructures
+    nominal: Structures
     variables: Mapping[str, Bounds]
 
     def __post_init__(self) -> None:
         owner = "DesignSpace"
-        instance(owner, "nominal", self.nominal, AdjacentStructures)
+        instance(owner, "nominal", self.nominal, Structures)
         instance(owner, "variables", self.variables, Mapping)
         if not self.variables:
             raise ValueError(f"{owner}: variables = {{}} must name a parameter")
-        for path in self.variables:
-            if path not in PARAMETERS:
-                meant = hint(path, PARAMETERS)
-                raise ValueError(f"{owner}: unknown path {path!r}; {meant}")
-        bounds = {path: _bounds(path, given) for path, given in self.variables.items()}
-        # τ_f before τ_x, which may depend on it.
-        ordered = {path: bounds[path] for path in PARAMETERS if path in bounds}
+        require_paths(owner, self.nominal, self.variables)
+        whatever = dict.fromkeys(paths(self.nominal))
+        bounds = {
+            path: _bounds(path, given, *interval(self.nominal, path, whatever))
+            for path, given in self.variables.items()
+        }
+        ordered = {path: bounds[path] for path in paths(self.nominal) if path in bounds}
         object.__setattr__(self, "variables", ordered)
-        for rod in ("rod_1", "rod_2"):
-            tau_f, tau_x = (ordered.get(f"{rod}.tau_{x}") for x in "fx")
-            own = getattr(self.nominal, rod)
-            largest = tau_f.high if tau_f else float(own.tau_f)
-            ceiling = tau_x.high if tau_x else float(own.tau_x)
-            if (tau_f or tau_x) and not largest * _APART < ceiling:
-                what = f"{rod}.tau_f = {largest:.8g}, as large as it may be,"
-                raise ValueError(f"{owner}: {what} must be below tau_x = {ceiling:.8g}")
+        for path in paths(self.nominal):
+            below = lower(self.nominal, path)
+            if below is not None and {path, below} & ordered.keys():
+                largest, ceiling = (
+                    ordered[x].high if x in ordered else float(get(self.nominal, x))
+                    for x in (below, path)
+                )
+                if not largest * _APART < ceiling:
+                    what = f"{below} = {largest:.8g}, as large as it may be,"
+                    name = path.rpartition(".")[2]
+                    raise ValueError(f"{owner}: {what} must be below {name} = {ceiling:.8g}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -163,11 +164,11 @@ class DesignSpace:
 
     def structures(
         self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None
-    ) -> AdjacentStructures:
+    ) -> Any:
         """The structures at shares; ``others`` are parameters in the place of nominal ones."""
-        return replaced(self.nominal, {**(others or {}), **self.values(shares)})
+        return put(self.nominal, {**(others or {}), **self.values(shares)})
 
-    def shares(self, design: AdjacentStructures | Mapping[str, float]) -> np.ndarray:
+    def shares(self, design: Structures | Mapping[str, float]) -> np.ndarray:
         """Where a design is between the bounds, shape (d,): the inverse of ``values``.
 
         Raises
@@ -176,10 +177,11 @@ class DesignSpace:
             If it lacks a variable or is outside the bounds.
         """
         owner = "DesignSpace"
-        if isinstance(design, AdjacentStructures):
-            values = {path: float(attrgetter(path)(design)) for path in self.names}
+        instance(owner, "design", design, Structures, Mapping)
+        if not isinstance(design, Mapping):
+            require_paths(owner, design, self.names)
+            values = {path: float(get(design, path)) for path in self.names}
         else:
-            instance(owner, "design", design, AdjacentStructures, Mapping)
             if lacking := [path for path in self.names if path not in design]:
                 raise ValueError(f"{owner}: design lacks {lacking[0]!r}")
             if others := [path for path in design if path not in self.names]:
@@ -196,17 +198,25 @@ class DesignSpace:
             shares.append(self.variables[path].share(value, low))
         return np.clip(shares, 0.0, 1.0)
 
+    def require_certain(self, owner: str, uncertain: Iterable[str]) -> None:
+        """Refuse uncertain parameters that are variables, or that bound or are bounded by one."""
+        for path in uncertain:
+            if path in self.names:
+                raise ValueError(f"{owner}: {path} must not be both chosen and uncertain")
+            for other in self.names:
+                if path == lower(self.nominal, other) or other == lower(self.nominal, path):
+                    rule = f"must not be chosen where {path} is uncertain"
+                    raise ValueError(f"{owner}: {other} {rule}")
+
     def _low(self, path: str, found: Mapping[str, Any]) -> Any:
-        """The lower bound, above τ_f for a τ_x."""
-        low = self.variables[path].low
-        rod, _, name = path.partition(".")
-        if name != "tau_x":
+        """The lower bound, above that of the parameters which it must not be below."""
+        low, below = self.variables[path].low, lower(self.nominal, path)
+        if below is None:
             return low
-        tau_f = found.get(f"{rod}.tau_f", getattr(self.nominal, rod).tau_f)
-        return larger(low, _APART * tau_f)
+        return larger(low, _APART * found.get(below, get(self.nominal, below)))
 
 
-def _bounds(path: str, given: Any) -> Bounds:
+def _bounds(path: str, given: Any, low: float, high: float) -> Bounds:
     """Bounds, as given or as two numbers, within what a parameter may be."""
     if not isinstance(given, Bounds):
         if not (isinstance(given, tuple | list) and len(given) == 2):
@@ -215,7 +225,6 @@ def _bounds(path: str, given: Any) -> Bounds:
             given = Bounds(*given)
         except ValueError as error:
             raise ValueError(f"DesignSpace: {path}: {error}") from error
-    low, high = PARAMETERS[path]
     rules = [
         Rule(f"{path}: low", given.low, given.low >= low, f"at least {low:.6g}"),
         Rule(f"{path}: high", given.high, given.high <= high, f"at most {high:.6g}"),
@@ -226,13 +235,15 @@ def _bounds(path: str, given: Any) -> Bounds:
 
 def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
     """Where n searches start, shape (n, d): one where it is told, others spread over the space."""
+    from scipy.stats import qmc  # only here: it takes a second to import
+
     power = int(np.ceil(np.log2(max(n - 1, 1))))
     sobol = qmc.Sobol(first.size, rng=np.random.default_rng(key))
     return np.concatenate([first[None], 0.05 + 0.9 * sobol.random_base2(power)[: n - 1]])
 
 
 def start_shares(
-    owner: str, space: DesignSpace, start: AdjacentStructures | Mapping[str, float] | None
+    owner: str, space: DesignSpace, start: Structures | Mapping[str, float] | None
 ) -> np.ndarray:
     """Where a search starts; a ``ValueError`` for what is outside the bounds."""
     try:

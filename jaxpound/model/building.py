@@ -8,16 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import (
-    Rule,
-    enforce,
-    finite,
-    is_traced,
-    one_batch,
-    positive,
-    real,
-)
-from jaxpound._fields import pytree_dataclass
+from jaxpound._checks import Rule, enforce, is_traced, not_negative, one_batch, positive
+from jaxpound._fields import check, like, parameter, pytree_dataclass
 from jaxpound.model.rod import ZenerRod
 
 
@@ -50,19 +42,15 @@ class Building:
     0.9
     """
 
-    mass: Any
-    stiffness: Any
-    order: Any
-    tau_f: Any
-    tau_x: Any
+    mass: Any = parameter("m", words="mass", above=0)
+    stiffness: Any = parameter("k", words="stiffness", above=0)
+    order: Any = like(ZenerRod, "order")
+    tau_f: Any = like(ZenerRod, "tau_f")
+    tau_x: Any = like(ZenerRod, "tau_x")
 
     def __post_init__(self) -> None:
-        rod = ZenerRod(self.order, self.tau_f, self.tau_x)
-        mass, stiffness = positive("Building", mass=self.mass, stiffness=self.stiffness)
-        values = {"mass": mass, "stiffness": stiffness, **vars(rod)}
-        one_batch("Building", **values)
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        check(self)
+        one_batch("Building", **vars(self))
 
     @classmethod
     def from_period(
@@ -98,9 +86,7 @@ class Building:
         """
         owner = "Building.from_period"
         mass, period = positive(owner, mass=mass, period=period)
-        zeta = real(owner, "damping_ratio", damping_ratio)
-        rule = Rule("damping_ratio", zeta, (zeta >= 0) & finite(zeta), "finite and not negative")
-        enforce(owner, [rule])
+        (zeta,) = not_negative(owner, damping_ratio=damping_ratio)
         order = ZenerRod(order, 1.0, 1.0).order
         omega = 2 * np.pi / period
         size = omega**order

@@ -9,10 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import (
-    one_batch,
-    positive,
-)
+from jaxpound._checks import one_batch, positive
 from jaxpound._fields import check, parameter, pytree_dataclass
 
 
@@ -44,13 +41,16 @@ class ZenerRod:
     0.1027
     """
 
-    order: Any = parameter(r"\gamma", words="order", above=0, most=1)
-    tau_f: Any = parameter(r"\bar\tau_f", words="relaxation time of force", above=0)
+    order: Any = parameter(words="order", above=0, most=1, usual=(0.05, 1.0))
+    tau_f: Any = parameter(
+        r"\bar\tau_f", words="relaxation time of force", above=0, usual=(0.001, 1.0)
+    )
     tau_x: Any = parameter(
         r"\bar\tau_x",
         words="relaxation time of displacement",
         least="tau_f",
         why="second law of thermodynamics",
+        usual=(0.02, 20.0),
     )
 
     def __post_init__(self) -> None:

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from jaxpound._checks import instance
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static
 from jaxpound.model.rod import ZenerRod
 
@@ -140,16 +139,12 @@ class System:
     """
 
     masses: tuple[Any, ...] = parameter("m", "mass", "mass", above=0, each=True)
-    rods: tuple[Rod, ...] = part()
-    links: tuple[Link, ...] = part(default=())
+    rods: tuple[Rod, ...] = part(Rod, each=True)
+    links: tuple[Link, ...] = part(Link, each=True, default=())
 
     def __post_init__(self) -> None:
-        for name, kind in (("rods", Rod), ("links", Link)):
-            items = _as_tuple(name, getattr(self, name))
-            for i, item in enumerate(items):
-                instance("System", f"{name}.{i}", item, kind)
-            object.__setattr__(self, name, items)
-        object.__setattr__(self, "masses", _as_tuple("masses", self.masses))
+        for name in ("masses", "rods", "links"):
+            object.__setattr__(self, name, _as_tuple(name, getattr(self, name)))
         check(self)
         _check_topology(self.topology)
 

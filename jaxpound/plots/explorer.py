@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
+from collections.abc import Iterable
 from html import escape
-from operator import attrgetter
 from typing import Any
+from unicodedata import lookup
 
 import jax
 import numpy as np
@@ -16,27 +18,19 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import require_dimensionless
 from jaxpound.ground.record import Record
 from jaxpound.ground.ricker import Ricker
+from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.plots.panels import LivePanels
+from jaxpound.quantities import unit
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.scenarios import replaced
+from jaxpound.study.random_ground import WAVELET_KINDS
 from jaxpound.units import Scales
 
-# Name, symbol, smallest and largest value; times and ratios on a logarithmic scale.
-_DAMPER = (("friction", "μ", 0.0, 1.5), ("initial_gap", "ξ₀ (g/ω₁²)", 0.0, 3.0))
-_RODS = tuple(
-    (f"rod_{i}.{name}", symbol, low, high)
-    for i, order in ((1, "α"), (2, "β"))
-    for name, symbol, low, high in (
-        ("order", f"{order} (order {i})", 0.05, 1.0),
-        ("tau_x", f"τx{'₁₂'[i - 1]}", 0.02, 20.0),
-        ("tau_f", f"τf{'₁₂'[i - 1]}", 0.001, 1.0),
-    )
-)
-_BUILDINGS = (("mass_ratio", "ρ = m₁/m₂", 0.2, 5.0), ("stiffness_ratio", "ε = k₂/k₁", 0.2, 8.0))
-_LOGARITHMIC = {name for name, *_ in (*_RODS, *_BUILDINGS) if not name.endswith("order")}
+_DAMPER = ("friction", "initial_gap")
+_BUILDINGS = ("mass_ratio", "stiffness_ratio")
+_RODS = tuple(f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_x", "tau_f"))
 
 
 class Explorer:
@@ -126,21 +120,29 @@ class Explorer:
         picture = b64encode(self.picture.value).decode()
         return self.widget._repr_mimebundle_(**kwargs) | {"image/png": picture}
 
-    def _slider(self, name: str, words: str, value: float, low: float, high: float) -> Any:
+    def _slider(
+        self, name: str, words: str, value: float, low: float, high: float, is_ratio: bool = False
+    ) -> Any:
         from jaxpound.plots.sliders import ExactSlider, even_marks, ratio_marks
 
-        marks = ratio_marks if name in _LOGARITHMIC else even_marks
+        marks = ratio_marks if is_ratio else even_marks
         slider = ExactSlider(words, value, marks(min(low, value), max(high, value)))
         slider.observe(self._changed, names="value")
         self.sliders[name] = slider
         self._starts[name] = value
         return slider
 
-    def _group(self, parameters: Any) -> list[Any]:
-        return [
-            self._slider(name, words, attrgetter(name)(self._first), low, high)
-            for name, words, low, high in parameters
-        ]
+    def _group(self, paths: Iterable[str]) -> list[Any]:
+        sliders = []
+        for path in paths:
+            known = parameters.known(self._first, path)
+            words = plain(parameters.name(self._first, path))
+            if known.kind:
+                words += f" ({unit(known.kind, False)})"
+            value = parameters.get(self._first, path)
+            low, high = known.usual or (value, value)
+            sliders.append(self._slider(path, words, value, low, high, known.is_ratio))
+        return sliders
 
     def _group_of_ground(self) -> list[Any]:
         strength = self._slider("strength", "strength", 1.0, 0.0, 3.0)
@@ -148,22 +150,28 @@ class Explorer:
             return [strength]
         ground = self._ground
         sizes = np.broadcast_to(ground.amplitude, np.shape(ground.periods))
-        kinds = (
-            ("amplitude", "(g/ω₁²)", np.ravel(sizes), -1.0, 1.0),
-            ("period", "(1/ω₁)", np.ravel(ground.periods), 0.3, 6.0),
-            ("arrival", "(1/ω₁)", np.ravel(ground.arrivals), 0.0, self._grid.duration),
-        )
+        ranges = {
+            "amplitude": (np.ravel(sizes), -1.0, 1.0),
+            "period": (np.ravel(ground.periods), 0.3, 6.0),
+            "arrival": (np.ravel(ground.arrivals), 0.0, self._grid.duration),
+        }
         return [strength] + [
-            self._slider(f"{kind}_{i + 1}", f"{kind} {i + 1} {unit}", float(values[i]), low, high)
+            self._slider(
+                f"{name}_{i + 1}",
+                f"{name} {i + 1} ({unit(WAVELET_KINDS[name], False)})",
+                float(x[i]),
+                low,
+                high,
+            )
             for i in range(np.size(sizes))
-            for kind, unit, values, low, high in kinds
+            for name, (x, low, high) in ranges.items()
         ]
 
     def _chosen(self) -> tuple[AdjacentStructures, Any]:
         """Structures and ground as the sliders say; ValueError where they break a rule."""
         value = {name: slider.value for name, slider in self.sliders.items()}
-        names = [name for name, *_ in (*_DAMPER, *_RODS, *_BUILDINGS)]
-        structures = replaced(self._first, {name: value[name] for name in names})
+        paths = parameters.paths(self._first)
+        structures = parameters.put(self._first, {path: value[path] for path in paths})
         ground: Any = self._ground
         if isinstance(ground, Ricker):
             shape = np.shape(ground.periods)
@@ -212,6 +220,12 @@ class Explorer:
             f"slid {float(d.slip_distance):.3g}{length}, "
             f"offset left {float(d.residual_offset) + 0.0:.3g}{length}.{pounds}"
         )
+
+
+def plain(text: str) -> str:
+    """A name with mathematics as plain text, which also looks right where none is set: ``τ_x``."""
+    text = re.sub(r"\$|\\bar|(?<=\\)var", "", text)
+    return re.sub(r"\\([a-z]+)", lambda letter: lookup(f"GREEK SMALL LETTER {letter[1]}"), text)
 
 
 def _scrolled(sliders: list[Any]) -> Any:

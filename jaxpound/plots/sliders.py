@@ -46,7 +46,7 @@ class ExactSlider(widgets.HBox):
     def __init__(self, words: str, value: float, marks: NDArray[np.float64]) -> None:
         self._marks, self._words = marks, words
         self._middles = (marks[1:] + marks[:-1]) / 2
-        name = widgets.Label(words, layout=_fixed(width="10.5em"))
+        name = widgets.Label(words, layout=_fixed(width="12em"))
         track = widgets.Layout(width="auto", flex="1 1 auto")
         place, last = self._nearest(value), len(marks) - 1
         self.position = widgets.IntSlider(place, 0, last, readout=False, layout=track)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import io
 import logging
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib import resources
 from typing import Any
 
@@ -23,8 +23,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from jaxpound.model import parameters
+from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import System
 from jaxpound.quantities import DIMENSIONLESS, SI
 from jaxpound.results.demand import kind_of
+from jaxpound.study.random_ground import WAVELET_KINDS
 
 # Okabe and Ito's colours, which stay apart for every kind of colour vision, by what they stand for;
 # what is merely compared has those of CYCLE.
@@ -74,36 +78,14 @@ QUANTITIES: dict[str, tuple[Any, str]] = {
 }
 """Kind of each demand, and its name in a figure."""
 
-_PARAMETERS = {
-    "friction": r"friction $\mu$",
-    "mass_ratio": r"mass ratio $\rho$",
-    "stiffness_ratio": r"stiffness ratio $\varepsilon$",
-    "initial_gap": r"gap at rest $\xi_0$",
-    **{
-        f"rod_{i}.{name}": rf"rod {i}: {symbol}"
-        for i in (1, 2)
-        for name, symbol in (
-            ("order", "order"),
-            ("tau_f", r"$\bar\tau_f$"),
-            ("tau_x", r"$\bar\tau_x$"),
-        )
-    },
-}
-
-
-# Quantity of a parameter that has a unit; of a wavelet's the first word counts (``period_2``).
-_QUANTITY_OF = {
-    "friction": "force",
-    "initial_gap": "length",
-    "amplitude": "length",
-    "period": "time",
-    "arrival": "time",
-}
+# Whose paths a figure may meet, of a study that was opened say, without an object of them.
+_WITH_PARAMETERS = (AdjacentStructures, System)
 
 
 def parameter_name(path: str) -> str:
     """Name of a parameter in a figure."""
-    return _PARAMETERS.get(path, path.replace("_", " "))
+    owner = _owner(path)
+    return path.replace("_", " ") if owner is None else parameters.name(owner, path)
 
 
 def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
@@ -112,15 +94,25 @@ def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
     ``scales`` turn it into SI units, if they are given; ``largest`` is its size before. What has no
     unit, such as a ratio or an order, is told by its name alone.
     """
-    name, wavelet = parameter_name(path), re.fullmatch(r"(\w+)_\d+", path)
-    quantity = _QUANTITY_OF.get(wavelet[1] if wavelet else path)
-    if quantity is None:
+    name, owner = parameter_name(path), _owner(path)
+    wavelet = path.rpartition("_")[0]
+    kind = WAVELET_KINDS.get(wavelet) if owner is None else parameters.known(owner, path).kind
+    if kind is None:
         return 1.0, name
     if scales is None:
-        return 1.0, f"{name} ({unit_for(quantity, False, largest)[1]})"
-    scale = float(getattr(scales, quantity))
-    factor, unit = unit_for(quantity, True, scale * largest)
+        return 1.0, f"{name} ({unit_for(kind, False, largest)[1]})"
+    scale = float(getattr(scales, kind))
+    factor, unit = unit_for(kind, True, scale * largest)
     return scale * factor, f"{name.partition(' $')[0]} ({unit})"  # symbols are dimensionless
+
+
+def _owner(path: str) -> type | None:
+    """The kind of structures that have a parameter of this path."""
+    for kind in _WITH_PARAMETERS:
+        with suppress(ValueError):
+            parameters.known(kind, path)
+            return kind
+    return None
 
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:

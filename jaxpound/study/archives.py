@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import io
 import json
 import os
@@ -28,7 +29,6 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jaxpound._interruption import unfinished
-from jaxpound.study.identity import digest
 
 _SEAL = "seal.json"
 # host, process, when it began, and a number of the file's own
@@ -242,3 +242,8 @@ def _noticing() -> Iterator[None]:
     except Exception as error:
         said = str(error) or type(error).__name__
         raise DamagedError(" ".join(said.split())) from error
+
+
+def digest(data: bytes) -> str:
+    """SHA-256 in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()

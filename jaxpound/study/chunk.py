@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,16 +20,15 @@ from jaxpound._version import __version__
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, as_pytree
 from jaxpound.ground.plausibility import first_of
+from jaxpound.model.structures import AdjacentStructures
 from jaxpound.simulation.batches import in_chunks, runs_at_a_time
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.archives import DamagedError, require_name
-from jaxpound.study.identity import describe, digest
+from jaxpound.study.archives import DamagedError, digest, require_name
 from jaxpound.study.sampling import Points, as_key, points
 from jaxpound.study.scenarios import ScenarioSet, keys_in_order, parameter_names, parameters
 from jaxpound.study.statistics import Moments
-from jaxpound.study.store import Store
-from jaxpound.study.study import finished, moments
+from jaxpound.study.store import Store, describe
 
 Measure = Callable[[Any, Any], Any]
 """A further column: from a scenario's structures and ground motion to one number."""
@@ -36,6 +36,7 @@ Measure = Callable[[Any, Any], Any]
 Columns = dict[str, np.ndarray]
 
 _PROGRAMS: dict[tuple[str, str], Callable[[np.ndarray], Any]] = {}
+_SHOWN = 6  # damaged chunks that a warning names
 _MOST_PROGRAMS = 8  # compiled ones that a process keeps, two a study
 
 
@@ -126,7 +127,9 @@ class Task:
         """The columns of one scenario."""
         structures, ground = self.scenarios.realize(z)
         result = demand(structures, ground, self.grid, self.scheme)
-        columns = result.scalars() | {"required_gap": structures.initial_gap - result.min_gap}
+        columns = result.scalars()
+        if isinstance(structures, AdjacentStructures):
+            columns = columns | {"required_gap": structures.initial_gap - result.min_gap}
         more = {name: f(structures, ground) for name, f in self.measures.items()}
         if self.keep_parameters:
             more |= parameters(self.scenarios, z)
@@ -213,3 +216,37 @@ class Task:
             f"monte_carlo: scenario {rows[first]} fails: {reason}; "
             "keep_failures (= True) leaves such out"
         )
+
+
+def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
+    """Moments of every column of a chunk, of the runs that did not fail."""
+    return {name: Moments.of(x[np.isfinite(x)]) for name, x in columns.items()}
+
+
+def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[str, Moments]]]:
+    """Those of the chunks that are in the store, whole and right, with their moments.
+
+    In the end a warning names those that are damaged.
+    """
+    damaged = []
+    for chunk in chunks:
+        try:
+            columns = store.read(chunk)
+        except DamagedError as error:
+            damaged.append(str(error))
+            continue
+        if columns is not None:
+            yield chunk, moments(columns)
+    if damaged:
+        more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
+        warnings.warn(
+            f"store {store.folder}: {'; '.join(damaged[:_SHOWN])}{more}; what is damaged is left "
+            "out until monte_carlo makes it anew",
+            stacklevel=4,
+        )
+
+
+def total(parts: Iterable[Mapping[str, Moments]]) -> dict[str, Moments]:
+    """Moments of all chunks together."""
+    parts = list(parts)
+    return {name: sum((part[name] for part in parts), Moments()) for name in parts[0]}

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.special import ndtr, ndtri
 
-from jaxpound._checks import Rule, enforce, finite, number, positive
 from jaxpound._extrema import larger, smaller
+from jaxpound._fields import Checked, parameter
 
 
 @runtime_checkable
@@ -26,7 +26,7 @@ class Distribution(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class Normal:
+class Normal(Checked):
     """Normal distribution of a mean and a standard deviation > 0.
 
     Raises
@@ -40,13 +40,8 @@ class Normal:
     1.5
     """
 
-    mean: float
-    std: float
-
-    def __post_init__(self) -> None:
-        mean = number("Normal", "mean", self.mean)
-        enforce("Normal", [Rule("mean", mean, finite(mean), "finite")])
-        positive("Normal", std=number("Normal", "std", self.std))
+    mean: float = parameter(single=True)
+    std: float = parameter(above=0, single=True)
 
     def from_normal(self, z: Any) -> Any:
         """Mean + std z."""
@@ -58,7 +53,7 @@ class Normal:
 
 
 @dataclasses.dataclass(frozen=True)
-class LogNormal:
+class LogNormal(Checked):
     """Lognormal distribution: ln x is normal about ln median > 0 with standard deviation sigma > 0.
 
     Raises
@@ -73,12 +68,8 @@ class LogNormal:
     0.3054
     """
 
-    median: float
-    sigma: float
-
-    def __post_init__(self) -> None:
-        median, sigma = (number("LogNormal", n, getattr(self, n)) for n in ("median", "sigma"))
-        positive("LogNormal", median=median, sigma=sigma)
+    median: float = parameter(above=0, single=True)
+    sigma: float = parameter(above=0, single=True)
 
     def from_normal(self, z: Any) -> Any:
         """Median e^(sigma z)."""
@@ -92,7 +83,7 @@ class LogNormal:
 
 
 @dataclasses.dataclass(frozen=True)
-class Uniform:
+class Uniform(Checked):
     """Uniform distribution between low and high > low.
 
     Raises
@@ -106,20 +97,8 @@ class Uniform:
     2.0
     """
 
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        low, high = (number("Uniform", name, getattr(self, name)) for name in ("low", "high"))
-        enforce(
-            "Uniform",
-            [
-                Rule("low", low, finite(low), "finite"),
-                Rule(
-                    "high", high, finite(high) & (high > low), f"finite and above low = {low:.8g}"
-                ),
-            ],
-        )
+    low: float = parameter(single=True)
+    high: float = parameter(above="low", single=True)
 
     def from_normal(self, z: Any) -> Any:
         """Low + (high − low) Φ(z)."""

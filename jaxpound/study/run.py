@@ -26,12 +26,12 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import far_apart, of_many, tell
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.chunk import Measure, Outcome, Task
-from jaxpound.study.identity import describe, digest
+from jaxpound.study.archives import digest
+from jaxpound.study.chunk import Measure, Outcome, Task, total
 from jaxpound.study.sampling import key_numbers, require_sampling
 from jaxpound.study.scenarios import ScenarioSet
-from jaxpound.study.store import MANIFEST, Store
-from jaxpound.study.study import Study, total
+from jaxpound.study.store import MANIFEST, Store, describe
+from jaxpound.study.study import Study
 from jaxpound.units import Scales
 
 _CHUNK_SIZE = 16_384
@@ -274,7 +274,7 @@ def _oscillators(scenarios: ScenarioSet) -> list[float]:
 
     @jax.jit
     def median(z: jax.Array) -> list[jax.Array]:
-        structures, _ = scenarios.realize(z)
+        structures: Any = scenarios.realize(z)[0]
         instance("monte_carlo", "scenarios: structures", structures, AdjacentStructures)
         (w1, w2), (z1, z2) = structures.natural_frequencies, structures.damping_ratios
         return [2 * jnp.pi / w1, z1, 2 * jnp.pi / w2, z2]

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 Points = Callable[[int, int], np.ndarray]
 """From start and stop to the points of indices start to stop − 1, shape (stop − start, d)."""
@@ -87,6 +86,8 @@ class _Sobol:
     """Scrambled Sobol points as normals; forward from where it stands, else from the start."""
 
     def __init__(self, key: jax.Array, dimension: int) -> None:
+        from scipy.stats import qmc  # only here: it takes a second to import
+
         seed = np.random.default_rng(np.asarray(jax.random.key_data(key)).ravel().tolist())
         self.lock = Lock()
         self.engine = qmc.Sobol(dimension, scramble=True, bits=_BITS, rng=seed)

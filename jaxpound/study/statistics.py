@@ -1,11 +1,10 @@
-"""What a sample says of its distribution: probabilities, quantiles, moments, code rules."""
+"""What a sample says of its distribution: probabilities, quantiles, moments."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from jaxpound._checks import Rule, enforce, require_share
 from jaxpound._tables import Table
@@ -38,6 +37,8 @@ def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
     ValueError
         If n < 1, successes is not between 0 and n, or confidence not between 0 and 1.
     """
+    from scipy import stats  # only here: it takes a second to import
+
     owner = "probability"
     require_share(owner, "confidence", confidence)
     enforce(
@@ -72,26 +73,21 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     ValueError
         If the sample is empty or not finite, or share or confidence is not between 0 and 1.
     """
+    from scipy import stats
+
     owner = "quantile"
     require_share(owner, "share", share)
     require_share(owner, "confidence", confidence)
     sample = np.asarray(sample, float)
-    n = sample.size
-    if sample.ndim != 1 or not n:
+    if sample.ndim != 1 or not sample.size:
         raise ValueError(f"{owner}: sample of shape {sample.shape} must be (n,) with n ≥ 1")
     enforce(owner, [Rule("sample", sample, np.isfinite(sample), "finite")])
-    rest = (1 - confidence) / 2
-    # The k-th smallest is above the quantile with probability P(B < k), B ~ binomial(n, share).
-    below = int(stats.binom.ppf(rest, n, share))  # largest k with P(B < k) ≤ rest
-    above = int(stats.binom.isf(rest, n, share)) + 1  # smallest k with P(B ≥ k) ≤ rest
-    middle = (n - 1) * share  # Hyndman and Fan's definition 7, as np.quantile
-    wanted = {below - 1, above - 1, int(middle), min(int(middle) + 1, n - 1)}
-    ranked = np.partition(sample, sorted(k for k in wanted if 0 <= k < n))
-    low = ranked[below - 1] if below >= 1 else -np.inf
-    high = ranked[above - 1] if above <= n else np.inf
-    lower, upper = ranked[int(middle)], ranked[min(int(middle) + 1, n - 1)]
-    value = lower + (middle - int(middle)) * (upper - lower)
-    return Estimate(float(value), float(low), float(high), confidence)
+    ends = stats.quantile_test(sample, p=share).confidence_interval(confidence)
+    low, high = (
+        float(beyond if np.isnan(end) else end)  # where no order statistic will do
+        for end, beyond in zip(ends, (-np.inf, np.inf), strict=True)
+    )
+    return Estimate(float(np.quantile(sample, share)), low, high, confidence)
 
 
 class Moments(NamedTuple):
@@ -100,7 +96,6 @@ class Moments(NamedTuple):
     n: int = 0
     mean: float = float("nan")
     square: float = 0.0  # sum of squared deviations from the mean
-    cube: float = 0.0
     smallest: float = float("nan")
     largest: float = float("nan")
 
@@ -111,13 +106,11 @@ class Moments(NamedTuple):
         if not sample.size:
             return Moments()
         mean = float(sample.mean())
-        deviation = sample - mean
-        squares = deviation * deviation
-        square, cube = float(np.sum(squares)), float(np.sum(squares * deviation))
-        return Moments(sample.size, mean, square, cube, float(sample.min()), float(sample.max()))
+        square = float(np.sum((sample - mean) ** 2))
+        return Moments(sample.size, mean, square, float(sample.min()), float(sample.max()))
 
     def __add__(self, other: Moments) -> Moments:  # type: ignore[override]
-        """Moments of both parts (Chan, Golub and LeVeque 1979; Pébay 2008)."""
+        """Moments of both parts (Chan, Golub and LeVeque 1979)."""
         if not self.n or not other.n:
             return self if self.n else other
         m, n = self.n, other.n
@@ -126,41 +119,16 @@ class Moments(NamedTuple):
             n=total,
             mean=self.mean + apart * n / total,
             square=self.square + other.square + apart**2 * m * n / total,
-            cube=self.cube
-            + other.cube
-            + apart**3 * m * n * (m - n) / total**2
-            + 3 * apart * (m * other.square - n * self.square) / total,
             smallest=min(self.smallest, other.smallest),
             largest=max(self.largest, other.largest),
         )
 
     def times(self, factor: float) -> Moments:
         """Moments of the sample times a factor > 0."""
-        f, (n, mean, square, cube, low, high) = factor, self
-        return Moments(n, mean * f, square * f**2, cube * f**3, low * f, high * f)
+        n, mean, square, low, high = self
+        return Moments(n, mean * factor, square * factor**2, low * factor, high * factor)
 
     @property
     def std(self) -> float:
         """Standard deviation, unbiased in its square; NaN for fewer than two numbers."""
         return (self.square / (self.n - 1)) ** 0.5 if self.n > 1 else float("nan")
-
-    @property
-    def skewness(self) -> float:
-        """Mean cube of the standardised numbers; NaN where they do not vary."""
-        spread = self.square / self.n if self.n else 0.0
-        return self.cube / self.n / spread**1.5 if spread else float("nan")
-
-
-def double_difference_correlation(
-    period_1: float, damping_1: float, period_2: float, damping_2: float
-) -> float:
-    """Correlation coefficient ρ of the double difference combination.
-
-    That of the stationary responses of two oscillators to white noise (Der Kiureghian 1980), as
-    used for the separation of buildings by Jeng, Kasai and Maison (1992): with β = T1/T2,
-    ρ = 8 √(ζ1 ζ2) (ζ1 + β ζ2) β^1.5 / ((1 − β²)² + 4 ζ1 ζ2 β (1 + β²) + 4 (ζ1² + ζ2²) β²).
-    """
-    b, z1, z2 = period_1 / period_2, damping_1, damping_2
-    above = 8 * (z1 * z2) ** 0.5 * (z1 + b * z2) * b**1.5
-    below = (1 - b**2) ** 2 + 4 * z1 * z2 * b * (1 + b**2) + 4 * (z1**2 + z2**2) * b**2
-    return above / below if below else 1.0  # equal and undamped

@@ -10,6 +10,7 @@ until that is there.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import re
@@ -18,10 +19,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxpound.study.archives import (
     DamagedError,
+    digest,
     is_part,
     open_file,
     opened,
@@ -30,11 +33,11 @@ from jaxpound.study.archives import (
     sweep_parts,
     write_archive,
 )
-from jaxpound.study.identity import digest
 
 MANIFEST = "manifest.json"
 _FORMAT = 2
 _MOST = 2**31  # samples
+_WRITTEN_OUT = 16  # entries of an array in a description
 _SAMPLES = re.compile(r"samples-([1-9]\d{0,9})")
 _PARTIAL = re.compile(r"chunk-(\d{6,10})-([1-9]\d{0,9})\.npz")
 _TRIES = 3
@@ -308,3 +311,28 @@ def _differences(theirs: Any, ours: Any, path: str = "") -> Iterator[str]:
 
 def _short(value: Any) -> str:
     return "absent" if value is None else reprlib.repr(value)
+
+
+def describe(thing: Any) -> Any:
+    """A tree of JSON that says what an object holds; of a large array, its checksum."""
+    if thing is None or isinstance(thing, bool | int | float | str):
+        return thing
+    if isinstance(thing, np.ndarray | np.generic | jax.Array):
+        array = np.asarray(thing)
+        if array.size <= _WRITTEN_OUT:
+            return array.tolist()
+        return {
+            "shape": list(array.shape),
+            "type": str(array.dtype),
+            "sha256": digest(array.tobytes()),
+        }
+    if isinstance(thing, Mapping):
+        return {str(key): describe(value) for key, value in thing.items()}
+    if isinstance(thing, list | tuple):
+        return [describe(value) for value in thing]
+    if dataclasses.is_dataclass(thing) and not isinstance(thing, type):
+        fields = {f.name: describe(getattr(thing, f.name)) for f in dataclasses.fields(thing)}
+        return {"type": type(thing).__name__, **fields}
+    if hasattr(thing, "__qualname__"):
+        return f"{thing.__module__}.{thing.__qualname__}"
+    return type(thing).__name__

@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy import stats
 
-from jaxpound._checks import Rule, enforce, instance, number, require_share
+from jaxpound._checks import instance, not_negative, number, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand, kind_of
 from jaxpound.results.elements import place_of
 from jaxpound.study.archives import DamagedError
+from jaxpound.study.chunk import finished, total
 from jaxpound.study.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.study.statistics import (
     Estimate,
     Moments,
-    double_difference_correlation,
     probability,
     quantile,
 )
 from jaxpound.study.store import Store
 from jaxpound.units import Scales
-
-_SHOWN = 6  # damaged chunks that a warning names
 
 
 class Separation(NamedTuple):
@@ -67,6 +63,21 @@ class Separation(NamedTuple):
 
     def _repr_html_(self) -> str:
         return self._table().html()
+
+
+def double_difference_correlation(
+    period_1: float, damping_1: float, period_2: float, damping_2: float
+) -> float:
+    """Correlation coefficient ρ of the double difference combination.
+
+    That of the stationary responses of two oscillators to white noise (Der Kiureghian 1980), as
+    used for the separation of buildings by Jeng, Kasai and Maison (1992): with β = T1/T2,
+    ρ = 8 √(ζ1 ζ2) (ζ1 + β ζ2) β^1.5 / ((1 − β²)² + 4 ζ1 ζ2 β (1 + β²) + 4 (ζ1² + ζ2²) β²).
+    """
+    b, z1, z2 = period_1 / period_2, damping_1, damping_2
+    above = 8 * (z1 * z2) ** 0.5 * (z1 + b * z2) * b**1.5
+    below = (1 - b**2) ** 2 + 4 * z1 * z2 * b * (1 + b**2) + 4 * (z1**2 + z2**2) * b**2
+    return above / below if below else 1.0  # equal and undamped
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -168,7 +179,7 @@ class Study(Columnar, Shown):
         return column[np.isfinite(column)]
 
     def moments(self, name: str) -> Moments:
-        """Number, mean, standard deviation, skewness and extremes of a column."""
+        """Number, mean, standard deviation and extremes of a column."""
         return self._moments[self._known(name)].times(self._factor(name))
 
     def in_si(self, scales: Scales) -> Study:
@@ -222,9 +233,8 @@ class Study(Columnar, Shown):
         if gap is None:
             pounding = sum(int(np.count_nonzero(x == 1)) for x in self._parts("pounds"))
         else:
-            gap = float(number("pounding_probability", "gap", gap))
-            rule = Rule("gap", gap, 0 <= gap < float("inf"), "finite and not negative")
-            enforce("pounding_probability", [rule])
+            owner = "pounding_probability"
+            (gap,) = not_negative(owner, gap=number(owner, "gap", gap))
             factor = self._factor("required_gap")
             parts = self._parts("required_gap")
             pounding = sum(int(np.count_nonzero(x * factor >= gap)) for x in parts)
@@ -258,6 +268,8 @@ class Study(Columnar, Shown):
         """
         if kind not in ("rank", "linear"):
             raise ValueError(f"correlations: kind = {kind!r} must be 'rank' or 'linear'")
+        from scipy import stats  # only here: it takes a second to import
+
         measure = stats.spearmanr if kind == "rank" else stats.pearsonr
         column = self._read(self._known(name))
         good = np.isfinite(column)
@@ -305,37 +317,3 @@ class Study(Columnar, Shown):
         """The unit of a column in SI; 1 of what has none, or is not ours."""
         kind = self._quantity(name)
         return 1.0 if self.scales is None or kind is None else float(self.scales.units[kind])
-
-
-def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
-    """Moments of every column of a chunk, of the runs that did not fail."""
-    return {name: Moments.of(x[np.isfinite(x)]) for name, x in columns.items()}
-
-
-def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[str, Moments]]]:
-    """Those of the chunks that are in the store, whole and right, with their moments.
-
-    In the end a warning names those that are damaged.
-    """
-    damaged = []
-    for chunk in chunks:
-        try:
-            columns = store.read(chunk)
-        except DamagedError as error:
-            damaged.append(str(error))
-            continue
-        if columns is not None:
-            yield chunk, moments(columns)
-    if damaged:
-        more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
-        warnings.warn(
-            f"store {store.folder}: {'; '.join(damaged[:_SHOWN])}{more}; what is damaged is left "
-            "out until monte_carlo makes it anew",
-            stacklevel=4,
-        )
-
-
-def total(parts: Iterable[Mapping[str, Moments]]) -> dict[str, Moments]:
-    """Moments of all chunks together."""
-    parts = list(parts)
-    return {name: sum((part[name] for part in parts), Moments()) for name in parts[0]}

@@ -123,3 +123,8 @@ def test_parameters_that_leave_no_trace_are_refused():
     space = jp.DesignSpace(TRUTH, {"friction": (0.1, 1.0), "initial_gap": (0.5, 2.0)})
     with pytest.raises(ValueError, match="must determine all of friction, initial_gap"):
         jp.calibrate(space, {"x1": measured(0)["x1"]}, GROUND, GRID, starts=1)
+
+
+def test_what_the_grid_does_not_resolve_is_refused_before_the_fit():
+    with pytest.raises(ValueError, match=r"^calibrate: ground: the shortest of periods is"):
+        jp.calibrate(SPACE, {"x1": np.zeros(31)}, GROUND, jp.TimeGrid(0.5, 30), strict=True)

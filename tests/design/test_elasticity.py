@@ -49,11 +49,20 @@ def test_one_earthquake_is_an_ensemble_of_one():
         jp.elasticities(still, silence, grid)
 
 
+def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
+    coarse = jp.TimeGrid(0.4, 25)
+    for ground, said in ((OTHER, "the shortest of periods is"), (ENSEMBLE, "of the 2 earthquakes")):
+        with pytest.warns(jp.PlausibilityWarning, match=f"^elasticities: ground: .*{said}"):
+            jp.elasticities(PAPER, ground, coarse)
+        with pytest.raises(ValueError, match=f"^elasticities: ground: .*{said}"):
+            jp.elasticities(PAPER, ground, coarse, strict=True)
+
+
 def test_bad_questions_are_named():
     for change, message in (
         ({"demand": "gap"}, "demand = 'gap' must be one of min_gap"),
         ({"over": "median"}, "over = 'median' must be 'worst', 'mean' or a share"),
-        ({"structures": 3}, "structures = 3 must be of type AdjacentStructures"),
+        ({"structures": 3}, "structures = 3 must be of type Structures"),
     ):
         with pytest.raises(ValueError, match=message):
             jp.elasticities(**({"structures": PAPER, "ground": GROUNDS[0], "grid": GRID} | change))

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxpound as jp
+from jaxpound._fields import rules
 
 PAPER = jp.paper.structures()
 ALL = {
@@ -28,7 +29,7 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
 @given(shares)
 def test_every_share_is_physical_and_within_its_bounds(at):
     structures = SPACE.structures(at)
-    for rule in structures.rules():
+    for rule in rules(structures):
         assert rule.holds, rule
     for rod in (structures.rod_1, structures.rod_2):
         assert 0 < rod.tau_f < rod.tau_x

@@ -58,3 +58,11 @@ def test_scenarios_that_fail_are_counted():
     half = jp.Scenarios(jp.CustomDraw(structures, 1), jp.Ricker(0.3, [2.0], [1.5]))
     with pytest.raises(ValueError, match=r"24 of 48 scenarios fail"):
         jp.sobol_sensitivity(half, GRID, n=16)
+
+
+def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
+    coarse, said = jp.TimeGrid(0.4, 10), r"^sobol_sensitivity: ground: 100% of the 4 earthquakes"
+    with pytest.warns(jp.PlausibilityWarning, match=said):
+        jp.sobol_sensitivity(SCENARIOS, coarse, demand="peak_x1", n=4)
+    with pytest.raises(ValueError, match=said):
+        jp.sobol_sensitivity(SCENARIOS, coarse, demand="peak_x1", n=4, strict=True)

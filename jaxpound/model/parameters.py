@@ -1,0 +1,163 @@
+"""Parameters of structures by path: ``friction``, ``rod_1.tau_x``, ``rods.3.material.tau_x``.
+
+A path names a field that is a ``parameter``, through any nesting of objects and tuples. What is
+known of a parameter, and what it may be, stands at that field.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from typing import Any, TypeVar
+
+from jaxpound._checks import hint
+from jaxpound._extrema import smaller
+from jaxpound._fields import Parameter, walk
+
+T = TypeVar("T")
+
+SMALLEST = 1e-30
+"""The smallest value of what must be positive: single precision does not make a zero of it."""
+
+
+def paths(structures: Any) -> tuple[str, ...]:
+    """Paths of all parameters, alike ones of several objects side by side.
+
+    What bounds another parameter comes before it (τ_f before τ_x): in this order they can be drawn
+    or chosen one after the other. ``structures`` may be a class without tuples.
+    """
+    alike: dict[Parameter, list[str]] = {}
+    for path, parameter, _ in walk(structures, Parameter):
+        alike.setdefault(parameter, []).append(path)
+    return tuple(path for group in alike.values() for path in group)
+
+
+def known(structures: Any, path: str) -> Parameter:
+    """Symbol, kind, words and rule of a parameter; ``structures`` may be a class.
+
+    Raises
+    ------
+    ValueError
+        If there is no such parameter; as of all functions of this module.
+    """
+    return _found(_table(structures), path)[0]
+
+
+def name(structures: Any, path: str) -> str:
+    r"""Name of a parameter in a figure: ``friction $\mu$``, ``rod 1: $\bar\tau_x$``.
+
+    ``structures`` may be a class.
+    """
+    parameter = known(structures, path)
+    owner, field, index = _split(path)
+    words = " ".join(filter(None, (parameter.words or field.replace("_", " "), index)))
+    symbol = f"${parameter.symbol}$" if parameter.symbol else ""
+    if owner:
+        return f"{re.sub('[._]', ' ', owner)}: {symbol or words}"
+    return f"{words} {symbol}".rstrip()
+
+
+def get(structures: Any, path: str) -> Any:
+    """Value of a parameter."""
+    return _found(_table(structures), path, "get")[1]
+
+
+def put(structures: T, values: Mapping[str, Any]) -> T:
+    """Structures with other values of parameters, which are checked as those of any structures.
+
+    All values are put at once, so that their order does not matter.
+    """
+    require_paths("put", structures, values)
+    return _rebuilt(structures, {tuple(path.split(".")): x for path, x in values.items()})
+
+
+def lower(structures: Any, path: str) -> str | None:
+    """Path of the parameter that this one must not be below: τ_f of the same rod for τ_x."""
+    return _lower(_found(_table(structures), path)[0], path)
+
+
+def interval(
+    structures: Any, path: str, others: Mapping[str, Any] | None = None
+) -> tuple[Any, Any]:
+    """Smallest and largest value that a parameter may have, given the others.
+
+    Parameters
+    ----------
+    structures
+        Has the others, traced or not.
+    path
+        The parameter.
+    others
+        Values of some of the others in the place of those in ``structures``; None for one that is
+        not known yet, and bounds nothing.
+    """
+    table, others = _table(structures), others or {}
+    parameter, _ = _found(table, path)
+    values = {other: others.get(other, x) for other, (_, x) in table.items()}
+    bound = _lower(parameter, path)
+    if bound is None:
+        least = -math.inf if parameter.least is None else parameter.least
+        low = float(least) if parameter.above is None else SMALLEST
+    else:
+        low = values[bound]
+        low = interval(structures, bound, others)[0] if low is None else low
+    highs: list[Any] = [] if parameter.most is None else [float(parameter.most)]
+    highs += [
+        values[other]
+        for other, (one, _) in table.items()
+        if _lower(one, other) == path and values[other] is not None
+    ]
+    return low, reduce(smaller, highs) if highs else math.inf
+
+
+def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:
+    """What is known of each parameter, and its value, by path."""
+    return {path: (parameter, x) for path, parameter, x in walk(structures, Parameter)}
+
+
+def require_paths(owner: str, structures: Any, given: Iterable[str]) -> None:
+    """A ``ValueError`` for a path that is none of the parameters'."""
+    table = _table(structures)
+    for path in given:
+        _found(table, path, owner)
+
+
+def _found(
+    table: Mapping[str, tuple[Parameter, Any]], path: str, owner: str = "parameters"
+) -> tuple[Parameter, Any]:
+    """The entry of a path; that of a class has ``*`` for an index."""
+    for there in (path, re.sub(r"\.\d+\b", ".*", path)):
+        if there in table:
+            return table[there]
+    raise ValueError(f"{owner}: unknown path {path!r}; {hint(path, table)}")
+
+
+def _lower(parameter: Parameter, path: str) -> str | None:
+    bound = parameter.low
+    return ".".join(filter(None, (_split(path)[0], bound))) if isinstance(bound, str) else None
+
+
+def _split(path: str) -> tuple[str, str, str]:
+    """The object's path, the field's name, and the index in it if the field is a tuple."""
+    match = re.fullmatch(r"(?:(.+)\.)?([^.\d][^.]*)(?:\.(\d+))?", path)
+    assert match is not None
+    return match[1] or "", match[2], match[3] or ""
+
+
+def _rebuilt(node: Any, values: Mapping[Sequence[str], Any]) -> Any:
+    """An object, a tuple or a number with what is to be put into it, by the rest of its path."""
+    if () in values:
+        return values[()]
+    below: dict[str, dict[Sequence[str], Any]] = {}
+    for (first, *rest), value in values.items():
+        below.setdefault(first, {})[tuple(rest)] = value
+    if isinstance(node, tuple | list):
+        return type(node)(
+            _rebuilt(item, below[str(i)]) if str(i) in below else item
+            for i, item in enumerate(node)
+        )
+    changed = {field: _rebuilt(getattr(node, field), rest) for field, rest in below.items()}
+    return dataclasses.replace(node, **changed)

@@ -1,0 +1,194 @@
+"""Parameters by path: in any nesting, known or traced, in whatever order they are put."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.model import parameters
+
+PAPER = jp.paper.structures()
+STEEL, RUBBER = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.2, 0.1, 2.0)
+
+
+KINDS = {"friction": "force", "links.0.friction": "force", "masses.1": "mass"}
+TOWER = jp.System(
+    masses=(1.0, 0.5),
+    rods=(jp.Rod(STEEL, 1.0, (0, jp.GROUND)), jp.Rod(RUBBER, 0.8, (1, 0))),
+    links=(jp.Link((1, jp.GROUND), 0.3),),
+)
+
+
+def test_paths_are_those_of_the_leaves():
+    for tree in (PAPER, TOWER):
+        leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+        expected = {jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves}
+        assert set(parameters.paths(tree)) == expected
+    assert parameters.paths(jp.AdjacentStructures) == parameters.paths(PAPER)
+
+
+def test_what_bounds_another_parameter_comes_first_and_alike_ones_stand_together():
+    assert parameters.paths(PAPER) == (
+        *("rod_1.order", "rod_2.order", "rod_1.tau_f", "rod_2.tau_f", "rod_1.tau_x", "rod_2.tau_x"),
+        *("mass_ratio", "stiffness_ratio", "friction", "initial_gap"),
+    )
+    for tree in (PAPER, TOWER):
+        paths = parameters.paths(tree)
+        bounded = {path: parameters.lower(tree, path) for path in paths}
+        assert {path.rpartition(".")[2] for path, low in bounded.items() if low} == {"tau_x"}
+        assert all(paths.index(low) < paths.index(path) for path, low in bounded.items() if low)
+
+
+@pytest.mark.parametrize(
+    ("tree", "path", "value"),
+    [
+        (PAPER, "friction", PAPER.friction),
+        (PAPER, "rod_2.tau_x", PAPER.rod_2.tau_x),
+        (TOWER, "masses.1", 0.5),
+        (TOWER, "rods.1.stiffness", 0.8),
+        (TOWER, "rods.1.material.tau_x", 2.0),
+        (TOWER, "links.0.friction", 0.3),
+    ],
+)
+def test_a_value_is_got_and_put_and_nothing_else_changes(tree, path, value):
+    assert parameters.get(tree, path) == value
+    changed = parameters.put(tree, {path: 0.9 * value})
+    for other in parameters.paths(tree):
+        factor = 0.9 if other == path else 1.0
+        assert parameters.get(changed, other) == factor * parameters.get(tree, other)
+    assert jax.tree.structure(changed) == jax.tree.structure(tree)
+
+
+@pytest.mark.parametrize("tau_f", [0.0001, 3.0])
+def test_parameters_that_bound_each_other_change_together_in_any_order(tau_f):
+    values = {"rod_1.tau_f": tau_f, "rod_1.tau_x": 1.5 * tau_f}
+    for given in (values, dict(reversed(values.items()))):
+        rod = parameters.put(PAPER, given).rod_1
+        assert (rod.tau_f, rod.tau_x) == (tau_f, 1.5 * tau_f)
+
+
+def test_what_is_put_is_checked_as_it_is_in_any_structures():
+    with pytest.raises(ValueError, match=r"tau_x = 0.001 must be finite and at least tau_f = 0.01"):
+        parameters.put(TOWER, {"rods.0.material.tau_x": 0.001})
+    with pytest.raises(ValueError, match=r"masses\.1 = -1 must be positive and finite"):
+        parameters.put(TOWER, {"masses.1": -1})
+
+
+def test_traced_values_are_put_and_differentiated():
+    def total(x):
+        changed = parameters.put(TOWER, {"rods.1.material.tau_x": x, "masses.0": 2 * x})
+        assert parameters.get(changed, "rods.1.material.tau_x") is x
+        return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(changed))
+
+    assert jax.jit(jax.grad(total))(2.5) == 3.0
+    batch = jax.vmap(lambda x: parameters.put(TOWER, {"masses.0": x}))(jnp.arange(1.0, 4.0))
+    np.testing.assert_array_equal(parameters.get(batch, "masses.0"), [1, 2, 3])
+
+
+def test_intervals_are_what_a_parameter_may_be_given_the_others():
+    least = parameters.SMALLEST
+    for tree, path, expected in (
+        (PAPER, "friction", (0, np.inf)),
+        (PAPER, "mass_ratio", (least, np.inf)),
+        (PAPER, "rod_2.order", (least, 1)),
+        (TOWER, "masses.0", (least, np.inf)),
+        (TOWER, "rods.1.material.tau_f", (least, 2.0)),
+        (TOWER, "rods.1.material.tau_x", (0.1, np.inf)),
+        (TOWER, "links.0.friction", (0, np.inf)),
+    ):
+        assert parameters.interval(tree, path) == expected
+        for end in expected:
+            if np.isfinite(end):
+                parameters.put(tree, {path: end})
+    others = {"rod_1.tau_f": 0.5, "rod_2.tau_f": None, "rod_2.tau_x": None}
+    assert parameters.interval(PAPER, "rod_1.tau_x", others) == (0.5, np.inf)
+    assert parameters.interval(PAPER, "rod_2.tau_x", others) == (least, np.inf)
+    assert parameters.interval(PAPER, "rod_2.tau_f", others) == (least, np.inf)
+
+
+def test_intervals_of_traced_structures_are_traced():
+    def ends(tau):
+        low = parameters.interval(parameters.put(PAPER, {"rod_1.tau_f": tau}), "rod_1.tau_x")[0]
+        high = parameters.interval(PAPER, "rod_1.tau_f", {"rod_1.tau_x": tau})[1]
+        return low, high
+
+    assert jax.jit(ends)(0.3) == (0.3, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("tree", "path", "name"),
+    [
+        (PAPER, "friction", r"friction $\mu$"),
+        (PAPER, "rod_1.tau_x", r"rod 1: $\bar\tau_x$"),
+        (PAPER, "rod_2.order", "rod 2: order"),
+        (TOWER, "masses.1", "mass 1 $m$"),
+        (TOWER, "links.0.friction", r"links 0: $\mu$"),
+        (TOWER, "rods.1.material.tau_f", r"rods 1 material: $\bar\tau_f$"),
+    ],
+)
+def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
+    for owner in (tree, type(tree)):
+        assert parameters.name(owner, path) == name
+        assert parameters.known(owner, path).kind == KINDS.get(path)
+
+
+def test_an_unknown_path_is_told_with_what_was_meant():
+    calls = (
+        lambda path: parameters.get(PAPER, path),
+        lambda path: parameters.put(PAPER, {"mass_ratio": 1.0, path: 1.0}),
+        lambda path: parameters.interval(PAPER, path),
+        lambda path: parameters.name(PAPER, path),
+        lambda path: parameters.known(jp.AdjacentStructures, path),
+    )
+    for call in calls:
+        with pytest.raises(ValueError, match="unknown path 'frction'; did you mean 'friction'"):
+            call("frction")
+        for path in ("rod_1", "rod_1.natural_frequency", "rods.0.tau_x", "friction.0", ""):
+            with pytest.raises(ValueError, match=f"unknown path '{path}'"):
+                call(path)
+    with pytest.raises(ValueError, match=r"unknown path 'zeta'; allowed: rod_1\.order, "):
+        parameters.get(PAPER, "zeta")
+    with pytest.raises(ValueError, match=r"unknown path 'rods\.2\.stiffness'; did you mean 'rods"):
+        parameters.get(TOWER, "rods.2.stiffness")
+
+
+def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
+    uncertain = jp.UncertainStructures(
+        TOWER,
+        {"rods.1.material.tau_x": jp.Uniform(0.5, 3.0), "rods.1.material.tau_f": jp.Normal(1, 0.3)},
+    )
+    for z in np.random.default_rng(0).normal(size=(20, 2)):
+        material = uncertain.draw(z).rods[1].material
+        assert 0 < material.tau_f <= material.tau_x <= 3
+    space = jp.DesignSpace(TOWER, {"rods.0.material.tau_x": (0.001, 1.0), "masses.1": (0.2, 2.0)})
+    assert space.names == ("rods.0.material.tau_x", "masses.1")
+    least = space.structures(np.zeros(2))
+    assert float(least.rods[0].material.tau_x) == pytest.approx(0.01 * 1.001)
+    assert float(least.masses[1]) == 0.2
+    np.testing.assert_allclose(space.shares(least), 0, atol=1e-12)
+    with pytest.raises(ValueError, match=r"rods\.0\.material\.tau_x must not be chosen where rods"):
+        space.require_certain("owner", ["rods.0.material.tau_f"])
+    with pytest.raises(ValueError, match=r"masses\.1 must not be both chosen and uncertain"):
+        space.require_certain("owner", ["masses.1"])
+    space.require_certain("owner", ["rods.1.material.tau_f"])
+
+
+def test_objects_without_a_changed_parameter_stay_themselves():
+    changed = parameters.put(TOWER, {"rods.1.stiffness": 2.0})
+    assert changed.rods[0] is TOWER.rods[0]
+    assert changed.rods[1].material is RUBBER
+    assert dataclasses.replace(changed).rods == changed.rods
+
+
+def test_elasticities_are_those_of_any_structures():
+    found = jp.elasticities(
+        TOWER, jp.paper.ground(), jp.TimeGrid(0.05, 40), demand="peak_acceleration_1"
+    )
+    assert tuple(found.parameters) == parameters.paths(TOWER)
+    assert all(np.isfinite(x) for x in found.values.values())
+    assert found.values["rods.0.stiffness"] != 0
+    assert found.parameters["links.0.gap"] == np.inf
+    assert "links.0.gap" not in found.values

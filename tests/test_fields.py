@@ -1,0 +1,168 @@
+"""What fields say of themselves: rules and their words by path, known or traced."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxpound._checks import all_hold, enforce
+from jaxpound._fields import (
+    Checked,
+    Parameter,
+    Quantity,
+    like,
+    parameter,
+    part,
+    pytree_dataclass,
+    quantity,
+    rules,
+    walk,
+)
+
+
+@pytree_dataclass
+class Material:
+    """Every kind of rule."""
+
+    order: object = parameter(above=0, most=1, default=0.5)
+    share: object = parameter(least=0, most=1, default=0.5)
+    free: object = parameter(default=-3.0)
+    size: object = parameter(above=0, default=1.0)
+    gap: object = parameter(least=0, finite=False, default=np.inf)
+    low: object = parameter(above=0, default=1.0)
+    high: object = parameter(above="low", default=2.0)
+    least: object = parameter(least="low", why="by law", default=1.0)
+
+
+@pytree_dataclass
+class Frame:
+    """Objects in objects, and in tuples."""
+
+    one: Material = part(Material)
+    more: tuple = part(Material, each=True)
+    weights: tuple = parameter("w", least=0, each=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class Plain(Checked):
+    """No pytree, with one number, and a part that may be missing."""
+
+    size: float = parameter(above=0, single=True)
+    inner: Material | None = part(Material, type(None), default=None)
+
+
+@pytree_dataclass
+class Copy:
+    """Has a parameter of another class."""
+
+    low: object = parameter(above=0)
+    least: object = like(Material, "least")
+
+
+FRAME = Frame(Material(), (Material(), Material(size=2)), (0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"order": 0}, r"Material: order = 0 must be in \(0, 1\]$"),
+        ({"order": 1.5}, r"order = 1\.5 must be in \(0, 1\]$"),
+        ({"order": np.nan}, r"order = nan must be in \(0, 1\]$"),
+        ({"share": -0.1}, r"share = -0\.1 must be between 0 and 1$"),
+        ({"free": np.inf}, "free = inf must be finite$"),
+        ({"size": 0.0}, "size = 0 must be positive and finite$"),
+        ({"size": [1.0, -2.0]}, r"size = -2 \(at index \[1\]\) must be positive and finite$"),
+        ({"size": "wide"}, "Material: size = 'wide' must be a real number"),
+        ({"gap": -1.0}, "gap = -1 must be not negative$"),
+        ({"gap": np.nan}, "gap = nan must be not negative$"),
+        ({"high": 1.0}, "high = 1 must be finite and above low = 1$"),
+        ({"low": 3.0}, "high = 2 must be finite and above low = 3$"),
+        ({"least": 0.5}, r"least = 0\.5 must be finite and at least low = 1 \(by law\)$"),
+        ({"low": 1.5}, r"least = 1 must be finite and at least low = 1\.5 \(by law\)$"),
+    ],
+)
+def test_a_broken_rule_is_told_by_object_field_value_and_rule(changes, message):
+    with pytest.raises(ValueError, match=message):
+        Material(**changes)
+
+
+def test_what_a_rule_allows_is_allowed_to_its_ends():
+    Material(order=1, share=0, gap=0, least=1.0, high=np.nextafter(1, 2))
+    assert Material(order=1).order == 1.0
+
+
+def test_an_object_in_a_tuple_and_a_number_in_one_are_told_by_their_index():
+    with pytest.raises(ValueError, match=r"Frame: weights\.1 = -1 must be finite and not negative"):
+        Frame(Material(), (), (0.0, -1))
+    with pytest.raises(ValueError, match=r"Frame: more\.1 = 3 must be of type Material"):
+        Frame(Material(), (Material(), 3), ())
+    with pytest.raises(ValueError, match=r"Frame: one = None must be of type Material"):
+        Frame(None, (), ())
+
+
+def test_rules_of_a_tree_are_named_by_their_paths():
+    names = [rule.name for rule in rules(FRAME)]
+    assert {name for name in names if name.startswith("more.1.")} == {
+        f"more.1.{field.name}" for field in dataclasses.fields(Material)
+    }
+    assert names[-2:] == ["weights.0", "weights.1"]
+    assert all(rule.holds for rule in rules(FRAME))
+    broken = jax.tree.unflatten(jax.tree.structure(FRAME), [-1.0] * len(jax.tree.leaves(FRAME)))
+    with pytest.raises(ValueError, match=r"^owner: here\.one\.order = -1 must be in"):
+        enforce("owner", rules(broken, "here."))
+    paths = [path for path, _, _ in walk(FRAME, Parameter)]
+    assert [rule.name for rule in rules(FRAME)] == paths
+
+
+def test_traced_values_become_flags():
+    @jax.jit
+    def valid(low, least):
+        return all_hold(rules((Material(low=low, high=5.0, least=least),)))
+
+    assert bool(valid(1.0, 1.0))
+    assert not bool(valid(1.0, 0.5))
+    assert not bool(valid(2.0, 1.0))
+    flags = jax.vmap(valid, (None, 0))(1.0, jnp.array([0.5, 1.0, jnp.nan, jnp.inf]))
+    np.testing.assert_array_equal(flags, [False, True, False, False])
+
+
+def test_plain_dataclasses_are_checked_too():
+    assert Plain(2).size == 2.0
+    assert Plain(2.0, Material()).inner.size == 1.0
+    for value, message in (
+        ([1.0, 2.0], r"Plain: size of shape \(2,\) must be one number"),
+        (-1, "Plain: size = -1 must be positive and finite"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Plain(value)
+    with pytest.raises(ValueError, match=r"Plain: inner = 3 must be of type Material or None"):
+        Plain(1.0, 3)
+
+
+def test_a_parameter_like_another_has_its_rule_with_fields_of_its_own():
+    with pytest.raises(ValueError, match=r"Copy: least = 1 must .* at least low = 2 \(by law\)"):
+        Copy(2.0, 1.0)
+
+
+def test_a_class_tells_what_its_objects_would():
+    found = {path: known for path, known, value in walk(Frame, Parameter) if value is None}
+    assert {"one.size", "more.*.size", "weights.*"} <= found.keys()
+    assert found["more.*.size"] == {p: k for p, k, _ in walk(FRAME, Parameter)}["one.size"]
+
+
+def test_what_are_ratios_follows_from_the_rules():
+    known = {path: known for path, known, _ in walk(Material, Parameter)}
+    assert {path for path in known if known[path].is_ratio} == {"size", "low", "high", "least"}
+
+
+def test_quantities_are_no_parameters():
+    @dataclasses.dataclass(frozen=True)
+    class Result:
+        length: float = quantity("length", "a length")
+
+    assert list(walk(Result(2.0), Quantity)) == [
+        ("length", Quantity("length", "a length", ""), 2.0)
+    ]
+    assert not list(walk(Result(2.0), Parameter))
