@@ -229,9 +229,10 @@ def _look(
     findings = excessive(ground, found.pga)
     gaps = [path for path, known, _ in walk(structures, Parameter) if known.kind == "length"]
     for path, link in zip(gaps, structures.system().links, strict=False):
-        ends = [end for end in link.ends if end != GROUND]
-        moved = sum(found.masses[end].peak_x for end in ends)
-        findings += far_apart(path, link.gap, moved, si=False)
+        if link.gap < np.inf:  # else no contact is meant
+            ends = [end for end in link.ends if end != GROUND]
+            moved = sum(found.masses[end].peak_x for end in ends)
+            findings += far_apart(path, link.gap, moved, si=False)
     tell(owner, findings, strict)
 
 
