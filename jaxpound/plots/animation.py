@@ -11,7 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from jaxpound.plots.runs import friction_force, gap, same_units
-from jaxpound.plots.style import COLOURS, FONT_SIZE, new_axes, new_figure, same_height
+from jaxpound.plots.style import (
+    COLOURS,
+    FONT_SIZE,
+    in_house_style,
+    new_axes,
+    new_figure,
+    same_height,
+)
 from jaxpound.results.response import Response, require_single
 
 _COLUMNS = 20  # points along a bent column
@@ -34,6 +41,7 @@ class Scene:
         The largest displacement to leave room for; by default that of the run.
     """
 
+    @in_house_style
     def __init__(self, response: Response, ax: Axes, reach: float | None = None) -> None:
         self._x = np.asarray(response.x1), np.asarray(response.x2)
         self._gap = np.asarray(response.gap)
@@ -73,7 +81,7 @@ class Scene:
         ax.add_patch(self._ground)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
         self._arrow_at = left + 0.65 * (right - left)
-        letters: dict[str, Any] = {"va": "center", "fontsize": FONT_SIZE}
+        letters: dict[str, Any] = {"va": "center"}
         self._words = ax.text((left + right) / 2, 2.34 * w, "", ha="center", **letters)
         ax.text(left, -0.3 * w, "ground $u''$", **letters)
         self._force_name = ax.text(0, 0, "$q$", color=COLOURS["damper"], **letters)
@@ -124,6 +132,7 @@ def _arrow(colour: str) -> FancyArrowPatch:
     )
 
 
+@in_house_style
 def still(
     response: Response, time: float, ax: Axes | None = None, reach: float | None = None
 ) -> Axes:
@@ -163,6 +172,7 @@ class _Player(FuncAnimation):
         super().save(filename, *args, **kwargs)
 
 
+@in_house_style
 def animate(
     responses: Response | Mapping[str, Response], frames: int = 100, seconds: float = 10.0
 ) -> FuncAnimation:

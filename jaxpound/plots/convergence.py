@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from jaxpound.plots.style import CYCLE, LINE_WIDTH, label, legend, new_axes
+from jaxpound.plots.style import CYCLE, in_house_style, label, legend, new_axes
 
 
+@in_house_style
 def errors_by_step(
     steps: Sequence[float], errors: Mapping[str, Any], ax: Axes | None = None, what: str = "error"
 ) -> Axes:
@@ -40,7 +41,6 @@ def errors_by_step(
             color=CYCLE[i % len(CYCLE)],
             marker="osD^vP"[i % 6],
             markersize=3.5,
-            linewidth=LINE_WIDTH,
             label=words,
         )
     ax.set_xscale("log")
