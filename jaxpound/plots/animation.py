@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from jaxpound.plots.runs import friction_force, gap, same_units
@@ -209,25 +210,9 @@ def animate(
     if any(not np.array_equal(time, response.time) for response in runs.values()):
         raise ValueError("animate: responses must be on the same grid")
 
-    figure, reach = new_figure(2, 1.25 if single else 1.5), max(map(_reach, runs.values()))
+    figure = new_figure(2, 1.25 if single else 1.5)
     figure.set_dpi(80)  # a player holds every frame
-    if single:
-        panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
-    else:
-        numbers = range(len(runs))
-        layout: Any = [[f"{i}" for i in numbers], [f"gap {i}" for i in numbers]]
-        panels = figure.subplot_mosaic(layout, height_ratios=[1.4, 1])
-    scenes, over_time = [], []
-    for i, (name, response) in enumerate(runs.items()):
-        scenes.append(Scene(response, panels[str(i)], reach))
-        panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
-        over_time.append(gap(response, panels[f"gap {i}"]))
-    if single:
-        over_time.append(friction_force(runs[""], panels["friction"]))
-        over_time[0].set_xlabel("")
-        over_time[0].tick_params(labelbottom=False)
-    else:
-        same_height(over_time)
+    scenes, over_time = _panels(figure, runs, single)
     clocks = [ax.axvline(time[0], color=COLOURS["residual"], linewidth=0.9) for ax in over_time]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that nothing jumps between frames
@@ -242,6 +227,31 @@ def animate(
         return clocks
 
     return _Player(figure, show, frames=frames, interval=1000 * seconds / frames, blit=False)
+
+
+def _panels(
+    figure: Figure, runs: Mapping[str, Response], single: bool
+) -> tuple[list[Scene], list[Axes]]:
+    """The scene of each run, and what is drawn over time beside or below."""
+    if single:
+        panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
+    else:
+        numbers = range(len(runs))
+        layout: Any = [[f"{i}" for i in numbers], [f"gap {i}" for i in numbers]]
+        panels = figure.subplot_mosaic(layout, height_ratios=[1.4, 1])
+    reach = max(map(_reach, runs.values()))
+    scenes, over_time = [], []
+    for i, (name, response) in enumerate(runs.items()):
+        scenes.append(Scene(response, panels[str(i)], reach))
+        panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
+        over_time.append(gap(response, panels[f"gap {i}"]))
+    if single:
+        over_time.append(friction_force(runs[""], panels["friction"]))
+        over_time[0].set_xlabel("")
+        over_time[0].tick_params(labelbottom=False)
+    else:
+        same_height(over_time)
+    return scenes, over_time
 
 
 def _reach(response: Response) -> float:
