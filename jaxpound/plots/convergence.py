@@ -23,8 +23,8 @@ def errors_by_step(
     steps
         Time steps h > 0, shape (n,), in units of 1/ω1.
     errors
-        Errors by name, shape (n,) each; their size is drawn. An order is told of those that lie on
-        a line.
+        Errors by name, shape (n,) each; their absolute values are drawn. The order is given
+        where the errors lie on a straight line.
     ax
         Where to draw.
     what

@@ -158,7 +158,7 @@ def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str =
 
 @in_house_style
 def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
-    """Objective over price of the designs that no other is better than in both."""
+    """Pareto front: the objective over the limited demand, a point for each design."""
     ax = new_axes(ax)
     quantity, words = QUANTITIES[front.price]
     si = front.designs[0].trained.si

@@ -1,7 +1,7 @@
 """Figures of runs: every function draws a ``Response`` into given axes and returns them.
 
-A batch is drawn run upon run, each line the fainter the more there are. Nothing here changes
-matplotlib's settings. With ``ax=None`` the axes belong to a new pyplot figure of column width
+The runs of a batch are drawn over each other, in fainter lines the more there are. Matplotlib's
+settings stay as they are. With ``ax=None`` the axes belong to a new pyplot figure of column width
 (9 cm), which a notebook shows; with axes given, pyplot is not touched.
 """
 
@@ -71,10 +71,10 @@ def rod_forces(response: Response, ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def gap(response: Response, ax: Axes | None = None) -> Axes:
-    """Gap ξ over time, its minimum marked and told by value and time, in a batch the smallest.
+    """Gap ξ over time; its minimum (the smallest of a batch) is marked, with value and time.
 
     The minimum is that of ``response.demand``, which may lie between instants of the grid. The
-    region of pounding, ξ ≤ 0, is shaded if the gap comes near it.
+    region of pounding, ξ ≤ 0, is shaded, and named in the legend if the gap comes near it.
     """
     ax = _over_time(response, ax, "gap", "length", [_Curve(r"$\xi$", "damper", response.gap)])
     smallest = np.ravel(response.min_gap)
@@ -164,7 +164,7 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     """Energy of a single run over time: what damper, rods and motion hold, stacked, and the input.
 
     The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
-    What is between the two is the residual of the balance, drawn on its own as well.
+    The difference between them is the residual of the balance, which has a line of its own.
     """
     require_single("energy", response)
     ax = _axes(response, ax)
@@ -235,7 +235,7 @@ _PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_for
 
 
 def paper_figures(response: Response) -> dict[str, Figure]:
-    """What the paper draws of its numerical example, of one run: a figure for each function here.
+    """The figures that the paper shows of its numerical example, drawn for one run.
 
     Returns
     -------
@@ -273,7 +273,7 @@ def _axes(response: Response, ax: Axes | None) -> Axes:
 
 
 def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
-    """The runs, which must be there and have units in common; a ``ValueError`` in the name."""
+    """The runs, at least one and all in the same units; ``name`` begins the error's message."""
     instance(name, "responses", responses, Mapping)
     if not responses:
         raise ValueError(f"{name}: responses must hold at least one run")

@@ -42,8 +42,8 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     """Histogram of min gap and, on the right, its empirical distribution; pounding shaded.
 
     The axis leaves out the smallest thousandth, unless they are positive; the legend says how many
-    lie further left. It also says of how many the min gap is that at rest, if they are 1 % or more:
-    they stand in the last bar, unless the gap at rest is uncertain.
+    lie further left. It also gives the share of samples whose smallest gap is the gap at rest, if
+    that is 1 % or more; where the gap at rest is the same for all, they are in the last bar.
     """
     ax = new_axes(ax)
     gaps = study.finite("min_gap")

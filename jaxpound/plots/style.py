@@ -149,7 +149,7 @@ def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 class FreeFigure(Figure):
-    """A figure unknown to pyplot, which a notebook shows all the same; its letters stay letters."""
+    """A figure that pyplot does not manage; notebooks show it, vector files keep text as text."""
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
         """As of any figure, fonts as fonts in vector files."""
@@ -256,7 +256,7 @@ def same_height(panels: Iterable[Axes]) -> None:
 
 
 def only_shares(ax: Axes) -> None:
-    """Ticks from 0 to 1, not beside the legend above."""
+    """Ticks from 0 to 1 only: none beside the legend, which stands above the curves."""
     ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
 
 

@@ -11,6 +11,7 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import jaxpound as jp
@@ -415,3 +416,16 @@ def test_a_run_at_rest_can_be_drawn(response):
 def test_importing_jaxpound_does_not_import_matplotlib():
     code = "import sys, jaxpound; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
+def test_figures_look_alike_under_any_settings(draw, response):
+    def pixels():
+        figure = plots.figure(draw, response)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())
+
+    usual = pixels()
+    with mpl.rc_context({"lines.linewidth": 5, "legend.fontsize": 20, "legend.frameon": True}):
+        np.testing.assert_array_equal(pixels(), usual)
