@@ -54,10 +54,10 @@ def _no_rank_promotion():
 
 
 @pytest.fixture(autouse=True)
-def _wrong_types(request):
-    """Arguments of wrong types reach the function in tests that are marked to hand them over."""
-    on_purpose = request.node.get_closest_marker("wrong_types") is not None
-    jaxtyping.config.update("jaxtyping_disable", on_purpose)
+def _unchecked(request):
+    """Wrong types reach the function, in tests that hand them over on purpose."""
+    marked = request.node.get_closest_marker("unchecked") is not None
+    jaxtyping.config.update("jaxtyping_disable", marked)
 
 
 @pytest.fixture
