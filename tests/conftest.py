@@ -25,8 +25,14 @@ if version("jax").startswith("0.10."):  # an unknown flag would end the process
 gc.set_threshold(50_000, 20, 20)
 
 import jax  # noqa: E402
+import jaxtyping  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
+
+# Annotations of these wings are checked at every call, shapes included. A whole number may stand
+# for a float, as it may for mypy.
+CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
+jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
 
 jax.config.update("jax_enable_x64", True)
 
@@ -45,6 +51,13 @@ settings.load_profile("jaxpound")
 def _no_rank_promotion():
     with jax.numpy_rank_promotion("raise"):
         yield
+
+
+@pytest.fixture(autouse=True)
+def _unchecked(request):
+    """Wrong types reach the function, in tests that hand them over on purpose."""
+    marked = request.node.get_closest_marker("unchecked") is not None
+    jaxtyping.config.update("jaxtyping_disable", marked)
 
 
 @pytest.fixture

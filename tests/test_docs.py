@@ -1,5 +1,6 @@
 """The documentation's own rules, without building it: nothing public and no page is left out."""
 
+import pkgutil
 import re
 from pathlib import Path
 
@@ -40,6 +41,11 @@ def test_every_public_name_is_in_the_reference():
     assert set(jp.__all__) <= {name.rpartition(".")[2] for name in reference()}
 
 
+def test_every_entry_of_the_reference_is_there():
+    for name in reference():
+        pkgutil.resolve_name(name if name.startswith("jaxpound") else f"jaxpound.{name}")
+
+
 def test_every_module_of_figures_is_in_the_reference():
     modules = {path.stem for path in (ROOT / "jaxpound" / "plots").glob("[a-z]*.py")}
     modules -= {"style", "panels", "sliders"}  # what figures are made of
@@ -54,6 +60,22 @@ def test_every_page_is_in_a_table_of_contents(page):
         for entry in entries("toctree", other)
     }
     assert page in found or page == DOCS / "index.md"
+
+
+def code(text):
+    return "".join(re.findall(r"^```python\n(.*?)^```", text, re.M | re.S))
+
+
+FIRST, *SECTIONS = re.split(
+    r"^## ", (DOCS / "extending.md").read_text(encoding="utf-8"), flags=re.M
+)
+
+
+@pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.partition("\n")[0])
+def test_every_extension_runs(section):
+    """Each section asserts what its extension must do."""
+    assert "assert" in code(section)
+    exec(code(FIRST) + code(section), {"__name__": "extending"})
 
 
 def test_no_page_installs_from_an_index():

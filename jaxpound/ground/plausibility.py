@@ -51,7 +51,8 @@ def tell(owner: str, findings: list[str], strict: bool) -> None:
     if strict and findings:
         raise ValueError(f"{owner}: {'; '.join(findings)}")
     level, frame = 1, sys._getframe()
-    while frame.f_back and frame.f_globals.get("__name__", "").startswith("jaxpound."):
+    own = ("jaxpound.", "jaxtyping.")  # which stands between where it checks annotations
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith(own):
         level, frame = level + 1, frame.f_back
     for finding in findings:
         warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)

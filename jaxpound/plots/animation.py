@@ -8,10 +8,18 @@ from typing import Any
 import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from jaxpound.plots.runs import friction_force, gap, same_units
-from jaxpound.plots.style import COLOURS, FONT_SIZE, new_axes, new_figure, same_height
+from jaxpound.plots.style import (
+    COLOURS,
+    FONT_SIZE,
+    in_house_style,
+    new_axes,
+    new_figure,
+    same_height,
+)
 from jaxpound.results.response import Response, require_single
 
 _COLUMNS = 20  # points along a bent column
@@ -34,6 +42,7 @@ class Scene:
         The largest displacement to leave room for; by default that of the run.
     """
 
+    @in_house_style
     def __init__(self, response: Response, ax: Axes, reach: float | None = None) -> None:
         self._x = np.asarray(response.x1), np.asarray(response.x2)
         self._gap = np.asarray(response.gap)
@@ -73,7 +82,7 @@ class Scene:
         ax.add_patch(self._ground)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
         self._arrow_at = left + 0.65 * (right - left)
-        letters: dict[str, Any] = {"va": "center", "fontsize": FONT_SIZE}
+        letters: dict[str, Any] = {"va": "center"}
         self._words = ax.text((left + right) / 2, 2.34 * w, "", ha="center", **letters)
         ax.text(left, -0.3 * w, "ground $u''$", **letters)
         self._force_name = ax.text(0, 0, "$q$", color=COLOURS["damper"], **letters)
@@ -124,6 +133,7 @@ def _arrow(colour: str) -> FancyArrowPatch:
     )
 
 
+@in_house_style
 def still(
     response: Response, time: float, ax: Axes | None = None, reach: float | None = None
 ) -> Axes:
@@ -163,6 +173,7 @@ class _Player(FuncAnimation):
         super().save(filename, *args, **kwargs)
 
 
+@in_house_style
 def animate(
     responses: Response | Mapping[str, Response], frames: int = 100, seconds: float = 10.0
 ) -> FuncAnimation:
@@ -199,25 +210,9 @@ def animate(
     if any(not np.array_equal(time, response.time) for response in runs.values()):
         raise ValueError("animate: responses must be on the same grid")
 
-    figure, reach = new_figure(2, 1.25 if single else 1.5), max(map(_reach, runs.values()))
+    figure = new_figure(2, 1.25 if single else 1.5)
     figure.set_dpi(80)  # a player holds every frame
-    if single:
-        panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
-    else:
-        numbers = range(len(runs))
-        layout: Any = [[f"{i}" for i in numbers], [f"gap {i}" for i in numbers]]
-        panels = figure.subplot_mosaic(layout, height_ratios=[1.4, 1])
-    scenes, over_time = [], []
-    for i, (name, response) in enumerate(runs.items()):
-        scenes.append(Scene(response, panels[str(i)], reach))
-        panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
-        over_time.append(gap(response, panels[f"gap {i}"]))
-    if single:
-        over_time.append(friction_force(runs[""], panels["friction"]))
-        over_time[0].set_xlabel("")
-        over_time[0].tick_params(labelbottom=False)
-    else:
-        same_height(over_time)
+    scenes, over_time = _panels(figure, runs, single)
     clocks = [ax.axvline(time[0], color=COLOURS["residual"], linewidth=0.9) for ax in over_time]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that nothing jumps between frames
@@ -232,6 +227,31 @@ def animate(
         return clocks
 
     return _Player(figure, show, frames=frames, interval=1000 * seconds / frames, blit=False)
+
+
+def _panels(
+    figure: Figure, runs: Mapping[str, Response], single: bool
+) -> tuple[list[Scene], list[Axes]]:
+    """The scene of each run, and what is drawn over time beside or below."""
+    if single:
+        panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
+    else:
+        numbers = range(len(runs))
+        layout: Any = [[f"{i}" for i in numbers], [f"gap {i}" for i in numbers]]
+        panels = figure.subplot_mosaic(layout, height_ratios=[1.4, 1])
+    reach = max(map(_reach, runs.values()))
+    scenes, over_time = [], []
+    for i, (name, response) in enumerate(runs.items()):
+        scenes.append(Scene(response, panels[str(i)], reach))
+        panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
+        over_time.append(gap(response, panels[f"gap {i}"]))
+    if single:
+        over_time.append(friction_force(runs[""], panels["friction"]))
+        over_time[0].set_xlabel("")
+        over_time[0].tick_params(labelbottom=False)
+    else:
+        same_height(over_time)
+    return scenes, over_time
 
 
 def _reach(response: Response) -> float:

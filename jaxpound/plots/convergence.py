@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from jaxpound.plots.style import CYCLE, LINE_WIDTH, label, legend, new_axes
+from jaxpound.plots.style import CYCLE, in_house_style, label, legend, new_axes
 
 
+@in_house_style
 def errors_by_step(
     steps: Sequence[float], errors: Mapping[str, Any], ax: Axes | None = None, what: str = "error"
 ) -> Axes:
@@ -22,8 +23,8 @@ def errors_by_step(
     steps
         Time steps h > 0, shape (n,), in units of 1/ω1.
     errors
-        Errors by name, shape (n,) each; their size is drawn. An order is told of those that lie on
-        a line.
+        Errors by name, shape (n,) each; their absolute values are drawn. The order is given
+        where the errors lie on a straight line.
     ax
         Where to draw.
     what
@@ -40,7 +41,6 @@ def errors_by_step(
             color=CYCLE[i % len(CYCLE)],
             marker="osD^vP"[i % 6],
             markersize=3.5,
-            linewidth=LINE_WIDTH,
             label=words,
         )
     ax.set_xscale("log")

@@ -15,6 +15,7 @@ from jaxpound.plots.style import (
     FONT_SIZE,
     LINE_WIDTH,
     QUANTITIES,
+    in_house_style,
     label,
     legend,
     legend_above,
@@ -29,6 +30,7 @@ from jaxpound.plots.style import (
 )
 
 
+@in_house_style
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
     """Objective of every start over iterations, thin where it exceeds a limit; the winner green."""
     ax = new_axes(ax)
@@ -42,13 +44,13 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         ax.plot(iterations, history.objective[:, i], color=colour, linewidth=0.5, alpha=0.5)
         kept = np.where(inside, history.objective[:, i], np.nan)
         words = "winner" if i == design.winner else "_other"
-        width = 2 * LINE_WIDTH if i == design.winner else LINE_WIDTH
+        width = (2 if i == design.winner else 1) * LINE_WIDTH
         on_top = 2.5 if i == design.winner else 2.0
         ax.plot(iterations, kept, color=colour, linewidth=width, label=words, zorder=on_top)
         outside |= not inside[history.alive[:, i]].all()
     grey = COLOURS["residual"]
     if starts > 1:
-        ax.plot([], [], color=grey, linewidth=LINE_WIDTH, label="other starts")
+        ax.plot([], [], color=grey, label="other starts")
     if outside:
         ax.plot([], [], color=grey, linewidth=0.5, alpha=0.5, label="thin: limit exceeded")
     ax.margins(x=0)
@@ -57,6 +59,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def landscape(
     design: Design, ax: Axes | None = None, drawn: Landscape | None = None, n: int = 15
 ) -> Axes:
@@ -82,7 +85,7 @@ def landscape(
         ax.fill_between([], [], [], label="limit exceeded", **shade("limit"))
     path = design.space.numbers(design.history.shares[:, design.winner])
     xs, ys = path[drawn.x], path[drawn.y]
-    ax.plot(xs, ys, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="path, projected")
+    ax.plot(xs, ys, color=COLOURS["damper"], label="path, projected")
     ax.plot(
         xs[0], ys[0], "o", color=COLOURS["damper"], markersize=3, fillstyle="none", label="start"
     )
@@ -131,6 +134,7 @@ def _violation_with_the_design(
     return x, y, violation
 
 
+@in_house_style
 def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str = "min_gap") -> Axes:
     """Empirical distributions of a demand before and after; pounding shaded."""
     ax = new_axes(ax)
@@ -141,9 +145,7 @@ def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str =
     share = np.arange(1, len(comparison) + 1) / len(comparison)
     for when, x, colour in columns:
         ranked = factor * np.sort(x[name])
-        ax.step(
-            ranked, share, where="post", color=COLOURS[colour], linewidth=LINE_WIDTH, label=when
-        )
+        ax.step(ranked, share, where="post", color=COLOURS[colour], label=when)
     if name == "min_gap":
         low = min(float(x[name].min()) for _, x, _ in columns)
         if low <= 0:
@@ -154,8 +156,9 @@ def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str =
     return ax
 
 
+@in_house_style
 def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
-    """Objective over price of the designs that no other is better than in both."""
+    """Pareto front: the objective over the limited demand, a point for each design."""
     ax = new_axes(ax)
     quantity, words = QUANTITIES[front.price]
     si = front.designs[0].trained.si
@@ -165,7 +168,6 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
         front.objectives,
         "o-",
         color=COLOURS["damper"],
-        linewidth=LINE_WIDTH,
         markersize=3,
     )
     over = front.over if isinstance(front.over, str) else f"worst {front.over:.0%}"
@@ -177,6 +179,7 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
     """Elasticities as bars, the largest on top."""
     names = sorted(found.values, key=lambda path: abs(found.values[path]))

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from numpy.typing import NDArray
 
-from jaxpound.plots.style import COLOURS, FONT_SIZE, LINE_WIDTH, label, shade, unit_for
+from jaxpound.plots.style import COLOURS, in_house_style, label, shade, unit_for
 from jaxpound.results.response import Response
 
 _SIZE = (4.1, 2.1)  # of a panel, in inches
@@ -52,6 +52,7 @@ def _unit(drawn: _Drawn, response: Response) -> tuple[float, str]:
 class _Panel:
     """One picture with one pair of axes."""
 
+    @in_house_style
     def __init__(self, drawn: _Drawn, response: Response) -> None:
         figure = Figure(figsize=_SIZE, dpi=_DPI)
         figure.set_layout_engine("none")
@@ -59,7 +60,7 @@ class _Panel:
         self._ax = ax = figure.add_axes(_FRAME)
         self._factor, unit = self.unit = _unit(drawn, response)
         self._lines = {
-            name: ax.plot([], [], color=COLOURS[colour], linewidth=LINE_WIDTH, label=symbol)[0]
+            name: ax.plot([], [], color=COLOURS[colour], label=symbol)[0]
             for name, (symbol, colour) in drawn.lines.items()
         }
         self._moving: list[Any] = list(self._lines.values())
@@ -82,7 +83,7 @@ class _Panel:
         ax.set_xlim(float(response.time[0]), float(response.time[-1]))
         ax.yaxis.set_label_coords(-0.165, 0.5)
         ax.ticklabel_format(axis="y", style="plain", useOffset=False)
-        ax.legend(loc="upper right", ncols=2, fontsize=FONT_SIZE, frameon=False)
+        ax.legend(loc="upper right", ncols=2)
         self._axes_alone: Any = None
 
     def pixels(self, response: Response) -> NDArray[np.uint8]:

@@ -17,8 +17,7 @@ from jaxpound.ground.record import Record
 from jaxpound.plots.style import (
     COLOURS,
     CYCLE,
-    FONT_SIZE,
-    LINE_WIDTH,
+    in_house_style,
     label,
     legend,
     new_axes,
@@ -32,12 +31,13 @@ def _unit(record: Record) -> str:
     return unit_for("time", record.time_unit == SECONDS, 0.0)[1]
 
 
+@in_house_style
 def accelerogram(record: Record, ax: Axes | None = None) -> Axes:
     """Acceleration of a record, in g, over time in the record's unit, with its peak."""
     instance("accelerogram", "record", record, Record)
     ax, a = new_axes(ax), np.asarray(record.samples)
     time = float(record.dt) * np.arange(a.size)
-    ax.plot(time, a, color=COLOURS["ground"], linewidth=LINE_WIDTH)
+    ax.plot(time, a, color=COLOURS["ground"])
     peak = np.abs(a).argmax()
     words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} {_unit(record)}"
     ax.plot(time[peak], a[peak], "o", color=COLOURS["ground"], markersize=4, label=words)
@@ -47,6 +47,7 @@ def accelerogram(record: Record, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def spectra(
     records: Mapping[str, Record],
     ax: Axes | None = None,
@@ -96,7 +97,6 @@ def spectra(
             jax.vmap(lambda period, one=one: one(period=period))(jnp.asarray(t)),
             color=CYCLE[i % len(CYCLE)],
             linestyle=("-", "--", ":")[i // len(CYCLE) % 3],
-            linewidth=LINE_WIDTH,
             label=name,
         )
     ax.set_xscale("log")
@@ -110,7 +110,6 @@ def spectra(
             xytext=(2, 0),
             textcoords="offset points",
             rotation=90,
-            fontsize=FONT_SIZE,
             color=COLOURS["residual"],
         )
     ratio_ticks(ax.xaxis)

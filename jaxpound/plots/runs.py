@@ -1,7 +1,7 @@
 """Figures of runs: every function draws a ``Response`` into given axes and returns them.
 
-A batch is drawn run upon run, each line the fainter the more there are. Nothing here changes
-matplotlib's settings. With ``ax=None`` the axes belong to a new pyplot figure of column width
+The runs of a batch are drawn over each other, in fainter lines the more there are. Matplotlib's
+settings stay as they are. With ``ax=None`` the axes belong to a new pyplot figure of column width
 (9 cm), which a notebook shows; with axes given, pyplot is not touched.
 """
 
@@ -19,9 +19,8 @@ from matplotlib.patches import Rectangle
 from jaxpound._checks import instance
 from jaxpound.plots.style import (
     COLOURS,
-    FONT_SIZE,
-    LINE_WIDTH,
     figure,
+    in_house_style,
     label,
     legend,
     new_axes,
@@ -42,35 +41,40 @@ class _Curve(NamedTuple):
     values: Any
 
 
+@in_house_style
 def ground_motion(response: Response, ax: Axes | None = None) -> Axes:
     """Ground acceleration u'' over time."""
     curve = _Curve("$u''$", "ground", response.ground_acceleration)
     return _over_time(response, ax, "ground acceleration", "acceleration", [curve])
 
 
+@in_house_style
 def displacements(response: Response, ax: Axes | None = None) -> Axes:
     """Displacements x1 and x2, relative to the ground, over time."""
     curves = _pair("$x_1$", response.x1, "$x_2$", response.x2)
     return _over_time(response, ax, "displacement", "length", curves)
 
 
+@in_house_style
 def velocities(response: Response, ax: Axes | None = None) -> Axes:
     """Velocities x1' and x2', relative to the ground, over time."""
     curves = _pair("$x_1'$", response.v1, "$x_2'$", response.v2)
     return _over_time(response, ax, "velocity", "velocity", curves)
 
 
+@in_house_style
 def rod_forces(response: Response, ax: Axes | None = None) -> Axes:
     """Rod forces f1 and f2 (base shears) over time."""
     curves = _pair("$f_1$", response.f1, "$f_2$", response.f2)
     return _over_time(response, ax, "rod force", "force", curves)
 
 
+@in_house_style
 def gap(response: Response, ax: Axes | None = None) -> Axes:
-    """Gap ξ over time, its minimum marked and told by value and time, in a batch the smallest.
+    """Gap ξ over time; its minimum (the smallest of a batch) is marked, with value and time.
 
     The minimum is that of ``response.demand``, which may lie between instants of the grid. The
-    region of pounding, ξ ≤ 0, is shaded if the gap comes near it.
+    region of pounding, ξ ≤ 0, is shaded, and named in the legend if the gap comes near it.
     """
     ax = _over_time(response, ax, "gap", "length", [_Curve(r"$\xi$", "damper", response.gap)])
     smallest = np.ravel(response.min_gap)
@@ -89,6 +93,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
     """Gap ξ over time of several runs by name, the first in grey, and the smallest of each.
 
@@ -104,13 +109,14 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
         _draw(ax, response.time, 1.0, _Curve(words, colour, response.gap))
     assert ax is not None
     _shade_pounding(ax, False)
-    ax.axhline(0, color=COLOURS["pounding"], linewidth=LINE_WIDTH, zorder=1)
+    ax.axhline(0, color=COLOURS["pounding"], zorder=1)
     ax.margins(x=0)
     label(ax, _time(runs[0]), rf"gap $\xi$ ({_length(runs[0])})")
     legend(ax, columns=1)
     return ax
 
 
+@in_house_style
 def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     """Friction force q of the damper over time, the intervals of stick of a single run shaded."""
     curve = _Curve("$q$", "damper", response.friction)
@@ -125,6 +131,7 @@ def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     """Rod force over displacement of both structures: f1 over x1, f2 over x2."""
     ax = _axes(response, ax)
@@ -142,6 +149,7 @@ def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     """Friction force q over slip x1 − x2: the enclosed area is the energy taken by the damper."""
     ax = _axes(response, ax)
@@ -151,11 +159,12 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def energy(response: Response, ax: Axes | None = None) -> Axes:
     """Energy of a single run over time: what damper, rods and motion hold, stacked, and the input.
 
     The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
-    What is between the two is the residual of the balance, drawn on its own as well.
+    The difference between them is the residual of the balance, which has a line of its own.
     """
     require_single("energy", response)
     ax = _axes(response, ax)
@@ -187,6 +196,7 @@ def overview(response: Response) -> Figure:
     return side_by_side({"": response})
 
 
+@in_house_style
 def side_by_side(
     responses: Mapping[str, Response],
     drawings: Sequence[Drawing] = (ground_motion, displacements, friction_force, gap),
@@ -203,7 +213,7 @@ def side_by_side(
     result = new_figure(2 if n < 3 else 0.8 * n, 0.825 * max(len(drawings), 1.2))
     panels = result.subplots(len(drawings), n, squeeze=False)
     for column, (name, response) in zip(panels.T, runs.items(), strict=True):
-        column[0].set_title(name, fontsize=FONT_SIZE)
+        column[0].set_title(name)
         for draw, ax in zip(drawings, column, strict=True):
             draw(response, ax)
     for row in panels:
@@ -225,7 +235,7 @@ _PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_for
 
 
 def paper_figures(response: Response) -> dict[str, Figure]:
-    """What the paper draws of its numerical example, of one run: a figure for each function here.
+    """The figures that the paper shows of its numerical example, drawn for one run.
 
     Returns
     -------
@@ -263,7 +273,7 @@ def _axes(response: Response, ax: Axes | None) -> Axes:
 
 
 def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
-    """The runs, which must be there and have units in common; a ``ValueError`` in the name."""
+    """The runs, at least one and all in the same units; ``name`` begins the error's message."""
     instance(name, "responses", responses, Mapping)
     if not responses:
         raise ValueError(f"{name}: responses must hold at least one run")
@@ -278,11 +288,11 @@ def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:
     x, y = np.asarray(x), factor * np.asarray(curve.values)
     style |= {"color": COLOURS.get(curve.colour, curve.colour), "label": curve.label}
     if x.ndim == 1:
-        ax.plot(x, y, linewidth=LINE_WIDTH, alpha=_LINE_ALPHA, **style)
+        ax.plot(x, y, alpha=_LINE_ALPHA, **style)
         return
     runs = np.stack([x, y], -1).reshape(-1, x.shape[-1], 2)
     alpha = max(0.03, _LINE_ALPHA / len(runs) ** 0.4)
-    ax.add_collection(LineCollection(list(runs), linewidth=LINE_WIDTH, alpha=alpha, **style))
+    ax.add_collection(LineCollection(list(runs), alpha=alpha, **style))
     ax.autoscale_view()
 
 

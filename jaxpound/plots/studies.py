@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from jaxpound.plots.style import (
     COLOURS,
     CYCLE,
-    FONT_SIZE,
-    LINE_WIDTH,
     QUANTITIES,
     bars,
+    in_house_style,
     label,
     legend,
     legend_above,
@@ -38,12 +37,13 @@ _POINTS = 200  # of a curve
 _MOST_DOTS = 2000  # of a scatter diagram
 
 
+@in_house_style
 def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     """Histogram of min gap and, on the right, its empirical distribution; pounding shaded.
 
     The axis leaves out the smallest thousandth, unless they are positive; the legend says how many
-    lie further left. It also says of how many the min gap is that at rest, if they are 1 % or more:
-    they stand in the last bar, unless the gap at rest is uncertain.
+    lie further left. It also gives the share of samples whose smallest gap is the gap at rest, if
+    that is 1 % or more; where the gap at rest is the same for all, they are in the last bar.
     """
     ax = new_axes(ax)
     gaps = study.finite("min_gap")
@@ -60,7 +60,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     unit = _unit(study, "min_gap", "length")[1]
     label(ax, _name(study, "min_gap"), f"density (1/{unit})" if study.scales else "density")
 
-    ax.plot([], [], color="black", linewidth=LINE_WIDTH, label="cumulative share")
+    ax.plot([], [], color="black", label="cumulative share")
     beyond = np.sum(gaps < low)
     if beyond:
         ax.plot([], [], " ", label=f"further left: {beyond:,} of {n:,}")
@@ -70,14 +70,15 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     legend_above(ax, 2)
 
     right = ax.twinx()
-    right.plot(np.sort(gaps), np.arange(1, n + 1) / n, color="black", linewidth=LINE_WIDTH)
+    right.plot(np.sort(gaps), np.arange(1, n + 1) / n, color="black")
     right.set_ylim(0, 1.05)
     right.set_yticks([0, 0.5, 1])
-    right.tick_params(labelsize=FONT_SIZE)
-    right.set_ylabel("cumulative share", fontsize=FONT_SIZE)
+    label(right, "", "cumulative share")
+    right.grid(False)
     return ax
 
 
+@in_house_style
 def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) -> Axes:
     """Probability of pounding by the first n samples over n, with its 95 % interval.
 
@@ -90,7 +91,7 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
     estimates = [probability(int(k), int(n)) for k, n in zip(counts, sizes, strict=True)]
     value, low, high = np.array([estimate[:3] for estimate in estimates]).T
     ax.fill_between(sizes, low, high, label="95 % interval", **shade("damper"))
-    ax.plot(sizes, value, color=COLOURS["damper"], linewidth=LINE_WIDTH, label="estimate")
+    ax.plot(sizes, value, color=COLOURS["damper"], label="estimate")
     ax.set_xscale("log")
     label(ax, "samples $n$", "probability of pounding")
     legend(ax)
@@ -98,6 +99,7 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
     return ax
 
 
+@in_house_style
 def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = None) -> Axes:
     """Probability that the required gap exceeds a gap, over that gap, with its 95 % interval.
 
@@ -111,7 +113,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     estimates = np.array([probability(int(k), n)[:3] for k in more])
     gaps = ranked[n - more]
     colour = COLOURS["damper"]
-    ax.plot(gaps, estimates[:, 0], color=colour, linewidth=LINE_WIDTH, label="estimate")
+    ax.plot(gaps, estimates[:, 0], color=colour, label="estimate")
     ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
     ax.set_yscale("log")
     if rules_at is not None:
@@ -132,6 +134,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     return ax
 
 
+@in_house_style
 def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -> Axes:
     """Fragility curve with its 95 % bootstrap band and the data.
 
@@ -147,7 +150,7 @@ def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -
     low, high = curve.band(at, replicates=200)
     ax.fill_between(at, low, high, label="95 % band", **shade("damper"))
     words = rf"$\theta$ = {curve.median:.3g}, $\beta$ = {curve.dispersion:.3g}"
-    ax.plot(at, curve.probability(at), color=COLOURS["damper"], linewidth=LINE_WIDTH, label=words)
+    ax.plot(at, curve.probability(at), color=COLOURS["damper"], label=words)
     off = np.abs(shares[:, 1:].T - shares[:, 0])
     ax.errorbar(
         im, shares[:, 0], off, fmt="o", color="black", markersize=3, linewidth=0.7, label="data"
@@ -160,6 +163,7 @@ def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -
     return ax
 
 
+@in_house_style
 def scatter_matrix(
     study: Study, demands: Sequence[str] = ("required_gap",), names: Sequence[str] | None = None
 ) -> Figure:
@@ -199,6 +203,7 @@ def scatter_matrix(
     return figure
 
 
+@in_house_style
 def correlations(study: Study, ax: Axes | None = None, column: str = "required_gap") -> Axes:
     """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
     found = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
@@ -207,6 +212,7 @@ def correlations(study: Study, ax: Axes | None = None, column: str = "required_g
     return signed_bars(ax, shown, f"rank correlation with {_plain(column)}")
 
 
+@in_house_style
 def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     """First-order and total Sobol indices as bars with intervals, the twelve largest on top."""
     names = sorted(indices.total, key=lambda name: indices.total[name].value)[-12:]
@@ -228,7 +234,7 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
         )
     label(ax, f"Sobol index of {_plain(indices.demand)}", "")
     ax.set_yticks(place, [parameter_name(name) for name in names])
-    ax.legend(loc="lower right", fontsize=FONT_SIZE, frameon=False)
+    ax.legend(loc="lower right")
     return ax
 
 

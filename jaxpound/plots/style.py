@@ -1,18 +1,20 @@
 """What all figures share: colours, sizes, units, labels, legends.
 
 Sizes are those of the style file ``house.mplstyle``, which ``plt.style.use("jaxpound.house")``
-takes for figures of one's own. The library's own figures set what they need themselves: they look
-alike under any settings, and nothing here changes matplotlib's.
+takes for figures of one's own. Every public function that draws is an ``in_house_style``: it looks
+alike under any settings of matplotlib, and leaves them as they are. ``label`` sets the letters and
+the grid of axes that the caller made under other settings.
 """
 
 from __future__ import annotations
 
+import functools
 import io
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib import resources
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib import rc_context, rc_params_from_file
@@ -47,6 +49,12 @@ COLOURS = {
 
 with resources.as_file(resources.files("jaxpound") / "house.mplstyle") as _file:
     _HOUSE = rc_params_from_file(_file, use_default_template=False)
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# How finely a figure is shown or saved is the caller's choice.
+_DRAWN = {name: value for name, value in _HOUSE.items() if not name.endswith(".dpi")}
 
 FIGURE_SIZE = tuple(_HOUSE["figure.figsize"])
 """Width and height of a new figure in inches: 9 cm by 6 cm."""
@@ -129,8 +137,19 @@ def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
     return 1.0, unit
 
 
+def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
+    """A function that draws, under the settings of ``house.mplstyle`` while it runs."""
+
+    @functools.wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
+        with rc_context(_DRAWN):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
 class FreeFigure(Figure):
-    """A figure unknown to pyplot, which a notebook shows all the same; its letters stay letters."""
+    """A figure that pyplot does not manage; notebooks show it, vector files keep text as text."""
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
         """As of any figure, fonts as fonts in vector files."""
@@ -209,8 +228,6 @@ def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
     shown = ax.legend(
         loc="upper right",
         ncols=columns,
-        fontsize=FONT_SIZE,
-        frameon=False,
         handlelength=1.2,
         columnspacing=1.0,
         borderaxespad=0.2,
@@ -226,8 +243,6 @@ def legend_above(ax: Axes, columns: int) -> None:
         loc="lower center",
         bbox_to_anchor=(0.5, 1.0),
         ncols=columns,
-        fontsize=FONT_SIZE,
-        frameon=False,
         columnspacing=1.0,
     )
 
@@ -241,7 +256,7 @@ def same_height(panels: Iterable[Axes]) -> None:
 
 
 def only_shares(ax: Axes) -> None:
-    """Ticks from 0 to 1, not beside the legend above."""
+    """Ticks from 0 to 1 only: none beside the legend, which stands above the curves."""
     ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
 
 

@@ -8,11 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
 
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.plots.style import COLOURS, FONT_SIZE, new_axes
+from jaxpound.plots.style import COLOURS, FONT_SIZE, in_house_style, new_axes
 
 _LINE = 1.0
 
 
+@in_house_style
 def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | None = None) -> Axes:
     """The system of eqs. (1) to (5): blocks, rods, damper, gap, ground and the signs of motion.
 

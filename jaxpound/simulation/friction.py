@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -54,6 +54,7 @@ class LinkMotion(NamedTuple):
     change_time: jax.Array
 
 
+@runtime_checkable
 class FrictionLaw(Protocol):
     """A law of friction, evaluated as the mean force over one step."""
 

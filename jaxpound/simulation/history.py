@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxpound._checks import Rule, enforce, number
 
 
-def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... n+1"]:
+def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... {n}+1"]:
     """Grünwald–Letnikov weights ω_0 … ω_n of a derivative of the given order (paper, eq. 11).
 
     Examples
@@ -39,6 +39,7 @@ BLOCK = 4
 NEAR = 2 * BLOCK - 1  # the longest lag within the two
 
 
+@runtime_checkable
 class History(Protocol):
     """How S_m = Σ_{j≥1} ω_j c_{m−j} remembers: c enters, and adds to S, by blocks of steps.
 

@@ -5,6 +5,7 @@ Each rod keeps one history, of c_m = K τ_x x_m − τ_f f_m.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -64,7 +65,7 @@ def rod_step(
 
 def rod_force(
     rod: ZenerRod,
-    displacement: ArrayLike,
+    displacement: ArrayLike | Sequence[float],
     dt: float,
     *,
     stiffness: ArrayLike = 1.0,

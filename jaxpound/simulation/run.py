@@ -395,7 +395,9 @@ def _finished(result: Any) -> Any:
     others = jax.tree.leaves(
         dataclasses.replace(
             scalars,
-            links=[dataclasses.replace(x, min_gap=0.0, soft_min_gap=0.0) for x in scalars.links],
+            links=tuple(
+                dataclasses.replace(x, min_gap=0.0, soft_min_gap=0.0) for x in scalars.links
+            ),
         )
     )
     above = [gap > -np.inf for gap in gaps if gap is not None]

@@ -11,11 +11,13 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import FIGURE_SIZE
+from jaxpound.plots.style import figure as figure_of
 from tests.made import changed
 
 mpl.use("Agg")
@@ -229,7 +231,7 @@ def test_nothing_overlaps_or_is_cut_off(draw, size, either):
 @pytest.mark.parametrize("initial_gap", [0.5, 1.0, 3.0], ids=["pounds", "near", "far"])
 def test_the_smallest_gap_is_told_above_everything_drawn(initial_gap, response):
     moved = with_gap(response, initial_gap)
-    figure = plots.figure(plots.gap, moved)
+    figure = figure_of(plots.gap, moved)
     figure.draw_without_rendering()
     (axes,) = figure.axes
     assert not axes.texts  # nothing is written where pounding is shaded
@@ -257,7 +259,7 @@ def test_pyplot_and_settings_are_left_alone(draw, response, ax):
     settings = dict(mpl.rcParams)
     before = pyplot.get_fignums()
     draw(response, ax=ax)
-    plots.figure(draw, response)
+    figure_of(draw, response)
     assert pyplot.get_fignums() == before
     shown = draw(response)
     assert len(pyplot.get_fignums()) == len(before) + 1
@@ -395,7 +397,7 @@ def test_letters_stay_letters_in_vector_files(response, tmp_path, caplog):
         own = plots.displacements(response).figure
         for kind in ("svg", "pdf"):
             own.savefig(tmp_path / f"own.{kind}")
-    free = plots.figure(plots.displacements, response)
+    free = figure_of(plots.displacements, response)
     caplog.clear()
     for kind in ("svg", "pdf"):
         free.savefig(tmp_path / f"free.{kind}")
@@ -409,9 +411,22 @@ def test_a_run_at_rest_can_be_drawn(response):
     nothing = jax.tree.map(np.zeros_like, response)
     rest = changed(nothing, time=response.time, mass_1=1.0, mass_2=1.0)
     for draw in DRAWINGS:
-        plots.figure(draw, rest).draw_without_rendering()
+        figure_of(draw, rest).draw_without_rendering()
 
 
 def test_importing_jaxpound_does_not_import_matplotlib():
     code = "import sys, jaxpound; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
+def test_figures_look_alike_under_any_settings(draw, response):
+    def pixels():
+        figure = figure_of(draw, response)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())
+
+    usual = pixels()
+    with mpl.rc_context({"lines.linewidth": 5, "legend.fontsize": 20, "legend.frameon": True}):
+        np.testing.assert_array_equal(pixels(), usual)

@@ -57,6 +57,7 @@ def test_chunks_take_keys_and_return_gradients():
     np.testing.assert_allclose(jp.in_chunks(slope, 2)(keys), whole, rtol=1e-10)
 
 
+@pytest.mark.unchecked
 @pytest.mark.parametrize("size", [0, -3, 2.5, True, "many"])
 def test_an_impossible_chunk_size_is_refused(size):
     with pytest.raises(ValueError, match=r"in_chunks: chunk_size = .* must be a positive whole"):
@@ -69,6 +70,7 @@ def test_arguments_that_make_no_batch_are_refused(args):
         jp.in_chunks(gaps, 2)(*args)
 
 
+@pytest.mark.unchecked
 @pytest.mark.parametrize("n", [0, -1, 1.5, True])
 def test_an_impossible_number_of_cores_is_refused(n):
     with pytest.raises(ValueError, match=r"use_cores: n = .* must be a positive whole number"):
@@ -167,6 +169,7 @@ def test_second_derivatives_of_a_batch_against_differences_of_the_first():
     assert np.abs(bend).max() > 1e-3
 
 
+@pytest.mark.unchecked
 def test_chunks_inside_a_transformation_are_refused_by_name():
     chunked = jp.in_chunks(lambda x: 2 * x)
     with pytest.raises(ValueError, match="in_chunks runs outside jit, vmap and grad"):

@@ -63,6 +63,7 @@ def test_slip_force_and_gap_may_be_traced():
     assert float(by_gap) == pytest.approx(1.0)
 
 
+@pytest.mark.unchecked
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

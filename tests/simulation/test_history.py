@@ -211,6 +211,7 @@ def test_nyquist_stiffness_is_the_force_under_the_fastest_motion(order):
     assert force[-1] / x[-1] == pytest.approx(nyquist_stiffness(rod, 2.0, h, order), rel=1e-3)
 
 
+@pytest.mark.unchecked
 @pytest.mark.parametrize(
     ("call", "message"),
     [

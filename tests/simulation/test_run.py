@@ -442,6 +442,7 @@ def test_the_soft_minimum_s_derivative_against_differences():
     np.testing.assert_allclose(slopes, (by_mu, by_temperature), rtol=1e-3)
 
 
+@pytest.mark.unchecked
 @pytest.mark.parametrize("temperature", [0.0, -1.0, np.nan, np.inf, "hot", [0.1, 0.2]])
 def test_an_impossible_temperature_is_refused(temperature):
     with pytest.raises(ValueError, match="demand: temperature"):
@@ -619,6 +620,7 @@ def test_a_step_above_the_limit_is_refused_with_the_limit():
         jp.demand(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(1.01 * limit, 100))
 
 
+@pytest.mark.unchecked
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -644,6 +646,7 @@ def test_bad_grids_and_schemes_are_named(call, message):
         call()
 
 
+@pytest.mark.unchecked
 def test_bad_arguments_are_named():
     s, g, grid = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 100)
     with pytest.raises(ValueError, match="structures = 'x' must be of type AdjacentStructures"):
