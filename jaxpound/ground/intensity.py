@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -102,18 +102,29 @@ def spectral_acceleration(
     a, h = _samples(ground, grid)
     if is_traced((period, h)) or np.min(period) < 4 * h:
         a, h = _between(a, 4), h / 4
-    w, zeta = 2 * jnp.pi / period, damping
-    damped = w * jnp.sqrt(1 - zeta**2)
+    w = 2 * jnp.pi / period
+    largest = _largest_displacement(_Oscillator(w, damping, w * jnp.sqrt(1 - damping**2), h), a)
+    return jnp.where(all_hold(rules), w**2 * largest, jnp.nan)
 
-    def waves(t: Any) -> tuple[Any, Any]:
-        decay = jnp.exp(-zeta * w * t)
-        return decay * jnp.sin(damped * t) / damped, decay * jnp.cos(damped * t)
+
+class _Oscillator(NamedTuple):
+    """x'' + 2 ζ ω x' + ω² x = −u'', with u'' linear over intervals of length h."""
+
+    w: Any
+    zeta: Any
+    damped: Any  # its frequency, ω √(1 − ζ²)
+    h: Any
+
+    def waves(self, t: Any) -> tuple[Any, Any]:
+        """The free motions of unit velocity and of unit displacement, without its damping, at t."""
+        decay = jnp.exp(-self.zeta * self.w * t)
+        return decay * jnp.sin(self.damped * t) / self.damped, decay * jnp.cos(self.damped * t)
 
     def motion(
-        state: tuple[Any, Any], ends: tuple[Any, Any], t: Any, free: tuple[Any, Any]
+        self, state: tuple[Any, Any], ends: tuple[Any, Any], t: Any, free: tuple[Any, Any]
     ) -> tuple[Any, Any]:
         """Displacement and velocity at 0 ≤ t ≤ h after an instant; ``free`` are the waves at t."""
-        (x, v), (start, end), (sine, cosine) = state, ends, free
+        (w, zeta, _, h), (x, v), (start, end), (sine, cosine) = self, state, ends, free
         # Less the particular solution of x'' + 2 ζ ω x' + ω² x = −(a + s t), the motion is free.
         s = (end - start) / h
         lag = 2 * zeta * s / w**3
@@ -122,10 +133,14 @@ def spectral_acceleration(
         free_v = (cosine - zeta * w * sine) * v - w**2 * sine * x
         return free_x + lag - (start + s * t) / w**2, free_v - s / w**2
 
-    whole = waves(h)
+
+def _largest_displacement(oscillator: _Oscillator, a: jax.Array) -> jax.Array:
+    """Largest |x| from rest under a ground acceleration of straight lines between samples a."""
+    w, zeta, _, h = oscillator
+    whole = oscillator.waves(h)
 
     def step(state: tuple[Any, Any], ends: tuple[Any, Any]) -> tuple[tuple[Any, Any], Any]:
-        after = motion(state, ends, h, whole)
+        after = oscillator.motion(state, ends, h, whole)
         return after, after
 
     rest = jnp.zeros((), jnp.result_type(a, w, zeta))
@@ -142,7 +157,7 @@ def spectral_acceleration(
     state, ends = (x0[i], v0[i]), (a[i], a[i + 1])
 
     def improved(t: Any) -> Any:
-        y, u = motion(state, ends, t, waves(t))
+        y, u = oscillator.motion(state, ends, t, oscillator.waves(t))
         bend = -(a[i] + (a[i + 1] - a[i]) * t / h) - 2 * zeta * w * u - w**2 * y
         return jnp.clip(t - u / jnp.where(bend == 0, 1.0, bend), 0, h)
 
@@ -150,9 +165,8 @@ def spectral_acceleration(
     for _ in range(4):
         t = jax.lax.stop_gradient(improved(t))
     t = improved(t)
-    at_turn = jnp.abs(motion(state, ends, t, waves(t))[0])
-    largest = jnp.where(turns[i], at_turn, larger(jnp.abs(x0[i]), jnp.abs(x1[i])))
-    return jnp.where(all_hold(rules), w**2 * largest, jnp.nan)
+    at_turn = jnp.abs(oscillator.motion(state, ends, t, oscillator.waves(t))[0])
+    return jnp.where(turns[i], at_turn, larger(jnp.abs(x0[i]), jnp.abs(x1[i])))
 
 
 def _between(a: jax.Array, parts: int) -> jax.Array:

@@ -106,21 +106,19 @@ class GroundMotion:
     def excitation(self, grid: TimeGrid, order: int) -> Excitation:
         """What the time loop of a scheme of order 1 or 2 takes.
 
-        The mean over a step is u''(t), in a scheme of order 2 with a ``velocity`` the exact one.
+        The mean over a step is u''(t), or in a scheme of order 2 the exact one if there is a
+        ``velocity``.
         """
-        velocity, h = self.velocity, grid.dt
-        if velocity is None or order == 1:
-            return Excitation((), lambda t, _: (self.acceleration(t),) * 2)
-        return Excitation(
-            (), lambda t, _: (self.acceleration(t), mean_acceleration(velocity, t, h))
-        )
+        u, v, h = self.acceleration, self.velocity, grid.dt
+        if v is None or order == 1:
+            return Excitation((), lambda t, _: (u(t),) * 2)
+        return Excitation((), lambda t, _: (u(t), mean_acceleration(v, t, h)))
 
-    def velocity_and_bulge(
-        self, t: Float[Array, " n"], h: float
-    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """U' at the instants t of a grid of step h, and how much its mean at t ∓ h/2 is more.
+    def velocity_and_bulge(self, t: Array, h: float) -> tuple[Array, Array]:
+        """Velocity u' at the instants t of a grid, and how much its mean at t ∓ h/2 is more.
 
-        Exact where there is a ``velocity``, else by the trapezoidal sum from rest.
+        Shape (n,), of n instants that are h apart. Exact where there is a ``velocity``, else by the
+        trapezoidal sum from rest.
         """
         if velocity := self.velocity:
             now, around = velocity(t), (velocity(t - h / 2) + velocity(t + h / 2)) / 2
@@ -130,7 +128,7 @@ class GroundMotion:
         return jnp.pad(jnp.cumsum((a[1:] + a[:-1]) * h / 2), (1, 0)), h / 8 * rise
 
     def samples_at(self, t: np.ndarray) -> Any:
-        """U'' at many instants, shape (n,), by whatever way the acceleration can be evaluated."""
+        """Acceleration u'' at many instants, shape (n,), in whatever way it can be evaluated."""
         return _evaluated(self.acceleration, t)
 
     def parts(self) -> Iterator[GroundMotion]:
@@ -197,9 +195,8 @@ class Sum(GroundMotion):
         records = list(records_in(self))
         for record in records:
             if record.time_unit != records[0].time_unit:
-                raise ValueError(
-                    f"Sum: grounds: {record!r} must be in the same unit of time as {records[0]!r}"
-                )
+                rule = f"must be in the same unit of time as {records[0]!r}"
+                raise ValueError(f"Sum: grounds: {record!r} {rule}")
 
     def acceleration(self, t: ArrayLike) -> Any:
         """Sum of the accelerations, of the shape of ``t``."""
@@ -207,15 +204,12 @@ class Sum(GroundMotion):
 
     def excitation(self, grid: TimeGrid, order: int) -> Excitation:
         """Those of the parts."""
-        all_series, all_at = zip(
-            *(ground.excitation(grid, order) for ground in self._motions()), strict=True
-        )
+        series, each_at = zip(*(x.excitation(grid, order) for x in self._motions()), strict=True)
 
         def at(t: Any, entries: Any) -> tuple[Any, Any]:
-            each = [at(t, entry) for at, entry in zip(all_at, entries, strict=True)]
-            return _summed(each)
+            return _summed([at(t, entry) for at, entry in zip(each_at, entries, strict=True)])
 
-        return Excitation(all_series, at)
+        return Excitation(series, at)
 
     def velocity_and_bulge(self, t: Array, h: float) -> tuple[Array, Array]:
         """Sums of those of the parts."""
@@ -318,10 +312,7 @@ def excitation(ground: GroundLike, grid: TimeGrid, order: int) -> Excitation:
 
 
 def velocity_and_bulge(ground: GroundLike, t: Array, h: float) -> tuple[Array, Array]:
-    """Velocity u' at the instants t of a grid of step h, and how much its mean at t ∓ h/2 is more.
-
-    Shape (n_steps+1,) each.
-    """
+    """Velocity u' at the instants t, h apart, and how much its mean at t ∓ h/2 is more."""
     return as_motion(ground).velocity_and_bulge(t, h)
 
 

@@ -1,6 +1,7 @@
 """What the time loop takes of a ground motion: values, means over the steps, velocities."""
 
 import jax
+import jax.extend
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -129,3 +130,38 @@ def test_a_field_of_a_user_s_that_is_called_velocity_is_not_its_integral():
             return 0.1 * t
 
     np.testing.assert_array_equal(*taken(Stream(), GRID))
+
+
+# The cost of derivatives
+
+
+def scan_bodies(jaxpr):
+    """The programs that a program repeats in its loops, those within others included."""
+    for equation in jaxpr.eqns:
+        for value in jax.tree.leaves(tuple(equation.params.values()), is_leaf=is_program):
+            if is_program(value):
+                inner = getattr(value, "jaxpr", value)
+                if equation.primitive.name == "scan":
+                    yield inner
+                yield from scan_bodies(inner)
+
+
+def is_program(value):
+    return isinstance(value, jax.extend.core.Jaxpr | jax.extend.core.ClosedJaxpr)
+
+
+def test_derivatives_by_all_samples_cost_no_array_of_them_in_a_step():
+    """A loop that gathered from the record would add a cotangent of all of it at every step."""
+    n = 1009
+    record = jp.Record(np.sin(0.1 * np.arange(n)), 0.02, time_unit="1/ω1")
+    grid = jp.TimeGrid(0.02, 1000)
+
+    def min_gap(ground):
+        return jp.demand(jp.paper.structures(), ground, grid).min_gap
+
+    for ground in (record, 2 * record + jp.paper.ground()):
+        bodies = list(scan_bodies(jax.make_jaxpr(jax.grad(min_gap))(ground).jaxpr))
+        assert len(bodies) >= 2  # forward and backward
+        for body in bodies:
+            variables = [*body.invars, *body.constvars, *(x for e in body.eqns for x in e.outvars)]
+            assert max(np.prod(x.aval.shape) for x in variables) < 200
