@@ -1,8 +1,9 @@
 import jax
 import numpy as np
 import pytest
-from jaxpound.study.sampling import SAMPLINGS, points
 from scipy import stats
+
+from jaxpound.study.sampling import SAMPLINGS, points
 
 KEY = jax.random.key(3)
 
