@@ -1,4 +1,4 @@
-"""Tables for people: the same rows as text, and as HTML for notebooks."""
+"""Tables for people: the same rows as text, as HTML for notebooks, as Markdown for pages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
-_NUMBER = re.compile(r"[-+]?(\d[\d,]*(\.\d+)?(e[-+]?\d+)?|inf|nan)( %)?")
+_NUMBER = re.compile(r"[-+]?(\d[\d,]*(\.\d+)?(e[-+]?\d+)?|inf|nan)( %)?|-")
+
+_BAR = r"\|"
 
 Cell = str | int | float
 
@@ -26,6 +28,20 @@ class Table(NamedTuple):
     digits: int = 5
     """Significant digits of a number that is not whole."""
 
+    @classmethod
+    def of(cls, columns: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -> Table:
+        """A table without a title, its numbers rounded to four digits; a dash for None.
+
+        Raises
+        ------
+        ValueError
+            If a row has more or fewer cells than there are columns.
+        """
+        for row in rows:
+            if len(row) != len(columns):
+                raise ValueError(f"table: the cells of a row, {row}, must be {', '.join(columns)}")
+        return cls("", columns, [[rounded(x) for x in row] for row in rows])
+
     def text(self) -> str:
         """The table for a terminal."""
         cells = self._cells()
@@ -40,7 +56,14 @@ class Table(NamedTuple):
             )
             for row in cells
         ]
-        return "\n".join([self.title, *(f"    {x}".rstrip() for x in (*lines, *self.notes))])
+        below = "    " if self.title else ""
+        title = [self.title] if self.title else []
+        return "\n".join([*title, *(f"{below}{x}".rstrip() for x in (*lines, *self.notes))])
+
+    def markdown(self) -> str:
+        """The table for a page; of its title and notes, which are the page's text, nothing."""
+        lines = [self.columns, ["---"] * len(self.columns), *self._cells()]
+        return "\n".join(f"| {' | '.join(x.replace('|', _BAR) for x in line)} |" for line in lines)
 
     def html(self) -> str:
         """The table for a notebook, whose own style gives it its colours."""
@@ -83,6 +106,15 @@ class Shown:
 
     def _repr_html_(self) -> str:
         return "".join(table.html() for table in self._tables())
+
+
+def rounded(x: str | float | None) -> str:
+    """A number to four digits, with separators where it is large; a dash for none."""
+    if x is None:
+        return "-"
+    if isinstance(x, str):
+        return x
+    return f"{float(f'{x:.4g}'):,.0f}" if 1e4 <= abs(x) < 1e10 else f"{x:.4g}"
 
 
 def _shown(cell: Cell, digits: int) -> str:

@@ -1,4 +1,4 @@
-"""Signals, sent to real processes; what the command line says of them is in test_cli.py."""
+"""Signals, sent to real processes; what the command line says: tests/cli/test_main.py."""
 
 import os
 import signal

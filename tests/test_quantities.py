@@ -1,12 +1,11 @@
-"""Units are those that ``Scales`` converts to; every number of a configuration has a range."""
+"""Units are those that ``Scales`` converts to; every demand has words."""
 
 import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.cli import config, design_config, study_config
 from jaxpound.design import objective as objectives
-from jaxpound.quantities import DIMENSIONLESS, RANGES, SI, Range, column, unit
+from jaxpound.quantities import DIMENSIONLESS, SI, column, unit
 from jaxpound.results.demand import in_words, kind_of, unit_of
 from tests.made import SERIES, pair_demand, pair_response
 
@@ -55,26 +54,6 @@ def test_units_in_words_and_in_names():
     assert [unit_of(name, True) for name in ("peak_f1", "pounds")] == ["N", ""]
     assert column("pga", "acceleration", True) == "pga_m_per_s2"
     assert column("pga", "acceleration", False) == column("pga", None, True) == "pga"
-
-
-@pytest.mark.parametrize("name", RANGES)
-def test_a_range_is_one_and_says_why(name):
-    allowed = RANGES[name]
-    assert allowed.low < allowed.high < np.inf
-    assert allowed.low in allowed
-    assert allowed.high in allowed
-    assert np.nextafter(allowed.low, -np.inf) not in allowed
-    assert np.nan not in allowed
-    assert "1" not in allowed
-    assert allowed.why
-    assert allowed.unit in allowed.rule
-
-
-@pytest.mark.parametrize("module", [config, study_config, design_config])
-def test_every_number_of_a_configuration_has_a_range(module):
-    for table, keys in module._KEYS.items():
-        for key, kind in keys.items():
-            assert isinstance(kind, Range | tuple) or callable(kind), (table, key)
 
 
 def test_every_demand_has_a_unit_and_words():

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound._tables import Table
+from jaxpound._tables import Table, rounded
+from tests.cli.commands import tables
 from tests.study.test_run import LINEAR, study
 
 TABLE = Table(
@@ -105,3 +106,47 @@ def test_a_comparison_shows_itself_with_units(mean):
         assert f"{np.mean(gaps) + 0.05:.4g}" in shown
     chance = jp.Objective(jp.PoundingProbability(0.1))
     assert assert_shown(jp.Comparison(before, after, chance, True))[-1][-1] == ")"
+
+
+ROWS = [("peak |x_1|", "m", 0.1, 2), ("force", "N", 1234567.0, None)]
+REPORT = Table.of(("demand", "unit", "mean before", "mean after"), ROWS)
+
+
+def test_a_markdown_table_has_every_cell_under_its_name():
+    (rows,) = tables(REPORT.markdown())
+    assert rows == [
+        {"demand": r"peak \|x_1\|", "unit": "m", "mean before": "0.1", "mean after": "2"},
+        {"demand": "force", "unit": "N", "mean before": "1,235,000", "mean after": "-"},
+    ]
+
+
+def test_a_table_without_a_title_is_not_indented():
+    assert REPORT.text().splitlines() == [
+        "demand      unit  mean before  mean after",
+        "peak |x_1|  m             0.1           2",
+        "force       N       1,235,000           -",
+    ]
+
+
+@pytest.mark.parametrize("row", [("one",), ("one", 2.0, 3.0)])
+def test_rows_that_are_not_as_long_as_the_header_are_refused(row):
+    with pytest.raises(ValueError, match="table: the cells of a row"):
+        Table.of(("words", "number"), [row])
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (None, "-"),
+        ("worst", "worst"),
+        (0, "0"),
+        (0.0123456, "0.01235"),
+        (-9999.4, "-9999"),
+        (12345.6, "12,350"),
+        (-2e9, "-2,000,000,000"),
+        (3e12, "3e+12"),
+        (float("inf"), "inf"),
+    ],
+)
+def test_rounded_numbers(value, shown):
+    assert rounded(value) == shown

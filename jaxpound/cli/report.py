@@ -1,229 +1,189 @@
-"""A run in words and numbers: the paper's case beside its reference, a pair of buildings in SI."""
+"""``jaxpound report``: a study in words, numbers and figures."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from itertools import zip_longest
-from pathlib import Path
+import argparse
+import contextlib
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import jaxpound as jp
-from jaxpound.cli.config import Configuration
+from jaxpound._tables import Table, rounded
+from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
+from jaxpound.results.demand import in_words, unit_of
+from jaxpound.study.statistics import Estimate
 
-PAPER_SCHEME_ERROR = -6.4e-4  # of the paper's own scheme in that minimum, at the paper's step
+PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
+"""Probabilities of exceedance for which the required gap is told."""
 
+INTENSITIES = {
+    "pga": "PGA",
+    "pgv": "PGV",
+    "spectral_acceleration_1": "$S_a(T_1)$",
+    "spectral_acceleration_2": "$S_a(T_2)$",
+}
+"""Measures of intensity by which fragility is told, where the study has them."""
 
-def known(x: Any) -> Any:
-    """A tree with None in the place of what is not finite, as JSON can hold it."""
-    if isinstance(x, dict):
-        return {key: known(value) for key, value in x.items()}
-    if isinstance(x, list):
-        return [known(value) for value in x]
-    return None if isinstance(x, float) and not math.isfinite(x) else x
+_QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
+_MOST_CORRELATIONS = 8
 
-
-def cell(x: Any) -> str:
-    """A number of a table to four digits; a dash for none; words as they are."""
-    if x is None:
-        return "-"
-    if isinstance(x, str):
-        return x
-    return f"{float(f'{x:.4g}'):,.0f}" if 1e4 <= abs(x) < 1e10 else f"{x:.4g}"
-
-
-Row = Mapping[str, Any]
-"""A row of a table: its cells by the names of their columns."""
-
-
-def markdown_table(rows: Sequence[Row]) -> list[str]:
-    """A table's lines. Its header is the names of the rows' cells, so that they cannot part.
-
-    Raises
-    ------
-    ValueError
-        If there is no row, or one has other cells than the first or the same in another order.
-    """
-    header, *cells = _cells(rows)
-    lines = [header, ["---"] * len(header), *cells]
-    return [f"| {' | '.join(x.replace('|', chr(92) + '|') for x in line)} |" for line in lines]
+_RULES = {"absolute_sum": "absolute sum", "srss": "SRSS", "double_difference": "double difference"}
+_GAPS = ("exceeded with probability", "unit", "required gap", "95 % interval", *_RULES.values())
+_DEMANDS = ("demand", "unit", "mean", "standard deviation", *_QUANTILES.values(), "largest")
+_ERRORS = ("median θ", "standard error of θ", "dispersion β", "standard error of β")
+_FRAGILITY = ("fragility by", "unit", *_ERRORS)
 
 
-def text_table(rows: Sequence[Row]) -> list[str]:
-    """The same for the screen: numbers to the right, words to the left."""
-    cells = _cells(rows)
-    columns = []
-    for name, *column in zip(*cells, strict=True):
-        widest = max(map(len, (name, *column)))
-        words = all(isinstance(row[name], str) for row in rows)
-        columns.append([x.ljust(widest) if words else x.rjust(widest) for x in (name, *column)])
-    return ["  ".join(line).rstrip() for line in zip(*columns, strict=True)]
+# --- the command --------------------------------------------------------------------------------
 
 
-def _cells(rows: Sequence[Row]) -> list[list[str]]:
-    """Names of the columns, and the rows' cells in their order."""
-    if not rows:
-        raise ValueError("table: rows = [] must hold a row")
-    names = list(rows[0])
-    for row in rows:
-        if list(row) != names:
-            raise ValueError(f"table: the cells of a row, {', '.join(row)}, must be {names}")
-    return [names, *([cell(x) for x in row.values()] for row in rows)]
+def run(args: argparse.Namespace) -> None:
+    """Run the command."""
+    study = jp.Study.open(args.store)
+    curves = fragilities(study)
+    answers = summary(study, curves)
+    make_folder(args.out)
 
+    from jaxpound.plots import studies as plots
+    from jaxpound.plots.style import figure
 
-def paper_table(response: jp.Response, papers_own: float, initial_gap: float) -> str:
-    """The paper's case beside the reference: smallest gap, phase changes, energy residual."""
-    reference = jp.paper.reference()
-    changes = [(phase.start, phase.kind) for phase in response.phases()[1:]]
-    rows: list[tuple[str, float | None, float | None]] = [
-        ("min of x2 - x1", float(response.min_gap) - initial_gap, reference.min_gap_change),
-        ("  at t", float(response.demand.min_gap_time), reference.min_gap_time),
-        ("phase changes", len(changes), len(reference.phase_changes)),
-    ]
-    pairs = zip_longest(changes, reference.phase_changes, fillvalue=(None, ""))
-    for (time, kind), (expected_time, expected) in pairs:
-        rows.append((f"  {kind or expected} from t", time, expected_time))
-    rows += [
-        ("energy residual / input", _relative_residual(response), None),
-        ("min by the paper's scheme", papers_own, reference.min_gap_change),
-    ]
-    return "\n".join(
-        [
-            f"The paper's case: {response.time.size - 1} steps of {float(response.time[1]):.6g}",
-            response.method,
-            "Dimensionless: length g/omega1^2, time 1/omega1. The reference is an independent",
-            "event-driven solver. The paper gives no initial gap; pounding is x2 - x1 <= -gap.",
-            "",
-            f"{'':28}{'jaxpound':>14}{'reference':>14}{'difference':>13}",
-            *(_table_row(*row) for row in rows),
-            "",
-            "The paper's scheme (order 1, switching friction) is known to miss the minimum by "
-            f"{PAPER_SCHEME_ERROR:.1e}.",
-        ]
-    )
-
-
-def _table_row(name: str, value: float | None, reference: float | None) -> str:
-    cells = [
-        f"{'-':>14}" if x is None else f"{x:14d}" if isinstance(x, int) else f"{x:14.8f}"
-        for x in (value, reference)
-    ]
-    known = value is not None and reference is not None
-    cells.append(f"{value - reference:13.1e}" if known else f"{'-':>13}")  # type: ignore[operator]
-    return f"{name:28}{''.join(cells)}"
-
-
-def _relative_residual(response: jp.Response) -> float:
-    """Largest residual of the energy balance over the largest input; 0 for a run at rest."""
-    energy = response.energy
-    largest = float(np.max(np.abs(energy.input)))
-    return float(np.max(np.abs(energy.residual))) / largest if largest else 0.0
-
-
-def summary(
-    configuration: Configuration, file: Path, record: jp.Record, response: jp.Response
-) -> dict[str, Any]:
-    """What was run, and the scalars that came out of it; units are in the names."""
-    demand = response.demand
-    at_end = {name: float(term[-1]) for name, term in response.energy._asdict().items()}
-    results: dict[str, Any] = {
-        "min_gap_m": float(demand.min_gap),
-        "min_gap_time_s": float(demand.min_gap_time),
-        "pounds": bool(demand.pounds),
-        "overlap_m": max(0.0, -float(demand.min_gap)),
-        "first_contact_s": _first_contact(response) if demand.pounds else None,
-        "slip_distance_m": float(demand.slip_distance),
-        "residual_offset_m": float(demand.residual_offset),
-        "input_energy_J": at_end["input"],
-        "damper_energy_J": at_end["friction"],
-        "rods_energy_J": at_end["rods"],
-        "kinetic_energy_J": at_end["kinetic"],
-        "energy_residual_over_input": _relative_residual(response),
+    drawn: dict[str, Callable[[Any, Any], Any]] = {
+        "min_gap": plots.min_gap,
+        "convergence": plots.convergence,
+        "required_gap": partial(plots.exceedance, rules_at=0.05),
     }
-    for i, building in enumerate((configuration.building_1, configuration.building_2), start=1):
-        results[f"building_{i}"] = {
-            "period_s": float(building.natural_period),
-            "damping_ratio": float(building.damping_ratio),
-            "peak_displacement_m": float(getattr(demand, f"peak_x{i}")),
-            "peak_absolute_acceleration_m_per_s2": float(getattr(demand, f"peak_acceleration_{i}")),
-            "base_shear_N": float(getattr(demand, f"peak_f{i}")),
+    figures = {name: figure(draw, study) for name, draw in drawn.items()}
+    for name, curve in curves.items():
+        words = f"{INTENSITIES[name]} ({unit_of(name, study.scales is not None)})"
+        figures[f"fragility_by_{name}"] = figure(partial(plots.fragility, intensity=words), curve)
+    if study.about["identity"]["parameters"]:
+        figures["correlations"] = figure(plots.correlations, study)
+        figures["parameters"] = plots.scatter_matrix(study)
+    if "configuration" in (study.about["notes"] or {}):
+        write_text(args.out / "study.toml", study.about["notes"]["configuration"])
+    write_json(args.out / "summary.json", answers)
+    write_text(args.out / "summary.md", page(answers, list(figures)))
+    write_figures(figures, args.out, args.pdf)
+
+
+# --- what it tells ------------------------------------------------------------------------------
+
+
+def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
+    """Pounding against every measure of intensity to which a curve can be fitted."""
+    curves, pounds = {}, study["pounds"]
+    for name in INTENSITIES:
+        if name in study.columns:
+            im = study[name]
+            good = np.isfinite(pounds) & (im > 0)
+            with contextlib.suppress(ValueError):  # pounding never, always, or whatever the shaking
+                curves[name] = jp.fit_fragility(im[good], pounds[good] == 1)
+    return curves
+
+
+def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, Any]:
+    """The study's answers, with its ``fragilities``, as JSON can hold them."""
+    identity, si = study.about["identity"], study.scales is not None
+    required_gap, demands = {}, {}
+    for p in PROBABILITIES:
+        found = study.separation(p)
+        rules = {rule: getattr(found, rule) for rule in _RULES}
+        required_gap[str(p)] = _interval(found.required_gap) | rules
+    for name in study.columns:
+        if name in identity["parameters"] or name == "pounds":
+            continue
+        m = study.moments(name)
+        quantiles = np.quantile(study.finite(name), list(_QUANTILES)).tolist()
+        demands[name] = {
+            "unit": unit_of(name, si),
+            "mean": m.mean,
+            "std": m.std,
+            **dict(zip((f"quantile_{q:g}" for q in _QUANTILES), quantiles, strict=True)),
+            "largest": m.largest,
         }
-    return {
-        "jaxpound": jp.__version__,
-        "record": {
-            "file": str(file),
-            "pga_g": float(jp.pga(record)),
-            "duration_s": float(record.duration),
-            "dt_s": float(record.dt),
-        },
-        "run": {
-            "steps": response.time.size - 1,
-            "dt_s": float(response.time[1]),
-            "method": response.method,
-        },
-        "configuration": configuration.given,
-        "results": results,
-    }
-
-
-def _first_contact(response: jp.Response) -> float:
-    """When the gap first closes, by the straight line between instants of the grid."""
-    time, gap = np.asarray(response.time), np.asarray(response.gap)
-    closed = np.flatnonzero(gap <= 0)
-    if closed.size == 0:  # it opens again before the next instant
-        return float(response.demand.min_gap_time)
-    around = [closed[0], max(closed[0] - 1, 0)]
-    return float(np.interp(0.0, gap[around], time[around]))
-
-
-def as_text(summary: dict[str, Any]) -> str:
-    """The summary as text for the screen."""
-    record, run, results = summary["record"], summary["run"], summary["results"]
-    given = summary["configuration"]
-    supplied = results["input_energy_J"]
-    taken = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
-    shares = ", ".join(
-        f"{name} {energy / 1e3:.4g} kJ ({energy / supplied if supplied else 0:.0%})"
-        for name, energy in taken.items()
+    correlations = study.correlations() if identity["parameters"] else {}
+    finite = {name: value for name, value in correlations.items() if np.isfinite(value)}
+    ranked = sorted(finite, key=lambda name: -abs(finite[name]))[:_MOST_CORRELATIONS]
+    return known(
+        {
+            "made_by": identity["versions"],
+            "samples": len(study),
+            "samples_asked_for": study.about["n"],
+            "failed": study.failed,
+            "sampling": identity["sampling"],
+            "units": "SI" if si else "dimensionless",
+            "grid": {"dt": identity["grid"]["dt"], "n_steps": identity["grid"]["n_steps"]},
+            "pounding_probability": _interval(study.pounding_probability()),
+            "required_gap": required_gap,
+            "demands": demands,
+            "correlations_with_required_gap": {name: finite[name] for name in ranked},
+            "fragility": {
+                name: {
+                    "unit": unit_of(name, si),
+                    "median": curve.median,
+                    "median_error": curve.median_error,
+                    "dispersion": curve.dispersion,
+                    "dispersion_error": curve.dispersion_error,
+                }
+                for name, curve in curves.items()
+            },
+            "double_difference_correlation": found.correlation,
+        }
     )
-    quantities = [
-        ("natural period", "period_s", 1, "s"),
-        ("damping ratio", "damping_ratio", 100, "%"),
-        ("peak displacement", "peak_displacement_m", 1, "m"),
-        ("peak absolute acceleration", "peak_absolute_acceleration_m_per_s2", 1, "m/s²"),
-        ("peak base shear", "base_shear_N", 1e-3, "kN"),
+
+
+def _interval(estimate: Estimate) -> dict[str, float]:
+    return {"value": estimate.value, "low": estimate.low, "high": estimate.high}
+
+
+def page(answers: dict[str, Any], figures: list[str]) -> str:
+    """One page."""
+    si = answers["units"] == "SI"
+    p = answers["pounding_probability"]
+    complete = answers["samples"] == answers["samples_asked_for"]
+    of = unit_of("required_gap", si)
+    gaps = [
+        (share, of, row["value"], _ends(row), *(row[rule] for rule in _RULES))
+        for share, row in answers["required_gap"].items()
     ]
-    rows = [
-        {"": words}
-        | {f"building {i}": factor * results[f"building_{i}"][key] for i in (1, 2)}
-        | {"unit": unit}
-        for words, key, factor, unit in quantities
+    demands = [
+        (in_words(name), unit or "of the measure", *numbers)
+        for name, (unit, *numbers) in ((x, y.values()) for x, y in answers["demands"].items())
     ]
     lines = [
-        f"Record   {record['file']}: PGA {record['pga_g']:.4g} g, {record['duration_s']:.6g} s",
-        f"Run      {run['steps']} steps of {run['dt_s']:.4g} s; {run['method']}",
+        "# Monte Carlo study of two adjacent structures",
         "",
-        *text_table(rows),
-    ]
-    lines += [
+        f"{answers['samples']:,} scenarios"
+        + ("" if complete else f" of {answers['samples_asked_for']:,} asked for (unfinished)")
+        + f", {answers['failed']:,} failed; {answers['sampling']} sampling; "
+        f"jaxpound {answers['made_by']['jaxpound']}. Intervals are of 95 %."
+        + ("" if si else " Units are those of the dimensionless system."),
         "",
-        f"Gap      {given['gap']:.4g} m at rest, smallest {results['min_gap_m']:.4g} m "
-        f"at {results['min_gap_time_s']:.5g} s",
-        _verdict(results),
-        f"Damper   slip force {given['damper']['friction_force'] / 1e3:.4g} kN, slid "
-        f"{results['slip_distance_m']:.4g} m, offset left {results['residual_offset_m']:.4g} m",
-        f"Energy   input {supplied / 1e3:.4g} kJ: {shares}; "
-        f"residual {results['energy_residual_over_input']:.1e} of the input",
+        f"**Probability of pounding: {rounded(p['value'])} ({_ends(p)})**",
+        "",
+        Table.of(_GAPS, gaps).markdown(),
+        "",
+        "The rules of codes combine the peak displacements that are exceeded with the same "
+        "probability; the double difference's correlation coefficient is "
+        f"{answers['double_difference_correlation']:.3g}. They were made for buildings without a "
+        "damper between them.",
+        "",
+        Table.of(_DEMANDS, demands).markdown(),
     ]
+    if correlations := answers["correlations_with_required_gap"]:
+        told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
+        lines += ["", f"Rank correlation with the required gap: {told}."]
+    if fragility := answers["fragility"]:
+        rows = [(in_words(name), *curve.values()) for name, curve in fragility.items()]
+        table = Table.of(_FRAGILITY, rows).markdown()
+        lines += ["", table, "", "The dispersion is that of the logarithm."]
+    lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)
 
 
-def _verdict(results: dict[str, Any]) -> str:
-    if not results["pounds"]:
-        return "         no pounding"
-    return (
-        f"         POUNDS: overlap {results['overlap_m']:.4g} m, first contact at "
-        f"{results['first_contact_s']:.5g} s; contact itself is not modelled"
-    )
+def _ends(estimate: dict[str, Any]) -> str:
+    ends = (estimate["low"], estimate["high"])
+    return " to ".join("not known" if x is None else rounded(x) for x in ends)

@@ -15,9 +15,7 @@ from jaxpound.ground.formats.text import MisreadError, read_file
 from jaxpound.ground.formats.units import UNITS, acceleration_unit
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.record import Record
-from jaxpound.quantities import RANGES, STANDARD_GRAVITY
-
-_MOST_PEAK = RANGES["pga"].high  # in g
+from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 
 
 def read_record(
@@ -134,8 +132,8 @@ def _factor(stated: dict[str, int], units: str | None) -> float:
 
 def require_possible(place: str, name: str, peak: float, hint: str) -> None:
     """A ``ValueError`` for an acceleration, in g, that no earthquake comes near."""
-    if not abs(peak) <= _MOST_PEAK:
-        rule = f"at most {_MOST_PEAK:g} g: {hint}"
+    if not abs(peak) <= MOST_PGA:
+        rule = f"at most {MOST_PGA:g} g: {hint}"
         raise ValueError(f"{place}: {name} = {peak:.4g} g must be {rule}")
 
 

@@ -15,7 +15,7 @@ from scipy import stats
 from tqdm.auto import tqdm
 
 import jaxpound as jp
-from jaxpound.cli import design_report
+from jaxpound.cli import design as command
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import PRICES
@@ -414,10 +414,10 @@ def test_what_is_not_finite_is_null_in_a_summary(stand_in):
     one = jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID)
     scales = jp.Scales(mass=500e3, frequency=7.0)
     found = search(iterations=3, fresh=one)
-    answers = design_report.summary(found, {"alone": search().trained}, scales)
+    answers = command.summary(found, {"alone": search().trained}, scales)
     told = json.loads(json.dumps(answers, allow_nan=False))
     assert told["fresh"]["min_gap_wider_by"]["low"] is None
-    assert "(no 95 % interval)" in design_report.as_markdown(answers, [])
+    assert "(no 95 % interval)" in command.page(answers, [])
 
 
 def test_of_one_earthquake_there_is_no_interval(stand_in):

@@ -1,0 +1,80 @@
+"""The files of the command line: the examples that it prints, and the results that it writes."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Callable, Mapping
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from jaxpound import _interruption as interruption
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def example(command: str) -> str:
+    """The documented example configuration of a command, as text."""
+    return (resources.files("jaxpound.cli") / f"{command}.toml").read_text(encoding="utf-8")
+
+
+def make_folder(out: Path) -> None:
+    """Make the output folder once the input is checked, so that no run is made in vain.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be made, or nothing can be written to it.
+    """
+    try:
+        interruption.make_folder(out)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        rule = f"must be a folder that can be made and written to ({error.strerror})"
+        raise ValueError(f"argument --out: {out} {rule}") from error
+
+
+def write(path: Path, write_to: Callable[[BinaryIO], Any]) -> None:
+    """Write a whole file or none, and print its path.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; the message names the file.
+    """
+    from jaxpound.study.archives import replace_file
+
+    replace_file(path, write_to)
+    print(path)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text, as ``write``."""
+    write(path, lambda file: file.write(text.encode()))
+
+
+def write_json(path: Path, answers: Any) -> None:
+    """Write a tree of answers, in which all numbers are finite, as ``known`` makes it."""
+    write_text(path, json.dumps(answers, indent=2, allow_nan=False) + "\n")
+
+
+def write_figures(figures: Mapping[str, Figure], out: Path, pdf: bool) -> None:
+    """Write figures by their names, as PNG and, for print, as PDF too."""
+    for name, figure in figures.items():
+        # A figure unknown to pyplot is drawn by Agg, whatever backend is set.
+        for kind in ("png", "pdf") if pdf else ("png",):
+            write(out / f"{name}.{kind}", partial(figure.savefig, format=kind, dpi=300))
+
+
+def known(x: Any) -> Any:
+    """A tree with None in the place of what is not finite, as JSON can hold it."""
+    if isinstance(x, dict):
+        return {key: known(value) for key, value in x.items()}
+    if isinstance(x, list):
+        return [known(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x

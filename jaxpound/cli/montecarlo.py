@@ -1,0 +1,116 @@
+"""``jaxpound montecarlo``: a study of two buildings under random earthquakes."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from functools import partial
+from typing import Annotated, Any, Literal
+
+import jax
+import jax.numpy as jnp
+from msgspec import field
+
+import jaxpound as jp
+from jaxpound.cli.factors import FACTOR, Parameter, uncertain_structures
+from jaxpound.cli.reading import Count, File, Seed, Table
+from jaxpound.cli.tables import Shaken, Stated, drawn
+from jaxpound.ground.intensity import spectral_acceleration
+from jaxpound.ground.motion import GroundLike
+
+# --- what the file says -------------------------------------------------------------------------
+
+
+class Sampling(Table):
+    """How many scenarios are drawn, how, and what is kept of them."""
+
+    samples: Annotated[int, Count] = 10_000
+    seed: Annotated[int, Seed] = 0
+    sampling: Literal["plain", "sobol"] = "plain"
+    chunk_size: Annotated[int, Count] | None = None
+    keep_failures: bool = False
+    spectral_acceleration: bool = False
+
+
+class Study(Shaken):
+    """The configuration of ``jaxpound montecarlo``."""
+
+    uncertain: dict[Parameter, Annotated[Stated, drawn(*FACTOR)]] = field(default_factory=dict)
+    study: Sampling = Sampling()
+
+
+# --- the command --------------------------------------------------------------------------------
+
+
+def run(args: argparse.Namespace) -> None:
+    """Run the command."""
+    file = File.opened(args.config, "montecarlo")
+    given = file.read(Study)
+    how = given.study
+    scenarios, grid = prepared(file, given)
+    found = jp.monte_carlo(
+        scenarios,
+        how.samples if args.samples is None else args.samples,
+        grid,
+        given.scheme,
+        how.seed,
+        sampling=how.sampling,
+        store=args.store,
+        chunk_size=how.chunk_size,
+        measures=_measures(given, grid) if how.spectral_acceleration else {},
+        keep_parameters=True,
+        keep_failures=how.keep_failures,
+        scales=given.scales,
+        notes={"configuration": file.text},
+        shard=_shard(args.shard),
+        strict=args.strict,
+        progress=sys.stderr.isatty(),
+    )
+    print(found)
+    part = "" if args.shard == "1/1" else f" by shard {args.shard} alone"
+    print(f"probability of pounding{part} {found.pounding_probability()}")
+    print(f"jaxpound report --store {args.store} --out DIR says more")
+
+
+def _shard(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)/(\d+)", text)
+    if not match:
+        raise ValueError(f"argument --shard: {text!r} must be I/N, such as 2/8")
+    return int(match[1]), int(match[2])
+
+
+def prepared(file: File, given: Study) -> tuple[jp.Scenarios, jp.TimeGrid]:
+    """The scenarios of a study and the time grid of its runs."""
+    records = given.records(file)
+    ground = given.motion(file, records)
+    grid = given.grid(file, records)
+    structures: Any = given.structures
+    if given.uncertain:
+        place = f"{file.name}: [uncertain]"
+        structures = uncertain_structures(place, given.uncertain, structures, given.scales)
+    elif not ground.dimension:
+        rule = "[uncertain], a factor on the record, or several records"
+        raise ValueError(f"{file.name}: nothing is random; it must have {rule}")
+    return jp.Scenarios(structures, ground), grid
+
+
+def _measures(given: Study, grid: jp.TimeGrid) -> dict[str, Any]:
+    """Further measures of intensity: spectral accelerations at both natural periods."""
+    gravity = float(given.scales.gravity)
+    return {
+        f"spectral_acceleration_{i + 1}": partial(_spectral_acceleration, grid, i, gravity)
+        for i in (0, 1)
+    }
+
+
+def _spectral_acceleration(
+    grid: jp.TimeGrid,
+    building: int,
+    gravity: float,
+    structures: jp.AdjacentStructures,
+    ground: GroundLike,
+) -> jax.Array:
+    """At the natural period of a building, with 5 % of damping, m/s²."""
+    period = 2 * jnp.pi / structures.natural_frequencies[building]
+    return gravity * spectral_acceleration(ground, grid, period=period)

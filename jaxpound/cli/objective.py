@@ -1,0 +1,110 @@
+"""What a design is to achieve: [objective], [limits] and [penalties] of its configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from msgspec.structs import astuple
+
+import jaxpound as jp
+from jaxpound.cli.reading import Range, Table, between, keyed, named, says
+from jaxpound.cli.tables import Gap
+from jaxpound.design.objective import PRICES, Goal
+from jaxpound.results.demand import kind_of
+
+_GOALS: dict[str, tuple[Any, str]] = {
+    "mean gap": (jp.MeanGap, ""),
+    "worst gap": (jp.WorstGap, ""),
+    "soft minimum": (jp.SoftMinimum, "temperature"),
+    "CVaR": (jp.CVaR, "share"),
+    "pounding probability": (jp.PoundingProbability, "gap"),
+}
+"""The library's goals, and the key of the number that each may have."""
+
+Temperature = between(1e-9, 10, "m", "of the soft minimum of gaps")
+
+
+class Objective(Table):
+    """What the gap is to be judged by."""
+
+    goal: Literal["mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability"] = (
+        "mean gap"
+    )
+    temperature: Annotated[float, Temperature] | None = None
+    share: Annotated[float, between(1e-6, 1, "", "of the earthquakes")] | None = None
+    gap: Gap | None = None
+
+    def __post_init__(self) -> None:
+        own = _GOALS[self.goal][1]
+        for key in ("temperature", "share", "gap"):
+            if getattr(self, key) is not None and key != own:
+                raise ValueError(f'{key} must not be given with goal = "{self.goal}"')
+        if own == "temperature" and self.temperature is None:
+            raise ValueError("lacks the key 'temperature'")
+        with named(""):
+            self.function()
+
+    def function(self) -> Goal:
+        """The goal as the library has it."""
+        kind, key = _GOALS[self.goal]
+        number = getattr(self, key) if key else None
+        goal: Goal = kind() if number is None else kind(number)
+        return goal
+
+
+_SHARE = '"worst", "mean" or a share'
+_Over = Annotated[str | float, says(_SHARE)]
+
+
+class AtMost(Table):
+    """An upper bound, and of which earthquakes."""
+
+    at_most: float
+    over: _Over = "worst"
+
+
+class Weighted(Table):
+    """What a unit of a demand costs, and of which earthquakes."""
+
+    weight: float
+    over: _Over = "mean"
+
+
+_Price = Annotated[str, keyed(PRICES)]
+_AtMost = Annotated[float | AtMost, says(f"a number, or {{at_most = ..., over = {_SHARE}}}")]
+_Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
+Limits = dict[_Price, _AtMost]
+Penalties = dict[_Price, _Weighted]
+
+_PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the price")
+_LIMITS = {
+    "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
+    "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
+    "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
+    "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
+}
+"""Of the limits on a demand, by what kind of quantity it is."""
+
+
+def priced(
+    name: str,
+    objective: Objective,
+    limits: Mapping[str, float | AtMost],
+    penalties: Mapping[str, float | Weighted],
+) -> jp.Objective:
+    """The objective as the library has it; ``name`` is the file's."""
+    made: dict[str, dict[str, Any]] = {"limits": {}, "penalties": {}}
+    stated: list[tuple[str, Any, Mapping[str, Any]]] = [
+        ("limits", jp.Limit, limits),
+        ("penalties", jp.Penalty, penalties),
+    ]
+    for table, kind, prices in stated:
+        for price, x in prices.items():
+            place = f"{name}: [{table}] {price}"
+            number, *over = [x] if isinstance(x, float) else astuple(x)
+            allowed = _LIMITS[kind_of(price) or ""] if table == "limits" else _PENALTY
+            allowed.require(place, number)
+            with named(f"{place}:"):
+                made[table][price] = kind(number, *over)
+    return jp.Objective(objective.function(), **made)

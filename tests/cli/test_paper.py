@@ -1,0 +1,98 @@
+"""``jaxpound paper``: its numbers are the API's, beside the reference's."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.cli import paper
+from tests.cli.commands import is_figure, run
+
+ORACLE = Path(__file__).parents[1] / "oracles" / "paper_case.json"
+PHASES = {0: "stick", 1: "slip right", -1: "slip left"}
+
+
+@pytest.fixture(scope="module")
+def paper_run(tmp_path_factory) -> tuple[str, Path]:
+    out = tmp_path_factory.mktemp("paper") / "new" / "folder"
+    return run("paper", "--out", out), out
+
+
+def row(screen: str, name: str) -> list[float]:
+    (line,) = (line for line in screen.splitlines() if line.strip().startswith(name))
+    return [float(cell) for cell in line.split(name)[1].split() if cell != "-"]
+
+
+def test_reference_values_are_the_oracle_s():
+    oracle = json.loads(ORACLE.read_text())
+    assert oracle["min_gap"] == jp.paper.reference().min_gap_change
+    assert oracle["t_min"] == jp.paper.reference().min_gap_time
+    changes = [(time, PHASES[phase]) for time, phase in oracle["events"]]
+    assert changes == list(jp.paper.reference().phase_changes)
+    paths = ("friction", "rod_1.tau_x", "rod_1.tau_f", "rod_2.tau_x", "rod_2.tau_f")
+    paths += ("rod_1.order", "rod_2.order", "stiffness_ratio", "mass_ratio")
+    keys = ("mu", "txa", "tfa", "txb", "tfb", "al", "be", "eps", "rho")
+    slopes = {path: oracle["grad_min_gap"][key] for path, key in zip(paths, keys, strict=True)}
+    assert slopes == jp.paper.reference().gradient
+
+
+def test_paper_table_has_the_api_s_numbers(paper_run):
+    screen, _ = paper_run
+    case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
+    response = jp.simulate(*case)
+
+    value, reference, difference = row(screen, "min of x2 - x1")
+    assert value == pytest.approx(float(response.min_gap) - 1, abs=1e-8)
+    assert reference == pytest.approx(jp.paper.reference().min_gap_change, abs=1e-8)
+    assert difference == pytest.approx(value - reference, abs=1e-7)
+    assert abs(difference) < 1e-5
+    assert row(screen, "at t")[:2] == pytest.approx(
+        [float(response.demand.min_gap_time), jp.paper.reference().min_gap_time], abs=1e-8
+    )
+    assert row(screen, "phase changes") == [11, 11, 0]
+
+    energy = response.energy
+    residual = np.abs(energy.residual).max() / np.abs(energy.input).max()
+    assert row(screen, "energy residual / input") == pytest.approx([residual], abs=1e-8)
+    assert residual < 1e-4
+
+
+def test_paper_table_has_every_phase_change_beside_the_reference(paper_run):
+    screen, _ = paper_run
+    response = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+    printed = re.findall(r"(?m)^  (\S.*) from t +(\S+) +(\S+) +(\S+)$", screen)
+    assert len(printed) == 11
+    for cells, phase, (time, kind) in zip(
+        printed, response.phases()[1:], jp.paper.reference().phase_changes, strict=True
+    ):
+        assert cells[0] == phase.kind == kind
+        assert float(cells[1]) == pytest.approx(phase.start, abs=1e-8)
+        assert float(cells[2]) == pytest.approx(time, abs=1e-8)
+        assert abs(float(cells[3])) < 1e-4
+
+
+def test_paper_table_has_the_paper_s_own_scheme_and_its_error(paper_run):
+    screen, _ = paper_run
+    value, reference, difference = row(screen, "min by the paper's scheme")
+    case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
+    own = jp.demand(*case, jp.Scheme(jp.Switching(), order=1, start="paper"))
+    assert value == pytest.approx(float(own.min_gap) - 1, abs=1e-6)
+    assert difference == pytest.approx(paper.PAPER_SCHEME_ERROR, rel=0.02)
+    assert value - reference == pytest.approx(difference, rel=0.02)
+
+
+def test_paper_writes_its_six_figures_and_prints_their_paths(paper_run):
+    screen, out = paper_run
+    shown = ("ground_motion", "displacements", "velocities", "gap", "friction_force", "rod_forces")
+    names = [f"{name}.png" for name in shown]
+    assert {path.name for path in out.iterdir()} == {*names, "overview.png"}
+    assert screen.splitlines()[-7:] == [str(out / name) for name in ("overview.png", *names)]
+    assert all(is_figure(path) for path in out.iterdir())
+
+
+def test_a_phase_too_many_or_too_few_shows_as_a_dash():
+    assert paper.row("stick from t", None, 1.5) == ("stick from t", "-", "1.50000000", "-")
+    assert paper.row("stick from t", 1.5, None) == ("stick from t", "1.50000000", "-", "-")

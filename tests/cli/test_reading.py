@@ -1,0 +1,171 @@
+"""Configurations that are wrong: one line with file, table, key, value and rule."""
+
+import re
+
+import numpy as np
+import pytest
+from msgspec import inspect
+
+from jaxpound.cli.design import Search, Wanted
+from jaxpound.cli.files import example
+from jaxpound.cli.montecarlo import Study
+from jaxpound.cli.objective import Objective
+from jaxpound.cli.reading import entries, ranges
+from jaxpound.cli.simulate import Ground, Simulation
+from jaxpound.cli.tables import Building, Damper, Earthquakes, Run
+from tests.cli.commands import refusal
+
+CONFIG_FAULTS = [
+    ({"period": "perod = 0.9"}, "[building_1] has an unknown key 'perod'; did you mean 'period'?"),
+    ({"[damper]": "[dampr]"}, "unknown key 'dampr'; did you mean 'damper'?"),
+    (
+        {"gap": "colour = 1"},
+        "the top level has an unknown key 'colour'; allowed are gap, building_1",
+    ),
+    ({"[damper]": "[damper]\ngap = 1"}, "unknown key 'gap'; it belongs in the top level"),
+    ({"mass": "mass = = 1"}, ":17: [building_1] mass: Invalid value (at line 17, column 8)"),
+    ({"gap": "gap = 0.1.2"}, "gap: Expected newline or end of document"),
+    ({"[damper]": "[damper"}, "Expected ']'"),
+    ({"[output]": "[damper]"}, "Cannot declare ('damper',) twice"),
+    ({"series": "series = ["}, "[output] series: Invalid value (at end of document)"),
+    ({"gap": 'gap = """'}, "Unterminated string"),
+    ({"mass": 'mass = "5"'}, '[building_1] mass = "5" must be a finite number'),
+    ({"mass": "mass = true"}, "[building_1] mass = true must be a finite number"),
+    ({"mass": "mass = nan"}, "[building_1] mass = nan must be a finite number"),
+    ({"mass": f"mass = 1{'0' * 400}"}, "must be a finite number"),
+    ({"mass": "mass = -5"}, "[building_1] mass = -5 kg must be between 0.001 and 1e+10 kg ("),
+    ({"period": ""}, "[building_1] lacks period; give mass, period"),
+    ({"# tau_f": "stiffness = 1e6"}, "[building_1] must not have stiffness"),
+    ({"# order": "order = 1.5"}, "[building_1] order = 1.5 must be between 0.001 and 1 ("),
+    ({"damping": "damping_ratio = 0.9"}, "[building_1] damping_ratio = 0.9 must be below"),
+    ({"gap": "gap = -0.1"}, "gap = -0.1 m must be between 0 and 10 m ("),
+    ({"gap": ""}, "the top level lacks the key 'gap'"),
+    ({"friction_force": ""}, "[damper] lacks the key 'friction_force'"),
+    ({"friction_force": "", "[damper]": ""}, "the top level lacks the table [damper]"),
+    (
+        {"friction_force": "friction_force = -1"},
+        "[damper] friction_force = -1 N must be between 0 and 1e+10 N (",
+    ),
+    ({"# pga": "pga = 0.3"}, "[ground] must have scale or pga, not both"),
+    ({"scale": "pga = 0"}, "[ground] pga = 0 g must be between 1e-06 and 20 g ("),
+    (
+        {"scale": "scale = 100"},
+        "record: PGA = 39.78 g must be at most 20 g: is [ground] pga or scale right?",
+    ),
+    ({"baseline": 'baseline = "cubic"'}, '"none", "mean", "linear"'),
+    ({"friction =": 'friction = "smoothed"'}, "[run] smoothing_velocity must be given"),
+    ({"# smoothing": "smoothing_velocity = 1e-3"}, "[run] smoothing_velocity must be given"),
+    (
+        {"friction =": 'friction = "smoothed"', "# smoothing": "smoothing_velocity = -1"},
+        "[run] smoothing_velocity = -1 m/s must be between 1e-09 and 1 m/s (",
+    ),
+    ({"order = 2": "order = 3"}, "[run] order = 3 must be from 1 to 2"),
+    ({"order = 2": "order = 1.5"}, "[run] order = 1.5 must be a whole number"),
+    ({"# dt": "dt = 0.5"}, "[run] dt = 0.5 s must be positive and below the stability limit"),
+    ({"# dt": "dt = 0"}, "[run] dt = 0 s must be between 1e-07 and 10 s ("),
+    ({"# dt": "dt = 0.05"}, "[run] dt = 0.05 s must be at most the record's, 0.02 s"),
+    ({"# duration": "duration = 1e9"}, "[run] duration = 1e+09 s must be between"),
+    ({"# duration": "duration = 0.01"}, "[run] duration = 0.01 s must be between"),
+    ({"period": "period = 9e-4"}, "period = 0.0009 s must be between 0.002 and 60 s (models"),
+    ({"period": "period = 900"}, "[building_1] period = 900 s must be between 0.002 and 60 s"),
+    (
+        {"period": "stiffness = 1e14\ntau_f = 1e-3\ntau_x = 2e-3\norder = 0.5", "damping": ""},
+        "[building_1] natural period = 0.000",
+    ),
+    ({"friction_force": "friction_force = 1e300"}, "friction_force = 1e+300 N must be between"),
+    ({"scale": "scale = 1e44"}, "[ground] scale = 1e+44 must be between -1000 and 1000"),
+    ({"baseline": 'baseline = "liner"'}, "\"linear\"; did you mean 'linear'?"),
+    ({"mass": f"mass = {'7' * 5000}"}, "[building_1] mass = a whole number of more than 308 dig"),
+    ({"mass": f"mass = 1{'_1' * 5000}"}, "[building_1] mass = a whole number of more than 308"),
+    ({"mass": f"mass = 0x1{'0' * 5000}"}, "[building_1] mass = a whole number of more than 308"),
+    ({"mass": f"mass = {'[' * 1000}{']' * 1000}"}, "its lists or tables are nested too deeply"),
+    ({"gap": f"{'.'.join('a' * 5000)} = 1"}, "the top level has an unknown key 'a'"),
+    ({"gap": f"gap.{'.'.join('a' * 5000)} = 1"}, "gap = {a = {a = {a = ...}}} must be a finite"),
+    ({"mass": f"mass = {list(range(5000))}"}, "[building_1] mass = [0, 1, 2, 3, 4, 5, 6, 7, 8"),
+    ({"series": 'series = "hdf5"'}, '[output] series = "hdf5" must be one of'),
+]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"), CONFIG_FAULTS, ids=[says[:40] for _, says in CONFIG_FAULTS]
+)
+def test_a_faulty_configuration(changes, says, pulse, write, tmp_path, capsys):
+    path, out = write(changes), tmp_path / "out"
+    line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", out)
+    assert line.startswith(f"jaxpound: error: {path}:")
+    assert says in line
+    assert not out.exists()
+
+
+def test_a_table_that_is_none(pulse, write, tmp_path, capsys):
+    text = re.sub(r"(?s)\[run\].*?\[output\]", "[output]", "run = 3\n" + example("simulate"))
+    path = write(text=text)
+    line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", tmp_path / "x")
+    assert "run = 3 must be a table, [run]" in line
+
+
+def test_a_refusal_is_short(pulse, write, tmp_path, capsys):
+    path = write({"mass": f"mass = {list(range(5000))}"})
+    line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", tmp_path)
+    assert len(line) < 200 + len(str(path))
+
+
+def test_a_configuration_larger_than_any(pulse, tmp_path, capsys):
+    path = tmp_path / "large.toml"
+    path.write_bytes(b"# more\n" * 200_000)
+    line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", tmp_path)
+    assert f"{path}: must be a configuration of at most 1,048,576 bytes" in line
+
+
+def test_a_configuration_that_is_not_text(pulse, tmp_path, capsys):
+    path = tmp_path / "latin.toml"
+    path.write_bytes("# Gebäude\n".encode("latin-1"))
+    line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", tmp_path)
+    assert f"{path}: must be text in UTF-8" in line
+
+
+def numbers(kind):
+    """Every number of a configuration, with what is said of it."""
+    info, said = kind, {}
+    if isinstance(info, inspect.Metadata):
+        info, said = info.type, info.extra or {}
+    if isinstance(info, inspect.FloatType | inspect.IntType):
+        yield info, said
+    for part in ("types", "item_types"):
+        for one in getattr(info, part, ()):
+            yield from numbers(one)
+    for field in getattr(info, "fields", ()):
+        yield from ((x, said | y) for x, y in numbers(field.type))
+    for part in ("item_type", "value_type"):
+        if hasattr(info, part):
+            yield from numbers(getattr(info, part))
+
+
+def test_every_number_of_a_configuration_has_a_range():
+    """But those of limits and penalties, whose ranges depend on what is limited."""
+    without = {
+        "limits": [inspect.FloatType, inspect.FloatType, inspect.FloatType],
+        "penalties": [inspect.FloatType, inspect.FloatType, inspect.FloatType],
+    }
+    for command in (Simulation, Study, Wanted):
+        for name, kind in entries(command).items():
+            found = list(numbers(inspect.type_info(kind)))
+            bare = [type(number) for number, said in found if "range" not in said]
+            assert bare == without.get(name, []), name
+            for number, said in found:
+                if allowed := said.get("range"):
+                    assert (number.ge, number.le) == (allowed.low, allowed.high)
+
+
+@pytest.mark.parametrize("kind", [Building, Damper, Run, Earthquakes, Ground, Objective, Search])
+def test_a_range_is_one_and_says_why(kind):
+    assert ranges(kind)
+    for allowed in ranges(kind).values():
+        assert allowed.low < allowed.high < np.inf
+        assert allowed.low in allowed
+        assert allowed.high in allowed
+        assert np.nextafter(allowed.low, -np.inf) not in allowed
+        assert np.nan not in allowed
+        assert "1" not in allowed
+        assert allowed.why or isinstance(allowed.low, int)
+        assert allowed.unit in allowed.rule

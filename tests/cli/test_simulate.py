@@ -1,0 +1,342 @@
+"""``jaxpound simulate``: its numbers are the API's, its configuration is the library's objects."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.cli import main as cli
+from jaxpound.cli import simulate
+from jaxpound.cli.files import example
+from jaxpound.cli.reading import File, entries, is_table
+from jaxpound.cli.simulate import Simulation
+from tests.cli.commands import PULSE, is_figure, refusal, run
+
+
+@pytest.fixture(scope="module")
+def el_centro_response(el_centro) -> jp.Response:
+    """The example's buildings under El Centro, without the command line."""
+    record = jp.read_record(el_centro)
+    structures, scales = jp.dimensionless(
+        jp.Building.from_period(500e3, 0.9, 0.05),
+        jp.Building.from_period(400e3, 0.6, 0.05),
+        friction_force=200e3,
+        gap=0.10,
+    )
+    grid = scales.grid(float(record.duration), 0.01)
+    return scales.to_si(jp.simulate(structures, scales.to_dimensionless(record), grid))
+
+
+def test_el_centro_summary_has_the_api_s_numbers(el_centro_run, el_centro_response, el_centro):
+    summary = json.loads((el_centro_run[1] / "summary.json").read_text())
+    assert summary["jaxpound"] == jp.__version__
+    assert summary["record"] == {
+        "file": str(el_centro),
+        "pga_g": pytest.approx(0.2807955),
+        "duration_s": pytest.approx(53.71),
+        "dt_s": 0.01,
+    }
+    assert summary["run"]["dt_s"] == pytest.approx(0.01)
+    assert summary["run"]["steps"] == 5371
+    assert summary["configuration"] == tomllib.loads(example("simulate"))
+
+    demand, energy = el_centro_response.demand, el_centro_response.energy
+    results = summary["results"]
+    expected = {
+        "min_gap_m": demand.min_gap,
+        "min_gap_time_s": demand.min_gap_time,
+        "slip_distance_m": demand.slip_distance,
+        "residual_offset_m": demand.residual_offset,
+        "input_energy_J": energy.input[-1],
+        "damper_energy_J": energy.friction[-1],
+        "rods_energy_J": energy.rods[-1],
+        "kinetic_energy_J": energy.kinetic[-1],
+        "energy_residual_over_input": np.abs(energy.residual).max() / np.abs(energy.input).max(),
+    }
+    for name, value in expected.items():
+        assert results[name] == pytest.approx(float(value), rel=1e-6), name
+    first = results["building_1"]
+    assert first["period_s"] == pytest.approx(0.9)
+    assert first["damping_ratio"] == pytest.approx(0.05)
+    assert first["peak_displacement_m"] == pytest.approx(float(demand.peak_x1))
+    assert results["building_2"]["base_shear_N"] == pytest.approx(float(demand.peak_f2))
+    a2 = el_centro_response.absolute_accelerations[1]
+    peak = results["building_2"]["peak_absolute_acceleration_m_per_s2"]
+    assert peak == pytest.approx(float(demand.peak_acceleration_2))
+    assert 1 <= peak / np.abs(a2).max() < 1.01  # the grid may miss the top
+    assert not results["pounds"]
+    assert results["overlap_m"] == 0
+    assert results["first_contact_s"] is None
+    assert results["min_gap_m"] > 0.02  # what the example's heading promises
+
+
+def test_el_centro_screen_says_what_the_summary_says(el_centro_run):
+    screen, out = el_centro_run
+    results = json.loads((out / "summary.json").read_text())["results"]
+    assert screen.startswith("No --config given")
+    assert f"smallest {results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s" in screen
+    assert "no pounding" in screen
+    assert "slip force 200 kN" in screen
+    shears = [f"{results[f'building_{i}']['base_shear_N'] / 1e3:.4g}" for i in (1, 2)]
+    assert re.search(rf"peak base shear +{shears[0]} +{shears[1]} +kN", screen)
+    assert f"damper {results['damper_energy_J'] / 1e3:.4g} kJ" in screen
+    printed = screen.splitlines()[-10:]
+    assert sorted(printed) == sorted(str(path) for path in out.iterdir())
+
+
+def test_el_centro_files_can_be_read_back(el_centro_run, el_centro_response):
+    _, out = el_centro_run
+    series = np.load(out / "series.npz")
+    response = el_centro_response
+    assert len(series.files) == 14
+    for name, values in {
+        "time_s": response.time,
+        "x1_m": response.x1,
+        "x2_m": response.x2,
+        "v1_m_per_s": response.v1,
+        "f2_N": response.f2,
+        "friction_N": response.friction,
+        "gap_m": response.gap,
+        "ground_acceleration_m_per_s2": response.ground_acceleration,
+        "ground_velocity_m_per_s": response.ground_velocity,
+        "absolute_acceleration_1_m_per_s2": response.absolute_accelerations[0],
+        "slip_direction": response.phase,
+    }.items():
+        scale = float(np.abs(values).max())
+        np.testing.assert_allclose(series[name], values, rtol=0, atol=1e-8 * scale, err_msg=name)
+    assert np.abs(series["ground_acceleration_m_per_s2"]).max() == pytest.approx(
+        0.2807955 * jp.STANDARD_GRAVITY
+    )
+    figures = {path.stem for path in out.glob("*.png")}
+    assert figures == {"overview", *simulate._FIGURES}
+    assert all(is_figure(path) for path in out.glob("*.png"))
+
+
+def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, tmp_path):
+    changes = {
+        "friction_force": "friction_force = 0",
+        "gap": "gap = 0.03",
+        "series": "series='csv'",
+    }
+    out = tmp_path / "out"
+    screen = run("simulate", "--record", pulse, "--config", write(changes), "--out", out, "--pdf")
+    assert "No --config" not in screen
+    for path in out.glob("*.png"):
+        assert path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+        assert str(path.with_suffix(".pdf")) in screen
+    results = json.loads((out / "summary.json").read_text())["results"]
+    assert results["pounds"]
+    assert results["overlap_m"] == pytest.approx(-results["min_gap_m"])
+    assert results["overlap_m"] > 0
+    assert f"POUNDS: overlap {results['overlap_m']:.4g} m" in screen
+    assert "contact itself is not modelled" in screen
+
+    header, *rows = (out / "series.csv").read_text().splitlines()
+    assert header.split(",")[:3] == ["time_s", "ground_acceleration_m_per_s2", "x1_m"]
+    table = dict(zip(header.split(","), np.loadtxt(rows, delimiter=",").T, strict=True))
+    closed = np.flatnonzero(table["gap_m"] <= 0)[0]
+    contact = results["first_contact_s"]
+    assert table["time_s"][closed - 1] < contact <= table["time_s"][closed]
+    assert results["min_gap_m"] == pytest.approx(table["gap_m"].min(), abs=1e-3)
+    np.testing.assert_allclose(
+        table["gap_m"], 0.03 + table["x2_m"] - table["x1_m"], rtol=0, atol=1e-9
+    )
+    # dt is the record's .02 s halved, the first whole fraction below a fiftieth of .6 s.
+    np.testing.assert_allclose(np.diff(table["time_s"]), 0.01, rtol=1e-6)
+    assert not (out / "series.npz").exists()
+
+
+def test_units_and_dt_of_a_bare_record(write, tmp_path):
+    record = tmp_path / "bare.txt"
+    np.savetxt(record, PULSE * 980.665)
+    changes = {"series": 'series = "none"', "# duration": "duration = 0.5", "# dt": "dt = 0.02"}
+    arguments = ["--record", record, "--units", "gal", "--dt", 0.02, "--config", write(changes)]
+    run("simulate", *arguments, "--out", tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["record"]["pga_g"] == pytest.approx(np.abs(PULSE).max(), rel=1e-6)
+    assert summary["run"]["steps"] == 25
+    assert summary["run"]["dt_s"] == pytest.approx(0.02)
+    assert not list(tmp_path.glob("series.*"))
+
+
+# --- configuration ------------------------------------------------------------------------------
+
+
+def test_example_config_is_printed_and_names_every_key(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["simulate", "--example-config"])
+    text = capsys.readouterr().out
+    assert text == example("simulate")
+    for name, kind in entries(Simulation).items():
+        assert not is_table(kind) or f"\n[{name}]" in text
+        for key in entries(kind) if is_table(kind) else [name]:
+            assert re.search(rf"(?m)^(# )?{key} = ", text), key
+
+
+def read(path: Path) -> tuple[File, Simulation]:
+    file = File.opened(path, "simulate")
+    return file, file.read(Simulation)
+
+
+def with_second_building(keys: str) -> str:
+    first, rest = example("simulate").split("[building_2]", 1)
+    return f"{first}[building_2]\n{keys}\n[damper]{rest.rsplit('[damper]', 1)[1]}"
+
+
+def test_a_building_by_its_rod(write):
+    rod = "mass = 4e5\nstiffness = 38e6\norder = 1\ntau_f = 0.003\ntau_x = 0.05"
+    text = with_second_building(rod)
+    building = read(write(text=text))[1].building_2.model()
+    given = jp.Building(4e5, 38e6, 1.0, 0.003, 0.05)
+    assert building == given or vars(building) == vars(given)
+
+
+@pytest.mark.parametrize(
+    ("change", "scheme"),
+    [
+        ({}, jp.Scheme()),
+        (
+            {"friction =": 'friction = "switching"', "order": "order = 1"},
+            jp.Scheme(jp.Switching(), 1),
+        ),
+    ],
+)
+def test_scheme(change, scheme, write):
+    assert read(write(change))[1].scheme == scheme
+
+
+def test_smoothing_velocity_is_in_metres_a_second(write):
+    changes = {"friction =": 'friction = "smoothed"', "# smoothing": "smoothing_velocity = 1e-3"}
+    _, configuration = read(write(changes))
+    unit = configuration.scales.length / configuration.scales.time
+    assert configuration.scheme.friction.velocity * float(unit) == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, PULSE),
+        ({"scale": "scale = -2"}, -2 * PULSE),
+        ({"scale": "pga = 0.1"}, 0.1 * PULSE / np.abs(PULSE).max()),
+        ({"baseline": 'baseline = "mean"'}, PULSE - PULSE.mean()),
+    ],
+    ids=["as it is", "scale", "pga", "baseline"],
+)
+def test_ground(changes, expected, write):
+    file, configuration = read(write(changes))
+    record = simulate.shaking(file, configuration.ground, jp.Record(PULSE, 0.02))
+    np.testing.assert_allclose(record.samples, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(("record_dt", "dt"), [(0.02, 0.01), (0.01, 0.01), (0.005, 0.005)])
+def test_default_time_step_meets_every_sample(record_dt, dt, write):
+    file, configuration = read(write())
+    grid = simulate.grid(file, configuration, jp.Record(PULSE, record_dt))
+    assert grid.dt * float(configuration.scales.time) == pytest.approx(dt)
+    assert grid.n_steps == round(100 * record_dt / dt)
+
+
+def test_default_time_step_keeps_to_half_the_stability_limit(write):
+    # A rod that is far stiffer when fast than when slow: the limit rules, not the period.
+    rod = "mass = 4e5\nstiffness = 1e5\norder = 0.1\ntau_f = 1e-4\ntau_x = 90.0"
+    text = with_second_building(rod)
+    file, configuration = read(write(text=text))
+    limit = jp.stability_limit(configuration.structures, configuration.scheme)
+    grid = simulate.grid(file, configuration, jp.Record(PULSE, 0.02))
+    assert grid.dt <= limit / 2
+
+
+# --- refusals -----------------------------------------------------------------------------------
+
+
+def test_a_truncated_record(el_centro, tmp_path, capsys):
+    path = tmp_path / "cut.at2"
+    path.write_text("".join(el_centro.read_text().splitlines(keepends=True)[:100]))
+    line = refusal(capsys, "simulate", "--record", path, "--out", tmp_path / "out")
+    assert f"{path}:4: truncated: NPTS = 5372" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_record_in_other_units_than_it_is_read_in(write, tmp_path, capsys):
+    record, out = tmp_path / "gal.txt", tmp_path / "out"
+    np.savetxt(record, PULSE * 980.665)
+    line = refusal(capsys, "simulate", "--record", record, "--dt", 0.02, "--out", out)
+    assert re.search(r"gal.txt:\d+: acceleration = \S+ g must be at most 20 g: are the units", line)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "finding"),
+    [
+        ({"scale": "pga = 6"}, "record: PGA = 6 g should be at most 5 g"),
+        (
+            {"gap": "gap = 10", "scale": "scale = 1e-3"},
+            "gap = 10 m should be at most 100 times what the buildings move",
+        ),
+    ],
+    ids=["PGA", "gap"],
+)
+def test_implausible_input_is_one_warning_a_line_or_refused(
+    changes, finding, write, pulse, tmp_path, capsys
+):
+    odd = write(changes | {"series": 'series = "none"'})
+    out = tmp_path / "out"
+    call = ["simulate", "--record", str(pulse), "--config", str(odd), "--out", str(out)]
+    assert cli.main([*call, "--strict"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"jaxpound: error: {odd}: {finding}")
+    assert error.count("\n") == 1
+    assert not out.exists()
+    assert cli.main(call) == 0
+    (warning,) = capsys.readouterr().err.splitlines()
+    assert warning.startswith(f"jaxpound: warning: {finding}")
+
+
+def test_a_run_that_overflows(pulse, tmp_path, monkeypatch, capsys):
+    def respond(*_, **__):
+        raise FloatingPointError("the run ended in\nnon-finite numbers")
+
+    monkeypatch.setattr(simulate, "respond", respond)
+    assert cli.main(["simulate", "--record", str(pulse), "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error == "jaxpound: error: the run ended in non-finite numbers\n"
+
+
+@pytest.mark.parametrize(
+    ("series", "room", "name"),
+    [
+        ("npz", 100, "summary.json"),
+        ("npz", 100_000, "series.npz"),
+        ("csv", 100_000, "series.csv"),
+        ("none", 10_000, "overview.png"),
+    ],
+)
+def test_a_full_disk_names_the_file_and_leaves_no_part_of_it(
+    series, room, name, el_centro, el_centro_run, write, tmp_path, capsys
+):
+    """The operating system's own refusal in the middle of a file; compiled by the run before."""
+    resource = pytest.importorskip("resource")
+    out, path = tmp_path / "new" / "out", write({"series": f'series = "{series}"'})
+    arguments = ["simulate", "--record", el_centro, "--config", path, "--out", out]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        assert cli.main([str(argument) for argument in arguments]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    error = capsys.readouterr().err
+    assert error == f"jaxpound: error: {out / name}: File too large\n"
+    left = [] if name == "summary.json" else ["summary.json"]
+    assert [path.name for path in out.glob("*")] == left
+    assert out.exists() == bool(left)  # no empty folder
+
+
+def test_a_command_that_fails_leaves_no_empty_folder(pulse, tmp_path, monkeypatch):
+    monkeypatch.setattr(simulate, "respond", lambda *_, **__: 1 / 0)
+    out = tmp_path / "new" / "out"
+    assert cli.main(["simulate", "--record", str(pulse), "--out", str(out)]) == 2
+    assert not list(tmp_path.iterdir())
