@@ -269,11 +269,13 @@ def _run(
     keep: bool,
 ) -> tuple[System, Demand, _Kept | None]:
     """The system in the run's dtype, the scalars, and the series if they are to be kept."""
-    structures, ground, temperature = spread((structures, ground, temperature))
     dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
     structures, ground, temperature = jax.tree.map(
         lambda x: jnp.asarray(x, dtype), (structures, ground, temperature)
     )
+    # Before the batch is spread: what a record that all runs share has at the steps is not copied.
+    series = excitation(ground, grid, scheme.order).series
+    structures, ground, temperature, series = spread((structures, ground, temperature, series))
     system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
     dt, n, topology = grid.dt, grid.n_steps, system.topology
 
@@ -282,7 +284,7 @@ def _run(
     valid &= all_hold(_temperature_rules(temperature)) & (courant(system, dt, scheme) < 1)
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
     constants = elements(system, dt, scheme.order)
-    shaking = excitation(ground, grid, scheme.order)
+    shaking = excitation(ground, grid, scheme.order)._replace(series=series)
     # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
     first = jax.tree.map(lambda x: x[0], shaking.series)
     start = shaking.at(jnp.zeros((), dtype), first)[1]
@@ -301,7 +303,7 @@ def _run(
         tally = tally.observe(now, constants, dt, m == n, temperature)
         return (state, tally), c, _Kept.of(now) if keep else None
 
-    (state, tally), series = scan_with_history(
+    (state, tally), kept = scan_with_history(
         advance,
         (at_rest(topology, zero), Tally.start(topology, zero, temperature is not None)),
         n,
@@ -317,7 +319,7 @@ def _run(
     closings = [link.closing for link in state.links]
     whole = all_finite(of_all_masses(topology, state.x, closings))
     poison = jnp.where(whole, 1.0, jnp.nan).astype(dtype)
-    return (system, *jax.tree.map(lambda x: x * poison, (scalars, series)))
+    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept)))
 
 
 def all_finite(values: tuple[Any, ...]) -> jax.Array:
