@@ -33,7 +33,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.batches import spread
 from jaxpound.simulation.scan import scan_with_history
-from jaxpound.simulation.scheme import Scheme, courant, require_structures, stability_limit
+from jaxpound.simulation.scheme import Scheme, courant, require_stable, require_structures
 from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
 from jaxpound.simulation.tally import Tally
 
@@ -206,14 +206,7 @@ def _prepare(
                 "a batch of structures goes through jax.vmap"
             )
     enforce("structures", rules(structures))
-    if not is_traced(structures):
-        known = jax.tree.map(np.asarray, structures.system())
-        if not courant(known, grid.dt, scheme, np) < 1:
-            limit = stability_limit(structures, scheme)
-            raise ValueError(
-                f"grid: dt = {grid.dt:.8g} must be below the stability limit {limit:.8g} "
-                "of these structures"
-            )
+    require_stable(structures, grid, scheme)
     traceable = as_pytree(ground, grid)
     if not is_traced((structures, traceable)):
         tell(owner, unresolved(ground, grid.dt), strict)
@@ -317,14 +310,9 @@ def _run(
     # A run that fails on its way is NaN throughout as well, its derivatives too: hence a product,
     # as ``where`` would leave finite derivatives.
     closings = [link.closing for link in state.links]
-    whole = all_finite(of_all_masses(topology, state.x, closings))
-    poison = jnp.where(whole, 1.0, jnp.nan).astype(dtype)
+    ends = jnp.stack(of_all_masses(topology, state.x, closings))
+    poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(dtype)
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept)))
-
-
-def all_finite(values: tuple[Any, ...]) -> jax.Array:
-    """Whether all of them are finite."""
-    return jnp.stack([jnp.isfinite(x) for x in values]).all()
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import is_traced
+from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures, System, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, History, ModalHistory
@@ -117,6 +118,17 @@ def require_structures(owner: str, structures: Any) -> None:
     if not isinstance(structures, Structures) or isinstance(structures, type):
         rule = "AdjacentStructures, a System, or anything else with system()"
         raise ValueError(f"{owner}: structures = {reprlib.repr(structures)} must be {rule}")
+
+
+def require_stable(structures: Structures, grid: TimeGrid, scheme: Scheme) -> None:
+    """A ``ValueError`` for a step with which known structures diverge."""
+    if is_traced(structures):
+        return
+    known = jax.tree.map(np.asarray, structures.system())
+    if not courant(known, grid.dt, scheme, np) < 1:
+        limit = stability_limit(structures, scheme)
+        rule = f"below the stability limit {limit:.8g} of these structures"
+        raise ValueError(f"grid: dt = {grid.dt:.8g} must be {rule}")
 
 
 def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:
