@@ -74,15 +74,26 @@ class Parameter:
 
 
 class Quantity(NamedTuple):
-    """What is known of a number in a result: its kind of quantity, and its names.
+    """What is known of a number in a result.
 
-    ``column`` is its name where results are flat, with braces for the number, from 1, of the mass,
-    rod or link; ``words`` likewise.
+    ``words``, ``column`` and ``symbol`` are its name in a sentence, in a table and in a figure,
+    with braces for the number, from 1, of the mass, rod or link that it belongs to.
     """
 
     kind: str | None
-    words: str
-    column: str
+    words: str = ""
+    column: str = ""
+    symbol: str = ""
+    rank: int = 0
+    """Where tables have it: those of lower rank come first."""
+    limited: bool = False
+    """Whether a design may be limited in it, or pay for it."""
+
+    def of(self, number: str) -> Quantity:
+        """The same, with the number in its names."""
+        return self._replace(
+            words=self.words.replace("{}", number), symbol=self.symbol.replace("{}", number)
+        )
 
 
 def parameter(
@@ -116,9 +127,18 @@ def like(cls: type, name: str) -> Any:
     return dataclasses.field(metadata=field.metadata)
 
 
-def quantity(kind: str | None, words: str = "", column: str = "", **kwargs: Any) -> Any:
-    """A field that is a number or series of a result, of a kind of quantity (None: a number)."""
-    return dataclasses.field(metadata={_KNOWN: Quantity(kind, words, column)}, **kwargs)
+def quantity(
+    kind: str | None,
+    words: str = "",
+    column: str = "",
+    symbol: str = "",
+    rank: int = 0,
+    limited: bool = False,
+    **kwargs: Any,
+) -> Any:
+    """A field that is a number or series of a result; as ``Quantity`` (kind None: a number)."""
+    known = Quantity(kind, words, column, symbol, rank, limited)
+    return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
 
 
 def part(*kinds: type, each: bool = False, **kwargs: Any) -> Any:
@@ -181,6 +201,14 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
 
     register_pytree_with_keys(data_cls, flatten_with_keys, unflatten, flatten)
     return data_cls
+
+
+def assembled(cls: type[T], **fields: Any) -> T:
+    """An object of ``cls`` from values that have been checked already: it is not checked again."""
+    obj = object.__new__(cls)
+    for name, value in fields.items():
+        object.__setattr__(obj, name, value)
+    return obj
 
 
 def check(obj: Any) -> None:

@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
+from tests.made import SCALARS
 from tests.reference import convergence_order, paper_gradient
 
-NAMES = [*(field.name for field in dataclasses.fields(jp.Demand) if field.name != "si"), "pounds"]
+NAMES = [*SCALARS, "soft_min_gap", "pounds"]
 SCHEME, GRID = jp.Scheme(), jp.TimeGrid.until(20.0, 0.04)
 NOISE = 0.1 * np.random.default_rng(0).normal(size=100)
 LANES = 128  # in every batch of the coarse grid, so that each mode of a scheme is compiled once

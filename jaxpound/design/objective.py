@@ -20,19 +20,9 @@ from jaxpound._checks import (
     positive,
     require_share,
 )
+from jaxpound.results.demand import limited_columns
 
-PRICES = (
-    "peak_f1",
-    "peak_f2",
-    "damper_force",
-    "peak_acceleration_1",
-    "peak_acceleration_2",
-    "residual_offset",
-    "peak_x1",
-    "peak_x2",
-    "slip_distance",
-    "friction_work",
-)
+PRICES = ("damper_force", *limited_columns(masses=2, rods=2, links=1))
 """What may be limited or penalised: scalars of ``Demand``, ``residual_offset`` by its size, and
 ``damper_force``, the slip force μ."""
 

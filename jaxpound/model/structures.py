@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from jaxpound._fields import parameter, part, pytree_dataclass
+from jaxpound._fields import assembled, parameter, part, pytree_dataclass
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import GROUND, Link, Rod, System
 
@@ -56,13 +56,14 @@ class AdjacentStructures:
 
     def system(self) -> System:
         """Masses 1 and 1/ρ on rods of stiffness 1 and ε, and the damper between them."""
-        return System(
+        ends = ((0, GROUND), (1, GROUND))
+        pairs = zip((self.rod_1, self.rod_2), (1.0, self.stiffness_ratio), ends, strict=True)
+        damper = assembled(Link, ends=(0, 1), friction=self.friction, gap=self.initial_gap)
+        return assembled(
+            System,
             masses=(1.0, 1 / self.mass_ratio),
-            rods=(
-                Rod(self.rod_1, 1.0, (0, GROUND)),
-                Rod(self.rod_2, self.stiffness_ratio, (1, GROUND)),
-            ),
-            links=(Link((0, 1), self.friction, self.initial_gap),),
+            rods=tuple(assembled(Rod, material=m, stiffness=k, ends=e) for m, k, e in pairs),
+            links=(damper,),
         )
 
     @property

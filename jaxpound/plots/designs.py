@@ -14,7 +14,6 @@ from jaxpound.plots.style import (
     COLOURS,
     FONT_SIZE,
     LINE_WIDTH,
-    QUANTITIES,
     in_house_style,
     label,
     legend,
@@ -23,6 +22,7 @@ from jaxpound.plots.style import (
     new_figure,
     only_shares,
     parameter_name,
+    quantity_of,
     ratio_ticks,
     shade,
     signed_bars,
@@ -138,10 +138,10 @@ def _violation_with_the_design(
 def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str = "min_gap") -> Axes:
     """Empirical distributions of a demand before and after; pounding shaded."""
     ax = new_axes(ax)
-    quantity, words = QUANTITIES[name]
+    kind, words = quantity_of(name)
     columns = (("before", comparison.before, "residual"), ("after", comparison.after, "damper"))
     largest = max(float(np.abs(x[name]).max()) for _, x, _ in columns)
-    factor, unit = unit_for(quantity, comparison.si, largest)
+    factor, unit = unit_for(str(kind), comparison.si, largest)
     share = np.arange(1, len(comparison) + 1) / len(comparison)
     for when, x, colour in columns:
         ranked = factor * np.sort(x[name])
@@ -160,9 +160,9 @@ def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str =
 def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
     """Pareto front: the objective over the limited demand, a point for each design."""
     ax = new_axes(ax)
-    quantity, words = QUANTITIES[front.price]
+    kind, words = quantity_of(front.price)
     si = front.designs[0].trained.si
-    factor, unit = unit_for(quantity, si, float(front.prices.max()))
+    factor, unit = unit_for(str(kind), si, float(front.prices.max()))
     ax.plot(
         factor * front.prices,
         front.objectives,

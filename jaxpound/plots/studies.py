@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from jaxpound.plots.style import (
     COLOURS,
     CYCLE,
-    QUANTITIES,
     bars,
     in_house_style,
     label,
@@ -23,6 +22,7 @@ from jaxpound.plots.style import (
     only_shares,
     parameter_axis,
     parameter_name,
+    quantity_of,
     ratio_ticks,
     shade,
     signed_bars,
@@ -182,8 +182,8 @@ def scatter_matrix(
     figure = new_figure(0.35 + 0.4 * len(names), 0.13 + 0.72 * len(demands))
     panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
     for row, demand in zip(panels, demands, strict=True):
-        known = demand in QUANTITIES
-        factor = _unit(study, demand, QUANTITIES[demand][0])[0] if known else 1.0
+        kind, _ = quantity_of(demand)
+        factor = _unit(study, demand, kind)[0] if kind else 1.0
         values = factor * study[demand][:_MOST_DOTS]
         for ax, name in zip(row, names, strict=True):
             drawn = parameters[name][:_MOST_DOTS]
@@ -239,14 +239,12 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
 
 
 def _plain(column: str) -> str:
-    return QUANTITIES[column][1] if column in QUANTITIES else column.replace("_", " ")
+    return quantity_of(column)[1]
 
 
 def _name(study: Study, column: str) -> str:
-    if column not in QUANTITIES:
-        return column.replace("_", " ")
-    quantity, words = QUANTITIES[column]
-    return f"{words} ({_unit(study, column, quantity)[1]})"
+    kind, words = quantity_of(column)
+    return f"{words} ({_unit(study, column, kind)[1]})" if kind else words
 
 
 def _unit(study: Study, column: str, quantity: str) -> tuple[float, str]:

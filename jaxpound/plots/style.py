@@ -29,7 +29,7 @@ from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System
 from jaxpound.quantities import DIMENSIONLESS, SI
-from jaxpound.results.demand import kind_of
+from jaxpound.results.demand import known_of
 from jaxpound.study.random_ground import WAVELET_KINDS
 
 # Okabe and Ito's colours, which stay apart for every kind of colour vision, by what they stand for;
@@ -63,28 +63,14 @@ LINE_WIDTH = _HOUSE["lines.linewidth"]
 CYCLE = [style["color"] for style in _HOUSE["axes.prop_cycle"]]
 _SHADE = 0.3
 
-_WORDS = {
-    "min_gap": r"min gap $\xi$",
-    "min_gap_time": "time of min gap $t$",
-    "peak_x1": "peak $|x_1|$",
-    "peak_x2": "peak $|x_2|$",
-    "peak_f1": "peak $|f_1|$",
-    "peak_f2": "peak $|f_2|$",
-    "peak_acceleration_1": "peak $|a_1|$",
-    "peak_acceleration_2": "peak $|a_2|$",
-    "damper_force": "slip force",
-    "slip_distance": "slip distance",
-    "friction_work": "friction work",
-    "residual_offset": "residual offset",
-    "pga": "PGA",
-    "pgv": "PGV",
-    "required_gap": "required gap",
-}
 
-QUANTITIES: dict[str, tuple[Any, str]] = {
-    name: (kind_of(name), words) for name, words in _WORDS.items()
-}
-"""Kind of each demand, and its name in a figure."""
+def quantity_of(name: str) -> tuple[str | None, str]:
+    """Kind of a scalar, and its name in a figure; of another column None, and its own name."""
+    known = known_of(name)
+    if known is None or not known.symbol:
+        return None, name.replace("_", " ")
+    return known.kind, known.symbol
+
 
 # Whose paths a figure may meet, of a study that was opened say, without an object of them.
 _WITH_PARAMETERS = (AdjacentStructures, System)

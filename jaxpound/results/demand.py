@@ -12,17 +12,36 @@ from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
-from jaxpound.results.elements import ByElement, are_known, chosen, place_of, run_numbers
+from jaxpound.results.elements import (
+    ByElement,
+    are_known,
+    chosen,
+    columns_of,
+    place_of,
+    run_numbers,
+)
 
 
 @pytree_dataclass
 class MassDemand:
     """Scalars of a mass."""
 
-    peak_x: Any = quantity("length", "peak displacement of building {}", "peak_x{}")
+    peak_x: Any = quantity(
+        "length",
+        "peak displacement of building {}",
+        "peak_x{}",
+        "peak $|x_{}|$",
+        rank=2,
+        limited=True,
+    )
     """Largest |x|, displacement relative to the ground."""
     peak_acceleration: Any = quantity(
-        "acceleration", "peak absolute acceleration of building {}", "peak_acceleration_{}"
+        "acceleration",
+        "peak absolute acceleration of building {}",
+        "peak_acceleration_{}",
+        "peak $|a_{}|$",
+        rank=4,
+        limited=True,
     )
     """Largest absolute acceleration |x'' + u''|."""
 
@@ -31,7 +50,14 @@ class MassDemand:
 class RodDemand:
     """Scalars of a rod."""
 
-    peak_force: Any = quantity("force", "peak base shear of building {}", "peak_f{}")
+    peak_force: Any = quantity(
+        "force",
+        "peak base shear of building {}",
+        "peak_f{}",
+        "peak $|f_{}|$",
+        rank=3,
+        limited=True,
+    )
     """Largest |f|, the rod's force (of a rod to the ground, the base shear)."""
 
 
@@ -39,17 +65,42 @@ class RodDemand:
 class LinkDemand:
     """Scalars of a link."""
 
-    min_gap: Any = quantity("length", "smallest gap", "min_gap")
+    min_gap: Any = quantity("length", "smallest gap", "min_gap", r"min gap $\xi$", rank=0)
     """Smallest gap ξ, where the slip velocity vanishes or at an end of the run."""
-    min_gap_time: Any = quantity("time", "time of the smallest gap", "min_gap_time")
+    min_gap_time: Any = quantity(
+        "time", "time of the smallest gap", "min_gap_time", "time of min gap $t$", rank=1
+    )
     """When the gap is smallest."""
-    slip_distance: Any = quantity("length", "distance slid by the damper", "slip_distance")
+    slip_distance: Any = quantity(
+        "length",
+        "distance slid by the damper",
+        "slip_distance",
+        "slip distance",
+        rank=5,
+        limited=True,
+    )
     """Distance slid by the damper, ∫ |w| dt with the slip velocity w."""
-    friction_work: Any = quantity("energy", "energy taken by the damper", "friction_work")
+    friction_work: Any = quantity(
+        "energy",
+        "energy taken by the damper",
+        "friction_work",
+        "friction work",
+        rank=6,
+        limited=True,
+    )
     """Energy taken by the damper, ∫ q w dt."""
-    residual_offset: Any = quantity("length", "residual offset", "residual_offset")
+    residual_offset: Any = quantity(
+        "length", "residual offset", "residual_offset", "residual offset", rank=7, limited=True
+    )
     """x_j − x_i at the end of the run: by how much the gap has changed."""
-    soft_min_gap: Any = quantity("length", "soft minimum of the gap", "soft_min_gap", default=None)
+    soft_min_gap: Any = quantity(
+        "length",
+        "soft minimum of the gap",
+        "soft_min_gap",
+        r"soft min gap $\xi$",
+        rank=10,
+        default=None,
+    )
     """−T log of the mean of e^(−ξ/T) over the run, for the temperature T given to ``demand``."""
 
 
@@ -86,9 +137,9 @@ class Demand(ByElement, Columnar, Shown):
     """Scalars of each rod."""
     links: tuple[LinkDemand, ...] = part()
     """Scalars of each link."""
-    pga: Any = quantity("acceleration", "peak ground acceleration")
+    pga: Any = quantity("acceleration", "peak ground acceleration", "pga", "PGA", rank=8)
     """Peak ground acceleration, largest |u''| at the instants of the run."""
-    pgv: Any = quantity("velocity", "peak ground velocity")
+    pgv: Any = quantity("velocity", "peak ground velocity", "pgv", "PGV", rank=9)
     """Peak ground velocity, largest |u'| there, from rest by the trapezoidal rule."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
@@ -109,11 +160,14 @@ class Demand(ByElement, Columnar, Shown):
                 own[place.field] = value
             elif not (several and name in ("min_gap", "min_gap_time")):  # of all links
                 found[place.group].setdefault(place.element, {})[place.field] = value
-        groups = {
-            group: tuple(kind(**found[group][i]) for i in sorted(found[group]))
-            for group, kind in cls._elements.items()
-        }
-        return cls(**groups, **own, si=si)
+        try:
+            groups = {
+                group: tuple(kind(**found[group][i]) for i in sorted(found[group]))
+                for group, kind in cls._elements.items()
+            }
+            return cls(**groups, **own, si=si)
+        except TypeError as error:
+            raise ValueError(f"Demand.of_columns: columns must be complete: {error}") from error
 
     @property
     def min_gap(self) -> Any:
@@ -152,10 +206,11 @@ class Demand(ByElement, Columnar, Shown):
         Python's numbers for a single run, arrays for a batch; under ``jit``, ``vmap`` or ``grad``
         what JAX traces.
         """
-        closest = {"min_gap": self.min_gap, "min_gap_time": self.min_gap_time}
-        values = closest if self.links else {}
-        for field in _ORDER:
-            values |= {field: getattr(self, field)} if field in _OWN else self.flat(field)
+        values: dict[str, Any] = {}
+        if self.links:  # of all links; that of a single one is the same
+            values = {"min_gap": self.min_gap, "min_gap_time": self.min_gap_time}
+        for _, names in self.columns():
+            values |= {name: getattr(self, name) for name in names}
         known = {name: value for name, value in values.items() if value is not None}
         known |= {"pounds": self.pounds} if self.links else {}
         if not are_known(self) or any(map(jnp.ndim, known.values())):
@@ -211,18 +266,12 @@ def _range(values: np.ndarray) -> tuple[float, float, float]:
     return float(values.min()), float(np.median(values)), float(values.max())
 
 
-_OWN = ("pga", "pgv")
-_ORDER = (  # in which tables have them
-    *("min_gap", "min_gap_time", "peak_x", "peak_force", "peak_acceleration"),
-    *("slip_distance", "friction_work", "residual_offset", "pga", "pgv", "soft_min_gap"),
-)
-
 _OTHERS = {
-    "damper_force": Quantity("force", "slip force of the damper", ""),
-    "required_gap": Quantity("length", "required gap", ""),
-    "initial_gap": Quantity("length", "gap at rest", ""),
-    "spectral_acceleration_1": Quantity("acceleration", "spectral acceleration at period 1", ""),
-    "spectral_acceleration_2": Quantity("acceleration", "spectral acceleration at period 2", ""),
+    "damper_force": Quantity("force", "slip force of the damper", symbol="slip force"),
+    "required_gap": Quantity("length", "required gap", symbol="required gap"),
+    "initial_gap": Quantity("length", "gap at rest"),
+    "spectral_acceleration_1": Quantity("acceleration", "spectral acceleration at period 1"),
+    "spectral_acceleration_2": Quantity("acceleration", "spectral acceleration at period 2"),
 }
 """What studies and designs know by name besides."""
 
@@ -248,3 +297,9 @@ def kind_of(name: str) -> str | None:
 def unit_of(name: str, si: bool) -> str:
     """Unit of a scalar; nothing for a column of which it is not known."""
     return unit(kind_of(name), si)
+
+
+def limited_columns(**sizes: int) -> list[str]:
+    """Flat names of what a design may be limited in, given numbers of elements."""
+    columns = columns_of(Demand, sizes)
+    return [name for known, names in columns if known.limited for name in names]

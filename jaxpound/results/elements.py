@@ -9,6 +9,7 @@ are several.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import jax
@@ -46,9 +47,9 @@ class ByElement:
             _flat_name(known, i, len(items)): getattr(item, field) for i, item in enumerate(items)
         }
 
-    def flat_names(self) -> list[str]:
-        """The flat names of all quantities of masses, rods and links."""
-        return [name for field in _fields_of_elements(type(self)) for name in self.flat(field)]
+    def columns(self) -> list[tuple[Quantity, list[str]]]:
+        """Every quantity and its flat names, in the order of tables."""
+        return columns_of(type(self), {group: len(getattr(self, group)) for group in GROUPS})
 
     def __getattr__(self, name: str) -> Any:
         place = None if name in GROUPS or name[:2] == "__" else place_of(type(self), name)
@@ -63,7 +64,20 @@ class ByElement:
         raise AttributeError(f"{type(self).__name__} has no {name!r}: {rule}", name=name, obj=self)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self.flat_names()})
+        flat = [name for _, names in self.columns() for name in names]
+        return sorted({*super().__dir__(), *flat})
+
+
+def columns_of(cls: type[ByElement], sizes: Mapping[str, int]) -> list[tuple[Quantity, list[str]]]:
+    """Every quantity of a class of results, and its flat names, in the order of tables.
+
+    ``sizes`` are the numbers of masses, rods and links.
+    """
+    ranked = [(known, [name]) for name, known in quantities(cls).items()]
+    for group, known in _fields_of_elements(cls).values():
+        n = sizes[group]
+        ranked.append((known, [_flat_name(known, i, n) for i in range(n)]))
+    return sorted(ranked, key=lambda one: one[0].rank)
 
 
 def place_of(cls: type[ByElement], name: str) -> Place | None:
@@ -73,8 +87,7 @@ def place_of(cls: type[ByElement], name: str) -> Place | None:
     for field, (group, known) in _fields_of_elements(cls).items():
         if found := re.fullmatch(_pattern(known), name):
             number = found[1] or "1"
-            known = known._replace(words=known.words.format(number))
-            return Place(group, int(number) - 1, field, known)
+            return Place(group, int(number) - 1, field, known.of(number))
     return None
 
 

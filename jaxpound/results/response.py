@@ -215,7 +215,7 @@ class Response(ByElement, Columnar, Shown):
             does not exist.
         """
         require_single("phases", self)
-        if not 0 <= link < len(self.links):
+        if link not in range(len(self.links)):
             rule = f"the number of one of the {len(self.links)} links, from 0"
             raise ValueError(f"phases: link = {link!r} must be {rule}")
         if not np.isfinite(self.links[link].phase).all():

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold, enforce, finite, instance, is_traced, number
-from jaxpound._fields import Parameter, rules, walk
+from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import (
     Ground,
@@ -33,7 +33,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.batches import spread
 from jaxpound.simulation.scan import scan_with_history
-from jaxpound.simulation.scheme import Scheme, courant, require_stable, require_structures
+from jaxpound.simulation.scheme import Scheme, courant, require_stable, system_of
 from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
 from jaxpound.simulation.tally import Tally
 
@@ -173,6 +173,10 @@ def demand(
     shaking = _prepare("demand", structures, ground, grid, scheme, strict)
     if temperature is not None:
         temperature = number("demand", "temperature", temperature)
+        if not structures.system().links:
+            raise ValueError(
+                f"demand: temperature = {temperature} must be of gaps: there is no link"
+            )
         enforce("demand", _temperature_rules(temperature))
     found = _finished(_demand(structures, shaking, grid, scheme, temperature))
     _look("demand", structures, ground, found, strict)
@@ -195,18 +199,20 @@ def _prepare(
     strict: bool,
 ) -> Ground:
     """Refuse what is known to be wrong; put the ground motion in a form that can be traced."""
-    require_structures("run", structures)
+    system = system_of("run", structures)
     instance("run", "grid", grid, TimeGrid)
     instance("run", "scheme", scheme, Scheme)
     require_ground("ground", ground)
-    for rule in rules(structures):
+    # A system of one's own making is judged by its parts, ours by their own parameters.
+    found = rules(structures) or rules(system)
+    for rule in found:
         if jnp.ndim(rule.value):
             raise ValueError(
                 f"structures: {rule.name} of shape {jnp.shape(rule.value)} must be one number; "
                 "a batch of structures goes through jax.vmap"
             )
-    enforce("structures", rules(structures))
-    require_stable(structures, grid, scheme)
+    enforce("structures", found)
+    require_stable(system, grid, scheme)
     traceable = as_pytree(ground, grid)
     if not is_traced((structures, traceable)):
         tell(owner, unresolved(ground, grid.dt), strict)
@@ -219,13 +225,13 @@ def _look(
     """Warn of what a run that is known shows to be implausible, or refuse it."""
     if is_traced((structures, found)):
         return
-    findings = excessive(ground, found.pga)
-    gaps = [path for path, known, _ in walk(structures, Parameter) if known.kind == "length"]
-    for path, link in zip(gaps, structures.system().links, strict=False):
+    findings, gaps = excessive(ground, found.pga), structures.system().links
+    for k, link in enumerate(gaps):
         if link.gap < np.inf:  # else no contact is meant
             ends = [end for end in link.ends if end != GROUND]
             moved = sum(found.masses[end].peak_x for end in ends)
-            findings += far_apart(path, link.gap, moved, si=False)
+            name = "initial_gap" if hasattr(structures, "initial_gap") else f"links.{k}.gap"
+            findings += far_apart(name, link.gap, moved, si=False)
     tell(owner, findings, strict)
 
 
@@ -378,18 +384,14 @@ def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Sc
 def _finished(result: Any) -> Any:
     """The result of a run; a run that is known to have failed raises."""
     scalars = result.demand if isinstance(result, Response) else result
-    if is_traced(scalars):
+    if is_traced(scalars) or all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         return result
     # A gap without end stays so.
     gaps = [gap for link in scalars.links for gap in (link.min_gap, link.soft_min_gap)]
-    others = jax.tree.leaves(
-        dataclasses.replace(
-            scalars,
-            links=tuple(
-                dataclasses.replace(x, min_gap=0.0, soft_min_gap=0.0) for x in scalars.links
-            ),
-        )
+    closed = tuple(
+        dataclasses.replace(link, min_gap=0.0, soft_min_gap=0.0) for link in scalars.links
     )
+    others = jax.tree.leaves(dataclasses.replace(scalars, links=closed))
     above = [gap > -np.inf for gap in gaps if gap is not None]
     if not all(np.all(x) for x in [*above, *map(np.isfinite, others)]):
         raise FloatingPointError(

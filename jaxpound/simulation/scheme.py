@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import is_traced
+from jaxpound._checks import instance, is_traced
 from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures, System, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
@@ -99,51 +99,57 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     >>> round(jp.stability_limit(structures, jp.PAPER_SCHEME), 3)
     0.561
     """
-    owner = "stability_limit"
-    require_structures(owner, structures)
-    if is_traced(structures):
-        raise ValueError(f"{owner}: structures must be known, not traced")
-    known = jax.tree.map(np.asarray, structures.system())
-    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods], np)
+    system = system_of("stability_limit", structures)
+    if is_traced(system):
+        raise ValueError("stability_limit: structures must be known, not traced")
+    known = jax.tree.map(np.asarray, system)
+    groups = rod_groups(known.topology)
+    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods], groups, np)
     low, high = 0.0, 2 / float(np.max(static)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
-        stable = (courant(known, middle, scheme, np) < 1).all()
+        stable = (courant(known, middle, scheme, np, groups) < 1).all()
         low, high = (middle, high) if stable else (low, middle)
     return float(low)
 
 
-def require_structures(owner: str, structures: Any) -> None:
-    """A ``ValueError`` for what no run can be made of."""
+def system_of(owner: str, structures: Any) -> System:
+    """The system of structures; a ``ValueError`` for what is none."""
     if not isinstance(structures, Structures) or isinstance(structures, type):
         rule = "AdjacentStructures, a System, or anything else with system()"
         raise ValueError(f"{owner}: structures = {reprlib.repr(structures)} must be {rule}")
+    system = structures.system()
+    instance(owner, "structures.system()", system, System)
+    return system
 
 
-def require_stable(structures: Structures, grid: TimeGrid, scheme: Scheme) -> None:
-    """A ``ValueError`` for a step with which known structures diverge."""
-    if is_traced(structures):
+def require_stable(system: System, grid: TimeGrid, scheme: Scheme) -> None:
+    """A ``ValueError`` for a step with which a known system diverges."""
+    if is_traced(system):
         return
-    known = jax.tree.map(np.asarray, structures.system())
+    known = jax.tree.map(np.asarray, system)
     if not courant(known, grid.dt, scheme, np) < 1:
-        limit = stability_limit(structures, scheme)
+        limit = stability_limit(system, scheme)
         rule = f"below the stability limit {limit:.8g} of these structures"
         raise ValueError(f"grid: dt = {grid.dt:.8g} must be {rule}")
 
 
-def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:
+def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp, groups: Any = None) -> Any:
     """h² λ / 4, below 1 where explicit stepping is stable (see ``stability_limit``)."""
     stiffness = [
         nyquist_stiffness(rod.material, rod.stiffness, dt, scheme.order) for rod in system.rods
     ]
-    return dt**2 / 4 * _largest_eigenvalue(system, stiffness, xp)
+    groups = rod_groups(system.topology) if groups is None else groups
+    return dt**2 / 4 * _largest_eigenvalue(system, stiffness, groups, xp)
 
 
-def _largest_eigenvalue(system: System, stiffness: list[Any], xp: Any) -> Any:
+def _largest_eigenvalue(
+    system: System, stiffness: list[Any], groups: list[tuple[int, ...]], xp: Any
+) -> Any:
     """The largest eigenvalue of M⁻¹ K with a stiffness for each rod."""
     topology = system.topology
     largest: Any = 0.0
-    for masses in rod_groups(topology):  # masses that no rods join do not know of each other
+    for masses in groups:  # those that no rods join are uncoupled
         rods = [k for k, ends in enumerate(topology.rods) if set(ends) & {*masses}]
         k = xp.stack(xp.broadcast_arrays(*[stiffness[i] for i in rods]), -1)
         m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)

@@ -110,6 +110,7 @@ def test_numbers_of_any_kind_are_taken_and_kept_as_leaves():
     assert (doubled.masses, doubled.rods[0].ends) == ((2.0, 4.0), (0, -1))
 
 
+@pytest.mark.unchecked
 def test_a_run_refuses_what_is_no_structure():
     grid = jp.TimeGrid(0.1, 10)
     for wrong in (ROD, 3.0, jp.System, None):
