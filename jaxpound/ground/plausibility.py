@@ -74,7 +74,7 @@ def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
         return []
     return [
         f"{name} = {gap:.4g} {unit} should be at most {FAR_GAP:.0f} times what the buildings move, "
-        f"{moved:.4g} {unit} (peak_x1 + peak_x2): are the units right?"
+        f"{moved:.4g} {unit} (peaks of both its sides): are the units right?"
     ]
 
 
