@@ -8,4 +8,4 @@ units are written.
 from jaxpound.ground.formats import at2, columns, knet
 
 FORMATS = (knet.FORMAT, at2.FORMAT, columns.FORMAT)
-"""The first that fits a file reads it; the last fits all."""
+"""The first that fits a file reads it; the last fits every file."""
