@@ -70,9 +70,9 @@ class FrictionLaw(Protocol):
 class EventResolved:
     """Coulomb's law with the instants of stopping and of breaking away found within the step.
 
-    The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event,
-    θ < φ < 1 a stop with a breakaway after it, θ = φ a reversal. All three follow in closed form
-    from the linear A(τ). Value and gradient of a run are second-order accurate in h, in the root mean
+    The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event, θ <
+    φ < 1 a stop with a breakaway after it, θ = φ a reversal. All three follow in closed form from
+    the linear A(τ). Value and gradient of a run are second-order accurate in h, in the root mean
     square over where events fall within a step. More events than these in one step, such as a
     breakaway that turns back within it, are not followed, so that phases shorter than a step may be
     missed; the force stays within ±μ all the same.
