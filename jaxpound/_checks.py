@@ -63,7 +63,7 @@ def real(owner: str, name: str, value: Any) -> Any:
 
 
 def number(owner: str, name: str, value: Any) -> Any:
-    """``real``, for what must be one number."""
+    """``real`` of a single number; a ``ValueError`` for an array."""
     value = real(owner, name, value)
     if jnp.ndim(value):
         raise ValueError(f"{owner}: {name} of shape {jnp.shape(value)} must be one number")
@@ -71,7 +71,7 @@ def number(owner: str, name: str, value: Any) -> Any:
 
 
 def count(owner: str, name: str, value: Any) -> int:
-    """``value`` as an integer; a ``ValueError`` for what is not a whole number from 1 on."""
+    """``value`` as an integer; a ``ValueError`` if it is not a positive whole number."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (whole and value >= 1):
         raise ValueError(f"{owner}: {name} = {value!r} must be a positive whole number")
@@ -79,7 +79,7 @@ def count(owner: str, name: str, value: Any) -> int:
 
 
 def seed(owner: str, name: str, value: Any) -> int:
-    """``value`` as a seed; a ``ValueError`` for what is not a whole number from 0 to 2^32 − 1."""
+    """``value`` as a seed; a ``ValueError`` if it is not a whole number from 0 to 2^32 − 1."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (whole and 0 <= value < 2**32):
         rule = "a whole number from 0 to 2^32 - 1"

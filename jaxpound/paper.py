@@ -48,7 +48,7 @@ def grid() -> TimeGrid:
 
 
 class Reference(NamedTuple):
-    """What an independent solver finds for the paper's case, dimensionless."""
+    """Results of an independent solver for the paper's case, dimensionless."""
 
     min_gap_change: float
     """Smallest x2 − x1, in g/ω1²; the smallest gap is this plus ξ0."""

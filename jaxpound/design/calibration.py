@@ -54,7 +54,7 @@ class Calibration(Shown):
 
     structures: AdjacentStructures
     parameters: dict[str, Estimate]
-    """By path: value and interval, from the linearised least squares (Student's t)."""
+    """Value and interval by path, from the linearised least squares (Student's t)."""
     correlation: np.ndarray
     """Correlation matrix of the estimates, shape (d, d)."""
     noise: dict[str, float]

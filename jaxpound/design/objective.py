@@ -33,8 +33,8 @@ PRICES = (
     "slip_distance",
     "friction_work",
 )
-"""Demands that may be limited or penalised: scalars of ``Demand``, with |``residual_offset``|, and
-``damper_force``, the slip force μ."""
+"""Demands that may be limited or penalised: scalars of ``Demand``, ``residual_offset`` by its
+absolute value, and ``damper_force``, the slip force μ."""
 
 
 @runtime_checkable
@@ -224,7 +224,7 @@ class Penalty:
 
 
 def require_over(owner: str, over: Any) -> None:
-    """A ``ValueError`` for what is not "worst", "mean" or a share."""
+    """A ``ValueError`` if ``over`` is not "worst", "mean" or a share."""
     if isinstance(over, str):
         if over not in ("worst", "mean"):
             raise ValueError(f"{owner}: over = {over!r} must be 'worst', 'mean' or a share")

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class ParetoFront(Shown):
-    """Designs of which none dominates another in objective and limited demand, by that demand."""
+    """Designs that do not dominate each other in objective and limited demand, in its order."""
 
     price: str
     over: str | float
@@ -175,7 +175,7 @@ def pareto_front(
 
 
 def _front(designs: Sequence[Design], price: str) -> tuple[Design, ...]:
-    """Designs of which none dominates another in objective and limited demand."""
+    """Designs that do not dominate each other in objective and limited demand."""
     front: list[Design] = []
     for design in sorted(designs, key=lambda one: (one.prices[price], -one.objective)):
         if not front or design.objective > front[-1].objective:

@@ -195,7 +195,7 @@ class Descent:
         )
 
     def _identity(self, state: State) -> dict[str, Any]:
-        """What determines every number of a search."""
+        """All that determines the numbers of a search."""
         data, problem = self.data, self.lagrangian.problem
         posed = ("space", "objective", "grid", "scheme", "scales")
         numbers = ("limits", "tolerance")

@@ -193,7 +193,7 @@ def _prepare(
     scheme: Scheme,
     strict: bool,
 ) -> Ground:
-    """Refuse what is known to be wrong; put the ground motion in a form that can be traced."""
+    """Refuse known invalid input; put the ground motion in a form that can be traced."""
     require_structures("run", structures)
     instance("run", "grid", grid, TimeGrid)
     instance("run", "scheme", scheme, Scheme)

@@ -49,7 +49,7 @@ class Block(NamedTuple):
 
 
 class Values(NamedTuple):
-    """What a layout makes of the rows; ``rows`` hold the accelerations alone."""
+    """The values of a file as read by its layout; ``rows`` hold the accelerations alone."""
 
     samples: NDArray[np.float64]
     dt: float

@@ -112,7 +112,7 @@ def time_unit(stated: dict[str, int]) -> str | None:
 
 
 def inside_of(bracket: re.Match[str]) -> str:
-    """What a bracket holds, as (in g) holds g."""
+    """The text inside a bracket: g of (in g)."""
     inside = bracket[1].strip()
     return inside[3:] if inside[:3].lower() == "in " else inside
 
