@@ -82,7 +82,10 @@ nitpick_ignore_regex = [
     ),
     ("py:class", "ArrayLike|Axes|GradientTransformation|PathLike"),
     # What only the package's own code meets, and unions with names of their own.
-    ("py:class", r"jaxpound\._.*|jaxpound\.simulation\.(batches|friction|history)\..*|GroundLike|Structures"),
+    (
+        "py:class",
+        r"jaxpound\._.*|jaxpound\.simulation\.(batches|friction|history)\..*|GroundLike|Structures",
+    ),
     ("py:class", r"jaxpound\.design\.design\.History"),
 ]
 

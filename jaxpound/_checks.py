@@ -1,7 +1,7 @@
 """Rules for input, stated once and applied twice.
 
-A rule is checked with a ``ValueError`` where the value is known, and becomes a traced flag that
-turns every result into NaN where it is not (under ``jit``, ``vmap`` or ``grad``).
+A known value that breaks a rule raises a ``ValueError``; for a traced one (under ``jit``, ``vmap``
+or ``grad``) the rule becomes a traced flag that turns every result into NaN.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def real(owner: str, name: str, value: Any) -> Any:
 
 
 def number(owner: str, name: str, value: Any) -> Any:
-    """``real``, for what must be one number."""
+    """``real`` of a single number; a ``ValueError`` for an array."""
     value = real(owner, name, value)
     if jnp.ndim(value):
         raise ValueError(f"{owner}: {name} of shape {jnp.shape(value)} must be one number")
@@ -71,7 +71,7 @@ def number(owner: str, name: str, value: Any) -> Any:
 
 
 def count(owner: str, name: str, value: Any) -> int:
-    """``value`` as an integer; a ``ValueError`` for what is not a whole number from 1 on."""
+    """``value`` as an integer; a ``ValueError`` if it is not a positive whole number."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (whole and value >= 1):
         raise ValueError(f"{owner}: {name} = {value!r} must be a positive whole number")
@@ -79,7 +79,7 @@ def count(owner: str, name: str, value: Any) -> int:
 
 
 def seed(owner: str, name: str, value: Any) -> int:
-    """``value`` as a seed; a ``ValueError`` for what is not a whole number from 0 to 2^32 − 1."""
+    """``value`` as a seed; a ``ValueError`` if it is not a whole number from 0 to 2^32 − 1."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (whole and 0 <= value < 2**32):
         rule = "a whole number from 0 to 2^32 - 1"
@@ -88,10 +88,10 @@ def seed(owner: str, name: str, value: Any) -> int:
 
 
 def require_memory(owner: str, name: str, value: int, size: int) -> None:
-    """A ``ValueError`` for a number of things that take more memory than this machine can give.
+    """A ``ValueError`` if ``value`` items need more memory than this machine can give.
 
-    ``size`` is what they take at least, in bytes, estimated before any of it is asked for. Beside
-    it the program itself needs memory: what may be asked for is a share of what there is.
+    ``size`` is a lower bound in bytes, estimated before anything is allocated. The program itself
+    needs memory too, so that only a fraction of the machine's is allowed.
     """
     memory = machine_memory()
     if size > _MOST_MEMORY * memory:
@@ -103,7 +103,7 @@ def require_memory(owner: str, name: str, value: int, size: int) -> None:
 def machine_memory() -> int:
     """Bytes of memory of this machine, or of the part of it that this process may use.
 
-    Where the system does not tell, as many as no machine has: nothing is refused then.
+    Where the system does not report it, more than any machine has, so that nothing is refused.
     """
     known = [_MORE_THAN_ANY]
     with contextlib.suppress(AttributeError, ValueError, OSError):
@@ -136,19 +136,19 @@ def require_share(owner: str, name: str, value: Any) -> None:
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:
-    """The question whether the nearest of the allowed words was meant, or nothing."""
+    """A question with the closest of the allowed words; empty if none is close."""
     close = difflib.get_close_matches(word, allowed, n=1)
     return f"did you mean {close[0]!r}?" if close else ""
 
 
 def hint(word: Any, allowed: Iterable[str]) -> str:
-    """What may have been meant by an unknown word, or all that is allowed."""
+    """``did_you_mean`` for an unknown word, or else the list of all allowed words."""
     allowed = list(allowed)
     return did_you_mean(str(word), allowed) or f"allowed: {', '.join(allowed)}"
 
 
 def refusal(call: Callable[[], Any]) -> str:
-    """What a run says that fails where its values are known, or nothing."""
+    """Message of the error that a call with known values raises; empty if it raises none."""
     try:
         call()
     except (ValueError, FloatingPointError) as error:
@@ -175,7 +175,7 @@ def _numbers(
 
 
 def one_batch(owner: str, **values: Any) -> None:
-    """A ``ValueError`` for arrays whose shapes do not make one batch."""
+    """A ``ValueError`` for arrays whose shapes do not broadcast to one batch."""
     shapes = {name: jnp.shape(value) for name, value in values.items()}
     try:
         np.broadcast_shapes(*shapes.values())

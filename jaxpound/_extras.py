@@ -1,4 +1,4 @@
-"""Libraries that only some of the package needs, and the extra that brings each."""
+"""Optional libraries, and the extra of ``pyproject.toml`` that installs each."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import importlib
 from typing import Any
 
 EXTRAS = {"pandas": "tables", "pyarrow": "tables", "ipywidgets": "notebooks"}
-"""The extra of ``pyproject.toml`` that brings a library."""
+"""The extra that installs a library."""
 
 
 def require(owner: str, library: str) -> Any:
-    """The library; an ``ImportError`` in the owner's name that says which extra brings it."""
+    """Import a library; the ``ImportError`` names ``owner`` and the extra that installs it."""
     try:
         return importlib.import_module(library)
     except ModuleNotFoundError as error:
-        if error.name != library:  # it is there, and what it needs itself is not
+        if error.name != library:  # installed, but one of its own dependencies is not
             raise
         extra = EXTRAS[library]
         brings = f"the extra {extra!r} brings: pip install '.[{extra}]' in a clone of jaxpound"

@@ -1,9 +1,9 @@
-"""The larger and the smaller of two numbers, where they are differentiated.
+"""Maximum and minimum of two numbers, with a derivative that survives compilation.
 
 ``jnp.maximum`` and ``jnp.max`` find the branch of their derivative by comparing the result with the
 operands. A compiled program may evaluate an operand twice, rounded differently; it then equals
-neither, and the derivative is lost as a zero, or as 0/0. Here a comparison decides, as in the
-value.
+neither, and the derivative is lost as a zero, or as 0/0. Here comparing the operands with each
+other selects the branch, for the value and the derivative alike.
 """
 
 from __future__ import annotations

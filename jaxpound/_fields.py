@@ -1,8 +1,8 @@
-"""Frozen dataclasses that JAX can trace, batch and differentiate, and whose fields know themselves.
+"""Frozen dataclasses that JAX can trace, batch and differentiate, with metadata at fields.
 
-A ``parameter`` says at its field what it may be, its kind of quantity and its symbol; a
-``quantity``, a field of a result, its kind and its name in words. Rules, units, labels and columns
-are read from there: ``rules``, ``walk``.
+A ``parameter`` field states its admissible values, kind of quantity and symbol; a ``quantity``, a
+field of a result, its kind and its name in words. Rules, units, labels and columns are read from
+these metadata: ``rules``, ``walk``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ROLE, _KNOWN = "jaxpound_role", "jaxpound_known"
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """What is known of a parameter: what it may be, its kind of quantity, its symbol and name."""
+    """Metadata of a parameter: admissible values, kind of quantity, symbol and name."""
 
     symbol: str
     kind: str | None
@@ -36,20 +36,20 @@ class Parameter:
     single: bool
     """Whether it must be one number, not an array."""
     usual: tuple[float, float] | None
-    """Between which numbers it usually is."""
+    """Its usual range."""
 
     @property
     def low(self) -> float | str | None:
-        """The lower bound: a number, or the field of the object that has it."""
+        """The lower bound: a number, or the name of the field that holds it."""
         return self.least if self.above is None else self.above
 
     @property
     def is_ratio(self) -> bool:
-        """Whether values are told apart by their ratios: positive, without an upper limit."""
+        """Whether a logarithmic scale suits it: positive, without an upper limit."""
         return self.most is None and (self.above == 0 or isinstance(self.low, str))
 
     def rule(self, owner: Any, name: str, value: Any) -> Rule:
-        """The rule of the value; ``owner`` has what it is compared with."""
+        """The rule for a value; ``owner`` is the object whose other fields may bound it."""
         low = getattr(owner, self.low) if isinstance(self.low, str) else self.low
         holds = finite(value) if self.finite else value == value
         if low is not None:
@@ -113,9 +113,10 @@ def parameter(
 ) -> Any:
     """A field that is a parameter: a real number or array, traced and differentiated.
 
-    It may be ``above`` or at ``least`` 0 or an earlier field of the object (by name), and at
-    ``most`` a number; ``finite`` unless said otherwise. ``why`` ends the message. ``each`` makes it
-    a tuple of such numbers, ``single`` refuses arrays. ``usual`` are the ends of a slider.
+    Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or an earlier field of the
+    object by name; its upper bound is ``most``. It is ``finite`` unless said otherwise. ``why`` is
+    the reason that ends the error message. ``each`` makes it a tuple of such numbers, ``single``
+    refuses arrays. ``usual`` is the range of a slider.
     """
     known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual)
     return dataclasses.field(metadata={_KNOWN: known, "each": each}, **kwargs)
@@ -156,7 +157,7 @@ def static(**kwargs: Any) -> Any:
 
 
 def label(*, default: Any) -> Any:
-    """A field for people: transformations drop it, so that it never causes a recompilation."""
+    """A field for display: transformations drop it, so that it never causes a recompilation."""
     return dataclasses.field(default=default, metadata={_ROLE: "label"}, compare=False)
 
 
@@ -212,7 +213,7 @@ def assembled(cls: type[T], **fields: Any) -> T:
 
 
 def check(obj: Any) -> None:
-    """Make an object's parameters numbers, and refuse known ones that break their rules.
+    """Convert an object's parameters to numbers, and refuse known ones that break their rules.
 
     Raises
     ------
@@ -250,7 +251,7 @@ def rules(tree: Any, prefix: str = "") -> list[Rule]:
 
 
 def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Path, what is known (a ``Parameter`` or a ``Quantity``) and value of all of a tree's.
+    """Path, metadata (``Parameter`` or ``Quantity``) and value of all fields of that kind.
 
     ``tree`` may be a class: then values are None, and ``*`` stands for the index of an entry.
     """
@@ -272,7 +273,7 @@ def quantities(cls: type) -> dict[str, Quantity]:
 
 
 def converted(tree: Any, convert: Callable[[Quantity, Any], Any]) -> Any:
-    """A tree of our objects with each quantity that there is replaced by what ``convert`` says."""
+    """A tree of our objects with each quantity that is not None replaced by ``convert``."""
     if isinstance(tree, tuple):
         return tuple(converted(item, convert) for item in tree)
     changes = {}

@@ -1,4 +1,4 @@
-"""The end of a process that is told to end: a line on stderr, nothing half-written, at once.
+"""Ending a process at a signal: at once, with one line on stderr and no half-written file.
 
 Python's own way is to raise ``KeyboardInterrupt`` wherever it happens to be. Where JAX's libraries
 are being loaded and in what XLA has just compiled, that ends in a segmentation fault; in a callback
@@ -29,7 +29,7 @@ _ending = False
 
 @contextlib.contextmanager
 def unfinished(part: Path) -> Iterator[None]:
-    """Where ``part`` is written and moved to its place: it is gone afterwards, come what may."""
+    """Context in which ``part`` is written and moved into place; removed at its end in any case."""
     with _changed:
         _changed.wait_for(lambda: not _ending)
         _unfinished.add(part)
@@ -43,7 +43,7 @@ def unfinished(part: Path) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, all of which ``remove_empty_folders`` knows.
+    """Make a folder and its parents, and remember them for ``remove_empty_folders``.
 
     Raises
     ------
@@ -73,14 +73,14 @@ def end_at_a_signal(kept: Callable[[], str]) -> None:
     Parameters
     ----------
     kept
-        What the process leaves behind, for the line on stderr; asked for then.
+        Called at the end: what the process leaves behind, in words for the line on stderr.
     """
     if threading.current_thread() is not threading.main_thread():
         return
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     threading.Thread(target=_wait, args=(reader, kept), daemon=True).start()
-    signal.set_wakeup_fd(writer)  # written to at once, whatever the main thread is at
+    signal.set_wakeup_fd(writer)  # written to at once, whatever the main thread is doing
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _raise_nothing)
@@ -106,7 +106,7 @@ def _wait(reader: int, kept: Callable[[], str]) -> None:
         _flush_screen()
         os.write(2, f"{after_a_bar}{said}".encode())
     finally:
-        os._exit(128 + number)  # threads of XLA may be at work, in what an orderly exit would free
+        os._exit(128 + number)  # threads of XLA may still use what an orderly exit would free
 
 
 def _flush_screen() -> None:

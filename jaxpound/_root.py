@@ -1,7 +1,7 @@
-"""What results may call though it stands above them.
+"""Functions of higher layers that results call.
 
-Imports run one way, and a result cannot import what draws it. The package's root,
-``jaxpound/__init__.py``, stands above both and puts here what it lends to the floors below.
+Imports run one way, and a result cannot import the module that draws it. The package's root,
+``jaxpound/__init__.py``, imports both and stores here the functions that lower layers call.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ Cell = str | int | float
 class Table(NamedTuple):
     """A title, rows of cells below the names of their columns, and notes below them.
 
-    The first cell of a row is its name. Cells that are numbers are rounded; a column that holds
-    nothing else stands to the right.
+    The first cell of a row is its name. Cells that are numbers are rounded; a column of numbers
+    alone is aligned to the right.
     """
 
     title: str
@@ -61,7 +61,7 @@ class Table(NamedTuple):
         return "\n".join([*title, *(f"{below}{x}".rstrip() for x in (*lines, *self.notes))])
 
     def markdown(self) -> str:
-        """The table for a page; of its title and notes, which are the page's text, nothing."""
+        """The table for a page, without title and notes: these belong to the page's text."""
         lines = [self.columns, ["---"] * len(self.columns), *self._cells()]
         return "\n".join(f"| {' | '.join(x.replace('|', _BAR) for x in line)} |" for line in lines)
 
@@ -87,7 +87,7 @@ class Table(NamedTuple):
         return [[_shown(cell, self.digits) for cell in row] for row in self.rows]
 
     def _right(self) -> list[bool]:
-        """Whether a column stands to the right."""
+        """Whether each column is aligned to the right."""
         columns = list(zip(*self._cells(), strict=True))
         return [
             any(column) and all(_NUMBER.fullmatch(cell) for cell in column if cell)
@@ -96,7 +96,7 @@ class Table(NamedTuple):
 
 
 class Shown:
-    """What prints itself, and shows itself in a notebook, by the same tables."""
+    """A base class that prints the same tables in a terminal and in a notebook."""
 
     def _tables(self) -> Sequence[Table]:
         raise NotImplementedError

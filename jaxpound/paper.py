@@ -4,7 +4,7 @@ The paper is Žigić and Grahovac, "Earthquake response of adjacent structures w
 friction dampers". Its ground motion reaches 22 g, which no earthquake does: an amplitude of .5 in
 the dimensionless form is the paper's own choice. The system is homogeneous: with ground motion,
 friction and gap a hundredth, every displacement and force is a hundredth, at the same instants. So
-the case is as well that of .22 g, μ = .0025 and a gap of .01 g/ω1².
+the case is also that of .22 g, μ = .0025 and a gap of .01 g/ω1².
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def structures() -> AdjacentStructures:
 
 
 def ground() -> Ricker:
-    """Five Ricker wavelets (eq. 6), up to 22 g; a hundredth of it is as good (see the module).
+    """Five Ricker wavelets (eq. 6), up to 22 g; a hundredth of it is equivalent (see the module).
 
     Examples
     --------
@@ -48,10 +48,10 @@ def grid() -> TimeGrid:
 
 
 class Reference(NamedTuple):
-    """What an independent solver finds for the paper's case, dimensionless."""
+    """Results of an independent solver for the paper's case, dimensionless."""
 
     min_gap_change: float
-    """Smallest x2 − x1, in g/ω1²; the smallest gap is ξ0 more."""
+    """Smallest x2 − x1, in g/ω1²; the smallest gap is this plus ξ0."""
     min_gap_time: float
     """When, in 1/ω1."""
     phase_changes: tuple[tuple[float, str], ...]

@@ -6,7 +6,7 @@ STANDARD_GRAVITY = 9.80665
 """Standard gravity, m/s²."""
 
 MOST_PGA = 20.0
-"""Peak ground acceleration above which no record is believed, in g: several times the largest ever
+"""Peak ground acceleration above which a record is refused, in g: several times the largest ever
 recorded."""
 
 SI = {
@@ -29,11 +29,11 @@ DIMENSIONLESS = {
     "energy": "m1 g²/ω1²",
     "mass": "m1",
 }
-"""The same in eq. (9)."""
+"""Unit of each kind of quantity in eq. (9)."""
 
 
 def unit(kind: str | None, si: bool) -> str:
-    """Unit of a kind of quantity; nothing for a pure number."""
+    """Unit of a kind of quantity; empty for a pure number."""
     return (SI if si else DIMENSIONLESS)[kind] if kind else ""
 
 

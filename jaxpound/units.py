@@ -159,7 +159,7 @@ def dimensionless(
     gap: Any,
     gravity: Any = STANDARD_GRAVITY,
 ) -> tuple[AdjacentStructures, Scales]:
-    """Two buildings with a friction damper between them, as eq. (9) has them (paper, eq. 8).
+    """Two buildings with a friction damper between them, in the form of eq. (9) (paper, eq. 8).
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""The command line: a module for what is read, run and told of each command."""
+"""The command line: one module per command, with its configuration, run and report."""

@@ -25,18 +25,18 @@ from jaxpound.model.parameters import get, put
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
 
-# --- what the file says -------------------------------------------------------------------------
+# --- the configuration --------------------------------------------------------------------------
 
 
 class Recorded(Table):
-    """Recorded earthquakes that join the random ones."""
+    """Recorded earthquakes in addition to the random ones."""
 
     files: Files
     units: str | None = None
 
 
 class Search(Table):
-    """How the design is searched for, and on how many random earthquakes it is tried."""
+    """Options of the search, and how many other random earthquakes the design is evaluated on."""
 
     earthquakes: Annotated[int, Count] = 256
     fresh: Annotated[int, between(0, 2**31)] = 1000
@@ -46,7 +46,7 @@ class Search(Table):
     seed: Annotated[int, Seed] = 0
 
     def options(self) -> dict[str, Any]:
-        """What ``design_damper`` is told; what is left out, it chooses."""
+        """Options of ``design_damper``; those that are left out have its defaults."""
         given = {name: getattr(self, name) for name in ("starts", "iterations", "batch")}
         return {name: x for name, x in given.items() if x is not None} | {"key": self.seed}
 
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """What a design is made of, for the dimensionless system."""
+    """The design problem, for the dimensionless system."""
 
     space: jp.DesignSpace
     ensemble: jp.Ensemble
@@ -125,7 +125,7 @@ class Task:
 
 
 def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
-    """What the file asks for; ``more`` are accelerograms in g that join the random earthquakes."""
+    """A file's design problem; ``more`` are accelerograms in g added to its random earthquakes."""
     place = f"{file.name}: [variables]"
     if not given.variables:
         raise ValueError(f"{place} must name what may be chosen")
@@ -167,15 +167,15 @@ def _recorded(file: File, table: Recorded | None, more: Sequence[Path]) -> dict[
     return found
 
 
-# --- what it tells ------------------------------------------------------------------------------
+# --- the report ---------------------------------------------------------------------------------
 
 
 def summary(
     design: jp.Design, recorded: Mapping[str, jp.Comparison], scales: jp.Scales
 ) -> dict[str, Any]:
-    """What was designed, as JSON can hold it; ``recorded`` are single earthquakes by name.
+    """Summary of a design, as JSON can hold it; ``recorded`` are single earthquakes by name.
 
-    ``variables`` are dimensionless; ``answer`` and ``rods`` say in SI units what they mean.
+    ``variables`` are dimensionless; ``answer`` and ``rods`` give them in SI units.
     """
     si = design.trained.si
     before: Any = put(design.space.nominal, design.start)
@@ -226,7 +226,7 @@ def summary(
 def _answer(
     design: jp.Design, before: jp.AdjacentStructures, scales: jp.Scales
 ) -> list[dict[str, Any]]:
-    """What an engineer asks of the design: damper, gap, and both buildings as oscillators."""
+    """The design in an engineer's terms: damper, gap, and both buildings as oscillators."""
     told = []
     for structures in (before, design.structures):
         left, right, force, gap = scales.buildings(structures)
@@ -263,7 +263,7 @@ def _rods(
 
 
 def _changed(words: str, of: str, before: Any, after: Any, bound: str | None) -> dict[str, Any]:
-    """A quantity and its unit, before and after; at which of its bounds it is."""
+    """A quantity and its unit, before and after, and the bound at which it is."""
     before, after = float(before), float(after)
     return {
         "quantity": words,
@@ -326,7 +326,7 @@ def page(answers: Mapping[str, Any], figures: list[str]) -> str:
             f"{_estimated(wider, of_gap)} on average; the objective is "
             f"{_estimated(found['objective']['after'], of_objective)}.",
         ]
-        # The bad end of a gap is where it is small.
+        # For a gap the unfavourable tail is the lower one.
         for tail, of_gaps in (("5 % quantile", True), ("95 % quantile", False)):
             chosen = {x: y for x, y in found["demands"].items() if (x == "min_gap") == of_gaps}
             rows = [(in_words(name), *row.values()) for name, row in chosen.items()]

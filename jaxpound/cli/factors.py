@@ -1,4 +1,4 @@
-"""Parameters as factors on what a file states: their SI values, and what is plausible of these."""
+"""Parameters as factors on the values of a file: their SI values and plausible ranges."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Parameter = Annotated[str, keyed(paths(jp.AdjacentStructures))]
 
 
 class Bounds(Table):
-    """Between which factors on its value a parameter may be chosen."""
+    """Bounds of a variable, as factors on the value that the file states."""
 
     low: Factor
     high: Factor
@@ -41,7 +41,7 @@ class Bounds(Table):
         return f'{{low = {self.low:g}, high = {self.high:g}, scale = "{self.scale}"}}'
 
     def times(self, value: float) -> jp.Bounds:
-        """The bounds of the parameter whose value is stated."""
+        """The bounds of the parameter itself, from its stated value."""
         return jp.Bounds(self.low * value, self.high * value, self.scale)
 
 
@@ -56,13 +56,13 @@ _STANDS_FOR = {
         for key in ("order", "tau_f", "tau_x")
     },
 }
-"""What each parameter of the dimensionless system stands for in a file, and its range."""
+"""The key in a file that corresponds to each dimensionless parameter, and its range."""
 
 
 def in_si(structures: jp.AdjacentStructures, scales: jp.Scales) -> jp.AdjacentStructures:
     """The same parameters in SI units: relaxation times in s^order, slip force in N, gap in m.
 
-    Their rules are the same in every unit, so that what breaks one is named as the file has it.
+    Rules are the same in every unit, so that error messages have the units of the file.
     """
     left, right, friction_force, gap = scales.buildings(structures)
     return dataclasses.replace(
@@ -87,7 +87,7 @@ def uncertain_structures(
     distributions = _multiples(place, table, parameters)
     with named(f"{place}, in SI units:"):
         physical = jp.UncertainStructures(parameters, distributions)
-    # Each at its two ends, the others at their medians.
+    # Each parameter at both ends of its range, the others at their medians.
     z = NormalDist().inv_cdf(RARE)
     ends = np.array([z, -z])[:, None, None] * np.eye(len(table))
     rows = jax.jit(jax.vmap(jax.vmap(physical.parameters)))(ends)
@@ -109,7 +109,7 @@ def design_space(
     scales: jp.Scales,
 ) -> jp.DesignSpace:
     """Structures whose parameters may be chosen between multiples of the nominal ones."""
-    # In SI units first, which messages are about.
+    # In SI units first, for messages in the units of the file.
     parameters = in_si(nominal, scales)
     bounds = _multiples(place, table, parameters)
     with named(place, UNITS):
@@ -143,11 +143,11 @@ def _multiples(
 def _require_plausible(
     extremes: Iterable[tuple[str, str, jp.AdjacentStructures]], scales: jp.Scales
 ) -> None:
-    """A ``ValueError`` for a parameter that leaves the range of what it stands for.
+    """A ``ValueError`` for a parameter that can leave the plausible range of its key.
 
     ``extremes`` are a place in a file, the path of a parameter, and the structures in SI units
-    (``in_si``) where it is at an end. Natural periods come last, as all parameters of a building
-    make them.
+    (``in_si``) where it has an extreme value. Natural periods, which depend on all parameters of a
+    building, are checked last.
     """
     stiffness, periods = scales.mass * scales.frequency**2, []
     for place, path, at in extremes:

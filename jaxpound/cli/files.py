@@ -23,7 +23,7 @@ def example(command: str) -> str:
 
 
 def make_folder(out: Path) -> None:
-    """Make the output folder once the input is checked, so that no run is made in vain.
+    """Make the output folder before the run, so that no run is lost for want of it.
 
     Raises
     ------
@@ -59,20 +59,20 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, answers: Any) -> None:
-    """Write a tree of answers, in which all numbers are finite, as ``known`` makes it."""
+    """Write a tree of results without infinite or NaN numbers, as ``known`` makes it."""
     write_text(path, json.dumps(answers, indent=2, allow_nan=False) + "\n")
 
 
 def write_figures(figures: Mapping[str, Figure], out: Path, pdf: bool) -> None:
     """Write figures by their names, as PNG and, for print, as PDF too."""
     for name, figure in figures.items():
-        # A figure unknown to pyplot is drawn by Agg, whatever backend is set.
+        # A figure unknown to pyplot is drawn by Agg, independent of the backend.
         for kind in ("png", "pdf") if pdf else ("png",):
             write(out / f"{name}.{kind}", partial(figure.savefig, format=kind, dpi=300))
 
 
 def known(x: Any) -> Any:
-    """A tree with None in the place of what is not finite, as JSON can hold it."""
+    """A tree that JSON can hold, with None in the place of numbers that are not finite."""
     if isinstance(x, dict):
         return {key: known(value) for key, value in x.items()}
     if isinstance(x, list):

@@ -1,7 +1,7 @@
 """Command line: ``jaxpound paper``, ``simulate``, ``montecarlo``, ``report`` and ``design``.
 
-JAX, and what needs it, is imported once the arguments are right, matplotlib where figures are
-drawn, so that help and refusals come at once.
+JAX, and what needs it, is imported only if the arguments are valid, matplotlib only to draw
+figures, so that help and error messages come at once.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import jaxpound as jp
 from jaxpound import _interruption as interruption
 from jaxpound.cli.files import example
 
-_NOBODY_READS = 128 + 13  # as of a process that a closed pipe has ended
+_NOBODY_READS = 128 + 13  # exit status of a process that a closed pipe has ended
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,7 +61,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _command(name: str) -> Callable[[argparse.Namespace], None]:
-    """What a command does; the others, and what they need, are not imported."""
+    """The function that runs a command; modules of the other commands are not imported."""
     match name:
         case "paper":
             from jaxpound.cli.paper import run
@@ -77,7 +77,7 @@ def _command(name: str) -> Callable[[argparse.Namespace], None]:
 
 
 def _flush_screen() -> None:
-    """Print what is not printed yet: at the process's end a failure could not be told any more."""
+    """Flush stdout now: at the process's end an error could no longer be reported."""
     if sys.stdout is None:
         return
     try:
@@ -107,9 +107,9 @@ def _kept(args: argparse.Namespace) -> str:
 
 @contextlib.contextmanager
 def _warnings_in_one_line(strict: bool) -> Iterator[None]:
-    """Print warnings as the command line prints errors; input that is not plausible, each time.
+    """Print warnings as the command line prints errors, in one line.
 
-    That is an error if ``strict``.
+    Every ``PlausibilityWarning`` is printed; if ``strict``, it is an error.
     """
 
     def in_one_line(message: Warning | str) -> str:

@@ -19,11 +19,11 @@ from jaxpound.cli.tables import Shaken, Stated, drawn
 from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.motion import GroundLike
 
-# --- what the file says -------------------------------------------------------------------------
+# --- the configuration --------------------------------------------------------------------------
 
 
 class Sampling(Table):
-    """How many scenarios are drawn, how, and what is kept of them."""
+    """Number of scenarios, kind of sampling, and what is stored of them."""
 
     samples: Annotated[int, Count] = 10_000
     seed: Annotated[int, Seed] = 0

@@ -1,4 +1,4 @@
-"""What a design is to achieve: [objective], [limits] and [penalties] of its configuration."""
+"""The objective of a design: [objective], [limits] and [penalties] of its configuration."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _GOALS: dict[str, tuple[Any, str]] = {
     "CVaR": (jp.CVaR, "share"),
     "pounding probability": (jp.PoundingProbability, "gap"),
 }
-"""The library's goals, and the key of the number that each may have."""
+"""The library's goals, and the key of each goal's parameter, if it has one."""
 
 Temperature = between(1e-9, 10, "m", "of the soft minimum of gaps")
 
 
 class Objective(Table):
-    """What the gap is to be judged by."""
+    """The goal, a function of the smallest gaps."""
 
     goal: Literal["mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability"] = (
         "mean gap"
@@ -46,7 +46,7 @@ class Objective(Table):
             self.function()
 
     def function(self) -> Goal:
-        """The goal as the library has it."""
+        """The library's object for the goal."""
         kind, key = _GOALS[self.goal]
         number = getattr(self, key) if key else None
         goal: Goal = kind() if number is None else kind(number)
@@ -58,14 +58,14 @@ _Over = Annotated[str | float, says(_SHARE)]
 
 
 class AtMost(Table):
-    """An upper bound, and of which earthquakes."""
+    """An upper bound of a demand, and the statistic over the earthquakes that it limits."""
 
     at_most: float
     over: _Over = "worst"
 
 
 class Weighted(Table):
-    """What a unit of a demand costs, and of which earthquakes."""
+    """The weight of a demand, and the statistic over the earthquakes that is penalised."""
 
     weight: float
     over: _Over = "mean"
@@ -84,7 +84,7 @@ _LIMITS = {
     "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
     "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
 }
-"""Of the limits on a demand, by what kind of quantity it is."""
+"""Ranges of the limits on a demand, by its kind of quantity."""
 
 
 def priced(
@@ -93,7 +93,7 @@ def priced(
     limits: Mapping[str, float | AtMost],
     penalties: Mapping[str, float | Weighted],
 ) -> jp.Objective:
-    """The objective as the library has it; ``name`` is the file's."""
+    """The library's ``Objective``; ``name`` is the file's."""
     made: dict[str, dict[str, Any]] = {"limits": {}, "penalties": {}}
     stated: list[tuple[str, Any, Mapping[str, Any]]] = [
         ("limits", jp.Limit, limits),

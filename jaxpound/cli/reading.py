@@ -1,7 +1,7 @@
-"""From a TOML file to Structs whose fields say what their values may be.
+"""From a TOML file to Structs whose fields state the rules of their values.
 
-msgspec judges what a file holds. Here its judgement is put into words: the file, the table and the
-key, the value as the file has it, and the rule that it breaks.
+msgspec validates a file. Here its errors become messages with the file, the table and the key, the
+value as written in the file, and the rule that it breaks.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ _TOP = "the top level"
 T = TypeVar("T", bound="Table")
 
 
-# --- what fields say ----------------------------------------------------------------------------
+# --- rules of fields ----------------------------------------------------------------------------
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A table of a file, or the whole file.
 
-    A ``ValueError`` that ``__post_init__`` raises is told behind the table's place.
+    A message of a ``ValueError`` in ``__post_init__`` is preceded by the name of the table.
     """
 
 
 class Range(NamedTuple):
-    """The plausible values of a number, from ``low`` to ``high``, its unit, and why these ends."""
+    """Plausible range of a number, from ``low`` to ``high``, its unit, and the reason."""
 
     low: float
     high: float
@@ -63,35 +63,35 @@ class Range(NamedTuple):
         return f"{number} {self.unit}" if self.unit else number
 
     def require(self, place: str, value: Any) -> None:
-        """A ``ValueError`` for a number that is outside; ``place`` says whose it is."""
+        """A ``ValueError`` for a number outside the range; ``place`` says where it stands."""
         if (number := float(value)) not in self:
             raise ValueError(f"{place} = {self.told(f'{number:.6g}')} must be {self.rule}")
 
 
 def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.Meta:
-    """The range of a number; a whole one needs no reason for its ends."""
+    """Annotation: the range of a number; a whole number needs no unit and reason."""
     return msgspec.Meta(ge=low, le=high, extra={"range": Range(low, high, unit, why)})
 
 
 def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta:
-    """What a value that is no number must be, in words that complete 'must be'.
+    """Annotation of a value that is no number: ``words`` complete 'must be'.
 
-    ``allowed`` is the range of the numbers that it stands for.
+    ``allowed`` is the range of the numbers in it.
     """
     return msgspec.Meta(extra={"says": words, "range": allowed}, **rules)
 
 
 def keyed(names: Mapping[str, Any] | tuple[str, ...]) -> msgspec.Meta:
-    """The allowed keys of a table whose entries are all of one kind."""
+    """Annotation: the allowed keys of a table whose entries are all of one type."""
     pattern = "|".join(map(re.escape, names))
     return msgspec.Meta(pattern=f"^(?:{pattern})$", extra={"names": tuple(names)})
 
 
 Count = between(1, 2**31)
-"""Of how many there may be."""
+"""Range of a count."""
 
 Seed = between(0, 2**32 - 1)
-"""Of a seed of random numbers: 32 bits."""
+"""Range of a seed of random numbers: 32 bits."""
 
 
 def ranges(kind: type[Table]) -> dict[str, Range]:
@@ -101,7 +101,7 @@ def ranges(kind: type[Table]) -> dict[str, Range]:
 
 
 def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
-    """A field's type as msgspec describes it, without what is said of it and without None."""
+    """A field's type as msgspec describes it, without None, and the annotations of the field."""
     info: Any = inspect.type_info(kind)
     said: dict[str, Any] = {}
     while isinstance(info, inspect.Metadata | inspect.UnionType):
@@ -117,7 +117,7 @@ def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def entries(kind: Any) -> dict[str, Any]:
-    """Types of what a table may hold, by key."""
+    """Types of the values that a table may have, by key."""
     info, _ = _bare(kind)
     if isinstance(info, inspect.StructType):
         return {field.encode_name: field.type for field in msgspec.structs.fields(info.cls)}
@@ -126,7 +126,7 @@ def entries(kind: Any) -> dict[str, Any]:
 
 
 def is_table(kind: Any) -> bool:
-    """Whether what a field holds stands below a [name], and not behind a key."""
+    """Whether a field is written as a table below a [name], and not as a value after a key."""
     info, said = _bare(kind)
     return isinstance(info, inspect.StructType | inspect.DictType) and "says" not in said
 
@@ -142,7 +142,7 @@ class File:
     """The start of every message."""
     text: str
     folder: Path = Path()
-    """Where the files are that it names."""
+    """Folder to which the paths in it are relative."""
 
     @staticmethod
     def opened(path: Path | None, command: str) -> File:
@@ -193,8 +193,8 @@ class File:
         except RecursionError as error:
             raise ValueError(f"{self.name}: its lists or tables are nested too deeply") from error
         except ValueError:
-            # Python makes no whole number of more than 4,300 digits. One of 4,300 exceeds every
-            # range as well, and is refused by the name of its key.
+            # Python reads no whole number of more than 4,300 digits. Cut to 4,300 digits, it still
+            # exceeds every range, and the message names its key.
             return self._parsed(re.sub(r"\d[\d_]*", _shortened, text))
 
 
@@ -204,12 +204,12 @@ def _shortened(digits: re.Match[str]) -> str:
 
 
 def _syntax_error(text: str, message: str) -> str:
-    """Where the line is that is not TOML, the table and the key that it belongs to, and why."""
+    """Message for a line that is not TOML: its number, its table, its key, and the reason."""
     found = re.search(r"at line (\d+)", message)
     lines = text.splitlines()[: int(found[1]) if found else None]
     place, key = f":{found[1]}" if found else "", ""
     if "Unterminated" in message or (lines and lines[-1].lstrip().startswith("[")):
-        return f"{place}: {message}"  # begun who knows where; a table's own line
+        return f"{place}: {message}"  # where it begins is not known; or the line of a table
     for line in reversed(lines):
         if table := re.match(r"\s*(\[[^][]+\])", line):
             return f"{place}: {table[1]}{key}: {message}"
@@ -219,7 +219,7 @@ def _syntax_error(text: str, message: str) -> str:
 
 
 def _by_path(table: dict[str, Any], paths: list[str], above: str = "") -> dict[str, Any]:
-    """``rod_1.tau_x = ...`` without quotation marks is a table within the table."""
+    """Flatten ``rod_1.tau_x = ...``, which TOML reads as a nested table if it is not quoted."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
         path = f"{above}{key}"
@@ -230,7 +230,7 @@ def _by_path(table: dict[str, Any], paths: list[str], above: str = "") -> dict[s
 
 @contextmanager
 def named(place: str, units: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Put the place in the file where the core's messages have the name of a class.
+    """In messages of the core, replace the name of the class by the place in the file.
 
     ``units`` are those of the numbers in these messages, by name.
     """
@@ -244,13 +244,13 @@ def named(place: str, units: Mapping[str, str] | None = None) -> Iterator[None]:
         raise ValueError(f"{place} {words}".lstrip()) from error
 
 
-# --- what is wrong, in words --------------------------------------------------------------------
+# --- messages -----------------------------------------------------------------------------------
 
 
 def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str:
-    """What is wrong with a table, in words; nothing if nothing is.
+    """What is wrong with a table, in words; empty if nothing is.
 
-    It is the whole file (``_TOP``), one of its [tables], or "it", the value of a key.
+    ``title`` is ``_TOP`` for the whole file, a [table] of it, or "it" for the value of a key.
     """
     kinds, place = entries(kind), f"{title} " if title.startswith("[") else ""
     for key, value in given.items():
@@ -273,7 +273,7 @@ def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str
 
 
 def _meant(key: str, kind: Any, root: Any) -> str:
-    """Where a key that is not allowed in a table belongs, or what may have been meant by it."""
+    """The table in which an unknown key would be allowed, or the most similar allowed key."""
     tables = {f"[{name}]": x for name, x in entries(root).items() if is_table(x)}
     tables[f"{_TOP}, before the first [table]"] = root
     if homes := [title for title, x in tables.items() if key in entries(x)]:
@@ -283,7 +283,7 @@ def _meant(key: str, kind: Any, root: Any) -> str:
 
 
 def _fault(kind: Any, value: Any, place: str) -> str:
-    """What is wrong with the value of a key, in words; nothing if nothing is."""
+    """What is wrong with the value of a key, in words; empty if nothing is."""
     if not _refusal(kind, value):
         return ""
     info, said = _bare(kind)
@@ -312,7 +312,7 @@ def _fault(kind: Any, value: Any, place: str) -> str:
 
 
 def _refusal(kind: Any, value: Any) -> str:
-    """What msgspec, or a ``__post_init__``, says of a value, or nothing."""
+    """The error of msgspec, or of a ``__post_init__``, for a value; empty if there is none."""
     try:
         msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
@@ -326,7 +326,7 @@ def is_number(value: Any) -> bool:
 
 
 def shown(value: Any) -> str:
-    """A value as a file has it, shortened where it is long."""
+    """A value as written in a file, shortened if it is long."""
     text = _shown(value, 3)
     return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 4]} ..."
 

@@ -17,7 +17,7 @@ from jaxpound.results.demand import in_words, unit_of
 from jaxpound.study.statistics import Estimate
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
-"""Probabilities of exceedance for which the required gap is told."""
+"""Probabilities of exceedance for which the required gap is reported."""
 
 INTENSITIES = {
     "pga": "PGA",
@@ -25,7 +25,7 @@ INTENSITIES = {
     "spectral_acceleration_1": "$S_a(T_1)$",
     "spectral_acceleration_2": "$S_a(T_2)$",
 }
-"""Measures of intensity by which fragility is told, where the study has them."""
+"""Measures of intensity for which fragility is reported, if the study has them."""
 
 _QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
 _MOST_CORRELATIONS = 8
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
     write_figures(figures, args.out, args.pdf)
 
 
-# --- what it tells ------------------------------------------------------------------------------
+# --- the report ---------------------------------------------------------------------------------
 
 
 def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
@@ -79,13 +79,13 @@ def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
         if name in study.columns:
             im = study[name]
             good = np.isfinite(pounds) & (im > 0)
-            with contextlib.suppress(ValueError):  # pounding never, always, or whatever the shaking
+            with contextlib.suppress(ValueError):  # the likelihood has no maximum
                 curves[name] = jp.fit_fragility(im[good], pounds[good] == 1)
     return curves
 
 
 def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, Any]:
-    """The study's answers, with its ``fragilities``, as JSON can hold them."""
+    """The study's statistics, with its ``fragilities``, as JSON can hold them."""
     identity, si = study.about["identity"], study.scales is not None
     required_gap, demands = {}, {}
     for p in PROBABILITIES:

@@ -30,11 +30,11 @@ _FIGURES = (
 )
 
 
-# --- what the file says -------------------------------------------------------------------------
+# --- the configuration --------------------------------------------------------------------------
 
 
 class Ground(Table):
-    """What is done to the record, in this order."""
+    """Processing of the record, in this order."""
 
     baseline: Literal["none", "mean", "linear"] = "none"
     scale: (
@@ -51,7 +51,7 @@ class Ground(Table):
 
 
 class Output(Table):
-    """What is written beside summary and figures."""
+    """What is written in addition to summary and figures."""
 
     series: Literal["npz", "csv", "none"] = "npz"
 
@@ -145,13 +145,13 @@ def as_toml(structures: jp.AdjacentStructures, scales: jp.Scales) -> str:
     return "\n".join([*lines, "[damper]", f"friction_force = {float(friction_force)!r}  # N", ""])
 
 
-# --- what it tells ------------------------------------------------------------------------------
+# --- the report ---------------------------------------------------------------------------------
 
 
 def summary(
     file: File, given: Simulation, path: Path, record: jp.Record, response: jp.Response
 ) -> dict[str, Any]:
-    """What was run, and the scalars that came out of it; units are in the names."""
+    """Summary of a run: its input and its scalars; units are in the names."""
     demand = response.demand
     at_end = {name: float(term[-1]) for name, term in response.energy._asdict().items()}
     results: dict[str, Any] = {
@@ -202,7 +202,7 @@ def relative_residual(response: jp.Response) -> float:
 
 
 def _first_contact(response: jp.Response) -> float:
-    """When the gap first closes, by the straight line between instants of the grid."""
+    """When the gap first closes, by linear interpolation between instants of the grid."""
     time, gap = np.asarray(response.time), np.asarray(response.gap)
     closed = np.flatnonzero(gap <= 0)
     if closed.size == 0:  # it opens again before the next instant

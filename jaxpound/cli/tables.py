@@ -23,7 +23,7 @@ from jaxpound.simulation.buildings import natural_periods, require_stable, time_
 from jaxpound.study.distributions import RARE, reach
 
 # The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
-# to catch a wrong unit or a slip of the pen.
+# to catch a wrong unit or a typing error.
 
 Gap = Annotated[float, between(0, 10, "m", "buildings farther apart do not meet")]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
@@ -66,7 +66,7 @@ class Building(Table):
             _PERIOD.require("natural period", model.natural_period)
 
     def model(self) -> jp.Building:
-        """The building as the library has it."""
+        """The library's ``Building``."""
         given = {key: value for key, value in asdict(self).items() if value is not None}
         with named("", UNITS):
             return (jp.Building.from_period if "period" in given else jp.Building)(**given)
@@ -163,7 +163,7 @@ class Stated(Table):
         return f"{{{kind} = [{a:.8g}, {b:.8g}]}}"
 
     def times(self, factor: float) -> jp.Normal | jp.LogNormal | jp.Uniform:
-        """The distribution of the multiples by a factor."""
+        """The distribution of the variable times a factor."""
         if self.lognormal:
             median, sigma = self.lognormal
             return jp.LogNormal(factor * median, sigma)
@@ -172,7 +172,7 @@ class Stated(Table):
         return jp.Normal(*(factor * x for x in self.normal or ()))
 
     def require(self, place: str, allowed: Range) -> None:
-        """A ``ValueError`` if it is no distribution, or some of its draws would leave a range."""
+        """A ``ValueError`` if it is no distribution, or some of its draws would be out of range."""
         names = ("mean", "std", "median", "low", "high")
         with named(f"{place}:", dict.fromkeys(names, allowed.unit)):
             found = self.times(1.0)
@@ -184,7 +184,7 @@ class Stated(Table):
 
 
 def drawn(low: float, high: float, unit: str, why: str) -> Meta:
-    """The range that all draws of a distribution must be in."""
+    """Annotation of a distribution: the range that all its draws must be in."""
     return says(_FORMS, Range(low, high, unit, why))
 
 
@@ -253,7 +253,7 @@ class Shaken(Pair, kw_only=True):
     earthquakes: Earthquakes
 
     def records(self, file: File) -> list[jp.Record]:
-        """The records that the earthquakes are drawn from; none if they are of wavelets."""
+        """The records from which earthquakes are drawn; none if these are sums of wavelets."""
         table = self.earthquakes
         place = f"{file.name}: [earthquakes] records"
         return read_records(place, file, table.records or [], table.units)

@@ -54,13 +54,13 @@ class Calibration(Shown):
 
     structures: AdjacentStructures
     parameters: dict[str, Estimate]
-    """By path: value and interval, from the linearised least squares (Student's t)."""
+    """Value and interval by path, from the linearised least squares (Student's t)."""
     correlation: np.ndarray
-    """Of the estimates, shape (d, d)."""
+    """Correlation matrix of the estimates, shape (d, d)."""
     noise: dict[str, float]
-    """Standard deviation of what is left, by series, in the series' unit."""
+    """Standard deviation of the residuals, by series, in the series' unit."""
     response: Response
-    """Of the calibrated structures."""
+    """The run of the calibrated structures."""
     residuals: dict[str, np.ndarray]
     """Measured − simulated, shape (n_steps+1,) each; NaN where nothing was measured."""
     at_bounds: tuple[str, ...]
@@ -108,23 +108,23 @@ def calibrate(
     Parameters
     ----------
     space
-        What is to be found, between which bounds.
+        The parameters to be found, and their bounds.
     measured
         Series by name (x1, x2, v1, v2, a1, a2: absolute accelerations, gap), shape (n_steps+1,)
         each, at the instants of the grid; NaN where nothing was measured.
     ground, grid, scheme
-        As of ``simulate``.
+        See ``simulate``.
     noise
-        Standard deviation > 0 of each series' errors, its weight; by default that
-        of what a first fit leaves, in which all weigh alike.
+        Standard deviation > 0 of the errors of each series, which weights it; by default that of
+        the residuals of a first fit with equal weights.
     start, starts, key
-        As of ``design_damper``; the fit of the smallest sum of squares is returned.
+        See ``design_damper``; the fit with the smallest sum of squares is returned.
     confidence
-        Of the intervals.
+        Confidence level of the intervals.
     scales
         For measurements in SI units.
     strict
-        Whether what is only warned of is refused.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Returns
     -------
@@ -133,14 +133,14 @@ def calibrate(
     Raises
     ------
     ValueError
-        If an argument breaks its rule; if there are not more numbers than parameters, they do not
-        determine the parameters, or no start gives a finite response. If ``strict``, also where
-        there would be a warning.
+        If an argument breaks its rule; if the measured numbers are not more than the parameters or
+        do not determine them, or no start gives a finite response. If ``strict``, also where there
+        would be a warning.
 
     Warns
     -----
     PlausibilityWarning
-        As of ``simulate``, of the run of the calibrated structures.
+        As in ``simulate``, for the run of the calibrated structures.
     """
     from scipy import optimize  # only here: it takes a second to import
 
@@ -193,7 +193,7 @@ def calibrate(
         raise ValueError(f"{owner}: no start of {starts} gives a finite response")
     best = min(fits, key=lambda fit: fit.cost)
     if noise is None:
-        # Each series by what is left of it: so it weighs what it is worth.
+        # Each series weighted by the standard deviation of its residuals.
         parts = dict(zip(data, np.split(np.asarray(best.fun), len(data)), strict=True))
         left = {name: _spread(r[known[name]]) * weights[name] for name, r in parts.items()}
         weights = {name: std or weights[name] for name, std in left.items()}
@@ -220,7 +220,7 @@ def calibrate(
 
 
 def _spread(residual: np.ndarray) -> float:
-    """Root mean square; of no number, 0."""
+    """Root mean square; 0 if there is no number."""
     return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
 
 

@@ -1,4 +1,4 @@
-"""A design: the structures that a search ended with, how it came there, and what they change."""
+"""The result of a search: its design, its history, and demands before and after."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _REPLICATES = 500  # of the bootstrap
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Shown):
-    """Demands before and after, of the same earthquakes.
+    """Demands before and after the design, in the same earthquakes.
 
     ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap, the gap at rest
-    and every price of ``Objective``. Intervals are of 95 %; of fewer than two earthquakes there are
-    none, and their ends are NaN.
+    and every demand that an ``Objective`` can limit. Intervals are of 95 %; with fewer than two
+    earthquakes their ends are NaN.
     """
 
     before: dict[str, np.ndarray]
@@ -57,7 +57,7 @@ class Comparison(Shown):
     def objective(self) -> dict[str, Estimate]:
         """Objective before, after, and after less before, with bootstrap intervals.
 
-        Of what a single earthquake decides (``WorstGap``) they say nothing reliable.
+        The intervals are not reliable for a goal that one earthquake decides (``WorstGap``).
         """
         from scipy import stats  # only here: it takes a second to import
 
@@ -66,7 +66,7 @@ class Comparison(Shown):
             lambda columns, rows: function.value(jax.tree.map(lambda x: x[rows], columns))
         )
 
-        def values(rows: np.ndarray, axis: int = -1) -> np.ndarray:  # of one draw, shape (1, n)
+        def values(rows: np.ndarray, axis: int = -1) -> np.ndarray:  # rows: shape (1, n)
             before, after = (float(value(x, rows[0])) for x in (self.before, self.after))
             return np.array([[before], [after], [after - before]])
 
@@ -124,7 +124,7 @@ class Comparison(Shown):
 class Landscape(NamedTuple):
     """Objective and violation over two variables, shape (n, n) each.
 
-    The violation is the largest share by which a limit is exceeded, negative within all limits.
+    The violation is the largest relative excess over a limit, negative within all limits.
     """
 
     x: str
@@ -136,50 +136,50 @@ class Landscape(NamedTuple):
 
 
 class History(NamedTuple):
-    """All that was met on the way; a start that was dropped stays where it was."""
+    """All iterates of a search; a start that was dropped keeps its last design."""
 
     objective: np.ndarray
-    """Shape (k, s): iterations and starts."""
+    """Goal less penalties, shape (k, s): iterations and starts."""
     violation: np.ndarray
-    """Shape (k, s)."""
+    """Largest relative excess over a limit, shape (k, s)."""
     prices: np.ndarray
-    """What is limited, shape (k, s, m)."""
+    """Limited demands, shape (k, s, m)."""
     shares: np.ndarray
-    """Where every start was between the bounds, shape (k, s, d)."""
+    """Scaled variables (0 to 1 between the bounds), shape (k, s, d)."""
     alive: np.ndarray
     """Whether a start was still finite, shape (k, s)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Design(Shown):
-    """The structures that a search ended with, and how it came there."""
+    """The best structures of a search, and how they were found."""
 
     structures: AdjacentStructures
     """The design; dimensionless."""
     shares: np.ndarray
-    """Where it is between the bounds, shape (d,)."""
+    """Its scaled variables (0 to 1 between the bounds), shape (d,)."""
     objective: float
     """Goal less penalties on the ensemble that it was made for."""
     prices: dict[str, float]
-    """What is limited, by price."""
+    """Limited demands, by name."""
     objective_function: Objective
     history: History
     winner: int
     """The start that found it, from 0."""
     active_bounds: dict[str, str]
-    """Variables at an active bound, "low" or "high": beyond it the objective would be better."""
+    """Variables at an active bound, "low" or "high": the objective would be better beyond it."""
     gradient: dict[str, float]
-    """Of the objective less multipliers times limits, by the scaled variables."""
+    """Gradient of the Lagrangian (objective less multipliers × excesses), by scaled variable."""
     multipliers: dict[str, float]
-    """What a relative change of each limit is worth, in the objective's unit."""
+    """Gain of the objective per relative change of each limit, in the objective's unit."""
     limit_tolerance: float
-    """By which share a limit may be exceeded."""
+    """Relative excess over a limit that is tolerated."""
     stopped: str
     """Why the search ended."""
     simulations: int
-    """Runs with their gradients, of iterations and polishing; line searches are not counted."""
+    """Runs with gradients in iterations and polishing; those of line searches are not counted."""
     trained: Comparison
-    """Before (the first start) and after, on the ensemble that it was made for."""
+    """Before (at the first start) and after, on the ensemble that it was made for."""
     fresh: Comparison | None
     """The same on earthquakes that it was not made for."""
     _first: np.ndarray
@@ -187,18 +187,18 @@ class Design(Shown):
 
     @property
     def space(self) -> DesignSpace:
-        """What could be chosen."""
+        """The design space."""
         return self._problem.space
 
     @property
     def dropped(self) -> dict[int, int]:
-        """Starts that were dropped because something was not finite, and their last iterations."""
+        """Starts that were dropped because a value was not finite, and their last iterations."""
         alive = self.history.alive
         return {i: int(np.argmin(alive[:, i])) for i in np.flatnonzero(~alive[-1]).tolist()}
 
     @property
     def gradient_norm(self) -> float:
-        """Of the gradient's components at no active bound."""
+        """Norm of the gradient's components that are not at an active bound."""
         free = [x for path, x in self.gradient.items() if path not in self.active_bounds]
         return float(np.linalg.norm(free))
 
@@ -209,7 +209,7 @@ class Design(Shown):
 
     @property
     def start(self) -> dict[str, float]:
-        """The variables before."""
+        """The variables by path, before (at the first start)."""
         return {path: float(x) for path, x in self.space.numbers(self._first).items()}
 
     def compare(self, ensemble: Ensemble) -> Comparison:
@@ -231,7 +231,7 @@ class Design(Shown):
         x, y
             Paths of the variables.
         n
-            Points along each, evenly spaced between the bounds as these are scaled.
+            Points along each, evenly spaced between the bounds on their scale.
 
         Raises
         ------

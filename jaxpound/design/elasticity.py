@@ -1,4 +1,4 @@
-"""What a percent of each parameter does to a demand."""
+"""Elasticities: the relative change of a demand per percent of each parameter."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Elasticities(Shown):
     values: dict[str, float]
     """(θ / |y|) dy/dθ: percent of the demand y per percent of the parameter θ; 0 where θ = 0.
 
-    Not of parameters that are uncertain or infinite.
+    Parameters that are uncertain or infinite have none.
     """
 
     def _tables(self) -> list[Table]:
@@ -64,13 +64,13 @@ def elasticities(
     ground
         A ground motion, or an ensemble of them.
     grid, scheme
-        As of ``simulate``.
+        See ``simulate``.
     demand
         A scalar of ``Demand``.
     over
-        Of an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
+        For an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
     strict
-        Whether what is only warned of is refused.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def elasticities(
     Warns
     -----
     PlausibilityWarning
-        If the grid does not resolve the ground motion, or more than 1 % of the ensemble's (as of
+        If the grid does not resolve the ground motion, or more than 1 % of the ensemble's (see
         ``simulate``), or records have a PGA above 5 g.
 
     Examples

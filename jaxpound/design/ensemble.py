@@ -30,9 +30,9 @@ from jaxpound.study.scenarios import ScenarioSet
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Ensemble:
-    """Earthquakes, and what is uncertain of the structures in each: ``of`` and ``drawn`` make it.
+    """Earthquakes, each with uncertain parameters of the structures; made by ``of`` or ``drawn``.
 
-    Two designs that are compared meet the same earthquakes (common random numbers).
+    All designs of a search are evaluated in the same earthquakes (common random numbers).
 
     Examples
     --------
@@ -53,10 +53,10 @@ class Ensemble:
 
     @staticmethod
     def of(grounds: Sequence[GroundLike], grid: TimeGrid) -> Ensemble:
-        """Given ground motions, each as likely as another.
+        """Given ground motions, all equally likely.
 
-        ``Ricker`` and ``Record`` may have any numbers of wavelets and samples. Where there are
-        others (sums, multiples, functions of t), all are taken at the instants of the grid.
+        ``Ricker`` and ``Record`` may have any numbers of wavelets and samples. If there are others
+        (sums, multiples, functions of t), all are sampled at the instants of the grid.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class Ensemble:
             return Ensemble(_stacked([sampled(ground, grid) for ground in given]), {})
         if not (waves and records):
             return Ensemble(_stacked(_as_long(given)), {})
-        # A wavelet of no amplitude and a record of no shaking complete each other.
+        # Wavelets get a record of zeros, and records a wavelet of zero amplitude.
         still = (
             Record(np.zeros(2), records[0].dt, time_unit=DIMENSIONLESS),
             Ricker(0.0, np.ravel(waves[0].periods)[:1], [0.0]),
@@ -94,23 +94,22 @@ class Ensemble:
         sampling: str = "plain",
         start: int = 0,
     ) -> Ensemble:
-        """The scenarios of n points, those that ``monte_carlo`` draws of the same key.
+        """The random scenarios, n of them, that ``monte_carlo`` draws with the same key.
 
-        What varies among their structures stays with the earthquakes; all else of the structures
-        comes from the design.
+        Parameters of their structures that are random belong to the ensemble; all others are those
+        of the design.
 
         Parameters
         ----------
         scenarios, n, key, sampling
-            As of ``monte_carlo``.
+            See ``monte_carlo``.
         start
-            Index of the first point: from n on, they are fresh ones.
+            Index of the first point: from n on, the scenarios are new ones.
 
         Raises
         ------
         ValueError
-            If an argument breaks its rule, n are more than memory has room for, or a scenario is
-            not finite.
+            If an argument breaks its rule, memory has no room for n, or a scenario is not finite.
         """
         owner = "Ensemble.drawn"
         instance(owner, "scenarios", scenarios, ScenarioSet)
@@ -143,23 +142,23 @@ class Ensemble:
         return Ensemble(grounds, uncertain, more)
 
     def fresh(self, n: int) -> Ensemble | None:
-        """The n scenarios that follow those of a drawn ensemble; None where none are drawn."""
+        """The next n scenarios after those of a drawn ensemble; None if it was not drawn."""
         return None if self._more is None else self._more(n)
 
     def including(self, grounds: Sequence[GroundLike], grid: TimeGrid) -> Ensemble:
-        """The ensemble and given ground motions, as of ``of``; fresh ones are drawn as before.
+        """The ensemble with given ground motions added (see ``of``); ``fresh`` draws as before.
 
         Raises
         ------
         ValueError
-            As ``of``; if structures are uncertain, which given ground motions do not say.
+            As in ``of``; if structures are uncertain, since given ground motions have no values.
         """
         self._require_certain()
         both = Ensemble.of([*self, *grounds], grid)
         return dataclasses.replace(both, _more=self._more)
 
     def __add__(self, other: Ensemble) -> Ensemble:
-        """Both together, as far as neither has uncertain structures."""
+        """Both ensembles together; neither may have uncertain structures."""
         instance("Ensemble", "other", other, Ensemble)
         self._require_certain()
         other._require_certain()
@@ -167,7 +166,7 @@ class Ensemble:
         if not kinds <= {Ricker, Record}:
             names = " and ".join(kind.__name__ for kind in kinds)
             raise ValueError(f"Ensemble: {names} cannot be added; use Ensemble.of for all")
-        # The grid is not asked for where all are wavelets and records.
+        # The grid is not used: all are wavelets and records.
         return Ensemble.of([*self, *other], TimeGrid(1.0, 2))
 
     def _require_certain(self) -> None:
@@ -181,7 +180,7 @@ class Ensemble:
         return (self.ground(i) for i in range(len(self)))
 
     def ground(self, i: int) -> Ground:
-        """The ground motion of an index."""
+        """The ground motion with an index."""
         return jax.tree.map(lambda x: x[i], self.grounds)
 
     def __repr__(self) -> str:
@@ -216,8 +215,8 @@ def _padded(x: Any, n: int, **how: Any) -> np.ndarray:
 def drawn_parameters(scenarios: ScenarioSet) -> list[str]:
     """Paths of the structures' parameters that depend on what is drawn.
 
-    Those that the program of ``realize`` computes from z: a parameter that is seldom another, and
-    the same in all draws, is one of them.
+    They are those that the program of ``realize`` computes from z, even where a parameter varies so
+    rarely that all draws agree.
     """
     names: list[str] = []
 

@@ -1,12 +1,12 @@
 """One iteration of a design search: an augmented Lagrangian at many designs at once.
 
-With the objective J, in units of its size, to be made large, the excess c = limited demand / limit
-− 1, multipliers λ ≥ 0 and a weight w, an optimiser makes −J + Σ (max(0, λ + w c)² − λ²) / 2 w
-small, and every ten iterations λ becomes max(0, λ + w c) (Nocedal and Wright 2006, section 17.3).
-Bounds are kept by projection.
+With the objective J to be maximised (in units of its size), the excesses c = limited demand / limit
+− 1, multipliers λ ≥ 0 and a weight w, an optimiser minimises −J + Σ (max(0, λ + w c)² − λ²) / 2 w,
+and every ten iterations λ becomes max(0, λ + w c) (Nocedal and Wright 2006, section 17.3). Bounds
+are kept by projection.
 
-An iteration is two programs: ``gradient`` has nearly all of the work, and serves polishing and
-first-order conditions as well; ``update`` is the optimiser's step.
+An iteration is two programs: ``gradient`` does nearly all of the work, and is used for polishing
+and first-order conditions as well; ``update`` is the optimiser's step.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
     from optax import GradientTransformationExtraArgs
 
 _MULTIPLIERS_EVERY = 10  # iterations
-_FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # heavier ones make steps and multipliers swing
+_FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # larger ones make steps and multipliers oscillate
 
 
 class State(NamedTuple):
-    """Where all starts are; arrays with a leading axis of starts."""
+    """State of all starts; arrays with a leading axis of starts."""
 
     scaled: Any  # (s, d)
     optimiser: Any
     multipliers: Any  # (s, m)
     weight: Any  # (s,)
-    violation: Any  # when the multipliers last changed
-    alive: Any  # whether all has been finite
+    violation: Any  # at the last update of the multipliers
+    alive: Any  # whether all values have been finite
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AugmentedLagrangian:
-    """A design problem's augmented Lagrangian, and the optimiser that makes it small."""
+    """A design problem's augmented Lagrangian, and the optimiser that minimises it."""
 
     problem: DesignProblem
     optimiser: GradientTransformationExtraArgs
@@ -50,7 +50,7 @@ class AugmentedLagrangian:
 
     @property
     def per_epoch(self) -> int:
-        """Iterations in which every earthquake is met."""
+        """Iterations of an epoch, in which every earthquake is used."""
         return -(-len(self.problem.ensemble) // self.batch)
 
     def begin(self, scaled: np.ndarray) -> State:
@@ -67,13 +67,13 @@ class AugmentedLagrangian:
         return jax.device_get(begun)
 
     def iterate(self, state: State, iteration: int, data: ProblemData) -> tuple[State, Point]:
-        """The next state, and the designs of this one; iterations count from 0."""
+        """The next state, and the designs and values at this one; iterations count from 0."""
         here, gradients = self.gradient(*_given(state), iteration, data)
         following = self.update(state, here, gradients, iteration, data)
         return jax.device_get((following, here))  # on one device or on all, it is the same program
 
     def texts(self, state: State, data: ProblemData) -> tuple[str, str]:
-        """The programs of ``iterate``, to tell one search from another."""
+        """The programs of ``iterate`` as text, to distinguish one search from another."""
         found = jax.eval_shape(self.gradient, *_given(state), 0, data)
         return (
             self.gradient.lower(*_given(state), 0, data).as_text(),
@@ -83,10 +83,10 @@ class AugmentedLagrangian:
     def jacobian(self, scaled: np.ndarray, starts: int, data: ProblemData) -> tuple[Point, Any]:
         """A design, and the derivatives of −J and every excess by its scaled variables, (1 + m, d).
 
-        A program of its own would take as long to compile as the search's. Therefore each row is
-        the gradient of a Lagrangian of which one term has the weight 1 and all others 0, for as
-        many rows at a time as the search has ``starts``. With minibatches it is the mean of an
-        epoch's, and the design's values are those of the last.
+        Computed with the search's ``gradient`` program, since another would take as long to
+        compile: each row is the gradient of a Lagrangian with weight 1 for one term and 0 for all
+        others, ``starts`` rows at a time. With minibatches the rows are means over an epoch, and
+        the design's values are those of its last minibatch.
         """
         m = len(self.problem.objective.limits)
         weights = np.eye(-(-(1 + m) // starts) * starts, 1 + m)
@@ -105,8 +105,8 @@ class AugmentedLagrangian:
     def gradient(self) -> Wrapped:
         """Program: designs, (s, d), with their values, and the Lagrangian's gradients there.
 
-        With weights of −J, (s,), multipliers, (s, m), and weights w, (s,); where w is 0, it is the
-        Lagrangian that is linear in the multipliers.
+        Takes factors of −J, (s,), multipliers, (s, m), and weights w, (s,); with w = 0 it is the
+        ordinary Lagrangian, which is linear in the multipliers.
         """
 
         def one(
@@ -127,7 +127,7 @@ class AugmentedLagrangian:
 
     @cached_property
     def update(self) -> Wrapped:
-        """Program: the next state, after designs and gradients of this one."""
+        """Program: the next state, from the designs and gradients of this one."""
         return jax.jit(jax.vmap(self._update, in_axes=(0, 0, 0, None, None)))
 
     def _update(
@@ -142,7 +142,7 @@ class AugmentedLagrangian:
             terms = (raised(limited) ** 2 - multipliers**2) / (2 * weight)
             return jnp.sum(terms) - objective / data.size
 
-        def lagrangian_at(scaled: Any) -> Any:  # for optimisers that search along lines
+        def lagrangian_at(scaled: Any) -> Any:  # for line-search optimisers
             rows = self._rows(iteration, data.key)
             return lagrangian(*self.problem.values(jnp.clip(scaled, 0, 1), data, rows))
 
@@ -167,9 +167,9 @@ class AugmentedLagrangian:
         return kept._replace(alive=alive)
 
     def _rows(self, iteration: Any, key: Any) -> Any:
-        """The earthquakes of an iteration: all are met once an epoch, each time in another order.
+        """Indices of an iteration's minibatch: each epoch uses all earthquakes once, reshuffled.
 
-        None where every iteration has them all.
+        None if every iteration uses all earthquakes.
         """
         if self.per_epoch == 1:
             return None
@@ -180,10 +180,10 @@ class AugmentedLagrangian:
 
 
 def _given(state: State) -> tuple[Any, ...]:
-    """What ``AugmentedLagrangian.gradient`` is given of a state."""
+    """The arguments of ``AugmentedLagrangian.gradient`` at a state."""
     return state.scaled, np.ones_like(state.weight), state.multipliers, state.weight
 
 
 def at_active_bound(scaled: Any, gradient: Any, within: float = 0.0) -> Any:
-    """Variables at an active bound: descent along the gradient would lead out of the box."""
+    """Variables at an active bound: the descent direction points out of the box."""
     return ((scaled <= within) & (gradient > 0)) | ((scaled >= 1 - within) & (gradient < 0))

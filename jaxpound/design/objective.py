@@ -1,4 +1,4 @@
-"""What a design is to achieve over an ensemble of earthquakes, and at what price."""
+"""Objectives of a design over an ensemble of earthquakes: a goal, penalties and limits."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from jaxpound._checks import (
 from jaxpound.results.demand import limited_columns
 
 PRICES = ("damper_force", *limited_columns(masses=2, rods=2, links=1))
-"""What may be limited or penalised: scalars of ``Demand``, ``residual_offset`` by its size, and
-``damper_force``, the slip force μ."""
+"""Demands that may be limited or penalised: scalars of ``Demand``, ``residual_offset`` by its
+absolute value, and ``damper_force``, the slip force μ."""
 
 
 @runtime_checkable
 class Goal(Protocol):
-    """What is to be as large as possible: a function of the smallest gap of every earthquake."""
+    """What is to be maximised: a function of the smallest gaps in all earthquakes."""
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """From smallest gaps and gaps at rest, shape (n,) each, to one number."""
+        """The goal's value for smallest gaps and gaps at rest, shape (n,) each."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +109,7 @@ class CVaR:
 class PoundingProbability:
     """Minus the probability of pounding at a given gap, smoothed so that it has a derivative.
 
-    Every earthquake counts as Φ((required gap − gap) / width), its required gap being initial gap −
+    Every earthquake counts as Φ((required gap − gap) / width), where required gap = initial gap −
     smallest gap.
 
     Parameters
@@ -117,8 +117,8 @@ class PoundingProbability:
     gap
         The gap at rest ≥ 0; by default that of the structures.
     width
-        Of the smoothing, in the gap's unit; by default Silverman's rule, 1.06 s n^(−1/5), with the
-        standard deviation s of the required gaps, which has no part in the derivative.
+        Width of the smoothing, in the gap's unit; by default Silverman's rule, 1.06 s n^(−1/5),
+        with the standard deviation s of the required gaps, taken as constant in the derivative.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class PoundingProbability:
 
     gap: float | None = None
     width: float | None = None
-    size: ClassVar[float] = 1.0  # of the order of the goal
+    size: ClassVar[float] = 1.0  # order of magnitude of the goal
 
     def __post_init__(self) -> None:
         owner = "PoundingProbability"
@@ -139,7 +139,7 @@ class PoundingProbability:
             positive(owner, width=number(owner, "width", self.width))
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """Minus the smoothed share of pounding."""
+        """Minus the smoothed share of earthquakes with pounding."""
         required = initial_gaps - gaps
         gap = initial_gaps if self.gap is None else self.gap
         width: Any = self.width
@@ -150,7 +150,7 @@ class PoundingProbability:
 
 
 def tail_mean(x: jax.Array, share: float) -> jax.Array:
-    """Mean of the largest share of numbers, shape (n,): whole ones and a part of the next."""
+    """Mean of the largest ``share`` of n numbers, shape (n,), the last of them weighted in part."""
     whole = share * x.size
     weights = jnp.clip(whole - jnp.arange(x.size), 0.0, 1.0).astype(x.dtype)
     return jnp.sum(weights * jnp.sort(x, descending=True)) / whole
@@ -158,15 +158,15 @@ def tail_mean(x: jax.Array, share: float) -> jax.Array:
 
 @dataclasses.dataclass(frozen=True)
 class Limit:
-    """An upper bound on a price.
+    """An upper bound on a demand.
 
     Parameters
     ----------
     at_most
-        The bound > 0, in the price's unit.
+        Upper bound > 0 of the limited demand, in its unit.
     over
-        Of which earthquakes: "worst", "mean", or a share between 0 and 1 for the mean of the worst
-        (``CVaR``).
+        Statistic over the earthquakes: "worst", "mean", or a share between 0 and 1 for the mean of
+        the worst (``CVaR``).
 
     Raises
     ------
@@ -189,14 +189,14 @@ class Limit:
 
 @dataclasses.dataclass(frozen=True)
 class Penalty:
-    """A price's weight in the objective.
+    """The weight of a demand in the objective.
 
     Parameters
     ----------
     weight
-        ≥ 0: what one unit of the price costs, in the goal's unit.
+        Loss ≥ 0 per unit of the demand, in the goal's unit.
     over
-        As of ``Limit``.
+        See ``Limit``.
 
     Raises
     ------
@@ -214,7 +214,7 @@ class Penalty:
 
 
 def require_over(owner: str, over: Any) -> None:
-    """A ``ValueError`` for what is not "worst", "mean" or a share."""
+    """A ``ValueError`` if ``over`` is not "worst", "mean" or a share."""
     if isinstance(over, str):
         if over not in ("worst", "mean"):
             raise ValueError(f"{owner}: over = {over!r} must be 'worst', 'mean' or a share")
@@ -223,7 +223,7 @@ def require_over(owner: str, over: Any) -> None:
 
 
 def gathered(prices: jax.Array, over: str | float) -> jax.Array:
-    """One price of all earthquakes', shape (n,), as of ``Limit``."""
+    """One number for a demand in all earthquakes, shape (n,); ``over`` is that of ``Limit``."""
     if over == "mean":
         return jnp.mean(prices)
     if over == "worst":
@@ -233,10 +233,10 @@ def gathered(prices: jax.Array, over: str | float) -> jax.Array:
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """What is to be achieved: a goal as large as possible, less penalties, within limits.
+    """What a design is to achieve: the largest goal less penalties, within limits on demands.
 
-    For one pair more friction nearly always means a wider gap, up to locking the blocks together:
-    without a price the gap alone is a poor goal.
+    For one pair more friction nearly always means a wider gap, up to locking the blocks together: a
+    goal of gaps alone needs a limit or a penalty.
 
     Parameters
     ----------
@@ -244,21 +244,21 @@ class Objective:
         ``MeanGap``, ``WorstGap``, ``SoftMinimum``, ``CVaR``, ``PoundingProbability``, or any
         function of gaps and initial gaps that JAX can trace.
     penalties
-        By price: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
+        By penalised demand: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
     limits
-        By price: ``{"peak_f1": Limit(0.4, over="mean")}``; a number bounds the worst earthquake's.
+        By limited demand: ``{"peak_f1": Limit(0.4, over="mean")}``; a number limits the worst.
 
     Raises
     ------
     ValueError
-        If goal is no function, a price is unknown, or a penalty or limit is none.
+        If goal is no function, a demand is unknown, or a penalty or limit is neither.
 
     Notes
     -----
-    All are in dimensionless units, or in SI units where the design is given scales. Prices are
-    ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its slip force), ``peak_x1``,
-    ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``, ``residual_offset`` (its size),
-    ``slip_distance`` and ``friction_work``.
+    All are in dimensionless units, or in SI units where the design is given scales. Demands that
+    can be limited or penalised are ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its
+    slip force), ``peak_x1``, ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``,
+    ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``.
 
     Examples
     --------
@@ -291,17 +291,17 @@ class Objective:
 
     @property
     def quantity(self) -> str | None:
-        """What it measures: a length, unless the goal has a size of its own."""
+        """Its kind of quantity: a length, unless the goal has a ``size`` of its own."""
         return "length" if getattr(self.goal, "size", None) is None else None
 
     def value(self, demands: Mapping[str, Any]) -> jax.Array:
-        """Goal less penalties, of columns by name: prices, ``min_gap`` and ``initial_gap``."""
+        """Goal less penalties, from columns of demands, ``min_gap`` and ``initial_gap`` by name."""
         total = self.goal(demands["min_gap"], demands["initial_gap"])
         for price, penalty in self.penalties.items():
             total = total - penalty.weight * gathered(demands[price], penalty.over)
         return total
 
     def prices(self, demands: Mapping[str, Any]) -> jax.Array:
-        """What is limited, in the order of the limits, shape (m,)."""
+        """The limited demands, in the order of the limits, shape (m,)."""
         found = [gathered(demands[price], limit.over) for price, limit in self.limits.items()]
         return jnp.stack(found) if found else jnp.zeros(0, demands["min_gap"].dtype)

@@ -1,4 +1,4 @@
-"""What is known at an optimum: first-order conditions, multipliers, and the last steps to it."""
+"""First-order conditions and multipliers at a design, and polishing of the best one."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from jaxpound.design.lagrangian import AugmentedLagrangian, at_active_bound
 from jaxpound.design.problem import Point, ProblemData
 
 AT_BOUND = 0.005
-"""Share of the way between bounds from which on a variable stands at a bound."""
+"""Scaled distance from a bound within which a variable counts as at that bound."""
 
 _NEAR_LIMIT = 0.01  # of the limit
 _STEPS = 30  # of polishing, at most
-_FAR = 1e6  # what is not finite, in units of size
-_EXACT = 1e-9  # violation by rounding
+_FAR = 1e6  # in the place of what is not finite, in units of size
+_EXACT = 1e-9  # a violation that is rounding only
 
 
 class FirstOrder(NamedTuple):
     """A design with derivatives by its scaled variables."""
 
     point: Point
-    goal: np.ndarray  # of minus the objective over its size, (d,)
-    slopes: np.ndarray  # of limited demands over their limits, (m, d)
+    goal: np.ndarray  # gradient of minus the objective over its size, (d,)
+    slopes: np.ndarray  # gradients of limited demands over their limits, (m, d)
 
 
 @dataclasses.dataclass(frozen=True)
 class FirstOrderConditions:
-    """First-order conditions of a problem, and designs where they have been asked for.
+    """First-order conditions of a problem, kept for every design that was asked for.
 
     ``starts`` is the number of designs that the search's program has been compiled for.
     """
@@ -41,7 +41,7 @@ class FirstOrderConditions:
     _known: dict[bytes, FirstOrder] = dataclasses.field(default_factory=dict)
 
     def at(self, scaled: np.ndarray) -> FirstOrder:
-        """A design with its derivatives; those of a known design are not computed again."""
+        """A design with its derivatives; they are computed once for each design."""
         key = scaled.tobytes()
         if key not in self._known:
             here, rows = self.lagrangian.jacobian(scaled, self.starts, self.data)
@@ -49,16 +49,16 @@ class FirstOrderConditions:
         return self._known[key]
 
     def polished(self, own: Point) -> tuple[Point, int]:
-        """The best design that SciPy's sequential quadratic programming meets, and its runs.
+        """The best design found by SciPy's sequential quadratic programming, and the runs it took.
 
-        Runs with a gradient, with copies of a design that fill the search's program.
+        Counted are all runs with a gradient, also of the copies that fill the search's program.
         """
         limits, size = np.asarray(self.data.limits, np.float64), float(self.data.size)
 
         def at(scaled: np.ndarray) -> FirstOrder:
             return self.at(np.clip(scaled, 0.0, 1.0).astype(own.scaled.dtype))
 
-        def double(x: Any, otherwise: float = 0.0) -> np.ndarray:  # SciPy takes no other
+        def double(x: Any, otherwise: float = 0.0) -> np.ndarray:  # SciPy needs float64
             return np.nan_to_num(np.asarray(x, np.float64), nan=otherwise)
 
         constraint = {
@@ -83,16 +83,16 @@ class FirstOrderConditions:
             within = [point for point in met if point.violation <= excess]
             return min(within, key=lambda point: point.merit, default=None)
 
-        # Within the limits to rounding is better than a little above and a little better.
+        # Prefer a design within the limits to one slightly above them with a slightly lower merit.
         exact, near = least(_EXACT), least(tolerance)
         if exact is not None and near is not None and exact.merit <= near.merit + 5 * tolerance:
             return exact, runs
         return own if near is None else near, runs
 
     def multipliers(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """Multipliers ≥ 0 of the limits that hold at a design, and the Lagrangian's gradient there.
+        """Multipliers ≥ 0 of the active limits at a design, and the Lagrangian's gradient there.
 
-        Those that leave the smallest gradient within the bounds.
+        The multipliers are those with the smallest gradient over variables at no active bound.
         """
         _, goal, slopes = self.at(point.scaled)
         holding = point.limited / np.asarray(self.data.limits) - 1 > -_NEAR_LIMIT

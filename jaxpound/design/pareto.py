@@ -1,4 +1,4 @@
-"""What a wider gap costs: designs for ever tighter limits on one price."""
+"""Pareto fronts: designs for ever tighter limits on one demand."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class ParetoFront(Shown):
-    """Designs none of which is better than another in both objective and price, cheapest first."""
+    """Designs that do not dominate each other in objective and limited demand, in its order."""
 
     price: str
     over: str | float
     designs: tuple[Design, ...]
     infeasible: tuple[float, ...]
-    """Limits that no design was found for."""
+    """Limits for which no design was found."""
 
     @property
     def prices(self) -> np.ndarray:
-        """Of each design, shape (k,)."""
+        """The limited demand of each design, shape (k,)."""
         return np.array([design.prices[self.price] for design in self.designs])
 
     @property
     def objectives(self) -> np.ndarray:
-        """Of each design, shape (k,)."""
+        """The objective of each design, shape (k,)."""
         return np.array([design.objective for design in self.designs])
 
     def _tables(self) -> list[Table]:
@@ -89,31 +89,32 @@ def pareto_front(
     scales: Scales | None = None,
     progress: bool = True,
 ) -> ParetoFront:
-    """The best objective for every limit on a price, from loose to tight.
+    """The best objective for every limit on a demand, from loose to tight.
 
-    Every search starts where the one before ended, and at other places of the space. All run one
+    Every search starts where the one before ended, and at other points of the space. All use one
     compiled program.
 
     Parameters
     ----------
     space, ensemble, grid, scheme, objective, start, key, iterations, optimiser, scales
-        As of ``design_damper``.
+        See ``design_damper``.
     price, over
-        What is to be limited, as of ``Limit``; the objective must not limit it.
+        Name of the demand to be limited, and its statistic (see ``Limit``); the objective must not
+        limit it.
     points
-        Number of limits, evenly spaced from the price of the best design without this limit to the
-        smallest that this first search has met.
+        Number of limits, evenly spaced from the demand of the best design without this limit to the
+        smallest among the iterates of that first search.
     limits
-        The limits themselves.
+        The limits, instead of ``points``.
     starts
-        Of each search.
+        Number of starts of each search.
     progress
         Whether to show a progress bar, of the iterations of all searches.
 
     Raises
     ------
     ValueError
-        As ``design_damper``; if price is unknown or limited already.
+        As in ``design_damper``; if price is unknown or limited already.
     """
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
@@ -146,7 +147,7 @@ def pareto_front(
         ),
     )
     searches = points if limits is None else 1 + len(limits)
-    # Shown with the first iterations: a refusal stays alone.
+    # Shown with the first iterations, so that an error message has no bar beside it.
     with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
 
         def begin_search(to_come: int) -> None:
@@ -174,7 +175,7 @@ def pareto_front(
 
 
 def _front(designs: Sequence[Design], price: str) -> tuple[Design, ...]:
-    """Designs none of which is better than another in both objective and price."""
+    """Designs that do not dominate each other in objective and limited demand."""
     front: list[Design] = []
     for design in sorted(designs, key=lambda one: (one.prices[price], -one.objective)):
         if not front or design.objective > front[-1].objective:

@@ -1,4 +1,4 @@
-"""A design problem: what may be chosen, for which earthquakes, to what end; values of a design."""
+"""A design problem: space, ensemble and objective together, and the values of a design."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ OWNER = "design_damper"
 
 
 class ProblemData(NamedTuple):
-    """The numbers of a search, which its programs are given: others need no other program."""
+    """Numeric arguments of a search's programs: other numbers need no new compilation."""
 
     grounds: Any
     uncertain: Any
     limits: Any  # (m,)
-    size: Any  # of the order of the objective: their ratio is a pure number
-    tolerance: Any  # the largest violation that is none
-    key: Any  # of the minibatches
+    size: Any  # order of magnitude of the objective, in its unit
+    tolerance: Any  # the largest violation that counts as feasible
+    key: Any  # random key of the minibatches
 
 
 class Point(NamedTuple):
-    """A design and its values; of several designs, arrays with a leading axis."""
+    """A design and its values; for several designs, arrays with a leading axis."""
 
     scaled: Any  # the scaled variables, (d,)
     objective: Any  # goal less penalties
     limited: Any  # the limited demands, (m,)
-    violation: Any  # by which share a limit is exceeded, at most
+    violation: Any  # largest relative excess over a limit
     infeasible: Any  # whether the violation is above its tolerance
-    merit: Any  # to be made small: the violation if infeasible, else minus the objective over size
+    merit: Any  # to be minimised: the violation if infeasible, else minus the objective over size
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """Parameters of structures to be chosen for an ensemble of earthquakes; as ``design_damper``.
+    """Parameters of structures to be chosen for an ensemble of earthquakes; see ``design_damper``.
 
-    A design is given by its scaled variables, shape (d,): shares of the way between their bounds.
+    A design is given by its scaled variables, shape (d,): from 0 to 1 between their bounds.
     """
 
     space: DesignSpace
@@ -68,7 +68,7 @@ class DesignProblem:
         self.space.require_certain(OWNER, self.ensemble.uncertain)
 
     def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:
-        """Every price, the smallest gap and the gap at rest of structures in one earthquake."""
+        """Demands of ``PRICES``, smallest gap and gap at rest of structures in one earthquake."""
         found = demand(structures, ground, self.grid, self.scheme)
         gap, slip_force = structures.initial_gap, structures.friction
         if self.scales is not None:
@@ -82,7 +82,7 @@ class DesignProblem:
     def values(self, scaled: Any, data: ProblemData, rows: Any = None) -> tuple[Any, Any]:
         """Objective and limited demands (m,) at a design, traceable.
 
-        In the earthquakes of an ensemble's ``rows``, or in all.
+        For the earthquakes with the indices ``rows``, or all.
         """
         earthquakes = data.grounds, data.uncertain
         if rows is not None:
@@ -117,7 +117,7 @@ class DesignProblem:
     ) -> ProblemData:
         """The numbers of a search; ``before`` are the demands of its first start.
 
-        ``limits`` are bounds in the place of the objective's.
+        ``limits`` replace bounds of the objective's limits.
         """
         own = {name: limit.at_most for name, limit in self.objective.limits.items()}
         size = getattr(self.objective.goal, "size", None)
@@ -134,7 +134,7 @@ class DesignProblem:
         )
 
     def points(self, scaled: np.ndarray, data: ProblemData) -> Point:
-        """Designs, shape (s, d), by their values in the whole ensemble, one after another."""
+        """Designs, shape (s, d), with their values on the whole ensemble, one after another."""
         found = []
         for one in scaled:
             columns = self.evaluate(one, self.ensemble)
@@ -161,7 +161,7 @@ class DesignProblem:
 
 
 def point(scaled: Any, objective: Any, limited: Any, data: ProblemData) -> Point:
-    """A design with its values, and what these mean for a search; traceable."""
+    """A design with its values, violation and merit; traceable."""
     violation = jnp.max(limited / data.limits - 1, initial=0.0)
     infeasible = ~(violation <= data.tolerance)
     merit = jnp.where(infeasible, violation, -objective / data.size)
@@ -169,7 +169,7 @@ def point(scaled: Any, objective: Any, limited: Any, data: ProblemData) -> Point
 
 
 def better(old: Point, new: Point, alive: Any) -> Point:
-    """The better one of each start: within the limits first, then of the smaller merit."""
+    """The better design of each start: a feasible one first, then that of smaller merit."""
     nearer = (new.infeasible == old.infeasible) & (new.merit < old.merit)
     wins = alive & ((old.infeasible & ~new.infeasible & np.isfinite(new.merit)) | nearer)
     return jax.tree.map(
@@ -178,6 +178,6 @@ def better(old: Point, new: Point, alive: Any) -> Point:
 
 
 def best_start(best: Point, alive: Any = True) -> int:
-    """The start of the best design: alive, within the limits, of the least merit."""
+    """The start of the best design: alive, feasible if any is, with the smallest merit."""
     lost = ~(alive & np.isfinite(best.merit))
     return int(np.lexsort((best.merit, best.infeasible, lost))[0])

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from optax import GradientTransformation
 
 NO_LIMIT = 1e30
-"""A limit that is none."""
+"""A bound that stands for no limit."""
 
 
 class InfeasibleError(ValueError):
@@ -72,39 +72,39 @@ def design_damper(
     Parameters
     ----------
     space
-        What may be chosen, within which bounds.
+        The variables and their bounds.
     ensemble
         The earthquakes.
     grid, scheme
-        As of ``simulate``.
+        See ``simulate``.
     objective
-        What is to be achieved, at what price.
+        The goal, with penalties and limits.
     start
-        Where the first start is; by default the space's nominal structures.
+        The design of the first start; by default the space's nominal structures.
     starts
-        Their number: the others are spread over the space (scrambled Sobol points).
+        Number of starts: the others are spread over the space (scrambled Sobol points).
     key
-        A seed, of the starts and of the minibatches.
+        Seed of the starts and of the minibatches.
     iterations
-        At most.
+        Largest number of iterations.
     optimiser
-        Of optax, for the variables scaled to 0 to 1 between their bounds; by default Adam with
-        steps that fall from 0.2 to 0 (cosine). Line-search optimisers such as ``optax.lbfgs()``
-        work too.
+        An optimiser of optax, for the variables scaled to 0 to 1 between their bounds; by default
+        Adam with steps that fall from 0.2 to 0 (cosine). Line-search optimisers such as
+        ``optax.lbfgs()`` work too.
     batch
         Earthquakes of an iteration; by default all. With minibatches, the best design is evaluated
-        on the whole ensemble once an epoch and in the end, and there is no polishing; gradient and
+        on the whole ensemble once per epoch and at the end, and there is no polishing; gradient and
         multipliers of the result are means over the minibatches of an epoch.
     patience, tolerance
-        The search ends when no start has become better by ``tolerance``, as a share of the mean
-        required gap, in ``patience`` iterations (of all earthquakes: epochs, if there is a batch).
+        The search ends when in ``patience`` iterations (with minibatches: epochs) no start has
+        improved by ``tolerance`` times the mean required gap.
     limit_tolerance
-        By which share a limit may be exceeded.
+        Relative excess over a limit that is tolerated.
     scales
-        For an objective in SI units.
+        Given for an objective in SI units.
     fresh
-        How many earthquakes to try the design on that it was not made for (where the ensemble is
-        drawn), an ensemble of such, or None.
+        Earthquakes that were not used in the search, on which the design is evaluated: their number
+        (if the ensemble is drawn), an ensemble, or None.
     save
         A file that keeps the state every 20 iterations: the same call goes on from there, and ends
         as if it had not been interrupted.
@@ -113,10 +113,10 @@ def design_damper(
     progress
         Whether to show a progress bar.
     polish
-        Whether the winner is brought to its optimum by at most 30 steps of SciPy's sequential
-        quadratic programming, with the same gradients.
+        Whether the best design is refined by at most 30 steps of SciPy's sequential quadratic
+        programming, with the same gradients.
     strict
-        Whether what is only warned of is refused.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Returns
     -------
@@ -126,9 +126,9 @@ def design_damper(
     ------
     ValueError
         If an argument breaks its rule, the start is outside the bounds, or memory has no room for
-        so many starts or earthquakes; if every start is not finite, with the reason; if no design
-        within the limits was found, with the least by which they were exceeded; if the file holds
-        another search or is damaged; if ``strict``, also where there would be a warning.
+        so many starts or earthquakes; if no start stays finite, with the reason; if no design
+        within the limits was found, with the smallest excess; if the file holds another search or
+        is damaged; if ``strict``, also where there would be a warning.
     OSError
         If the file cannot be written to.
 
@@ -136,8 +136,8 @@ def design_damper(
     -----
     PlausibilityWarning
         Before the search: if, of the first 256 earthquakes, more than 1 % are not resolved by the
-        grid (as of ``simulate``) or, where there are scales or records, have a PGA above 5 g; if
-        the gap is more than 100 times what the buildings of the first start move.
+        grid (see ``simulate``) or, where there are scales or records, have a PGA above 5 g; if the
+        gap is more than 100 times the displacements (peak |x1| + peak |x2|) of the first start.
 
     Examples
     --------
@@ -176,7 +176,7 @@ def design_damper(
 
 
 class Designer:
-    """A problem and how it is solved; programs are compiled once, for any starts and limits."""
+    """A problem and its solver; programs are compiled once, for any starts and limits."""
 
     def __init__(
         self, problem: DesignProblem, options: SearchOptions, strict: bool = False
@@ -187,7 +187,7 @@ class Designer:
         n = len(problem.ensemble)
         batch = n if options.batch is None else options.batch
         enforce(OWNER, [Rule("batch", batch, batch <= n, f"at most the ensemble's {n}")])
-        # At least every start's variables, and the demands of its earthquakes, which run at once.
+        # At least the variables of every start, and the demands of its earthquakes, run at once.
         each = problem.space.dimension + batch * len(PRICES)
         size = options.starts * each * jnp.zeros(()).dtype.itemsize
         require_memory(OWNER, "starts", options.starts, size)
@@ -208,7 +208,7 @@ class Designer:
         fresh: int | Ensemble | None = None,
         limits: Mapping[str, float] | None = None,
     ) -> Design:
-        """As ``design_damper``; ``limits`` are bounds in the place of the objective's."""
+        """See ``design_damper``; ``limits`` replace bounds of the objective's limits."""
         problem, options = self.problem, self.options
         first = start_shares(OWNER, problem.space, start)
         fresh = self._fresh(fresh)
@@ -264,7 +264,7 @@ class Designer:
         return design if fresh is None else replace(design, fresh=design.compare(fresh))
 
     def _fresh(self, fresh: Any) -> Ensemble | None:
-        """Earthquakes to try the design on."""
+        """Earthquakes that the search does not use, to evaluate the design."""
         if fresh is None:
             return None
         if not isinstance(fresh, Ensemble):
@@ -274,7 +274,7 @@ class Designer:
 
 
 def _limited(objective: Objective, bounds: Sequence[float]) -> Objective:
-    """An objective with other bounds, less the limits that are none."""
+    """An objective with other bounds, without those limits that bound nothing."""
     limits = {
         name: replace(limit, at_most=bound)
         for (name, limit), bound in zip(objective.limits.items(), bounds, strict=True)

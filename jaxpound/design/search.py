@@ -1,4 +1,4 @@
-"""The loop of a design search: iterations until there is no more progress, and their file."""
+"""The loop of a design search: iterations until there is no more progress, kept in a file."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _FORMAT = 2  # of the file
 
 
 class Progress(NamedTuple):
-    """Where a search is, as a callback is told."""
+    """The progress of a search, which its callback gets."""
 
     iteration: int
     objective: np.ndarray
-    """Goal less penalties of every start, shape (s,); the larger the better."""
+    """Goal less penalties of every start, shape (s,); larger is better."""
     violation: np.ndarray
-    """By how much a limit is exceeded, at most, as a share of the limit, shape (s,)."""
+    """Largest relative excess over a limit, shape (s,)."""
     values: dict[str, np.ndarray]
     """The variables of every start, shape (s,) each."""
     best: float
@@ -90,7 +90,7 @@ class SearchOptions:
 
 
 class Iterate(NamedTuple):
-    """What an iteration met: the design of every start, and the best that each has met so far."""
+    """One iteration: the design of every start, and the best design of each start so far."""
 
     here: Point
     best: Point
@@ -106,12 +106,12 @@ class Descent:
     data: ProblemData
 
     def run(self, scaled: np.ndarray) -> tuple[Point, list[Iterate], str]:
-        """From starts, shape (s, d): the best of each, all that was met, and why the search ended.
+        """From starts, shape (s, d): the best of each, all iterates, and why the search ended.
 
         Raises
         ------
         ValueError
-            If every start is not finite, or the file holds another search or is damaged.
+            If no start stays finite, or the file holds another search or is damaged.
         OSError
             If the file cannot be written to.
         """
@@ -130,7 +130,7 @@ class Descent:
                 if whole:
                     best = better(best, here, state.alive)
                 elif len(history) % self.lagrangian.per_epoch == 0:
-                    # The objective of a part of the earthquakes is noise.
+                    # A minibatch's objective is too noisy to compare designs.
                     best = better(best, problem.points(here.scaled, self.data), state.alive)
                 history.append(Iterate(here, best, state.alive))
                 if not state.alive.any():
@@ -166,7 +166,7 @@ class Descent:
         return isinstance(answer, bool | np.bool_) and bool(answer)
 
     def _end(self, history: Sequence[Iterate]) -> str:
-        """Why to end, or nothing."""
+        """The reason to end, or an empty string."""
         patience = self.options.patience * self.lagrangian.per_epoch
         if len(history) >= self.options.iterations:
             return f"{self.options.iterations} iterations"
@@ -195,7 +195,7 @@ class Descent:
         )
 
     def _identity(self, state: State) -> dict[str, Any]:
-        """What determines every number of a search."""
+        """All that determines the numbers of a search."""
         data, problem = self.data, self.lagrangian.problem
         posed = ("space", "objective", "grid", "scheme", "scales")
         numbers = ("limits", "tolerance")
@@ -211,26 +211,25 @@ class Descent:
 
 
 def no_design(state: State) -> Point:
-    """The best designs of starts that have met none yet."""
+    """Placeholders for the best designs, before any design was evaluated."""
     far, none = np.full_like(state.weight, np.inf), np.zeros_like(state.multipliers)
     return Point(state.scaled, -far, none, far, np.ones_like(state.alive), far)
 
 
 @dataclasses.dataclass(frozen=True)
 class SavedSearch:
-    """A file with the state of a search and all that it has met; ``identity`` says of which."""
+    """A file with the state and history of a search, which ``identity`` identifies."""
 
     path: Path
     identity: dict[str, Any]
 
     def read(self, state: State) -> tuple[State, list[Iterate]]:
-        """State and history, or the state given and nothing where there is no file.
+        """State and history; the given state and no history if there is no file.
 
         Raises
         ------
         ValueError
-            If the file holds something else or is damaged, or no file of arrays can hold such a
-            state.
+            If the file holds something else or is damaged, or the state cannot be stored as arrays.
         """
         if any(jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key) for x in jax.tree.leaves(state)):
             raise ValueError(f"{OWNER}: save cannot keep an optimiser that draws at random")
@@ -251,7 +250,7 @@ class SavedSearch:
         return held, [jax.tree.map(lambda x, i=i: x[i], met) for i in range(n)]
 
     def write(self, state: State, history: Sequence[Iterate]) -> None:
-        """Put state and history in the place of what the file held."""
+        """Write state and history to the file, replacing what it held."""
         met = jax.tree.map(lambda *rows: np.stack(rows), *history)
         arrays = {name: np.asarray(x) for name, x in (_named(state) | _named(met)).items()}
         arrays["iterations"] = np.array([len(history)], np.int64)
@@ -279,6 +278,6 @@ def _named(tree: Any) -> dict[str, Any]:
 
 
 def _read(archive: Archive, like: Any, before: tuple[int, ...]) -> Any:
-    """A tree of arrays of the shapes and types of another's, with more axes before them."""
+    """A tree of arrays like another, with the leading axes ``before`` added to their shapes."""
     leaves = [archive.read(name, (*before, *x.shape), x.dtype) for name, x in _named(like).items()]
     return jax.tree.unflatten(jax.tree.structure(like), leaves)

@@ -1,7 +1,7 @@
 """What a designer may choose: parameters of the structures by path, each between two bounds.
 
-An optimiser moves in shares of the way between bounds, numbers from 0 to 1; ``DesignSpace`` turns
-them into structures. So every iterate is physical.
+An optimiser works on scaled variables (``shares``), from 0 to 1 between their bounds;
+``DesignSpace`` turns them into structures. So every iterate is physical.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from jaxpound.model.parameters import (
 )
 from jaxpound.model.system import Structures
 
-_SLACK = 1e-6  # of a bound: what single precision loses on the way to a value and back
-_APART = 1.001  # at least, of a parameter over the one that it must not be below
+_SLACK = 1e-6  # relative to a bound: rounding in single precision of a value and its inverse
+_APART = 1.001  # least ratio of a parameter to its lower bound, if that is a parameter
 
 
 @dataclasses.dataclass(frozen=True)
 class Bounds(Checked):
-    """Between which numbers a design variable is, and whether its steps are ratios.
+    """The interval of a design variable, and whether its scale is logarithmic.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Bounds(Checked):
     Raises
     ------
     ValueError
-        If the bounds are not finite or not in this order, or the scale is another or does not fit.
+        If the bounds are not finite or not in this order, or the scale is unknown or does not fit.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class Bounds(Checked):
         enforce("Bounds", [Rule("low", self.low, positive, "positive for a log scale")])
 
     def value(self, share: Any, low: Any) -> Any:
-        """The value at a share of the way from ``low`` (these bounds', or a higher one) to high."""
+        """The value of a scaled variable, 0 at ``low`` (or a higher bound) and 1 at high."""
         if self.scale == "log":
             value = low * jnp.exp(share * jnp.log(self.high / low))
         else:
@@ -89,7 +89,7 @@ class DesignSpace:
     Parameters
     ----------
     nominal
-        The parameters that are not to be chosen, and by default where a search starts.
+        The parameters that are not variables, and the default start of a search.
     variables
         Bounds by field path: ``{"friction": (0.05, 1.0), "rod_1.tau_x": Bounds(0.5, 20, "log")}``;
         two numbers are ``Bounds`` of linear scale. Of τ_f and τ_x of one rod, τ_x is always the
@@ -142,7 +142,7 @@ class DesignSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Paths of the variables, in the order of shares."""
+        """Paths of the variables, in the order of the scaled variables."""
         return tuple(self.variables)
 
     @property
@@ -151,25 +151,25 @@ class DesignSpace:
         return len(self.variables)
 
     def values(self, shares: Float[Array, " d"]) -> dict[str, Any]:
-        """The variables by path, at shares between 0 and 1 of the way between their bounds."""
+        """The variables by path, from scaled variables between 0 and 1."""
         found: dict[str, Any] = {}
         for path, share in zip(self.names, shares, strict=True):
             found[path] = self.variables[path].value(share, self._low(path, found))
         return found
 
     def numbers(self, shares: np.ndarray) -> dict[str, np.ndarray]:
-        """``values`` of any number of designs: shares of shape (..., d), numbers of shape (...)."""
+        """``values`` of any number of designs: from shape (..., d) to numbers of shape (...)."""
         found = self.values(jnp.moveaxis(jnp.asarray(shares), -1, 0))
         return {path: np.asarray(x) for path, x in found.items()}
 
     def structures(
         self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None
     ) -> Any:
-        """The structures at shares; ``others`` are parameters in the place of nominal ones."""
+        """Structures from scaled variables; ``others`` replace nominal parameters."""
         return put(self.nominal, {**(others or {}), **self.values(shares)})
 
     def shares(self, design: Structures | Mapping[str, float]) -> np.ndarray:
-        """Where a design is between the bounds, shape (d,): the inverse of ``values``.
+        """Scaled variables of a design, shape (d,): the inverse of ``values``.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class DesignSpace:
         return np.clip(shares, 0.0, 1.0)
 
     def require_certain(self, owner: str, uncertain: Iterable[str]) -> None:
-        """Refuse uncertain parameters that are variables, or that bound or are bounded by one."""
+        """Refuse uncertain parameters that are variables, bound one or are bounded by one."""
         for path in uncertain:
             if path in self.names:
                 raise ValueError(f"{owner}: {path} must not be both chosen and uncertain")
@@ -209,7 +209,7 @@ class DesignSpace:
                     raise ValueError(f"{owner}: {other} {rule}")
 
     def _low(self, path: str, found: Mapping[str, Any]) -> Any:
-        """The lower bound, above that of the parameters which it must not be below."""
+        """The lower bound, raised to the parameter that bounds this one from below."""
         low, below = self.variables[path].low, lower(self.nominal, path)
         if below is None:
             return low
@@ -234,7 +234,7 @@ def _bounds(path: str, given: Any, low: float, high: float) -> Bounds:
 
 
 def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
-    """Where n searches start, shape (n, d): one where it is told, others spread over the space."""
+    """Starts of n searches, shape (n, d): the given one, others spread over the space."""
     from scipy.stats import qmc  # only here: it takes a second to import
 
     power = int(np.ceil(np.log2(max(n - 1, 1))))
@@ -245,7 +245,7 @@ def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
 def start_shares(
     owner: str, space: DesignSpace, start: Structures | Mapping[str, float] | None
 ) -> np.ndarray:
-    """Where a search starts; a ``ValueError`` for what is outside the bounds."""
+    """Scaled variables of a search's start; a ``ValueError`` outside the bounds."""
     try:
         return space.shares(space.nominal if start is None else start)
     except ValueError as error:

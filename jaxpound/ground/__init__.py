@@ -1,8 +1,8 @@
 """What shakes: ground motions, the files they are read from, and measures of their intensity.
 
-``motion`` says what is asked of a ground motion, and has sums and scalings; ``ricker`` has
-wavelets, ``record`` accelerograms, which ``reader`` reads from files of the layouts in
-``formats``; ``intensity`` measures; ``plausibility`` says what is implausible of a motion.
+``motion`` defines the interface of a ground motion, with sums and scalings; ``ricker`` has
+wavelets, ``record`` accelerograms, which ``reader`` reads from files of the layouts in ``formats``;
+``intensity`` has measures; ``plausibility`` warns of implausible motions.
 """
 
 from jaxpound.ground.motion import Ground as Ground

@@ -116,7 +116,7 @@ class _Oscillator(NamedTuple):
     h: Any
 
     def waves(self, t: Any) -> tuple[Any, Any]:
-        """The free motions of unit velocity and of unit displacement, without its damping, at t."""
+        """Free vibrations at t from unit velocity and unit displacement, without their decay."""
         decay = jnp.exp(-self.zeta * self.w * t)
         return decay * jnp.sin(self.damped * t) / self.damped, decay * jnp.cos(self.damped * t)
 
@@ -125,7 +125,7 @@ class _Oscillator(NamedTuple):
     ) -> tuple[Any, Any]:
         """Displacement and velocity at 0 ≤ t ≤ h after an instant; ``free`` are the waves at t."""
         (w, zeta, _, h), (x, v), (start, end), (sine, cosine) = self, state, ends, free
-        # Less the particular solution of x'' + 2 ζ ω x' + ω² x = −(a + s t), the motion is free.
+        # Free vibration plus the particular solution of x'' + 2 ζ ω x' + ω² x = −(a + s t).
         s = (end - start) / h
         lag = 2 * zeta * s / w**3
         x, v = x - (lag - start / w**2), v + s / w**2
@@ -170,7 +170,7 @@ def _largest_displacement(oscillator: _Oscillator, a: jax.Array) -> jax.Array:
 
 
 def _between(a: jax.Array, parts: int) -> jax.Array:
-    """Samples on the straight lines between samples, ``parts`` intervals in the place of one."""
+    """Samples interpolated linearly, with ``parts`` intervals in the place of each."""
     share = jnp.arange(parts) / parts
     lines = a[:-1, None] + share[None].astype(a.dtype) * (a[1:, None] - a[:-1, None])
     return jnp.append(lines.reshape(-1), a[-1])

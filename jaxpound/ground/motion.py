@@ -1,8 +1,8 @@
-"""Ground motions: what the simulator asks of one, their sums and scalings, values on a time grid.
+"""Ground motions: their interface, their sums and scalings, values on a time grid.
 
 In the dimensionless model (eq. 9) acceleration is in units of g and time in units of 1/ω1. A record
-as read from a file is in g and seconds. It says so (``Record.time_unit``), and no dimensionless run
-takes it before ``Scales.to_dimensionless`` has turned it into the other.
+as read from a file is in g and seconds (its ``time_unit``), and dimensionless runs refuse it until
+``Scales.to_dimensionless`` has converted it.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ SECONDS, DIMENSIONLESS = "s", "1/ω1"
 
 @runtime_checkable
 class Ground(Protocol):
-    """What the simulator asks of a ground motion: its acceleration.
+    """What the simulator needs of a ground motion: its acceleration.
 
-    An object may have, besides:
+    Optional methods:
 
     - ``velocity(t)``: u'(t), of the shape of ``t``, the exact integral of the acceleration. The
       time loop then takes the exact mean of u'' over each step (the difference of u' at its ends),
       so that value and gradient are second-order accurate however the acceleration jumps between
       the instants of the grid; without it, the value of u'' in the middle of the step, which is as
       accurate where u'' is smooth. The velocity of the ground in a ``Response`` is exact, too.
-    - ``unresolved(dt)``: sentences that say what of the ground motion steps of dt do not resolve.
+    - ``unresolved(dt)``: sentences that say which part of the motion steps of dt do not resolve.
 
     The time loop calls both where the object is a pytree of arrays, as in the example. Any other
-    object, and a plain function, is evaluated at the instants of the grid before the run, and known
-    by these values alone. What derives from ``GroundMotion`` can be added and scaled, and may
-    replace each of its methods.
+    object, and a plain function, is evaluated at the instants of the grid before the run, which
+    uses these values alone. Subclasses of ``GroundMotion`` can be added and scaled, and may
+    override each of its methods.
 
     Examples
     --------
@@ -89,13 +89,13 @@ class Excitation(NamedTuple):
 
 
 class GroundMotion:
-    """What is asked of a ground motion, in terms of its ``acceleration``; sums and scalings.
+    """Base class: all methods of a ground motion from its ``acceleration``; sums and scalings.
 
     Ground motions are combined by ``a + b``, ``a - b``, ``2 * a``, ``a / 2``, ``-a`` and
-    ``sum([a, b])``. A plain function of t may be one of the two that are added or subtracted.
+    ``sum([a, b])``. One of the two that are added or subtracted may be a plain function of t.
     """
 
-    __array_ufunc__ = None  # a NumPy factor on the left leaves the product to us
+    __array_ufunc__ = None  # so that a NumPy factor on the left calls our ``__rmul__``
     velocity: Callable[[Any], Any] | None = None  # u'(t), of the shape of t, where it is known
     time_unit: str | None = None  # where u'' is in g, as a record's is: its unit of time
 
@@ -104,7 +104,7 @@ class GroundMotion:
         raise NotImplementedError
 
     def excitation(self, grid: TimeGrid, order: int) -> Excitation:
-        """What the time loop of a scheme of order 1 or 2 takes.
+        """The ground motion as the time loop of a scheme of order 1 or 2 takes it.
 
         The mean over a step is u''(t), or in a scheme of order 2 the exact one if there is a
         ``velocity``.
@@ -115,7 +115,7 @@ class GroundMotion:
         return Excitation((), lambda t, _: (u(t), mean_acceleration(v, t, h)))
 
     def velocity_and_bulge(self, t: Array, h: float) -> tuple[Array, Array]:
-        """Velocity u' at the instants t of a grid, and how much its mean at t ∓ h/2 is more.
+        """Velocity u' at the instants t of a grid, and the mean of u'(t ∓ h/2) less u'(t).
 
         Shape (n,), of n instants that are h apart. Exact where there is a ``velocity``, else by the
         trapezoidal sum from rest.
@@ -136,7 +136,7 @@ class GroundMotion:
         yield self
 
     def unresolved(self, dt: float) -> list[str]:
-        """What of it steps of ``dt`` do not resolve, in words, as far as it is known."""
+        """Which part of it steps of ``dt`` do not resolve, in words, as far as it is known."""
         return []
 
     def __add__(self, other: GroundLike) -> Sum:
@@ -166,7 +166,7 @@ class GroundMotion:
 
 
 class _Own(GroundMotion):
-    """A user's object or function: what it does not have is as of any ``GroundMotion``."""
+    """A user's object or function; methods that it lacks are those of ``GroundMotion``."""
 
     def __init__(self, ground: GroundLike) -> None:
         own = {name: getattr(ground, name, None) for name in ("velocity", "unresolved")}
@@ -176,7 +176,7 @@ class _Own(GroundMotion):
 
 
 def as_motion(ground: GroundLike) -> GroundMotion:
-    """A ground motion that answers to all of ``GroundMotion``."""
+    """A ground motion as a ``GroundMotion``, wrapped if it is none."""
     return ground if isinstance(ground, GroundMotion) else _Own(ground)
 
 
@@ -203,7 +203,7 @@ class Sum(GroundMotion):
         return sum(ground.acceleration(t) for ground in self._motions())
 
     def excitation(self, grid: TimeGrid, order: int) -> Excitation:
-        """Those of the parts."""
+        """Series of the parts, and the sum of their accelerations."""
         series, each_at = zip(*(x.excitation(grid, order) for x in self._motions()), strict=True)
 
         def at(t: Any, entries: Any) -> tuple[Any, Any]:
@@ -212,20 +212,20 @@ class Sum(GroundMotion):
         return Excitation(series, at)
 
     def velocity_and_bulge(self, t: Array, h: float) -> tuple[Array, Array]:
-        """Sums of those of the parts."""
+        """Sums over the parts."""
         return _summed([ground.velocity_and_bulge(t, h) for ground in self._motions()])
 
     def samples_at(self, t: np.ndarray) -> Any:
-        """Sum of those of the parts."""
+        """Sum over the parts."""
         return sum(ground.samples_at(t) for ground in self._motions())
 
     def parts(self) -> Iterator[GroundMotion]:
-        """Those of the parts."""
+        """The parts of each ground motion of the sum."""
         for ground in self._motions():
             yield from ground.parts()
 
     def unresolved(self, dt: float) -> list[str]:
-        """What of the parts steps of ``dt`` do not resolve, in words."""
+        """What steps of ``dt`` do not resolve in each part, in words."""
         return [said for ground in self._motions() for said in ground.unresolved(dt)]
 
     def _motions(self) -> list[GroundMotion]:
@@ -249,24 +249,24 @@ class Scaled(GroundMotion):
         return self.factor * as_motion(self.ground).acceleration(t)
 
     def excitation(self, grid: TimeGrid, order: int) -> Excitation:
-        """The series as it is: many factors of one ground motion share it."""
+        """With the unscaled series, which many factors of one ground motion share."""
         series, whole = as_motion(self.ground).excitation(grid, order)
         return Excitation(series, lambda t, entry: self._times(whole(t, entry)))
 
     def velocity_and_bulge(self, t: Array, h: float) -> tuple[Array, Array]:
-        """Factor times those of the ground motion."""
+        """Factor times the ground motion's."""
         return self._times(as_motion(self.ground).velocity_and_bulge(t, h))
 
     def samples_at(self, t: np.ndarray) -> Any:
-        """Factor times those of the ground motion."""
+        """Factor times the ground motion's."""
         return self.factor * as_motion(self.ground).samples_at(t)
 
     def parts(self) -> Iterator[GroundMotion]:
-        """Those of the ground motion."""
+        """The parts of the ground motion that is scaled."""
         return as_motion(self.ground).parts()
 
     def unresolved(self, dt: float) -> list[str]:
-        """What of the ground motion steps of ``dt`` do not resolve, in words."""
+        """What steps of ``dt`` do not resolve of the ground motion, in words."""
         return as_motion(self.ground).unresolved(dt) if np.any(self.factor) else []
 
     def _times(self, pair: tuple[Any, Any]) -> tuple[Any, Any]:
@@ -297,7 +297,7 @@ def mean_acceleration(velocity: Callable[[Any], Any], t: Any, h: float) -> Any:
 def instants(grid: TimeGrid, tree: Any) -> Float[Array, " n_steps+1"]:
     """The instants of a grid as the time loop has them, in the precision of a tree's arrays."""
     dtype = jnp.result_type(float, *jax.tree.leaves(tree))
-    # Rounded here: compiled, m·dt might be fused with what is made of it, and be another number.
+    # Rounded here: compiled, m·dt might be fused with later operations and be rounded otherwise.
     return jnp.asarray(np.arange(grid.n_steps + 1, dtype=dtype) * np.asarray(grid.dt, dtype))
 
 
@@ -312,7 +312,7 @@ def excitation(ground: GroundLike, grid: TimeGrid, order: int) -> Excitation:
 
 
 def velocity_and_bulge(ground: GroundLike, t: Array, h: float) -> tuple[Array, Array]:
-    """Velocity u' at the instants t, h apart, and how much its mean at t ∓ h/2 is more."""
+    """Velocity u' at the instants t, h apart, and the mean of u'(t ∓ h/2) less u'(t)."""
     return as_motion(ground).velocity_and_bulge(t, h)
 
 
@@ -320,8 +320,8 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
     """The ground motion at the instants of a time grid.
 
     This is how the simulator takes a ground motion that is not a pytree of arrays (a Python
-    function, say): it is evaluated once on the grid, by array or, if it raises ``TypeError`` or
-    ``ValueError`` there, by ``jax.vmap`` or at last instant by instant. An error then is its own.
+    function, say): it is evaluated once on the grid, for all instants at once or, if that raises
+    ``TypeError`` or ``ValueError``, by ``jax.vmap`` or at last one by one, where its errors pass.
 
     Raises
     ------
@@ -334,7 +334,7 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
 
 
 def records_in(ground: GroundLike) -> Iterator[GroundMotion]:
-    """The parts of a ground motion that are in g over a unit of time, as records are."""
+    """The parts of a ground motion that are records: in g, with a unit of time."""
     return (part for part in as_motion(ground).parts() if part.time_unit)
 
 
@@ -350,7 +350,7 @@ def require_dimensionless(place: str, ground: GroundLike) -> None:
 
 
 def unresolved(ground: GroundLike, dt: float) -> list[str]:
-    """What of a ground motion steps of dt do not resolve, in words, as far as it is known."""
+    """Which part of a motion steps of dt do not resolve, in words, as far as it is known."""
     return [] if is_traced(ground) else as_motion(ground).unresolved(dt)
 
 
@@ -370,7 +370,7 @@ def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
 
 
 def _evaluated(acceleration: Callable[[Any], Any], t: np.ndarray) -> Any:
-    """By array, or else by ``jax.vmap``, or at last instant by instant."""
+    """Values at all instants at once, or else by ``jax.vmap``, or at last one by one."""
     values: Any = None
     for whole in (acceleration, jax.vmap(acceleration)):
         with suppress(TypeError, ValueError):

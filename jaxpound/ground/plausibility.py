@@ -1,9 +1,8 @@
-"""Input that no rule forbids but that is hardly meant: what is found is warned of, or refused.
+"""Valid but implausible input, such as a number in a wrong unit: a warning or, if strict, an error.
 
-A run without a unit of length claims nothing in g (eq. 9 is homogeneous: ground, friction and gap
-may be scaled together), unless a record, which is in g, shakes it. A Monte Carlo study does claim
-it in any units: its probabilities are of earthquakes that happen. Values that are traced cannot be
-judged.
+In a dimensionless run PGA is checked only if the ground motion has a record, which is in g: eq. 9
+is homogeneous, so that ground, friction and gap may be scaled together. In a Monte Carlo study it
+is always checked: the probabilities are those of real earthquakes. Traced values are not checked.
 """
 
 from __future__ import annotations
@@ -23,21 +22,21 @@ from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import Ground, GroundLike, records_in, unresolved
 
 MOST_PGA = 5.0
-"""Peak ground acceleration, g, that is hardly an earthquake's: the largest recorded are about 4."""
+"""Largest plausible peak ground acceleration, g: the largest recorded are about 4."""
 
 FAR_GAP = 100.0
-"""Ratio of the gap to all displacement at which something has the wrong unit: below it, a pair may
-be meant never to pound; mm, cm and m are factors of 100 and 1000 from each other."""
+"""Largest plausible ratio of the gap to the displacements: below it, a pair may be meant never to
+pound; above it a unit is probably wrong (m for cm or mm is a factor of 100 or 1000)."""
 
 LEAST_SHARE = 0.01
-"""Share of many earthquakes that may break a limit: it moves no probability by more than that."""
+"""Share of a study's earthquakes that may be implausible: no probability changes by more."""
 
 LOOKED_AT = 256
-"""Earthquakes of many that are judged: they hold one of a hundred with a probability of 92 %."""
+"""How many earthquakes of a study are checked: 92 % probable to have one that is 1 % probable."""
 
 
 class PlausibilityWarning(UserWarning):
-    """Input is unresolved by the time grid, or beyond what happens: see ``simulate``."""
+    """Input that the time grid does not resolve, or that is implausible: see ``simulate``."""
 
 
 def tell(owner: str, findings: list[str], strict: bool) -> None:
@@ -51,7 +50,7 @@ def tell(owner: str, findings: list[str], strict: bool) -> None:
     if strict and findings:
         raise ValueError(f"{owner}: {'; '.join(findings)}")
     level, frame = 1, sys._getframe()
-    own = ("jaxpound.", "jaxtyping.")  # which stands between where it checks annotations
+    own = ("jaxpound.", "jaxtyping.")  # in between, where it checks annotations
     while frame.f_back and frame.f_globals.get("__name__", "").startswith(own):
         level, frame = level + 1, frame.f_back
     for finding in findings:
@@ -59,14 +58,14 @@ def tell(owner: str, findings: list[str], strict: bool) -> None:
 
 
 def excessive(ground: GroundLike, pga: Any, name: str = "ground") -> list[str]:
-    """Whether a ground motion in g, as a record is, shakes more than earthquakes do."""
+    """A finding if a ground motion in g, as a record is, exceeds the plausible PGA."""
     if is_traced(pga) or jnp.ndim(pga) or not any(records_in(ground)):
         return []
     return [_beyond(f"{name}: PGA = {float(pga):.4g} g")] if float(pga) > MOST_PGA else []
 
 
 def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
-    """Whether a gap is out of all proportion to what the buildings move, peak |x1| + peak |x2|."""
+    """A finding if a gap is out of proportion to the displacements, peak |x1| + peak |x2|."""
     if is_traced((gap, moved)) or jnp.ndim(moved):
         return []
     gap, moved, unit = float(gap), float(moved), "m" if si else "g/ω1²"
@@ -79,19 +78,19 @@ def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
 
 
 def first_of(n: int, grid: TimeGrid) -> int:
-    """How many of n earthquakes are judged: fewer long ones, so that it takes no time."""
+    """How many of n earthquakes are checked: fewer if they are long, to save time."""
     return min(n, LOOKED_AT, max(16, 2**20 // grid.n_steps))
 
 
 def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
-    """What is found in many earthquakes, the first of more.
+    """Findings in the first earthquakes of a study.
 
     Parameters
     ----------
     grounds
         Their ground motions; every array has a leading axis of n.
     grid
-        Of their runs.
+        The instants of their runs.
     in_g
         Whether accelerations are meant in g although no record is among them.
     """

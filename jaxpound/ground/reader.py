@@ -23,15 +23,15 @@ def read_record(
 ) -> Record:
     """Read a recorded accelerogram from a text file.
 
-    Its layout is told by its content, not by its extension:
+    Its layout is recognised by its content, not by its extension:
 
     - PEER AT2: a header with a line such as ``NPTS=  4000, DT= .01000 SEC`` or
-      ``7997 0.0050 NPTS, DT``, then the values, any number a row, also stuck together by a sign
-      (``.12E-02-.31E-02``).
-    - K-NET and KiK-net (NIED's ASCII format): 17 lines of header, then whole counts. The scale
-      factor, the sampling frequency and the duration are the header's. The mean of all counts is
-      the instrument's offset and is taken off, as it is from the maximum that the header states,
-      with which the record must agree.
+      ``7997 0.0050 NPTS, DT``, then the values, any number a row, also without a blank before a
+      sign (``.12E-02-.31E-02``).
+    - K-NET and KiK-net (NIED's ASCII format): 17 lines of header, then whole counts. Scale
+      factor, sampling frequency and duration are read from the header. The mean of all counts, the
+      instrument's offset, is subtracted; the record must then have the maximum that the header
+      states, which is about that mean.
     - Two columns, time and acceleration, between commas, semicolons, tabs or blanks. The time
       step must be uniform within the rounding of the printed times; where that rounding could hide
       a lost sample, it must be uniform as printed. The record starts at the first sample: a first
@@ -57,15 +57,15 @@ def read_record(
     Returns
     -------
     Record
-        Samples in g (float64, standard gravity 9.80665 m/s²), dt in seconds, named as the file.
+        Samples in g (float64, standard gravity 9.80665 m/s²), dt in seconds, named after the file.
 
     Warns
     -----
     PlausibilityWarning
         If data follow a comment inside the block of data, or a mark of its end; if rows of values
-        look like columns side by side; if a value is printed otherwise than nearly all (of a
+        look like columns side by side; if a value has other digits than nearly all others (of a
         thousand and more); if the time step is half a second or more; or if the last line has no
-        end and its value is the largest.
+        line end and its value is the largest.
 
     Raises
     ------
@@ -76,9 +76,9 @@ def read_record(
         without data; holds anything but finite numbers, a sample above 20 g, rows of unequal
         length, non-uniform times, several columns of values, or times alone; states no time step,
         another dt or other units than given, units that are not known, or a scale that is not
-        understood; says that it is a history of velocity or another quantity, or a spectrum;
-        states no positive NPTS and DT; holds fewer or more values than it says (more are not cut
-        off: a surplus means a damaged file); or ends inside its last value.
+        understood; says that it is a history of velocity or another quantity, or a spectrum; states
+        no positive NPTS and DT; holds fewer or more values than it says (a surplus is not ignored:
+        it means a damaged file); or ends inside its last value.
 
     Notes
     -----

@@ -49,14 +49,13 @@ class Record(GroundMotion):
     time_unit
         Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
         dimensionless model. Runs of dimensionless structures refuse a record in seconds;
-        ``Scales.to_dimensionless`` makes one of it that they take, and ``simulate_buildings`` takes
-        it as it is.
+        ``Scales.to_dimensionless`` converts it, and ``simulate_buildings`` takes it as it is.
 
     Raises
     ------
     ValueError
         If the samples are not one-dimensional, fewer than two or not finite, dt is not a number
-        > 0, the name is not a string, or time_unit is another.
+        > 0, the name is not a string, or time_unit is none of these.
 
     Examples
     --------
@@ -93,7 +92,7 @@ class Record(GroundMotion):
         check(self)
 
     def more_rules(self, prefix: str) -> list[Rule]:
-        """The rule of the samples, by the name that they are given under."""
+        """The rule of the samples, under the name of their argument."""
         return [Rule(f"{prefix}acceleration", self.samples, finite(self.samples), "finite")]
 
     def acceleration(self, t: ArrayLike) -> jax.Array:
@@ -121,7 +120,7 @@ class Record(GroundMotion):
         return Excitation(series, lambda _, entry: entry)
 
     def _place(self, t: ArrayLike) -> tuple[jax.Array, jax.Array]:
-        """Sample to the left of t, among samples with a zero at either end, and the way from it."""
+        """Sample to the left of t, counting a zero at either end, and how far t is beyond it."""
         last = self.n_samples + 1
         place = larger(smaller(jnp.asarray(t) / self.dt + 1, last), 0)
         left = jnp.minimum(place.astype(int), last - 1)
@@ -164,8 +163,8 @@ class Record(GroundMotion):
         Raises
         ------
         ValueError
-            If dt is not a positive number, is above the record's duration, or is coarser in no
-            ratio of whole numbers to the record's own; if either interval is traced.
+            If dt is not a positive number, is above the record's duration, or is coarser and no
+            ratio of whole numbers times the record's own; if either interval is traced.
         """
         owner = "Record.resampled"
         if is_traced((dt, self.dt)):

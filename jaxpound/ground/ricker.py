@@ -38,7 +38,7 @@ class Ricker(GroundMotion):
     Raises
     ------
     ValueError
-        If the shapes are others, a period is not positive, or anything known is not finite.
+        If the shapes do not match, a period is not positive, or a known value is not finite.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class Ricker(GroundMotion):
         return self._sum(t, lambda a, s, v: 2 * a**2 * (4 * v**2 - 12 * v + 3))
 
     def excitation(self, grid: TimeGrid, order: int) -> Excitation:
-        """In closed form; for a scheme of order 2 the mean over a step to fourth order in it.
+        """In closed form; for a scheme of order 2 the mean over a step to fourth order in dt.
 
         It is u'' + (h²/24) d²u''/dt²; the exponentials, most of the work, serve both.
         """
@@ -98,7 +98,7 @@ class Ricker(GroundMotion):
         u0, tp, ts = (jnp.atleast_1d(x) for x in (self.amplitude, self.periods, self.arrivals))
         a = jnp.pi / tp
         size, c = 2 * a**2 * u0, (a * grid.dt) ** 2 / 24
-        mean = (3 - 30 * c, 180 * c - 12, 4 - 120 * c, 16 * c)  # of 1, v, v² and v³
+        mean = (3 - 30 * c, 180 * c - 12, 4 - 120 * c, 16 * c)  # times 1, v, v², v³
 
         def at(t: Any, _: Any) -> tuple[Any, Any]:
             v = (a * (t - ts)) ** 2

@@ -99,7 +99,7 @@ class Building:
         largest = s / (c + tau_f * size**2) / 2
         text = "below what a rod of this order and tau_f can give"
         if not is_traced((largest, gain)):
-            first = np.argmin(gain > 0)  # the one the message is about
+            first = np.argmin(gain > 0)  # the building that the message names
             text += f", {np.broadcast_to(largest, np.shape(gain)).flat[first]:.8g}"
         enforce(owner, [Rule("damping_ratio", zeta, gain > 0, text)])
         # As a sum of positive terms, so that τ_x ≥ τ_f to the last digit.

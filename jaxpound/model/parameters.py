@@ -1,7 +1,7 @@
 """Parameters of structures by path: ``friction``, ``rod_1.tau_x``, ``rods.3.material.tau_x``.
 
-A path names a field that is a ``parameter``, through any nesting of objects and tuples. What is
-known of a parameter, and what it may be, stands at that field.
+A path names a field that is a ``parameter``, through any nesting of objects and tuples. That field
+holds the parameter's metadata, such as its admissible values (see ``_fields``).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from jaxpound._fields import Parameter, walk
 T = TypeVar("T")
 
 SMALLEST = 1e-30
-"""The smallest value of what must be positive: single precision does not make a zero of it."""
+"""The smallest value of a positive parameter: single precision does not round it to zero."""
 
 
 def paths(structures: Any) -> tuple[str, ...]:
-    """Paths of all parameters, alike ones of several objects side by side.
+    """Paths of all parameters; the same parameter of several objects is listed together.
 
-    What bounds another parameter comes before it (τ_f before τ_x): in this order they can be drawn
-    or chosen one after the other. ``structures`` may be a class without tuples.
+    A parameter that bounds another comes before it (τ_f before τ_x): in this order they can be
+    drawn or chosen one after the other. ``structures`` may be a class without tuples.
     """
     alike: dict[Parameter, list[str]] = {}
     for path, parameter, _ in walk(structures, Parameter):
@@ -41,7 +41,7 @@ def known(structures: Any, path: str) -> Parameter:
     Raises
     ------
     ValueError
-        If there is no such parameter; as of all functions of this module.
+        If there is no such parameter; so do all functions of this module.
     """
     return _found(_table(structures), path)[0]
 
@@ -66,7 +66,7 @@ def get(structures: Any, path: str) -> Any:
 
 
 def put(structures: T, values: Mapping[str, Any]) -> T:
-    """Structures with other values of parameters, which are checked as those of any structures.
+    """Structures with the given parameters replaced; their rules are checked.
 
     All values are put at once, so that their order does not matter.
     """
@@ -75,7 +75,7 @@ def put(structures: T, values: Mapping[str, Any]) -> T:
 
 
 def lower(structures: Any, path: str) -> str | None:
-    """Path of the parameter that this one must not be below: τ_f of the same rod for τ_x."""
+    """Path of the parameter that bounds this one from below: τ_f of the same rod for τ_x."""
     return _lower(_found(_table(structures), path)[0], path)
 
 
@@ -87,12 +87,12 @@ def interval(
     Parameters
     ----------
     structures
-        Has the others, traced or not.
+        The structures, with known or traced parameters.
     path
         The parameter.
     others
         Values of some of the others in the place of those in ``structures``; None for one that is
-        not known yet, and bounds nothing.
+        not known yet and does not bound this one.
     """
     table, others = _table(structures), others or {}
     parameter, _ = _found(table, path)
@@ -114,12 +114,12 @@ def interval(
 
 
 def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:
-    """What is known of each parameter, and its value, by path."""
+    """Metadata and value of each parameter, by path."""
     return {path: (parameter, x) for path, parameter, x in walk(structures, Parameter)}
 
 
 def require_paths(owner: str, structures: Any, given: Iterable[str]) -> None:
-    """A ``ValueError`` for a path that is none of the parameters'."""
+    """A ``ValueError`` for a path that names no parameter."""
     table = _table(structures)
     for path in given:
         _found(table, path, owner)
@@ -128,7 +128,7 @@ def require_paths(owner: str, structures: Any, given: Iterable[str]) -> None:
 def _found(
     table: Mapping[str, tuple[Parameter, Any]], path: str, owner: str = "parameters"
 ) -> tuple[Parameter, Any]:
-    """The entry of a path; that of a class has ``*`` for an index."""
+    """The entry of a path; for a class ``*`` stands for any index."""
     for there in (path, re.sub(r"\.\d+\b", ".*", path)):
         if there in table:
             return table[there]
@@ -148,7 +148,7 @@ def _split(path: str) -> tuple[str, str, str]:
 
 
 def _rebuilt(node: Any, values: Mapping[Sequence[str], Any]) -> Any:
-    """An object, a tuple or a number with what is to be put into it, by the rest of its path."""
+    """An object, tuple or number with new values in it, keyed by the rest of their paths."""
     if () in values:
         return values[()]
     below: dict[str, dict[Sequence[str], Any]] = {}

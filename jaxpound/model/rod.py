@@ -96,7 +96,7 @@ class ZenerRod:
 
     def _moduli(self, omega: ArrayLike) -> tuple[jax.Array, jax.Array]:
         # K* = 1 + (τ_x − τ_f) z / (1 + τ_f z) with z = (iω)^γ. With a = 1/(1 + τ_f |z|) and
-        # b = 1 − a nothing overflows, and the elastic rod is elastic to the last digit.
+        # b = 1 − a nothing overflows, and the elastic rod has exactly no loss.
         angle = jnp.pi / 2 * self.order
         size = jnp.asarray(omega) ** self.order
         a = 1 / (1 + self.tau_f * size)
@@ -126,7 +126,7 @@ def _natural_frequency(rod: ZenerRod, ratio: jax.Array) -> jax.Array:
     (low, high), _ = lax.scan(halve, (low, high), length=60)
     omega = jnp.sqrt(low * high)
 
-    # A bracket cannot be differentiated; Newton's steps from its end can.
+    # Bisection cannot be differentiated; Newton's steps from its result can.
     def excess(w: jax.Array) -> jax.Array:
         return w**2 - ratio * rod.storage_modulus(w)
 

@@ -53,13 +53,13 @@ class Rod:
 
 @pytree_dataclass
 class Link:
-    """What acts between two neighbours i and j that slide past or towards each other: dry friction.
+    """Dry friction and the gap between neighbours i and j that slide past or towards each other.
 
     Parameters
     ----------
     ends
         Mass i, which stands left, and mass j, by number from 0; one of them may be ``GROUND``: a
-        sliding bearing. The link is closed by s = x_i − x_j, and the gap left is ``gap`` − s.
+        sliding bearing. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s.
     friction
         Slip force μ ≥ 0, in units of m1 g.
     gap
@@ -81,7 +81,7 @@ class Link:
 
 
 class Topology(NamedTuple):
-    """Which masses there are, and what joins which: static, it shapes the program of a run."""
+    """Number of masses, and what joins which: static, it determines the compiled program."""
 
     n_masses: int
     rods: tuple[Ends, ...]
@@ -90,7 +90,7 @@ class Topology(NamedTuple):
 
 @runtime_checkable
 class Structures(Protocol):
-    """What a run takes: a ``System``, or anything that is one in other words."""
+    """What a run takes: a ``System``, or an object that can be written as one."""
 
     def system(self) -> System:
         """Its masses, rods and links."""
@@ -110,8 +110,8 @@ class System:
     rods
         The rods. Every mass must be tied to the ground by rods, through other masses if need be.
     links
-        The links. They may not close a ring (in a ring that sticks the forces are not determined),
-        and until several links are solved together no mass may have two.
+        The links. They may not close a ring (the friction forces of a ring in stick are not
+        determined), and no mass may have two: several links on one mass are not simulated yet.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def _two_ends(owner: str, value: Any) -> Ends:
 
 
 def _check_topology(topology: Topology) -> None:
-    """A ``ValueError`` for what no run can be made of."""
+    """A ``ValueError`` for a topology that cannot be simulated."""
     n = topology.n_masses
     if not n:
         raise ValueError("System: masses = () must hold at least one mass")
@@ -213,7 +213,7 @@ def _check_topology(topology: Topology) -> None:
 
 
 def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
-    """The masses in groups that rods join among themselves: the buildings of a system."""
+    """Groups of masses that are connected by rods: the buildings of a system."""
     between = [ends for ends in topology.rods if GROUND not in ends]
     group = _groups(topology.n_masses, between)
     first = sorted({group[mass] for mass in range(topology.n_masses)})

@@ -1,8 +1,8 @@
-"""Pictures: of runs (here), and by module of records, studies, designs and the system itself.
+"""Figures of runs, records, studies, designs and the system itself, a module for each.
 
-``runs`` draws responses and is what ``jaxpound.plots`` offers by name; ``records``, ``studies``,
-``designs`` and ``convergence`` draw what their names say; ``system`` the blocks and rods;
-``animation`` moves them, ``explorer`` shows them live.
+``runs`` draws responses, and its functions are those of ``jaxpound.plots``; ``records``,
+``studies``, ``designs`` and ``convergence`` draw what their names say; ``system`` the blocks and
+rods; ``animation`` animates a run, ``explorer`` redraws it while sliders are moved.
 """
 
 from jaxpound.plots.runs import displacements as displacements

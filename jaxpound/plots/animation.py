@@ -28,14 +28,14 @@ _COLUMNS = 20  # points along a bent column
 class Scene:
     """A pair of buildings between two instants: blocks on bending columns, and the damper.
 
-    Relative to the ground; widths and heights are chosen for the eye, motions and gap are to one
-    scale. The damper is two plates on the roofs, pressed together at the mark; the arrow is its
-    force q on block 1, to the left where q is positive.
+    Drawn relative to the ground; motions and gap are to one scale, widths and heights of the
+    buildings are not. The damper is two plates on the roofs, pressed together at the mark; the
+    arrow is its force q on block 1, to the left where q is positive.
 
     Parameters
     ----------
     response
-        A single run. Where friction is nowhere, there is no damper to be drawn.
+        A single run. Without any friction force no damper is drawn.
     ax
         Where to draw.
     reach
@@ -165,7 +165,7 @@ def still(
 
 
 class _Player(FuncAnimation):
-    """Frames of the figure's own resolution, whatever that of saved figures is."""
+    """Frames in the figure's own resolution, independent of ``savefig.dpi``."""
 
     def save(self, filename: Any, *args: Any, **kwargs: Any) -> None:
         if len(args) < 3:
@@ -177,7 +177,7 @@ class _Player(FuncAnimation):
 def animate(
     responses: Response | Mapping[str, Response], frames: int = 100, seconds: float = 10.0
 ) -> FuncAnimation:
-    """A run, or several side by side, as an animation: the buildings, and what goes on over time.
+    """An animation of a run, or of several side by side: the buildings, and series over time.
 
     ``animate(run).to_jshtml()`` is a player in HTML, ``animate(run).save("run.gif")`` a file.
     Beside a single run are its gap and friction force, below each of several its gap.
@@ -187,9 +187,9 @@ def animate(
     responses
         A single run, in SI or not, or such runs by name, on the same grid.
     frames
-        Number of pictures ≥ 2, evenly over the run.
+        Number of frames ≥ 2, evenly over the run.
     seconds
-        How long it plays > 0, s.
+        Duration of the animation > 0, s.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def animate(
 def _panels(
     figure: Figure, runs: Mapping[str, Response], single: bool
 ) -> tuple[list[Scene], list[Axes]]:
-    """The scene of each run, and what is drawn over time beside or below."""
+    """The scene of each run, and the series over time beside or below."""
     if single:
         panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
     else:

@@ -53,7 +53,7 @@ def errors_by_step(
 
 
 def _order(h: NDArray[np.float64], size: NDArray[np.float64]) -> float | None:
-    """The slope of the errors' logarithms; None where they fall off their line by a third."""
+    """The slope of the errors' logarithms; None if an error is off the line by a third."""
     if h.size < 3 or not (size > 0).all():
         return None
     slope, start = np.polyfit(np.log(h), np.log(size), 1)

@@ -32,7 +32,7 @@ from jaxpound.plots.style import (
 
 @in_house_style
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Objective of every start over iterations, thin where it exceeds a limit; the winner green."""
+    """Objective of every start over iterations, thin where it exceeds a limit; best in green."""
     ax = new_axes(ax)
     history = design.history
     k, starts = history.objective.shape
@@ -63,10 +63,10 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 def landscape(
     design: Design, ax: Axes | None = None, drawn: Landscape | None = None, n: int = 15
 ) -> Axes:
-    """Objective over two variables, with the path of the winner projected on it.
+    """Objective over two variables, with the path of the best start projected on it.
 
-    Where a limit is exceeded it is shaded. ``drawn`` is what ``Design.landscape`` found; by default
-    that of the two variables which moved farthest.
+    Where a limit is exceeded it is shaded. ``drawn`` is a result of ``Design.landscape``; by
+    default that of the two variables which changed most.
     """
     ax = new_axes(ax)
     if drawn is None:
@@ -97,7 +97,7 @@ def landscape(
         color=COLOURS["damper"],
         markersize=8,
         label="design",
-        clip_on=False,  # it often stands at a bound
+        clip_on=False,  # the design is often at a bound
         zorder=5,
     )
     ax.set_xscale(design.space.variables[drawn.x].scale)
@@ -113,10 +113,10 @@ def landscape(
 def _violation_with_the_design(
     design: Design, drawn: Landscape
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The landscape's axes and violation, with a row and a column more where the design is.
+    """The landscape's axes and violation, with a row and a column added at the design.
 
-    A design often stands where a limit just holds. Interpolated between the landscape's points the
-    limit would be exceeded there; at the design itself its violation is known.
+    A design is often at an active limit. Interpolated between the landscape's points, the limit
+    would be exceeded there; at the design itself the violation is known.
     """
 
     def even(name: str, values: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ _RODS = tuple(f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_x", "
 
 
 class Explorer:
-    """A pair of buildings in a notebook: sliders, and what they do to the response.
+    """A pair of buildings in a notebook: sliders for its parameters, and the response.
 
     The last expression of a cell shows it. ``sliders`` holds the widgets by the parameter's path
     (``explorer.sliders["friction"].value = 0.4``); ``structures``, ``ground`` and ``response`` are
@@ -51,7 +51,7 @@ class Explorer:
         A ``Ricker`` motion, whose wavelets get sliders, or a ``Record`` (in units of g and 1/ω1),
         which gets one for its strength.
     grid
-        The instants; a thousand or so are drawn fastest.
+        The instants; about a thousand are fast enough to be redrawn live.
     scheme
         The discretisation.
     scales
@@ -66,8 +66,8 @@ class Explorer:
 
     Notes
     -----
-    Where a choice breaks a rule (τf above τx, a step above the stability limit) the picture stays,
-    and the line below it says why.
+    Where a choice breaks a rule (τf above τx, a step above the stability limit) the picture does
+    not change, and the line below it says why.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Explorer:
         )
 
     def _repr_mimebundle_(self, **kwargs: Any) -> dict[str, Any]:
-        # The picture is for where widgets do not live.
+        # The picture is for viewers without live widgets.
         picture = b64encode(self.picture.value).decode()
         return self.widget._repr_mimebundle_(**kwargs) | {"image/png": picture}
 
@@ -168,7 +168,7 @@ class Explorer:
         ]
 
     def _chosen(self) -> tuple[AdjacentStructures, Any]:
-        """Structures and ground as the sliders say; ValueError where they break a rule."""
+        """Structures and ground set by the sliders; ValueError where they break a rule."""
         value = {name: slider.value for name, slider in self.sliders.items()}
         paths = parameters.paths(self._first)
         structures = parameters.put(self._first, {path: value[path] for path in paths})
@@ -223,13 +223,13 @@ class Explorer:
 
 
 def plain(text: str) -> str:
-    """A name with mathematics as plain text, which also looks right where none is set: ``τ_x``."""
+    """A name with its mathematics as plain text, for places that do not render it: ``τ_x``."""
     text = re.sub(r"\$|\\bar|(?<=\\)var", "", text)
     return re.sub(r"\\([a-z]+)", lambda letter: lookup(f"GREEK SMALL LETTER {letter[1]}"), text)
 
 
 def _scrolled(sliders: list[Any]) -> Any:
-    """Sliders in no more than the height that leaves the picture in sight."""
+    """Sliders in a scrolling box, low enough that the picture stays in view."""
     widgets = require("Explorer", "ipywidgets")
     box = widgets.Box(sliders)
     box.layout = widgets.Layout(flex_flow="column", max_height="15em", overflow="hidden auto")

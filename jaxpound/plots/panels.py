@@ -1,7 +1,7 @@
 """Ground motion, displacements, friction force and gap, redrawn in hundredths of a second.
 
-Axes, ticks and legends take most of the time of a drawing. Each panel keeps them as an image, on
-which only what moves is drawn anew, until a run no longer fits the panel's axis.
+Axes, ticks and legends take most of the drawing time. Each panel keeps them as an image, on which
+only the lines are redrawn, until a run no longer fits the panel's axis.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from jaxpound.results.response import Response
 _SIZE = (4.1, 2.1)  # of a panel, in inches
 _FRAME = (0.18, 0.2, 0.77, 0.76)  # left, bottom, width, height in shares of it
 _DPI = 110
-_LEAST_USED = 0.35  # of an axis, before it is scaled anew
+_LEAST_USED = 0.35  # of an axis, before it is rescaled
 
 
 class _Drawn(NamedTuple):
@@ -76,7 +76,7 @@ class _Panel:
             ax.axhspan(-1e9, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
             self._moving.append(self._lowest)
         for artist in self._moving:
-            artist.set_animated(True)  # so that the kept image is without it
+            artist.set_animated(True)  # so that it is not in the kept image
         symbols = ", ".join(symbol for symbol, _ in drawn.lines.values())
         time = unit_for("time", response.si, 0)[1]
         label(ax, f"time $t$ ({time})", f"{drawn.words} {symbols} ({unit})")
@@ -121,12 +121,12 @@ class _Panel:
 
 
 class LivePanels:
-    """Four panels over time of one run, and then of others on the same grid.
+    """Four panels over time, first of one run, then of others on the same grid.
 
     Parameters
     ----------
     response
-        A single run; it gives units and the axis of time.
+        A single run, which determines the units and the time axis.
     """
 
     def __init__(self, response: Response) -> None:

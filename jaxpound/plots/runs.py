@@ -1,6 +1,6 @@
 """Figures of runs: every function draws a ``Response`` into given axes and returns them.
 
-The runs of a batch are drawn over each other, in fainter lines the more there are. Matplotlib's
+The runs of a batch are drawn over each other; the more runs, the fainter the lines. Matplotlib's
 settings stay as they are. With ``ax=None`` the axes belong to a new pyplot figure of column width
 (9 cm), which a notebook shows; with axes given, pyplot is not touched.
 """
@@ -161,10 +161,10 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def energy(response: Response, ax: Axes | None = None) -> Axes:
-    """Energy of a single run over time: what damper, rods and motion hold, stacked, and the input.
+    """Energy of a single run over time: damper, rods and kinetic energy, stacked, and the input.
 
     The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
-    The difference between them is the residual of the balance, which has a line of its own.
+    Their difference is the residual of the balance, also drawn as a line.
     """
     require_single("energy", response)
     ax = _axes(response, ax)

@@ -2,7 +2,7 @@
 
 The float sliders of ipywidgets send the browser's rounding of a value back as the new value, as
 soon as they are shown and whenever code sets them. Here the browser's slider counts marks: whole
-numbers survive its arithmetic, so that it speaks only when a user moves it. The number itself is
+numbers are not rounded, so that it sends a value only when a user moves it. The number itself is
 kept in Python, and shown in the text field with all its digits.
 """
 
@@ -38,7 +38,7 @@ class ExactSlider(widgets.HBox):
     Raises
     ------
     ValueError
-        If ``value`` is, or is set to, what is not finite.
+        If ``value`` is not finite, at first or when it is set.
     """
 
     value = traitlets.CFloat()
@@ -79,7 +79,7 @@ class ExactSlider(widgets.HBox):
 
 
 def _fixed(**layout: str) -> widgets.Layout:
-    """Neither grown nor shrunk, however many rows there are to scroll through."""
+    """A layout that neither grows nor shrinks with the number of rows."""
     return widgets.Layout(flex="0 0 auto", **layout)
 
 

@@ -82,7 +82,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
 def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) -> Axes:
     """Probability of pounding by the first n samples over n, with its 95 % interval.
 
-    ``gap`` is as of ``Study.pounding_probability``.
+    For ``gap`` see ``Study.pounding_probability``.
     """
     ax = new_axes(ax)
     pounding = _pounding(study, gap)
@@ -109,7 +109,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     ax = new_axes(ax)
     ranked = np.sort(study.finite("required_gap"))
     n = ranked.size
-    more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # how many exceed it
+    more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # counts of exceedance
     estimates = np.array([probability(int(k), n)[:3] for k in more])
     gaps = ranked[n - more]
     colour = COLOURS["damper"]
@@ -139,7 +139,7 @@ def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -
     """Fragility curve with its 95 % bootstrap band and the data.
 
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
-    their intervals. ``intensity`` is what the axis says, unit and all.
+    their intervals. ``intensity`` is the label of the axis, with its unit.
     """
     ax = new_axes(ax)
     im, k, n = curve.intensity, curve.pounding, curve.trials

@@ -1,9 +1,9 @@
 """What all figures share: colours, sizes, units, labels, legends.
 
 Sizes are those of the style file ``house.mplstyle``, which ``plt.style.use("jaxpound.house")``
-takes for figures of one's own. Every public function that draws is an ``in_house_style``: it looks
-alike under any settings of matplotlib, and leaves them as they are. ``label`` sets the letters and
-the grid of axes that the caller made under other settings.
+takes for figures of one's own. Every public function that draws is decorated by ``in_house_style``:
+its figures do not depend on the caller's settings of matplotlib, nor change them. ``label`` sets
+fonts and grid of axes that the caller made under other settings.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from jaxpound.quantities import DIMENSIONLESS, SI
 from jaxpound.results.demand import known_of
 from jaxpound.study.random_ground import WAVELET_KINDS
 
-# Okabe and Ito's colours, which stay apart for every kind of colour vision, by what they stand for;
-# what is merely compared has those of CYCLE.
+# Okabe and Ito's colours, which are distinct for every kind of colour vision, by what they stand
+# for; series that are merely compared have those of CYCLE.
 COLOURS = {
     "structure 1": "#0072B2",
     "structure 2": "#D55E00",
@@ -53,7 +53,7 @@ with resources.as_file(resources.files("jaxpound") / "house.mplstyle") as _file:
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# How finely a figure is shown or saved is the caller's choice.
+# The resolution of a figure is the caller's choice.
 _DRAWN = {name: value for name, value in _HOUSE.items() if not name.endswith(".dpi")}
 
 FIGURE_SIZE = tuple(_HOUSE["figure.figsize"])
@@ -72,7 +72,7 @@ def quantity_of(name: str) -> tuple[str | None, str]:
     return known.kind, known.symbol
 
 
-# Whose paths a figure may meet, of a study that was opened say, without an object of them.
+# Classes by which a path is looked up where no object is at hand (a study that was opened).
 _WITH_PARAMETERS = (AdjacentStructures, System)
 
 
@@ -85,8 +85,8 @@ def parameter_name(path: str) -> str:
 def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
     """Factor and name, with its unit, of a parameter on an axis.
 
-    ``scales`` turn it into SI units, if they are given; ``largest`` is its size before. What has no
-    unit, such as a ratio or an order, is told by its name alone.
+    ``scales``, if given, convert it to SI units; ``largest`` is its dimensionless size. A parameter
+    without a unit, such as a ratio or an order, has a name alone.
     """
     name, owner = parameter_name(path), _owner(path)
     wavelet = path.rpartition("_")[0]
@@ -124,7 +124,7 @@ def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
 
 
 def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
-    """A function that draws, under the settings of ``house.mplstyle`` while it runs."""
+    """Decorator of a function that draws: ``house.mplstyle`` applies while it runs."""
 
     @functools.wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -138,7 +138,7 @@ class FreeFigure(Figure):
     """A figure that pyplot does not manage; notebooks show it, vector files keep text as text."""
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
-        """As of any figure, fonts as fonts in vector files."""
+        """Save the figure; vector files keep text as text."""
         fonts = logging.getLogger("fontTools")  # it complains of the dates in matplotlib's fonts
         level = fonts.level
         fonts.setLevel(logging.ERROR)
@@ -155,7 +155,7 @@ class FreeFigure(Figure):
 
 
 def new_figure(width: float = 1.0, height: float = 1.0) -> Figure:
-    """A figure unknown to pyplot, of so many columns' width and so many usual heights."""
+    """A figure unknown to pyplot; width in columns, height in usual heights."""
     size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
     return FreeFigure(figsize=size, layout="constrained")
 
@@ -168,7 +168,7 @@ def figure(draw: Callable[[Any, Axes], Any], drawn: Any) -> Figure:
 
 
 def new_axes(ax: Axes | None, width: float = 1.0, height: float = 1.0) -> Axes:
-    """The axes given, or those of a new pyplot figure of so many columns and usual heights."""
+    """The given axes, or those of a new pyplot figure (width in columns, usual heights)."""
     if ax is not None:
         return ax
     from matplotlib import pyplot  # only here, so that no window system is asked for
@@ -224,7 +224,7 @@ def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
 
 
 def legend_above(ax: Axes, columns: int) -> None:
-    """A legend over the axes, where what is drawn leaves no corner free."""
+    """A legend above the axes, for drawings that leave no corner free."""
     ax.legend(
         loc="lower center",
         bbox_to_anchor=(0.5, 1.0),
@@ -263,7 +263,7 @@ def bars(ax: Axes | None, names: Sequence[str]) -> Axes:
 
 
 def signed_bars(ax: Axes | None, values: Mapping[str, float], words: str) -> Axes:
-    """A bar for each name, to the left or right of zero, from below in their order."""
+    """A bar for each name, to the left or right of zero, in their order from below."""
     ax, place = bars(ax, list(values)), np.arange(len(values))
     ax.barh(place, list(values.values()), 0.6, color=CYCLE[0], alpha=0.8)
     ax.axvline(0, color="black", linewidth=0.7)

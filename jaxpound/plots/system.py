@@ -17,8 +17,8 @@ _LINE = 1.0
 def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | None = None) -> Axes:
     """The system of eqs. (1) to (5): blocks, rods, damper, gap, ground and the signs of motion.
 
-    Each rod is a spring beside a spring and a springpot (the diamond) in a row, which is the
-    fractional Zener solid; the damper is two plates pressed together. Forces and motions are
+    Each rod is a spring in parallel with a spring and a springpot (the diamond) in series, which is
+    the fractional Zener solid; the damper is two plates pressed together. Forces and motions are
     positive as the arrows show.
 
     Parameters
@@ -112,7 +112,7 @@ def _block(ax: Axes, left: float, name: str, colour: str) -> None:
 
 
 def _rod(ax: Axes, wall: float, block: float, colour: str) -> None:
-    """A spring above; below it, in a row, a spring and a springpot."""
+    """A spring above; below it, in series, a spring and a springpot."""
 
     def line(along: list[float], up: list[float]) -> None:
         x = wall + (block - wall) * np.asarray(along)

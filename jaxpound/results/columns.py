@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 
 class Columnar:
-    """A result that is a table: a row an instant, a run or a sample.
+    """A result that is a table, with a row for each instant, run or sample.
 
     The names of columns end with the SI unit where the numbers are SI (``x1_m``, ``v1_m_per_s``),
-    and have no ending where they are dimensionless. What tells rows apart (the run, the instant,
-    the sample) comes first, and is the index of a data frame.
+    and have no ending where they are dimensionless. The columns that identify a row (run, instant,
+    sample) come first, and are the index of a data frame.
     """
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -46,7 +46,7 @@ class Columnar:
     def to_csv(self, file: str | PathLike[str] | BinaryIO) -> None:
         """All columns as comma-separated values, below a line of their names.
 
-        Numbers have 17 digits, which give the same numbers again when they are read.
+        Numbers have 17 digits, so that the same numbers are read back.
 
         Parameters
         ----------

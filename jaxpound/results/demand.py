@@ -106,14 +106,14 @@ class LinkDemand:
 
 @pytree_dataclass
 class Demand(ByElement, Columnar, Shown):
-    """Scalars of a run, as a designer asks for them. A batch has arrays in their place.
+    """Scalars of a run: its engineering demands. In a batch each is an array.
 
     Dimensionless as in eq. (9) (length g/ω1², time 1/ω1, force m1 g), or SI after ``Scales.to_si``.
     Scalars of a mass, rod or link are in ``masses[i]``, ``rods[r]`` and ``links[k]``; each has a
-    flat name as well, by which tables (``to_pandas``, ``to_csv``, ``to_parquet``: a row a run) and
-    attributes have it, numbered from 1: ``peak_x1``, ``peak_acceleration_1``, ``peak_f1``, and for
-    a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset`` and
-    ``soft_min_gap`` (for several ``min_gap_time_1`` and so on).
+    flat name as well, numbered from 1, in tables (``to_pandas``, ``to_csv``, ``to_parquet``, with a
+    row for each run) and as an attribute: ``peak_x1``, ``peak_acceleration_1``, ``peak_f1``, and
+    for a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset``
+    and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on).
 
     Examples
     --------
@@ -140,13 +140,13 @@ class Demand(ByElement, Columnar, Shown):
     pga: Any = quantity("acceleration", "peak ground acceleration", "pga", "PGA", rank=8)
     """Peak ground acceleration, largest |u''| at the instants of the run."""
     pgv: Any = quantity("velocity", "peak ground velocity", "pgv", "PGV", rank=9)
-    """Peak ground velocity, largest |u'| there, from rest by the trapezoidal rule."""
+    """Peak ground velocity, largest |u'| at them, from rest by the trapezoidal rule."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
 
     @classmethod
     def of_columns(cls, columns: Mapping[str, Any], *, si: bool) -> Demand:
-        """The demand of which ``columns`` are the scalars by flat name; other columns are left out.
+        """The demand with the scalars in ``columns``, by flat name; other columns are ignored.
 
         The inverse of ``scalars``.
         """
@@ -176,7 +176,7 @@ class Demand(ByElement, Columnar, Shown):
 
     @property
     def min_gap_time(self) -> Any:
-        """When it is smallest."""
+        """Time of the smallest gap."""
         return self._closest()[1]
 
     def _closest(self) -> tuple[Any, Any]:
@@ -203,8 +203,8 @@ class Demand(ByElement, Columnar, Shown):
     def scalars(self) -> dict[str, Any]:
         """All of them by flat name, with ``pounds``: a row of a table, or the columns of a batch.
 
-        Python's numbers for a single run, arrays for a batch; under ``jit``, ``vmap`` or ``grad``
-        what JAX traces.
+        Python's numbers for a single run, arrays for a batch, tracers under ``jit``, ``vmap`` or
+        ``grad``.
         """
         values: dict[str, Any] = {}
         if self.links:  # of all links; that of a single one is the same
@@ -226,14 +226,14 @@ class Demand(ByElement, Columnar, Shown):
         return run_numbers(batch or (1,)), values
 
     def __getitem__(self, index: Any) -> Demand:
-        """Runs of a batch by number, slice or mask, as of an array."""
+        """Runs of a batch by number, slice or mask, as an array is indexed."""
         return chosen(self, index, self.batch)
 
     def _tables(self) -> list[Table]:
         return [self._table("Demand", [])]
 
     def _table(self, title: str, rows: list[tuple[str, str]]) -> Table:
-        """The scalars of a single run, or rows that say more of it; of a batch their range."""
+        """Of a single run its scalars or the ``rows`` given, of a batch the range of each."""
         batch, about = self.batch, "SI" if self.si else "dimensionless"
         if batch:
             about += f", batch of shape {batch}"
@@ -273,29 +273,29 @@ _OTHERS = {
     "spectral_acceleration_1": Quantity("acceleration", "spectral acceleration at period 1"),
     "spectral_acceleration_2": Quantity("acceleration", "spectral acceleration at period 2"),
 }
-"""What studies and designs know by name besides."""
+"""Further columns of studies and designs."""
 
 
 def known_of(name: str) -> Quantity | None:
-    """What is known of a scalar by its flat name; None of what is a pure number or no scalar."""
+    """Metadata of a scalar by its flat name; None if it is a pure number or no scalar."""
     place = place_of(Demand, name)
     return _OTHERS.get(name) if place is None else place.known
 
 
 def in_words(name: str) -> str:
-    """Name of a scalar in words; of another column, its own."""
+    """Name of a scalar in words; the name itself of any other column."""
     known = known_of(name)
     return name.replace("_", " ") if known is None else known.words
 
 
 def kind_of(name: str) -> str | None:
-    """Kind of a scalar; none of a pure number, and of what is no scalar."""
+    """Kind of quantity of a scalar; None for a pure number and for any other column."""
     known = known_of(name)
     return None if known is None else known.kind
 
 
 def unit_of(name: str, si: bool) -> str:
-    """Unit of a scalar; nothing for a column of which it is not known."""
+    """Unit of a scalar; empty for a column whose unit is not known."""
     return unit(kind_of(name), si)
 
 

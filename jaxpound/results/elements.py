@@ -1,9 +1,8 @@
-"""Results by mass, rod and link, and the flat names by which tables and scripts know them.
+"""Results by mass, rod and link, and their flat names in tables and scripts.
 
-A result holds tuples, ``masses``, ``rods`` and ``links``. Each quantity of theirs has a flat name
-at its field: ``peak_x{}`` of ``MassDemand`` is ``peak_x1`` of the first mass. What belongs to links
-has the plain name where there is one link, ``min_gap``, and a number, ``min_gap_2``, where there
-are several.
+A result holds tuples, ``masses``, ``rods`` and ``links``. The field of each of their quantities
+states its flat name: ``peak_x{}`` of ``MassDemand`` is ``peak_x1`` of the first mass. Names of link
+quantities are numbered only where there are several links: ``min_gap``, else ``min_gap_2``.
 """
 
 from __future__ import annotations
@@ -92,7 +91,7 @@ def place_of(cls: type[ByElement], name: str) -> Place | None:
 
 
 def _fields_of_elements(cls: type[ByElement]) -> dict[str, tuple[str, Quantity]]:
-    """Group and what is known of each quantity that elements have in flat form, by field."""
+    """Group and metadata of each quantity of an element that has a flat name, by field."""
     return {
         field: (group, known)
         for group, kind in cls._elements.items()
@@ -114,14 +113,14 @@ def _pattern(known: Quantity) -> str:
 
 
 def are_known(results: Any) -> bool:
-    """Whether all values are numbers: not traced, and not what JAX puts in their place."""
+    """Whether all values are numbers, and not tracers or other placeholders of JAX."""
     leaves = jax.tree.leaves(results)
     numbers = (float, int, np.generic, np.ndarray, jax.Array)
     return bool(leaves) and not is_traced(leaves) and all(isinstance(x, numbers) for x in leaves)
 
 
 def run_numbers(batch: tuple[int, ...], each: int = 1) -> dict[str, np.ndarray]:
-    """The number of every run along each axis of a batch, ``each`` rows a run."""
+    """The number of every run along each axis of a batch, repeated for ``each`` rows of a run."""
     names = ["run"] if len(batch) == 1 else [f"run_{axis}" for axis in range(len(batch))]
     numbers = np.indices(batch)
     return {name: np.repeat(x.ravel(), each) for name, x in zip(names, numbers, strict=True)}
@@ -133,5 +132,5 @@ def chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:
         raise TypeError(f"{type(results).__name__}: only a batch has an index, this is one run")
     index = np.asarray(index) if isinstance(index, list) else index
     np.empty(batch, bool)[index]
-    # What the runs of a batch share has no batch axes.
+    # Arrays that the runs of a batch share have no batch axes.
     return jax.tree.map(lambda x: x[index] if jnp.ndim(x) >= len(batch) else x, results)

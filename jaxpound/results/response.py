@@ -39,11 +39,11 @@ class Phase(NamedTuple):
 class Energy(NamedTuple):
     """Terms of the energy balance over time (relative motion), each by its own quadrature.
 
-    The terms are cumulative trapezoidal integrals of the powers at the grid's instants (of the
-    ground's, of the momentum over its velocity u'), not the scheme's telescoping sums, so that
-    ``residual`` = rods + friction + kinetic − input can fail: it measures how well motion, forces
-    and quadrature agree (not the rods' law). Shape (n_steps+1,) each; unit (m1 g)(g/ω1²), or J in
-    SI.
+    The terms are cumulative trapezoidal integrals of the powers at the grid's instants (for the
+    input, of the momentum over the ground velocity u'), not the scheme's telescoping sums, so that
+    ``residual`` = rods + friction + kinetic − input is not zero by construction: it measures how
+    well motion, forces and quadrature agree (not the rods' law). Shape (n_steps+1,) each; unit
+    (m1 g)(g/ω1²), or J in SI.
     """
 
     input: Any
@@ -93,7 +93,7 @@ class LinkResponse:
     phase: Any = quantity(None, column="phase")
     """Direction of slip half a step after each instant: 1, −1, or 0 in stick."""
     change_time: Any = quantity("time", column="change_time")
-    """Where ``phase`` differs from the entry before: when it changed."""
+    """Where ``phase`` differs from the entry before: the instant of the change."""
     ends: Ends = static()
     """Masses i and j, or ``GROUND``."""
 
@@ -121,8 +121,8 @@ class Response(ByElement, Columnar, Shown):
     Series of a mass, rod or link are in ``masses[i]``, ``rods[r]`` and ``links[k]``; each has a
     flat name as well, numbered from 1: ``x1``, ``v1``, ``f1`` and ``mass_1``, and for a single link
     ``gap``, ``friction``, ``slip_velocity``, ``phase`` and ``change_time`` (for several ``gap_1``
-    and so on). As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row an instant, and
-    of a batch a row for every instant of every run, by the run's number.
+    and so on). As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each
+    instant, and for a batch, where runs are numbered, for each instant of each run.
 
     Examples
     --------
@@ -162,7 +162,7 @@ class Response(ByElement, Columnar, Shown):
 
     @property
     def min_gap(self) -> Any:
-        """Smallest gap of the run (not only of its grid)."""
+        """Smallest gap of the run, also between instants of the grid."""
         return self.demand.min_gap
 
     @property
@@ -196,7 +196,7 @@ class Response(ByElement, Columnar, Shown):
         )
         powers = [link.friction * link.slip_velocity for link in self.links]
         friction = self._integral(_total(powers)) if powers else 0 * rods
-        # Over a step by the change of u', which has what u'' does between the instants.
+        # Integrated over u', which includes what u'' does between the instants.
         between = (momentum[..., 1:] + momentum[..., :-1]) / 2
         supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * between)
         return Energy(supplied, kinetic, rods, friction, rods + friction + kinetic - supplied)
@@ -206,7 +206,7 @@ class Response(ByElement, Columnar, Shown):
         return v - w
 
     def phases(self, link: int = 0) -> list[Phase]:
-        """Intervals of stick and slip of a link in order, with the instants found within the steps.
+        """Intervals of stick and slip of a link in order, with ends resolved within the steps.
 
         Raises
         ------
@@ -223,7 +223,7 @@ class Response(ByElement, Columnar, Shown):
         return self.links[link].phases(self.time)
 
     def __getitem__(self, index: Any) -> Response:
-        """Runs of a batch by number, slice or mask, as of an array: ``batch[3]`` is one run."""
+        """Runs of a batch by number, slice or mask, as in an array: ``batch[3]`` is one run."""
         return chosen(self, index, self.batch)
 
     def _integral(self, power: Any) -> Float[Array, "... time"]:
@@ -232,7 +232,7 @@ class Response(ByElement, Columnar, Shown):
     def plot(self) -> Figure:
         """Ground motion, displacements, friction force and gap over time (``plots.overview``).
 
-        Of a batch all runs, line upon line.
+        For a batch, all runs over each other.
 
         Raises
         ------
@@ -277,7 +277,7 @@ class Response(ByElement, Columnar, Shown):
         return [self.demand._table(title, self._rows() if known else [])]
 
     def _rows(self) -> list[tuple[str, str]]:
-        """What a single run is known by."""
+        """Summary of a single run: names and values."""
         length, second, acceleration, force, energy = (
             unit(quantity, self.si)
             for quantity in ("length", "time", "acceleration", "force", "energy")
@@ -316,12 +316,12 @@ class Response(ByElement, Columnar, Shown):
 
 
 def _total(terms: Iterable[Any]) -> Any:
-    """Sum of one term or more, without a zero to begin with."""
+    """Sum of one term or more, without adding them to zero."""
     return functools.reduce(operator.add, terms)
 
 
 def _largest(letter: str, peaks: list[Any]) -> str:
-    """Peaks of a few elements one by one, of more the largest."""
+    """Peaks of a few elements one by one; of more only the largest."""
     if len(peaks) <= 4:
         return ", ".join(f"|{letter}{i}| ≤ {peak:.4g}" for i, peak in enumerate(peaks, 1))
     i = int(np.argmax(peaks))
@@ -329,12 +329,12 @@ def _largest(letter: str, peaks: list[Any]) -> str:
 
 
 def _summed(steps: jax.Array) -> Float[Array, "... time"]:
-    """Sums until each instant of what belongs to the steps between them."""
+    """Cumulative sums at the instants, from values of the steps between them."""
     return jnp.concatenate([0 * steps[..., :1], jnp.cumsum(steps, axis=-1)], -1)
 
 
 def require_single(name: str, response: Response) -> None:
-    """A ``ValueError`` in the name where a batch is given."""
+    """A ``ValueError`` that begins with ``name`` if the response is a batch."""
     if jnp.ndim(response.time) != 1:
         shape = jnp.shape(response.time)
         raise ValueError(f"{name}: a batch of shape {shape} must be indexed to one response")

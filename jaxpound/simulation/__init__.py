@@ -2,6 +2,6 @@
 
 ``run`` has ``simulate`` and ``demand``. ``scheme`` chooses the discretisation: ``history`` and
 ``rod`` of the rods, ``friction`` of the links. ``stepping`` is one step, ``scan`` the loop over
-time, ``tally`` the scalars as they pass. ``batches`` has many runs at once, ``buildings`` runs in
-SI units.
+time, ``tally`` accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI
+units.
 """

@@ -20,16 +20,16 @@ T = TypeVar("T")
 # Fewer runs than this a device are not worth the coordination.
 _SMALLEST_SHARE = 16
 
-# Longer series that all runs share, such as a record, are not copied for each.
+# Longer series that all runs share, such as a record, are not copied for each run.
 _SMALL = 64
 
 
 def use_cores(n: int | None = None) -> int:
     """Let JAX see ``n`` cores of this machine's CPU as devices, over which batches are spread.
 
-    A run uses one core. ``jax.vmap`` of ``demand`` or ``simulate`` then uses all, if its batch is
-    a multiple of n and at least 16 n; ``in_chunks`` uses them for a batch of any size. Call it
-    once, before JAX computes anything: ``jax.config.update("jax_num_cpu_devices", n)``, checked.
+    A run uses one core. ``jax.vmap`` of ``demand`` or ``simulate`` then uses all, if its batch is a
+    multiple of n and at least 16 n; ``in_chunks`` uses them for a batch of any size. Call it once,
+    before JAX computes anything: it sets ``jax_num_cpu_devices`` of ``jax.config``.
 
     Results lie where they were computed, spread over the devices. Within ``jax.default_device(d)``,
     and only there, arrays that are committed to one device can be batched: nothing is spread.
@@ -67,13 +67,13 @@ def use_cores(n: int | None = None) -> int:
 
 
 def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Callable[..., T]:
-    """As ``jax.vmap(function)``, for batches of any size: chunk by chunk, one compiled program.
+    """Like ``jax.vmap(function)``, for batches of any size: in chunks, by one compiled program.
 
     Memory beyond arguments and results does not grow with the batch, and a chunk that fits the
     caches is faster too. ``function`` takes and returns pytrees of arrays; every argument is
     batched along its first axis. Chunks are spread over the devices that JAX has. The last is
-    filled up with copies of its last run, and a batch smaller than a chunk to a power of two.
-    It compiles at its first call, and once more for each such power: keep it for more calls.
+    filled up with copies of its last run, and a batch smaller than a chunk to a power of two. The
+    result compiles at its first call, and once for each such power: keep it for later calls.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
 
 
 def runs_at_a_time() -> int:
-    """How many runs ``in_chunks`` takes at a time if it is not told."""
+    """The default chunk size of ``in_chunks``."""
     devices = jax.local_devices()
     return len(devices) * (512 if devices[0].platform == "cpu" else 65_536)
 
@@ -157,8 +157,8 @@ def spread(tree: T) -> T:
     """``tree`` itself; under ``jax.vmap``, its batch is spread over the devices that JAX has.
 
     It is not spread where it cannot be divided evenly, where it is small, or inside a sharding that
-    the caller has set up. Parameters that all runs share are given to each of them, but for long
-    series: derivatives then stay apart to the end, and are not summed over the batch at every step.
+    the caller has set up. Parameters that all runs share, except long series, are copied for each:
+    their derivatives are then summed over the batch once at the end, and not at every step.
     """
     leaves, structure = jax.tree.flatten(tree)
     return jax.tree.unflatten(structure, _spread(*leaves))

@@ -45,7 +45,7 @@ def simulate_buildings(
 ) -> Response:
     """Response of two buildings with a friction damper between them to a record; all in SI units.
 
-    What ``dimensionless``, ``simulate`` and ``Scales`` do together, as ``jaxpound simulate``.
+    ``dimensionless``, ``simulate`` and ``Scales`` in one call, as in ``jaxpound simulate``.
 
     Parameters
     ----------
@@ -58,16 +58,16 @@ def simulate_buildings(
     gap
         Gap between the buildings at rest ≥ 0, m.
     duration
-        Of the run, s; by default the record's.
+        Duration of the run, s; by default the record's.
     dt
-        Time step, s; by default the record's sample interval, or the largest whole fraction of it
+        Time step, s; by default the record's sample interval, or the largest 1/n of it, n whole,
         with at least 50 steps in the shorter natural period and within half of the stability limit.
     scheme
         The discretisation.
     gravity
         g > 0, m/s².
     strict
-        Whether what is only warned of is refused.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Returns
     -------
@@ -87,8 +87,8 @@ def simulate_buildings(
     Warns
     -----
     PlausibilityWarning
-        If the record shakes with more than 5 g, or the gap is more than 100 times what the
-        buildings move. Not where slip force, gap or samples are traced.
+        If the record has a PGA above 5 g, or the gap is more than 100 times the displacements (peak
+        |x1| + peak |x2|). Not where slip force, gap or samples are traced.
 
     Notes
     -----
@@ -118,7 +118,7 @@ def simulate_buildings(
             raise ValueError(f"{owner}: {name} of shape {shape} must be one building, not a batch")
     # Neither damper nor gap, which may be traced, matters to the time step.
     pair = dataclasses.replace(structures, friction=0.0, initial_gap=0.0)
-    with jax.ensure_compile_time_eval():  # within a traced function too: all of this is known
+    with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
         grid = record_grid(f"{owner}:", pair, scales, scheme, record, duration, dt)
     response = respond(owner, structures, shaking, grid, scheme, strict)
     in_si = scales.to_si(response)
@@ -164,10 +164,10 @@ def natural_periods(structures: AdjacentStructures, scales: Scales) -> list[floa
 
 
 def time_step(periods: Iterable[float], limit: float, record_dt: float = math.inf) -> float:
-    """The time step of a run that asks for none, s.
+    """The default time step of a run, s.
 
     At most 1/50 of the shortest natural period and half of the stability limit; under a record its
-    sample interval or a whole fraction of that, so that no sample is missed.
+    sample interval over a whole number, so that no sample is missed.
     """
     largest = min(min(periods) / STEPS_PER_PERIOD, limit / 2)
     if record_dt == math.inf:

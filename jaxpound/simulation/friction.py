@@ -21,7 +21,7 @@ from jaxpound._extrema import larger, smaller
 
 
 class LinkStep(NamedTuple):
-    """What a friction law is told of a step, from t_m − h/2 to t_m + h/2."""
+    """What a friction law is given for a step, from t_m − h/2 to t_m + h/2."""
 
     velocity: jax.Array  # w at t_m − h/2
     phase: jax.Array  # direction of slip before the step, 0 in stick
@@ -33,12 +33,13 @@ class LinkStep(NamedTuple):
 
 
 class LinkMotion(NamedTuple):
-    """What a friction law makes of one step, from t_m − h/2 to t_m + h/2.
+    """Result of a friction law for one step, from t_m − h/2 to t_m + h/2.
 
-    ``jump`` is what the drift from t_m to t_{m+1} misses of x_i − x_j because friction changed
-    within the step. ``turns`` says whether w vanished in the step, ``turn_time`` when (after t_m)
-    and ``turn`` by how much x_i − x_j differs there from its value at t_m. ``phase`` is the
-    direction of slip after the step, 0 in stick; ``change_time`` is when it took over (after t_m).
+    ``jump`` is the part of x_i − x_j that the drift from t_m to t_{m+1} misses because friction
+    changed within the step. ``turns`` says whether w vanished in the step, ``turn_time`` when
+    (after t_m) and ``turn`` by how much x_i − x_j differs there from its value at t_m. ``phase`` is
+    the direction of slip after the step, 0 in stick; ``change_time`` is when that phase began
+    (after t_m).
     """
 
     velocity: jax.Array  # w at t_m + h/2
@@ -69,12 +70,12 @@ class FrictionLaw(Protocol):
 class EventResolved:
     """Coulomb's law with the instants of stopping and of breaking away found within the step.
 
-    The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event,
-    θ < φ < 1 a stop after which friction soon fails to hold, θ = φ a reversal. All three follow in
-    closed form from the linear A(τ). Value and gradient of a run are second-order accurate in h, in
-    the root mean square over where events fall within a step. More events than these in one step,
-    such as a breakaway that turns back within it, are not followed, so that phases shorter than a
-    step may be missed; the force stays within ±μ all the same.
+    The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event, θ <
+    φ < 1 a stop with a breakaway after it, θ = φ a reversal. All three follow in closed form from
+    the linear A(τ). Value and gradient of a run are second-order accurate in h, in the root mean
+    square over where events fall within a step. More events than these in one step, such as a
+    breakaway that turns back within it, are not followed, so that phases shorter than a step may be
+    missed; the force stays within ±μ all the same.
     """
 
     set_valued: ClassVar[bool] = True
@@ -114,7 +115,7 @@ class _Resolved(NamedTuple):
 
 def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h: Any) -> _Resolved:
     """Events of a step in which A(τ) = pull + rise (τ − ½), and stick lasts while |A| ≤ hold."""
-    # Seen along the slip: speed × h is |w|, and a − hold what accelerates it.
+    # In the direction of slip: |w| = speed × h, accelerated by a − hold.
     slips_first = w != 0
     way = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
     speed, a, d = way * w / h, way * pull, way * rise
@@ -130,7 +131,7 @@ def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h:
     theta = 2 * speed / jnp.where(solve, half + root, 1.0)
     theta = jnp.where(solve, smaller(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
 
-    # Stick, until |A| exceeds what holds at φ.
+    # Stick, until |A| exceeds hold at φ.
     a_stop, a_end, a_rest = a + d * (theta - 0.5), a + d / 2, a + d * theta / 2
     sticks = stops & (jnp.abs(a_stop) <= hold)
     breaks = sticks & (jnp.abs(a_end) > hold)
@@ -142,13 +143,13 @@ def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h:
     after = jnp.sign(jnp.where(sticks, a_end, a_rest))
     gained = (1 - theta) * larger(jnp.abs(a_rest) - hold, 0.0)
     gained = jnp.where(sticks, excess * left / 2, gained)
-    # Without friction nothing ever sticks, not even the smallest motion about rest: there the
-    # reversal's impulse, which is zero, counts for its derivative by hold.
+    # Without friction (hold = 0) the link never sticks, not even at rest. The reversal's impulse is
+    # zero then, but its derivative by hold is not.
     turned = h * (speed + a - hold * (theta + after * (1 - theta)))
     w_new = jnp.where(stops & (hold > 0), h * after * gained, turned)
 
     slipping = theta >= 0.5
-    # A push that reverses nothing leaves the link stuck, with what force it has.
+    # A reversal that gains no velocity leaves the link in stick, with the force that holds it.
     stuck = ~slipping & ((phi >= 0.5) | (stops & (gained == 0)))
     resistance = jnp.where(stuck, _held(a, hold), after * hold)
     opposed = smaller(theta, 0.5) + after * larger(0.5 - theta, 0.0)
@@ -176,7 +177,7 @@ def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h:
 
 
 def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
-    # One limit, not two: at hold = 0 they would coincide.
+    # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost.
     return jnp.sign(a) * smaller(jnp.abs(a), hold)
 
 
@@ -187,8 +188,8 @@ def _resolved(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Resolved:
 
 @_resolved.defjvp
 def _resolved_jvp(h: Any, primals: Any, tangents: Any) -> Any:
-    # One partial derivative by each of the four: reverse mode keeps these instead of the step's
-    # many intermediates, and forward mode finds them once for all directions.
+    # The partial derivatives by the four arguments: reverse mode stores these instead of the step's
+    # many intermediates, and forward mode computes them once for all directions.
     out, parts = None, []
     for i, (x, tangent) in enumerate(zip(primals, tangents, strict=True)):
 
@@ -205,7 +206,7 @@ def _resolved_jvp(h: Any, primals: Any, tangents: Any) -> Any:
 class Switching:
     """The paper's law (eqs. 10–12): stick or slip for the whole step, chosen by ``jnp.where``.
 
-    Stick gives way when the force that holds, A/R, exceeds μ; slip ends, in stick or in slip the
+    Stick ends when the force needed for it, A/R, exceeds μ; slip ends, in stick or in slip the
     other way, one step after w has changed sign. First-order accurate, and its derivatives miss how
     the switching instants move with the parameters.
     """
@@ -277,7 +278,7 @@ class Smoothed:
     def slide(self, before: LinkStep) -> LinkMotion:
         """One step of the link."""
         w, _, a, _, inverse_mass, mu, h = before
-        # Below √tiny widths are alike, and brake / width stays finite.
+        # Widths below √tiny make no difference; the limit keeps brake / width finite.
         width = jnp.maximum(jnp.asarray(self.velocity, w.dtype), _tiny(w) ** 0.5)
         share = 1 - 0.5**0.5
         brake = h * share * inverse_mass * mu

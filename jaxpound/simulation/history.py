@@ -32,32 +32,32 @@ def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... {n}+1"]:
     return jnp.concatenate([jnp.ones_like(order), jnp.cumprod(1 - (order + 1) / j, axis=-1)], -1)
 
 
-# The sum over a block of steps and the block before it is taken term by term, what went before them
-# in one matrix product. Few steps, so that written out they compile soon; many enough that modes
-# are seldom touched.
+# The terms of a block of steps and of the block before it are summed one by one, all older ones in
+# one matrix product. Few steps, so that the unrolled block compiles fast; enough that the modes are
+# seldom updated.
 BLOCK = 4
 NEAR = 2 * BLOCK - 1  # the longest lag within the two
 
 
 @runtime_checkable
 class History(Protocol):
-    """How S_m = Σ_{j≥1} ω_j c_{m−j} remembers: c enters, and adds to S, by blocks of steps.
+    """How the history sum S_m = Σ_{j≥1} ω_j c_{m−j} is computed, by blocks of steps.
 
-    The block that starts at step m0 adds c_{m0−BLOCK}, c_{m0−BLOCK+1}, … by itself; the memory has
-    what was before. Orders are numbers, so that one history serves one rod.
+    The block that starts at step m0 sums c_{m0−BLOCK}, c_{m0−BLOCK+1}, … term by term; all older c
+    are in the memory. An order is one number: each rod has its own memory.
     """
 
     def kernel(self, order: jax.Array, n_steps: int) -> Any:
-        """What depends on the order and the number of steps only."""
+        """Constants that depend on the order and the number of steps only."""
 
     def near(self, kernel: Any, order: jax.Array) -> jax.Array:
-        """The weights that the block itself uses, ω_1 … ω_{2 BLOCK − 1}."""
+        """The weights of the terms that a block sums itself, ω_1 … ω_{2 BLOCK − 1}."""
 
     def empty(self, kernel: Any) -> Any:
         """The memory at rest."""
 
     def ahead(self, kernel: Any, memory: Any, start: jax.Array) -> jax.Array:
-        """What c_0 … c_{m0−BLOCK−1} add to S at m0 = start and after it, shape (BLOCK,)."""
+        """Contribution of c_0 … c_{m0−BLOCK−1} to S from m0 = start on, shape (BLOCK,)."""
 
     def absorb(self, kernel: Any, memory: Any, start: jax.Array, c: jax.Array) -> Any:
         """The memory with c_{m0−BLOCK} … c_{m0−1} added."""
@@ -71,12 +71,12 @@ class FullHistory:
     """
 
     def kernel(self, order: jax.Array, n_steps: int) -> jax.Array:
-        """Weights, the last first, then zeros, so that each step's weights are one window of it."""
+        """Weights in reverse order, then zeros: each step's weights are one window of it."""
         weights = gl_weights(order, n_steps + BLOCK)[::-1]
         return jnp.concatenate([weights, jnp.zeros_like(weights)])
 
     def near(self, kernel: jax.Array, order: jax.Array) -> jax.Array:
-        """The weights as they are."""
+        """The exact weights."""
         return gl_weights(order, NEAR)[1:]
 
     def empty(self, kernel: jax.Array) -> jax.Array:
@@ -84,7 +84,7 @@ class FullHistory:
         return jnp.zeros_like(kernel[1 : kernel.size // 2])
 
     def ahead(self, kernel: jax.Array, memory: jax.Array, start: jax.Array) -> jax.Array:
-        """Weights past the present meet entries of c that are still zero."""
+        """Future entries of c are still zero, so that their weights do not matter."""
         n = memory.size
         first = [n - BLOCK - start - i for i in range(BLOCK)]
         return jnp.stack([lax.dynamic_slice(kernel, (i,), (n,)) @ memory for i in first])
@@ -92,12 +92,12 @@ class FullHistory:
     def absorb(
         self, kernel: jax.Array, memory: jax.Array, start: jax.Array, c: jax.Array
     ) -> jax.Array:
-        """Write c in its place; before the run's start it is zero, wherever that is written."""
+        """Write c in its place; c before the start is zero, so that its place does not matter."""
         return lax.dynamic_update_slice(memory, c, (start,))
 
 
-# Modes are kept in groups small enough that a group's matrices take 512 bytes: loops whose buffers
-# are that small XLA runs on a CPU without its scheduler.
+# Modes are kept in groups small enough that a group's matrices take 512 bytes: on a CPU, XLA runs
+# loops with such small buffers without its scheduler.
 _GROUP = 16
 
 
@@ -112,8 +112,8 @@ class _Modes(NamedTuple):
 class ModalHistory:
     """A sum of real exponentials in the place of the weights: O(modes) work and memory a step.
 
-    The first four weights are kept as they are. The approximate sum is a convolution too, the same
-    at every step, so that its error is as smooth in time as the motion.
+    The first four weights are exact. The approximate sum is a convolution too, the same at every
+    step, so that its error is as smooth in time as the motion.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class ModalHistory:
         return [_Modes(weight[k], far[k], ahead[k], absorb[k].T) for k in parts]
 
     def near(self, kernel: list[_Modes], order: jax.Array) -> jax.Array:
-        """The first weights as they are, the others from the modes, as in later blocks."""
+        """The first weights exact, the others from the modes, as in later blocks."""
         parts = [m.weight @ m.ahead[:, : NEAR - BLOCK] for m in kernel]
         return jnp.concatenate([gl_weights(order, BLOCK)[1:], sum(parts[1:], parts[0])])
 
@@ -229,7 +229,7 @@ def _principal_directions(n_steps: int) -> np.ndarray:
 
 
 def _shift(n_steps: int) -> float:
-    """A finite horizon: balance for decay rates that it can tell apart."""
+    """Finite horizon of the Gramian: decay that is slower than the run need not be resolved."""
     return 2.0 / n_steps
 
 
@@ -259,7 +259,7 @@ def _weight_errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """|Δω_j| and |dΔω_j/dγ| at the given j > BLOCK, for each order: shape (j, orders) each."""
     decay, fit = _modes(n_steps, modes)
-    step = 1e-30  # along the imaginary axis: the derivative without any cancellation
+    step = 1e-30  # complex step: the derivative without any cancellation
     shifted = orders + 1j * step
     weights = fit @ _spectrum(shifted, n_steps, np).T
     exact = np.cumprod(1 - (shifted + 1) / np.arange(1, j.max(initial=1) + 1)[:, None], axis=0)
@@ -270,7 +270,7 @@ def _weight_errors(
 @lru_cache(maxsize=256)
 def _modes_for(n_steps: int, tolerance: float) -> int:
     orders = np.array([0.0, 0.01, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0])
-    # The error wavers with log j: a few thousand places measure its sum within a percent.
+    # The error oscillates over log j: a few thousand lags give its sum within a percent.
     j = _lags(n_steps, 4000)
     spacing = np.gradient(j.astype(float))
 

@@ -58,7 +58,7 @@ def rod_step(
     law: RodLaw, excess: jax.Array, total: jax.Array, x: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Force f_m from K x_{m−1} − f_{m−1}, S_m and x_m; then K x_m − f_m, and c_m to remember."""
-    # Kept as a division: XLA works a quotient out once, a product again wherever f is used.
+    # Kept as a division: XLA computes a quotient once, but a product again wherever f is used.
     f = (law.stiffness * x + law.lag * excess + law.memory * total) / law.divisor
     return f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f
 
@@ -134,7 +134,7 @@ def rod_force(
 
 
 def nyquist_stiffness(rod: ZenerRod, modulus: ArrayLike, dt: ArrayLike, order: int) -> Any:
-    """The rod's stiffness for the fastest motion of the grid, x_m = (−1)^m: what bounds the step.
+    """The rod's stiffness for the fastest motion of the grid, x_m = (−1)^m; it limits the step.
 
     There the Grünwald–Letnikov derivative of order γ is (2/h)^γ, and the scheme's loss is zero.
     """

@@ -62,7 +62,7 @@ def simulate(
     scheme
         The discretisation; the default is second-order accurate through stick and slip.
     strict
-        Whether what is only warned of is refused.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Returns
     -------
@@ -81,15 +81,14 @@ def simulate(
     -----
     PlausibilityWarning
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
-        record and loses more than 1 % of its energy; if a record shakes with more than 5 g; if the
-        gap is more than 100 times what the buildings move. A plain function of t, whose periods are
-        not known, is not judged by steps.
+        record and loses more than 1 % of its energy; if a record has a PGA above 5 g; if the gap is
+        more than 100 times the peak displacements of both its ends together. The resolution of a
+        plain function of t is not checked, since its periods are not known.
 
     Notes
     -----
     Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over every leaf of structures and ground.
-    There values are traced and can neither raise nor be warned of: an invalid run gives NaN in
-    every result.
+    Traced values can neither raise nor give a warning: an invalid run gives NaN in every result.
 
     Examples
     --------
@@ -113,7 +112,7 @@ def respond(
     scheme: Scheme,
     strict: bool,
 ) -> Response:
-    """As ``simulate``, in the name of an owner, which is to look at what was found."""
+    """``simulate`` for the function ``owner``, which itself checks that results are plausible."""
     shaking = _prepare(owner, structures, ground, grid, scheme, strict)
     return _finished(_simulate(structures, shaking, grid, scheme))
 
@@ -127,23 +126,23 @@ def demand(
     temperature: ArrayLike | None = None,
     strict: bool = False,
 ) -> Demand:
-    """Scalars of a run, streamed: as ``simulate(...).demand``, in O(modes) memory.
+    """Scalars of a run, ``simulate(...).demand``, accumulated in O(modes) memory.
 
     A batch is ``jax.vmap`` of this function; where JAX has several devices of a kind (the cores of
-    a CPU after ``use_cores``), a batch that they can share evenly, with at least 16 runs each, is
-    spread over them. ``in_chunks`` spreads batches of any size, and keeps them in the caches.
+    a CPU after ``use_cores``), a batch that divides evenly among them, with at least 16 runs each,
+    is spread over them. ``in_chunks`` spreads batches of any size, and keeps them in the caches.
 
     Parameters
     ----------
     structures, ground, grid, scheme
-        As of ``simulate``.
+        See ``simulate``.
     temperature
         T > 0, dimensionless as the gap ξ (in g/ω1²), asks for ``Demand.soft_min_gap``, −T log of
         the mean of e^(−ξ/T) over the run's instants: smooth in every parameter, and between the
-        smallest ξ of them (T → 0) and their mean (T → ∞). Never below the smallest, and nearer to
-        the mean the longer the quiet end of a run.
+        smallest ξ of them (T → 0) and their mean (T → ∞). It is never below the smallest, and
+        nearer to the mean the longer the run goes on after the shaking.
     strict
-        As of ``simulate``.
+        See ``simulate``.
 
     Returns
     -------
@@ -152,14 +151,14 @@ def demand(
     Raises
     ------
     ValueError
-        As ``simulate``, and if temperature is not positive and finite.
+        As in ``simulate``, and if temperature is not positive and finite.
     FloatingPointError
-        As ``simulate``.
+        As in ``simulate``.
 
     Warns
     -----
     PlausibilityWarning
-        As ``simulate``.
+        As in ``simulate``.
 
     Examples
     --------
@@ -198,7 +197,7 @@ def _prepare(
     scheme: Scheme,
     strict: bool,
 ) -> Ground:
-    """Refuse what is known to be wrong; put the ground motion in a form that can be traced."""
+    """Refuse known invalid input; put the ground motion in a form that can be traced."""
     system = system_of("run", structures)
     instance("run", "grid", grid, TimeGrid)
     instance("run", "scheme", scheme, Scheme)
@@ -222,7 +221,7 @@ def _prepare(
 def _look(
     owner: str, structures: Structures, ground: GroundLike, found: Demand, strict: bool
 ) -> None:
-    """Warn of what a run that is known shows to be implausible, or refuse it."""
+    """Warn of implausible results of a run with known values, or refuse them."""
     if is_traced((structures, found)):
         return
     findings, gaps = excessive(ground, found.pga), structures.system().links
@@ -236,7 +235,7 @@ def _look(
 
 
 class _Kept(NamedTuple):
-    """Series of a run; what follows from these is made of them afterwards."""
+    """Series that the scan stores; all others are computed from these afterwards."""
 
     x: tuple[Any, ...]
     v: tuple[Any, ...]
@@ -245,7 +244,7 @@ class _Kept(NamedTuple):
 
     @staticmethod
     def of(now: Instant) -> _Kept:
-        """What is kept of an instant."""
+        """The entries of an instant."""
         links = tuple(
             (
                 link.closing,
@@ -272,7 +271,7 @@ def _run(
     structures, ground, temperature = jax.tree.map(
         lambda x: jnp.asarray(x, dtype), (structures, ground, temperature)
     )
-    # Before the batch is spread: what a record that all runs share has at the steps is not copied.
+    # Before the batch is spread, so that samples of a record that all runs share are not copied.
     series = excitation(ground, grid, scheme.order).series
     structures, ground, temperature, series = spread((structures, ground, temperature, series))
     system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
@@ -313,8 +312,8 @@ def _run(
         checkpoint=scheme.checkpoint,
     )
     scalars = tally.demand(system, scheme.friction.set_valued, temperature)
-    # A run that fails on its way is NaN throughout as well, its derivatives too: hence a product,
-    # as ``where`` would leave finite derivatives.
+    # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
+    # leave finite derivatives.
     closings = [link.closing for link in state.links]
     ends = jnp.stack(of_all_masses(topology, state.x, closings))
     poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(dtype)
@@ -337,13 +336,13 @@ def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Sc
     system, scalars, kept = _run(structures, ground, grid, scheme, None, keep=True)
     assert kept is not None
     topology, rest = system.topology, 0 * kept.forces[0]
-    # What follows from the rest is not carried out of the scan; an invalid run's is NaN too.
+    # Series that follow from others are not stored by the scan; those of an invalid run are NaN.
     time = jnp.asarray(grid.times(), rest.dtype)
     ground_velocity, bulge = (
         y.astype(rest.dtype) for y in velocity_and_bulge(ground, time, grid.dt)
     )
-    # A free mass's velocity is the mean of those half a step away, where the ground's is more than
-    # now by the bulge; but the run starts at rest.
+    # A free mass's velocity is the mean of those half a step away. The ground's mean there exceeds
+    # the ground velocity now by the bulge, which is added; but the run starts at rest.
     bulge = bulge.at[0].set(0)
     v = of_all_masses(
         topology,
@@ -386,7 +385,7 @@ def _finished(result: Any) -> Any:
     scalars = result.demand if isinstance(result, Response) else result
     if is_traced(scalars) or all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         return result
-    # A gap without end stays so.
+    # An infinite gap stays infinite.
     gaps = [gap for link in scalars.links for gap in (link.min_gap, link.soft_min_gap)]
     closed = tuple(
         dataclasses.replace(link, min_gap=0.0, soft_min_gap=0.0) for link in scalars.links

@@ -2,8 +2,8 @@
 
 block of steps m0 … m0 + 3                          next block
 ┌──────────────────────────────────────────────┐
-│ ahead: what all c before the last block      │    history.ahead
-│        add to S of these four steps          │
+│ ahead: contribution of all c before the last │    history.ahead
+│        block to S of these four steps        │
 │ step m0     S = ahead + near · recent c      │    advance → c of m0
 │ step m0+1   S = ahead + near · recent c      │    advance → c of m0+1
 │ …                                            │
@@ -57,8 +57,8 @@ def scan_with_history(
 ) -> tuple[Any, Any]:
     """``lax.scan`` of advance(carry, sums, m, entry) → (carry, c, out) over m = 0 … n_steps.
 
-    ``sums`` are S_m of each order, ``c`` the values c_m to be remembered; ``entry`` is what
-    ``inputs``, a pytree of arrays with a leading axis of n_steps+1, has at m. To fill whole blocks
+    ``sums`` are the history sums S_m, one for each of ``orders``, ``c`` the new c_m; ``entry`` is
+    entry m of ``inputs``, a pytree of arrays with a leading axis of n_steps+1. To fill whole blocks
     some steps m < 0 come first, with entries of zero: ``advance`` must leave a system at rest there
     at rest, with c = 0. ``segmented`` splits the scan into about √n_steps segments, whose small
     outputs XLA fills faster on a CPU; with ``checkpoint`` reverse mode keeps the first state of
@@ -99,7 +99,7 @@ def scan_with_history(
     def run(state: Any, entries: Any) -> tuple[Any, Any]:
         return lax.scan(block, state, entries, length=layout.segment)
 
-    # Zeros made of the carry, so that they vary over the axes of a mesh (shard_map) as it does.
+    # Zeros derived from the carry, so that they vary over the mesh axes as it does (shard_map).
     rest = 0 * jax.tree.leaves(carry)[0]
     memories = [jax.tree.map(lambda y: y + rest, history.empty(kernel)) for kernel in kernels]
     recent = [[rest] * BLOCK for _ in kernels]

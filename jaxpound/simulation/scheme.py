@@ -35,7 +35,7 @@ class Scheme:
         ``"paper"`` sets x_0 = x_1 = 0, first-order accurate.
     checkpoint
         For reverse-mode differentiation of long runs: keep the state at about √n_steps instants
-        only, and compute each stretch again on the way back. Memory falls from O(n_steps) to
+        only, and recompute each segment in the backward pass. Memory falls from O(n_steps) to
         O(√n_steps) states; results and derivatives stay the same.
 
     Examples
@@ -74,22 +74,21 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
 
     Where the scheme loses stability the fastest motion of the grid, x_m = (−1)^m, neither grows nor
     decays: h² λ = 4 with the largest eigenvalue λ of M⁻¹ K, where K has each rod's stiffness for
-    that motion (for the paper's pair λ is the larger of K1 and ρ K2). Links that stick make a
-    system slower, never faster. The limit says nothing of accuracy, which asks for some 50 steps in
-    the shortest natural period.
+    that motion (for the paper's pair λ is the larger of K1 and ρ K2). Links in stick never raise λ.
+    The limit says nothing of accuracy, which asks for some 50 steps in the shortest natural period.
 
     Parameters
     ----------
     structures
-        ``AdjacentStructures``, a ``System`` or anything else with ``system()``; of a batch of them
-        it is the smallest limit.
+        ``AdjacentStructures``, a ``System`` or anything else with ``system()``; for a batch, the
+        result is the smallest limit.
     scheme
         The discretisation.
 
     Raises
     ------
     ValueError
-        If it is something else, or its values are traced.
+        If structures is something else, or its values are traced.
 
     Examples
     --------

@@ -5,8 +5,8 @@ x_{m+1} = x_m + h v_{m+1/2}. This is the central difference of the paper's eqs. 
 without its cancellation.
 
 A link's right end *hangs* on its left end: the unknowns are the left end's position and the link's
-closing s = x_i − x_j, so that stick is exact and the gap does not cancel. What is linked to the
-ground hangs on that.
+closing s = x_i − x_j, so that stick is exact and the gap has no cancellation. A mass linked to the
+ground hangs on the ground.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Elements(NamedTuple):
 
 
 class LinkState(NamedTuple):
-    """What is remembered of a link: its closing at t_m, the rest at t_m − h/2 or t_{m−1}."""
+    """State of a link: its closing at t_m, the rest at t_m − h/2 or t_{m−1}."""
 
     closing: jax.Array
     velocity: jax.Array
@@ -42,9 +42,9 @@ class LinkState(NamedTuple):
 
 
 class State(NamedTuple):
-    """Positions at t_m, velocities at t_m − h/2, and what rods and links remember.
+    """Positions at t_m, velocities at t_m − h/2, and the state of rods and links.
 
-    Of a mass that hangs on a link there is neither position nor velocity (None).
+    A mass that hangs on a link has no position and velocity of its own (None).
     """
 
     x: tuple[jax.Array | None, ...]
@@ -136,7 +136,7 @@ def step(
     scheme: Scheme,
     starts: jax.Array,
 ) -> tuple[State, list[jax.Array], Instant]:
-    """One step: the state at t_{m+1}, each rod's c_m to remember, and what is seen at t_m.
+    """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
 
     ``sums`` are the rods' history sums S_m; ``ground`` is u'' at t_m and its mean over the step
     from t_m − h/2 to t_m + h/2; ``starts`` says that t_m = 0.
@@ -170,8 +170,8 @@ def step(
         links.append(LinkState(closing, motion.velocity, motion.phase, pull))
         seen.append(LinkInstant(link.closing, motion.velocity_now, motion))
 
-    # Kick, drift, and the velocity at t_m of what is free. There a mass moves with its mean
-    # velocity, but for the kink that friction makes.
+    # Kick and drift of the free masses, and their velocities at t_m: the mean of those half a step
+    # before and after, corrected for the kink that friction makes.
     free_x, free_v, now_v = list(state.x), list(state.v), list(state.v)
     for mass, (x_m, v_m) in enumerate(zip(state.x, state.v, strict=True)):
         if x_m is None or v_m is None:
@@ -182,7 +182,7 @@ def step(
         v = v_m + dt * (load * inverse[mass] - shaking)
         drifted, mean = x_m + dt * v, (v_m + v) / 2
         for ends, one, link in zip(topology.links, seen, state.links, strict=True):
-            if ends[0] == mass:  # what friction does within the step is shared as masses have it
+            if ends[0] == mass:  # an event's effect is shared in inverse proportion to mass
                 whole = _inverse_mass(ends, inverse)
                 kink = one.velocity - (link.velocity + one.motion.velocity) / 2
                 drifted = drifted + one.motion.jump * inverse[mass] / whole
@@ -209,7 +209,7 @@ def step(
 def _pull(
     ends: Ends, loads: Sequence[jax.Array], inverse: Sequence[jax.Array], shaking: jax.Array
 ) -> jax.Array:
-    """Relative acceleration of a link's ends without it; between masses the ground's drops out."""
+    """Relative acceleration of a link's ends without it; between masses u'' drops out."""
     i, j = ends
     if j == GROUND:
         return loads[i] * inverse[i] - shaking
@@ -219,7 +219,7 @@ def _pull(
 
 
 def _inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:
-    """Relative acceleration of a link's ends by a unit force in it."""
+    """Relative acceleration of a link's ends under a unit force in the link."""
     i, j = ends
     if j == GROUND:
         return inverse[i]
@@ -227,9 +227,9 @@ def _inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:
 
 
 def _from_rest(motion: LinkMotion, starts: jax.Array, scheme: Scheme) -> LinkMotion:
-    """A bearing's motion: from rest at t = 0 it has half a step only, as free masses have.
+    """Motion of a sliding bearing: from rest at t = 0 it has half a step, as free masses have.
 
-    Between two masses nothing pulls before the ground has moved them.
+    A link between two masses needs no such start: it has no load before the ground moves them.
     """
     share = jnp.where(starts, 0.5 if scheme.start == "rest" else 0.0, 1.0)
     share = share.astype(motion.velocity.dtype)

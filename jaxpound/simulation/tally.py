@@ -1,10 +1,10 @@
-"""The scalars of a run, folded over its instants as they pass.
+"""The scalars of a run, accumulated instant by instant.
 
 What happens between instants counts: the gap is smallest where the slip velocity vanishes, smooth
 series peak at the vertex of a parabola, and forces jump where slip ends. So the scalars are as
-accurate as the response, second order in the step, and so are their derivatives, but for those of
-an acceleration that peaks by a jump of friction, and of what is taken from the grid's instants, PGA
-and PGV.
+accurate as the response, second order in the step, and so are their derivatives. Exceptions are
+accelerations that peak next to a jump of friction (their derivatives), and PGA and PGV, which are
+taken at the grid's instants.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Peak(NamedTuple):
     rise: jax.Array  # from the sample before to the last
 
     def observe(self, y: jax.Array, smooth: jax.Array | bool = True) -> Peak:
-        """The peak with one more sample; ``smooth`` says that the last three lie on one arc."""
+        """The peak with one more sample; ``smooth`` says that no jump is among the last three."""
         rise = y - self.last
         # The parabola through them turns within half a step of the middle one; exactly half a step
         # where two of them tie.
@@ -55,7 +55,7 @@ class LogMeanExp(NamedTuple):
     time: jax.Array
 
     def observe(self, z: jax.Array, share: jax.Array) -> LogMeanExp:
-        """One more value, held for a time ``share``."""
+        """One more value, which stands for a time ``share``."""
         # Which z is the largest does not change the result, nor its derivative.
         largest = jax.lax.stop_gradient(jnp.maximum(self.largest, z))
         total = self.total * jnp.exp(self.largest - largest) + share * jnp.exp(z - largest)
@@ -87,7 +87,7 @@ class GroundPeaks(NamedTuple):
 
 
 class LinkTally(NamedTuple):
-    """What is remembered of a link."""
+    """Running values for the scalars of a link."""
 
     closing: jax.Array
     farthest: jax.Array  # largest closing, where the gap is smallest
@@ -109,15 +109,15 @@ class LinkTally(NamedTuple):
     ) -> LinkTally:
         """Take one instant into account; ``last`` tells whether the run ends with it.
 
-        ``turns`` says whether the slip velocity vanishes near it, and ``share`` is its part of the
-        time.
+        ``turns`` says whether the slip velocity vanishes near it, and ``share`` is the time that it
+        stands for.
         """
         turn = now.closing + now.motion.turn
         higher = turns & (turn > self.farthest)
         farthest = jnp.where(higher, turn, self.farthest)
         farthest_time = jnp.where(higher, time + now.motion.turn_time, self.farthest_time)
-        # The run's end is the farthest only if the ends slide there: where they stick, the stop
-        # before was, and differs from the position since by the error of a step.
+        # The run's end counts only if the link slips there: in stick the largest closing was at the
+        # stop before, from which the closing since differs by the error of a step.
         ends = last & (now.velocity > 0) & (now.closing > farthest)
         softly = self.softly
         if softly is not None:
@@ -134,9 +134,9 @@ class LinkTally(NamedTuple):
         )
 
     def demand(self, gap: jax.Array, slip_force: jax.Array | None, temperature: Any) -> LinkDemand:
-        """The scalars of the link, which had the ``gap`` at rest.
+        """The scalars of the link, with its ``gap`` at rest.
 
-        ``slip_force`` is the force in any slip, where there is one: its work is exact then.
+        ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None.
         """
         distance = self.distance + jnp.abs(self.closing - self.last_turn)
         soft = self.softly
@@ -151,7 +151,7 @@ class LinkTally(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """A ``Demand`` in the making."""
+    """Running values for a ``Demand``."""
 
     ground: GroundPeaks
     x: tuple[Peak, ...]
@@ -177,7 +177,7 @@ class Tally(NamedTuple):
         self, now: Instant, system: Elements, dt: float, last: jax.Array, temperature: Any
     ) -> Tally:
         """Take one instant into account; ``last`` tells whether the run ends with it."""
-        # Trapezoidal sums; the run starts at rest, and half of its first instant is before it.
+        # Weights of the trapezoidal rule: half a step for the first instant and the last.
         share = jnp.where(last | (now.time <= 0), dt / 2, dt).astype(now.forces[0].dtype)
         turns = [link.motion.turns & (~last | (link.motion.turn_time <= 0)) for link in now.links]
         links = tuple(
@@ -227,7 +227,7 @@ class Tally(NamedTuple):
         return peak.observe(load * inverse)
 
     def demand(self, system: System, set_valued: bool, temperature: Any) -> Demand:
-        """The scalars of the instants seen; ``set_valued`` says that |q| = μ in any slip."""
+        """The scalars of the instants observed; ``set_valued`` says that |q| = μ in any slip."""
         return Demand(
             masses=tuple(
                 MassDemand(peak_x=x.largest, peak_acceleration=a.largest)

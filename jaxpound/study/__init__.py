@@ -1,7 +1,7 @@
-"""Many earthquakes: scenarios, Monte Carlo, what it says, and how it is kept.
+"""Many earthquakes: scenarios, Monte Carlo studies, their statistics and their files.
 
-``scenarios``, ``random_structures``, ``random_ground`` and ``distributions`` say what is random,
-``sampling`` draws, ``chunk`` runs a part and ``run`` all of a study; ``store`` and ``archives``
-keep it; ``study`` is the result, ``statistics``, ``fragility`` and ``sensitivity`` what follows
-from it.
+``scenarios``, ``random_structures``, ``random_ground`` and ``distributions`` define what is random,
+``sampling`` draws, ``chunk`` runs a part and ``run`` all of a study; ``store`` and ``archives`` are
+its files; ``study`` is the result, from which ``statistics``, ``fragility`` and ``sensitivity``
+follow.
 """

@@ -1,7 +1,7 @@
-"""Files that are whole or absent, and archives of arrays whose damage is noticed.
+"""Files that are written whole or not at all, and archives of arrays that detect damage.
 
 A file is written under a temporary name and moved into place. The temporary name says which process
-writes it, so that what a killed one left is known and removed.
+writes it, so that leftovers of killed processes are recognised and removed.
 
 An archive is NumPy's ``npz``, a zip archive of arrays, with one more member: a seal, which says
 what the archive is and has the SHA-256 checksum of every array.
@@ -33,12 +33,12 @@ from jaxpound._interruption import unfinished
 _SEAL = "seal.json"
 # host, process, when it began, and a number of the file's own
 _PART = re.compile(r"(?P<name>.+)-([0-9a-f]{12})-([1-9]\d{0,9})-(\d+)-[0-9a-f]{8}\.part", re.S)
-_ABANDONED = 3600.0  # seconds after which no process of another host is writing a file any more
+_ABANDONED = 3600.0  # seconds after which an unfinished file of another host counts as abandoned
 _LONGEST_NAME = 200
 
 
 class DamagedError(ValueError):
-    """A file is not what was written; the message says what is wrong."""
+    """A file differs from what was written; the message says how."""
 
 
 # Whole files.
@@ -74,7 +74,7 @@ def replace_file(path: Path, write: Callable[[BinaryIO], Any], keep_existing: bo
 
 
 def open_file(path: Path) -> BinaryIO:
-    """A file to be read; a ``DamagedError`` for what is none: a folder, a pipe, a device.
+    """A file to be read; a ``DamagedError`` for a folder, a pipe or a device.
 
     Raises
     ------
@@ -97,10 +97,10 @@ def is_part(name: str) -> bool:
 
 
 def sweep_parts(folder: Path, name: str | None = None) -> None:
-    """Remove what processes that are gone left half-written, of one file or of all in a folder.
+    """Remove half-written files of processes that have ended, of one name or all in a folder.
 
-    Of other hosts, and where the system is not asked, nobody here knows which processes are gone:
-    theirs go after an hour.
+    Whether a process of another host has ended is not known here (nor, outside POSIX, of this one):
+    its files are removed after an hour.
     """
     for entry in folder.iterdir():
         match = _PART.fullmatch(entry.name)
@@ -118,16 +118,16 @@ def sweep_parts(folder: Path, name: str | None = None) -> None:
 
 @cache
 def _host() -> str:
-    """What tells apart hosts whose processes have numbers of their own: machines, containers."""
+    """An identifier of the host (machine or container) within which process numbers are unique."""
     known = [platform.node()]
-    with contextlib.suppress(OSError):  # where there is Linux
+    with contextlib.suppress(OSError):  # not on Linux
         known.append(Path("/proc/sys/kernel/random/boot_id").read_text())
         known.append(os.readlink("/proc/self/ns/pid"))
     return digest("\n".join(known).encode())[:12]
 
 
 def _is_gone(process: int, began: str) -> bool:
-    """Whether a process of this host has ended, whoever has its number now."""
+    """Whether a process of this host has ended, even if another has its number now."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
@@ -138,19 +138,19 @@ def _is_gone(process: int, began: str) -> bool:
 
 
 def _began(process: int) -> str:
-    """When a process began, as Linux counts; 0 where that is not known, or it has ended."""
+    """Start time of a process in Linux's clock ticks; 0 if it is not known or the process ended."""
     try:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return "0"
-    return "0" if fields[0] in "ZX" else fields[19]  # dead, but its parent has not asked yet
+    return "0" if fields[0] in "ZX" else fields[19]  # ended, but not yet reaped by its parent
 
 
 # Archives.
 
 
 def require_name(owner: str, name: Any) -> None:
-    """A ``ValueError`` for what cannot name an array of an archive, or a column of a table."""
+    """A ``ValueError`` for an invalid name of an array in an archive or a column of a table."""
     right = isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME
     if not (right and name.isprintable() and not {*name} & {"/", "\\"}):
         rule = f"of 1 to {_LONGEST_NAME} printable characters, none of them / or \\"
@@ -158,11 +158,11 @@ def require_name(owner: str, name: Any) -> None:
 
 
 def write_archive(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> None:
-    """Write an archive of arrays, sealed with what it is: ``about``, as JSON can hold it."""
+    """Write an archive of arrays; its seal holds ``about``, which describes it in JSON."""
 
     def write(file: BinaryIO) -> None:
         sums = {}
-        # Members have no date: equal arrays make equal files.
+        # Members have no date, so that equal arrays make equal files.
         with zipfile.ZipFile(file, "w") as archive:
             for name, array in arrays.items():
                 data = io.BytesIO()
@@ -178,7 +178,7 @@ def write_archive(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[s
 class Archive:
     """An archive that is open; ``opened`` opens one.
 
-    Whatever is wrong with it is a ``DamagedError``.
+    Any damage raises a ``DamagedError``.
     """
 
     about: Any
@@ -212,7 +212,7 @@ class Archive:
     def _member(self, name: str) -> bytes:
         info = self._zip.getinfo(name)
         plain = info.compress_type == zipfile.ZIP_STORED and info.file_size <= self._size
-        if not plain:  # it could ask for any memory
+        if not plain:  # its stated size could fill the memory
             raise DamagedError(f"the size of {name} is wrong")
         return self._zip.read(info)
 
@@ -226,7 +226,7 @@ def opened(path: Path) -> Iterator[Archive]:
     OSError
         If there is none, or it may not be read.
     DamagedError
-        If it is not what was written.
+        If it differs from what was written.
     """
     with open_file(path) as file:
         yield Archive(file)
@@ -234,7 +234,7 @@ def opened(path: Path) -> Iterator[Archive]:
 
 @contextlib.contextmanager
 def _noticing() -> Iterator[None]:
-    """Whatever a damaged archive leads to, a seek before its start, say, is a ``DamagedError``."""
+    """Turn any error that a damaged archive causes, such as a bad seek, into a ``DamagedError``."""
     try:
         yield
     except (DamagedError, MemoryError):

@@ -1,4 +1,4 @@
-"""One chunk of a Monte Carlo study: what a worker must know, and what it does."""
+"""One chunk of a Monte Carlo study: the task of a worker."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from jaxpound.study.statistics import Moments
 from jaxpound.study.store import Store, describe
 
 Measure = Callable[[Any, Any], Any]
-"""A further column: from a scenario's structures and ground motion to one number."""
+"""A user's column: a function from a scenario's structures and ground motion to one number."""
 
 Columns = dict[str, np.ndarray]
 
 _PROGRAMS: dict[tuple[str, str], Callable[[np.ndarray], Any]] = {}
 _SHOWN = 6  # damaged chunks that a warning names
-_MOST_PROGRAMS = 8  # compiled ones that a process keeps, two a study
+_MOST_PROGRAMS = 8  # compiled programs that a process keeps, two for each study
 
 
 def _kept(what: str, fingerprint: str, make: Callable[[], Callable[..., Any]]) -> Any:
-    """A compiled program of a study, made if it is not among those that are kept."""
+    """A compiled program of a study, from the cache if it is there."""
     if (what, fingerprint) not in _PROGRAMS:
         for oldest in [*_PROGRAMS][: len(_PROGRAMS) - _MOST_PROGRAMS + 1]:
             del _PROGRAMS[oldest]
@@ -51,7 +51,7 @@ def _kept(what: str, fingerprint: str, make: Callable[[], Callable[..., Any]]) -
 
 @lru_cache(maxsize=4)
 def _draw(sampling: str, key: tuple[str, tuple[int, ...]], dimension: int) -> Points:
-    """The points of a study; kept, since Sobol points are made one after the other."""
+    """The points of a study; cached, since Sobol points are generated in order."""
     return points(sampling, as_key(*key), dimension)
 
 
@@ -64,7 +64,7 @@ class Outcome(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """All that a worker must know to run any chunk of a study."""
+    """All that a worker needs to run any chunk of a study."""
 
     scenarios: ScenarioSet
     grid: TimeGrid
@@ -79,11 +79,11 @@ class Task:
     x64: bool
     names: tuple[str, ...] = ()  # of the columns
     folder: Path | None = None
-    most: int = 0  # samples that the store is to hold
-    fingerprint: str = ""  # of the program, whatever the points
+    most: int = 0  # samples that the store is to contain
+    fingerprint: str = ""  # of the program, independent of the points
 
     def identity(self) -> dict[str, Any]:
-        """What determines every number of the study, in words; its number of samples does not."""
+        """All that determines the study's numbers, as JSON; the number of samples does not."""
         drawn = parameter_names(self.scenarios) if self.keep_parameters else ()
         kind, numbers = self.key
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
@@ -108,7 +108,7 @@ class Task:
         }
 
     def program_digest(self) -> str:
-        """Checksum of what scenarios and measures compute, whatever functions they are made of."""
+        """Checksum of the programs of scenarios and measures, since functions have no identity."""
 
         def drawn(z: jax.Array) -> Any:
             structures, ground = self.scenarios.realize(z)
@@ -144,7 +144,7 @@ class Task:
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
 
     def rows(self, chunk: int, full: bool = False) -> range:
-        """Indices of the samples of a chunk; ``full``: of all that the store is to hold."""
+        """Indices of a chunk's samples; ``full``: up to the size that the store is to have."""
         n = max(self.n, self.most) if full else self.n
         return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, n))
 
@@ -155,7 +155,7 @@ class Task:
         return np.concatenate([draw(some.start, some.stop) for some in rows])
 
     def first_grounds(self) -> Ground:
-        """Ground motions of the first scenarios, to be looked at before any is run."""
+        """Ground motions of the first scenarios, to be checked before any is run."""
         draw = _draw(self.sampling, self.key, self.scenarios.dimension)
 
         def ground(z: jax.Array) -> Ground:
@@ -165,7 +165,7 @@ class Task:
         return draw_all(draw(0, first_of(self.n, self.grid)))
 
     def finish(self, chunk: int) -> Outcome:
-        """Run a chunk and keep it; one that a lost worker had kept before is only read."""
+        """Run a chunk and store it; a chunk that a lost worker has stored already is only read."""
         held = None
         if self.folder is not None:
             with contextlib.suppress(DamagedError):
@@ -194,7 +194,7 @@ class Task:
         return Outcome(moments(own), {} if self.folder else own)
 
     def finished(self, chunks: Sequence[int]) -> Iterator[tuple[int, Outcome]]:
-        """Those of the chunks that the store holds."""
+        """Those of the given chunks that are in the store."""
         if self.folder is not None:
             for chunk, found in finished(Store(self.folder, self.n), chunks):
                 yield chunk, Outcome(found, {})
@@ -219,14 +219,14 @@ class Task:
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
-    """Moments of every column of a chunk, of the runs that did not fail."""
+    """Moments of every column of a chunk, over the runs that did not fail."""
     return {name: Moments.of(x[np.isfinite(x)]) for name, x in columns.items()}
 
 
 def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[str, Moments]]]:
-    """Those of the chunks that are in the store, whole and right, with their moments.
+    """Those of the given chunks that are in the store undamaged, with their moments.
 
-    In the end a warning names those that are damaged.
+    At the end a warning names the damaged ones.
     """
     damaged = []
     for chunk in chunks:

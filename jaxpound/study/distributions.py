@@ -1,4 +1,4 @@
-"""Distributions as monotone maps of a standard normal number, so that they trace and truncate."""
+"""Distributions as increasing maps of a standard normal number: traceable, easy to truncate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Distribution(Protocol):
         """The value whose probability of not being exceeded is Φ(z)."""
 
     def to_normal(self, x: Any) -> Any:
-        """Inverse of ``from_normal``; from −∞ below the support to ∞ above it."""
+        """Inverse of ``from_normal``: −∞ below the support, ∞ above it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Uniform(Checked):
         return self.low + (self.high - self.low) * ndtr(jnp.asarray(z, float))
 
     def to_normal(self, x: Any) -> Any:
-        """Φ⁻¹ of the way from low to high."""
+        """Φ⁻¹((x − low) / (high − low))."""
         share = (jnp.asarray(x, float) - self.low) / (self.high - self.low)
         inside = (share > 0) & (share < 1)
         outside = jnp.where(share <= 0, -jnp.inf, jnp.inf)
@@ -113,11 +113,11 @@ class Uniform(Checked):
 
 
 RARE = 1e-6
-"""Probability, to either side, of what ``reach`` leaves out."""
+"""Probability of the tail that ``reach`` leaves out on either side."""
 
 
 def reach(distribution: Distribution) -> tuple[float, float]:
-    """Between which values nearly all draws are: the bounds, or the quantiles of ``RARE``."""
+    """Interval of nearly all draws: the bounds, or the quantiles at ``RARE`` and 1 − ``RARE``."""
     if isinstance(distribution, Uniform):
         return float(distribution.low), float(distribution.high)
     z = NormalDist().inv_cdf(RARE)
@@ -125,11 +125,11 @@ def reach(distribution: Distribution) -> tuple[float, float]:
 
 
 def truncated(distribution: Distribution, z: Any, low: Any, high: Any) -> jax.Array:
-    """The value for z of the distribution given that it is in [low, high].
+    """The value for z of the distribution truncated to [low, high].
 
-    Where the distribution does not reach that interval, its nearer end.
+    If the distribution has no probability there, the nearer end of the interval.
     """
-    # Tails are kept by counting probability from the nearer end.
+    # Probability is counted from the nearer end, which keeps its precision in the tails.
     below, above = distribution.to_normal(low), distribution.to_normal(high)
     from_above = ((z > 0) | (below > 0)) & (above > 0)
     sign = jnp.where(from_above, -1.0, 1.0)

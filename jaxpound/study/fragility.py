@@ -32,9 +32,9 @@ class Fragility(Shown):
     pounding: np.ndarray
     """How often there was pounding at each, shape (m,)."""
     trials: np.ndarray
-    """Of how many, shape (m,)."""
+    """Number of runs at each, shape (m,)."""
     stripes: bool
-    """Whether the number of trials at each intensity was chosen."""
+    """Whether the data are multiple stripes, with chosen intensities, and not a cloud."""
 
     @property
     def median_error(self) -> float:
@@ -61,9 +61,8 @@ class Fragility(Shown):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Pointwise bootstrap band of ``probability``.
 
-        Stripes are drawn again at their intensities, a cloud as a whole (of more than 2,000
-        samples, in as many groups of neighbours). Draws to which no curve can be fitted are left
-        out.
+        Stripes are resampled within each intensity, a cloud as a whole (one of more than 2,000
+        samples after grouping neighbours into 2,000). Resamples without a fit are left out.
 
         Parameters
         ----------
@@ -74,7 +73,7 @@ class Fragility(Shown):
         replicates
             Number of bootstrap samples.
         seed
-            Of the draws.
+            Seed of the resampling.
 
         Returns
         -------
@@ -83,7 +82,7 @@ class Fragility(Shown):
         Raises
         ------
         ValueError
-            If confidence is not between 0 and 1, or no draw can be fitted.
+            If confidence is not between 0 and 1, or no resample can be fitted.
         """
         require_share("band", "confidence", confidence)
         random = np.random.default_rng(seed)
@@ -146,7 +145,7 @@ def fit_fragility(
     ValueError
         If shapes differ, an intensity is not positive and finite, or counts are not whole numbers
         from 0 to trials. If the likelihood has no maximum: pounding always or never, at all
-        intensities above one and at none below, or no oftener as intensity grows.
+        intensities above one and at none below, or not more often at higher intensities.
 
     Examples
     --------
@@ -184,7 +183,7 @@ def fit_fragility(
 
 
 def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
-    """Why the likelihood of a rising curve has no maximum, or nothing."""
+    """Why the likelihood of an increasing curve has no maximum; empty if it has one."""
     if not k.any() or (k == n).all():
         return "it is there " + ("always" if k.any() else "never")
     if im.min() == im.max():
@@ -231,7 +230,7 @@ def _maximise(
 
 
 def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A cloud in at most ``most`` groups of neighbours, each at its mean of ln im, as stripes."""
+    """A cloud grouped into at most ``most`` stripes of neighbours, each at its mean of ln im."""
     parts = np.array_split(np.argsort(im), min(most, im.size))
     centre = np.array([np.exp(np.mean(np.log(im[part]))) for part in parts])
     return centre, np.array([k[part].sum() for part in parts]), np.array([len(x) for x in parts])

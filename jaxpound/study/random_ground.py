@@ -23,7 +23,7 @@ from jaxpound.study.distributions import Distribution, truncated
 from jaxpound.study.scenarios import NUMBER_BYTES
 
 WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
-"""Kinds of quantity of a wavelet's parameters, whose names end with its number: ``period_2``."""
+"""Kinds of quantity of a wavelet's parameters; names end with its number, as in ``period_2``."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,21 +33,21 @@ class RandomRicker(Checked):
     Parameters
     ----------
     wavelets
-        Their number n, at least 1.
+        Number n of wavelets, at least 1.
     amplitude
         Distribution of each displacement amplitude, in g/ω1² (the scale of ``Ricker.amplitude``).
     periods, arrivals
-        Distributions of each wavelet's period, truncated to what is positive, and centre, in 1/ω1.
+        Distributions of each wavelet's period, truncated to positive values, and centre, in 1/ω1.
     negative
-        Probability, 0 to 1, that a wavelet is turned upside down.
+        Probability, 0 to 1, that a wavelet has the opposite sign.
     intensity
         Distribution of one factor for all wavelets of an earthquake; none by default. A wide one
-        spreads the earthquakes over the intensities of a fragility curve.
+        covers the range of intensities of a fragility curve.
 
     Raises
     ------
     ValueError
-        If wavelets is not a positive whole number, or more than memory has room for, negative not a
+        If wavelets is not a positive whole number or too large for the memory, negative not a
         probability, or another argument not a distribution.
     """
 
@@ -69,7 +69,7 @@ class RandomRicker(Checked):
         return self.wavelets * (3 + self._signed) + (self.intensity is not None)
 
     def draw(self, z: Float[Array, " d"]) -> Ricker:
-        """The wavelets of z."""
+        """The wavelets drawn by z."""
         values = self._values(z)
         amplitude = values["intensity"] * values["sign"] * values["amplitude"]
         return Ricker(amplitude, values["period"], values["arrival"])
@@ -119,7 +119,7 @@ class RandomRecord(Checked):
     ------
     ValueError
         If records is empty, holds something else or a record in seconds, factor is not a
-        distribution, or the weights are not so many, not negative, with a positive sum.
+        distribution, or the weights are not one number ≥ 0 for each record, with a positive sum.
     """
 
     records: tuple[Record, ...]
@@ -147,13 +147,13 @@ class RandomRecord(Checked):
 
     @property
     def dimension(self) -> int:
-        """The choice, if there is one, and the factor, if it is random."""
+        """One number for the record, if there are several, and one for a random factor."""
         return (len(self.records) > 1) + (self.factor is not None)
 
     def draw(self, z: Float[Array, " d"]) -> Record:
-        """The record of z, scaled."""
+        """The record drawn by z, scaled."""
         which, factor = self._values(z)
-        # Zeros at the end change nothing: there a record is at rest.
+        # Zeros at the end change nothing: after a record the ground is at rest.
         longest = max(record.n_samples for record in self.records)
         samples = np.stack([np.pad(r.samples, (0, longest - r.n_samples)) for r in self.records])
         dts = np.array([float(record.dt) for record in self.records])
@@ -164,7 +164,7 @@ class RandomRecord(Checked):
         )
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
-        """The record's number, from 0, and the factor, as they are random."""
+        """The record's number, from 0, and the factor, each if it is random."""
         which, factor = self._values(z)
         named = {"record": which} if len(self.records) > 1 else {}
         return named | ({} if self.factor is None else {"factor": factor})

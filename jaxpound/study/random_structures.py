@@ -14,15 +14,15 @@ from jaxpound.model.parameters import interval, paths, put, require_paths
 from jaxpound.model.system import Structures
 from jaxpound.study.distributions import Distribution, truncated
 
-_LEAST = 0.1  # of a distribution's probability that must be where its parameter may be
+_LEAST = 0.1  # smallest probability of a distribution inside the admissible interval
 
 
 @dataclasses.dataclass(frozen=True)
 class UncertainStructures:
     """Structures some of whose parameters are random, independently of each other.
 
-    A distribution is truncated to what its parameter may be: order in (0, 1], the rest positive,
-    τ_f ≤ τ_x where τ_x is certain, and τ_x ≥ the τ_f drawn. So every draw is valid.
+    A distribution is truncated to its parameter's admissible interval: order in (0, 1], the rest
+    positive, τ_f ≤ τ_x where τ_x is certain, and τ_x ≥ the τ_f drawn. So every draw is valid.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ class UncertainStructures:
     Raises
     ------
     ValueError
-        If a path is unknown, a value is not a distribution, there is none, or less than a tenth of
-        a distribution's probability is where its parameter may be.
+        If a path is unknown, a value is not a distribution, there is none, or a distribution has
+        less than a tenth of its probability in its parameter's admissible interval.
     """
 
     nominal: Structures
@@ -66,7 +66,7 @@ class UncertainStructures:
         return len(self.uncertain)
 
     def draw(self, z: Float[Array, " d"]) -> Structures:
-        """The structures of z."""
+        """The structures drawn by z."""
         return put(self.nominal, self.parameters(z))
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
@@ -80,5 +80,5 @@ class UncertainStructures:
         return {path: drawn[path] for path in self.uncertain}
 
     def _interval(self, path: str, drawn: Mapping[str, Any]) -> tuple[Any, Any]:
-        """The interval that a parameter must be in, given those drawn before."""
+        """The admissible interval of a parameter, given those drawn before."""
         return interval(self.nominal, path, {**dict.fromkeys(self.uncertain), **drawn})

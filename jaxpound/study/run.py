@@ -1,7 +1,7 @@
-"""Monte Carlo over uncertain earthquakes and structures: chunk by chunk, kept on disk, continued.
+"""Monte Carlo over uncertain earthquakes and structures: in chunks, stored, resumable.
 
-The sample of index i is the scenario of the point of index i, whatever the chunk size, the number
-of devices or the process that runs it.
+Sample i is the scenario of point i, independent of the chunk size, the number of devices and the
+process that runs it.
 """
 
 from __future__ import annotations
@@ -60,11 +60,11 @@ def monte_carlo(
 ) -> Study:
     """Demands of n random scenarios.
 
-    With a store, the same call goes on where an earlier one was stopped, at whatever instant, and
-    ends with the same files; a larger n makes the study grow. What is lost is at most the chunks
-    that were being run. Damaged chunks are named in a warning and made anew. Processes may fill one
-    store at once, to the same n or to others. (The same to the last bit where JAX has as
-    many devices, and linear algebra as many threads; else to rounding.)
+    With a store, the same call resumes an earlier one, wherever it was stopped, and ends with the
+    same files; a larger n extends the study. Only chunks that were being run are lost. Damaged
+    chunks are named in a warning and run again. Several processes may fill one store at once, with
+    the same n or others. (Results agree to the last bit if the numbers of JAX devices and of
+    threads of the linear algebra are the same; else to rounding.)
 
     Parameters
     ----------
@@ -73,25 +73,25 @@ def monte_carlo(
     n
         Number of samples, at most 2^31 (2^30 for Sobol points).
     grid, scheme
-        As of ``simulate``.
+        See ``simulate``.
     key
         A seed, or a key of ``jax.random``.
     sampling
         "plain" for independent samples, "sobol" for scrambled Sobol points (n best a power of 2).
     store
-        A folder, made if needed, for a file a chunk. Without one the columns stay in memory.
+        A folder, made if needed, with one file per chunk. Without it the columns stay in memory.
     chunk_size
-        Samples a chunk; 16,384 by default, or that of the store.
+        Samples per chunk; by default 16,384, or that of the store.
     measures
         Further columns by name: traceable functions of (structures, ground) to one number. A name
         has 1 to 200 printable characters, no slash among them.
     keep_parameters
-        Whether the scenarios' parameters are columns too. Without, ``Study.parameters`` makes them
-        again.
+        Whether the scenarios' parameters are columns too. Otherwise ``Study.parameters`` recomputes
+        them.
     keep_failures
-        Whether runs that fail are kept, as NaN, and left out of every answer; else they raise.
+        Whether failed runs are kept as NaN and left out of all statistics; else they raise.
     scales
-        For answers in SI units.
+        Given for results in SI units.
     notes
         Anything that JSON can hold, kept with the study.
     executor
@@ -100,12 +100,12 @@ def monte_carlo(
         devices. Its workers must see the store's folder; other processes must be started by
         "spawn".
     shard
-        (i, k), i from 1 to k: only every k-th chunk from the i-th, so that k processes that know
-        nothing of each other fill one store.
+        (i, k), i from 1 to k: only every k-th chunk from the i-th, so that k independent processes
+        fill one store.
     progress
         Whether to show a progress bar with rate and time left.
     strict
-        Whether what is only warned of is refused.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Returns
     -------
@@ -117,8 +117,8 @@ def monte_carlo(
     ------
     ValueError
         If an argument breaks its rule, or memory has no room for the study. If a scenario is
-        invalid or its run fails: the message has its index and the reason. If the store holds
-        another study: what differs. If ``strict``, also where there would be a warning.
+        invalid or its run fails, with its index and the reason. If the store holds another study,
+        with what differs. If ``strict``, also where there would be a warning.
     OSError
         If the store cannot be written to. Finished chunks stay, and are used by the next call.
 
@@ -126,8 +126,8 @@ def monte_carlo(
     -----
     PlausibilityWarning
         Before the first run: if, of the first 256 scenarios, more than 1 % have a ground motion
-        that the grid does not resolve (as of ``simulate``), or a PGA above 5 g. After the last: if
-        the gap is more than 100 times what the buildings move.
+        that the grid does not resolve (see ``simulate``), or a PGA above 5 g. After the first
+        chunk: if the gap is more than 100 times the displacements (peak |x1| + peak |x2|).
 
     Examples
     --------
@@ -170,7 +170,7 @@ def monte_carlo(
     identity = task.identity() | {"scales": describe(scales)}
     _require_room(task, len(identity["columns"]), len(own), in_memory=store is None)
     program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
-    # A store that was begun has its own.
+    # A store that exists has its own.
     context = {} if begun else {"notes": notes, "oscillators": _oscillators(scenarios)}
     task = dataclasses.replace(
         task,
@@ -221,7 +221,7 @@ def monte_carlo(
 
 
 def _unreached(outcome: Outcome, scales: Scales | None) -> list[str]:
-    """Whether the gap is out of all proportion to what the buildings of a chunk move."""
+    """A finding if the gap is out of proportion to the displacements in a chunk."""
     unit = 1.0 if scales is None else float(scales.length)
     moments = outcome.moments
     moved = unit * (moments["peak_x1"].largest + moments["peak_x2"].largest)
@@ -239,7 +239,7 @@ def _check(
     scales: Any,
     shard: Any,
 ) -> None:
-    """Refuse what is wrong, by name."""
+    """Refuse invalid arguments, by name."""
     owner = "monte_carlo"
     instance(owner, "scenarios", scenarios, ScenarioSet)
     count(owner, "scenarios.dimension", scenarios.dimension)
@@ -260,7 +260,7 @@ def _check(
 
 
 def _require_room(task: Task, columns: int, chunks: int, in_memory: bool) -> None:
-    """Refuse what takes more memory than there is: points, columns, and moments of columns."""
+    """Refuse a study that exceeds the memory: its points, columns, and moments of columns."""
     owner, number, d = "monte_carlo", task.normal().dtype.itemsize, task.scenarios.dimension
     size = min(task.n, task.chunk_size)
     require_memory(owner, "samples of a chunk", size, size * (d + columns) * number)

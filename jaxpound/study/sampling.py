@@ -17,21 +17,21 @@ import numpy as np
 from scipy.special import ndtri
 
 Points = Callable[[int, int], np.ndarray]
-"""From start and stop to the points of indices start to stop − 1, shape (stop − start, d)."""
+"""A function of start and stop: points start to stop − 1, shape (stop − start, d)."""
 
 SAMPLINGS = {"plain": 2**31, "sobol": 2**30}
 """Kinds of points, and how many there are at most."""
 
 
 def require_sampling(owner: str, sampling: Any) -> int:
-    """How many points there are at most; a ``ValueError`` for what is no kind of them."""
+    """Largest number of points; a ``ValueError`` for an unknown kind of sampling."""
     if sampling not in SAMPLINGS:
         raise ValueError(f"{owner}: sampling = {sampling!r} must be 'plain' or 'sobol'")
     return SAMPLINGS[sampling]
 
 
 def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
-    """Kind and numbers of a key or a seed, which can be written down."""
+    """Kind and numbers of a key or a seed, which JSON can hold."""
     if isinstance(key, int | np.integer) and not isinstance(key, bool):
         if not 0 <= key < 2**32:
             raise ValueError(f"{owner}: key = {key} must be from 0 to 2^32 − 1")
@@ -49,7 +49,7 @@ def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
 
 
 def as_key(kind: str, numbers: tuple[int, ...]) -> jax.Array:
-    """The key of ``key_numbers``."""
+    """The key with these kind and numbers: the inverse of ``key_numbers``."""
     return jax.random.wrap_key_data(jnp.asarray(numbers, jnp.uint32), impl=kind)
 
 
@@ -59,13 +59,14 @@ def points(sampling: str, key: jax.Array, dimension: int) -> Points:
     Parameters
     ----------
     sampling
-        "plain": independent draws, of the key folded with the index. "sobol": Sobol points
+        "plain": independent draws, with the index folded into the key. "sobol": Sobol points
         scrambled by a random linear matrix and a digital shift (scipy's), at most 2^30; best if
         their number is a power of 2.
     key
-        A threefry key of ``jax.random``; under ``vmap`` other kinds draw whole batches from one.
+        A threefry key of ``jax.random``: with other kinds, draws under ``vmap`` depend on the
+        batch.
     dimension
-        Numbers d of each point.
+        Length d of each point.
     """
     if sampling == "plain":
         return lambda start, stop: np.asarray(
@@ -83,7 +84,7 @@ def _normals(key: jax.Array, indices: Any, dimension: int) -> jax.Array:
 
 
 class _Sobol:
-    """Scrambled Sobol points as normals; forward from where it stands, else from the start."""
+    """Scrambled Sobol points as normals; going on from the last call, or back at the start."""
 
     def __init__(self, key: jax.Array, dimension: int) -> None:
         from scipy.stats import qmc  # only here: it takes a second to import
@@ -95,16 +96,16 @@ class _Sobol:
     def __call__(self, start: int, stop: int) -> np.ndarray:
         with self.lock:
             shares = self.shares(start, stop)
-        # The points are corners of cells; in the middle of a cell no normal number is infinite.
+        # The points are corners of cells; at the centre of a cell no normal number is infinite.
         return ndtri(shares + 0.5 ** (_BITS + 1)).astype(jax.dtypes.canonicalize_dtype(float))
 
     def shares(self, start: int, stop: int) -> np.ndarray:
-        """The points as shares of probability, from 0 to 1."""
+        """The points as probabilities, from 0 to 1."""
         if start < self.engine.num_generated:
             self.engine.reset()
         if start > self.engine.num_generated:
             self.engine.fast_forward(start - self.engine.num_generated)
-        with warnings.catch_warnings():  # that the first chunk is no power of 2
+        with warnings.catch_warnings():  # ignore: the first chunk is no power of 2
             warnings.simplefilter("ignore", UserWarning)
             return self.engine.random(stop - start)
 

@@ -1,8 +1,8 @@
-"""Scenario sets: what makes structures and a ground motion of independent standard normal numbers.
+"""Scenario sets: structures and a ground motion as functions of a standard normal point z.
 
 A set has a ``dimension`` d and a pure, traceable ``realize(z)`` with z of shape (d,). So a scenario
-is known by its numbers, a gradient or a low-discrepancy point set passes through, and the same
-numbers can shake different designs.
+is determined by its z, can be differentiated, can be drawn from a low-discrepancy point set, and
+different designs can be compared in the same earthquakes.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from jaxpound.model.system import Structures
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
 
 NUMBER_BYTES = 22_000
-"""What JAX keeps of each number of z, in a study's trace and program; measured."""
+"""Bytes that JAX needs for each number of z, in a study's trace and program; measured."""
 
 
 @runtime_checkable
 class ScenarioSet(Protocol):
-    """What ``monte_carlo`` asks of a scenario set.
+    """What ``monte_carlo`` needs of a scenario set.
 
-    A set may also have ``parameters(z)``, a dictionary of d numbers by name, one for each z, or
-    ``names`` for z itself: they stand for the axes of correlations and sensitivities. Without
-    these are z_1 to z_d.
+    A set may also have ``parameters(z)``, a dictionary of d numbers by name, one for each number of
+    z, or ``names`` of the numbers of z: correlations and sensitivities refer to them. Without
+    either the names are z_1 to z_d.
     """
 
     @property
@@ -40,7 +40,7 @@ class ScenarioSet(Protocol):
         """Number d of independent standard normal numbers."""
 
     def realize(self, z: Float[Array, " d"]) -> tuple[Structures, GroundLike]:
-        """The scenario of z."""
+        """The scenario drawn by z: structures and ground motion."""
 
 
 @runtime_checkable
@@ -52,7 +52,7 @@ class Draw(Protocol):
         """Number of independent standard normal numbers."""
 
     def draw(self, z: Float[Array, " d"]) -> Any:
-        """What z stands for."""
+        """The structures or the ground motion drawn by z."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,18 +116,18 @@ class Scenarios:
     def at(
         self, indices: Any, key: int | jax.Array = 0, *, sampling: str = "plain"
     ) -> tuple[Structures, GroundLike]:
-        """The scenarios of a study's samples, to be looked at one by one.
+        """The scenarios of some samples of a study.
 
         Parameters
         ----------
         indices
             A sample's index (``Study.indices``), or some of them, shape (n,).
         key, sampling
-            As of ``monte_carlo``.
+            See ``monte_carlo``.
 
         Returns
         -------
-        Structures and ground motion, each a batch of n where indices are some.
+        Structures and ground motion, each a batch of n if ``indices`` is an array.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class Scenarios:
         return jax.vmap(self.realize)(jnp.asarray(rows))
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
-        """What was drawn, by name, in the order of z."""
+        """The drawn parameters, by name, in the order of z."""
         first = _dimension(self.structures)
         drawn = parameters(self.structures, z[:first]) if first else {}
         return drawn | (parameters(self.ground, z[first:], first) if len(z) > first else {})
@@ -160,7 +160,7 @@ def _dimension(part: Any) -> int:
 
 
 def parameters(drawn: Any, z: Float[Array, " d"], before: int = 0) -> dict[str, Any]:
-    """The named numbers of a scenario set, or of a part of one after ``before`` others."""
+    """Parameters by name of a scenario set, or of a part whose z follows ``before`` others."""
     if hasattr(drawn, "parameters"):
         return drawn.parameters(z)
     names = getattr(drawn, "names", ()) or [f"z_{before + i + 1}" for i in range(len(z))]
@@ -180,7 +180,7 @@ def parameter_names(scenarios: ScenarioSet) -> tuple[str, ...]:
 
 
 def keys_in_order(function: Callable[[Any], Mapping[str, Any]], z: Any) -> tuple[str, ...]:
-    """Keys of what a traceable function returns, in its order, which JAX does not keep."""
+    """Keys of the mapping that a traceable function returns, in their order (JAX sorts them)."""
     names: list[str] = []
     jax.eval_shape(lambda z: names.extend(function(z)), z)
     return tuple(names)
@@ -188,7 +188,7 @@ def keys_in_order(function: Callable[[Any], Mapping[str, Any]], z: Any) -> tuple
 
 @dataclasses.dataclass(frozen=True)
 class CustomDraw:
-    """Structures, or a ground motion, by a function of one's own.
+    """Structures, or a ground motion, drawn by a user's function.
 
     Parameters
     ----------
@@ -203,8 +203,8 @@ class CustomDraw:
     Raises
     ------
     ValueError
-        If function is not callable, dimension is not a positive whole number or is more than memory
-        has room for, or the names are not so many, each another.
+        If function is not callable, dimension is not a positive whole number or too large for the
+        memory, or the names are not ``dimension`` different ones.
     """
 
     function: Callable[[Any], Any]
@@ -224,5 +224,5 @@ class CustomDraw:
         object.__setattr__(self, "names", names)
 
     def draw(self, z: Float[Array, " d"]) -> Any:
-        """What the function makes of z."""
+        """The function's result at z."""
         return self.function(z)

@@ -28,8 +28,8 @@ _REPLICATES = 500  # of the bootstrap
 class Sensitivity(Shown):
     """Sobol indices of one demand, by parameter, with bootstrap intervals.
 
-    ``first`` is the share of the demand's variance that goes if the parameter is known; ``total``
-    the share that stays if all others are.
+    ``first`` is the share of the demand's variance that vanishes if the parameter is known,
+    ``total`` the share that remains if all others are known.
     """
 
     demand: str
@@ -59,7 +59,7 @@ def sobol_sensitivity(
     Parameters
     ----------
     scenarios, grid, scheme
-        As of ``monte_carlo``.
+        See ``monte_carlo``.
     demand
         A scalar of ``Demand``, or "required_gap" (initial gap − min gap).
     n
@@ -67,9 +67,9 @@ def sobol_sensitivity(
     key
         A seed.
     confidence
-        Of the bootstrap intervals.
+        Confidence level of the bootstrap intervals.
     strict
-        Whether what is only warned of is refused.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def sobol_sensitivity(
     -----
     PlausibilityWarning
         If, of the first 256 scenarios, more than 1 % have a ground motion that the grid does not
-        resolve (as of ``simulate``), or a record with a PGA above 5 g.
+        resolve (see ``simulate``), or a record with a PGA above 5 g.
     """
     from scipy import stats  # only here: it takes a second to import
 

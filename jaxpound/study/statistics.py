@@ -1,4 +1,4 @@
-"""What a sample says of its distribution: probabilities, quantiles, moments."""
+"""Estimates from a sample: probabilities, quantiles, moments."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Estimate(NamedTuple):
 
 
 def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
-    """Probability of what happened ``successes`` times of n, with Clopper and Pearson's interval.
+    """Probability of an event that occurred ``successes`` times in n, with its exact interval.
 
-    It covers the true probability at least as often as it says (Clopper and Pearson 1934).
+    Its coverage is at least ``confidence`` (Clopper and Pearson 1934).
 
     Raises
     ------
@@ -55,9 +55,9 @@ def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
 def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Estimate:
     """Quantile of the distribution of a sample, with a distribution-free interval.
 
-    The interval's ends are order statistics: they enclose the quantile if, of n draws, between so
-    many and so many are below it, which is a binomial number (Conover 1999, section 3.2). An end is
-    infinite where the sample is too small for any order statistic to do.
+    The interval's ends are order statistics: the number of draws below the quantile is binomial
+    (Conover 1999, section 3.2). An end is infinite if the sample is too small for any order
+    statistic to have that confidence.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     share
         Between 0 and 1: the probability of not exceeding the quantile.
     confidence
-        Between 0 and 1; each end errs with at most half of the rest.
+        Between 0 and 1; each end errs with a probability of at most (1 − confidence) / 2.
 
     Raises
     ------
@@ -84,14 +84,14 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     enforce(owner, [Rule("sample", sample, np.isfinite(sample), "finite")])
     ends = stats.quantile_test(sample, p=share).confidence_interval(confidence)
     low, high = (
-        float(beyond if np.isnan(end) else end)  # where no order statistic will do
+        float(beyond if np.isnan(end) else end)  # if no order statistic suffices
         for end, beyond in zip(ends, (-np.inf, np.inf), strict=True)
     )
     return Estimate(float(np.quantile(sample, share)), low, high, confidence)
 
 
 class Moments(NamedTuple):
-    """Moments of a sample that is seen part by part, and its extremes."""
+    """Moments and extremes of a sample that is read in parts."""
 
     n: int = 0
     mean: float = float("nan")

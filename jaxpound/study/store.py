@@ -1,10 +1,9 @@
 """A folder of finished chunks: a manifest that says what they are, and one archive a chunk.
 
 No file is ever changed, so that independent processes may fill one store at once without a lock:
-the manifest and a whole chunk are the same whoever writes them, an empty file ``samples-N`` says
-that N samples are asked for (the largest N counts), and the last chunk of a study, of fewer samples
-than others have, has their number in its name and stays beside the whole one of a larger study
-until that is there.
+the manifest and a full chunk are the same whoever writes them, and an empty file ``samples-N`` says
+that N samples are asked for (the largest N counts). The last chunk of a study may have fewer
+samples; their number is in its name, and it is kept until a larger study has written the full one.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from jaxpound.study.archives import (
 MANIFEST = "manifest.json"
 _FORMAT = 2
 _MOST = 2**31  # samples
-_WRITTEN_OUT = 16  # entries of an array in a description
+_WRITTEN_OUT = 16  # entries of an array that a description writes out
 _SAMPLES = re.compile(r"samples-([1-9]\d{0,9})")
 _PARTIAL = re.compile(r"chunk-(\d{6,10})-([1-9]\d{0,9})\.npz")
 _TRIES = 3
@@ -45,9 +44,9 @@ _LARGEST_MANIFEST = 2**28  # bytes; a file of any size would fill the memory
 
 
 class Store:
-    """A store that exists. ``Store.create`` makes or continues one, ``Store(folder)`` reads one.
+    """An existing store. ``Store.create`` makes or continues one, ``Store(folder)`` reads one.
 
-    ``n`` is the number of its samples that are looked at, by default all that are ``asked`` for.
+    ``n`` is the number of its samples to be used, by default all that are ``asked`` for.
 
     Raises
     ------
@@ -72,19 +71,19 @@ class Store:
         n: int,
         context: Mapping[str, Any],
     ) -> Store:
-        """The store in that folder for the study of this identity, new or to be continued.
+        """The store in a folder for the study with this identity, new or to be continued.
 
         Parameters
         ----------
         folder
             Made if it does not exist.
         identity
-            What determines every number in it, as JSON has it; ``columns`` are the names of a
-            chunk's, ``precision`` their type and ``chunk_size`` their length.
+            All that determines the study's numbers, as JSON: among it ``columns``, the names of a
+            chunk's columns, ``precision``, their type, and ``chunk_size``, their length.
         n
             Number of samples asked for; a store may grow.
         context
-            What is kept with them.
+            Further information to be kept in the manifest.
 
         Raises
         ------
@@ -132,7 +131,7 @@ class Store:
         return range(-(-self.n // self.chunk_size))
 
     def write(self, chunk: int, columns: Mapping[str, np.ndarray]) -> None:
-        """Put a chunk, or its first samples, in its place.
+        """Write a chunk, or its first samples if the study ends within it.
 
         Raises
         ------
@@ -149,7 +148,7 @@ class Store:
         Raises
         ------
         DamagedError
-            If a file is there that is not what was written for this chunk of this study.
+            If its file differs from what was written for this chunk of this study.
         OSError
             If it may not be read.
         """
@@ -162,7 +161,7 @@ class Store:
                     return {name: x[:rows] for name, x in columns.items()}
                 except DamagedError as error:
                     damage = DamagedError(f"chunk {chunk} is damaged ({error})")
-                except FileNotFoundError:  # a longer one has come in its place
+                except FileNotFoundError:  # a longer one has replaced it
                     break
             else:
                 break
@@ -175,7 +174,7 @@ class Store:
         return bool(self._held(chunk))
 
     def sweep(self) -> None:
-        """Remove what killed processes left half-written, and what a larger study has replaced."""
+        """Remove half-written files of killed processes, and chunks that longer ones replace."""
         sweep_parts(self.folder)
         asked = self._asked()
         most = max(asked.values(), default=0)
@@ -193,7 +192,7 @@ class Store:
                 path.unlink()
 
     def _asked(self) -> dict[Path, int]:
-        """Numbers of samples that were asked for, by the files that say so."""
+        """Numbers of samples that were asked for, by the file that states each."""
         found = {}
         for path in self.folder.iterdir():
             if match := _SAMPLES.fullmatch(path.name):
@@ -207,10 +206,10 @@ class Store:
         return self.folder / f"chunk-{chunk:06d}{length}.npz"
 
     def _held(self, chunk: int) -> list[tuple[int, Path]]:
-        """Files that hold all samples of a chunk, and how many each has, the longest first."""
+        """Sizes and paths of the files that hold all samples of a chunk, the longest first."""
         rows, whole = len(self.rows(chunk)), self._path(chunk, self.chunk_size)
         found = [(self.chunk_size, whole)] if os.path.lexists(whole) else []
-        if rows < self.chunk_size:  # only of the last chunk are there others
+        if rows < self.chunk_size:  # only the last chunk has shorter files
             for path in self.folder.glob(f"chunk-{chunk:06d}-*.npz"):
                 match = _PARTIAL.fullmatch(path.name)
                 if match and rows <= int(match[2]) < self.chunk_size:
@@ -244,7 +243,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             right = checksum == _checksum(content)
     except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{owner} must be a folder with a {MANIFEST}") from None
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:  # no JSON, no object
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:  # no JSON object
         raise ValueError(f"{owner}: {MANIFEST} is damaged ({error})") from error
     if (theirs := content.get("format")) != _FORMAT:
         rule = f"format {reprlib.repr(theirs)} must be {_FORMAT}"
@@ -257,7 +256,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _check_identity(owner: str, identity: Any) -> None:
-    """A ``ValueError`` if an identity lacks what reading a chunk depends on."""
+    """A ``ValueError`` if an identity lacks an entry that reading a chunk needs."""
     given = identity if isinstance(identity, dict) else {}
     size, names, precision = (given.get(k) for k in ("chunk_size", "columns", "precision"))
     if not (type(size) is int and 1 <= size <= _MOST):
@@ -275,7 +274,7 @@ def _as_json(content: Mapping[str, Any]) -> bytes:
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """That of JSON, however it is laid out."""
+    """Checksum of a JSON object, independent of its layout."""
     return digest(json.dumps(content, sort_keys=True).encode())
 
 
@@ -314,7 +313,7 @@ def _short(value: Any) -> str:
 
 
 def describe(thing: Any) -> Any:
-    """A tree of JSON that says what an object holds; of a large array, its checksum."""
+    """What an object holds, as a tree of JSON; large arrays as their checksums."""
     if thing is None or isinstance(thing, bool | int | float | str):
         return thing
     if isinstance(thing, np.ndarray | np.generic | jax.Array):

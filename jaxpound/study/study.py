@@ -1,4 +1,4 @@
-"""What a Monte Carlo study found: columns of demands, and the answers that follow from them."""
+"""The result of a Monte Carlo study: columns of demands, and statistics of them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from jaxpound.units import Scales
 
 
 class Separation(NamedTuple):
-    """The gap that is exceeded with a probability, beside what the rules of codes ask for.
+    """The required gap at a probability of exceedance, beside those of code rules.
 
     The rules combine the two peak displacements u1, u2 that are exceeded with that probability.
     """
@@ -43,7 +43,7 @@ class Separation(NamedTuple):
     double_difference: float
     """√(u1² + u2² − 2 ρ u1 u2), with the correlation coefficient ρ of the two oscillators."""
     correlation: float
-    """ρ, of the median structures without damper (``double_difference_correlation``)."""
+    """ρ for the median structures without damper (``double_difference_correlation``)."""
 
     def _table(self) -> Table:
         rules = (self.absolute_sum, self.srss, self.double_difference)
@@ -84,16 +84,16 @@ def double_difference_correlation(
 class Study(Columnar, Shown):
     """Demands of many random scenarios, column by column; ``monte_carlo`` makes it.
 
-    ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the gap
-    that an earthquake needs, initial gap − min gap, which does not depend on the gap there is;
-    measures and parameters that were asked for. Columns of a store are read when they are asked
-    for, one by one, so that n may exceed the memory. Runs that failed are NaN and left out of every
-    answer. Dimensionless as in eq. (9), or in SI units if there are ``scales``; measures and the
-    scenarios' parameters are what they are, in both. As a table (``to_pandas``, ``to_csv``,
-    ``to_parquet``) it has a row a sample.
+    ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the
+    smallest gap at rest without pounding, initial gap − min gap, which does not depend on the gap
+    at rest; measures and parameters that were asked for. Columns of a store are read one by one
+    when they are used, so that n may exceed the memory. Runs that failed are NaN and left out of
+    all statistics. Dimensionless as in eq. (9), or in SI units if there are ``scales``, which do
+    not convert measures and the scenarios' parameters. As a table (``to_pandas``, ``to_csv``,
+    ``to_parquet``) it has a row for each sample.
 
-    With Sobol points samples are not independent, and intervals are as wide as for independent
-    ones: too wide, as a rule.
+    Sobol points are not independent, but intervals are those of independent samples: usually too
+    wide.
     """
 
     rows: Sequence[range]
@@ -104,12 +104,12 @@ class Study(Columnar, Shown):
     _parts: Callable[[str], Iterable[np.ndarray]]
     scenarios: ScenarioSet | None = None
     points: Callable[[], np.ndarray] | None = None
-    """Makes the points z of the samples, shape (n, d), where the scenarios are known."""
+    """Function that computes the points z of the samples, shape (n, d), if scenarios are known."""
     scales: Scales | None = None
 
     @staticmethod
     def open(folder: str | PathLike[str]) -> Study:
-        """The study in a store: those of its chunks that are finished, in the units of its making.
+        """The study in a store: its finished chunks, in the units in which it was made.
 
         Chunks that are damaged are left out with a warning that names them.
 
@@ -195,7 +195,7 @@ class Study(Columnar, Shown):
         )
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """The scenarios' parameters by name, shape (n,) each, kept or made again.
+        """The scenarios' parameters by name, shape (n,) each, from the columns or recomputed.
 
         Raises
         ------
@@ -214,10 +214,10 @@ class Study(Columnar, Shown):
         made = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(self.points())
         return {name: np.asarray(made[name]) for name in parameter_names(scenarios)}
 
-    # Answers.
+    # Statistics.
 
     def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:
-        """Quantile of a column, with its distribution-free interval (``estimates.quantile``)."""
+        """Quantile of a column, with its distribution-free interval (``statistics.quantile``)."""
         return quantile(self.finite(name), share, confidence)
 
     def pounding_probability(self, gap: float | None = None, confidence: float = 0.95) -> Estimate:
@@ -226,9 +226,9 @@ class Study(Columnar, Shown):
         Parameters
         ----------
         gap
-            The gap at rest ≥ 0, any one; by default that of the scenarios.
+            Any gap at rest ≥ 0; by default that of the scenarios.
         confidence
-            Of the interval.
+            Confidence level of the interval.
         """
         if gap is None:
             pounding = sum(int(np.count_nonzero(x == 1)) for x in self._parts("pounds"))
@@ -241,7 +241,7 @@ class Study(Columnar, Shown):
         return probability(pounding, len(self) - self.failed, confidence)
 
     def required_gap(self, probability: float, confidence: float = 0.95) -> Estimate:
-        """The gap at which the probability of pounding is so small."""
+        """The gap at rest at which pounding has this probability."""
         require_share("required_gap", "probability", probability)
         return self.quantile("required_gap", 1 - probability, confidence)
 
@@ -249,7 +249,7 @@ class Study(Columnar, Shown):
         """The required gap beside those of code rules: absolute sum, SRSS, double difference.
 
         The rules were made for buildings without a damper between them: compare them in a study
-        with friction 0. Here they take the peaks of this study, whatever its damper.
+        with friction 0. Here they are applied to the peaks of this study, with its damper.
         """
         u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
         rho = double_difference_correlation(*self.about["oscillators"])
@@ -280,7 +280,7 @@ class Study(Columnar, Shown):
 
         return {name: correlation(x[good]) for name, x in self.parameters().items()}
 
-    # Elsewhere.
+    # Tables.
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         si, columns = self.scales is not None, {"sample": self.indices}
@@ -309,11 +309,11 @@ class Study(Columnar, Shown):
         return name
 
     def _quantity(self, name: str) -> str | None:
-        """Quantity of a column; none of pure numbers, and of what is not ours."""
+        """Kind of quantity of a column; None for pure numbers and for users' columns."""
         ours = name == "required_gap" or place_of(Demand, name) is not None
         return kind_of(name) if ours else None
 
     def _factor(self, name: str) -> float:
-        """The unit of a column in SI; 1 of what has none, or is not ours."""
+        """Factor from a column to SI units; 1 for pure numbers and for users' columns."""
         kind = self._quantity(name)
         return 1.0 if self.scales is None or kind is None else float(self.scales.units[kind])

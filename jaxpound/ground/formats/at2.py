@@ -86,7 +86,7 @@ def _npts_and_dt(line: Line) -> tuple[int, float]:
 
 
 def _stated(name: re.Pattern[str], text: str, begin: int, units: str) -> tuple[str, int]:
-    """The number after a name, and its end; "" if none of that name has one."""
+    """The number after a name, and where it ends; "" if no number follows the name."""
     for match in name.finditer(text, begin):
         number = _STATES.match(text, match.end())
         if number and (text[number.end() :][:1].lower() or " ") in " ,;" + units:

@@ -118,7 +118,7 @@ def _require_no_times(rows: list[Row], dt: float) -> None:
 
 
 def _rises_evenly(column: list[float], dt: float, *, alone: bool) -> bool:
-    """Whether a column is one of times or an index; of many rows also if coarsely printed."""
+    """Whether a column is times or an index; with many rows, also if it is coarsely printed."""
     n = len(column)
     steps = np.diff(column)
     if n > 2 and any(np.allclose(steps, step, rtol=1e-3, atol=0) for step in (dt, 1000 * dt)):
@@ -154,7 +154,7 @@ def _read_two_columns(rows: list[Row]) -> tuple[NDArray[np.float64], float]:
 def _read_column_names(header: Sequence[Line], stated: dict[str, int]) -> None:
     """Check the names of two columns, and add their units to those stated.
 
-    The names are the last line of words in the header, or the last but one above one of units.
+    The names are on the last line of words in the header, or one above if the last has units.
 
     Raises
     ------
@@ -180,9 +180,10 @@ def _read_column_names(header: Sequence[Line], stated: dict[str, int]) -> None:
 
 
 def _names_columns(block: Block, width: int) -> int | None:
-    """The line, of the last two of words, that names as many columns as a row has, if one does.
+    """Number of the line that names the columns, one of the last two with words; None if neither.
 
-    It has the row's own separators, or nothing but names of directions and channels.
+    It has as many names as a row has values, with the same separators as the rows, or consists of
+    names of directions and channels only.
     """
     row = block.first
     for number, raw in [line for line in block.header if WORD.search(line.text)][-2:]:

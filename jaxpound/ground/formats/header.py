@@ -1,9 +1,9 @@
 """What the header of an accelerogram states in prose: units, and what was recorded.
 
-A header is prose by many hands. A unit in it is understood as a whole or not at all, so that G/10
-is never taken for g; what is stated and not known is refused by name. Runs of blanks are made one
-blank before anything is searched for, and no pattern tries a character more than a few times: a
-header is read in a time proportional to its length, whatever it holds.
+A header is free text. A unit in it is understood as a whole or not at all, so that G/10 is never
+taken for g; a stated unit that is not known is refused by name. Runs of blanks are made one blank
+before anything is searched for, and no pattern tries a character more than a few times: a header is
+read in a time proportional to its length, whatever it holds.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rows of printed numbers, and what becomes of them."""
+"""Rows of printed numbers: how they are read and checked."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from jaxpound.ground.formats.text import (
 
 _LONGEST_HEADER = 10_000  # lines, and characters in a line
 _SLOWEST_STEP = 0.5  # in s: nothing above 1 Hz would be left of an earthquake
-FEW, _MANY = 10, 100  # values from which on something is taken for a rule, or for no accident
+FEW, _MANY = 10, 100  # values that show a rule, and that exclude coincidence
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf(?:inity)?|[0-9]\.#\w{1,9})", re.I)
 _SIGN_AFTER_NUMBER = re.compile(r"(?<=[0-9.])(?=[-+])")
@@ -49,19 +49,19 @@ class Block(NamedTuple):
 
 
 class Values(NamedTuple):
-    """What a layout makes of the rows; ``rows`` hold the accelerations alone."""
+    """The values of a file as read by its layout; ``rows`` hold the accelerations alone."""
 
     samples: NDArray[np.float64]
     dt: float
     rows: list[Row]
-    stated: dict[str, int]  # as of ``Block``
+    stated: dict[str, int]  # as in ``Block``
 
 
 class Format(NamedTuple):
-    """A layout of files: whether one has it, by its lines, and how it is read.
+    """A layout of files: whether a file's lines fit it, and how such a file is read.
 
-    What is read may depend on the time step that is given for files that state none. Notes are what
-    the reader is to warn of.
+    ``read`` takes the time step given by the user for files that state none, and a list to which it
+    adds the warnings that the reader gives.
     """
 
     fits: Callable[[Sequence[Line]], bool]
@@ -69,7 +69,7 @@ class Format(NamedTuple):
 
 
 def read_block(lines: Sequence[Line], begin: int, notes: list[str]) -> Block:
-    """The header and the rows of a file whose rows begin at a line, by its index, or after it.
+    """The header and the rows of a file whose rows begin at or after the line of an index.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def _is_number(text: str) -> bool:
 
 
 def require_count(line: int, stated: str, wanted: int, found: int) -> None:
-    """Refuse another number of values than the header states, by its line."""
+    """Refuse a file whose number of values is not the one stated in its header."""
     if found != wanted:
         fault = "truncated" if found < wanted else "surplus values"
         rule = f"must be the number of values, {found}"
@@ -198,7 +198,7 @@ def require_width(rows: list[Row], width: int) -> None:
 
 
 def check_print(values: Values, ended: bool, notes: list[str]) -> None:
-    """Refuse or note what the print of values, and a last line without end, tell of damage.
+    """Refuse or note signs of damage: digits of printed values, a last line without its end.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def check_print(values: Values, ended: bool, notes: list[str]) -> None:
 def _check_digits(rows: list[Row], notes: list[str]) -> None:
     """Refuse a file that is cut inside its last value, which then has fewer digits than others.
 
-    A value inside that alone has other digits than all others is noted: it may be damaged.
+    A single value elsewhere with other digits than all others is noted: it may be damaged.
     """
     numbers = [number for row in rows for number in row.numbers]
     if len(numbers) <= FEW // 2:
@@ -241,9 +241,9 @@ def _check_digits(rows: list[Row], notes: list[str]) -> None:
 
 
 def _digits(number: str) -> tuple[int, int, int]:
-    """How many digits stand ahead of the decimal point, behind it (-1 without), in the exponent.
+    """Numbers of digits before the decimal point, after it (-1 without one), in the exponent.
 
-    Those ahead count only with an exponent, where they are the same throughout.
+    Those before count only with an exponent: only then are they the same throughout a file.
     """
     mantissa, _, exponent = number.lstrip("+-").partition("E")
     whole, point, decimals = mantissa.partition(".")

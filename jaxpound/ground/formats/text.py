@@ -1,4 +1,4 @@
-"""A file as lines of text, and words for what is wrong with one of them."""
+"""A file as lines of text, and the error that names one of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?!
 
 
 class MisreadError(ValueError):
-    """What is wrong with a file, or with the line of it that is numbered."""
+    """What is wrong with a file, or with one of its lines, given by number."""
 
     def __init__(self, line: int | None, says: str) -> None:
         super().__init__(says)
@@ -43,7 +43,7 @@ def plain(text: str) -> str:
 
 
 def shown(text: str) -> str:
-    """A text as a message has it: its beginning, if it is long."""
+    """A text as quoted in a message: only its beginning, if it is long."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 

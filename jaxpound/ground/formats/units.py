@@ -53,7 +53,7 @@ WORD = re.compile(r"[^\W\d_]++")
 
 
 def known_unit(pattern: re.Pattern[str], text: str, at: int = 0) -> tuple[str, int] | None:
-    """The unit that starts there and its end; none if more belongs to it, as in g/10."""
+    """The known unit that starts at an index, and its end; None if it goes on, as in g/10."""
     match = pattern.match(text, at)
     if not match or _GOES_ON.match(text, match.end()):
         return None
@@ -62,7 +62,7 @@ def known_unit(pattern: re.Pattern[str], text: str, at: int = 0) -> tuple[str, i
 
 
 def whole_unit(pattern: re.Pattern[str], text: str) -> str | None:
-    """The unit that a text is, as a whole."""
+    """The unit that the whole text is, if it is one."""
     found = known_unit(pattern, text)
     return found[0] if found and not text[found[1] :].strip(" .") else None
 
@@ -73,7 +73,7 @@ def words_of(text: str) -> list[str]:
 
 
 def looks_like_unit(text: str) -> bool:
-    """Whether a text that is no known unit is still one: g/10, % g, counts, mm/min2, yd/s2."""
+    """Whether a text looks like a unit that is not known: g/10, % g, counts, mm/min2, yd/s2."""
     words = words_of(text)
     if not words or set(words) <= NO_UNITS:
         return "%" in text
@@ -93,7 +93,7 @@ OTHER_QUANTITIES = set_of(
 
 
 def state(stated: dict[str, int], unit: str, line: int) -> None:
-    """Add a unit to those stated; a ``MisreadError`` if another of the same quantity is."""
+    """Add a unit to those stated; a ``MisreadError`` if they have another of its quantity."""
     sizes = UNITS if unit in UNITS else SECONDS
     for other in stated:
         if other in sizes and sizes[other] != sizes[unit]:
@@ -112,7 +112,7 @@ def time_unit(stated: dict[str, int]) -> str | None:
 
 
 def inside_of(bracket: re.Match[str]) -> str:
-    """What a bracket holds, as (in g) holds g."""
+    """The text inside a bracket: g of (in g)."""
     inside = bracket[1].strip()
     return inside[3:] if inside[:3].lower() == "in " else inside
 
