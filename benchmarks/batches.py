@@ -249,6 +249,33 @@ def built(function, *args):
     return compiled, f"traced in {middle - start:.1f} s, compiled in {end - middle:.1f} s"
 
 
+def records():
+    """Records: a batch beside one of wavelets, and the gradient by all samples."""
+    samples = 0.3 * np.random.default_rng(0).normal(size=GRID.n_steps) * np.hanning(GRID.n_steps)
+    factors = np.linspace(0.5, 1.5, GRADIENT_RUNS)
+
+    def gap(samples, factor):
+        record = jp.Record(samples, GRID.dt, time_unit="1/ω1")
+        return jp.demand(CASE, factor * record, GRID).min_gap
+
+    own = samples * factors[:, None]
+    wavelets = draw(GRADIENT_RUNS)
+    functions = {
+        "wavelets": (jax.jit(jax.vmap(lambda *x: demand(*x).min_gap)), *wavelets),
+        "one record, scaled": (jax.jit(jax.vmap(gap, (None, 0))), samples, factors),
+        "a record each": (jax.jit(jax.vmap(gap)), own, factors),
+        "value and gradient by all samples": (
+            jax.jit(jax.vmap(jax.value_and_grad(gap))),
+            own,
+            factors,
+        ),
+    }
+    times = best({name: ready(*call) for name, call in functions.items()})
+    print(f"\nRecords of {GRID.n_steps} samples: {GRADIENT_RUNS} runs, min gap alone")
+    for name, seconds in times.items():
+        print(f"  {name:36}{seconds / times['wavelets']:6.2f} times the wavelets")
+
+
 def widths():
     print("\nfloat32 against float64: speed and min gap's error by rounding")
     for h in (0.04, 0.02, 0.01):
@@ -304,6 +331,7 @@ def main():
     batch = draw(RUNS)
     throughput(batch)
     gradients(batch)
+    records()
     widths()
     checkpoints()
     many()
