@@ -146,6 +146,7 @@ def calibrate(
 
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
+    instance(owner, "space.nominal", space.nominal, AdjacentStructures)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_share(owner, "confidence", confidence)

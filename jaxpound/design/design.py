@@ -15,7 +15,6 @@ from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Objective
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.space import DesignSpace
-from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
 from jaxpound.study.statistics import Estimate
@@ -154,8 +153,8 @@ class History(NamedTuple):
 class Design(Shown):
     """The best structures of a search, and how they were found."""
 
-    structures: AdjacentStructures
-    """The design; dimensionless."""
+    structures: Any
+    """The design, of the kind of the space's nominal structures; dimensionless."""
     shares: np.ndarray
     """Its scaled variables (0 to 1 between the bounds), shape (d,)."""
     objective: float

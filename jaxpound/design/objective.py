@@ -20,11 +20,29 @@ from jaxpound._checks import (
     positive,
     require_share,
 )
-from jaxpound.results.demand import limited_columns
+from jaxpound.model.system import GROUND, Topology
+from jaxpound.results.demand import known_of, limited_columns
 
-PRICES = ("damper_force", *limited_columns(masses=2, rods=2, links=1))
-"""Demands that may be limited or penalised: scalars of ``Demand``, ``residual_offset`` by its
-absolute value, and ``damper_force``, the slip force μ."""
+
+def prices_of(topology: Topology) -> tuple[str, ...]:
+    """Demands of a system that may be limited or penalised.
+
+    Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value, and, where there
+    is a single link, ``damper_force``, its slip force μ.
+    """
+    n, rods, links = topology.n_masses, len(topology.rods), len(topology.links)
+    damper = ("damper_force",) if links == 1 else ()
+    return (*damper, *limited_columns(masses=n, rods=rods, links=links))
+
+
+PRICES = prices_of(Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),)))
+"""Those of two adjacent structures."""
+
+
+def _is_price(name: str) -> bool:
+    """Whether a system can have such a demand that may be limited or penalised."""
+    known = known_of(name)
+    return name == "damper_force" or (known is not None and known.limited)
 
 
 @runtime_checkable
@@ -258,7 +276,9 @@ class Objective:
     All are in dimensionless units, or in SI units where the design is given scales. Demands that
     can be limited or penalised are ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its
     slip force), ``peak_x1``, ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``,
-    ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``.
+    ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``. Those of a
+    ``System`` are numbered by its masses, rods and links (if there are several): ``peak_x3``,
+    ``peak_f5``, ``slip_distance_2``; ``damper_force`` is that of a single link only.
 
     Examples
     --------
@@ -280,7 +300,7 @@ class Objective:
             given = getattr(self, name)
             instance("Objective", name, given, Mapping)
             for price in given:
-                if price not in PRICES:
+                if not _is_price(price):
                     meant = hint(price, PRICES)
                     raise ValueError(f"Objective: unknown price {price!r} in {name}; {meant}")
             made: Any = {

@@ -13,13 +13,13 @@ from jaxpound._checks import count, instance, positive, real
 from jaxpound._tables import Shown, Table
 from jaxpound.design.design import Design
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import PRICES, Limit, Objective
+from jaxpound.design.objective import Limit, Objective, prices_of
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.run import NO_LIMIT, Designer, InfeasibleError
 from jaxpound.design.search import Progress, SearchOptions
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import Structures
 from jaxpound.quantities import unit
 from jaxpound.results.demand import unit_of
 from jaxpound.simulation.scheme import Scheme
@@ -81,7 +81,7 @@ def pareto_front(
     over: str | float = "mean",
     points: int = 8,
     limits: Sequence[float] | None = None,
-    start: AdjacentStructures | Mapping[str, float] | None = None,
+    start: Structures | Mapping[str, float] | None = None,
     starts: int = 3,
     key: int = 0,
     iterations: int = 100,
@@ -118,8 +118,10 @@ def pareto_front(
     """
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
-    if price not in PRICES:
-        raise ValueError(f"{owner}: price = {price!r} must be one of {', '.join(PRICES)}")
+    instance(owner, "space", space, DesignSpace)
+    prices = prices_of(space.nominal.system().topology)
+    if price not in prices:
+        raise ValueError(f"{owner}: price = {price!r} must be one of {', '.join(prices)}")
     if price in objective.limits:
         raise ValueError(f"{owner}: price = {price!r} must not be limited by the objective")
     points = count(owner, "points", points)

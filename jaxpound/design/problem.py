@@ -13,12 +13,13 @@ import numpy as np
 
 from jaxpound._checks import instance, refusal
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import PRICES, Objective
+from jaxpound.design.objective import Objective, prices_of
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.demands import rest_gap
 from jaxpound.units import Scales
 
 OWNER = "design_damper"
@@ -66,18 +67,33 @@ class DesignProblem:
         for name, kind in kinds.items():
             instance(OWNER, name, getattr(self, name), kind)
         self.space.require_certain(OWNER, self.ensemble.uncertain)
+        for name in ("penalties", "limits"):
+            for price in getattr(self.objective, name):
+                if price not in self.prices:
+                    rule = f"must be one of {', '.join(self.prices)}"
+                    raise ValueError(f"{OWNER}: objective: {price!r} in {name} {rule}")
+        one = {path: x[0] for path, x in self.ensemble.uncertain.items()}
+        middle = jnp.full(self.space.dimension, 0.5)
+        if jax.eval_shape(lambda *x: rest_gap(self.space.structures(*x)), middle, one) is None:
+            rule = "must have links, whose gaps at rest are one finite number"
+            raise ValueError(f"{OWNER}: space: structures {rule}")
+
+    @cached_property
+    def prices(self) -> tuple[str, ...]:
+        """Names of what may be limited or penalised of the structures."""
+        return prices_of(self.space.nominal.system().topology)
 
     def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:
-        """Demands of ``PRICES``, smallest gap and gap at rest of structures in one earthquake."""
+        """Demands of ``prices``, smallest gap and gap at rest of structures in one earthquake."""
         found = demand(structures, ground, self.grid, self.scheme)
-        gap, slip_force = structures.initial_gap, structures.friction
+        gap, slip_force = rest_gap(structures), structures.system().links[0].friction
         if self.scales is not None:
             found = self.scales.to_si(found)
             gap, slip_force = gap * self.scales.length, slip_force * self.scales.force
-        own = {"residual_offset": jnp.abs(found.residual_offset), "damper_force": slip_force}
-        columns = {name: own.get(name, getattr(found, name, None)) for name in PRICES}
-        rest = {"min_gap": found.min_gap, "initial_gap": gap}
-        return {name: jnp.asarray(x, found.min_gap.dtype) for name, x in (columns | rest).items()}
+        offsets = {name: jnp.abs(x) for name, x in found.flat("residual_offset").items()}
+        known = found.scalars() | offsets | {"initial_gap": gap, "damper_force": slip_force}
+        names = ("min_gap", "initial_gap", *self.prices)
+        return {name: jnp.asarray(known[name], found.min_gap.dtype) for name in names}
 
     def values(self, scaled: Any, data: ProblemData, rows: Any = None) -> tuple[Any, Any]:
         """Objective and limited demands (m,) at a design, traceable.
@@ -98,7 +114,7 @@ class DesignProblem:
         """Columns of demands at a design, shape (n,) each; one program for all designs."""
         every = np.tile(scaled, (len(ensemble), 1))
         found = self._run(every, ensemble.grounds, dict(ensemble.uncertain))
-        return {name: found[name] for name in ("min_gap", "initial_gap", *PRICES)}
+        return {name: found[name] for name in ("min_gap", "initial_gap", *self.prices)}
 
     @cached_property
     def _run(self) -> Callable[..., Any]:

@@ -15,7 +15,7 @@ from jaxpound._checks import Rule, count, enforce, require_memory
 from jaxpound.design.design import Comparison, Design, History
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AugmentedLagrangian, at_active_bound
-from jaxpound.design.objective import PRICES, Objective
+from jaxpound.design.objective import Objective
 from jaxpound.design.optimum import AT_BOUND, FirstOrderConditions
 from jaxpound.design.problem import OWNER, DesignProblem, best_start
 from jaxpound.design.search import (
@@ -28,7 +28,7 @@ from jaxpound.design.search import (
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import far_apart, first_of, of_many, tell
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
 
@@ -50,7 +50,7 @@ def design_damper(
     scheme: Scheme = Scheme(),
     objective: Objective = Objective(),
     *,
-    start: AdjacentStructures | Mapping[str, float] | None = None,
+    start: Structures | Mapping[str, float] | None = None,
     starts: int = 4,
     key: int = 0,
     iterations: int = 150,
@@ -72,7 +72,8 @@ def design_damper(
     Parameters
     ----------
     space
-        The variables and their bounds.
+        The variables and their bounds, of a pair or of a ``System`` whose links all have one finite
+        gap at rest.
     ensemble
         The earthquakes.
     grid, scheme
@@ -188,7 +189,7 @@ class Designer:
         batch = n if options.batch is None else options.batch
         enforce(OWNER, [Rule("batch", batch, batch <= n, f"at most the ensemble's {n}")])
         # At least the variables of every start, and the demands of its earthquakes, run at once.
-        each = problem.space.dimension + batch * len(PRICES)
+        each = problem.space.dimension + batch * len(problem.prices)
         size = options.starts * each * jnp.zeros(()).dtype.itemsize
         require_memory(OWNER, "starts", options.starts, size)
         first = first_of(n, problem.grid)
@@ -203,7 +204,7 @@ class Designer:
 
     def design(
         self,
-        start: AdjacentStructures | Mapping[str, float] | None = None,
+        start: Structures | Mapping[str, float] | None = None,
         *,
         fresh: int | Ensemble | None = None,
         limits: Mapping[str, float] | None = None,
@@ -213,7 +214,9 @@ class Designer:
         first = start_shares(OWNER, problem.space, start)
         fresh = self._fresh(fresh)
         before = problem.evaluate(first, problem.ensemble)
-        gap, moved = before["initial_gap"].min(), (before["peak_x1"] + before["peak_x2"]).max()
+        peaks = np.sort([x for name, x in before.items() if name.startswith("peak_x")], axis=0)
+        # No two masses move more towards each other than the two that move most.
+        gap, moved = before["initial_gap"].min(), peaks[-2:].sum(axis=0).max()
         si = problem.scales is not None
         tell(OWNER, far_apart("initial_gap", gap, moved, si=si), self.strict)
         data = problem.data(before, options.limit_tolerance, options.key, limits)

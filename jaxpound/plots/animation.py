@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
+from jaxpound.plots.curves import is_pair
 from jaxpound.plots.runs import friction_force, gap, same_units
 from jaxpound.plots.style import (
     COLOURS,
@@ -153,7 +154,8 @@ def still(
     Raises
     ------
     ValueError
-        If the response is a batch or invalid, or time is not within the run.
+        If the response is a batch, not that of a pair with a finite gap, or invalid, or time is not
+        within the run.
     """
     _require_valid("still", response)
     end = float(response.time[-1])
@@ -194,8 +196,8 @@ def animate(
     Raises
     ------
     ValueError
-        If a response is a batch or invalid, grids or units differ, or frames or seconds breaks its
-        rule.
+        If a response is a batch, not that of a pair with a finite gap, or invalid, grids or units
+        differ, or frames or seconds breaks its rule.
     """
     if isinstance(responses, Response):
         runs, single = {"": responses}, True
@@ -260,5 +262,10 @@ def _reach(response: Response) -> float:
 
 def _require_valid(name: str, response: Response) -> None:
     require_single(name, response)
-    if not np.isfinite(response.min_gap):
+    if not is_pair(response):
+        rule = "of a pair: two masses, each on a rod of its own, with one link between them"
+        raise ValueError(f"{name}: the run must be {rule}")
+    if not np.isfinite(response.demand.pga):
         raise ValueError(f"{name}: the run is invalid (its results are NaN)")
+    if not np.isfinite(response.min_gap):
+        raise ValueError(f"{name}: the gap must be finite, so that the buildings stand somewhere")

@@ -8,7 +8,7 @@ settings stay as they are. With ``ax=None`` the axes belong to a new pyplot figu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from jaxpound._checks import instance
+from jaxpound.plots.curves import Curve, frictions, gaps_of, is_pair, of_masses, of_rods
 from jaxpound.plots.style import (
     COLOURS,
     figure,
@@ -31,82 +32,91 @@ from jaxpound.plots.style import (
     unit_for,
 )
 from jaxpound.results.response import Response, require_single
+from jaxpound.simulation.stepping import elongation
 
 _LINE_ALPHA = 0.85  # where two lines run close together, both are seen
-
-
-class _Curve(NamedTuple):
-    label: str
-    colour: str
-    values: Any
 
 
 @in_house_style
 def ground_motion(response: Response, ax: Axes | None = None) -> Axes:
     """Ground acceleration u'' over time."""
-    curve = _Curve("$u''$", "ground", response.ground_acceleration)
-    return _over_time(response, ax, "ground acceleration", "acceleration", [curve])
+    curve = Curve("$u''$", "ground", response.ground_acceleration)
+    return _over_time(response, ax, "ground acceleration", "acceleration", [curve], curve.label)
 
 
 @in_house_style
 def displacements(response: Response, ax: Axes | None = None) -> Axes:
-    """Displacements x1 and x2, relative to the ground, over time."""
-    curves = _pair("$x_1$", response.x1, "$x_2$", response.x2)
-    return _over_time(response, ax, "displacement", "length", curves)
+    """Displacement x of each mass, relative to the ground, over time."""
+    curves = of_masses(response, "x", "$x_{}$")
+    return _over_time(response, ax, "displacement", "length", curves, "$x$")
 
 
 @in_house_style
 def velocities(response: Response, ax: Axes | None = None) -> Axes:
-    """Velocities x1' and x2', relative to the ground, over time."""
-    curves = _pair("$x_1'$", response.v1, "$x_2'$", response.v2)
-    return _over_time(response, ax, "velocity", "velocity", curves)
+    """Velocity x' of each mass, relative to the ground, over time."""
+    curves = of_masses(response, "v", "$x_{}'$")
+    return _over_time(response, ax, "velocity", "velocity", curves, "$x'$")
 
 
 @in_house_style
 def rod_forces(response: Response, ax: Axes | None = None) -> Axes:
-    """Rod forces f1 and f2 (base shears) over time."""
-    curves = _pair("$f_1$", response.f1, "$f_2$", response.f2)
-    return _over_time(response, ax, "rod force", "force", curves)
+    """Force f of each rod (of one to the ground, the base shear) over time."""
+    curves = of_rods(response, "$f_{}$")
+    return _over_time(response, ax, "rod force", "force", curves, "$f$")
 
 
 @in_house_style
 def gap(response: Response, ax: Axes | None = None) -> Axes:
-    """Gap ξ over time; its minimum (the smallest of a batch) is marked, with value and time.
+    """Gap ξ of each link over time; the smallest of all is marked, with value and time.
 
-    The minimum is that of ``response.demand``, which may lie between instants of the grid. The
-    region of pounding, ξ ≤ 0, is shaded, and named in the legend if the gap comes near it.
+    The minimum (of a batch, the smallest) is that of ``response.demand``, which may lie between
+    instants of the grid. The region of pounding, ξ ≤ 0, is shaded, and named in the legend if the
+    gap comes near it.
+
+    Raises
+    ------
+    ValueError
+        If no link has a gap, or a run is invalid.
     """
-    ax = _over_time(response, ax, "gap", "length", [_Curve(r"$\xi$", "damper", response.gap)])
+    curves = gaps_of("gap", response)
+    ax = _over_time(response, ax, "gap", "length", curves, r"$\xi$")
     smallest = np.ravel(response.min_gap)
-    low, high = float(smallest.min()), float(np.max(response.gap))
+    low, high = float(smallest.min()), max(float(np.nanmax(curve.values)) for curve in curves)
     time = float(np.ravel(response.demand.min_gap_time)[smallest.argmin()])
     units = (" m", " s") if response.si else ("", "")
-    words = rf"$\xi$, min {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−")
-    (ax.lines if np.ndim(response.time) == 1 else ax.collections)[-1].set_label(words)
-    ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
+    words = rf"min {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−")
+    (point,) = ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
+    if len(curves) > 1:
+        point.set(label=words, color=COLOURS["ground"])
+    else:
+        lines: Any = ax.lines[:-1] if np.ndim(response.time) == 1 else ax.collections
+        lines[-1].set_label(rf"$\xi$, {words}")
 
     span = (high - low) or abs(high) or 1.0
     near = low < 0.3 * span
     _shade_pounding(ax, near)
     bottom = low - 0.1 * span
-    legend(ax, columns=1, bottom=min(bottom, -0.15 * span) if near else bottom)
+    columns = 1 if len(curves) == 1 else 2
+    legend(ax, columns, min(bottom, -0.15 * span) if near else bottom)
     return ax
 
 
 @in_house_style
 def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
-    """Gap ξ over time of several runs by name, the first in grey, and the smallest of each.
+    """Gaps ξ over time of several runs by name, the first in grey, and the smallest of each.
 
     Raises
     ------
     ValueError
-        If there is no run, or some are in SI units and others are not.
+        If there is no run, one has no gap, or some are in SI units and others are not.
     """
     runs = list(same_units("gaps", responses).values())
     for name, response, colour in zip(responses, runs, shades(len(runs)), strict=True):
         ax = _axes(response, ax)
         words = f"{name}: min {float(np.min(response.min_gap)):.4g}".replace("-", "−")
-        _draw(ax, response.time, 1.0, _Curve(words, colour, response.gap))
+        for i, curve in enumerate(gaps_of("gaps", response)):
+            one = curve._replace(label="_" + curve.label if i else words, colour=colour)
+            _draw(ax, response.time, 1.0, one)
     assert ax is not None
     _shade_pounding(ax, False)
     ax.axhline(0, color=COLOURS["pounding"], zorder=1)
@@ -118,10 +128,16 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def friction_force(response: Response, ax: Axes | None = None) -> Axes:
-    """Friction force q of the damper over time, the intervals of stick of a single run shaded."""
-    curve = _Curve("$q$", "damper", response.friction)
-    ax = _over_time(response, ax, "friction force", "force", [curve])
-    if np.ndim(response.time) > 1:
+    """Friction force q of each link over time; of one in a single run, intervals of stick shaded.
+
+    Raises
+    ------
+    ValueError
+        If there is no link, or a run is invalid.
+    """
+    curves = frictions("friction_force", response)
+    ax = _over_time(response, ax, "friction force", "force", curves, "$q$")
+    if np.ndim(response.time) > 1 or len(curves) > 1:
         return ax
     sticks = [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]
     if sticks:
@@ -133,29 +149,42 @@ def friction_force(response: Response, ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
-    """Rod force over displacement of both structures: f1 over x1, f2 over x2."""
+    """Force over elongation of each rod; of a pair f1 over x1 and f2 over x2."""
     ax = _axes(response, ax)
-    factor, unit = _unit(response, "force", response.f1, response.f2)
-    for x, curve in zip(
-        (response.x1, response.x2),
-        _pair("structure 1", response.f1, "structure 2", response.f2),
-        strict=True,
-    ):
-        _draw(ax, x, factor, curve)
-    label(
-        ax, f"displacement $x_1$, $x_2$ ({_length(response)})", f"rod force $f_1$, $f_2$ ({unit})"
-    )
-    legend(ax)
+    curves = of_rods(response, "structure {}")
+    factor, unit = _unit(response, "force", *(curve.values for curve in curves))
+    x = [mass.x for mass in response.masses]
+    for rod, curve in zip(response.rods, curves, strict=True):
+        _draw(ax, elongation(rod.ends, x), factor, curve)
+    pair = is_pair(response)
+    across, up = ("displacement $x_1$, $x_2$", "$f_1$, $f_2$") if pair else ("elongation", "$f$")
+    label(ax, f"{across} ({_length(response)})", f"rod force {up} ({unit})")
+    if len(curves) > 1:
+        legend(ax)
     return ax
 
 
 @in_house_style
 def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
-    """Friction force q over slip x1 − x2: the enclosed area is the energy taken by the damper."""
+    """Friction force q over slip of each link: the enclosed area is the energy taken by the damper.
+
+    The slip is that of its ends, x_i − x_j, by which the gap has closed.
+
+    Raises
+    ------
+    ValueError
+        If there is no link, or a run is invalid.
+    """
     ax = _axes(response, ax)
-    factor, unit = _unit(response, "force", response.friction)
-    _draw(ax, response.x1 - response.x2, factor, _Curve("$q$", "damper", response.friction))
-    label(ax, f"slip $x_1 - x_2$ ({_length(response)})", f"friction force $q$ ({unit})")
+    curves = frictions("friction_hysteresis", response)
+    factor, unit = _unit(response, "force", *(curve.values for curve in curves))
+    x = [mass.x for mass in response.masses]
+    for link, curve in zip(response.links, curves, strict=True):
+        _draw(ax, elongation(link.ends, x), factor, curve)
+    ends = "x_1 - x_2" if is_pair(response) else "x_i - x_j"
+    label(ax, f"slip ${ends}$ ({_length(response)})", f"friction force $q$ ({unit})")
+    if len(curves) > 1:
+        legend(ax)
     return ax
 
 
@@ -180,8 +209,8 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
         alpha=0.6,
         linewidth=0,
     )
-    _draw(ax, time, factor, _Curve("input", "ground", terms.input))
-    _draw(ax, time, factor, _Curve("residual", "residual", terms.residual), linestyle="--")
+    _draw(ax, time, factor, Curve("input", "ground", terms.input))
+    _draw(ax, time, factor, Curve("residual", "residual", terms.residual), linestyle="--")
     ax.margins(x=0)
     label(ax, _time(response), f"energy $E$ ({unit})")
     legend(ax, columns=3)
@@ -192,8 +221,16 @@ Drawing = Callable[[Response, Axes], Axes]
 
 
 def overview(response: Response) -> Figure:
-    """Ground motion, displacements, friction force and gap, one above the other over time."""
-    return side_by_side({"": response})
+    """Ground motion, displacements, friction force and gap, one above the other over time.
+
+    Without friction force where there is no link, and without gap where no link has one.
+    """
+    drawings: list[Drawing] = [ground_motion, displacements]
+    if response.links:
+        drawings.append(friction_force)
+    if np.isfinite(response.min_gap).any():
+        drawings.append(gap)
+    return side_by_side({"": response}, drawings)
 
 
 @in_house_style
@@ -245,18 +282,21 @@ def paper_figures(response: Response) -> dict[str, Figure]:
     return {draw.__name__: figure(draw, response) for draw in _PAPER}
 
 
-def _pair(label_1: str, values_1: Any, label_2: str, values_2: Any) -> list[_Curve]:
-    return [_Curve(label_1, "structure 1", values_1), _Curve(label_2, "structure 2", values_2)]
-
-
 def _over_time(
-    response: Response, ax: Axes | None, words: str, quantity: str, curves: Sequence[_Curve]
+    response: Response,
+    ax: Axes | None,
+    words: str,
+    quantity: str,
+    curves: Sequence[Curve],
+    symbol: str,
 ) -> Axes:
+    """Curves over time; the axis has their labels where these are symbols, else the symbol."""
     ax = _axes(response, ax)
     factor, unit = _unit(response, quantity, *(curve.values for curve in curves))
     for curve in curves:
         _draw(ax, response.time, factor, curve)
-    symbols = ", ".join(curve.label for curve in curves)
+    named = all(curve.label.startswith("$") for curve in curves)
+    symbols = ", ".join(curve.label for curve in curves) if named else symbol
     ax.margins(x=0)
     label(ax, _time(response), f"{words} {symbols} ({unit})")
     if len(curves) > 1:
@@ -265,9 +305,10 @@ def _over_time(
 
 
 def _axes(response: Response, ax: Axes | None) -> Axes:
-    if not np.isfinite(response.min_gap).all():
-        gaps = np.ravel(response.min_gap)
-        which = f"{np.isnan(gaps).sum()} of {gaps.size} runs are" if gaps.size > 1 else "the run is"
+    invalid = np.ravel(~np.isfinite(response.demand.pga))
+    if invalid.any():
+        n = invalid.size
+        which = f"{invalid.sum()} of {n} runs are" if n > 1 else "the run is"
         raise ValueError(f"plots: {which} invalid (NaN)")
     return new_axes(ax)
 
@@ -284,7 +325,7 @@ def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Respon
     return dict(responses)
 
 
-def _draw(ax: Axes, x: Any, factor: float, curve: _Curve, **style: Any) -> None:
+def _draw(ax: Axes, x: Any, factor: float, curve: Curve, **style: Any) -> None:
     x, y = np.asarray(x), factor * np.asarray(curve.values)
     style |= {"color": COLOURS.get(curve.colour, curve.colour), "label": curve.label}
     if x.ndim == 1:

@@ -64,8 +64,8 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     beyond = np.sum(gaps < low)
     if beyond:
         ax.plot([], [], " ", label=f"further left: {beyond:,} of {n:,}")
-    still = np.mean(study.finite("required_gap") <= 0)
-    if still >= 0.01:
+    known = "required_gap" in study.columns
+    if known and (still := np.mean(study.finite("required_gap") <= 0)) >= 0.01:
         ax.plot([], [], " ", label=f"min = gap at rest: {100 * still:.0f} %")
     legend_above(ax, 2)
 

@@ -20,11 +20,13 @@ from jaxpound._version import __version__
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, as_pytree
 from jaxpound.ground.plausibility import first_of
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.results.demand import Demand
+from jaxpound.results.elements import place_of
 from jaxpound.simulation.batches import in_chunks, runs_at_a_time
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.archives import DamagedError, digest, require_name
+from jaxpound.study.demands import demands_of
 from jaxpound.study.sampling import Points, as_key, points
 from jaxpound.study.scenarios import ScenarioSet, keys_in_order, parameter_names, parameters
 from jaxpound.study.statistics import Moments
@@ -126,10 +128,7 @@ class Task:
     def run(self, z: jax.Array) -> dict[str, jax.Array]:
         """The columns of one scenario."""
         structures, ground = self.scenarios.realize(z)
-        result = demand(structures, ground, self.grid, self.scheme)
-        columns = result.scalars()
-        if isinstance(structures, AdjacentStructures):
-            columns = columns | {"required_gap": structures.initial_gap - result.min_gap}
+        columns = demands_of(structures, ground, self.grid, self.scheme)
         more = {name: f(structures, ground) for name, f in self.measures.items()}
         if self.keep_parameters:
             more |= parameters(self.scenarios, z)
@@ -203,19 +202,26 @@ class Task:
         return min(self.chunk_size, runs_at_a_time())
 
     def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
-        good = np.all([np.isfinite(x) for x in columns.values()], axis=0)
+        good = np.all([_is_result(name, x) for name, x in columns.items()], axis=0)
         if good.all() or self.keep_failures:
             return
         first = int(np.argmin(good))
         at = jnp.asarray(z[first])
         reason = refusal(lambda: demand(*self.scenarios.realize(at), self.grid, self.scheme))
         reason = reason or next(
-            f"{name} is not finite" for name, x in columns.items() if not np.isfinite(x[first])
+            f"{name} is not finite" for name, x in columns.items() if not _is_result(name, x[first])
         )
         raise ValueError(
             f"monte_carlo: scenario {rows[first]} fails: {reason}; "
             "keep_failures (= True) leaves such out"
         )
+
+
+def _is_result(name: str, x: Any) -> Any:
+    """Whether a column has what a run can give: finite, or the gap of links that have none."""
+    place = place_of(Demand, name)
+    without_gap = place is not None and place.field == "min_gap"
+    return np.isfinite(x) | (without_gap & (x == np.inf))
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from functools import partial
@@ -25,6 +26,7 @@ from jaxpound._checks import count, instance, require_memory
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import far_apart, of_many, tell
 from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.archives import digest
 from jaxpound.study.chunk import Measure, Outcome, Task, total
@@ -110,8 +112,9 @@ def monte_carlo(
     Returns
     -------
     Study
-        The columns (all of ``Demand``, ``required_gap``, measures, parameters) and what follows
-        from them; for a shard, of its own chunks.
+        The columns (all of ``Demand``, ``required_gap`` where the gaps at rest of all links are one
+        finite number, measures, parameters) and what follows from them; for a shard, of its own
+        chunks.
 
     Raises
     ------
@@ -224,7 +227,10 @@ def _unreached(outcome: Outcome, scales: Scales | None) -> list[str]:
     """A finding if the gap is out of proportion to the displacements in a chunk."""
     unit = 1.0 if scales is None else float(scales.length)
     moments = outcome.moments
-    moved = unit * (moments["peak_x1"].largest + moments["peak_x2"].largest)
+    if "min_gap" not in moments or not moments["min_gap"].n:
+        return []
+    peaks = sorted(x.largest for name, x in moments.items() if re.fullmatch(r"peak_x\d+", name))
+    moved = unit * sum(peaks[-2:])  # no two masses move more towards each other
     smallest = unit * moments["min_gap"].smallest
     return far_apart("initial_gap", smallest, moved, si=scales is not None)
 
@@ -269,13 +275,18 @@ def _require_room(task: Task, columns: int, chunks: int, in_memory: bool) -> Non
     require_memory(owner, "number of chunks", chunks, chunks * columns * _MOMENTS_BYTES)
 
 
-def _oscillators(scenarios: ScenarioSet) -> list[float]:
-    """Period and damping ratio of both structures of the median scenario, z = 0, uncoupled."""
+def _oscillators(scenarios: ScenarioSet) -> list[float] | None:
+    """Period and damping ratio of both structures of the median scenario, z = 0, uncoupled.
+
+    None where the structures are not a pair.
+    """
 
     @jax.jit
     def median(z: jax.Array) -> list[jax.Array]:
         structures: Any = scenarios.realize(z)[0]
-        instance("monte_carlo", "scenarios: structures", structures, AdjacentStructures)
+        instance("monte_carlo", "scenarios: structures", structures, Structures)
+        if not isinstance(structures, AdjacentStructures):
+            return []
         (w1, w2), (z1, z2) = structures.natural_frequencies, structures.damping_ratios
         return [2 * jnp.pi / w1, z1, 2 * jnp.pi / w2, z2]
 
@@ -284,7 +295,7 @@ def _oscillators(scenarios: ScenarioSet) -> list[float]:
         shown = ", ".join(f"{x:.4g}" for x in found)
         rule = "must be valid, but periods and damping ratios of its structures are"
         raise ValueError(f"monte_carlo: the scenario of z = 0 {rule} {shown}")
-    return found
+    return found or None
 
 
 def _outcomes(

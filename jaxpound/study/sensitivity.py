@@ -13,10 +13,9 @@ from jaxpound._tables import Shown, Table
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import as_pytree
 from jaxpound.ground.plausibility import first_of, of_many, tell
-from jaxpound.model.structures import AdjacentStructures
 from jaxpound.simulation.batches import in_chunks
-from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.demands import demands_of
 from jaxpound.study.sampling import points
 from jaxpound.study.scenarios import ScenarioSet, parameter_names
 from jaxpound.study.statistics import Estimate
@@ -61,7 +60,8 @@ def sobol_sensitivity(
     scenarios, grid, scheme
         See ``monte_carlo``.
     demand
-        A scalar of ``Demand``, or "required_gap" (initial gap − min gap).
+        A scalar of ``Demand``, or "required_gap" (initial gap − min gap), which there is where the
+        gaps at rest of all links are one finite number.
     n
         Base sample, a power of 2; n (d + 2) scenarios are run for d parameters.
     key
@@ -96,24 +96,27 @@ def sobol_sensitivity(
 
     def run(z: Any) -> jax.Array:
         structures, ground = scenarios.realize(z)
-        result = run_demand(structures, ground, grid, scheme)
-        values = result.scalars()
-        if isinstance(structures, AdjacentStructures):
-            values = {"required_gap": structures.initial_gap - result.min_gap} | values
+        values = demands_of(structures, ground, grid, scheme)
         if demand not in values:
-            raise ValueError(f"{owner}: demand = {demand!r} must be one of {', '.join(values)}")
+            rule = f"must be one of {', '.join(values)}"
+            if demand == "required_gap":
+                rule += ": there is no required gap unless all gaps at rest are one finite number"
+            raise ValueError(f"{owner}: demand = {demand!r} {rule}")
         return values[demand]
 
     run_all: Any = in_chunks(run)
 
     names = parameter_names(scenarios)
     d = len(names)
+    enforce(owner, [Rule("scenarios.dimension", d, d >= 2, "at least 2: one has all the variance")])
     z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
     one, other = z[:, :d], z[:, d:]
     grounds = jax.jit(jax.vmap(lambda z: as_pytree(scenarios.realize(z)[1], grid)))
     tell(owner, of_many(grounds(one[: first_of(n, grid)]), grid, in_g=False), strict)
     mixed = [np.where(np.arange(d) == i, other, one) for i in range(d)]
     found = run_all(np.concatenate([one, other, *mixed])).astype(float)
+    if demand.startswith("min_gap") and np.isposinf(found).any():
+        raise ValueError(f"{owner}: {demand} must be finite, but there is no gap")
     if bad := np.count_nonzero(~np.isfinite(found)):
         raise ValueError(f"{owner}: {bad} of {found.size} scenarios fail; monte_carlo says why")
     if not np.ptp(found):

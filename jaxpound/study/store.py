@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import math
 import os
 import re
 import reprlib
@@ -314,12 +315,14 @@ def _short(value: Any) -> str:
 
 def describe(thing: Any) -> Any:
     """What an object holds, as a tree of JSON; large arrays as their checksums."""
+    if isinstance(thing, float) and not math.isfinite(thing):
+        return str(thing)  # JSON has no number for it
     if thing is None or isinstance(thing, bool | int | float | str):
         return thing
     if isinstance(thing, np.ndarray | np.generic | jax.Array):
         array = np.asarray(thing)
         if array.size <= _WRITTEN_OUT:
-            return array.tolist()
+            return describe(array.tolist())
         return {
             "shape": list(array.shape),
             "type": str(array.dtype),

@@ -86,11 +86,11 @@ class Study(Columnar, Shown):
 
     ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the
     smallest gap at rest without pounding, initial gap − min gap, which does not depend on the gap
-    at rest; measures and parameters that were asked for. Columns of a store are read one by one
-    when they are used, so that n may exceed the memory. Runs that failed are NaN and left out of
-    all statistics. Dimensionless as in eq. (9), or in SI units if there are ``scales``, which do
-    not convert measures and the scenarios' parameters. As a table (``to_pandas``, ``to_csv``,
-    ``to_parquet``) it has a row for each sample.
+    at rest, if that is one finite number for all links; measures and parameters that were asked
+    for. Columns of a store are read one by one when they are used, so that n may exceed the memory.
+    Runs that failed are NaN and left out of all statistics. Dimensionless as in eq. (9), or in SI
+    units if there are ``scales``, which do not convert measures and the scenarios' parameters. As a
+    table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
 
     Sobol points are not independent, but intervals are those of independent samples: usually too
     wide.
@@ -165,7 +165,7 @@ class Study(Columnar, Shown):
     @property
     def failed(self) -> int:
         """Number of runs that failed."""
-        return len(self) - self._moments["min_gap"].n
+        return len(self) - self._moments["pga"].n
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self._read(self._known(name)) * self._factor(name)
@@ -231,12 +231,13 @@ class Study(Columnar, Shown):
             Confidence level of the interval.
         """
         if gap is None:
-            pounding = sum(int(np.count_nonzero(x == 1)) for x in self._parts("pounds"))
+            parts = self._parts(self._known("pounds"))
+            pounding = sum(int(np.count_nonzero(x == 1)) for x in parts)
         else:
             owner = "pounding_probability"
             (gap,) = not_negative(owner, gap=number(owner, "gap", gap))
             factor = self._factor("required_gap")
-            parts = self._parts("required_gap")
+            parts = self._parts(self._known("required_gap"))
             pounding = sum(int(np.count_nonzero(x * factor >= gap)) for x in parts)
         return probability(pounding, len(self) - self.failed, confidence)
 
@@ -250,9 +251,17 @@ class Study(Columnar, Shown):
 
         The rules were made for buildings without a damper between them: compare them in a study
         with friction 0. Here they are applied to the peaks of this study, with its damper.
+
+        Raises
+        ------
+        ValueError
+            If the structures are not a pair (``AdjacentStructures``).
         """
+        oscillators = self.about["oscillators"]
+        if oscillators is None:
+            raise ValueError("Study.separation: structures must be a pair, AdjacentStructures")
         u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
-        rho = double_difference_correlation(*self.about["oscillators"])
+        rho = double_difference_correlation(*oscillators)
         return Separation(
             self.required_gap(probability, confidence),
             absolute_sum=u1 + u2,

@@ -120,7 +120,7 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
         (lambda: jp.Penalty(-1.0), "weight = -1 must be finite and not negative"),
         (lambda: jp.Objective(jp.MeanGap), "goal = .* must be a function"),
         (lambda: jp.Objective("gap"), "goal = 'gap' must be a function"),
-        (lambda: jp.Objective(limits={"peak_f3": 1.0}), "unknown price 'peak_f3' in limits; did"),
+        (lambda: jp.Objective(limits={"peak_g1": 1.0}), "unknown price 'peak_g1' in limits; did"),
         (lambda: jp.Objective(limits={"peak_f1": "low"}), "peak_f1 = 'low' must be a real number"),
     ],
 )

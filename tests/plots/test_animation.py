@@ -75,12 +75,25 @@ def test_wrong_arguments_are_refused(response):
     batch = jax.tree.map(lambda x: np.stack([x, x]), response)
     with pytest.raises(ValueError, match=r"animate: a batch of shape \(2, 1001\)"):
         animate(batch)
-    lost = changed(response.demand, min_gap=np.nan)
+    lost = changed(response.demand, pga=np.nan)
     for time in (99.0, np.nan):
         with pytest.raises(ValueError, match=r"must be within the run, from 0 to 20"):
             still(response, time)
     with pytest.raises(ValueError, match="still: the run is invalid"):
         still(dataclasses.replace(response, demand=lost), 0.0)
+
+
+def test_what_is_not_a_pair_with_a_gap_is_refused(response):
+    three = dataclasses.replace(response, masses=(*response.masses, response.masses[1]))
+    crossed = dataclasses.replace(response, rods=response.rods[::-1])
+    for other in (three, crossed):
+        with pytest.raises(ValueError, match=r"^animate: the run must be of a pair: two masses"):
+            animate(other)
+        with pytest.raises(ValueError, match=r"^still: the run must be of a pair: two masses"):
+            still(other, 0.0)
+    far = dataclasses.replace(response, demand=changed(response.demand, min_gap=np.inf))
+    with pytest.raises(ValueError, match="animate: the gap must be finite"):
+        animate(far)
 
 
 def test_several_runs_move_side_by_side_to_one_scale(response):

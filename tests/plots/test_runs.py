@@ -328,7 +328,7 @@ def test_energy_and_invalid_runs_of_a_batch_are_refused(batch, ax):
     with pytest.raises(ValueError, match=r"energy: a batch of shape \(3, 1001\)"):
         plots.energy(batch, ax)
     lost = np.array([0.1, np.nan, np.nan])
-    broken = dataclasses.replace(batch, demand=changed(batch.demand, min_gap=lost))
+    broken = dataclasses.replace(batch, demand=changed(batch.demand, pga=lost))
     with pytest.raises(ValueError, match="2 of 3 runs are invalid"):
         plots.gap(broken, ax)
 

@@ -51,7 +51,10 @@ def test_how_many_keep_their_gap_at_rest_is_told(ax):
     columns["required_gap"] = 0.1 - columns["min_gap"]
     moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
     few = types.SimpleNamespace(
-        finite=columns.__getitem__, moments=lambda column: moments, scales=SCALES
+        finite=columns.__getitem__,
+        moments=lambda column: moments,
+        scales=SCALES,
+        columns=(*columns,),
     )
     plots.min_gap(few, ax)
     assert "min = gap at rest: 30 %" in [text.get_text() for text in ax.get_legend().texts]

@@ -1,0 +1,76 @@
+"""Designs of general systems: what is priced, and which structures are taken."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.design.objective import PRICES, prices_of
+from jaxpound.design.problem import DesignProblem
+from tests.study.test_demands import GRID, OPEN, SYSTEM, linked
+
+ENSEMBLE = jp.Ensemble.of([jp.Ricker(a, [2.0], [1.5]) for a in (0.08, 0.1)], GRID)
+FRICTION = {"links.0.friction": (0.0, 1.0)}
+
+
+def problem(system, variables=FRICTION, **objective):
+    space = jp.DesignSpace(system, variables)
+    return DesignProblem(space, ENSEMBLE, GRID, jp.Scheme(), jp.Objective(**objective))
+
+
+def test_prices_are_those_that_the_system_has():
+    assert problem(jp.paper.structures(), {"friction": (0.0, 1.0)}).prices == PRICES
+    assert {"damper_force", "peak_x2", "peak_f2", "slip_distance"} <= {*PRICES}
+    several = prices_of(linked(0.3, 0.3).topology)
+    assert {"peak_x4", "peak_f4", "slip_distance_2"} <= {*several}
+    assert not {"damper_force", "slip_distance", "peak_x5"} & {*several}
+
+
+def test_a_system_is_designed():
+    found = jp.design_damper(
+        jp.DesignSpace(SYSTEM, FRICTION),
+        ENSEMBLE,
+        GRID,
+        objective=jp.Objective(penalties={"peak_x3": 0.1}, limits={"damper_force": 0.7}),
+        starts=1,
+        iterations=2,
+        polish=False,
+        fresh=None,
+        progress=False,
+    )
+    (friction,) = found.values.values()
+    assert found.structures.links[0].friction == friction
+    runs = [jp.demand(found.structures, ENSEMBLE.ground(i), GRID) for i in range(2)]
+    after = found.trained.after
+    assert list(after) == ["min_gap", "initial_gap", *prices_of(SYSTEM.topology)]
+    for name in ("min_gap", "peak_x3", "peak_f2", "slip_distance"):
+        wanted = [getattr(run, name) for run in runs]
+        np.testing.assert_allclose(after[name], wanted, rtol=1e-9, err_msg=name)
+    np.testing.assert_allclose(after["damper_force"], friction)
+    np.testing.assert_allclose(after["initial_gap"], 0.1)
+    wanted = [abs(run.residual_offset) for run in runs]
+    np.testing.assert_allclose(after["residual_offset"], wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("system", "variables"),
+    [
+        (OPEN, FRICTION),
+        (dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)}),
+        (linked(0.3, 0.4), FRICTION),
+        (linked(0.3, 0.3), {"links.1.gap": (0.1, 1.0)}),
+    ],
+    ids=["no gap", "no link", "two gaps", "one of two gaps chosen"],
+)
+def test_systems_without_one_gap_are_refused(system, variables):
+    with pytest.raises(ValueError, match=r"^design_damper: space: structures must have links, wh"):
+        problem(system, variables)
+
+
+def test_prices_that_the_structures_lack_are_refused():
+    rule = r"'damper_force' in limits must be one of peak_f1, .*friction_work_2"
+    with pytest.raises(ValueError, match=rf"^design_damper: objective: {rule}"):
+        problem(linked(0.3, 0.3), limits={"damper_force": 1.0})
+    with pytest.raises(ValueError, match=r"'peak_x4' in penalties must be one of"):
+        problem(SYSTEM, penalties={"peak_x4": 1.0})

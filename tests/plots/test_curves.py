@@ -1,0 +1,152 @@
+"""Figures of systems that are not a pair: every mass, rod and link is drawn, as what it is."""
+
+import dataclasses
+
+import jax
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxpound as jp
+from jaxpound import plots
+from jaxpound.plots.curves import is_pair
+from jaxpound.results.demand import LinkDemand, MassDemand, RodDemand
+from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
+from tests.made import pair_response
+
+mpl.use("Agg")
+
+TIME = np.linspace(0.0, 1.0, 5)
+X = [np.sin((i + 1) * TIME) for i in range(4)]
+RODS = ((0, jp.GROUND), (1, 0), (2, jp.GROUND), (jp.GROUND, 3))
+LINKS = {(1, 2): 0.8, (jp.GROUND, 0): np.inf, (2, 3): 0.6}
+
+
+def response(links=LINKS):
+    """A run that nothing made: a building of two storeys, two of one, and links by gap at rest."""
+    gaps = {(i, j): rest - (X[i] if i >= 0 else 0) + X[j] for (i, j), rest in links.items()}
+    return jp.Response(
+        time=TIME,
+        ground_acceleration=np.cos(TIME),
+        ground_velocity=np.sin(TIME),
+        masses=tuple(MassResponse(x, 2 * x, 1.0) for x in X),
+        rods=tuple(RodResponse((i + 3) * TIME, ends) for i, ends in enumerate(RODS)),
+        links=tuple(
+            LinkResponse(gap, 0.1 * gap, TIME, np.ones(5), TIME, ends=ends)
+            for ends, gap in ((ends, np.asarray(gap)) for ends, gap in gaps.items())
+        ),
+        demand=jp.Demand(
+            masses=(MassDemand(1.0, 1.0),) * 4,
+            rods=(RodDemand(1.0),) * 4,
+            links=tuple(
+                LinkDemand(gap.min(), TIME[gap.argmin()], 1.0, 1.0, 0.0) for gap in gaps.values()
+            ),
+            pga=1.0,
+            pgv=1.0,
+        ),
+    )
+
+
+@pytest.fixture
+def ax():
+    return Figure().add_subplot()
+
+
+def drawn(ax):
+    return {
+        line.get_label(): line.get_xydata().T
+        for line in ax.lines
+        if line.get_label().partition(" ")[0] in ("mass", "rod", "link")
+    }
+
+
+@pytest.mark.parametrize(
+    ("draw", "what", "expected", "y"),
+    [
+        (plots.displacements, "mass", X, "displacement $x$"),
+        (plots.velocities, "mass", [2 * x for x in X], "velocity $x'$"),
+        (plots.rod_forces, "rod", [(i + 3) * TIME for i in range(4)], "rod force $f$"),
+        (
+            plots.friction_force,
+            "link",
+            [0.1 * np.asarray(link.gap) for link in response().links],
+            "friction force $q$",
+        ),
+    ],
+)
+def test_every_mass_rod_and_link_is_drawn_over_time(draw, what, expected, y, ax):
+    draw(response(), ax)
+    found = drawn(ax)
+    assert list(found) == [f"{what} {i + 1}" for i in range(len(expected))]
+    for (x, values), wanted in zip(found.values(), expected, strict=True):
+        np.testing.assert_array_equal(x, TIME)
+        np.testing.assert_array_equal(values, wanted)
+    assert ax.get_ylabel().startswith(f"{y} (")
+    assert [text.get_text() for text in ax.get_legend().texts] == list(found)
+    assert len({line.get_color() for line in ax.lines}) == len(expected)
+
+
+def test_rods_are_drawn_over_their_own_elongation(ax):
+    plots.rod_hysteresis(response(), ax)
+    found = drawn(ax)
+    for i, e in enumerate((X[0], X[1] - X[0], X[2], -X[3]), 1):
+        np.testing.assert_array_equal(found[f"rod {i}"], [e, (i + 2) * TIME])
+    assert ax.get_xlabel().startswith("elongation")
+
+
+def test_links_are_drawn_over_their_own_slip(ax):
+    plots.friction_hysteresis(response(), ax)
+    found = drawn(ax)
+    for i, slip in enumerate((X[1] - X[2], -X[0], X[2] - X[3]), 1):
+        np.testing.assert_array_equal(found[f"link {i}"][0], slip)
+    assert ax.get_xlabel().startswith("slip $x_i - x_j$")
+
+
+def test_the_gap_of_every_link_that_has_one_is_drawn(ax):
+    run = response()
+    plots.gap(run, ax)
+    found = drawn(ax)
+    assert list(found) == ["link 1", "link 3"]
+    np.testing.assert_array_equal(found["link 3"][1], run.links[2].gap)
+    smallest = float(run.min_gap)
+    assert ax.lines[-1].get_ydata() == smallest
+    words = [text.get_text().replace("−", "-") for text in ax.get_legend().texts]
+    assert words[2].startswith(f"min {smallest:.4g} at")
+    both = plots.gaps({"one": run, "other": response({(1, 2): 0.8})}, Figure().add_subplot())
+    assert sum(np.size(line.get_ydata()) == 5 for line in both.lines) == 3
+
+
+def test_runs_without_links_or_gaps_are_valid(ax):
+    free, open_ = response({}), response({(1, 2): np.inf})
+    assert len(free.plot().axes) == 2
+    assert len(open_.plot().axes) == 3
+    plots.energy(free, ax)
+    for draw in (plots.friction_force, plots.friction_hysteresis):
+        with pytest.raises(ValueError, match=f"{draw.__name__}: response must have a link"):
+            draw(free, ax)
+    for run in (free, open_):
+        with pytest.raises(ValueError, match="gap: response must have a link with a finite gap"):
+            plots.gap(run, ax)
+
+
+def test_a_batch_some_of_whose_runs_have_a_gap_is_drawn(ax):
+    runs = response({(1, 2): 0.8}), response({(1, 2): np.inf})
+    batch = jax.tree.map(lambda *x: np.stack(x), *runs)
+    plots.gap(batch, ax)
+    assert np.isfinite(ax.get_ylim()).all()
+    assert f"{float(runs[0].min_gap):.4g}" in ax.get_legend().texts[0].get_text()
+
+
+def test_many_masses_have_colours_of_their_own(ax):
+    run = response()
+    plots.displacements(dataclasses.replace(run, masses=run.masses * 5), ax)
+    assert len({line.get_color() for line in ax.lines}) == 20
+
+
+def test_a_pair_is_known_by_its_topology():
+    pair = pair_response(TIME, {})
+    assert is_pair(pair)
+    assert not is_pair(response())
+    assert not is_pair(dataclasses.replace(pair, links=()))
+    assert not is_pair(dataclasses.replace(pair, rods=pair.rods[::-1]))

@@ -1,0 +1,107 @@
+"""Studies of a general system: two storeys beside one, with a link between them."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.study.demands import rest_gap
+
+STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
+GRID = jp.TimeGrid(0.1, 40)
+SYSTEM = jp.System(
+    masses=(1.0, 1.0, 0.8),
+    rods=(
+        jp.Rod(STEEL, 20.0, (0, jp.GROUND)),
+        jp.Rod(STEEL, 20.0, (1, 0)),
+        jp.Rod(STEEL, 30.0, (2, jp.GROUND)),
+    ),
+    links=(jp.Link((1, 2), 0.1, 0.1),),
+)
+OPEN = dataclasses.replace(SYSTEM, links=(jp.Link((1, 2), 0.1),))
+
+
+def wave(z):
+    return jp.Ricker(0.1 + 0.02 * z[0] + 0.01 * z[1], [2.0], [1.5])
+
+
+def scenarios(system):
+    return jp.Scenarios(system, jp.CustomDraw(wave, 2))
+
+
+def study(system, **more):
+    return jp.monte_carlo(scenarios(system), 8, GRID, chunk_size=4, progress=False, **more)
+
+
+def linked(*gaps):
+    """Masses on rods of their own, with a link between each two."""
+    masses = range(2 * len(gaps))
+    return jp.System(
+        masses=(1.0,) * len(masses),
+        rods=tuple(jp.Rod(STEEL, 1.0, (i, jp.GROUND)) for i in masses),
+        links=tuple(jp.Link((2 * i, 2 * i + 1), 0.1, gap) for i, gap in enumerate(gaps)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("gaps", "one"),
+    [((0.3,), 0.3), ((0.3, 0.3), 0.3), ((0.3, 0.4), None), ((np.inf,), None), ((), None)],
+)
+def test_the_gap_at_rest_is_one_finite_number_or_none(gaps, one):
+    system = linked(*gaps) if gaps else dataclasses.replace(SYSTEM, links=())
+    assert rest_gap(system) == one
+
+
+def test_a_gap_not_known_before_the_program_runs_is_one_of_a_single_link():
+    seen = []
+    jax.eval_shape(lambda x: seen.append(rest_gap(linked(x)) is x), 0.3)
+    jax.eval_shape(lambda x: seen.append(rest_gap(linked(x, x)) is x), 0.3)
+    jax.eval_shape(lambda x: seen.append(rest_gap(linked(x, 0.3)) is None), 0.3)
+    assert seen == [True] * 3
+    assert rest_gap(jp.paper.structures()) == 1.0
+
+
+def test_a_study_of_a_system_is_kept_in_a_store(tmp_path):
+    found = study(SYSTEM, store=tmp_path)
+    structures, grounds = jax.vmap(scenarios(SYSTEM).realize)(found.points())
+    demands = jax.jit(jax.vmap(lambda s, g: jp.demand(s, g, GRID)))(structures, grounds)
+    assert list(found.columns) == [*demands.scalars(), "required_gap"]
+    for name, values in demands.scalars().items():
+        np.testing.assert_allclose(found[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(found["required_gap"], 0.1 - demands.min_gap, rtol=1e-9)
+    opened = jp.Study.open(tmp_path)
+    np.testing.assert_array_equal(opened["peak_x3"], found["peak_x3"])
+    assert opened.demand.links[0].min_gap.shape == (8,)
+    assert opened.pounding_probability() == opened.pounding_probability(0.1)
+    with pytest.raises(ValueError, match=r"Study.separation: structures must be a pair"):
+        opened.separation(0.1)
+
+
+def test_a_link_without_a_gap_is_no_failure(tmp_path):
+    found = study(OPEN, store=tmp_path)
+    assert found.failed == 0
+    assert (found["min_gap"] == np.inf).all()
+    assert found.pounding_probability().value == 0
+    assert "required_gap" not in found.columns
+    np.testing.assert_array_equal(study(OPEN, store=tmp_path)["peak_x1"], found["peak_x1"])
+    for ask in (lambda: found.pounding_probability(0.1), lambda: found.required_gap(0.1)):
+        with pytest.raises(ValueError, match="column 'required_gap' must be one of min_gap"):
+            ask()
+
+
+def test_sensitivities_of_a_system_are_by_default_those_of_the_required_gap():
+    found = jp.sobol_sensitivity(scenarios(SYSTEM), GRID, n=4)
+    assert found.demand == "required_gap"
+    assert list(found.first) == ["z_1", "z_2"]
+    with pytest.raises(ValueError, match=r"one of min_gap, .*: there is no required gap unless"):
+        jp.sobol_sensitivity(scenarios(OPEN), GRID, n=4)
+    with pytest.raises(ValueError, match="min_gap must be finite, but there is no gap"):
+        jp.sobol_sensitivity(scenarios(OPEN), GRID, demand="min_gap", n=4)
+
+
+def test_of_one_parameter_there_is_nothing_to_share():
+    one = jp.Scenarios(SYSTEM, jp.CustomDraw(lambda z: wave([z[0], 0.0]), 1))
+    with pytest.raises(ValueError, match=r"scenarios.dimension = 1 must be at least 2"):
+        jp.sobol_sensitivity(one, GRID, n=4)
