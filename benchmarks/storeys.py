@@ -1,14 +1,17 @@
 """Two buildings of n storeys with a damper at every floor: compilation, speed and accuracy.
 
     python benchmarks/storeys.py             # the pair, 2 × 2, 2 × 5 and 2 × 10
-    python benchmarks/storeys.py --accuracy  # 2 × 10, by step: errors of values and derivatives
+    python benchmarks/storeys.py --accuracy  # 2 × 10: errors of values and derivatives by step, and
+                                             # without friction against linear theory
 
 Speed is of a batch of earthquakes, per rod and step, over that of the paper's pair in the same
 process; compilation is in seconds of processor time, without any cache.
 """
 
 import argparse
+import sys
 import time
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +21,9 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_enable_compilation_cache", False)
 
 import jaxpound as jp  # noqa: E402
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.simulation.test_systems import in_frequency  # noqa: E402
 
 BATCH, STEPS, ROUNDS = 512, 500, 5
 
@@ -99,7 +105,26 @@ def accuracy():
         print(f"{what} (size {np.abs(fine).max():.2g}), rms errors: {listed}; order {order:.1f}")
 
 
+def against_linear_theory():
+    """Errors of all displacements of 2 × 10 storeys without friction, by step."""
+    system, times = storeys(10, friction=0.0), np.arange(0, 10, 0.16)
+    ground = jp.Ricker(0.5, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])
+    exact = in_frequency(system, ground.acceleration, times)
+    errors = {}
+    for h in (0.04, 0.02, 0.01):
+        run = jp.simulate(system, ground, jp.TimeGrid.until(10.0, h))
+        found = np.stack([mass.x for mass in run.masses])[:, :: round(0.16 / h)]
+        errors[h] = np.abs(found[:, : times.size] - exact).max()
+    order = np.polyfit(np.log([*errors]), np.log([*errors.values()]), 1)[0]
+    listed = ", ".join(f"{h}: {e:.1e}" for h, e in errors.items())
+    print(f"linear theory (size {np.abs(exact).max():.2g}), largest errors: {listed}; {order:.2f}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--accuracy", action="store_true")
-    accuracy() if parser.parse_args().accuracy else speed()
+    if parser.parse_args().accuracy:
+        against_linear_theory()
+        accuracy()
+    else:
+        speed()
