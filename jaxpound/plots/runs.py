@@ -160,7 +160,7 @@ def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     across, up = ("displacement $x_1$, $x_2$", "$f_1$, $f_2$") if pair else ("elongation", "$f$")
     label(ax, f"{across} ({_length(response)})", f"rod force {up} ({unit})")
     if len(curves) > 1:
-        legend(ax)
+        legend(ax, columns=3)
     return ax
 
 
@@ -184,7 +184,7 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     ends = "x_1 - x_2" if is_pair(response) else "x_i - x_j"
     label(ax, f"slip ${ends}$ ({_length(response)})", f"friction force $q$ ({unit})")
     if len(curves) > 1:
-        legend(ax)
+        legend(ax, columns=3)
     return ax
 
 
@@ -300,7 +300,7 @@ def _over_time(
     ax.margins(x=0)
     label(ax, _time(response), f"{words} {symbols} ({unit})")
     if len(curves) > 1:
-        legend(ax)
+        legend(ax, 4 if named else 3)
     return ax
 
 

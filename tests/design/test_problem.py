@@ -69,7 +69,7 @@ def test_systems_without_one_gap_are_refused(system, variables):
 
 
 def test_prices_that_the_structures_lack_are_refused():
-    rule = r"'damper_force' in limits must be one of peak_f1, .*friction_work_2"
+    rule = r"'damper_force' in limits must be one of peak_x1, .*friction_work_2"
     with pytest.raises(ValueError, match=rf"^design_damper: objective: {rule}"):
         problem(linked(0.3, 0.3), limits={"damper_force": 1.0})
     with pytest.raises(ValueError, match=r"'peak_x4' in penalties must be one of"):

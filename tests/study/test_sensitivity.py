@@ -38,7 +38,7 @@ def test_indices_of_a_product_are_its_closed_form():
     ("change", "message"),
     [
         ({"n": 1000}, "n = 1000 must be a power of 2"),
-        ({"demand": "gap"}, "demand = 'gap' must be one of min_gap, .*, required_gap$"),
+        ({"demand": "gap"}, "demand = 'gap' must be one of min_gap, .*, required_gap"),
         ({"demand": "friction_work"}, "friction_work = 0 must vary, but does not"),
         ({"confidence": 2.0}, "confidence = 2 must be between 0 and 1"),
         ({"scenarios": 3}, "scenarios = 3 must be of type ScenarioSet"),
