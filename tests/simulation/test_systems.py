@@ -119,7 +119,7 @@ def convergence():
     draw = np.random.default_rng(3)
     way = jax.tree.unflatten(structure, [x * draw.uniform(-0.3, 0.3) for x in leaves])
     system, way = (jax.tree.map(jnp.asarray, tree) for tree in (system, way))
-    steps = np.array([0.04, 0.02, 0.01, 0.0025])
+    steps = np.array([0.04, 0.02, 0.005])
     return steps, [jax.jvp(lambda s, h=h: seen(s, h), (system,), (way,)) for h in steps]
 
 
@@ -129,7 +129,7 @@ def test_storeys_with_friction_converge_at_second_order(convergence, what):
     *coarse, fine = (np.asarray(both[what == "derivative"]) for both in found)
     errors = [np.sqrt(np.mean((one - fine) ** 2)) for one in coarse]
     print(errors, np.abs(fine).max())
-    assert errors[-1] < 2e-3 * np.abs(fine).max()
+    assert errors[-1] < 8e-3 * np.abs(fine).max()
     assert convergence_order(steps[:-1], errors) > 1.6
 
 
