@@ -191,14 +191,8 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
         return [getattr(obj, name) for name in data], tuple(getattr(obj, name) for name in statics)
 
     def unflatten(aux: tuple[Any, ...], children: Any) -> T:
-        obj = object.__new__(data_cls)
-        for name, value in (
-            *zip(data, children, strict=True),
-            *zip(statics, aux, strict=True),
-            *labels.items(),
-        ):
-            object.__setattr__(obj, name, value)
-        return obj
+        fields = zip((*data, *statics), (*children, *aux), strict=True)
+        return assembled(data_cls, **dict(fields), **labels)
 
     register_pytree_with_keys(data_cls, flatten_with_keys, unflatten, flatten)
     return data_cls

@@ -8,6 +8,7 @@ blocks, buildings of many storeys and sliding isolators are all a ``System``.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -212,6 +213,25 @@ def _check_topology(topology: Topology) -> None:
             seen[mass] = k
 
 
+def elongation(ends: Ends, x: Sequence[Any]) -> Any:
+    """x_i − x_j between two ends, of displacements or velocities by mass; the ground's is 0."""
+    i, j = ends
+    if j == GROUND:
+        return x[i]
+    return -x[j] if i == GROUND else x[i] - x[j]
+
+
+def load_on(ends_of_all: Sequence[Ends], mass: int, forces: Sequence[Any]) -> Any:
+    """The load on a mass by all forces that pull their ends together, of which it has one."""
+    load: Any = None
+    for (i, j), force in zip(ends_of_all, forces, strict=True):
+        if mass in (i, j):
+            term = -force if mass == i else force
+            load = term if load is None else load + term
+    return load
+
+
+@cache
 def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
     """Groups of masses that are connected by rods: the buildings of a system."""
     between = [ends for ends in topology.rods if GROUND not in ends]

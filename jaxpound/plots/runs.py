@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from jaxpound._checks import instance
+from jaxpound.model.system import elongation
 from jaxpound.plots.curves import Curve, frictions, gaps_of, is_pair, of_masses, of_rods
 from jaxpound.plots.style import (
     COLOURS,
@@ -32,7 +33,6 @@ from jaxpound.plots.style import (
     unit_for,
 )
 from jaxpound.results.response import Response, require_single
-from jaxpound.simulation.stepping import elongation
 
 _LINE_ALPHA = 0.85  # where two lines run close together, both are seen
 

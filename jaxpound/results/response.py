@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from jaxpound import _root
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
-from jaxpound.model.system import GROUND, Ends
+from jaxpound.model.system import Ends, elongation, load_on
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand
@@ -173,37 +173,27 @@ class Response(ByElement, Columnar, Shown):
     @property
     def absolute_accelerations(self) -> tuple[Any, ...]:
         """Absolute acceleration x'' + u'' of each mass, in g (m/s² in SI): force over mass."""
-        found = []
-        for i, mass in enumerate(self.masses):
-            force: Any = 0.0
-            for ends, pull in (
-                *((rod.ends, rod.force) for rod in self.rods),
-                *((link.ends, link.friction) for link in self.links),
-            ):
-                if i in ends:
-                    force = force - pull if i == ends[0] else force + pull
-            found.append(force / jnp.asarray(mass.mass)[..., None])
-        return tuple(found)
+        ends = [*(rod.ends for rod in self.rods), *(link.ends for link in self.links)]
+        forces = [*(rod.force for rod in self.rods), *(link.friction for link in self.links)]
+        return tuple(
+            load_on(ends, i, forces) / jnp.asarray(mass.mass)[..., None]
+            for i, mass in enumerate(self.masses)
+        )
 
     @property
     def energy(self) -> Energy:
         """Energy balance over time."""
         masses = [jnp.asarray(m.mass)[..., None] for m in self.masses]
+        v = [one.v for one in self.masses]
         momentum = _total(m * one.v for m, one in zip(masses, self.masses, strict=True))
         kinetic = _total(m * one.v**2 for m, one in zip(masses, self.masses, strict=True)) / 2
-        rods = self._integral(
-            _total(rod.force * self._relative_velocity(rod.ends) for rod in self.rods)
-        )
+        rods = self._integral(_total(rod.force * elongation(rod.ends, v) for rod in self.rods))
         powers = [link.friction * link.slip_velocity for link in self.links]
         friction = self._integral(_total(powers)) if powers else 0 * rods
         # Integrated over u', which includes what u'' does between the instants.
         between = (momentum[..., 1:] + momentum[..., :-1]) / 2
         supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * between)
         return Energy(supplied, kinetic, rods, friction, rods + friction + kinetic - supplied)
-
-    def _relative_velocity(self, ends: Ends) -> Any:
-        v, w = (0.0 if end == GROUND else self.masses[end].v for end in ends)
-        return v - w
 
     def phases(self, link: int = 0) -> list[Phase]:
         """Intervals of stick and slip of a link in order, with ends resolved within the steps.

@@ -102,12 +102,11 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     if is_traced(system):
         raise ValueError("stability_limit: structures must be known, not traced")
     known = jax.tree.map(np.asarray, system)
-    groups = rod_groups(known.topology)
-    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods], groups, np)
+    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods], np)
     low, high = 0.0, 2 / float(np.max(static)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
-        stable = (courant(known, middle, scheme, np, groups) < 1).all()
+        stable = (courant(known, middle, scheme, np) < 1).all()
         low, high = (middle, high) if stable else (low, middle)
     return float(low)
 
@@ -133,22 +132,19 @@ def require_stable(system: System, grid: TimeGrid, scheme: Scheme) -> None:
         raise ValueError(f"grid: dt = {grid.dt:.8g} must be {rule}")
 
 
-def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp, groups: Any = None) -> Any:
+def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:
     """h² λ / 4, below 1 where explicit stepping is stable (see ``stability_limit``)."""
     stiffness = [
         nyquist_stiffness(rod.material, rod.stiffness, dt, scheme.order) for rod in system.rods
     ]
-    groups = rod_groups(system.topology) if groups is None else groups
-    return dt**2 / 4 * _largest_eigenvalue(system, stiffness, groups, xp)
+    return dt**2 / 4 * _largest_eigenvalue(system, stiffness, xp)
 
 
-def _largest_eigenvalue(
-    system: System, stiffness: list[Any], groups: list[tuple[int, ...]], xp: Any
-) -> Any:
+def _largest_eigenvalue(system: System, stiffness: list[Any], xp: Any) -> Any:
     """The largest eigenvalue of M⁻¹ K with a stiffness for each rod."""
     topology = system.topology
     largest: Any = 0.0
-    for masses in groups:  # those that no rods join are uncoupled
+    for masses in rod_groups(topology):  # those that no rods join are uncoupled
         rods = [k for k, ends in enumerate(topology.rods) if set(ends) & {*masses}]
         k = xp.stack(xp.broadcast_arrays(*[stiffness[i] for i in rods]), -1)
         m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)

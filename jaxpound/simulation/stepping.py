@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.system import GROUND, Ends, System, Topology
+from jaxpound.model.system import GROUND, Ends, System, Topology, elongation, load_on
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodLaw, rod_law, rod_step
 from jaxpound.simulation.scheme import Scheme
@@ -108,24 +108,6 @@ def of_all_masses(
     return tuple(found)
 
 
-def elongation(ends: Ends, x: Sequence[Any]) -> Any:
-    """x_i − x_j of a rod; the ground is at 0."""
-    i, j = ends
-    if j == GROUND:
-        return x[i]
-    return -x[j] if i == GROUND else x[i] - x[j]
-
-
-def load_on(topology: Topology, mass: int, forces: Sequence[Any]) -> Any:
-    """Force of all rods together on a mass."""
-    load: Any = None
-    for (i, j), force in zip(topology.rods, forces, strict=True):
-        if mass in (i, j):
-            term = -force if mass == i else force
-            load = term if load is None else load + term
-    return load
-
-
 def step(
     system: Elements,
     state: State,
@@ -153,7 +135,7 @@ def step(
         )
     ]
     forces = tuple(force for force, _, _ in passed)
-    loads = [load_on(topology, mass, forces) for mass in range(topology.n_masses)]
+    loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
 
     # Links over the step from t_m − h/2 to t_m + h/2.
     links, seen = [], []

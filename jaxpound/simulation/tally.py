@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
-from jaxpound.model.system import System, Topology
+from jaxpound.model.system import System, Topology, load_on
 from jaxpound.results.demand import Demand, LinkDemand, MassDemand, RodDemand
-from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, load_on, of_all_masses
+from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, of_all_masses
 
 
 class Peak(NamedTuple):
@@ -209,14 +209,14 @@ class Tally(NamedTuple):
     ) -> Peak:
         """A mass's peak acceleration: it jumps with the friction of the mass's link."""
         topology, inverse = system.topology, system.inverse_masses[mass]
-        load, peak = load_on(topology, mass, now.forces), self.acceleration[mass]
+        load, peak = load_on(topology.rods, mass, now.forces), self.acceleration[mass]
         for ends, link, seen, turned in zip(topology.links, links, now.links, turns, strict=True):
             if mass not in ends:
                 continue
             sign = -1.0 if mass == ends[0] else 1.0
             motion = seen.motion
             late = jnp.where(turned, motion.turn_time / dt, 0.0)
-            before = load_on(topology, mass, [force.last for force in self.forces])
+            before = load_on(topology.rods, mass, [force.last for force in self.forces])
             at_turn = load + (load - before) * late
             return peak.observe((load + sign * motion.force) * inverse, link.calm >= 3).reaching(
                 *(
