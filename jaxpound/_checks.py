@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import all_leaves
 
 
 class Rule(NamedTuple):
@@ -186,9 +187,18 @@ def one_batch(owner: str, **values: Any) -> None:
 
 def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
     """A ``ValueError`` for an object of another type."""
-    if not isinstance(value, kinds):
+    # A class has the methods that a protocol asks for, too.
+    if isinstance(value, type) or not isinstance(value, kinds):
         wanted = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be of type {wanted}")
+
+
+def pytree(owner: str, name: str, value: Any) -> None:
+    """A ``ValueError`` for an object whose numbers JAX would not find."""
+    if all_leaves([value]):
+        rule = "be a pytree: put @jax.tree_util.register_dataclass and then"
+        rule += " @dataclasses.dataclass(frozen=True) before its class"
+        raise ValueError(f"{owner}: {name} of type {type(value).__name__} must {rule}")
 
 
 def finite(x: Any) -> Any:

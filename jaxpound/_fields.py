@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from types import NoneType
 from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
 import jax.numpy as jnp
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
-from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number, real
+from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number, pytree, real
 
 T = TypeVar("T")
 
@@ -122,10 +123,10 @@ def parameter(
     return dataclasses.field(metadata={_KNOWN: known, "each": each}, **kwargs)
 
 
-def like(cls: type, name: str) -> Any:
-    """A field that is the same parameter as a field of another class."""
+def like(cls: type, name: str, **kwargs: Any) -> Any:
+    """A field that is the same parameter, or holds the same part, as a field of another class."""
     (field,) = (f for f in dataclasses.fields(cls) if f.name == name)
-    return dataclasses.field(metadata=field.metadata)
+    return dataclasses.field(metadata=field.metadata, **kwargs)
 
 
 def quantity(
@@ -142,12 +143,13 @@ def quantity(
     return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
 
 
-def part(*kinds: type, each: bool = False, **kwargs: Any) -> Any:
+def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) -> Any:
     """A field that holds an object of one of the kinds, or a pytree of objects if none is given.
 
-    ``each`` makes it a tuple of such objects.
+    A kind may be a protocol; ``NoneType`` makes the part one that may be missing. ``each`` makes it
+    a tuple of such objects. ``traced`` refuses objects of the user's own that are no pytrees.
     """
-    metadata = {_ROLE: "part", "kinds": kinds, "each": each}
+    metadata = {_ROLE: "part", "kinds": kinds, "each": each, "traced": traced}
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
@@ -212,7 +214,8 @@ def check(obj: Any) -> None:
     Raises
     ------
     ValueError
-        For a parameter that is no real number or breaks its rule, and a part of another type.
+        For a parameter that is no real number or breaks its rule, and a part of another type or,
+        where it must be one, no pytree.
     """
     owner = type(obj).__name__
     for field in dataclasses.fields(obj):
@@ -226,6 +229,8 @@ def check(obj: Any) -> None:
         elif kinds := field.metadata.get("kinds"):
             for name, item in _entries(field, value):
                 instance(owner, name, item, *kinds)
+                if field.metadata["traced"]:
+                    pytree(owner, name, item)
     enforce(owner, _own_rules(obj, ""))
 
 
@@ -247,7 +252,8 @@ def rules(tree: Any, prefix: str = "") -> list[Rule]:
 def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Path, metadata (``Parameter`` or ``Quantity``) and value of all fields of that kind.
 
-    ``tree`` may be a class: then values are None, and ``*`` stands for the index of an entry.
+    ``tree`` may be a class: then values are None, ``*`` stands for the index of an entry, and what
+    is in a part that may be missing is not known.
     """
     for path, obj in _objects(tree, prefix):
         for field in dataclasses.fields(obj):
@@ -292,7 +298,8 @@ def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
                     yield from _objects(getattr(tree, field.name), f"{prefix}{field.name}.")
                     continue
                 ((name, _),) = _entries(field, None)
-                for kind in field.metadata.get("kinds", ()):
+                kinds = field.metadata.get("kinds", ())
+                for kind in () if NoneType in kinds else kinds:
                     yield from _objects(kind, f"{prefix}{name}.")
         yield prefix, tree
 

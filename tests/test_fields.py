@@ -1,6 +1,7 @@
 """What fields say of themselves: rules and their words by path, known or traced."""
 
 import dataclasses
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -59,6 +60,42 @@ class Copy:
 
     low: object = parameter(above=0)
     least: object = like(Material, "least")
+
+
+@runtime_checkable
+class Holder(Protocol):
+    """A kind by what it can do."""
+
+    def hold(self):
+        """Nothing."""
+
+
+class Hook:
+    """Holds, and is no pytree."""
+
+    def hold(self):
+        pass
+
+
+@pytree_dataclass
+class Peg(Hook):
+    """Holds."""
+
+    size: object = parameter(above=0)
+
+
+@pytree_dataclass
+class Wall:
+    """Has a part that may be missing, and if not is traced."""
+
+    held: Holder | None = part(Holder, Peg, type(None), traced=True, default=None)
+
+
+@pytree_dataclass
+class Other:
+    """Has a part of another class."""
+
+    held: object = like(Wall, "held", default=None)
 
 
 FRAME = Frame(Material(), (Material(), Material(size=2)), (0.0, 1.0))
@@ -144,6 +181,23 @@ def test_plain_dataclasses_are_checked_too():
 def test_a_parameter_like_another_has_its_rule_with_fields_of_its_own():
     with pytest.raises(ValueError, match=r"Copy: least = 1 must .* at least low = 2 \(by law\)"):
         Copy(2.0, 1.0)
+
+
+@pytest.mark.parametrize("kind", [Wall, Other])
+def test_a_part_may_be_missing_of_any_kind_that_can_do_it_and_must_be_a_pytree(kind):
+    assert kind().held is None
+    assert [rule.name for rule in rules(kind(Peg(1.0)))] == ["held.size"]
+    name = kind.__name__
+    with pytest.raises(ValueError, match=f"{name}: held = 3 must be of type Holder or Peg or None"):
+        kind(3)
+    with pytest.raises(ValueError, match=f"{name}: held = <class .*Hook'> must be of type Holder"):
+        kind(Hook)
+    with pytest.raises(ValueError, match=f"{name}: held of type Hook must be a pytree: put @"):
+        kind(Hook())
+
+
+def test_a_class_does_not_tell_what_may_be_missing():
+    assert list(walk(Wall, Parameter)) == []
 
 
 def test_a_class_tells_what_its_objects_would():
