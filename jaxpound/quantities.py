@@ -16,7 +16,10 @@ SI = {
     "acceleration": "m/s²",
     "force": "N",
     "energy": "J",
+    "impulse": "N s",
     "mass": "kg",
+    "stiffness": "N/m",
+    "hertz stiffness": "N/m^1.5",
 }
 """SI unit of each kind of quantity."""
 
@@ -27,7 +30,10 @@ DIMENSIONLESS = {
     "acceleration": "g",
     "force": "m1 g",
     "energy": "m1 g²/ω1²",
+    "impulse": "m1 g/ω1",
     "mass": "m1",
+    "stiffness": "m1 ω1²",
+    "hertz stiffness": "m1 ω1³/√g",
 }
 """Unit of each kind of quantity in eq. (9)."""
 
@@ -44,4 +50,4 @@ def column(name: str, kind: str | None, si: bool) -> str:
     """
     if not si or not kind:
         return name
-    return f"{name}_{SI[kind].replace('/', '_per_').replace('²', '2')}"
+    return f"{name}_{SI[kind].replace('/', '_per_').replace('²', '2').replace(' ', '_')}"

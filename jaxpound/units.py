@@ -69,7 +69,10 @@ class Scales:
             "acceleration": self.gravity,
             "force": self.force,
             "energy": self.force * self.length,
+            "impulse": self.force * self.time,
             "mass": self.mass,
+            "stiffness": self.force / self.length,
+            "hertz stiffness": self.force / self.length**1.5,
         }
 
     def grid(self, duration: float, dt: float) -> TimeGrid:

@@ -23,7 +23,10 @@ FACTORS = {
     "acceleration": SCALES.gravity,
     "force": SCALES.force,
     "energy": SCALES.force * SCALES.length,
+    "impulse": SCALES.force * SCALES.time,
     "mass": SCALES.mass,
+    "stiffness": SCALES.mass * SCALES.frequency**2,
+    "hertz stiffness": SCALES.mass * SCALES.frequency**3 / SCALES.gravity**0.5,
 }
 ONES = pair_demand(1.0, soft=1.0)
 
@@ -53,6 +56,7 @@ def test_units_in_words_and_in_names():
     assert [unit("velocity", si) for si in (False, True)] == ["g/ω1", "m/s"]
     assert [unit_of(name, True) for name in ("peak_f1", "pounds")] == ["N", ""]
     assert column("pga", "acceleration", True) == "pga_m_per_s2"
+    assert column("peak_impulse", "impulse", True) == "peak_impulse_N_s"
     assert column("pga", "acceleration", False) == column("pga", None, True) == "pga"
 
 
