@@ -33,6 +33,13 @@ from jaxpound.ground.reader import read_record as read_record
 from jaxpound.ground.record import Record as Record
 from jaxpound.ground.ricker import Ricker as Ricker
 from jaxpound.model.building import Building as Building
+from jaxpound.model.contact import ContactLaw as ContactLaw
+from jaxpound.model.contact import Hertz as Hertz
+from jaxpound.model.contact import HertzDamped as HertzDamped
+from jaxpound.model.contact import Jankowski as Jankowski
+from jaxpound.model.contact import KelvinVoigt as KelvinVoigt
+from jaxpound.model.contact import Newton as Newton
+from jaxpound.model.contact import contact_stiffness as contact_stiffness
 from jaxpound.model.rod import ZenerRod as ZenerRod
 from jaxpound.model.structures import AdjacentStructures as AdjacentStructures
 from jaxpound.model.system import GROUND as GROUND

@@ -1,6 +1,6 @@
 """What stands: masses, rods and links, their physics without numerics.
 
-``rod`` has the fractional Zener law, ``system`` rods and links between masses, ``structures`` the
-paper's two structures and the damper between them, ``building`` a building in SI units;
-``parameters`` reads and changes the parameters of any of them by path.
+``rod`` has the fractional Zener law, ``contact`` the laws of contact, ``system`` rods and links
+between masses, ``structures`` the paper's two structures and the damper between them, ``building``
+a building in SI units; ``parameters`` reads and changes the parameters of any of them by path.
 """

@@ -1,0 +1,362 @@
+"""Contact laws: their forces, what a free collision returns, and what is refused."""
+
+import dataclasses
+from decimal import Decimal, localcontext
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import gamma
+
+import jaxpound as jp
+from jaxpound.model.contact import bound, may_pull
+
+RESTITUTIONS = (0.4, 0.65, 0.9)
+# What a free collision really returns, by an independent solver: 5-stage Radau, events located.
+RETURNED = {
+    "kelvin": (0.472013980, 0.674751473, 0.902026069),
+    "kelvin with tension": RESTITUTIONS,
+    "hertz": (1.0, 1.0, 1.0),
+    "exact": RESTITUTIONS,
+    "muthukumar": (0.701634727, 0.774819081, 0.913176678),
+    "ye": (0.362872319, 0.630329685, 0.893920693),
+    "hunt-crossley": (0.619736466, 0.738995320, 0.909015741),
+    "jankowski": (0.392976517, 0.647029027, 0.899723312),
+}
+# Largest penetration of blocks of mass 1 and .6 that meet at speed 1; k is 1,000 for Kelvin's law
+# and 10,000 for those after Hertz. By the same solver.
+PENETRATION = {
+    "kelvin": (0.013304332, 0.015906973, 0.018391840),
+    "kelvin with tension": (0.013304332, 0.015906973, 0.018391840),
+    "hertz": (0.018551392, 0.018551392, 0.018551392),
+    "exact": (0.013373393, 0.015758417, 0.017795671),
+    "muthukumar": (0.016200200, 0.016805938, 0.017896885),
+    "ye": (0.012966286, 0.015586589, 0.017748796),
+    "hunt-crossley": (0.015493186, 0.016512217, 0.017864980),
+    "jankowski": (0.008787590, 0.013095302, 0.017047617),
+}
+
+
+def made(name, stiffness, restitution):
+    if name.startswith("kelvin"):
+        return jp.KelvinVoigt(stiffness, restitution, tension="tension" in name)
+    if name == "hertz":
+        return jp.Hertz(stiffness)
+    if name == "jankowski":
+        return jp.Jankowski(stiffness, restitution)
+    return jp.HertzDamped(stiffness, restitution, damping=name)
+
+
+LAWS = [made(name, 1000.0, 0.65) for name in RETURNED]
+named = pytest.mark.parametrize("law", LAWS, ids=RETURNED)
+
+
+# Free collisions
+
+
+def collision(law, mass, speed):
+    """Time, penetration and rate of a free collision, until the penetration has gone."""
+
+    @jax.jit
+    def force(x, v):
+        p = bound(law, mass).force(x, v, speed)
+        return p if may_pull(law) else jnp.maximum(p, 0.0)
+
+    def left(_, state):
+        return state[0]
+
+    left.terminal, left.direction = True, -1
+    scale = speed * np.sqrt(mass / 1e3)
+    run = solve_ivp(
+        lambda _, state: (state[1], -float(force(*state)) / mass),
+        (0.0, 100.0),
+        (0.0, speed),
+        method="DOP853",
+        rtol=1e-10,
+        atol=1e-11 * scale,
+        events=left,
+        dense_output=True,
+    )
+    assert run.status == 1
+    return run
+
+
+@pytest.mark.parametrize("name", RETURNED)
+@pytest.mark.parametrize("i", range(3))
+def test_a_free_collision_returns_what_the_law_is_known_to_return(name, i):
+    law = made(name, 1000.0 if name.startswith("kelvin") else 1e4, RESTITUTIONS[i])
+    mass = 1 / (1 / 1.0 + 1 / 0.6)
+    run = collision(law, mass, 1.0)
+    assert -run.y[1, -1] == pytest.approx(RETURNED[name][i], abs=1e-6)
+    deepest = run.sol(np.linspace(0, run.t[-1], 4001))[0].max()
+    assert deepest == pytest.approx(PENETRATION[name][i], rel=1e-6)
+
+
+@pytest.mark.parametrize("name", RETURNED)
+def test_what_is_returned_depends_on_neither_stiffness_nor_mass_nor_speed(name):
+    run = collision(made(name, 37.0, 0.65), 2.5, 0.3)
+    assert -run.y[1, -1] / 0.3 == pytest.approx(RETURNED[name][1], abs=1e-6)
+
+
+def test_hertz_s_contact_is_as_deep_and_as_long_as_in_his_theory():
+    mass, stiffness, speed = 0.375, 1e4, 1.0
+    run = collision(jp.Hertz(stiffness), mass, speed)
+    deepest = (5 * mass * speed**2 / (4 * stiffness)) ** 0.4
+    assert run.sol(run.t[-1] / 2)[0] == pytest.approx(deepest, rel=1e-8)
+    lasts = 0.8 * np.sqrt(np.pi) * gamma(0.4) / gamma(0.9) * deepest / speed
+    assert run.t[-1] == pytest.approx(lasts, rel=1e-9)
+
+
+# Forces
+
+
+def test_forces_by_hand():
+    d, w, v0, m = 0.04, -0.3, 0.5, 2.0
+    hertz = 1000.0 * d**1.5
+    xi = np.log(1 / 0.65) / np.hypot(np.pi, np.log(0.65))
+    expected = {
+        "kelvin": 1000.0 * d + 2 * xi * np.sqrt(1000.0 * m) * w,
+        "hertz": hertz,
+        "muthukumar": hertz * (1 + 0.75 * (1 - 0.65**2) * w / v0),
+        "ye": hertz * (1 + 8 * 0.35 / (5 * 0.65) * w / v0),
+        "hunt-crossley": hertz * (1 + 1.5 * 0.35 * w / v0),
+        "jankowski": hertz,
+    }
+    for name, p in expected.items():
+        assert bound(made(name, 1000.0, 0.65), m).force(d, w, v0) == pytest.approx(p, rel=1e-14)
+    xi = 4.5 * np.sqrt(5) * (1 - 0.65**2) / (0.65 * (0.65 * (9 * np.pi - 16) + 16))
+    p = hertz + 2 * xi * np.sqrt(1000.0 * np.sqrt(d) * m) * 0.3
+    approaching = bound(made("jankowski", 1000.0, 0.65), m).force(d, 0.3, v0)
+    assert approaching == pytest.approx(p, rel=1e-14)
+
+
+@named
+def test_the_elastic_part_is_the_force_at_rest_and_full_restitution_has_no_other(law):
+    power = 1.0 if isinstance(law, jp.KelvinVoigt) else 1.5
+    for d in (1e-6, 0.01, 3.0):
+        elastic = pytest.approx(1000.0 * d**power, rel=1e-13)
+        assert bound(law, 0.4).force(d, 0.0, 0.7) == elastic
+        if not isinstance(law, jp.Hertz):
+            lossless = dataclasses.replace(law, restitution=1.0)
+            assert bound(lossless, 0.4).force(d, 0.7, 0.7) == elastic
+
+
+@named
+@pytest.mark.parametrize("d", [0.0, -0.2])
+@pytest.mark.parametrize("w", [-1.0, 0.0, 1.0])
+def test_without_penetration_there_is_no_force_after_hertz_and_kelvin_s_stays_linear(law, d, w):
+    force = bound(law, 0.4).force
+    slopes = jax.grad(force, argnums=(0, 1, 2))(d, w, 1.0)
+    if isinstance(law, jp.KelvinVoigt):
+        damping = 2 * law.damping_ratio * np.sqrt(1000.0 * 0.4)
+        assert force(d, w, 1.0) == pytest.approx(float(1000.0 * d + damping * w), rel=1e-14)
+        assert slopes == pytest.approx((1000.0, float(damping), 0.0), rel=1e-14)
+    else:
+        assert (force(d, w, 1.0), *slopes) == (0.0,) * 4
+
+
+@named
+def test_every_derivative_is_finite_at_any_state(law):
+    @jax.jit
+    def slopes(law, mass, *state):
+        return jax.grad(lambda a, m, *s: bound(a, m).force(*s), argnums=(0, 1, 2, 3, 4))(
+            law, mass, *state
+        )
+
+    for dtype in (jnp.float32, jnp.float64):
+        for d in (-1.0, 0.0, 1e-30, 1e-3, 10.0):
+            for w in (-2.0, 0.0, 2.0):
+                for v0 in (0.0, 1.0):
+                    for e in (1e-3, 0.5, 1.0):
+                        asked = jax.tree.map(lambda x, e=e: e if x < 1 else x, law)
+                        numbers = jax.tree.map(dtype, (asked, 0.4, d, w, v0))
+                        found = jax.tree.leaves(slopes(*numbers))
+                        assert all(np.isfinite(x) for x in found), (d, w, v0, e)
+                        assert {x.dtype for x in found} == {np.dtype(dtype)}
+
+
+@named
+def test_blocks_that_touch_at_rest_find_the_elastic_force(law):
+    if isinstance(law, jp.HertzDamped):
+        assert law.force(0.1, 0.3, 0.0) == jp.Hertz(1000.0).force(0.1, 0.3, 0.0)
+    else:
+        assert law.force(0.1, 0.3, 0.0) == law.force(0.1, 0.3, 2.0)
+
+
+@named
+def test_single_precision_stays_single_precision(law):
+    exact = bound(law, 0.4).force(0.01, 0.3, 1.0)
+    for one in (law, jax.tree.map(np.float32, law)):
+        p = bound(one, jnp.float32(0.4)).force(*jnp.float32([0.01, 0.3, 1.0]))
+        assert p.dtype == jnp.float32
+        assert p == pytest.approx(float(exact), rel=1e-5)
+
+
+@named
+def test_a_batch_of_laws_is_each_of_them(law):
+    if isinstance(law, jp.Hertz):
+        batch = jp.Hertz([500.0, 1000.0, 2000.0])
+        each = [jp.Hertz(k) for k in batch.stiffness]
+    else:
+        batch = dataclasses.replace(law, restitution=[0.3, 0.65, 1.0])
+        each = [dataclasses.replace(law, restitution=e) for e in batch.restitution]
+    single = [bound(one, 0.4).force(0.01, 0.3, 1.0) for one in each]
+    np.testing.assert_allclose(bound(batch, 0.4).force(0.01, 0.3, 1.0), single, rtol=1e-14)
+
+
+def test_the_force_itself_is_that_of_effective_mass_1_and_only_kelvin_s_may_pull():
+    for law in LAWS:
+        assert law.force(0.01, 0.3, 1.0) == bound(law, 1.0).force(0.01, 0.3, 1.0)
+        tension = isinstance(law, jp.KelvinVoigt) and law.tension
+        assert may_pull(law) is may_pull(bound(law, 0.4)) is tension
+    assert not may_pull(jp.Newton(0.5))
+    assert [bound(law, 0.4) is law for law in (LAWS[0], jp.Hertz(1.0))] == [False, True]
+
+
+# Z of Hertz's law with damping
+
+
+def factor(restitution, damping="exact"):
+    return jp.HertzDamped(1.0, restitution, damping).damping_factor
+
+
+def equation(z, e):
+    """Z (1 + e) − ln((1 + Z)/(1 − Z e))."""
+    return z * (1 + e) - ((1 + z) / (1 - z * e)).ln()
+
+
+NEAR_ONE = [1 - 10.0**-n for n in (2, 4, 8, 12)]
+
+
+@pytest.mark.parametrize("e", [0.001, 0.01, 0.1, 0.2, 0.36, 0.38, 0.5, 0.65, 0.9, *NEAR_ONE])
+def test_the_exact_z_solves_its_equation_to_rounding(e):
+    z = float(factor(e))
+    with localcontext() as context:
+        context.prec = 2000  # 1 − Z e is exp(−1/e)
+        e, root = Decimal(e), Decimal(z)
+        low, high = root * (1 - Decimal("2e-15")), root * (1 + Decimal("2e-15"))
+        assert equation(low, e) > 0
+        assert high * e >= 1 or equation(high, e) < 0
+
+
+def test_the_exact_z_of_full_restitution_is_zero_with_slope_minus_three_halves():
+    for dtype in (float, jnp.float32):
+        assert factor(dtype(1.0)) == 0.0
+        assert jax.grad(factor)(dtype(1.0)) == pytest.approx(-1.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("damping", ["exact", "muthukumar", "ye", "hunt-crossley"])
+@pytest.mark.parametrize("e", [0.001, 0.05, 0.37, 0.65, 0.95])
+def test_the_derivative_of_z_agrees_with_differences_in_both_modes(damping, e):
+    h = 1e-4 * e
+    f = [float(factor(e + i * h, damping)) for i in (-2, -1, 1, 2)]
+    difference = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h)
+    for derivative in (jax.grad, jax.jacfwd):
+        slope = derivative(lambda e: factor(e, damping))(e)
+        assert slope == pytest.approx(difference, rel=1e-9, abs=1e-15 * f[0] / h)
+
+
+def test_the_second_derivative_of_the_exact_z_agrees_with_differences():
+    slope = jax.grad(factor)
+    difference = (slope(0.65 + 1e-5) - slope(0.65 - 1e-5)) / 2e-5
+    assert jax.grad(slope)(0.65) == pytest.approx(float(difference), rel=1e-8)
+
+
+def test_all_z_but_ye_s_agree_for_small_losses():
+    """To first order in 1 − e; Ye's is larger by 16/15."""
+    loss = 1e-6
+    for damping, first in (("muthukumar", 1.5), ("ye", 1.6), ("hunt-crossley", 1.5)):
+        assert factor(1 - loss, damping) == pytest.approx(first * loss, rel=1e-5)
+    assert factor(1 - loss) == pytest.approx(1.5 * loss, rel=1e-5)
+
+
+# What is refused
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: jp.Newton(0.0), r"Newton: restitution = 0 must be in \(0, 1\]"),
+        (lambda: jp.Newton(1.01), r"Newton: restitution = 1\.01 must be in \(0, 1\]"),
+        (lambda: jp.Newton(np.nan), r"Newton: restitution = nan must be in \(0, 1\]"),
+        (lambda: jp.Newton("0.5"), "Newton: restitution = '0.5' must be a real number"),
+        (lambda: jp.KelvinVoigt(0.0, 0.5), "KelvinVoigt: stiffness = 0 must be positive and fin"),
+        (lambda: jp.KelvinVoigt(1.0, -0.5), r"KelvinVoigt: restitution = -0\.5 must be in"),
+        (lambda: jp.KelvinVoigt(1.0, 0.5, 1), "KelvinVoigt: tension = 1 must be True or False"),
+        (lambda: jp.KelvinVoigt(1.0, 0.5, None), "tension = None must be True or False"),
+        (lambda: jp.KelvinVoigt([1.0, 2.0], [0.5] * 3), r"KelvinVoigt: .* \(2,\), .* one batch"),
+        (lambda: jp.Hertz(np.inf), "Hertz: stiffness = inf must be positive and finite"),
+        (lambda: jp.Hertz([1.0, -1.0]), r"Hertz: stiffness = -1 \(at index \[1\]\) must be"),
+        (lambda: jp.HertzDamped(1.0, 1.5), r"HertzDamped: restitution = 1\.5 must be in"),
+        (
+            lambda: jp.HertzDamped(1.0, 0.5, "exat"),
+            "HertzDamped: damping = 'exat' must be .*; did you mean 'exact'?",
+        ),
+        (
+            lambda: jp.HertzDamped(1.0, 0.5, None),
+            "damping = None must be .*; allowed: exact, muthukumar, ye, hunt-crossley",
+        ),
+        (lambda: jp.HertzDamped(1.0, 0.5, ["ye"]), r"HertzDamped: damping = \['ye'\] must be"),
+        (lambda: jp.Jankowski(-1.0, 0.5), "Jankowski: stiffness = -1 must be positive and finite"),
+        (lambda: jp.Jankowski(1.0, 2.0), "Jankowski: restitution = 2 must be in"),
+    ],
+)
+def test_a_law_refuses_bad_values(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_traced_values_never_raise():
+    for law in LAWS:
+        for bad in (jnp.nan, -1.0, 0.0):
+            made = jax.jit(lambda x, law=law: jax.tree.map(lambda _: x, law))(bad)
+            assert type(made) is type(law)
+    batch = jax.vmap(lambda e: jp.KelvinVoigt(1.0, e))(jnp.array([0.5, -1.0]))
+    np.testing.assert_array_equal(batch.restitution, [0.5, -1.0])
+
+
+def test_numbers_are_leaves_and_what_shapes_the_program_is_not():
+    assert jax.tree.leaves(jp.KelvinVoigt(100, 0.5, tension=np.True_)) == [100.0, 0.5]
+    soft, hard = jp.HertzDamped(1.0, 0.5, "ye"), jp.HertzDamped(2.0, 0.5, "ye")
+    assert jax.tree.structure(soft) == jax.tree.structure(hard)
+    assert jax.tree.structure(soft) != jax.tree.structure(jp.HertzDamped(1.0, 0.5))
+    assert hash(jax.tree.structure(jp.KelvinVoigt(1.0, 0.5)))
+
+
+@named
+def test_a_law_with_a_force_is_a_contact_law(law):
+    assert isinstance(law, jp.ContactLaw)
+    assert isinstance(bound(law, 0.4), jp.ContactLaw)
+    assert not isinstance(jp.Newton(0.5), jp.ContactLaw)
+
+
+# The suggested stiffness
+
+
+def test_a_floor_s_stiffness_is_axial_and_a_storey_s_is_twenty_times_the_stiffer_one():
+    assert jp.contact_stiffness(modulus=30e9, area=2.0, length=15.0) == 4e9
+    for storeys in ((3.0, 7.0), (7.0, 3.0), [7, 7], np.array([2.0, 7.0])):
+        assert jp.contact_stiffness(storeys=storeys) == 140.0
+    stiffer = jax.grad(lambda k: jp.contact_stiffness(storeys=k))
+    np.testing.assert_array_equal(stiffer(jnp.array([3.0, 7.0])), [0.0, 20.0])
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "contact_stiffness: give either modulus, area and length, or storeys"),
+        ({"storeys": (1.0, 2.0), "area": 1.0}, "give either"),
+        ({"modulus": 1.0, "area": 1.0}, "contact_stiffness: length = None must be a real number"),
+        ({"modulus": 1.0, "area": 0, "length": 1.0}, "area = 0 must be positive and finite"),
+        ({"storeys": (1.0, -2.0)}, r"storeys\.1 = -2 must be positive and finite"),
+        ({"storeys": (1.0,)}, r"storeys = \(1\.0,\) must be two numbers"),
+        ({"storeys": 5.0}, r"storeys = 5\.0 must be two numbers"),
+    ],
+)
+def test_a_stiffness_is_suggested_in_exactly_one_of_two_ways(given, message):
+    with pytest.raises(ValueError, match=message):
+        jp.contact_stiffness(**given)
