@@ -52,7 +52,8 @@ class ContactLaw(Protocol):
     ...
     ...     def force(self, penetration, speed, touch_speed):
     ...         return self.stiffness * penetration * (1 + (penetration / self.thickness) ** 2)
-    >>> Cushion(stiffness=50.0, thickness=0.1).force(0.1, 0.0, 1.0)
+    >>> link = jp.Link((0, 1), gap=0.5, contact=Cushion(stiffness=50.0, thickness=0.1))
+    >>> link.contact.force(0.1, 0.0, 1.0)
     10.0
     """
 

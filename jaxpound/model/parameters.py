@@ -27,7 +27,8 @@ def paths(structures: Any) -> tuple[str, ...]:
     """Paths of all parameters; the same parameter of several objects is listed together.
 
     A parameter that bounds another comes before it (τ_f before τ_x): in this order they can be
-    drawn or chosen one after the other. ``structures`` may be a class without tuples.
+    drawn or chosen one after the other. ``structures`` may be a class without tuples, which does
+    not know of parts that may be missing, such as a contact law.
     """
     alike: dict[Parameter, list[str]] = {}
     for path, parameter, _ in walk(structures, Parameter):

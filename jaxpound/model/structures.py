@@ -6,7 +6,8 @@ from typing import Any
 
 import jax
 
-from jaxpound._fields import assembled, parameter, part, pytree_dataclass
+from jaxpound._fields import assembled, like, parameter, part, pytree_dataclass
+from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import GROUND, Link, Rod, System
 
@@ -27,6 +28,9 @@ class AdjacentStructures:
         μ ≥ 0, the damper's slip force in units of m1 g.
     initial_gap
         ξ0 ≥ 0, the gap at rest in units of g/ω1².
+    contact
+        The law of contact when the gap closes, ``Newton`` or any ``ContactLaw``; None, the default,
+        lets the structures pass through each other.
 
     Raises
     ------
@@ -53,17 +57,18 @@ class AdjacentStructures:
     )
     friction: Any = parameter(r"\mu", "force", "friction", least=0, usual=(0.0, 1.5))
     initial_gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, usual=(0.0, 3.0))
+    contact: ContactLaw | Newton | None = like(Link, "contact", default=None)
 
     def system(self) -> System:
-        """Masses 1 and 1/ρ on rods of stiffness 1 and ε, and the damper between them."""
+        """Masses 1 and 1/ρ on rods of stiffness 1 and ε, and the link between them."""
         ends = ((0, GROUND), (1, GROUND))
         pairs = zip((self.rod_1, self.rod_2), (1.0, self.stiffness_ratio), ends, strict=True)
-        damper = assembled(Link, ends=(0, 1), friction=self.friction, gap=self.initial_gap)
+        between = {"friction": self.friction, "gap": self.initial_gap, "contact": self.contact}
         return assembled(
             System,
             masses=(1.0, 1 / self.mass_ratio),
             rods=tuple(assembled(Rod, material=m, stiffness=k, ends=e) for m, k, e in pairs),
-            links=(damper,),
+            links=(assembled(Link, ends=(0, 1), **between),),
         )
 
     @property

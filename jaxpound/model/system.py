@@ -1,20 +1,23 @@
 """Masses, rods and links: what every structure of this package is made of.
 
 Masses move along one line. A rod joins a mass to the ground or to another mass; a link, with dry
-friction and a gap, stands between two neighbours or between a mass and the ground. Two adjacent
-blocks, buildings of many storeys and sliding isolators are all a ``System``.
+friction, a gap and a contact law, stands between two neighbours or between a mass and the ground.
+Two adjacent blocks, buildings of many storeys and sliding isolators are all a ``System``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cache
+from types import NoneType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import numpy as np
 
+from jaxpound._checks import Rule, finite
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static
+from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
 
 GROUND = -1
@@ -54,7 +57,7 @@ class Rod:
 
 @pytree_dataclass
 class Link:
-    """Dry friction and the gap between neighbours i and j that slide past or towards each other.
+    """What is between neighbours i and j: dry friction, a gap, and contact where the gap closes.
 
     Parameters
     ----------
@@ -65,6 +68,9 @@ class Link:
         Slip force μ ≥ 0, in units of m1 g.
     gap
         Gap ξ0 ≥ 0 at rest, in units of g/ω1²; infinite by default.
+    contact
+        The law of contact, ``Newton`` or any ``ContactLaw``, for which the gap must be finite;
+        None, the default, lets the neighbours pass through each other.
 
     Raises
     ------
@@ -75,10 +81,20 @@ class Link:
     ends: Ends = static()
     friction: Any = parameter(r"\mu", "force", "friction", least=0, default=0.0)
     gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, finite=False, default=np.inf)
+    contact: ContactLaw | Newton | None = part(
+        ContactLaw, Newton, NoneType, traced=True, default=None
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ends", _two_ends("Link", self.ends))
         check(self)
+
+    def more_rules(self, prefix: str) -> list[Rule]:
+        """A gap that can close is finite."""
+        if self.contact is None:
+            return []
+        says = "finite (contact needs a finite gap)"
+        return [Rule(f"{prefix}gap", self.gap, finite(self.gap), says)]
 
 
 class Topology(NamedTuple):
@@ -101,8 +117,9 @@ class Structures(Protocol):
 class System:
     """Masses on rods, with links between them; dimensionless, at rest at t = 0.
 
-    The equations of motion are M x'' = −B_r f − B_l q − M 1 u'', with the rods' forces f, the
-    links' friction q and the ground acceleration u''; displacements x are relative to the ground.
+    The equations of motion are M x'' = −B_r f − B_l (q + p) − M 1 u'', with the rods' forces f, the
+    links' friction q and contact force p, and the ground acceleration u''; displacements x are
+    relative to the ground.
 
     Parameters
     ----------

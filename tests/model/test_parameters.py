@@ -20,10 +20,14 @@ TOWER = jp.System(
     rods=(jp.Rod(STEEL, 1.0, (0, jp.GROUND)), jp.Rod(RUBBER, 0.8, (1, 0))),
     links=(jp.Link((1, jp.GROUND), 0.3),),
 )
+POUNDING = dataclasses.replace(PAPER, contact=jp.KelvinVoigt(400.0, 0.65))
+BUMPER = dataclasses.replace(
+    TOWER, links=(jp.Link((1, jp.GROUND), 0.3, gap=1.0, contact=jp.Newton(0.5)),)
+)
 
 
 def test_paths_are_those_of_the_leaves():
-    for tree in (PAPER, TOWER):
+    for tree in (PAPER, TOWER, POUNDING, BUMPER):
         leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
         expected = {jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves}
         assert set(parameters.paths(tree)) == expected
@@ -51,6 +55,8 @@ def test_what_bounds_another_parameter_comes_first_and_alike_ones_stand_together
         (TOWER, "rods.1.stiffness", 0.8),
         (TOWER, "rods.1.material.tau_x", 2.0),
         (TOWER, "links.0.friction", 0.3),
+        (POUNDING, "contact.stiffness", 400.0),
+        (BUMPER, "links.0.contact.restitution", 0.5),
     ],
 )
 def test_a_value_is_got_and_put_and_nothing_else_changes(tree, path, value):
@@ -75,6 +81,10 @@ def test_what_is_put_is_checked_as_it_is_in_any_structures():
         parameters.put(TOWER, {"rods.0.material.tau_x": 0.001})
     with pytest.raises(ValueError, match=r"masses\.1 = -1 must be positive and finite"):
         parameters.put(TOWER, {"masses.1": -1})
+    with pytest.raises(ValueError, match=r"Newton: restitution = 1\.5 must be in \(0, 1\]"):
+        parameters.put(BUMPER, {"links.0.contact.restitution": 1.5})
+    with pytest.raises(ValueError, match=r"Link: gap = inf must be finite \(contact needs"):
+        parameters.put(BUMPER, {"links.0.gap": np.inf})
 
 
 def test_traced_values_are_put_and_differentiated():
@@ -98,6 +108,8 @@ def test_intervals_are_what_a_parameter_may_be_given_the_others():
         (TOWER, "rods.1.material.tau_f", (least, 2.0)),
         (TOWER, "rods.1.material.tau_x", (0.1, np.inf)),
         (TOWER, "links.0.friction", (0, np.inf)),
+        (POUNDING, "contact.stiffness", (least, np.inf)),
+        (BUMPER, "links.0.contact.restitution", (least, 1)),
     ):
         assert parameters.interval(tree, path) == expected
         for end in expected:
@@ -135,6 +147,21 @@ def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
         assert parameters.known(owner, path).kind == KINDS.get(path)
 
 
+def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
+    for tree, path, name, kind in (
+        (POUNDING, "contact.stiffness", "contact: $k$", "stiffness"),
+        (BUMPER, "links.0.contact.restitution", "links 0 contact: $e$", None),
+    ):
+        assert parameters.name(tree, path) == name
+        assert parameters.known(tree, path).kind == kind
+        with pytest.raises(ValueError, match=f"unknown path '{path}'"):
+            parameters.known(type(tree), path)
+    soft = dataclasses.replace(PAPER, contact=jp.Hertz(1e4))
+    assert parameters.known(soft, "contact.stiffness").kind == "hertz stiffness"
+    with pytest.raises(ValueError, match=r"unknown path 'contact\.restitution'"):
+        parameters.get(soft, "contact.restitution")
+
+
 def test_an_unknown_path_is_told_with_what_was_meant():
     calls = (
         lambda path: parameters.get(PAPER, path),
@@ -165,6 +192,11 @@ def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
         assert 0 < material.tau_f <= material.tau_x <= 3
     space = jp.DesignSpace(TOWER, {"rods.0.material.tau_x": (0.001, 1.0), "masses.1": (0.2, 2.0)})
     assert space.names == ("rods.0.material.tau_x", "masses.1")
+    contact = {"contact.stiffness": (100.0, 900.0), "contact.restitution": (0.4, 0.8)}
+    middle = jp.DesignSpace(POUNDING, contact).structures(np.full(2, 0.5)).contact
+    assert (float(middle.stiffness), float(middle.restitution)) == pytest.approx((500.0, 0.6))
+    uncertain = jp.UncertainStructures(POUNDING, {"contact.restitution": jp.Uniform(0.4, 0.8)})
+    assert float(uncertain.draw(np.zeros(1)).contact.restitution) == pytest.approx(0.6)
     least = space.structures(np.zeros(2))
     assert float(least.rods[0].material.tau_x) == pytest.approx(0.01 * 1.001)
     assert float(least.masses[1]) == 0.2

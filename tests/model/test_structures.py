@@ -269,6 +269,20 @@ def test_parameters_of_the_pair_must_be_real_numbers(name, bad):
         structures(**{name: bad})
 
 
+def test_the_contact_of_a_pair_is_that_of_its_link():
+    for law in (None, jp.Newton(0.65), jp.HertzDamped(2e4, 0.65)):
+        (link,) = structures(contact=law).system().links
+        assert (link.contact, link.gap, link.friction) == (law, 1.0, 0.25)
+    gradient = jax.grad(lambda s: s.system().links[0].contact.stiffness ** 2)
+    assert gradient(structures(contact=jp.Hertz(3.0))).contact.stiffness == 6.0
+
+
+@pytest.mark.parametrize("bad", [3.0, "newton", jp.Newton, jp.ZenerRod(0.5, 0.1, 2.0)])
+def test_contact_must_be_a_law_of_contact(bad):
+    with pytest.raises(ValueError, match=r"AdjacentStructures: contact = .* of type ContactLaw or"):
+        structures(contact=bad)
+
+
 @pytest.mark.parametrize("name", ["rod_1", "rod_2"])
 @pytest.mark.parametrize("bad", [None, 0.5, (0.5, 0.1, 2.0), structures()])
 def test_rods_must_be_rods(name, bad):

@@ -3,13 +3,32 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound._checks import all_hold
+from jaxpound._fields import rules
 from jaxpound.model.system import Structures, rod_groups
 
 ROD = jp.ZenerRod(0.5, 0.01, 0.05)
+
+
+@dataclasses.dataclass(frozen=True)
+class Cushion:
+    """A law of one's own, which JAX does not know."""
+
+    stiffness: float
+
+    def force(self, penetration, speed, touch_speed):
+        return self.stiffness * penetration
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class KnownCushion(Cushion):
+    """One that it knows."""
 
 
 def rods(*ends):
@@ -75,6 +94,30 @@ GROUNDED = rods(*((i, jp.GROUND) for i in range(4)))
         (lambda: jp.Link(3), r"Link: ends = 3 must be two different masses"),
         (lambda: jp.Link((0, 1), -0.1), r"Link: friction = -0.1 must be finite and not negative"),
         (lambda: jp.Link((0, 1), 0.1, -1.0), r"Link: gap = -1 must be not negative"),
+        (
+            lambda: jp.Link((0, 1), contact=jp.Newton(0.5)),
+            r"Link: gap = inf must be finite \(contact needs a finite gap\)",
+        ),
+        (
+            lambda: jp.Link((0, 1), gap=np.nan, contact=jp.Newton(0.5)),
+            r"Link: gap = nan must be not negative",
+        ),
+        (
+            lambda: jp.Link((0, 1), gap=[1.0, np.inf], contact=jp.Hertz(1e4)),
+            r"Link: gap = inf \(at index \[1\]\) must be finite \(contact needs",
+        ),
+        (
+            lambda: jp.Link((0, 1), gap=1.0, contact=0.65),
+            r"Link: contact = 0.65 must be of type ContactLaw or Newton or None",
+        ),
+        (
+            lambda: jp.Link((0, 1), gap=1.0, contact=jp.Hertz),
+            r"Link: contact = <class .*Hertz'> must be of type ContactLaw or Newton or None",
+        ),
+        (
+            lambda: jp.Link((0, 1), gap=1.0, contact=Cushion(50.0)),
+            r"Link: contact of type Cushion must be a pytree: put @jax.tree_util.regist",
+        ),
         (lambda: jp.Rod(ROD, 0.0, (0, -1)), r"Rod: stiffness = 0 must be positive and finite"),
         (lambda: jp.Rod(1.0, 1.0, (0, -1)), r"Rod: material = 1.0 must be of type ZenerRod"),
         (lambda: jp.Rod(ROD, 1.0, (-1, -1)), r"Rod: ends = \(-1, -1\) must be two different"),
@@ -90,6 +133,27 @@ def test_a_forest_of_links_and_bearings_is_a_system():
     assert system.topology.links == ((0, 1), (2, -1), (-1, 3))
     assert system.system() is system
     assert isinstance(system, Structures)
+
+
+@pytest.mark.parametrize("law", [jp.Newton(0.5), jp.KelvinVoigt(100.0, 0.5), KnownCushion(50.0)])
+def test_a_link_may_have_any_law_of_contact_whose_numbers_are_leaves(law):
+    bare = jp.Link((0, 1), 0.1, 1.0)
+    link = dataclasses.replace(bare, contact=law)
+    assert jax.tree.leaves(link) == [*jax.tree.leaves(bare), *jax.tree.leaves(law)]
+    assert type(jax.tree.map(lambda x: 2 * x, link).contact) is type(law)
+    assert bare.contact is None
+
+
+def test_a_traced_gap_that_is_infinite_breaks_the_rule_where_there_is_contact():
+    @jax.jit
+    def valid(gap, law):
+        system = jp.System((1.0,) * 2, GROUNDED[:2], (jp.Link((0, 1), 0.1, gap, law),))
+        return all_hold(rules(system))
+
+    for law, finite in ((None, False), (jp.Newton(0.5), True), (KnownCushion(50.0), True)):
+        assert bool(valid(1.0, law))
+        assert bool(valid(jnp.inf, law)) is not finite
+    assert not valid(1.0, jax.tree.map(lambda _: -1.0, jp.Newton(0.5)))
 
 
 def test_masses_that_rods_join_are_a_building():
