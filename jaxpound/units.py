@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, overload
+import operator
+from collections.abc import Callable
+from types import NoneType
+from typing import Any, TypeVar, overload
+
+import jax
 
 from jaxpound._checks import instance, is_traced, not_negative, number, positive
-from jaxpound._fields import converted, parameter, pytree_dataclass
+from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, walk
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
+from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
+
+Law = TypeVar("Law", bound=ContactLaw | Newton | None)
 
 
 @pytree_dataclass
@@ -96,7 +105,7 @@ class Scales:
     def buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:
         """Dimensionless structures in SI: both buildings, slip force (N) and gap (m).
 
-        The inverse of ``dimensionless``, for these scales.
+        The inverse of ``dimensionless``, for these scales; ``contact_to_si`` has the contact law.
         """
         instance("Scales.buildings", "structures", structures, AdjacentStructures)
         stiffness = self.mass * self.frequency**2
@@ -115,6 +124,35 @@ class Scales:
             s.friction * self.force,
             s.initial_gap * self.length,
         )
+
+    def contact_to_dimensionless(self, law: Law) -> Law:
+        """A contact law in SI units as one of the dimensionless system; None stays None.
+
+        Raises
+        ------
+        ValueError
+            If the law is of one's own: the dimensions of its numbers are not known. ``units`` has
+            what to divide them by.
+        """
+        owner = "Scales.contact_to_dimensionless"
+        return _in_other_units(owner, "law", law, self, operator.truediv)
+
+    def contact_to_si(self, law: Law) -> Law:
+        """The inverse of ``contact_to_dimensionless``.
+
+        Raises
+        ------
+        ValueError
+            If the law is of one's own.
+
+        Examples
+        --------
+        >>> scales = jp.Scales(mass=500e3, frequency=7.0)
+        >>> law = scales.contact_to_si(jp.KelvinVoigt(stiffness=200.0, restitution=0.65))
+        >>> f"{law.stiffness:.3g} N/m", law.restitution
+        ('4.9e+09 N/m', 0.65)
+        """
+        return _in_other_units("Scales.contact_to_si", "law", law, self, operator.mul)
 
     def to_dimensionless(self, record: Record) -> Record:
         """A record in g and seconds as a record in g and units of 1/ω1.
@@ -161,6 +199,7 @@ def dimensionless(
     friction_force: Any,
     gap: Any,
     gravity: Any = STANDARD_GRAVITY,
+    contact: ContactLaw | Newton | None = None,
 ) -> tuple[AdjacentStructures, Scales]:
     """Two buildings with a friction damper between them, in the form of eq. (9) (paper, eq. 8).
 
@@ -174,6 +213,9 @@ def dimensionless(
         Gap between the buildings at rest ≥ 0, m.
     gravity
         g > 0, m/s².
+    contact
+        The law of contact between the buildings, its stiffness in N/m, or N/m^1.5 for laws after
+        Hertz; None lets them pass through each other.
 
     Returns
     -------
@@ -209,5 +251,20 @@ def dimensionless(
         stiffness_ratio=building_2.stiffness / building_1.stiffness,
         friction=friction_force / scales.force,
         initial_gap=gap / scales.length,
+        contact=_in_other_units("dimensionless", "contact", contact, scales, operator.truediv),
     )
     return structures, scales
+
+
+def _in_other_units(
+    owner: str, name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
+) -> Law:
+    """A contact law with each parameter converted by the unit of its kind."""
+    instance(owner, name, law, ContactLaw, Newton, NoneType)
+    if law is None:
+        return law
+    known, units = list(walk(law, Parameter)), scales.units
+    if not known or len(known) != len(jax.tree.leaves(law)):
+        rule = "be a law of this package: the units of a law of one's own are not known"
+        raise ValueError(f"{owner}: {name} = {law!r} must {rule}")
+    return put(law, {path: convert(x, units[p.kind]) for path, p, x in known if p.kind})

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxpound as jp
+from jaxpound.model.contact import bound
 from tests.made import changed
 
 BUILDING_1 = jp.Building(2.0e5, 8.0e6, 0.4, 0.01, 0.15)
@@ -106,6 +107,65 @@ def test_natural_periods_are_the_same_in_both_systems(first, second):
         assert building.damping_ratio == pytest.approx(float(zeta), rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    "law",
+    [
+        jp.Newton(0.65),
+        jp.KelvinVoigt(1.6e9, 0.65, tension=True),
+        jp.Hertz(3e9),
+        jp.HertzDamped(3e9, 0.65, "ye"),
+        jp.Jankowski(3e9, 0.65),
+    ],
+    ids=lambda law: type(law).__name__,
+)
+def test_a_contact_law_keeps_its_force_in_other_units(law):
+    structures, scales = jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=law)
+    other = structures.contact
+    assert jax.tree.structure(other) == jax.tree.structure(law)
+    back = scales.contact_to_si(other)
+    assert jax.tree.leaves(back) == pytest.approx(jax.tree.leaves(law), rel=1e-14)
+    assert vars(scales.contact_to_dimensionless(law)) == vars(other)
+    if isinstance(law, jp.Newton):
+        assert other.restitution == 0.65
+    else:
+        speed = scales.length / scales.time
+        p = bound(law, 8e4).force(0.002, 0.3, 0.5)
+        q = bound(other, 8e4 / scales.mass).force(0.002 / scales.length, 0.3 / speed, 0.5 / speed)
+        assert q * scales.force == pytest.approx(float(p), rel=1e-13)
+
+
+def test_contact_stiffness_goes_with_the_scales_by_hand_and_in_gradients():
+    scales = jp.Scales(mass=4.0, frequency=2.0, gravity=10.0)
+    # m1 ω1² = 16 N/m, and m1 g / (g/ω1²)^1.5 = 40 / 2.5^1.5 N/m^1.5.
+    assert scales.contact_to_dimensionless(jp.KelvinVoigt(32.0, 0.5)).stiffness == 2.0
+    hertz = scales.contact_to_si(jp.Hertz(2.0)).stiffness
+    assert hertz == pytest.approx(80 / 2.5**1.5, rel=1e-14)
+    slope = jax.grad(lambda s: s.contact_to_si(jp.KelvinVoigt(3.0, 0.5)).stiffness)(scales)
+    assert slope.frequency == pytest.approx(2 * 3 * 4 * 2, rel=1e-14)
+    assert scales.contact_to_si(None) is scales.contact_to_dimensionless(None) is None
+
+
+def test_the_units_of_a_contact_law_of_one_s_own_are_not_guessed():
+    @jax.tree_util.register_dataclass
+    @dataclasses.dataclass(frozen=True)
+    class Cushion:
+        stiffness: float
+
+        def force(self, penetration, speed, touch_speed):
+            return self.stiffness * penetration
+
+    scales, rule = jp.Scales(1e5, 4.0), "must be a law of this package: the units of a law of one's"
+    for convert in (scales.contact_to_si, scales.contact_to_dimensionless):
+        for law in (Cushion(1.0), bound(jp.KelvinVoigt(1.0, 0.5), 1.0)):
+            with pytest.raises(ValueError, match=rf"Scales.contact_to_.*: law = .* {rule}"):
+                convert(law)
+        for law in (3.0, jp.Newton, BUILDING_1):
+            with pytest.raises(ValueError, match=r"law = .* must be of type ContactLaw or Newton"):
+                convert(law)
+    with pytest.raises(ValueError, match=f"^dimensionless: contact = .* {rule}"):
+        jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=Cushion(1.0))
+
+
 def test_dimensionless_is_differentiable_and_batched():
     def friction(mass):
         building = dataclasses.replace(BUILDING_1, mass=mass)
@@ -133,6 +193,7 @@ def test_dimensionless_is_differentiable_and_batched():
         ({"gap": None}, "gap = None must be a real number"),
         ({"gravity": 0}, "gravity = 0 must be positive and finite"),
         ({"gravity": "g"}, "gravity = 'g' must be a real number"),
+        ({"contact": 0.65}, r"contact = 0\.65 must be of type ContactLaw or Newton or None"),
     ],
 )
 def test_dimensionless_refuses_bad_values(changes, message):
