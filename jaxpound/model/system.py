@@ -128,14 +128,14 @@ class System:
     rods
         The rods. Every mass must be tied to the ground by rods, through other masses if need be.
     links
-        The links. They may not close a ring (the friction forces of a ring in stick are not
-        determined), and no mass may have two: several links on one mass are not simulated yet.
+        The links. They may not close a ring: the friction forces of a ring in stick are not
+        determined.
 
     Raises
     ------
     ValueError
         If a known value breaks its rule, an end names no mass, a mass has no path of rods to the
-        ground, links close a ring, or two links share a mass.
+        ground, or links close a ring.
 
     Examples
     --------
@@ -219,15 +219,6 @@ def _check_topology(topology: Topology) -> None:
         if joined[ends[0]] == joined[ends[1]]:
             rule = "must not close a ring with the links before it"
             raise ValueError(f"System: links.{k}.ends = {ends} {rule}")
-    seen: dict[int, int] = {}
-    for k, ends in enumerate(topology.links):
-        for mass in set(ends) - {GROUND}:
-            if mass in seen:
-                raise ValueError(
-                    f"System: links.{k}.ends = {ends} shares mass {mass} with links.{seen[mass]}: "
-                    "several links on one mass are not simulated yet"
-                )
-            seen[mass] = k
 
 
 def elongation(ends: Ends, x: Sequence[Any]) -> Any:
@@ -246,6 +237,43 @@ def load_on(ends_of_all: Sequence[Ends], mass: int, forces: Sequence[Any]) -> An
             term = -force if mass == i else force
             load = term if load is None else load + term
     return load
+
+
+class LinkGroup(NamedTuple):
+    """Links that share masses, directly or through other links between them: a tree."""
+
+    links: tuple[int, ...]
+    masses: tuple[int, ...]
+    root: int
+    """The ground if a link ends there, else the left end of the first link."""
+    hanging: tuple[tuple[int, int, int], ...]
+    """Link, the end nearer to the root and the other end, which *hangs* on it; from the root on."""
+
+
+@cache
+def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
+    """The groups of links, in the order of their first links."""
+    between = [ends for ends in topology.links if GROUND not in ends]
+    member = _groups(topology.n_masses, between)
+    joined: dict[int, list[int]] = {}
+    for k, ends in enumerate(topology.links):
+        joined.setdefault(member[max(ends)], []).append(k)
+    return tuple(_link_group(topology, tuple(links)) for links in joined.values())
+
+
+def _link_group(topology: Topology, links: tuple[int, ...]) -> LinkGroup:
+    ends = {k: topology.links[k] for k in links}
+    everyone = {end for pair in ends.values() for end in pair}
+    root = GROUND if GROUND in everyone else ends[links[0]][0]
+    reached, hanging = {root}, []
+    while len(hanging) < len(links):
+        for k, (i, j) in ends.items():
+            if (i in reached) != (j in reached):
+                near, far = (i, j) if i in reached else (j, i)
+                hanging.append((k, near, far))
+                reached.add(far)
+    masses = tuple(sorted(everyone - {GROUND}))
+    return LinkGroup(links, masses, root, tuple(hanging))
 
 
 @cache

@@ -53,6 +53,7 @@ class LinkMotion(NamedTuple):
     turn_forces: tuple[jax.Array, jax.Array]  # q before and after it
     phase: jax.Array
     change_time: jax.Array
+    contact: Any = None  # a ``ContactMotion`` of a link that may touch
 
 
 @runtime_checkable

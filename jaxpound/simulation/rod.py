@@ -63,6 +63,15 @@ def rod_step(
     return f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f
 
 
+def rod_moved(
+    law: RodLaw, passed: tuple[jax.Array, jax.Array, jax.Array], dx: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """What ``rod_step`` would have returned for an elongation greater by dx."""
+    f, excess, c = passed
+    df = law.stiffness * dx / law.divisor
+    return f + df, excess + law.modulus * dx - df, c + law.modulus * law.tau_x * dx - law.tau_f * df
+
+
 def rod_force(
     rod: ZenerRod,
     displacement: ArrayLike | Sequence[float],

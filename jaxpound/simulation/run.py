@@ -303,7 +303,7 @@ def _run(
 
     (state, tally), kept = scan_with_history(
         advance,
-        (at_rest(topology, zero), Tally.start(topology, zero, temperature is not None)),
+        (at_rest(system, zero), Tally.start(topology, zero, temperature is not None)),
         n,
         [rod.material.order for rod in system.rods],
         scheme.history,

@@ -17,9 +17,31 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.system import GROUND, Ends, System, Topology, elongation, load_on
+from jaxpound.model.system import (
+    GROUND,
+    Ends,
+    LinkGroup,
+    System,
+    Topology,
+    elongation,
+    link_groups,
+    load_on,
+)
+from jaxpound.simulation.contact import (
+    ContactState,
+    Coupling,
+    GroupStep,
+    apart,
+    coupling,
+    follow,
+    is_followed,
+    mean_sample,
+    plain_motion,
+    settle,
+)
+from jaxpound.simulation.flow import Passed
 from jaxpound.simulation.friction import LinkMotion, LinkStep
-from jaxpound.simulation.rod import RodLaw, rod_law, rod_step
+from jaxpound.simulation.rod import RodLaw, rod_law, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 
 
@@ -30,6 +52,7 @@ class Elements(NamedTuple):
     inverse_masses: tuple[jax.Array, ...]
     rods: tuple[RodLaw, ...]
     frictions: tuple[jax.Array, ...]
+    couplings: tuple[Coupling | None, ...]  # by group of links, of those that are followed
 
 
 class LinkState(NamedTuple):
@@ -39,6 +62,7 @@ class LinkState(NamedTuple):
     velocity: jax.Array
     phase: jax.Array
     pull: jax.Array  # A_{m−1}, the relative acceleration without the link
+    contact: ContactState | None  # of a link in a group that is followed
 
 
 class State(NamedTuple):
@@ -74,25 +98,33 @@ class Instant(NamedTuple):
 
 def elements(system: System, dt: float, order: int) -> Elements:
     """The constants of a run with steps of ``dt``."""
+    topology, inverse = system.topology, tuple(1 / m for m in system.masses)
     return Elements(
-        topology=system.topology,
-        inverse_masses=tuple(1 / m for m in system.masses),
+        topology=topology,
+        inverse_masses=inverse,
         rods=tuple(rod_law(rod.material, rod.stiffness, dt, order) for rod in system.rods),
         frictions=tuple(link.friction for link in system.links),
+        couplings=tuple(
+            coupling(topology, group, system.links, inverse)
+            if is_followed(group, system.links)
+            else None
+            for group in link_groups(topology)
+        ),
     )
 
 
-def hanging_end(ends: Ends) -> int:
-    """Which mass hangs on a link: the right one, or the one that is not the ground."""
-    return ends[0] if ends[1] == GROUND else ends[1]
-
-
-def at_rest(topology: Topology, zero: jax.Array) -> State:
+def at_rest(system: System, zero: jax.Array) -> State:
     """The state before the first step."""
-    hanging = {hanging_end(ends) for ends in topology.links}
+    topology = system.topology
+    groups = link_groups(topology)
+    hanging = {far for group in groups for _, _, far in group.hanging}
     free = tuple(None if mass in hanging else zero for mass in range(topology.n_masses))
-    link = LinkState(zero, zero, zero, zero)
-    return State(free, free, (zero,) * len(topology.rods), (link,) * len(topology.links))
+    links: dict[int, LinkState] = {}
+    for group in groups:
+        contact = apart(zero) if is_followed(group, system.links) else None
+        links |= {k: LinkState(zero, zero, zero, zero, contact) for k in group.links}
+    in_order = tuple(links[k] for k in range(len(links)))
+    return State(free, free, (zero,) * len(topology.rods), in_order)
 
 
 def of_all_masses(
@@ -100,11 +132,13 @@ def of_all_masses(
 ) -> tuple[Any, ...]:
     """Positions (or velocities) of all masses, from the free ones' and the links' closings."""
     found = list(free)
-    for (i, j), s in zip(topology.links, relative, strict=True):
-        if j == GROUND:
-            found[i] = s
-        else:
-            found[j] = -s if i == GROUND else found[i] - s
+    for group in link_groups(topology):
+        for k, near, far in group.hanging:
+            left, s = topology.links[k][0] == near, relative[k]
+            if near == GROUND:
+                found[far] = -s if left else s
+            else:
+                found[far] = found[near] - s if left else found[near] + s
     return tuple(found)
 
 
@@ -138,54 +172,182 @@ def step(
     loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
 
     # Links over the step from t_m − h/2 to t_m + h/2.
-    links, seen = [], []
-    for ends, friction, link in zip(topology.links, system.frictions, state.links, strict=True):
-        pull, resistance = _pull(ends, loads, inverse, shaking), _inverse_mass(ends, inverse)
-        bound = GROUND in ends
-        rise = pull - (jnp.where(starts, pull, link.pull) if bound else link.pull)
-        motion = scheme.friction.slide(
-            LinkStep(link.velocity, link.phase, pull, rise, resistance, friction, dt)
+    groups = list(zip(link_groups(topology), system.couplings, strict=True))
+    pulls = [_pull(ends, loads, inverse, shaking) for ends in topology.links]
+    motions: dict[int, LinkMotion] = {}
+    flows: dict[int, _Flow] = {}
+    for n, (group, coupled) in enumerate(groups):
+        if coupled is None:
+            (k,) = group.links
+            motions[k] = _slide(system, k, state.links[k], pulls[k], starts, dt, scheme)
+        else:
+            flows[n] = _flow(system, group, coupled, state, pulls, starts, time, dt, scheme)
+
+    # After a step that was followed the rods are given the mean sample.
+    if flows:
+        moved: list[Any] = [None] * topology.n_masses
+        for n, one in flows.items():
+            for mass, shifts in one.coupling.shifts.items():
+                moved[mass] = shifts @ one.shift
+        passed = [
+            one
+            if all(moved[end] is None for end in ends if end != GROUND)
+            else rod_moved(law, one, elongation(ends, [0.0 if d is None else d for d in moved]))
+            for law, one, ends in zip(system.rods, passed, topology.rods, strict=True)
+        ]
+        forces = tuple(force for force, _, _ in passed)
+        loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
+    now = [link.closing for link in state.links]
+    contacts: list[ContactState | None] = [None] * len(now)
+    for n, one in flows.items():
+        group = groups[n][0]
+        mean = [_pull(topology.links[k], loads, inverse, shaking) for k in group.links]
+        more = jnp.stack(mean) - one.before.pull
+        closing, contact, motion = settle(
+            one.coupling, one.before, one.plain, one.passed, one.used, more
         )
-        if bound:
-            motion = _from_rest(motion, starts, scheme)
-        closing = link.closing + dt * motion.velocity + motion.jump
-        links.append(LinkState(closing, motion.velocity, motion.phase, pull))
-        seen.append(LinkInstant(link.closing, motion.velocity_now, motion))
+        for j, k in enumerate(group.links):
+            now[k], contacts[k], motions[k], pulls[k] = (
+                closing[j],
+                *(jax.tree.map(lambda y, j=j: y[j], part) for part in (contact, motion)),
+                mean[j],
+            )
 
     # Kick and drift of the free masses, and their velocities at t_m: the mean of those half a step
-    # before and after, corrected for the kink that friction makes.
-    free_x, free_v, now_v = list(state.x), list(state.v), list(state.v)
+    # before and after, corrected for the kinks that links make.
+    free_x, free_v, now_x, now_v = (list(y) for y in (state.x, state.v, state.x, state.v))
+    of_root = {group.root: one for one in groups if (group := one[0]).root != GROUND}
     for mass, (x_m, v_m) in enumerate(zip(state.x, state.v, strict=True)):
         if x_m is None or v_m is None:
             continue
-        load = loads[mass]
-        for ends, one in zip(topology.links, seen, strict=True):
-            load = load - one.motion.mean_force if ends[0] == mass else load
+        load, links = loads[mass], of_root[mass][0].links if mass in of_root else ()
+        for k in links:
+            if mass in (ends := topology.links[k]):
+                pulling = motions[k].mean_force
+                load = load - pulling if ends[0] == mass else load + pulling
         v = v_m + dt * (load * inverse[mass] - shaking)
-        drifted, mean = x_m + dt * v, (v_m + v) / 2
-        for ends, one, link in zip(topology.links, seen, state.links, strict=True):
-            if ends[0] == mass:  # an event's effect is shared in inverse proportion to mass
-                whole = _inverse_mass(ends, inverse)
-                kink = one.velocity - (link.velocity + one.motion.velocity) / 2
-                drifted = drifted + one.motion.jump * inverse[mass] / whole
-                mean = mean + kink * inverse[mass] / whole
-        free_x[mass], free_v[mass], now_v[mass] = drifted, v, mean
+        drifted, mean_v = x_m + dt * v, (v_m + v) / 2
+        if links:  # an event's effect is shared so that the centre of mass of the group stays
+            jumps = [motions[k].jump for k in links]
+            kinks = [
+                motions[k].velocity_now - (state.links[k].velocity + motions[k].velocity) / 2
+                for k in links
+            ]
+            drifted = drifted + _shared(of_root[mass], topology, inverse, mass, jumps)
+            mean_v = mean_v + _shared(of_root[mass], topology, inverse, mass, kinks)
+            if of_root[mass][1] is not None:
+                late = [now[k] - state.links[k].closing for k in links]
+                now_x[mass] = x_m + _shared(of_root[mass], topology, inverse, mass, late)
+        free_x[mass], free_v[mass], now_v[mass] = drifted, v, mean_v
 
     after = State(
         x=tuple(free_x),
         v=tuple(free_v),
         excess=tuple(excess for _, excess, _ in passed),
-        links=tuple(links),
+        links=tuple(
+            LinkState(
+                link.closing + dt * motions[k].velocity + motions[k].jump,
+                motions[k].velocity,
+                motions[k].phase,
+                pulls[k],
+                contacts[k],
+            )
+            for k, link in enumerate(state.links)
+        ),
     )
-    now = Instant(
+    instant = Instant(
         time=time,
         ground_acceleration=acceleration,
-        x=state.x,
+        x=tuple(now_x),
         v=tuple(now_v),
         forces=forces,
-        links=tuple(seen),
+        links=tuple(
+            LinkInstant(now[k], motions[k].velocity_now, motions[k]) for k in range(len(now))
+        ),
     )
-    return after, [c for _, _, c in passed], now
+    return after, [c for _, _, c in passed], instant
+
+
+class _Flow(NamedTuple):
+    """A group after its local flow, before the rods have been given the mean sample."""
+
+    coupling: Coupling
+    before: GroupStep
+    plain: LinkMotion  # if it was not followed
+    passed: Passed
+    used: jax.Array
+    shift: jax.Array  # of the closings, to their mean sample
+
+
+def _flow(
+    system: Elements,
+    group: LinkGroup,
+    coupled: Coupling,
+    state: State,
+    pulls: list[jax.Array],
+    starts: jax.Array,
+    time: jax.Array,
+    dt: float,
+    scheme: Scheme,
+) -> _Flow:
+    links = [state.links[k] for k in group.links]
+    pull = jnp.stack([pulls[k] for k in group.links])
+    last = jnp.stack([link.pull for link in links])
+    bound = group.root == GROUND
+    before = GroupStep(
+        closing=jnp.stack([link.closing for link in links]),
+        velocity=jnp.stack([link.velocity for link in links]),
+        state=jax.tree.map(lambda *y: jnp.stack(y), *(link.contact for link in links)),
+        pull=pull,
+        rise=pull - (jnp.where(starts, pull, last) if bound else last),
+        time=time,
+        starts=starts,
+        dt=dt,
+    )
+    if len(links) == 1:
+        (k,) = group.links
+        plain = _slide(system, k, links[0], pulls[k], starts, dt, scheme)
+        plain = jax.tree.map(lambda y: y[None], plain)
+    else:
+        plain = plain_motion(coupled, before)
+        plain = _from_rest(plain, starts, scheme) if bound else plain
+    passed, used = follow(coupled, before)
+    shift = jnp.where(used, mean_sample(passed, before) - before.closing, 0.0)
+    return _Flow(coupled, before, plain, passed, used, shift)
+
+
+def _slide(
+    system: Elements,
+    k: int,
+    link: LinkState,
+    pull: jax.Array,
+    starts: jax.Array,
+    dt: float,
+    scheme: Scheme,
+) -> LinkMotion:
+    """Motion of a link that shares no mass, without contact."""
+    ends, inverse = system.topology.links[k], system.inverse_masses
+    bound = GROUND in ends
+    rise = pull - (jnp.where(starts, pull, link.pull) if bound else link.pull)
+    whole, friction = _inverse_mass(ends, inverse), system.frictions[k]
+    motion = scheme.friction.slide(
+        LinkStep(link.velocity, link.phase, pull, rise, whole, friction, dt)
+    )
+    return _from_rest(motion, starts, scheme) if bound else motion
+
+
+def _shared(
+    group: tuple[LinkGroup, Coupling | None],
+    topology: Topology,
+    inverse: Sequence[jax.Array],
+    mass: int,
+    changes: Sequence[jax.Array],
+) -> jax.Array:
+    """By how much a mass shifts as closings change about a fixed centre of mass."""
+    if group[1] is not None:
+        return group[1].shifts[mass] @ jnp.stack(changes)
+    (k,), (change,) = group[0].links, changes
+    return change * inverse[mass] / _inverse_mass(topology.links[k], inverse)
 
 
 def _pull(
