@@ -281,7 +281,7 @@ def converted(tree: Any, convert: Callable[[Quantity, Any], Any]) -> Any:
         known, value = field.metadata.get(_KNOWN), getattr(tree, field.name)
         if isinstance(known, Quantity) and value is not None:
             changes[field.name] = convert(known, value)
-        elif field.metadata.get(_ROLE) == "part":
+        elif field.metadata.get(_ROLE) == "part" and value is not None:
             changes[field.name] = converted(value, convert)
     return dataclasses.replace(tree, **changes)
 

@@ -265,7 +265,8 @@ def _link_group(topology: Topology, links: tuple[int, ...]) -> LinkGroup:
     ends = {k: topology.links[k] for k in links}
     everyone = {end for pair in ends.values() for end in pair}
     root = GROUND if GROUND in everyone else ends[links[0]][0]
-    reached, hanging = {root}, []
+    reached = {root}
+    hanging: list[tuple[int, int, int]] = []
     while len(hanging) < len(links):
         for k, (i, j) in ends.items():
             if (i in reached) != (j in reached):

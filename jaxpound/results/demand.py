@@ -102,6 +102,69 @@ class LinkDemand:
         default=None,
     )
     """−T log of the mean of e^(−ξ/T) over the run, for the temperature T given to ``demand``."""
+    peak_contact: Any = quantity(
+        "force",
+        "peak contact force",
+        "peak_contact",
+        "peak contact force $p$",
+        rank=11,
+        limited=True,
+        default=None,
+    )
+    """Largest contact force p; of ``Newton``'s law, whose impacts have impulses but no force, the
+    largest with which blocks are pressed together at rest. None, as all below, without contact."""
+    peak_impulse: Any = quantity(
+        "impulse",
+        "impulse of the strongest impact",
+        "peak_impulse",
+        "peak impulse",
+        rank=12,
+        limited=True,
+        default=None,
+    )
+    """Impulse ∫ p dt of the strongest impact."""
+    peak_penetration: Any = quantity(
+        "length",
+        "peak penetration",
+        "peak_penetration",
+        r"peak penetration $\delta$",
+        rank=13,
+        limited=True,
+        default=None,
+    )
+    """Largest penetration −ξ, 0 where the gap never closes."""
+    n_impacts: Any = quantity(
+        None, "number of impacts", "n_impacts", "number of impacts", rank=14, default=None
+    )
+    """Touches after the link was apart, faster than 1e-4 of the fastest before."""
+    first_impact_time: Any = quantity(
+        "time",
+        "time of the first impact",
+        "first_impact_time",
+        "time of first impact $t$",
+        rank=15,
+        default=None,
+    )
+    """When the first impact begins; infinite if there is none."""
+    contact_work: Any = quantity(
+        "energy",
+        "energy lost by contact",
+        "contact_work",
+        "energy lost by contact",
+        rank=16,
+        limited=True,
+        default=None,
+    )
+    """Energy lost by contact, the work of p less what its spring has stored."""
+    soft_peak_contact: Any = quantity(
+        "force",
+        "soft maximum of the impacts' peak forces",
+        "soft_peak_contact",
+        "soft peak contact force",
+        rank=17,
+        default=None,
+    )
+    """(Σ P⁸)^(1/8) of all impacts' peak forces P: smooth also where two are equally strong."""
 
 
 @pytree_dataclass

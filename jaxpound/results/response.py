@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import operator
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -20,6 +21,7 @@ from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import ByElement, are_known, chosen, run_numbers
+from jaxpound.results.impacts import Impact, ImpactSeries
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +36,8 @@ class Phase(NamedTuple):
     """When it begins."""
     end: float
     """When it ends."""
+    contact: bool = False
+    """Whether the neighbours are in contact, by a law with a force."""
 
 
 class Energy(NamedTuple):
@@ -41,8 +45,10 @@ class Energy(NamedTuple):
 
     The terms are cumulative trapezoidal integrals of the powers at the grid's instants (for the
     input, of the momentum over the ground velocity u'), not the scheme's telescoping sums, so that
-    ``residual`` = rods + friction + kinetic − input is not zero by construction: it measures how
-    well motion, forces and quadrature agree (not the rods' law). Shape (n_steps+1,) each; unit
+    ``residual`` is not zero by construction: it measures how well motion, forces and quadrature
+    agree (not the rods' law). Of links with a law of contact the terms are those of the motion
+    within the steps; in a step with contact, where velocities may jump, work into the rods is
+    integrated over their elongation. Shape (n_steps+1,) each; unit
     (m1 g)(g/ω1²), or J in SI.
     """
 
@@ -55,7 +61,11 @@ class Energy(NamedTuple):
     friction: Any
     """Work into the links' dampers, Σ ∫ q w dt with the slip velocities w."""
     residual: Any
-    """rods + friction + kinetic − input."""
+    """rods + friction + kinetic + stored and lost in contact − input."""
+    contact_stored: Any = 0.0
+    """Energy stored in contact, Σ ∫ p_s w dt with the part p_s of a law's force at speed 0."""
+    contact_lost: Any = 0.0
+    """Energy lost by contact, Σ ∫ (p − p_s) w dt, and by impacts."""
 
 
 @pytree_dataclass
@@ -96,6 +106,18 @@ class LinkResponse:
     """Where ``phase`` differs from the entry before: the instant of the change."""
     ends: Ends = static()
     """Masses i and j, or ``GROUND``."""
+    contact: Any = quantity("force", column="contact", default=None)
+    """Contact force p at the instants. None, as all below, for a link without a law of contact."""
+    touching: Any = quantity(None, column="touching", default=None)
+    """1 where the neighbours are in contact at any time within half a step of the instant."""
+    contact_stored: Any = quantity("energy", column="contact_stored", default=None)
+    """Energy stored in contact."""
+    contact_lost: Any = quantity("energy", column="contact_lost", default=None)
+    """Energy lost by contact until then."""
+    friction_work: Any = quantity("energy", column="friction_work", default=None)
+    """Energy taken by the damper until then."""
+    impacts: ImpactSeries | None = part(default=None)
+    """The impacts one by one."""
 
     def phases(self, time: Any) -> list[Phase]:
         """Intervals of stick and slip in order, of a single valid run with these instants."""
@@ -105,10 +127,24 @@ class LinkResponse:
         kinds = {0: "stick", 1: "slip right", -1: "slip left"}
         bounds = [float(time[0]), *instants.tolist(), float(time[-1])]
         directions = [int(phase[0]), *phase[changes].tolist()]
-        return [
+        phases = [
             Phase(kinds[direction], start, end)
             for direction, start, end in zip(directions, bounds[:-1], bounds[1:], strict=True)
         ]
+        touches = [] if self.impacts is None else self.impacts.entries(0)
+        for touch in touches:
+            until = float(time[-1]) if np.isnan(touch.end) else touch.end
+            phases = [part for phase in phases for part in _split(phase, touch.time, until)]
+        return phases
+
+
+def _split(phase: Phase, touch: float, end: float) -> list[Phase]:
+    """A phase cut where contact begins and ends."""
+    cuts = [phase.start, *(t for t in (touch, end) if phase.start < t < phase.end), phase.end]
+    return [
+        Phase(phase.kind, a, b, phase.contact or touch <= (a + b) / 2 < end)
+        for a, b in itertools.pairwise(cuts)
+    ]
 
 
 @pytree_dataclass
@@ -174,7 +210,11 @@ class Response(ByElement, Columnar, Shown):
     def absolute_accelerations(self) -> tuple[Any, ...]:
         """Absolute acceleration x'' + u'' of each mass, in g (m/s² in SI): force over mass."""
         ends = [*(rod.ends for rod in self.rods), *(link.ends for link in self.links)]
-        forces = [*(rod.force for rod in self.rods), *(link.friction for link in self.links)]
+        between = [
+            link.friction if link.contact is None else link.friction + link.contact
+            for link in self.links
+        ]
+        forces = [*(rod.force for rod in self.rods), *between]
         return tuple(
             load_on(ends, i, forces) / jnp.asarray(mass.mass)[..., None]
             for i, mass in enumerate(self.masses)
@@ -187,13 +227,51 @@ class Response(ByElement, Columnar, Shown):
         v = [one.v for one in self.masses]
         momentum = _total(m * one.v for m, one in zip(masses, self.masses, strict=True))
         kinetic = _total(m * one.v**2 for m, one in zip(masses, self.masses, strict=True)) / 2
+        x = [one.x for one in self.masses]
         rods = self._integral(_total(rod.force * elongation(rod.ends, v) for rod in self.rods))
-        powers = [link.friction * link.slip_velocity for link in self.links]
-        friction = self._integral(_total(powers)) if powers else 0 * rods
+        touching = [link.touching for link in self.links if link.touching is not None]
+        if touching:
+            powers = self._steps(_total(r.force * elongation(r.ends, v) for r in self.rods))
+            works = _total(
+                (r.force[..., 1:] + r.force[..., :-1]) / 2 * jnp.diff(elongation(r.ends, x))
+                for r in self.rods
+            )
+            met = _total(touching) > 0
+            rods = _summed(jnp.where(met[..., 1:] | met[..., :-1], works, powers))
+        friction = 0 * rods
+        for link in self.links:
+            work = link.friction_work
+            if work is None:
+                work = self._integral(link.friction * link.slip_velocity)
+            friction = friction + work
+        stored = sum((n.contact_stored for n in self.links if n.contact is not None), 0 * rods)
+        lost = sum((n.contact_lost for n in self.links if n.contact is not None), 0 * rods)
         # Integrated over u', which includes what u'' does between the instants.
         between = (momentum[..., 1:] + momentum[..., :-1]) / 2
         supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * between)
-        return Energy(supplied, kinetic, rods, friction, rods + friction + kinetic - supplied)
+        residual = rods + friction + kinetic + stored + lost - supplied
+        return Energy(supplied, kinetic, rods, friction, residual, stored, lost)
+
+    def impacts(self, link: int | None = None) -> list[Impact]:
+        """Impacts of one link or, in order of time, of all; empty without a law of contact.
+
+        A response keeps the first 256 of each link, of those that end within the same step the
+        first 4; ``n_impacts`` of its ``demand`` counts all.
+
+        Raises
+        ------
+        ValueError
+            As ``phases``.
+        """
+        self._require_links("impacts", range(len(self.links)) if link is None else [link])
+        numbers = range(len(self.links)) if link is None else [link]
+        found = [
+            impact
+            for k in numbers
+            if (series := self.links[k].impacts) is not None
+            for impact in series.entries(k)
+        ]
+        return sorted(found, key=lambda impact: impact.time)
 
     def phases(self, link: int = 0) -> list[Phase]:
         """Intervals of stick and slip of a link in order, with ends resolved within the steps.
@@ -204,20 +282,29 @@ class Response(ByElement, Columnar, Shown):
             For a batch (take one response of it first), for an invalid run, and for a link that
             does not exist.
         """
-        require_single("phases", self)
-        if link not in range(len(self.links)):
-            rule = f"the number of one of the {len(self.links)} links, from 0"
-            raise ValueError(f"phases: link = {link!r} must be {rule}")
-        if not np.isfinite(self.links[link].phase).all():
-            raise ValueError("phases: the run is invalid (its results are NaN)")
+        self._require_links("phases", [link])
         return self.links[link].phases(self.time)
+
+    def _require_links(self, name: str, links: Iterable[int]) -> None:
+        """A ``ValueError`` for a batch, a link that does not exist, and an invalid run."""
+        require_single(name, self)
+        for link in links:
+            if link not in range(len(self.links)):
+                rule = f"the number of one of the {len(self.links)} links, from 0"
+                raise ValueError(f"{name}: link = {link!r} must be {rule}")
+            if not np.isfinite(self.links[link].phase).all():
+                raise ValueError(f"{name}: the run is invalid (its results are NaN)")
 
     def __getitem__(self, index: Any) -> Response:
         """Runs of a batch by number, slice or mask, as in an array: ``batch[3]`` is one run."""
         return chosen(self, index, self.batch)
 
     def _integral(self, power: Any) -> Float[Array, "... time"]:
-        return _summed(jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2)
+        return _summed(self._steps(power))
+
+    def _steps(self, power: Any) -> Any:
+        """Trapezoidal integrals over the steps between the instants."""
+        return jnp.diff(self.time, axis=-1) * (power[..., 1:] + power[..., :-1]) / 2
 
     def plot(self) -> Figure:
         """Ground motion, displacements, friction force and gap over time (``plots.overview``).
@@ -244,8 +331,10 @@ class Response(ByElement, Columnar, Shown):
         for field, kind in (("x", "length"), ("v", "velocity")):
             found |= {name: (kind, y) for name, y in self.flat(field).items()}
         found |= own
-        for field, kind in (("force", "force"), ("friction", "force"), ("gap", "length")):
-            found |= {name: (kind, y) for name, y in self.flat(field).items()}
+        of_links = (("friction", "force"), ("contact", "force"), ("gap", "length"))
+        for field, kind in (("force", "force"), *of_links):
+            series = self.flat(field).items()
+            found |= {name: (kind, y) for name, y in series if y is not None}
         found["ground_velocity"] = ("velocity", self.ground_velocity)
         for name, phase in self.flat("phase").items():  # no −0 in a file
             found[name.replace("phase", "slip_direction")] = (None, phase + 0.0)

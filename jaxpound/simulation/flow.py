@@ -5,16 +5,15 @@ Within a step the links see only the pull A(t) of the rods and the ground, linea
     s'' = A(t) − G (q + p),    q ∈ μ Sgn(s'),    p = p(s − ξ0, s'),    G = B_lᵀ M⁻¹ B_l,
 
 with closings s, friction q and contact forces p. This small problem is solved as it stands,
-whatever happens in it: slip ends, stick breaks, a gap closes, a contact lets go. Between events the
-motion is smooth and is followed by an embedded Runge–Kutta method of order 8, which is exact where no
-contact acts; the stiffness of a contact sets its steps, never the
-step of the run. Events are located by interpolation, then moved to by one Newton step whose slope
-is held fixed, so that derivatives contain how the event's instant moves.
+whatever happens in it: slip ends, stick breaks, a gap closes, a contact lets go. Between events
+the motion is smooth and is followed by an embedded Runge–Kutta method of order 8, which is exact
+where no contact acts; the stiffness of a contact sets its substeps, never the step of the run.
+Events are located by interpolation, then moved to by a Newton step whose slope is held fixed, so
+that derivatives contain how the event's instant moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -281,7 +280,6 @@ class _Problem:
 
     def start(self, modes: Modes) -> _State:
         given, n = self.given, self.n
-        zero = jnp.zeros((), self.dtype) * given.closing[0]
         zeros = jnp.zeros_like(given.closing)
         each = Impacts(*[jnp.zeros((SLOTS, n), self.dtype)] * 6)
         begin = modes.start
@@ -339,7 +337,7 @@ class _Problem:
         x = self._noted(x, sub)
         stop = jnp.where(x.half < 2, self.h / 2, self.h)
         events = self._events(x, sub, stop)
-        found, index = events.soonest, events.index
+        found, index = events.soonest, events.which
         wrong = sub.error > 1
         at_once = found <= _AT_ONCE * self.h
         value = lax.stop_gradient(
@@ -557,7 +555,7 @@ class _Problem:
                 jnp.where(sub.growth_end < sub.growth, top, 0.0),
             ]
         )
-        return jnp.append(steps, events.stop - place.t)[events.index] + events.beyond
+        return jnp.append(steps, events.stop - place.t)[events.which] + events.beyond
 
     def _happened(self, x: _State, now: _Forces, index: jax.Array, at_once: jax.Array) -> _State:
         """The state after an event, with the forces just before it; index −1 is none."""
@@ -723,7 +721,7 @@ class _Substep(NamedTuple):
 
 class _Events(NamedTuple):
     soonest: jax.Array  # from the start of the substep, inf if none
-    index: jax.Array
+    which: jax.Array  # its index
     beyond: jax.Array  # from the end of the substep, for events without a Newton step
     stop: jax.Array  # the next instant at which the flow stops in any case
 

@@ -28,10 +28,14 @@ from jaxpound.ground.motion import (
     velocity_and_bulge,
 )
 from jaxpound.ground.plausibility import excessive, far_apart, tell
-from jaxpound.model.system import GROUND, Structures, System
+from jaxpound.model.contact import Newton
+from jaxpound.model.system import GROUND, Link, Structures, System
 from jaxpound.results.demand import Demand
+from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.batches import spread
+from jaxpound.simulation.contact import ContactState
+from jaxpound.simulation.flow import CLIPPED, PRESSED, Impacts
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, courant, require_stable, system_of
 from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
@@ -234,28 +238,47 @@ def _look(
     tell(owner, findings, strict)
 
 
+_TIMES = ("touch_time", "end_time")
+
+
 class _Kept(NamedTuple):
     """Series that the scan stores; all others are computed from these afterwards."""
 
     x: tuple[Any, ...]
     v: tuple[Any, ...]
     forces: tuple[Any, ...]
-    links: tuple[tuple[Any, ...], ...]  # closing, velocity, friction, phase, change_time
+    links: tuple[dict[str, Any], ...]
+    """Closing, and the entries of a ``LinkResponse``."""
+    impacts: tuple[Impacts | None, ...]
+    """That ended in each step, for each link that may touch."""
 
     @staticmethod
-    def of(now: Instant) -> _Kept:
+    def of(now: Instant, tally: Tally) -> _Kept:
         """The entries of an instant."""
-        links = tuple(
-            (
-                link.closing,
-                link.velocity,
-                link.motion.force,
-                link.motion.phase,
-                now.time + link.motion.change_time,
-            )
-            for link in now.links
-        )
-        return _Kept(now.x, now.v, now.forces, links)
+        links, impacts = [], []
+        for link, tallied in zip(now.links, tally.links, strict=True):
+            motion, seen = link.motion, link.motion.contact
+            entries = {
+                "closing": link.closing,
+                "slip_velocity": link.velocity,
+                "friction": motion.force,
+                "phase": motion.phase,
+                "change_time": now.time + motion.change_time,
+            }
+            impact = None
+            if (contact := tallied.contact) is not None:
+                entries |= {
+                    "contact": seen.force,
+                    "touching": seen.touched,
+                    "contact_stored": contact.stored_now,
+                    "contact_lost": contact.lost_now,
+                    "slid": contact.slid,
+                }
+                later = {name: now.time + getattr(seen.impacts, name) for name in _TIMES}
+                impact = jax.tree.map(tuple, seen.impacts._replace(**later))
+            links.append(entries)
+            impacts.append(impact)
+        return _Kept(now.x, now.v, now.forces, tuple(links), tuple(impacts))
 
 
 def _run(
@@ -265,8 +288,11 @@ def _run(
     scheme: Scheme,
     temperature: ArrayLike | None,
     keep: bool,
-) -> tuple[System, Demand, _Kept | None]:
-    """The system in the run's dtype, the scalars, and the series if they are to be kept."""
+) -> tuple[System, Demand, _Kept | None, tuple[ContactState | None, ...]]:
+    """The system in the run's dtype, the scalars, the series if they are to be kept, and contact.
+
+    That is, of each link, the state in which the run ends.
+    """
     dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
     structures, ground, temperature = jax.tree.map(
         lambda x: jnp.asarray(x, dtype), (structures, ground, temperature)
@@ -299,11 +325,11 @@ def _run(
             constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts
         )
         tally = tally.observe(now, constants, dt, m == n, temperature)
-        return (state, tally), c, _Kept.of(now) if keep else None
+        return (state, tally), c, _Kept.of(now, tally) if keep else None
 
     (state, tally), kept = scan_with_history(
         advance,
-        (at_rest(system, zero), Tally.start(topology, zero, temperature is not None)),
+        (at_rest(system, zero), Tally.start(system, zero, temperature is not None)),
         n,
         [rod.material.order for rod in system.rods],
         scheme.history,
@@ -311,13 +337,14 @@ def _run(
         segmented=keep,
         checkpoint=scheme.checkpoint,
     )
-    scalars = tally.demand(system, scheme.friction.set_valued, temperature)
+    scalars = tally.demand(system, scheme.friction.set_valued, temperature, state)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]
     ends = jnp.stack(of_all_masses(topology, state.x, closings))
     poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(dtype)
-    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept)))
+    under_way = tuple(link.contact for link in state.links)
+    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, under_way)))
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
@@ -333,7 +360,7 @@ def _demand(
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
 def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme) -> Response:
-    system, scalars, kept = _run(structures, ground, grid, scheme, None, keep=True)
+    system, scalars, kept, ends = _run(structures, ground, grid, scheme, None, keep=True)
     assert kept is not None
     topology, rest = system.topology, 0 * kept.forces[0]
     # Series that follow from others are not stored by the scan; those of an invalid run are NaN.
@@ -347,9 +374,9 @@ def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Sc
     v = of_all_masses(
         topology,
         [None if v is None else v + bulge for v in kept.v],
-        [velocity for _, velocity, *_ in kept.links],
+        [link["slip_velocity"] for link in kept.links],
     )
-    x = of_all_masses(topology, kept.x, [closing for closing, *_ in kept.links])
+    x = of_all_masses(topology, kept.x, [link["closing"] for link in kept.links])
     return Response(
         time=time + rest,
         ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
@@ -363,20 +390,56 @@ def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Sc
             for force, ends in zip(kept.forces, topology.rods, strict=True)
         ),
         links=tuple(
-            LinkResponse(
-                gap=link.gap - closing,
-                friction=friction,
-                slip_velocity=velocity,
-                phase=phase,
-                change_time=change_time,
-                ends=link.ends,
-            )
-            for link, (closing, velocity, friction, phase, change_time) in zip(
-                system.links, kept.links, strict=True
-            )
+            _link_response(link, kept.links[k], kept.impacts[k], ends[k], time[-1] + rest[0])
+            for k, link in enumerate(system.links)
         ),
         demand=scalars,
         method=f"{scheme.friction}, order {scheme.order}, {scheme.history}",
+    )
+
+
+def _link_response(
+    link: Link,
+    series: dict[str, Any],
+    ended: Impacts | None,
+    under_way: ContactState | None,
+    last: jax.Array,
+) -> LinkResponse:
+    """The series of a link, from the impacts that ended in each step and the last instant."""
+    own = dict(series)
+    gap = link.gap - own.pop("closing")
+    if ended is None or under_way is None:
+        return LinkResponse(gap=gap, **own, ends=link.ends)
+    passed = Impacts(*[jnp.stack(slots, -1).ravel() for slots in ended])
+    acts = (under_way.mode == PRESSED) | (under_way.mode == CLIPPED)
+    never = jnp.nan * last
+    unfinished = Impacts(
+        touch_time=under_way.touch_time,
+        approach_velocity=jnp.where(acts & (under_way.counts > 0), under_way.touch_speed, 0.0),
+        end_time=never,
+        rebound_velocity=never,
+        impulse=under_way.impulse,
+        peak_force=under_way.peak_force,
+    )
+    every = jax.tree.map(lambda x, y: jnp.append(x, y), passed, unfinished)
+    if isinstance(link.contact, Newton):
+        every = every._replace(peak_force=jnp.full_like(every.peak_force, jnp.inf))
+    there = (every.approach_velocity > 0) & (every.touch_time <= last)
+    (which,) = jnp.nonzero(there, size=min(MOST, there.size), fill_value=there.size)
+    kept = jax.tree.map(lambda x: jnp.append(x, jnp.nan)[which], every)
+    return LinkResponse(
+        gap=gap,
+        friction_work=link.friction * own.pop("slid"),
+        impacts=ImpactSeries(
+            time=kept.touch_time,
+            end=kept.end_time,
+            approach_velocity=kept.approach_velocity,
+            rebound_velocity=kept.rebound_velocity,
+            impulse=kept.impulse,
+            peak_force=kept.peak_force,
+        ),
+        **own,
+        ends=link.ends,
     )
 
 
@@ -385,16 +448,22 @@ def _finished(result: Any) -> Any:
     scalars = result.demand if isinstance(result, Response) else result
     if is_traced(scalars) or all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         return result
-    # An infinite gap stays infinite.
-    gaps = [gap for link in scalars.links for gap in (link.min_gap, link.soft_min_gap)]
+    # An infinite gap stays infinite, and so does the time of an impact that never comes.
+    gaps = [
+        x
+        for link in scalars.links
+        for x in (link.min_gap, link.soft_min_gap, link.first_impact_time)
+    ]
     closed = tuple(
-        dataclasses.replace(link, min_gap=0.0, soft_min_gap=0.0) for link in scalars.links
+        dataclasses.replace(link, min_gap=0.0, soft_min_gap=0.0, first_impact_time=0.0)
+        for link in scalars.links
     )
     others = jax.tree.leaves(dataclasses.replace(scalars, links=closed))
     above = [gap > -np.inf for gap in gaps if gap is not None]
     if not all(np.all(x) for x in [*above, *map(np.isfinite, others)]):
         raise FloatingPointError(
-            "the run ended in non-finite numbers: the ground motion returns some or overflows, "
-            "or the temperature is too small"
+            "the run ended in non-finite numbers: the ground motion returns some or overflows, the "
+            "temperature is too small, or the contact of a link has more events within a step than "
+            "can be followed (take a smaller dt)"
         )
     return result

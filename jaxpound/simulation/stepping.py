@@ -12,6 +12,7 @@ ground hangs on the ground.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -172,77 +173,42 @@ def step(
     loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
 
     # Links over the step from t_m − h/2 to t_m + h/2.
-    groups = list(zip(link_groups(topology), system.couplings, strict=True))
     pulls = [_pull(ends, loads, inverse, shaking) for ends in topology.links]
     motions: dict[int, LinkMotion] = {}
-    flows: dict[int, _Flow] = {}
-    for n, (group, coupled) in enumerate(groups):
+    flows: list[_Flow] = []
+    for group, coupled in zip(link_groups(topology), system.couplings, strict=True):
         if coupled is None:
             (k,) = group.links
             motions[k] = _slide(system, k, state.links[k], pulls[k], starts, dt, scheme)
         else:
-            flows[n] = _flow(system, group, coupled, state, pulls, starts, time, dt, scheme)
+            flows.append(_flow(system, group, coupled, state, pulls, starts, time, dt, scheme))
 
     # After a step that was followed the rods are given the mean sample.
-    if flows:
-        moved: list[Any] = [None] * topology.n_masses
-        for n, one in flows.items():
-            for mass, shifts in one.coupling.shifts.items():
-                moved[mass] = shifts @ one.shift
-        passed = [
-            one
-            if all(moved[end] is None for end in ends if end != GROUND)
-            else rod_moved(law, one, elongation(ends, [0.0 if d is None else d for d in moved]))
-            for law, one, ends in zip(system.rods, passed, topology.rods, strict=True)
-        ]
-        forces = tuple(force for force, _, _ in passed)
-        loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
     now = [link.closing for link in state.links]
     contacts: list[ContactState | None] = [None] * len(now)
-    for n, one in flows.items():
-        group = groups[n][0]
-        mean = [_pull(topology.links[k], loads, inverse, shaking) for k in group.links]
-        more = jnp.stack(mean) - one.before.pull
+    if flows:
+        passed = _given_mean_samples(system, passed, flows)
+        forces = tuple(force for force, _, _ in passed)
+        loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
+        pulls = [_pull(ends, loads, inverse, shaking) for ends in topology.links]
+    for one in flows:
+        more = jnp.stack([pulls[k] for k in one.group.links]) - one.before.pull
         closing, contact, motion = settle(
             one.coupling, one.before, one.plain, one.passed, one.used, more
         )
-        for j, k in enumerate(group.links):
-            now[k], contacts[k], motions[k], pulls[k] = (
-                closing[j],
-                *(jax.tree.map(lambda y, j=j: y[j], part) for part in (contact, motion)),
-                mean[j],
-            )
+        for j, k in enumerate(one.group.links):
+            now[k] = closing[j]
+            contacts[k], motions[k] = jax.tree.map(lambda y, j=j: y[j], (contact, motion))
 
-    # Kick and drift of the free masses, and their velocities at t_m: the mean of those half a step
-    # before and after, corrected for the kinks that links make.
-    free_x, free_v, now_x, now_v = (list(y) for y in (state.x, state.v, state.x, state.v))
-    of_root = {group.root: one for one in groups if (group := one[0]).root != GROUND}
-    for mass, (x_m, v_m) in enumerate(zip(state.x, state.v, strict=True)):
-        if x_m is None or v_m is None:
-            continue
-        load, links = loads[mass], of_root[mass][0].links if mass in of_root else ()
-        for k in links:
-            if mass in (ends := topology.links[k]):
-                pulling = motions[k].mean_force
-                load = load - pulling if ends[0] == mass else load + pulling
-        v = v_m + dt * (load * inverse[mass] - shaking)
-        drifted, mean_v = x_m + dt * v, (v_m + v) / 2
-        if links:  # an event's effect is shared so that the centre of mass of the group stays
-            jumps = [motions[k].jump for k in links]
-            kinks = [
-                motions[k].velocity_now - (state.links[k].velocity + motions[k].velocity) / 2
-                for k in links
-            ]
-            drifted = drifted + _shared(of_root[mass], topology, inverse, mass, jumps)
-            mean_v = mean_v + _shared(of_root[mass], topology, inverse, mass, kinks)
-            if of_root[mass][1] is not None:
-                late = [now[k] - state.links[k].closing for k in links]
-                now_x[mass] = x_m + _shared(of_root[mass], topology, inverse, mass, late)
-        free_x[mass], free_v[mass], now_v[mass] = drifted, v, mean_v
-
+    free = [
+        None
+        if state.x[mass] is None
+        else _kick_and_drift(system, state, mass, loads[mass], shaking, motions, now, dt)
+        for mass in range(topology.n_masses)
+    ]
     after = State(
-        x=tuple(free_x),
-        v=tuple(free_v),
+        x=tuple(None if one is None else one.x for one in free),
+        v=tuple(None if one is None else one.v for one in free),
         excess=tuple(excess for _, excess, _ in passed),
         links=tuple(
             LinkState(
@@ -258,8 +224,8 @@ def step(
     instant = Instant(
         time=time,
         ground_acceleration=acceleration,
-        x=tuple(now_x),
-        v=tuple(now_v),
+        x=tuple(None if one is None else one.x_now for one in free),
+        v=tuple(None if one is None else one.v_now for one in free),
         forces=forces,
         links=tuple(
             LinkInstant(now[k], motions[k].velocity_now, motions[k]) for k in range(len(now))
@@ -268,15 +234,77 @@ def step(
     return after, [c for _, _, c in passed], instant
 
 
+class _Free(NamedTuple):
+    """A free mass after the step, and at t_m."""
+
+    x: jax.Array
+    v: jax.Array
+    x_now: jax.Array
+    v_now: jax.Array
+
+
+def _kick_and_drift(
+    system: Elements,
+    state: State,
+    mass: int,
+    load: jax.Array,
+    shaking: jax.Array,
+    motions: dict[int, LinkMotion],
+    closings: list[jax.Array],
+    dt: float,
+) -> _Free:
+    """Kick and drift of a free mass under the load of its rods; ``closings`` are those at t_m.
+
+    Its velocity at t_m is the mean of those half a step before and after, corrected for the kinks
+    that links make. An event's effect is shared so that the group's centre of mass stays.
+    """
+    topology, x, v_before = system.topology, state.x[mass], state.v[mass]
+    assert x is not None
+    assert v_before is not None
+    hung = [n for n, group in enumerate(link_groups(topology)) if group.root == mass]
+    links = link_groups(topology)[hung[0]].links if hung else ()
+    for k in links:
+        if mass in (ends := topology.links[k]):
+            force = motions[k].mean_force
+            load = load - force if ends[0] == mass else load + force
+    v = v_before + dt * (load * system.inverse_masses[mass] - shaking)
+    free = _Free(x + dt * v, v, x, (v_before + v) / 2)
+    if not links:
+        return free
+    share = partial(_shared, system, hung[0], mass)
+    kinks = [
+        motions[k].velocity_now - (state.links[k].velocity + motions[k].velocity) / 2 for k in links
+    ]
+    free = free._replace(
+        x=free.x + share([motions[k].jump for k in links]), v_now=free.v_now + share(kinks)
+    )
+    if system.couplings[hung[0]] is None:
+        return free
+    return free._replace(x_now=x + share([closings[k] - state.links[k].closing for k in links]))
+
+
 class _Flow(NamedTuple):
     """A group after its local flow, before the rods have been given the mean sample."""
 
+    group: LinkGroup
     coupling: Coupling
     before: GroupStep
     plain: LinkMotion  # if it was not followed
     passed: Passed
     used: jax.Array
     shift: jax.Array  # of the closings, to their mean sample
+
+
+def _given_mean_samples(system: Elements, passed: list[Any], flows: list[_Flow]) -> list[Any]:
+    """The rods at t_m with the positions of masses that were followed replaced."""
+    shifts: dict[int, jax.Array] = {}
+    for one in flows:
+        shifts |= {mass: share @ one.shift for mass, share in one.coupling.shifts.items()}
+    every = [shifts.get(mass, 0.0) for mass in range(system.topology.n_masses)]
+    return [
+        rod_moved(law, one, elongation(ends, every)) if shifts.keys() & {*ends} else one
+        for law, one, ends in zip(system.rods, passed, system.topology.rods, strict=True)
+    ]
 
 
 def _flow(
@@ -313,7 +341,7 @@ def _flow(
         plain = _from_rest(plain, starts, scheme) if bound else plain
     passed, used = follow(coupled, before)
     shift = jnp.where(used, mean_sample(passed, before) - before.closing, 0.0)
-    return _Flow(coupled, before, plain, passed, used, shift)
+    return _Flow(group, coupled, before, plain, passed, used, shift)
 
 
 def _slide(
@@ -336,17 +364,13 @@ def _slide(
     return _from_rest(motion, starts, scheme) if bound else motion
 
 
-def _shared(
-    group: tuple[LinkGroup, Coupling | None],
-    topology: Topology,
-    inverse: Sequence[jax.Array],
-    mass: int,
-    changes: Sequence[jax.Array],
-) -> jax.Array:
-    """By how much a mass shifts as closings change about a fixed centre of mass."""
-    if group[1] is not None:
-        return group[1].shifts[mass] @ jnp.stack(changes)
-    (k,), (change,) = group[0].links, changes
+def _shared(system: Elements, group: int, mass: int, changes: Sequence[jax.Array]) -> jax.Array:
+    """By how much a mass shifts as a group's closings change about a fixed centre of mass."""
+    coupled, topology = system.couplings[group], system.topology
+    if coupled is not None:
+        return coupled.shifts[mass] @ jnp.stack(changes)
+    (k,), (change,) = link_groups(topology)[group].links, changes
+    inverse = system.inverse_masses
     return change * inverse[mass] / _inverse_mass(topology.links[k], inverse)
 
 

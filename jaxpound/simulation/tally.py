@@ -9,15 +9,19 @@ taken at the grid's instants.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
-from jaxpound.model.system import System, Topology, load_on
+from jaxpound.model.system import System, link_groups, load_on
 from jaxpound.results.demand import Demand, LinkDemand, MassDemand, RodDemand
-from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, of_all_masses
+from jaxpound.simulation.contact import ContactMotion, ContactState
+from jaxpound.simulation.flow import APART
+from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, State, of_all_masses
 
 
 class Peak(NamedTuple):
@@ -86,6 +90,42 @@ class GroundPeaks(NamedTuple):
         )
 
 
+class ContactTally(NamedTuple):
+    """Running values for the scalars of a link's contact."""
+
+    highest: jax.Array  # largest force
+    strongest: jax.Array  # largest impulse
+    touches: jax.Array  # impacts that began
+    first: jax.Array  # when the first did
+    lost: jax.Array  # energy until t_m + h/2
+    stored: jax.Array
+    lost_now: jax.Array  # until t_m
+    stored_now: jax.Array
+    powers: jax.Array  # sum of the 8th powers of the peak forces of impacts that ended
+    slid: jax.Array  # distance until t_m
+
+    def observe(self, seen: ContactMotion, time: jax.Array, last: jax.Array) -> ContactTally:
+        """Take one step into account; of the last one only what was before its middle."""
+        late = last & (seen.highest_time > 0)
+        touches = jnp.where(last & (seen.first_touch > 0), 0.0, seen.touches)
+        begins = (touches > 0) & (self.touches == 0)
+        powers = (seen.impacts.peak_force**_SOFT).sum()
+        return self._replace(
+            highest=larger(self.highest, jnp.where(late, seen.force, seen.highest)),
+            strongest=larger(self.strongest, seen.strongest),
+            touches=self.touches + touches,
+            first=jnp.where(begins, time + seen.first_touch, self.first),
+            lost=self.lost + seen.lost,
+            stored=self.stored + seen.stored,
+            lost_now=self.lost + seen.lost_now,
+            stored_now=self.stored + seen.stored_now,
+            powers=self.powers + powers,
+        )
+
+
+_SOFT = 8  # exponent of the norm that is a soft maximum
+
+
 class LinkTally(NamedTuple):
     """Running values for the scalars of a link."""
 
@@ -97,6 +137,7 @@ class LinkTally(NamedTuple):
     work: jax.Array  # ∫ q w dt by the trapezoidal rule
     calm: jax.Array  # instants passed since the slip velocity vanished last
     softly: LogMeanExp | None  # of closing / temperature
+    contact: ContactTally | None  # of a link that may touch
 
     def observe(
         self,
@@ -112,7 +153,25 @@ class LinkTally(NamedTuple):
         ``turns`` says whether the slip velocity vanishes near it, and ``share`` is the time that it
         stands for.
         """
-        turn = now.closing + now.motion.turn
+        turn, seen = now.closing + now.motion.turn, now.motion.contact
+        # Where contact acts there may be several turns in a step.
+        first, final, between = turn, turn, 0.0
+        calm = jnp.where(now.motion.turns, 0.0, self.calm + 1)
+        if seen is not None:
+            first, final = (
+                jnp.where(seen.used, x, turn) for x in (seen.first_turn, seen.last_turn)
+            )
+            between = seen.between
+            calm = jnp.where(seen.used & (seen.highest_time != 0), 0.0, calm)
+        distance = self.distance + jnp.where(turns, jnp.abs(first - self.last_turn) + between, 0.0)
+        last_turn = jnp.where(turns, final, self.last_turn)
+        contact = self.contact
+        if contact is not None:
+            passed = turns & (now.motion.turn_time <= 0)
+            slid = jnp.where(passed, distance, self.distance) + jnp.abs(
+                now.closing - jnp.where(passed, last_turn, self.last_turn)
+            )
+            contact = contact.observe(seen, time, last)._replace(slid=slid)
         higher = turns & (turn > self.farthest)
         farthest = jnp.where(higher, turn, self.farthest)
         farthest_time = jnp.where(higher, time + now.motion.turn_time, self.farthest_time)
@@ -126,21 +185,29 @@ class LinkTally(NamedTuple):
             closing=now.closing,
             farthest=jnp.where(ends, now.closing, farthest),
             farthest_time=jnp.where(ends, time, farthest_time),
-            last_turn=jnp.where(turns, turn, self.last_turn),
-            distance=self.distance + jnp.where(turns, jnp.abs(turn - self.last_turn), 0.0),
+            last_turn=last_turn,
+            distance=distance,
             work=self.work + share * now.motion.force * now.velocity,
-            calm=jnp.where(now.motion.turns, 0.0, self.calm + 1),
+            calm=calm,
             softly=softly,
+            contact=contact,
         )
 
-    def demand(self, gap: jax.Array, slip_force: jax.Array | None, temperature: Any) -> LinkDemand:
+    def demand(
+        self,
+        gap: jax.Array,
+        slip_force: jax.Array | None,
+        temperature: Any,
+        under_way: ContactState | None,
+    ) -> LinkDemand:
         """The scalars of the link, with its ``gap`` at rest.
 
-        ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None.
+        ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None;
+        ``under_way`` is the contact in which the run ends.
         """
         distance = self.distance + jnp.abs(self.closing - self.last_turn)
-        soft = self.softly
-        return LinkDemand(
+        soft, contact = self.softly, self.contact
+        demand = LinkDemand(
             min_gap=gap - self.farthest,
             min_gap_time=self.farthest_time,
             slip_distance=distance,
@@ -148,6 +215,26 @@ class LinkTally(NamedTuple):
             residual_offset=-self.closing,
             soft_min_gap=None if soft is None else gap - temperature * soft.value(),
         )
+        if contact is None or under_way is None:
+            return demand
+        counts = (under_way.mode != APART) & (under_way.counts > 0)
+        powers = contact.powers + jnp.where(counts, under_way.peak_force**_SOFT, 0.0)
+        hit = powers > 0
+        return dataclasses.replace(
+            demand,
+            peak_contact=contact.highest,
+            peak_impulse=contact.strongest,
+            peak_penetration=larger(-demand.min_gap, 0.0),
+            n_impacts=contact.touches,
+            first_impact_time=contact.first,
+            contact_work=contact.lost_now,
+            soft_peak_contact=jnp.where(hit, jnp.where(hit, powers, 1.0) ** (1 / _SOFT), 0.0),
+        )
+
+
+def _total_force(motion: LinkMotion) -> jax.Array:
+    """Q + p at t_m."""
+    return motion.force if motion.contact is None else motion.force + motion.contact.force
 
 
 class Tally(NamedTuple):
@@ -160,17 +247,21 @@ class Tally(NamedTuple):
     links: tuple[LinkTally, ...]
 
     @staticmethod
-    def start(topology: Topology, zero: jax.Array, soft: bool) -> Tally:
+    def start(system: System, zero: jax.Array, soft: bool) -> Tally:
         """Nothing has happened yet; ``soft`` asks for the soft minimum of the gaps as well."""
-        peak = Peak(zero, zero, zero)
+        topology, peak = system.topology, Peak(zero, zero, zero)
         softly = LogMeanExp(zero, zero, zero) if soft else None
-        link = LinkTally(zero, zero, zero, zero, zero, zero, zero, softly)
+        never = ContactTally(*(zero,) * 3, zero + jnp.inf, *(zero,) * 6)
+        links = tuple(
+            LinkTally(*(zero,) * 7, softly, None if link.contact is None else never)
+            for link in system.links
+        )
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
             x=(peak,) * topology.n_masses,
             acceleration=(peak,) * topology.n_masses,
             forces=(peak,) * len(topology.rods),
-            links=(link,) * len(topology.links),
+            links=links,
         )
 
     def observe(
@@ -210,24 +301,40 @@ class Tally(NamedTuple):
         """A mass's peak acceleration: it jumps with the friction of the mass's link."""
         topology, inverse = system.topology, system.inverse_masses[mass]
         load, peak = load_on(topology.rods, mass, now.forces), self.acceleration[mass]
-        for ends, link, seen, turned in zip(topology.links, links, now.links, turns, strict=True):
-            if mass not in ends:
-                continue
-            sign = -1.0 if mass == ends[0] else 1.0
-            motion = seen.motion
-            late = jnp.where(turned, motion.turn_time / dt, 0.0)
-            before = load_on(topology.rods, mass, [force.last for force in self.forces])
+        before = load_on(topology.rods, mass, [force.last for force in self.forces])
+        signs = {
+            k: -1.0 if mass == ends[0] else 1.0
+            for k, ends in enumerate(topology.links)
+            if mass in ends
+        }
+        if not signs:
+            return peak.observe(load * inverse)
+        totals = {k: sign * _total_force(now.links[k].motion) for k, sign in signs.items()}
+        others = sum(totals.values())
+        smooth = jnp.stack([links[k].calm >= 3 for k in signs]).all()
+        reached = []
+        for k, sign in signs.items():
+            motion, seen = now.links[k].motion, now.links[k].motion.contact
+            late = jnp.where(turns[k], motion.turn_time / dt, 0.0)
+            if seen is not None:
+                (group,) = (one.links for one in link_groups(topology) if k in one.links)
+                at_peak = sum(signs[i] * seen.highest_forces[group.index(i)] for i in signs)
+                there = load + (load - before) * seen.highest_time / dt + at_peak
+                reached.append(jnp.where(seen.highest > 0, there, load + others) * inverse)
+                late = jnp.where(seen.used, 0.0, late)
             at_turn = load + (load - before) * late
-            return peak.observe((load + sign * motion.force) * inverse, link.calm >= 3).reaching(
-                *(
-                    (at_turn + sign * jnp.where(turned, q, motion.force)) * inverse
-                    for q in motion.turn_forces
-                )
-            )
-        return peak.observe(load * inverse)
+            for q in motion.turn_forces:
+                other = jnp.where(turns[k], sign * q + others - totals[k], others)
+                if seen is not None:
+                    other = jnp.where(seen.used, others, other)
+                reached.append((at_turn + other) * inverse)
+        return peak.observe((load + others) * inverse, smooth).reaching(*reached)
 
-    def demand(self, system: System, set_valued: bool, temperature: Any) -> Demand:
-        """The scalars of the instants observed; ``set_valued`` says that |q| = μ in any slip."""
+    def demand(self, system: System, set_valued: bool, temperature: Any, end: State) -> Demand:
+        """The scalars of the instants observed, and of the state after the last one.
+
+        ``set_valued`` says that |q| = μ in any slip.
+        """
         return Demand(
             masses=tuple(
                 MassDemand(peak_x=x.largest, peak_acceleration=a.largest)
@@ -235,8 +342,10 @@ class Tally(NamedTuple):
             ),
             rods=tuple(RodDemand(peak_force=force.largest) for force in self.forces),
             links=tuple(
-                tally.demand(link.gap, link.friction if set_valued else None, temperature)
-                for tally, link in zip(self.links, system.links, strict=True)
+                tally.demand(
+                    link.gap, link.friction if set_valued else None, temperature, state.contact
+                )
+                for tally, link, state in zip(self.links, system.links, end.links, strict=True)
             ),
             pga=self.ground.largest,
             pgv=self.ground.largest_velocity,
