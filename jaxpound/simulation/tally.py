@@ -103,6 +103,13 @@ class ContactTally(NamedTuple):
     stored_now: jax.Array
     powers: jax.Array  # sum of the 8th powers of the peak forces of impacts that ended
     slid: jax.Array  # distance until t_m
+    since_touch: jax.Array  # instants passed since an impact began
+    since_end: jax.Array  # and since one ended
+
+    @property
+    def is_kink(self) -> jax.Array:
+        """Whether an impact has begun and ended within the last three instants."""
+        return (self.since_touch < 3) & (self.since_end < 3)
 
     def observe(self, seen: ContactMotion, time: jax.Array, last: jax.Array) -> ContactTally:
         """Take one step into account; of the last one only what was before its middle."""
@@ -120,6 +127,10 @@ class ContactTally(NamedTuple):
             lost_now=self.lost + seen.lost_now,
             stored_now=self.stored + seen.stored_now,
             powers=self.powers + powers,
+            since_touch=jnp.where(seen.touches > 0, 0.0, self.since_touch + 1),
+            since_end=jnp.where(
+                (seen.impacts.approach_velocity > 0).any(), 0.0, self.since_end + 1
+            ),
         )
 
 
@@ -251,7 +262,7 @@ class Tally(NamedTuple):
         """Nothing has happened yet; ``soft`` asks for the soft minimum of the gaps as well."""
         topology, peak = system.topology, Peak(zero, zero, zero)
         softly = LogMeanExp(zero, zero, zero) if soft else None
-        never = ContactTally(*(zero,) * 3, zero + jnp.inf, *(zero,) * 6)
+        never = ContactTally(*(zero,) * 3, zero + jnp.inf, *(zero,) * 6, zero + 3, zero + 3)
         links = tuple(
             LinkTally(*(zero,) * 7, softly, None if link.contact is None else never)
             for link in system.links
@@ -276,9 +287,13 @@ class Tally(NamedTuple):
             for link, seen, turned in zip(self.links, now.links, turns, strict=True)
         )
         x = of_all_masses(system.topology, now.x, [link.closing for link in now.links])
+        v = of_all_masses(system.topology, now.v, [link.velocity for link in now.links])
         return Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
-            x=tuple(peak.observe(value) for peak, value in zip(self.x, x, strict=True)),
+            x=tuple(
+                self._displacement(mass, x[mass], v[mass], now, system, links)
+                for mass in range(system.topology.n_masses)
+            ),
             acceleration=tuple(
                 self._acceleration(mass, now, system, turns, links, dt)
                 for mass in range(system.topology.n_masses)
@@ -288,6 +303,33 @@ class Tally(NamedTuple):
             ),
             links=links,
         )
+
+    def _displacement(
+        self,
+        mass: int,
+        x: jax.Array,
+        v: jax.Array,
+        now: Instant,
+        system: Elements,
+        links: tuple[LinkTally, ...],
+    ) -> Peak:
+        """A mass's peak displacement: at an impact its path has a kink."""
+        peak = self.x[mass]
+        for group, coupled in zip(link_groups(system.topology), system.couplings, strict=True):
+            if coupled is None or mass not in group.masses:
+                continue
+            contacts = [contact for k in group.links if (contact := links[k].contact) is not None]
+            if not contacts:
+                continue
+            peak = peak.observe(x, ~jnp.stack([contact.is_kink for contact in contacts]).any())
+            # Where a closing turned in the step, as far as its own change moves the mass.
+            for share, k in zip(coupled.shifts[mass], group.links, strict=True):
+                link = now.links[k]
+                late, met = link.motion.turn_time, link.motion.contact.touched > 0
+                drift = late * (v - share * link.velocity)
+                peak = peak.reaching(jnp.where(met, x + drift + share * link.motion.turn, x))
+            return peak
+        return peak.observe(x)
 
     def _acceleration(
         self,
