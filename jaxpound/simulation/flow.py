@@ -14,7 +14,7 @@ that derivatives contain how the event's instant moves.
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -24,6 +24,7 @@ from jax.flatten_util import ravel_pytree
 
 from jaxpound._extrema import larger, smaller
 from jaxpound.model.contact import Newton, bound, may_pull
+from jaxpound.simulation.lanes import where_needed
 from jaxpound.simulation.runge_kutta import STAGES, error, weighted
 
 APART, PRESSED, CLIPPED, REST = 0.0, 1.0, 2.0, 3.0
@@ -175,33 +176,82 @@ class _Forces(NamedTuple):
     elastic: jax.Array
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
 def flow(h: float, given: Given, modes: Modes) -> Passed:
-    """The links at the end of a step of length h; NaN if there are too many events in it."""
-    return _flow(h, given, modes)
+    """The links at the end of a step of length h; NaN if there are too many events in it.
+
+    Zero in lanes of a batch that do not need it.
+    """
+    return _differentiable(h)(given, modes)
 
 
-@flow.defjvp
-def _flow_jvp(h: float, primals: Any, tangents: Any) -> Any:
-    # The partial derivatives by all that is given: a loop can be differentiated forwards only.
-    given, modes = primals
-    flat, rebuild = ravel_pytree(given)
-    along, _ = ravel_pytree(tangents[0])
+@cache
+def _differentiable(h: float) -> Any:
+    """``flow`` with derivatives of both modes, though a loop can be differentiated forwards only.
 
-    def partial_derivatives(one: jax.Array) -> Any:
-        return jax.jvp(lambda x: _flow(h, rebuild(x), modes), (flat,), (one,))
+    Reverse mode stores what is given and no more.
+    """
 
-    out, parts = jax.vmap(partial_derivatives, out_axes=(None, 0))(
-        jnp.eye(flat.size, dtype=flat.dtype)
-    )
-    return out, jax.tree.map(lambda part: jnp.tensordot(along, part, 1), parts)
+    def follow(_: jax.Array, given: Given, modes: Modes) -> Passed:
+        problem = _Problem(h, given)
+        end = lax.while_loop(problem.unfinished, problem.advance, problem.start(modes))
+        return problem.passed(end)
+
+    def push(needed: jax.Array, given: Given, modes: Modes, change: Given) -> Passed:
+        return jax.jvp(lambda x: follow(needed, x, modes), (given,), (change,))[1]
+
+    def pull(needed: jax.Array, given: Given, modes: Modes, weights: Passed) -> Given:
+        flat, rebuild = ravel_pytree(given)
+
+        def by(one: jax.Array) -> jax.Array:
+            changes = jax.tree.leaves(push(needed, given, modes, rebuild(one)))
+            pairs = zip(changes, jax.tree.leaves(weights), strict=True)
+            terms = [(change * weight).sum() for change, weight in pairs]
+            return sum(terms[1:], terms[0])
+
+        return rebuild(jax.vmap(by)(jnp.eye(flat.size, dtype=flat.dtype)))
+
+    follow_lanes, push_lanes, pull_lanes = map(where_needed, (follow, push, pull))
+
+    @jax.custom_jvp
+    def differentiable(given: Given, modes: Modes) -> Passed:
+        return follow_lanes(modes.needed, given, modes)
+
+    @differentiable.defjvp
+    def linear(primals: Any, tangents: Any) -> Any:
+        given, modes = primals
+        out = differentiable(given, modes)
+
+        # The linear map t → J t as the solution (t, J t) of [[1, 0], [−J, 1]] z = (t, 0), whose
+        # transpose has the solution (a + Jᵀ b, b): so each direction has the program that suits it.
+        # The system itself would only be asked for by second derivatives.
+        given = jax.tree.map(_differentiated_once, given)
+        change, as_given = ravel_pytree(tangents[0])
+        flat, as_out = ravel_pytree(out)
+        n = change.size
+
+        def forwards(_: Any, right: jax.Array) -> jax.Array:
+            pushed = push_lanes(modes.needed, given, modes, as_given(right[:n]))
+            return right.at[n:].add(ravel_pytree(pushed)[0])
+
+        def backwards(_: Any, right: jax.Array) -> jax.Array:
+            pulled = pull_lanes(modes.needed, given, modes, as_out(right[n:]))
+            return right.at[:n].add(ravel_pytree(pulled)[0])
+
+        right = jnp.pad(change, (0, flat.size))
+        solution = lax.custom_linear_solve(lambda z: z, right, forwards, backwards)
+        return out, as_out(solution[n:])
+
+    return differentiable
 
 
-def _flow(h: float, given: Given, modes: Modes) -> Passed:
-    problem = _Problem(h, given)
-    start = problem.start(modes)
-    end = lax.while_loop(problem.unfinished, problem.advance, start)
-    return problem.passed(end)
+@jax.custom_jvp
+def _differentiated_once(x: jax.Array) -> jax.Array:
+    return x
+
+
+@_differentiated_once.defjvp
+def _not_twice(primals: Any, tangents: Any) -> Any:
+    raise NotImplementedError("second derivatives of a run with contact are not available")
 
 
 class _Problem:
