@@ -1,6 +1,6 @@
 r"""Links that may touch or that share masses, over one step of a run.
 
-Such links, a group, are followed by the local flow (``flow``) where it is needed: in contact, where
+Such links, a group, are followed by the local flow (``events``) where it is needed: in contact, where
 a gap may close within the step, and, for links that share masses, where slip or stick ends. All
 other steps have closed forms.
 
@@ -24,7 +24,7 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 from jaxpound.model.system import Link, LinkGroup, Topology
-from jaxpound.simulation.flow import (
+from jaxpound.simulation.events import (
     APART,
     PRESSED,
     Given,
@@ -51,7 +51,7 @@ class ContactState(NamedTuple):
     """State of a link in a group that is followed, beside that of any link."""
 
     half: jax.Array  # closing at t_m − h/2
-    mode: jax.Array  # of contact, as in ``flow``
+    mode: jax.Array  # of contact, as in ``events``
     touch_speed: jax.Array  # of the contact under way, as the next four
     touch_time: jax.Array
     impulse: jax.Array
@@ -73,6 +73,7 @@ class ContactMotion(NamedTuple):
     touches: jax.Array  # number of impacts that began
     first_touch: jax.Array  # when the first did, after t_m
     strongest: jax.Array  # largest impulse of an impact that was under way
+    farthest: jax.Array  # largest closing where the slip velocity vanished or was reversed
     first_turn: jax.Array  # closing where the slip velocity first vanished or was reversed,
     last_turn: jax.Array  # and where it last did
     between: jax.Array  # path from the one to the other
@@ -260,6 +261,7 @@ def settle(
         touches=passed.touches,
         first_touch=passed.first_touch,
         strongest=passed.strongest,
+        farthest=passed.farthest,
         first_turn=passed.first_turn,
         last_turn=passed.last_turn,
         between=passed.between,

@@ -35,9 +35,9 @@ from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.batches import spread
 from jaxpound.simulation.contact import ContactState
-from jaxpound.simulation.flow import CLIPPED, PRESSED, Impacts
+from jaxpound.simulation.events import CLIPPED, PRESSED, Impacts
 from jaxpound.simulation.scan import scan_with_history
-from jaxpound.simulation.scheme import Scheme, courant, require_stable, system_of
+from jaxpound.simulation.scheme import Scheme, courant, require_followed, require_stable, system_of
 from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
 from jaxpound.simulation.tally import Tally
 
@@ -77,7 +77,8 @@ def simulate(
     ------
     ValueError
         If dt is not below the stability limit, a known value is invalid, or the ground motion is
-        made of a record in seconds; if ``strict``, also where there would be a warning.
+        made of a record in seconds; if links share masses or have a law of contact and the scheme
+        is not of friction ``EventResolved()``; if ``strict``, also where there would be a warning.
     FloatingPointError
         If the run ends in non-finite numbers although its input was valid.
 
@@ -216,6 +217,7 @@ def _prepare(
             )
     enforce("structures", found)
     require_stable(system, grid, scheme)
+    require_followed(system, scheme)
     traceable = as_pytree(ground, grid)
     if not is_traced((structures, traceable)):
         tell(owner, unresolved(ground, grid.dt), strict)

@@ -6,12 +6,13 @@ with their estimate of the error by embedded methods of order 5 and 3.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 
-STAGES: tuple[tuple[float, ...], ...] = (
+_ROWS: tuple[tuple[float, ...], ...] = (
     (0.05260015195876773,),
     (
         0.0197250569845379,
@@ -113,6 +114,7 @@ STAGES: tuple[tuple[float, ...], ...] = (
         0.04471061572777259,
     ),
 )
+STAGES = np.array([[*row, *[0.0] * (12 - len(row))] for row in _ROWS])
 """Weights of the slopes before it in each stage after the first; the last stage is the result."""
 
 _ORDER_5 = (
@@ -146,13 +148,15 @@ _ORDER_3 = (
 )
 
 
-def weighted(weights: Sequence[float], slopes: Sequence[Any]) -> Any:
-    """Sum of the slopes by their weights, as far as there are weights."""
-    return sum(c * k for c, k in zip(weights, slopes, strict=False) if c)
+def weighted(weights: Any, slopes: jax.Array) -> jax.Array:
+    """Sum by weights of slopes along their first axis, of which there may be more."""
+    return jnp.tensordot(weights, slopes[: len(weights)], 1)
 
 
-def error(slopes: Sequence[Any]) -> Any:
+def error(slopes: jax.Array) -> jax.Array:
     """Estimated error of a step of length 1, from the slopes of all stages."""
-    fifth, third = weighted(_ORDER_5, slopes), weighted(_ORDER_3, slopes)
+    fifth, third = (
+        weighted(jnp.asarray(row, slopes.dtype), slopes) for row in (_ORDER_5, _ORDER_3)
+    )
     both = fifth**2 + 0.01 * third**2
     return fifth**2 / jnp.sqrt(jnp.where(both > 0, both, 1.0))

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxpound._checks import instance, is_traced
 from jaxpound.grid import TimeGrid
-from jaxpound.model.system import Structures, System, rod_groups
+from jaxpound.model.system import Structures, System, link_groups, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, History, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
@@ -130,6 +130,22 @@ def require_stable(system: System, grid: TimeGrid, scheme: Scheme) -> None:
         limit = stability_limit(system, scheme)
         rule = f"below the stability limit {limit:.8g} of these structures"
         raise ValueError(f"grid: dt = {grid.dt:.8g} must be {rule}")
+
+
+def require_followed(system: System, scheme: Scheme) -> None:
+    """A ``ValueError`` for a scheme that cannot follow a system's links from event to event."""
+    if isinstance(scheme.friction, EventResolved) and scheme.start == "rest":
+        return
+    for group in link_groups(system.topology):
+        several = len(group.links) > 1
+        law = system.links[group.links[0]].contact
+        if several or law is not None:
+            what = "links that share masses" if several else f"contact = {type(law).__name__}"
+            rule = 'friction EventResolved() and start "rest"'
+            raise ValueError(
+                f"scheme: friction = {scheme.friction} with start {scheme.start!r} must be {rule} "
+                f"for links.{group.links[0]} with {what}"
+            )
 
 
 def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:

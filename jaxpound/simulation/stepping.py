@@ -40,7 +40,7 @@ from jaxpound.simulation.contact import (
     plain_motion,
     settle,
 )
-from jaxpound.simulation.flow import Passed
+from jaxpound.simulation.events import Passed
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodLaw, rod_law, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme

@@ -19,7 +19,7 @@ from jaxpound._extrema import larger
 from jaxpound.model.system import System, link_groups, load_on
 from jaxpound.results.demand import Demand, LinkDemand, MassDemand, RodDemand
 from jaxpound.simulation.contact import ContactMotion, ContactState
-from jaxpound.simulation.flow import APART
+from jaxpound.simulation.events import APART
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, State, of_all_masses
 
@@ -173,6 +173,7 @@ class LinkTally(NamedTuple):
                 jnp.where(seen.used, x, turn) for x in (seen.first_turn, seen.last_turn)
             )
             between = seen.between
+            turn = jnp.where(seen.used, seen.farthest, turn)
             calm = jnp.where(seen.used & (seen.highest_time != 0), 0.0, calm)
         distance = self.distance + jnp.where(turns, jnp.abs(first - self.last_turn) + between, 0.0)
         last_turn = jnp.where(turns, final, self.last_turn)
@@ -235,7 +236,7 @@ class LinkTally(NamedTuple):
             demand,
             peak_contact=contact.highest,
             peak_impulse=contact.strongest,
-            peak_penetration=larger(-demand.min_gap, 0.0),
+            peak_penetration=jnp.where(demand.min_gap < 0, -demand.min_gap, 0.0),
             n_impacts=contact.touches,
             first_impact_time=contact.first,
             contact_work=contact.lost_now,

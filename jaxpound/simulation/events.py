@@ -460,19 +460,27 @@ class _Problem:
             return self.forces(t, s, w, x.slip, x.mode, x.touch_speed, inverse)
 
         begin = forces(x.t, x.s, x.w)
-        slopes, seen = [_rates(x.s, x.w, begin)], begin
-        for row in STAGES:
-            s = x.s + length * weighted(row, [k.s for k in slopes])
-            w = x.w + length * weighted(row, [k.w for k in slopes])
-            seen = forces(x.t + sum(row) * length, s, w)
-            slopes.append(_rates(s, w, seen))
         start = _Where(x.t, x.s, x.w, x.sum_s, x.stored, x.lost, x.impulse)
-        end = jax.tree.map(lambda y, *k: y + length * weighted(STAGES[-1], k), start, *slopes)
-        first, last = slopes[0], slopes[-1]
+        first = _rates(x.s, x.w, begin)
+
+        # A loop over the stages, not one after the other: the program is long enough.
+        def stage(i: jax.Array, carry: Any) -> Any:
+            slopes, _, _ = carry
+            row = jnp.asarray(STAGES, self.dtype)[i]
+            moved = jax.tree.map(lambda y, k: y + length * weighted(row, k), start, slopes)
+            now = forces(moved.t, moved.s, moved.w)
+            rates = _rates(moved.s, moved.w, now)
+            slopes = jax.tree.map(lambda k, one: k.at[i + 1].set(one), slopes, rates)
+            return slopes, moved, now
+
+        none = jax.tree.map(lambda k: jnp.zeros((len(STAGES) + 1, *k.shape), k.dtype), first)
+        slopes = jax.tree.map(lambda k, one: k.at[0].set(one), none, first)
+        slopes, end, seen = lax.fori_loop(0, len(STAGES), stage, (slopes, start, begin))
+        last = jax.tree.map(lambda k: k[-1], slopes)
         sizes = larger(jnp.abs(x.w), jnp.abs(end.w)) + length * jnp.abs(first.w)
         sizes = sizes + jnp.where(x.mode == PRESSED, x.touch_speed, 0.0)
         sizes = self.tolerance * sizes + jnp.finfo(self.dtype).tiny
-        wrong = larger(length * error([k.w for k in slopes]), error([k.s for k in slopes]))
+        wrong = larger(length * error(slopes.w), error(slopes.s))
         worst = (lax.stop_gradient(wrong) / sizes).max()
         worst = jnp.where(worst < 1e8, worst, 1e8)
         speed = x.touch_speed
@@ -656,7 +664,7 @@ class _Problem:
         counted = jnp.where(touch, jnp.where(counts, 1.0, 0.0), x.counts).astype(self.dtype)
         over = (release | collides) & (counted > 0)
         entries = Impacts(touch_time, touch_speed, time + 0 * w, -w, impulse, peak)
-        slot = over & (jnp.arange(SLOTS)[:, None] == x.ended)
+        slot = over[None] & (jnp.arange(SLOTS)[:, None] == x.ended[None])
         turned = turn | collides | (struck & (x.slip != 0) & (slip != x.slip))
         once_more = turned & (x.turns > 0)
         farther = turned & (s > x.farthest)
@@ -686,7 +694,7 @@ class _Problem:
             farthest_time=jnp.where(farther, time, x.farthest_time),
             change_time=jnp.where(slip != x.slip, time, x.change_time),
             ended=x.ended + jnp.where(over, 1.0, 0.0),
-            impacts=jax.tree.map(lambda a, b: jnp.where(slot, a, b), entries, x.impacts),
+            impacts=jax.tree.map(lambda a, b: jnp.where(slot, a[None], b), entries, x.impacts),
         )
 
     # -- the end ------------------------------------------------------------------------------
@@ -806,7 +814,7 @@ def inverse_of(rows: jax.Array) -> jax.Array:
     for k in range(n):
         pivot = work[k] / work[k, k]
         other = (jnp.arange(n) != k)[:, None]
-        work = jnp.where(other, work - work[:, k : k + 1] * pivot, pivot)
+        work = jnp.where(other, work - work[:, k : k + 1] * pivot[None], pivot[None])
     return work[:, n:]
 
 

@@ -1,0 +1,131 @@
+"""The local flow: free collisions under every law, and its derivatives."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+import jaxpound as jp
+from jaxpound.simulation.events import Given, Modes, flow
+from tests.reference import load
+
+COLLISIONS = load("contact")["collisions"]
+LAWS = {
+    "kelvin": lambda k, e: jp.KelvinVoigt(k, e, tension=True),
+    "kelvin_clip": jp.KelvinVoigt,
+    "hertz": lambda k, _: jp.Hertz(k),
+    "hertzdamp": lambda k, e: jp.HertzDamped(k, e, "muthukumar"),
+    "hertzdamp_hc": lambda k, e: jp.HertzDamped(k, e, "hunt-crossley"),
+    "hertzdamp_flores": lambda k, e: jp.HertzDamped(k, e, "ye"),
+    "hertzdamp_exact": jp.HertzDamped,
+    "jankowski": jp.Jankowski,
+    "newton": lambda _, e: jp.Newton(e),
+}
+AT_START = Modes(*(jnp.zeros(1),) * 3, jnp.zeros(()), jnp.asarray(True))
+
+
+def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
+    one = jnp.ones(1)
+    return Given(
+        closing=0 * one,
+        velocity=velocity * one,
+        pull=pull * one,
+        rise=rise * one,
+        delassus=delassus * jnp.ones((1, 1)),
+        friction=friction * one,
+        gap=gap * one,
+        laws=(jax.tree.map(jnp.asarray, law),),
+        touch_speed=0 * one,
+        impulse=0 * one,
+        peak_force=0 * one,
+        touch_time=0 * one,
+    )
+
+
+@functools.cache
+def collided():
+    return jax.jit(lambda start: flow(0.5, start, AT_START))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_free_collisions_are_those_of_the_laws(name):
+    """Restitution, peak force and penetration, momentum and the energy lost, for four e."""
+    cases = [case for case in COLLISIONS if case["law"] == name]
+    assert len(cases) == 4
+    for case in cases:
+        left, right = case["m"]
+        speed, delassus = case["v0"][0] - case["v0"][1], 1 / left + 1 / right
+        start = given(LAWS[name](case["k"], case["e"]), speed, case["gap0"], delassus)
+        out = collided()(start)
+        restitution = -float(out.velocity[0]) / speed
+        assert restitution == pytest.approx(case["restitution"], abs=1e-6)
+        lost = (1 - restitution**2) * speed**2 / delassus / 2
+        assert float(out.lost[0]) == pytest.approx(lost, abs=1e-7)
+        assert float(out.stored[0]) == pytest.approx(0, abs=1e-7)
+        # The impulse takes from the one what it gives to the other.
+        impulse = float(out.impacts.impulse[0, 0])
+        assert impulse == pytest.approx((1 + restitution) * speed / delassus, rel=1e-12)
+        depth = float(out.farthest[0]) - case["gap0"]
+        assert depth == pytest.approx(case["peak_penetration"], rel=1e-6, abs=1e-15)
+        assert float(out.highest[0]) == pytest.approx(case["peak_force"], rel=1e-6)
+        if name in ("kelvin", "hertzdamp_exact", "newton"):
+            assert restitution == pytest.approx(case["e"], abs=1e-6)
+
+
+@pytest.mark.parametrize("law", [jp.KelvinVoigt(1000.0, 0.65), jp.Newton(0.65)])
+def test_derivatives_of_a_collision_with_friction_under_load(law):
+    """By all that is given, in both modes, against differences; friction reverses in contact."""
+    start = given(law, 0.6, 0.1, delassus=2.3, friction=0.2, pull=1.3, rise=-0.4)
+    flat, rebuild = ravel_pytree(start)
+
+    def out(x):
+        end = flow(0.25, rebuild(x), AT_START)
+        names = ("closing", "velocity", "mean", "farthest", "highest", "lost", "velocity_now")
+        return jnp.concatenate([getattr(end, name) for name in names])
+
+    forwards, backwards = jax.jit(jax.jacfwd(out))(flat), jax.jit(jax.jacrev(out))(flat)
+    np.testing.assert_allclose(backwards, forwards, rtol=1e-9, atol=1e-9)
+    value = jax.jit(out)
+    scale = np.abs(forwards).max(1) + 1e-9
+    for i in np.flatnonzero(flat):
+        step = 2e-4 * max(abs(float(flat[i])), 0.1)
+        change = jnp.zeros_like(flat).at[i].set(step)
+        slope = (value(flat + change) - value(flat - change)) / (2 * step)
+        np.testing.assert_allclose(forwards[:, i] / scale, slope / scale, atol=1e-3)
+
+
+def test_rebounds_of_newtons_law_come_to_rest():
+    """A block pressed against another bounces ever faster, until it rests, with its momentum."""
+    out = collided()(given(jp.Newton(0.5), 0.1, 0.01, delassus=2.0, friction=0.05, pull=1.0))
+    assert (float(out.velocity[0]), float(out.closing[0])) == (0.0, 0.01)
+    assert 3 < float(out.touches[0]) < 60
+    assert float(out.held[0]) == 1
+    # From then on friction takes what it can and contact the rest of what keeps the gap closed.
+    rest = collided()(
+        given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=1.0)._replace()
+    )
+    assert float(rest.contact_now[0] + rest.friction_now[0]) == pytest.approx(0.5)
+    assert float(rest.touches[0]) == 0
+
+
+def test_too_many_events_are_not_a_silent_result():
+    out = collided()(given(jp.KelvinVoigt(1e12, 0.999999), 1.0, 0.01, pull=1e4))
+    assert np.isnan(out.closing).all()
+
+
+def test_lanes_of_a_batch_are_followed_as_they_are_alone():
+    """Also where only some of them need it; those that do not are left out."""
+    speeds = jnp.linspace(0.1, 1.0, 21)
+    needed = speeds > 0.3
+    law = jp.KelvinVoigt(1000.0, 0.65)
+
+    def run(speed, need):
+        return flow(0.5, given(law, speed, 0.1), AT_START._replace(needed=need)).velocity[0]
+
+    many = jax.jit(jax.vmap(run))(speeds, needed)
+    alone = [float(collided()(given(law, s, 0.1)).velocity[0]) for s in speeds]
+    np.testing.assert_allclose(many[needed], np.array(alone)[needed], rtol=1e-12)
+    assert (many[~needed] == 0).all()
