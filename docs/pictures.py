@@ -1,26 +1,30 @@
 """The pictures of the README and of these pages: python docs/pictures.py.
 
 The paper's structures at a gap of 0.7, without and with a damper, as an animation; the drawing of
-the system; the paper's case over time.
+the system; the paper's case over time; how a pair that pounds becomes chaotic. Names of pictures as
+arguments make only these.
 """
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import jax
+import numpy as np
 from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots.animation import animate
-from jaxpound.plots.runs import overview
+from jaxpound.plots.runs import gaps, overview
+from jaxpound.plots.style import COLOURS, in_house_style, label, legend, new_figure
 from jaxpound.plots.system import mechanical_system
 
 jax.config.update("jax_enable_x64", True)
 HERE = Path(__file__).parent
 
 
-def main() -> None:
-    """Write them beside this file."""
+def animation() -> None:
+    """Two buildings without and with a damper."""
     structures, ground = replace(jp.paper.structures(), initial_gap=0.7), jp.paper.ground()
     grid = jp.TimeGrid.until(14.0, dt=0.02)
     runs = {
@@ -28,11 +32,84 @@ def main() -> None:
         for name, mu in (("without damper", 0.0), ("with a friction damper", 0.6))
     }
     animate(runs, frames=60, seconds=7.0).save(HERE / "animation.gif", "pillow", dpi=100)
+
+
+def system() -> None:
+    """The mechanical system."""
     drawing = Figure(figsize=(7.08, 2.3), layout="constrained")
     mechanical_system(ax=drawing.add_subplot())
     drawing.savefig(HERE / "system.png", dpi=150)
-    case = jp.simulate(jp.paper.structures(), ground, jp.paper.grid())
+
+
+def paper_case() -> None:
+    """The paper's case over time."""
+    case = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
     overview(case).savefig(HERE / "paper_case.png", dpi=130)
+
+
+@in_house_style
+def chaos() -> None:
+    """A stiff, lightly damped pair: two runs of slightly different gaps, and two ensembles."""
+    soft, stiff = (jp.ZenerRod(0.6, tau_f=0.05, tau_x=tau_x) for tau_x in (0.056, 0.053))
+    pair = jp.AdjacentStructures(soft, stiff, 1.0, 12.0, friction=0.005, initial_gap=0.1)
+    pair = replace(pair, contact=jp.Newton(0.9))
+    shaking = jp.Ricker(0.3, [2.4] * 13, 2.0 + 3.0 * np.arange(13))
+    grid, change = jp.TimeGrid.until(40.0, dt=0.02), 1e-3
+    wider = replace(pair, initial_gap=pair.initial_gap + change)
+    one, other = (jp.simulate(each, shaking, grid) for each in (pair, wider))
+    grown = jp.growth(pair, shaking, grid)
+    horizon = float(grown.horizon(change))
+
+    figure = new_figure(2, 1.6)
+    (over_time, sizes), (shares, apart) = figure.subplots(2, 2)
+    gaps({r"gap at rest $\xi_0 = 0.1$": one, r"$\xi_0 = 0.101$": other}, over_time)
+    difference = [
+        np.asarray(getattr(a, name) - getattr(b, name))
+        for a, b in zip(one.masses, other.masses, strict=True)
+        for name in ("x", "v")
+    ]
+    actual = np.linalg.norm(difference, axis=0) / change
+    sizes.semilogy(grid.times(), grown.factor, color=COLOURS["damper"], label="growth")
+    sizes.semilogy(grid.times(), actual, "--", color=COLOURS["ground"], label="the two runs")
+    sizes.set_ylim(0.1, 1e5)
+    sizes.margins(x=0)
+    label(sizes, r"time $t$ ($1/\omega_1$)", r"difference / change of $\xi_0$")
+    legend(sizes, 2, 0.1)
+    for ax in (over_time, sizes):
+        ax.axvline(horizon, color=COLOURS["residual"], linestyle=":")
+
+    # The same earthquakes for both ensembles.
+    wavelets = jp.RandomRicker(
+        26, jp.LogNormal(0.1, 0.3), jp.Uniform(1.6, 2.6), jp.Uniform(1.0, 77.0)
+    )
+    long = jp.TimeGrid.until(80.0, dt=0.04)
+    found = []
+    for each in (pair, wider):
+        study = jp.monte_carlo(jp.Scenarios(each, wavelets), 2000, long, key=1, progress=False)
+        found.append(study.to_columns()["residual_offset"])
+    names = (r"$\xi_0 = 0.1$", r"$\xi_0 = 0.101$")
+    for values, name, colour, style in zip(
+        found, names, ("residual", "damper"), ("-", "--"), strict=True
+    ):
+        share = (np.arange(values.size) + 0.5) / values.size
+        shares.plot(np.sort(values), share, style, color=COLOURS[colour], label=name)
+    label(shares, r"$x_2 - x_1$ at $t$ = 80 ($g/\omega_1^2$)", "share of runs below")
+    legend(shares, 2)
+    apart.plot(*found, ".", color=COLOURS["damper"], markersize=2, alpha=0.5)
+    label(apart, r"$x_2 - x_1$, $\xi_0 = 0.1$ ($g/\omega_1^2$)", r"$\xi_0 = 0.101$")
+    figure.savefig(HERE / "chaos.png", dpi=130)
+    print(f"horizon {horizon:.1f}, correlation {np.corrcoef(*found)[0, 1]:.2f}")
+    print("quartiles", *(np.quantile(x, [0.25, 0.5, 0.75]).round(3) for x in found))
+    print("impacts", one.demand.n_impacts, "growth at the end", float(grown.end))
+
+
+PICTURES = {draw.__name__: draw for draw in (animation, system, paper_case, chaos)}
+
+
+def main() -> None:
+    """Write them beside this file."""
+    for name in sys.argv[1:] or PICTURES:
+        PICTURES[name]()
 
 
 if __name__ == "__main__":

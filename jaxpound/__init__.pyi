@@ -54,6 +54,8 @@ from jaxpound.results.response import Response as Response
 from jaxpound.simulation.batches import in_chunks as in_chunks
 from jaxpound.simulation.batches import use_cores as use_cores
 from jaxpound.simulation.buildings import simulate_buildings as simulate_buildings
+from jaxpound.simulation.divergence import Growth as Growth
+from jaxpound.simulation.divergence import growth as growth
 from jaxpound.simulation.friction import EventResolved as EventResolved
 from jaxpound.simulation.friction import Smoothed as Smoothed
 from jaxpound.simulation.friction import Switching as Switching

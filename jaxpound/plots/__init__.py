@@ -5,6 +5,8 @@
 rods; ``animation`` animates a run, ``explorer`` redraws it while sliders are moved.
 """
 
+from jaxpound.plots.runs import contact_force as contact_force
+from jaxpound.plots.runs import contact_hysteresis as contact_hysteresis
 from jaxpound.plots.runs import displacements as displacements
 from jaxpound.plots.runs import energy as energy
 from jaxpound.plots.runs import friction_force as friction_force

@@ -24,6 +24,7 @@ from jaxpound.plots.style import (
 from jaxpound.results.response import Response, require_single
 
 _COLUMNS = 20  # points along a bent column
+_FLASH = 1 / 30  # duration of a flash as a share of the run: three of a hundred frames
 
 
 class Scene:
@@ -31,7 +32,8 @@ class Scene:
 
     Drawn relative to the ground; motions and gap are to one scale, widths and heights of the
     buildings are not. The damper is two plates on the roofs, pressed together at the mark; the
-    arrow is its force q on block 1, to the left where q is positive.
+    arrow is its force q on block 1, to the left where q is positive. With a law of contact a star
+    flashes at each impact and fades, the larger the stronger its impulse.
 
     Parameters
     ----------
@@ -50,6 +52,10 @@ class Scene:
         self._q = np.asarray(response.friction)
         self._stick = np.asarray(response.phase) == 0
         self._shaking = np.asarray(response.ground_acceleration)
+        self._time = np.asarray(response.time)
+        self._collides = response.links[0].contact is not None
+        self._impacts = response.impacts()
+        self._hardest = max((impact.impulse for impact in self._impacts), default=1.0)
         self._largest = float(np.abs(self._q).max())
         self._strongest = float(np.abs(self._shaking).max()) or 1.0
 
@@ -82,6 +88,7 @@ class Scene:
         ax.add_patch(self._force)
         ax.add_patch(self._ground)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
+        (self._flash,) = ax.plot([], [], marker=(11, 1, 0), zorder=6, color=COLOURS["pounding"])
         self._arrow_at = left + 0.65 * (right - left)
         letters: dict[str, Any] = {"va": "center"}
         self._words = ax.text((left + right) / 2, 2.34 * w, "", ha="center", **letters)
@@ -122,10 +129,22 @@ class Scene:
         self._contact.set_data(
             [across] * 2 if touching else [], [self._height, roof] if touching else []
         )
+        self._show_flash(i, across)
         word = "stick" if self._stick[i] else "slip"
         free = "" if not self._largest else f"damper: {word}"
-        self._words.set_text("POUNDING (not modelled)" if touching else free)
+        pounds = "contact" if self._collides else "POUNDING (not modelled)"
+        self._words.set_text(pounds if touching else free)
         self._words.set_color(COLOURS["pounding" if touching else state])
+
+    def _show_flash(self, i: int, across: float) -> None:
+        """A star for the last impact, if it began a short while ago."""
+        lasts = _FLASH * (self._time[-1] - self._time[0])
+        begun = [hit for hit in self._impacts if 0 <= self._time[i] - hit.time < lasts]
+        self._flash.set_visible(bool(begun))
+        if begun:
+            self._flash.set_data([across], [(self._height + self._roof) / 2])
+            self._flash.set_markersize(8 + 16 * begun[-1].impulse / self._hardest)
+            self._flash.set_alpha(1 - (self._time[i] - begun[-1].time) / lasts)
 
 
 def _arrow(colour: str) -> FancyArrowPatch:

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 
 from jaxpound.model.system import GROUND
 from jaxpound.plots.style import CYCLE
-from jaxpound.results.response import Response
+from jaxpound.results.response import LinkResponse, Response
 
 
 class Curve(NamedTuple):
@@ -43,6 +43,22 @@ def frictions(owner: str, response: Response) -> list[Curve]:
     if not response.links:
         raise ValueError(f"{owner}: response must have a link")
     return _of_links("$q$", [link.friction for link in response.links])
+
+
+def touching(response: Response) -> list[LinkResponse]:
+    """The links with a law of contact."""
+    return [link for link in response.links if link.contact is not None]
+
+
+def contacts(owner: str, response: Response) -> list[Curve]:
+    """Contact force of each link with a law of contact; a ``ValueError`` where there is none."""
+    found = touching(response)
+    if not found:
+        raise ValueError(f"{owner}: response must have a link with a law of contact")
+    if len(response.links) == 1:
+        return [Curve("$p$", "pounding", found[0].contact)]
+    every = _of_links("$p$", [link.contact for link in response.links])
+    return [curve for curve in every if curve.values is not None]
 
 
 def gaps_of(owner: str, response: Response) -> list[Curve]:

@@ -42,6 +42,7 @@ class Explorer:
 
     A slider is dragged from one round number to the next. Any other number can be typed into the
     field beside it or set by code, also outside of the slider's range, and stays as it was set.
+    Structures with a contact law have sliders for its parameters too (``"contact.stiffness"``).
 
     Parameters
     ----------
@@ -94,7 +95,10 @@ class Explorer:
         self.sliders: dict[str, Any] = {}
         self._starts: dict[str, float] = {}
         self._quiet = False  # while many sliders move at once
-        tabs = {"damper": self._group(_DAMPER), "rods": self._group(_RODS)}
+        tabs = {"damper": self._group(_DAMPER)}
+        of_contact = [p for p in parameters.paths(self._first) if p.startswith("contact.")]
+        tabs |= {"contact": self._group(of_contact)} if of_contact else {}
+        tabs |= {"rods": self._group(_RODS)}
         tabs |= {"buildings": self._group(_BUILDINGS), "ground": self._group_of_ground()}
         back = widgets.Button(description="reset", tooltip="back to the first values")
         back.on_click(lambda _: self.reset())
@@ -214,6 +218,12 @@ class Explorer:
         length, second = (" m", " s") if si else ("", "")
         phases = len(self.response.phases())
         pounds = " <b>The buildings pound.</b>" if d.pounds else ""
+        if d.pounds and d.links[0].n_impacts is not None:
+            n, work = int(d.n_impacts), float(d.contact_work)
+            times = f"{n} {'time' if n == 1 else 'times'}"
+            pounds = (
+                f" <b>The buildings pound {times}</b> and lose {work:.3g} {unit('energy', si)}."
+            )
         self.words.value = (
             f"min gap {float(d.min_gap):.4g}{length} at t = {float(d.min_gap_time):.4g}{second}; "
             f"{phases} {'phase' if phases == 1 else 'phases'}, "

@@ -18,7 +18,16 @@ from matplotlib.patches import Rectangle
 
 from jaxpound._checks import instance
 from jaxpound.model.system import elongation
-from jaxpound.plots.curves import Curve, frictions, gaps_of, is_pair, of_masses, of_rods
+from jaxpound.plots.curves import (
+    Curve,
+    contacts,
+    frictions,
+    gaps_of,
+    is_pair,
+    of_masses,
+    of_rods,
+    touching,
+)
 from jaxpound.plots.style import (
     COLOURS,
     figure,
@@ -71,7 +80,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
 
     The minimum (of a batch, the smallest) is that of ``response.demand``, which may lie between
     instants of the grid. The region of pounding, ξ ≤ 0, is shaded, and named in the legend if the
-    gap comes near it.
+    gap comes near it. Impacts of a single run, by a law of contact, are marked where they begin.
 
     Raises
     ------
@@ -92,6 +101,10 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
         lines: Any = ax.lines[:-1] if np.ndim(response.time) == 1 else ax.collections
         lines[-1].set_label(rf"$\xi$, {words}")
 
+    hits = [] if response.batch else [impact.time for impact in response.impacts()]
+    if hits:
+        style: Any = {"color": COLOURS["structure 2"], "markersize": 4, "label": "impact"}
+        ax.plot(hits, np.zeros(len(hits)), "v", linestyle="none", **style)
     span = (high - low) or abs(high) or 1.0
     near = low < 0.3 * span
     _shade_pounding(ax, near)
@@ -148,6 +161,43 @@ def friction_force(response: Response, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
+def contact_force(response: Response, ax: Axes | None = None) -> Axes:
+    """Contact force p of each link with a law of contact over time.
+
+    The line has the force at the instants; in a single run the largest of each impact, which may
+    lie between them, is marked where the impact begins. Impacts by Newton's law have no force: what
+    is drawn then presses blocks together at rest.
+
+    Raises
+    ------
+    ValueError
+        If no link has a law of contact, or a run is invalid.
+    """
+    curves = contacts("contact_force", response)
+    peaks = [] if response.batch else response.impacts()
+    peaks = [impact for impact in peaks if np.isfinite(impact.peak_force)]
+    highest = [impact.peak_force for impact in peaks]
+    ax = _axes(response, ax)
+    factor, unit = _unit(response, "force", *(curve.values for curve in curves), highest or [0.0])
+    for curve in curves:
+        _draw(ax, response.time, factor, curve)
+    if peaks:
+        ax.plot(
+            [impact.time for impact in peaks],
+            factor * np.array(highest),
+            "o",
+            color=COLOURS["structure 2"],
+            markersize=3,
+            label="largest of an impact",
+        )
+    ax.margins(x=0)
+    label(ax, _time(response), f"contact force $p$ ({unit})")
+    if peaks or len(curves) > 1:
+        legend(ax, columns=3)
+    return ax
+
+
+@in_house_style
 def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     """Force over elongation of each rod; of a pair f1 over x1 and f2 over x2."""
     ax = _axes(response, ax)
@@ -189,11 +239,35 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
+def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
+    """Contact force p over penetration δ = −ξ of each link with a law of contact.
+
+    The enclosed area is the energy lost by contact. Both are those at the instants: the grid must
+    resolve the contact for the loops to be seen.
+
+    Raises
+    ------
+    ValueError
+        If no link has a law of contact, or a run is invalid.
+    """
+    ax = _axes(response, ax)
+    curves = contacts("contact_hysteresis", response)
+    factor, unit = _unit(response, "force", *(curve.values for curve in curves))
+    for link, curve in zip(touching(response), curves, strict=True):
+        _draw(ax, np.maximum(-np.asarray(link.gap), 0.0), factor, curve)
+    label(ax, rf"penetration $\delta$ ({_length(response)})", f"contact force $p$ ({unit})")
+    if len(curves) > 1:
+        legend(ax, columns=3)
+    return ax
+
+
+@in_house_style
 def energy(response: Response, ax: Axes | None = None) -> Axes:
     """Energy of a single run over time: damper, rods and kinetic energy, stacked, and the input.
 
-    The stack is friction's work, the rods' work and the kinetic energy; the line is the input.
-    Their difference is the residual of the balance, also drawn as a line.
+    The stack is friction's work, the rods' work and the kinetic energy, with a law of contact also
+    what is lost by contact and stored in it; the line is the input. Their difference is the
+    residual of the balance, also drawn as a line.
     """
     require_single("energy", response)
     ax = _axes(response, ax)
@@ -201,10 +275,12 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     factor, unit = _unit(response, "energy", terms.input)
     time = np.asarray(response.time)
     parts = {"friction": "damper", "rods": "rods", "kinetic": "kinetic"}
+    if touching(response):
+        parts |= {"contact_lost": "pounding", "contact_stored": "stick"}
     ax.stackplot(
         time,
         *(factor * np.asarray(getattr(terms, name)) for name in parts),
-        labels=list(parts),
+        labels=[name.replace("_", " ") for name in parts],
         colors=[COLOURS[colour] for colour in parts.values()],
         alpha=0.6,
         linewidth=0,
@@ -221,13 +297,16 @@ Drawing = Callable[[Response, Axes], Axes]
 
 
 def overview(response: Response) -> Figure:
-    """Ground motion, displacements, friction force and gap, one above the other over time.
+    """Ground motion, displacements, friction and contact force and gap, one above the other.
 
-    Without friction force where there is no link, and without gap where no link has one.
+    Without friction force where there is no link, without contact force where none acts, and
+    without gap where no link has one.
     """
     drawings: list[Drawing] = [ground_motion, displacements]
     if response.links:
         drawings.append(friction_force)
+    if any(np.any(link.contact != 0) for link in touching(response)):
+        drawings.append(contact_force)
     if np.isfinite(response.min_gap).any():
         drawings.append(gap)
     return side_by_side({"": response}, drawings)

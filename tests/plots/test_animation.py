@@ -119,3 +119,28 @@ def test_several_runs_move_side_by_side_to_one_scale(response):
         animate({"long": response, "short": short})
     with pytest.raises(ValueError, match="animate: responses must hold at least one run"):
         animate({})
+
+
+@pytest.fixture(scope="module")
+def collisions():
+    pair = dataclasses.replace(jp.paper.structures(), initial_gap=0.3, contact=jp.Newton(0.65))
+    return jp.simulate(pair, jp.paper.ground(), jp.TimeGrid(0.02, 400))
+
+
+def test_a_star_flashes_at_each_impact_and_blocks_do_not_overlap(collisions):
+    ax = Figure().add_subplot()
+    scene = Scene(collisions, ax)
+    (star,) = [line for line in ax.lines if isinstance(line.get_marker(), tuple)]
+    time = np.asarray(collisions.time)
+    hits = [impact.time for impact in collisions.impacts()]
+    assert len(hits) > 1
+    for hit in hits:
+        i = int(np.searchsorted(time, hit))
+        scene.show(i)
+        left, right = blocks(ax)
+        assert left[1] <= right[0] + 1e-9
+        assert star.get_visible()
+        assert left[1] - 0.1 < star.get_xdata()[0] < right[0] + 0.1
+    for before in (0, int(np.searchsorted(time, hits[0])) - 1):
+        scene.show(before)
+        assert not star.get_visible()

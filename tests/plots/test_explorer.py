@@ -258,3 +258,27 @@ def test_without_ipywidgets_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
     with pytest.raises(ImportError, match="Explorer needs ipywidgets, which the extra 'notebooks'"):
         Explorer(S, GROUND, GRID)
+
+
+@pytest.fixture(scope="module")
+def collisions():
+    """An explorer of buildings with a law of contact, by which they pound from the beginning."""
+    law = jp.KelvinVoigt(stiffness=100.0, restitution=0.65)
+    return Explorer(replace(S, initial_gap=0.3, contact=law), GROUND, jp.TimeGrid(0.04, 200))
+
+
+def test_a_law_of_contact_has_sliders(collisions):
+    before = float(collisions.response.demand.peak_contact)
+    assert {"initial_gap", "contact.stiffness", "contact.restitution"} <= {*collisions.sliders}
+    slider = collisions.sliders["contact.stiffness"]
+    assert slider.children[0].value == "contact: k (m1 ω1²)"
+    assert slider._marks[[0, -1]] == pytest.approx([50, 1000], rel=0.03)
+    slider.value = 400.0
+    assert collisions.structures.contact.stiffness == 400.0
+    assert collisions.response.demand.peak_contact > 1.2 * before
+    assert "pound" in collisions.words.value
+    assert "time" in collisions.words.value
+
+
+def test_without_a_law_there_are_none(explorer):
+    assert not [name for name in explorer.sliders if name.startswith("contact")]

@@ -430,3 +430,67 @@ def test_figures_look_alike_under_any_settings(draw, response):
     usual = pixels()
     with mpl.rc_context({"lines.linewidth": 5, "legend.fontsize": 20, "legend.frameon": True}):
         np.testing.assert_array_equal(pixels(), usual)
+
+
+def pounding(friction, law):
+    pair = dataclasses.replace(jp.paper.structures(), friction=friction, initial_gap=0.3)
+    pair = dataclasses.replace(pair, contact=law)
+    return jp.simulate(pair, jp.paper.ground(), jp.TimeGrid(0.02, 400))
+
+
+@pytest.fixture(scope="module")
+def collisions():
+    frictions = np.array([0.0, 0.25])
+    return jax.vmap(lambda mu: pounding(mu, jp.KelvinVoigt(100.0, 0.65)))(frictions)
+
+
+def test_contact_force_shows_the_largest_of_each_impact(collisions, ax):
+    one = collisions[1]
+    plots.contact_force(one, ax)
+    line, peaks = ax.lines
+    np.testing.assert_array_equal(line.get_ydata(), one.contact)
+    assert len(peaks.get_xdata()) == one.demand.n_impacts > 1
+    assert peaks.get_ydata().max() == one.demand.peak_contact
+    assert ax.get_ylabel() == "contact force $p$ ($m_1 g$)"
+    several = plots.contact_force(collisions, Figure().add_subplot())
+    assert not several.lines
+    assert len(several.collections[0].get_paths()) == 2
+
+
+def test_contact_hysteresis_encloses_what_contact_loses(collisions, ax):
+    plots.contact_hysteresis(collisions[1], ax)
+    depth, force = ax.lines[0].get_data()
+    area = np.sum((force[1:] + force[:-1]) / 2 * np.diff(depth))
+    assert area == pytest.approx(float(collisions[1].demand.contact_work), rel=0.15)
+    assert ax.get_xlabel() == r"penetration $\delta$ ($g/\omega_1^2$)"
+
+
+def test_impacts_are_marked_in_the_gap_where_they_begin(collisions, response, ax):
+    plots.gap(collisions[1], ax)
+    marks = [line for line in ax.lines if line.get_label() == "impact"]
+    times = [impact.time for impact in collisions[1].impacts()]
+    np.testing.assert_array_equal(marks[0].get_xdata(), times)
+    np.testing.assert_allclose(np.interp(times, *ax.lines[0].get_data()), 0, atol=5e-3)
+    for other in (response, collisions):
+        labels = plots.gap(other, Figure().add_subplot()).get_legend_handles_labels()[1]
+        assert "impact" not in labels
+
+
+def test_energy_has_what_contact_stores_and_loses(collisions, ax):
+    plots.energy(collisions[1], ax)
+    terms = collisions[1].energy
+    labels = ["friction", "rods", "kinetic", "contact lost", "contact stored"]
+    parts = [terms.friction, terms.rods, terms.kinetic, terms.contact_lost, terms.contact_stored]
+    tops = np.cumsum(parts, axis=0)
+    for name, top in zip(labels, tops, strict=True):
+        (path,) = collection(ax, name).get_paths()
+        assert np.isin(top, path.vertices[:, 1]).all()
+    np.testing.assert_allclose(tops[-1] - terms.residual, terms.input, atol=1e-12)
+
+
+def test_only_runs_with_contact_forces_show_them(collisions, response):
+    assert len(plots.overview(collisions[1]).axes) == 5
+    assert len(plots.overview(response).axes) == 4
+    for draw in (plots.contact_force, plots.contact_hysteresis):
+        with pytest.raises(ValueError, match="must have a link with a law of contact"):
+            draw(response, Figure().add_subplot())
