@@ -1,8 +1,8 @@
 r"""Links that may touch or that share masses, over one step of a run.
 
-Such links, a group, are followed by the local flow (``events``) where it is needed: in contact, where
-a gap may close within the step, and, for links that share masses, where slip or stick ends. All
-other steps have closed forms.
+Such links, a group, are followed by the local flow (``events``) where it is needed: in contact,
+where a gap may close within the step, and, for links that share masses, where slip or stick ends.
+All other steps have closed forms.
 
 An impact is a kink of the path. Were the rods given the position at an instant of the grid, where
 in the step the kink falls would leave a ragged error of order h² in the path that they see, and of

@@ -109,4 +109,3 @@ def test_order_of_convergence_is_two(name):
 
 
 @functools.cache
-@functools.cache
