@@ -209,6 +209,24 @@ def assert_page_says(page, answers, buildings):
             "[limits] peak_f1 = -1 N must be between 1e-06 and 1e+12 N",
         ),
         ({"peak_f1": 'peak_f1 = {at_most = 1.0, over = "x"}'}, "peak_f1: over = 'x' must be"),
+        (
+            {"peak_f1": "peak_contact = 1e6"},
+            "[limits] peak_contact must not be given without a law of [contact]",
+        ),
+        (
+            {
+                "# [contact]": "[contact]\nlaw = 'newton'\nrestitution = 0.65",
+                "friction = {": '"contact.stiffness" = {low = 0.5, high = 2.0}',
+            },
+            "[variables] contact.stiffness must be a parameter of the law of contact, which has re",
+        ),
+        (
+            {
+                "# [contact]": "[contact]\nlaw = 'newton'\nrestitution = 0.65",
+                "friction = {": "contact.restitution = {low = 0.5, high = 2.0}",
+            },
+            "[variables] contact.restitution: high = 1.3 must be at most 1",
+        ),
         ({"starts": "starts = 0"}, "[search] starts = 0 must be from 1 to"),
         ({"earthquakes = 256": "earthquakes = 0"}, "[search] earthquakes = 0 must be from 1 to"),
         ({"duration": ""}, "[run] lacks the key 'duration'"),
@@ -220,6 +238,48 @@ def test_what_is_wrong_is_named(write, changes, message, capsys, tmp_path):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+CONTACT = "[contact]\nlaw = 'kelvin-voigt'\nrestitution = 0.65\nstiffness = 8e8"
+
+
+def test_a_design_with_contact(write, tmp_path):
+    """A pad between the buildings: its stiffness is chosen, for small forces of contact."""
+    path = write(
+        SMALL
+        | {
+            "# [contact]": CONTACT,
+            "gap": "gap = 0.02",
+            "earthquakes = 256": "earthquakes = 3",
+            "fresh = 1000": "fresh = 0",
+            "starts = 4": "starts = 1",
+            "iterations = 100": "iterations = 3",
+            "duration = 10.0": "duration = 5.0",
+            "friction = {": '"contact.stiffness" = {low = 0.5, high = 2.0, scale = "log"}',
+            '"rod_1.tau_x"': "",
+            '"rod_1.tau_f"': "",
+            '"rod_2.tau_x"': "",
+            '"rod_2.tau_f"': "",
+            "peak_f1": 'peak_contact = {at_most = 1e12, over = "mean"}',
+            "damper_force": "peak_impulse = 1e9",
+            "# [penalties]": '[penalties]\nsoft_peak_contact = {weight = 1e-6, over = "mean"}',
+        }
+    )
+    out = tmp_path / "out"
+    printed = run("design", path, "--out", out)
+    assert re.search(r"(?m)^contact stiffness +N/m +800,000,000 +4\d\d,\d\d\d,\d\d\d ", printed)
+    answers = json.loads((out / "summary.json").read_text())
+    assert {name: x["unit"] for name, x in answers["limits"].items()} == {
+        "peak_contact": "N",
+        "peak_impulse": "N s",
+    }
+    peaks = answers["trained"]["demands"]["peak_contact"]
+    assert peaks["unit"] == "N"
+    assert 0 < peaks["mean_after"] < peaks["mean_before"]
+    buildings = File.opened(out / "buildings.toml", "simulate").read(Simulation)
+    found = buildings.scales.contact_to_si(buildings.structures.contact).stiffness
+    (chosen,) = (row for row in answers["answer"] if row["quantity"] == "contact stiffness")
+    assert float(found) == pytest.approx(chosen["after"])
 
 
 def test_records_join_the_random_earthquakes(write, tmp_path):
