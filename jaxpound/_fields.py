@@ -89,6 +89,8 @@ class Quantity(NamedTuple):
     """Where tables have it: those of lower rank come first."""
     limited: bool = False
     """Whether a design may be limited in it, or pay for it."""
+    contact: bool = False
+    """Whether only links with a law of contact have it."""
 
     def of(self, number: str) -> Quantity:
         """The same, with the number in its names."""
@@ -136,10 +138,11 @@ def quantity(
     symbol: str = "",
     rank: int = 0,
     limited: bool = False,
+    contact: bool = False,
     **kwargs: Any,
 ) -> Any:
     """A field that is a number or series of a result; as ``Quantity`` (kind None: a number)."""
-    known = Quantity(kind, words, column, symbol, rank, limited)
+    known = Quantity(kind, words, column, symbol, rank, limited, contact)
     return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
 
 

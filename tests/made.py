@@ -20,9 +20,16 @@ SERIES = (
 )
 
 
-def pair_demand(value, soft=None):
-    """The scalars of a pair, all of one value."""
+OF_CONTACT = (
+    *("peak_contact", "peak_impulse", "peak_penetration", "n_impacts", "first_impact_time"),
+    *("contact_work", "soft_peak_contact"),
+)
+
+
+def pair_demand(value, soft=None, contact=False):
+    """The scalars of a pair, all of one value; with ``contact`` those of a law of contact too."""
     more = {} if soft is None else {"soft_min_gap": soft}
+    more |= dict.fromkeys(OF_CONTACT, value) if contact else {}
     return jp.Demand.of_columns(dict.fromkeys(SCALARS, value) | more, si=False)
 
 

@@ -356,9 +356,9 @@ def test_every_series_of_a_response_has_its_unit():
         "time",
         "ground_acceleration",
         "ground_velocity",
-        *(x for _, names in response.columns() for x in names),
+        *(x for _, names in response.columns() for x in names if getattr(response, x) is not None),
     }
-    assert flat == factors.keys()
+    assert flat == factors.keys()  # those of contact: tests/results/test_demand.py
     for name, factor in factors.items():
         np.testing.assert_allclose(
             getattr(si, name), factor * getattr(response, name), rtol=1e-14, err_msg=name

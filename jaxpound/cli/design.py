@@ -16,12 +16,13 @@ import jaxpound as jp
 from jaxpound._tables import Table as Lines
 from jaxpound._tables import rounded
 from jaxpound.cli.factors import Bounds, Parameter, design_space, in_si
-from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import known as finite
+from jaxpound.cli.files import make_folder, write_figures, write_json, write_text
 from jaxpound.cli.objective import Limits, Objective, Penalties, priced
 from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
 from jaxpound.cli.simulate import as_toml
 from jaxpound.cli.tables import UNITS, Files, Shaken, read_records
-from jaxpound.model.parameters import get, put
+from jaxpound.model.parameters import get, known, put
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
 
@@ -147,7 +148,13 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
         design_space(place, given.variables, given.structures, given.scales),
         ensemble,
         {name: jp.Ensemble.of([record], grid) for name, record in shaking.items()},
-        priced(file.name, given.objective, given.limits, given.penalties),
+        priced(
+            file.name,
+            given.objective,
+            given.limits,
+            given.penalties,
+            contact=given.contact is not None,
+        ),
         grid,
     )
 
@@ -179,7 +186,7 @@ def summary(
     """
     si = design.trained.si
     before: Any = put(design.space.nominal, design.start)
-    return known(
+    return finite(
         {
             "units": "SI" if si else "dimensionless",
             "objective": design.objective,
@@ -226,12 +233,14 @@ def summary(
 def _answer(
     design: jp.Design, before: jp.AdjacentStructures, scales: jp.Scales
 ) -> list[dict[str, Any]]:
-    """The design in an engineer's terms: damper, gap, and both buildings as oscillators."""
+    """The design in an engineer's terms: damper, gap, both buildings as oscillators, contact."""
+    of_contact = [path for path in design.space.names if path.startswith("contact.")]
     told = []
     for structures in (before, design.structures):
         left, right, force, gap = scales.buildings(structures)
         oscillators = [x for b in (left, right) for x in (b.natural_period, 100 * b.damping_ratio)]
-        told.append([force, gap, *oscillators, right.mass, right.stiffness])
+        contact = [get(in_si(structures, scales), path) for path in of_contact]
+        told.append([force, gap, *oscillators, right.mass, right.stiffness, *contact])
     rows = [
         ("slip force of the damper", "N", "friction"),
         ("gap at rest", "m", "initial_gap"),
@@ -242,6 +251,9 @@ def _answer(
         ("mass of building 2", "kg", "mass_ratio"),
         ("stiffness of building 2", "N/m", "stiffness_ratio"),
     ]
+    for path in of_contact:
+        about = known(design.structures, path)
+        rows.append((about.words, unit(about.kind, si=True), path))
     return [
         _changed(words, of, old, new, design.active_bounds.get(path))
         for (words, of, path), old, new in zip(rows, *told, strict=True)

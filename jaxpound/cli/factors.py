@@ -12,15 +12,18 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.cli.reading import Range, Table, between, keyed, named, ranges
-from jaxpound.cli.tables import UNITS, Building, Damper, Pair, Stated
+from jaxpound.cli.tables import LAWS, UNITS, Building, Contact, Damper, Pair, Stated
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.study.distributions import RARE
 
 FACTOR = Range(0, 1e6, "", "a factor on the value above")
 Factor = Annotated[float, between(*FACTOR)]
-Parameter = Annotated[str, keyed(paths(jp.AdjacentStructures))]
-"""Path of a parameter of the dimensionless system."""
+_OF_CONTACT = tuple(dict.fromkeys(path for law in LAWS.values() for path in paths(law)))
+Parameter = Annotated[
+    str, keyed((*paths(jp.AdjacentStructures), *(f"contact.{path}" for path in _OF_CONTACT)))
+]
+"""Path of a parameter of the dimensionless system, and of any law of contact."""
 
 
 class Bounds(Table):
@@ -55,6 +58,7 @@ _STANDS_FOR = {
         for i in (1, 2)
         for key in ("order", "tau_f", "tau_x")
     },
+    **{f"contact.{key}": (f"[contact] {key}", ranges(Contact)[key]) for key in _OF_CONTACT},
 }
 """The key in a file that corresponds to each dimensionless parameter, and its range."""
 
@@ -62,7 +66,8 @@ _STANDS_FOR = {
 def in_si(structures: jp.AdjacentStructures, scales: jp.Scales) -> jp.AdjacentStructures:
     """The same parameters in SI units: relaxation times in s^order, slip force in N, gap in m.
 
-    Rules are the same in every unit, so that error messages have the units of the file.
+    Stiffness of contact is in N/m, or N/m^1.5 for laws after Hertz. Rules are the same in every
+    unit, so that error messages have the units of the file.
     """
     left, right, friction_force, gap = scales.buildings(structures)
     return dataclasses.replace(
@@ -71,6 +76,7 @@ def in_si(structures: jp.AdjacentStructures, scales: jp.Scales) -> jp.AdjacentSt
         rod_2=ZenerRod(right.order, right.tau_f, right.tau_x),
         friction=friction_force,
         initial_gap=gap,
+        contact=scales.contact_to_si(structures.contact),
     )
 
 
@@ -133,6 +139,10 @@ def _multiples(
     """The distributions or bounds of the parameters themselves, by path."""
     made = {}
     for path, factor in table.items():
+        if path.startswith("contact.") and path not in (known := paths(structures)):
+            own = [x.removeprefix("contact.") for x in known if x.startswith("contact.")]
+            what = f"which has {', '.join(own)}" if own else "and the file has no [contact]"
+            raise ValueError(f"{place} {path} must be a parameter of the law of contact, {what}")
         if not (value := float(get(structures, path))):
             raise ValueError(f"{place} {path} must be of a value above 0, for factors on it")
         with named(f"{place} {path}:"):

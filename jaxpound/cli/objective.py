@@ -11,7 +11,7 @@ import jaxpound as jp
 from jaxpound.cli.reading import Range, Table, between, keyed, named, says
 from jaxpound.cli.tables import Gap
 from jaxpound.design.objective import PRICES, Goal
-from jaxpound.results.demand import kind_of
+from jaxpound.results.demand import kind_of, known_of
 
 _GOALS: dict[str, tuple[Any, str]] = {
     "mean gap": (jp.MeanGap, ""),
@@ -83,6 +83,7 @@ _LIMITS = {
     "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
     "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
     "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
+    "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
 }
 """Ranges of the limits on a demand, by its kind of quantity."""
 
@@ -92,8 +93,12 @@ def priced(
     objective: Objective,
     limits: Mapping[str, float | AtMost],
     penalties: Mapping[str, float | Weighted],
+    contact: bool,
 ) -> jp.Objective:
-    """The library's ``Objective``; ``name`` is the file's."""
+    """The library's ``Objective``.
+
+    ``name`` is the file's, ``contact`` says whether it has a law of contact.
+    """
     made: dict[str, dict[str, Any]] = {"limits": {}, "penalties": {}}
     stated: list[tuple[str, Any, Mapping[str, Any]]] = [
         ("limits", jp.Limit, limits),
@@ -102,6 +107,9 @@ def priced(
     for table, kind, prices in stated:
         for price, x in prices.items():
             place = f"{name}: [{table}] {price}"
+            about = known_of(price)
+            if about is not None and about.contact and not contact:
+                raise ValueError(f"{place} must not be given without a law of [contact]")
             number, *over = [x] if isinstance(x, float) else astuple(x)
             allowed = _LIMITS[kind_of(price) or ""] if table == "limits" else _PENALTY
             allowed.require(place, number)

@@ -14,7 +14,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, dataclass_transform, get_args
+from types import NoneType
+from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform, get_args, get_origin
 
 import msgspec
 from msgspec import inspect
@@ -301,7 +302,7 @@ def _fault(kind: Any, value: Any, place: str) -> str:
         else:
             told, rule = allowed.told(told), allowed.rule
     elif isinstance(info, inspect.LiteralType):
-        words = get_args(kind)  # in their order
+        words = _words(kind)
         rule = "one of " + ", ".join(f'"{word}"' for word in words)
         if isinstance(value, str) and (close := did_you_mean(value, words)):
             rule += f"; {close}"
@@ -309,6 +310,13 @@ def _fault(kind: Any, value: Any, place: str) -> str:
         words_of: dict[Any, str] = {inspect.BoolType: "true or false", inspect.StrType: "a text"}
         rule = words_of.get(type(info), "a finite number")
     return f"{place} = {told} must be {rule}"
+
+
+def _words(kind: Any) -> tuple[str, ...]:
+    """The words of a literal, or of one that may be left out, in their order."""
+    if get_origin(kind) is Literal:
+        return get_args(kind)
+    return next((_words(one) for one in get_args(kind) if one is not NoneType), ())
 
 
 def _refusal(kind: Any, value: Any) -> str:

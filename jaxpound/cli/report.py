@@ -13,7 +13,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._tables import Table, rounded
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
-from jaxpound.results.demand import in_words, unit_of
+from jaxpound.results.demand import in_words, known_of, unit_of
 from jaxpound.study.statistics import Estimate
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
@@ -31,6 +31,7 @@ _QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
 _MOST_CORRELATIONS = 8
 
 _RULES = {"absolute_sum": "absolute sum", "srss": "SRSS", "double_difference": "double difference"}
+_IMPACTS = ("number of impacts", "probability", "95 % interval")
 _GAPS = ("exceeded with probability", "unit", "required gap", "95 % interval", *_RULES.values())
 _DEMANDS = ("demand", "unit", "mean", "standard deviation", *_QUANTILES.values(), "largest")
 _ERRORS = ("median θ", "standard error of θ", "dispersion β", "standard error of β")
@@ -53,15 +54,17 @@ def run(args: argparse.Namespace) -> None:
     drawn: dict[str, Callable[[Any, Any], Any]] = {
         "min_gap": plots.min_gap,
         "convergence": plots.convergence,
-        "required_gap": partial(plots.exceedance, rules_at=0.05),
     }
+    if "required_gap" in study.columns:
+        drawn["required_gap"] = partial(plots.exceedance, rules_at=0.05)
     figures = {name: figure(draw, study) for name, draw in drawn.items()}
     for name, curve in curves.items():
         words = f"{INTENSITIES[name]} ({unit_of(name, study.scales is not None)})"
         figures[f"fragility_by_{name}"] = figure(partial(plots.fragility, intensity=words), curve)
     if study.about["identity"]["parameters"]:
-        figures["correlations"] = figure(plots.correlations, study)
-        figures["parameters"] = plots.scatter_matrix(study)
+        column = correlated(study)
+        figures["correlations"] = figure(partial(plots.correlations, column=column), study)
+        figures["parameters"] = plots.scatter_matrix(study, [column])
     if "configuration" in (study.about["notes"] or {}):
         write_text(args.out / "study.toml", study.about["notes"]["configuration"])
     write_json(args.out / "summary.json", answers)
@@ -84,19 +87,25 @@ def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
     return curves
 
 
+def correlated(study: jp.Study) -> str:
+    """The column whose correlations are reported; with contact there is no required gap."""
+    return "required_gap" if "required_gap" in study.columns else "peak_impulse"
+
+
 def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, Any]:
     """The study's statistics, with its ``fragilities``, as JSON can hold them."""
     identity, si = study.about["identity"], study.scales is not None
-    required_gap, demands = {}, {}
-    for p in PROBABILITIES:
+    required_gap, demands, correlation = {}, {}, None
+    for p in PROBABILITIES if "required_gap" in study.columns else ():
         found = study.separation(p)
         rules = {rule: getattr(found, rule) for rule in _RULES}
         required_gap[str(p)] = _interval(found.required_gap) | rules
+        correlation = found.correlation
     for name in study.columns:
         if name in identity["parameters"] or name == "pounds":
             continue
-        m = study.moments(name)
-        quantiles = np.quantile(study.finite(name), list(_QUANTILES)).tolist()
+        m, finite = study.moments(name), study.finite(name)
+        quantiles = [float(np.quantile(finite, q)) if finite.size else np.nan for q in _QUANTILES]
         demands[name] = {
             "unit": unit_of(name, si),
             "mean": m.mean,
@@ -104,9 +113,11 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
             **dict(zip((f"quantile_{q:g}" for q in _QUANTILES), quantiles, strict=True)),
             "largest": m.largest,
         }
-    correlations = study.correlations() if identity["parameters"] else {}
-    finite = {name: value for name, value in correlations.items() if np.isfinite(value)}
-    ranked = sorted(finite, key=lambda name: -abs(finite[name]))[:_MOST_CORRELATIONS]
+    column = correlated(study)
+    correlations = study.correlations(column) if identity["parameters"] else {}
+    certain = {name: value for name, value in correlations.items() if np.isfinite(value)}
+    ranked = sorted(certain, key=lambda name: -abs(certain[name]))[:_MOST_CORRELATIONS]
+    counts = study.counts() if "n_impacts" in study.columns else {}
     return known(
         {
             "made_by": identity["versions"],
@@ -119,7 +130,8 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
             "pounding_probability": _interval(study.pounding_probability()),
             "required_gap": required_gap,
             "demands": demands,
-            "correlations_with_required_gap": {name: finite[name] for name in ranked},
+            "impacts": {str(k): _interval(x) for k, x in counts.items()},
+            f"correlations_with_{column}": {name: certain[name] for name in ranked},
             "fragility": {
                 name: {
                     "unit": unit_of(name, si),
@@ -130,7 +142,7 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
                 }
                 for name, curve in curves.items()
             },
-            "double_difference_correlation": found.correlation,
+            "double_difference_correlation": correlation,
         }
     )
 
@@ -150,7 +162,7 @@ def page(answers: dict[str, Any], figures: list[str]) -> str:
         for share, row in answers["required_gap"].items()
     ]
     demands = [
-        (in_words(name), unit or "of the measure", *numbers)
+        (in_words(name), unit or ("-" if known_of(name) else "of the measure"), *numbers)
         for name, (unit, *numbers) in ((x, y.values()) for x, y in answers["demands"].items())
     ]
     lines = [
@@ -164,18 +176,31 @@ def page(answers: dict[str, Any], figures: list[str]) -> str:
         "",
         f"**Probability of pounding: {rounded(p['value'])} ({_ends(p)})**",
         "",
-        Table.of(_GAPS, gaps).markdown(),
-        "",
-        "The rules of codes combine the peak displacements that are exceeded with the same "
-        "probability; the double difference's correlation coefficient is "
-        f"{answers['double_difference_correlation']:.3g}. They were made for buildings without a "
-        "damper between them.",
-        "",
-        Table.of(_DEMANDS, demands).markdown(),
     ]
-    if correlations := answers["correlations_with_required_gap"]:
-        told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
-        lines += ["", f"Rank correlation with the required gap: {told}."]
+    if gaps:
+        lines += [
+            Table.of(_GAPS, gaps).markdown(),
+            "",
+            "The rules of codes combine the peak displacements that are exceeded with the same "
+            "probability; the double difference's correlation coefficient is "
+            f"{answers['double_difference_correlation']:.3g}. They were made for buildings without "
+            "a damper between them.",
+            "",
+        ]
+    if impacts := answers["impacts"]:
+        rows = [(k, x["value"], _ends(x)) for k, x in impacts.items()]
+        lines += [
+            Table.of(_IMPACTS, rows).markdown(),
+            "",
+            "The gap that would be required cannot be told from buildings that meet: leave out "
+            "[contact] for it. The time of the first impact is that of the scenarios with one.",
+            "",
+        ]
+    lines.append(Table.of(_DEMANDS, demands).markdown())
+    for column in ("required_gap", "peak_impulse"):
+        if correlations := answers.get(f"correlations_with_{column}"):
+            told = ", ".join(f"{name} {value:+.2f}" for name, value in correlations.items())
+            lines += ["", f"Rank correlation with the {in_words(column)}: {told}."]
     if fragility := answers["fragility"]:
         rows = [(in_words(name), *curve.values()) for name, curve in fragility.items()]
         table = Table.of(_FRAGILITY, rows).markdown()

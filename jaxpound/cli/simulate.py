@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,13 +11,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 import jaxpound as jp
+from jaxpound._fields import quantities
 from jaxpound._tables import Table as Lines
-from jaxpound.cli.files import make_folder, write, write_figures, write_json
+from jaxpound._tables import rounded
+from jaxpound.cli.files import known, make_folder, write, write_figures, write_json
 from jaxpound.cli.reading import File, Table, between, named
-from jaxpound.cli.tables import Pair
+from jaxpound.cli.tables import LAWS, Pair
 from jaxpound.ground.intensity import pga
+from jaxpound.ground.plausibility import excessive, far_apart, tell
 from jaxpound.ground.reader import require_possible
-from jaxpound.quantities import MOST_PGA
+from jaxpound.quantities import MOST_PGA, column
+from jaxpound.results.impacts import ImpactSeries
+from jaxpound.simulation import run as simulation
 from jaxpound.simulation.buildings import record_grid
 
 _FIGURES = (
@@ -111,21 +117,15 @@ def run(args: argparse.Namespace) -> None:
 def respond(
     file: File, given: Simulation, record: jp.Record, *, strict: bool = False
 ) -> jp.Response:
-    """The run in SI units, as ``simulate_buildings`` makes it."""
-    run = given.run
-    grid(file, given, record)  # so that messages on dt and duration have their place in the file
+    """The run in SI units."""
+    scales, shaken = given.scales, given.scales.to_dimensionless(record)
+    of_run = shaken, grid(file, given, record), given.scheme, strict
     with named(f"{file.name}:"):
-        return jp.simulate_buildings(
-            given.building_1.model(),
-            given.building_2.model(),
-            record,
-            friction_force=given.damper.friction_force,
-            gap=given.gap,
-            duration=run.duration,
-            dt=run.dt,
-            scheme=given.scheme,
-            strict=strict,
-        )
+        response = scales.to_si(simulation.respond("simulate", given.structures, *of_run))
+        moved = response.demand.peak_x1 + response.demand.peak_x2
+        findings = excessive(record, pga(record), "record")
+        tell("simulate", findings + far_apart("gap", given.gap, moved, si=True), strict)
+    return response
 
 
 def grid(file: File, given: Simulation, record: jp.Record) -> jp.TimeGrid:
@@ -142,7 +142,17 @@ def as_toml(structures: jp.AdjacentStructures, scales: jp.Scales) -> str:
     for i, building in enumerate((left, right), start=1):
         numbers = [f"{name} = {float(np.asarray(x))!r}" for name, x in vars(building).items()]
         lines += [f"[building_{i}]", *numbers, ""]
-    return "\n".join([*lines, "[damper]", f"friction_force = {float(friction_force)!r}  # N", ""])
+    lines += ["[damper]", f"friction_force = {float(friction_force)!r}  # N", ""]
+    if (law := scales.contact_to_si(structures.contact)) is not None:
+        (name,) = (name for name, kind in LAWS.items() if isinstance(law, kind))
+        numbers = [f"{key} = {_written(x)}" for key, x in vars(law).items()]
+        lines += ["[contact]", f'law = "{name}"', *numbers, ""]
+    return "\n".join(lines)
+
+
+def _written(value: Any) -> str:
+    """A number, word or truth as TOML has it."""
+    return json.dumps(value if isinstance(value, bool | str) else float(value))
 
 
 # --- the report ---------------------------------------------------------------------------------
@@ -176,6 +186,7 @@ def summary(
             "peak_absolute_acceleration_m_per_s2": float(getattr(demand, f"peak_acceleration_{i}")),
             "base_shear_N": float(getattr(demand, f"peak_f{i}")),
         }
+    results["contact"] = None if given.contact is None else of_contact(response)
     return {
         "jaxpound": jp.__version__,
         "record": {
@@ -194,6 +205,23 @@ def summary(
     }
 
 
+def of_contact(response: jp.Response) -> dict[str, Any]:
+    """What the law of contact gave: its scalars, and the impacts one by one."""
+    (link,), energy = response.demand.links, response.energy
+    scalars = {
+        column(name, about.kind, si=True): float(getattr(link, name))
+        for name, about in quantities(type(link)).items()
+        if about.contact
+    }
+    kinds = {name: about.kind for name, about in quantities(ImpactSeries).items()}
+    impacts = [
+        {column(name, kind, si=True): getattr(impact, name) for name, kind in kinds.items()}
+        for impact in response.impacts()
+    ]
+    stored = {"stored_at_end_J": float(energy.contact_stored[-1])}
+    return known(scalars | stored | {"impacts": impacts})
+
+
 def relative_residual(response: jp.Response) -> float:
     """Largest residual of the energy balance over the largest input; 0 for a run at rest."""
     energy = response.energy
@@ -202,7 +230,9 @@ def relative_residual(response: jp.Response) -> float:
 
 
 def _first_contact(response: jp.Response) -> float:
-    """When the gap first closes, by linear interpolation between instants of the grid."""
+    """When the gap first closes: at an impact, or by linear interpolation between instants."""
+    if impacts := response.impacts():
+        return impacts[0].time
     time, gap = np.asarray(response.time), np.asarray(response.gap)
     closed = np.flatnonzero(gap <= 0)
     if closed.size == 0:  # it opens again before the next instant
@@ -217,6 +247,8 @@ def page(answers: dict[str, Any]) -> str:
     given = answers["configuration"]
     supplied = results["input_energy_J"]
     taken = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
+    if contact := results["contact"]:
+        taken["contact"] = contact["contact_work_J"]
     shares = ", ".join(
         f"{name} {energy / 1e3:.4g} kJ ({energy / supplied if supplied else 0:.0%})"
         for name, energy in taken.items()
@@ -236,8 +268,10 @@ def page(answers: dict[str, Any]) -> str:
     verdict = "no pounding"
     if results["pounds"]:
         verdict = (
-            f"POUNDS: overlap {results['overlap_m']:.4g} m, first contact at "
-            f"{results['first_contact_s']:.5g} s; contact itself is not modelled"
+            f"POUNDS: {'penetration' if contact else 'overlap'} {results['overlap_m']:.4g} m, "
+            "first contact at "
+            f"{results['first_contact_s']:.5g} s"
+            + ("" if contact else "; contact itself is not modelled")
         )
     return "\n".join(
         [
@@ -249,9 +283,22 @@ def page(answers: dict[str, Any]) -> str:
             f"Gap      {given['gap']:.4g} m at rest, smallest {results['min_gap_m']:.4g} m "
             f"at {results['min_gap_time_s']:.5g} s",
             f"         {verdict}",
+            *([_contact_line(given["contact"]["law"], contact)] if contact else []),
             f"Damper   slip force {given['damper']['friction_force'] / 1e3:.4g} kN, slid "
             f"{results['slip_distance_m']:.4g} m, offset left {results['residual_offset_m']:.4g} m",
             f"Energy   input {supplied / 1e3:.4g} kJ: {shares}; "
             f"residual {results['energy_residual_over_input']:.1e} of the input",
         ]
     )
+
+
+def _contact_line(law: str, contact: dict[str, Any]) -> str:
+    """The impacts in one line; by Newton's law they have impulses, but no force."""
+    impulse = f"largest impulse {rounded(contact['peak_impulse_N_s'] / 1e3)} kN s"
+    force = f"peak force {rounded(contact['peak_contact_N'] / 1e3)} kN, "
+    lost = f"{rounded(contact['contact_work_J'] / 1e3)} kJ lost"
+    n = contact["n_impacts"]
+    told = f"{n:.0f} impact{'s' if n != 1 else ''}"
+    if n:
+        told += f", {'' if law == 'newton' else force}{impulse}, {lost}"
+    return f"Contact  {law}: {told}"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 from msgspec.structs import asdict
@@ -82,6 +83,47 @@ class Damper(Table):
     friction_force: Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
 
 
+LAWS = {
+    "newton": jp.Newton,
+    "kelvin-voigt": jp.KelvinVoigt,
+    "hertz": jp.Hertz,
+    "hertz-damped": jp.HertzDamped,
+    "jankowski": jp.Jankowski,
+}
+"""The library's laws of contact; the keys of each are the fields of its class."""
+
+Restitution = between(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
+Stiffer = between(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz: stiffer than a storey")
+
+
+class Contact(Table):
+    """The law of contact between the buildings when the gap closes."""
+
+    law: Literal["newton", "kelvin-voigt", "hertz", "hertz-damped", "jankowski"]
+    stiffness: Annotated[float, Stiffer] | None = None
+    restitution: Annotated[float, Restitution] | None = None
+    tension: bool | None = None
+    damping: Literal["exact", "muthukumar", "ye", "hunt-crossley"] | None = None
+
+    def __post_init__(self) -> None:
+        given, own = self._given(), dataclasses.fields(LAWS[self.law])
+        keys = [field.name for field in own]
+        for key in given:
+            if key not in keys:
+                rule = f'must not be given with law = "{self.law}"; give {", ".join(keys)}'
+                raise ValueError(f"{key} {rule}")
+        for field in own:
+            if field.default is dataclasses.MISSING and field.name not in given:
+                raise ValueError(f'lacks the key {field.name!r}, which law = "{self.law}" needs')
+
+    def _given(self) -> dict[str, Any]:
+        return {k: x for k, x in asdict(self).items() if k != "law" and x is not None}
+
+    def model(self) -> Any:
+        """The library's law, in SI units."""
+        return LAWS[self.law](**self._given())
+
+
 Duration = between(1e-3, 3600, "s", "at most an hour: the longest earthquakes take ten minutes")
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 
@@ -110,12 +152,13 @@ class Run(Table):
 
 
 class Pair(Table):
-    """Two buildings with a damper between them, and the run: what every configuration has."""
+    """Two buildings, what is between them, and the run: what every configuration has."""
 
     gap: Gap
     building_1: Building
     building_2: Building
     damper: Damper
+    contact: Contact | None = None
     run: Run = Run()
 
     @property
@@ -135,7 +178,8 @@ class Pair(Table):
 
     def _dimensionless(self) -> tuple[jp.AdjacentStructures, jp.Scales]:
         buildings = self.building_1.model(), self.building_2.model()
-        return jp.dimensionless(*buildings, self.damper.friction_force, self.gap)
+        law = self.contact.model() if self.contact else None
+        return jp.dimensionless(*buildings, self.damper.friction_force, self.gap, contact=law)
 
 
 # --- what is random -----------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from jaxpound._checks import (
     require_share,
     seed,
 )
+from jaxpound._fields import quantities
 from jaxpound._tables import Shown, Table
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
@@ -28,6 +29,7 @@ from jaxpound.ground.motion import GroundLike, as_pytree, unresolved
 from jaxpound.ground.plausibility import tell
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import unit
+from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme
@@ -47,6 +49,9 @@ SERIES = {
 }
 """What may be measured: series of ``Response``, with a1 and a2 the absolute accelerations."""
 
+OF_IMPACTS = {f"impacts.{name}": known.kind for name, known in quantities(ImpactSeries).items()}
+"""What else may be: the times, speeds, impulses and peak forces of impacts, in order."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Shown):
@@ -62,7 +67,7 @@ class Calibration(Shown):
     response: Response
     """The run of the calibrated structures."""
     residuals: dict[str, np.ndarray]
-    """Measured − simulated, shape (n_steps+1,) each; NaN where nothing was measured."""
+    """Measured − simulated, of the measured shapes; NaN where nothing was measured."""
     at_bounds: tuple[str, ...]
     """Parameters at a bound of the space: their intervals mean nothing."""
     simulations: int
@@ -80,7 +85,10 @@ class Calibration(Shown):
             Table(
                 "Noise, what is left of the measured series",
                 ("series", "standard deviation", "unit"),
-                [(name, std, unit(SERIES[name], si)) for name, std in self.noise.items()],
+                [
+                    (name, std, unit((SERIES | OF_IMPACTS)[name], si))
+                    for name, std in self.noise.items()
+                ],
                 digits=4,
             ),
         ]
@@ -111,7 +119,11 @@ def calibrate(
         The parameters to be found, and their bounds.
     measured
         Series by name (x1, x2, v1, v2, a1, a2: absolute accelerations, gap), shape (n_steps+1,)
-        each, at the instants of the grid; NaN where nothing was measured.
+        each, at the instants of the grid; NaN where nothing was measured. With a law of contact
+        also the first m impacts in order, shape (m,) each: ``impacts.time``, ``impacts.end``,
+        ``impacts.approach_velocity``, ``impacts.rebound_velocity``, ``impacts.impulse`` and
+        ``impacts.peak_force`` (``ImpactSeries``). Where a run has fewer, an impact of speed,
+        impulse and force 0 at its end is compared.
     ground, grid, scheme
         See ``simulate``.
     noise
@@ -156,12 +168,16 @@ def calibrate(
     if strict:  # before the time for the fit is spent
         tell(owner, unresolved(ground, grid.dt), strict)
     known = {name: np.isfinite(x) for name, x in data.items()}
+    (link,) = space.nominal.system().links
+    if link.contact is None and (asked := OF_IMPACTS.keys() & data.keys()):
+        rule = "must not be given for structures without a law of contact"
+        raise ValueError(f"{owner}: measured[{min(asked)!r}] {rule}")
     n, d = sum(int(mask.sum()) for mask in known.values()), space.dimension
     enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
 
     def series(shares: Any) -> dict[str, jax.Array]:
         response = simulate(space.structures(shares), shaking, grid, scheme)
-        return _series(response if scales is None else scales.to_si(response))
+        return _series(response if scales is None else scales.to_si(response), data)
 
     def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
         found = series(shares)
@@ -195,7 +211,8 @@ def calibrate(
     best = min(fits, key=lambda fit: fit.cost)
     if noise is None:
         # Each series weighted by the standard deviation of its residuals.
-        parts = dict(zip(data, np.split(np.asarray(best.fun), len(data)), strict=True))
+        ends = np.cumsum([x.size for x in data.values()])[:-1]
+        parts = dict(zip(data, np.split(np.asarray(best.fun), ends), strict=True))
         left = {name: _spread(r[known[name]]) * weights[name] for name, r in parts.items()}
         weights = {name: std or weights[name] for name, std in left.items()}
         best = fitted(best.x, weights)
@@ -205,7 +222,7 @@ def calibrate(
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
     response = simulate(structures, shaking, grid, scheme, strict=strict)
     response = response if scales is None else scales.to_si(response)
-    found = _series(response)
+    found = _series(response, data)
     residuals = {name: x - np.asarray(found[name]) for name, x in data.items()}
     edges = (shares < _AT_BOUND) | (shares > 1 - _AT_BOUND)
     return Calibration(
@@ -225,10 +242,19 @@ def _spread(residual: np.ndarray) -> float:
     return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
 
 
-def _series(response: Response) -> dict[str, jax.Array]:
+def _series(response: Response, data: Mapping[str, np.ndarray]) -> dict[str, jax.Array]:
+    """The series of a run that were measured, of the measured shapes."""
     a1, a2 = response.absolute_accelerations
     own = {name: getattr(response, name) for name in ("x1", "x2", "v1", "v2", "gap")}
-    return own | {"a1": a1, "a2": a2}
+    own |= {"a1": a1, "a2": a2}
+    for name in OF_IMPACTS.keys() & data.keys():
+        impacts = getattr(response.links[0].impacts, name.removeprefix("impacts."))
+        lacking = 0.0 * response.demand.pga  # NaN in an invalid run
+        if OF_IMPACTS[name] == "time":
+            lacking = lacking + response.time[-1]
+        first = impacts[: data[name].size]
+        own[name] = jnp.where(jnp.isnan(first), lacking, first)
+    return {name: own[name] for name in data}
 
 
 def _data(owner: str, measured: Any, grid: TimeGrid) -> dict[str, np.ndarray]:
@@ -237,10 +263,15 @@ def _data(owner: str, measured: Any, grid: TimeGrid) -> dict[str, np.ndarray]:
         raise ValueError(f"{owner}: measured = {{}} must hold a series")
     data = {}
     for name, values in measured.items():
-        if name not in SERIES:
-            raise ValueError(f"{owner}: measured[{name!r}] must be one of {', '.join(SERIES)}")
+        if name not in (known := SERIES | OF_IMPACTS):
+            raise ValueError(f"{owner}: measured[{name!r}] must be one of {', '.join(known)}")
         x = np.asarray(real(owner, f"measured[{name!r}]", values), float)
-        if x.shape != (grid.n_steps + 1,):
+        most = min(MOST, grid.n_steps)
+        if name in OF_IMPACTS:
+            if not (x.ndim == 1 and 1 <= x.size <= most):
+                rule = f"(m,), m impacts from 1 to {most}"
+                raise ValueError(f"{owner}: measured[{name!r}] of shape {x.shape} must be {rule}")
+        elif x.shape != (grid.n_steps + 1,):
             raise ValueError(
                 f"{owner}: measured[{name!r}] of shape {x.shape} must be ({grid.n_steps + 1},), "
                 "a number for every instant of the grid"

@@ -20,29 +20,32 @@ from jaxpound._checks import (
     positive,
     require_share,
 )
-from jaxpound.model.system import GROUND, Topology
+from jaxpound.model.system import System
 from jaxpound.results.demand import known_of, limited_columns
 
+DAMPER = "damper_force"
 
-def prices_of(topology: Topology) -> tuple[str, ...]:
+
+def prices_of(system: System) -> tuple[str, ...]:
     """Demands of a system that may be limited or penalised.
 
     Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value, and, where there
-    is a single link, ``damper_force``, its slip force μ.
+    is a single link, ``damper_force``, its slip force μ. Scalars of contact are those of links with
+    a law of contact.
     """
-    n, rods, links = topology.n_masses, len(topology.rods), len(topology.links)
-    damper = ("damper_force",) if links == 1 else ()
-    return (*damper, *limited_columns(masses=n, rods=rods, links=links))
+    touching = [link.contact is not None for link in system.links]
+    damper = (DAMPER,) if len(touching) == 1 else ()
+    return (*damper, *limited_columns(len(system.masses), len(system.rods), touching))
 
 
-PRICES = prices_of(Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),)))
-"""Those of two adjacent structures."""
+PRICES = (DAMPER, *limited_columns(masses=2, rods=2, touching=[True]))
+"""Those of two adjacent structures with a law of contact."""
 
 
 def _is_price(name: str) -> bool:
     """Whether a system can have such a demand that may be limited or penalised."""
     known = known_of(name)
-    return name == "damper_force" or (known is not None and known.limited)
+    return name == DAMPER or (known is not None and known.limited)
 
 
 @runtime_checkable
@@ -276,9 +279,11 @@ class Objective:
     All are in dimensionless units, or in SI units where the design is given scales. Demands that
     can be limited or penalised are ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its
     slip force), ``peak_x1``, ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``,
-    ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``. Those of a
-    ``System`` are numbered by its masses, rods and links (if there are several): ``peak_x3``,
-    ``peak_f5``, ``slip_distance_2``; ``damper_force`` is that of a single link only.
+    ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``; with a law of
+    contact also ``peak_contact``, ``peak_impulse``, ``peak_penetration``, ``contact_work`` and
+    ``soft_peak_contact``. Those of a ``System`` are numbered by its masses, rods and links (if
+    there are several): ``peak_x3``, ``peak_f5``, ``slip_distance_2``; ``damper_force`` is that of a
+    single link only.
 
     Examples
     --------

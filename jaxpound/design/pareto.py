@@ -119,7 +119,7 @@ def pareto_front(
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
     instance(owner, "space", space, DesignSpace)
-    prices = prices_of(space.nominal.system().topology)
+    prices = prices_of(space.nominal.system())
     if price not in prices:
         raise ValueError(f"{owner}: price = {price!r} must be one of {', '.join(prices)}")
     if price in objective.limits:

@@ -81,7 +81,7 @@ class DesignProblem:
     @cached_property
     def prices(self) -> tuple[str, ...]:
         """Names of what may be limited or penalised of the structures."""
-        return prices_of(self.space.nominal.system().topology)
+        return prices_of(self.space.nominal.system())
 
     def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:
         """Demands of ``prices``, smallest gap and gap at rest of structures in one earthquake."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -109,6 +109,7 @@ class LinkDemand:
         "peak contact force $p$",
         rank=11,
         limited=True,
+        contact=True,
         default=None,
     )
     """Largest contact force p; of ``Newton``'s law, whose impacts have impulses but no force, the
@@ -120,6 +121,7 @@ class LinkDemand:
         "peak impulse",
         rank=12,
         limited=True,
+        contact=True,
         default=None,
     )
     """Impulse ∫ p dt of the strongest impact."""
@@ -130,11 +132,18 @@ class LinkDemand:
         r"peak penetration $\delta$",
         rank=13,
         limited=True,
+        contact=True,
         default=None,
     )
     """Largest penetration −ξ, 0 where the gap never closes."""
     n_impacts: Any = quantity(
-        None, "number of impacts", "n_impacts", "number of impacts", rank=14, default=None
+        None,
+        "number of impacts",
+        "n_impacts",
+        "number of impacts",
+        rank=14,
+        contact=True,
+        default=None,
     )
     """Touches after the link was apart, faster than 1e-4 of the fastest before."""
     first_impact_time: Any = quantity(
@@ -143,6 +152,7 @@ class LinkDemand:
         "first_impact_time",
         "time of first impact $t$",
         rank=15,
+        contact=True,
         default=None,
     )
     """When the first impact begins; infinite if there is none."""
@@ -153,6 +163,7 @@ class LinkDemand:
         "energy lost by contact",
         rank=16,
         limited=True,
+        contact=True,
         default=None,
     )
     """Energy lost by contact, the work of p less what its spring has stored."""
@@ -162,6 +173,8 @@ class LinkDemand:
         "soft_peak_contact",
         "soft peak contact force",
         rank=17,
+        limited=True,
+        contact=True,
         default=None,
     )
     """(Σ P⁸)^(1/8) of all impacts' peak forces P: smooth also where two are equally strong."""
@@ -362,7 +375,16 @@ def unit_of(name: str, si: bool) -> str:
     return unit(kind_of(name), si)
 
 
-def limited_columns(**sizes: int) -> list[str]:
-    """Flat names of what a design may be limited in, given numbers of elements."""
-    columns = columns_of(Demand, sizes)
-    return [name for known, names in columns if known.limited for name in names]
+def limited_columns(masses: int, rods: int, touching: Sequence[bool]) -> list[str]:
+    """Flat names of what a design may be limited in.
+
+    Given are the numbers of masses and rods, and of each link whether it has a law of contact.
+    """
+    columns = columns_of(Demand, {"masses": masses, "rods": rods, "links": len(touching)})
+    return [
+        name
+        for known, names in columns
+        if known.limited
+        for i, name in enumerate(names)
+        if not known.contact or touching[i]
+    ]

@@ -389,6 +389,17 @@ class Response(ByElement, Columnar, Shown):
                     f"offset left {link.residual_offset:.4g} {length}",
                 )
             )
+            if link.n_impacts is not None:
+                impulse = unit("impulse", self.si)
+                n = f"{link.n_impacts:.0f} impact{'s' if link.n_impacts != 1 else ''}"
+                rows.append(
+                    (
+                        "contact" if len(d.links) == 1 else f"contact {k + 1}",
+                        f"{n}, p ≤ {link.peak_contact:.4g} {force}, "
+                        f"impulse ≤ {link.peak_impulse:.4g} {impulse}, "
+                        f"lost {link.contact_work:.4g} {energy}",
+                    )
+                )
         return rows if d.links else [row for row in rows if row[0] != "min gap"]
 
     __repr__ = Shown.__repr__  # else a dataclass makes its own

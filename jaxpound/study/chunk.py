@@ -218,14 +218,17 @@ class Task:
 
 
 def _is_result(name: str, x: Any) -> Any:
-    """Whether a column has what a run can give: finite, or the gap of links that have none."""
+    """Whether a column has what a run can give: finite, or infinite where there is no such thing.
+
+    That is the gap of links that have none, and the time of the first of no impacts.
+    """
     place = place_of(Demand, name)
-    without_gap = place is not None and place.field == "min_gap"
-    return np.isfinite(x) | (without_gap & (x == np.inf))
+    may_be_none = place is not None and place.field in ("min_gap", "first_impact_time")
+    return np.isfinite(x) | (may_be_none & (x == np.inf))
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
-    """Moments of every column of a chunk, over the runs that did not fail."""
+    """Moments of every column of a chunk, over its finite numbers."""
     return {name: Moments.of(x[np.isfinite(x)]) for name, x in columns.items()}
 
 

@@ -32,8 +32,13 @@ def _equal(one: Any, other: Any) -> bool:
 def demands_of(
     structures: Structures, ground: GroundLike, grid: TimeGrid, scheme: Scheme
 ) -> dict[str, Any]:
-    """The scalars of ``Demand`` by name, and ``required_gap`` where there is a ``rest_gap``."""
+    """The scalars of ``Demand`` by name, and ``required_gap`` where it can be told.
+
+    That is where there is a ``rest_gap`` and no law of contact: once blocks have met, their motion
+    does not tell how far they would have moved without.
+    """
     found = demand(structures, ground, grid, scheme)
     gap = rest_gap(structures)
-    required = {} if gap is None else {"required_gap": gap - found.min_gap}
+    meet = any(link.contact is not None for link in structures.system().links)
+    required = {} if gap is None or meet else {"required_gap": gap - found.min_gap}
     return found.scalars() | required

@@ -136,7 +136,8 @@ def fit_fragility(
         Intensities im > 0, shape (m,), such as ``study["pga"]``.
     pounding
         Without trials (a cloud): whether there was pounding, shape (m,), such as
-        ``study["required_gap"] >= gap``. With trials (multiple stripes): how often.
+        ``study["required_gap"] >= gap``, or pounding that exceeds a limit, such as
+        ``study["peak_contact"] > limit``. With trials (multiple stripes): how often.
     trials
         Number of runs at each intensity, shape (m,), at least 1.
 

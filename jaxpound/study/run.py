@@ -113,8 +113,8 @@ def monte_carlo(
     -------
     Study
         The columns (all of ``Demand``, ``required_gap`` where the gaps at rest of all links are one
-        finite number, measures, parameters) and what follows from them; for a shard, of its own
-        chunks.
+        finite number and none has a law of contact, measures, parameters) and what follows from
+        them; for a shard, of its own chunks.
 
     Raises
     ------

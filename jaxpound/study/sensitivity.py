@@ -61,7 +61,7 @@ def sobol_sensitivity(
         See ``monte_carlo``.
     demand
         A scalar of ``Demand``, or "required_gap" (initial gap − min gap), which there is where the
-        gaps at rest of all links are one finite number.
+        gaps at rest of all links are one finite number and none has a law of contact.
     n
         Base sample, a power of 2; n (d + 2) scenarios are run for d parameters.
     key
@@ -101,6 +101,7 @@ def sobol_sensitivity(
             rule = f"must be one of {', '.join(values)}"
             if demand == "required_gap":
                 rule += ": there is no required gap unless all gaps at rest are one finite number"
+                rule += " and no link has a law of contact"
             raise ValueError(f"{owner}: demand = {demand!r} {rule}")
         return values[demand]
 
@@ -115,8 +116,9 @@ def sobol_sensitivity(
     tell(owner, of_many(grounds(one[: first_of(n, grid)]), grid, in_g=False), strict)
     mixed = [np.where(np.arange(d) == i, other, one) for i in range(d)]
     found = run_all(np.concatenate([one, other, *mixed])).astype(float)
-    if demand.startswith("min_gap") and np.isposinf(found).any():
-        raise ValueError(f"{owner}: {demand} must be finite, but there is no gap")
+    if np.isposinf(found).any():
+        lacking = "impact in some scenarios" if demand.startswith("first_impact") else "gap"
+        raise ValueError(f"{owner}: {demand} must be finite, but there is no {lacking}")
     if bad := np.count_nonzero(~np.isfinite(found)):
         raise ValueError(f"{owner}: {bad} of {found.size} scenarios fail; monte_carlo says why")
     if not np.ptp(found):

@@ -86,11 +86,16 @@ class Study(Columnar, Shown):
 
     ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the
     smallest gap at rest without pounding, initial gap − min gap, which does not depend on the gap
-    at rest, if that is one finite number for all links; measures and parameters that were asked
-    for. Columns of a store are read one by one when they are used, so that n may exceed the memory.
-    Runs that failed are NaN and left out of all statistics. Dimensionless as in eq. (9), or in SI
-    units if there are ``scales``, which do not convert measures and the scenarios' parameters. As a
-    table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
+    at rest, if that is one finite number for all links and no link has a law of contact (after a
+    contact nobody knows how far the blocks would have moved); measures and parameters that were
+    asked for. Columns of a store are read one by one when they are used, so that n may exceed the
+    memory. Runs that failed are NaN and left out of all statistics. Dimensionless as in eq. (9), or
+    in SI units if there are ``scales``, which do not convert measures and the scenarios'
+    parameters. As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
+
+    ``first_impact_time`` is infinite in runs without an impact. Its moments, quantiles and
+    correlations are those of the runs with one; how many these are, ``exceedance("n_impacts", 0)``
+    says.
 
     Sobol points are not independent, but intervals are those of independent samples: usually too
     wide.
@@ -174,7 +179,7 @@ class Study(Columnar, Shown):
         return np.concatenate([*self._parts(name)])
 
     def finite(self, name: str) -> np.ndarray:
-        """A column without the runs that failed."""
+        """The finite numbers of a column: without the runs that failed or have no such number."""
         column = self[name]
         return column[np.isfinite(column)]
 
@@ -219,6 +224,49 @@ class Study(Columnar, Shown):
     def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:
         """Quantile of a column, with its distribution-free interval (``statistics.quantile``)."""
         return quantile(self.finite(name), share, confidence)
+
+    def exceedance(self, name: str, value: float, confidence: float = 0.95) -> Estimate:
+        """Probability that a column exceeds a value, with Clopper and Pearson's interval.
+
+        An infinite time of the first impact, of a run without an impact, exceeds any value.
+
+        Raises
+        ------
+        ValueError
+            If there is no such column, or an argument breaks its rule.
+        """
+        column = self[name]
+        value = float(number("exceedance", "value", value))
+        known = column[~np.isnan(column)]
+        return probability(int(np.count_nonzero(known > value)), known.size, confidence)
+
+    def counts(self, name: str = "n_impacts", confidence: float = 0.95) -> dict[int, Estimate]:
+        """Distribution of a column of whole numbers, such as the number of impacts.
+
+        Parameters
+        ----------
+        name
+            The column; of several links ``n_impacts_1`` and so on.
+        confidence
+            Confidence level of each interval (Clopper and Pearson's).
+
+        Returns
+        -------
+        The probability of every number that occurred, by number.
+
+        Raises
+        ------
+        ValueError
+            If there is no such column, its numbers are not whole, or an argument breaks its rule.
+        """
+        column = self.finite(name)
+        if (column % 1).any():
+            raise ValueError(f"counts: the numbers of {name!r} must be whole")
+        found, often = np.unique(column, return_counts=True)
+        return {
+            int(k): probability(int(m), column.size, confidence)
+            for k, m in zip(found, often, strict=True)
+        }
 
     def pounding_probability(self, gap: float | None = None, confidence: float = 0.95) -> Estimate:
         """Probability of pounding at a gap, with Clopper and Pearson's interval.
@@ -273,7 +321,7 @@ class Study(Columnar, Shown):
     def correlations(self, name: str = "required_gap", kind: str = "rank") -> dict[str, float]:
         """Correlation of a column with every parameter, "rank" (Spearman) or "linear" (Pearson).
 
-        NaN where one of the two does not vary.
+        NaN where one of the two does not vary. Runs in which the column is infinite are left out.
         """
         if kind not in ("rank", "linear"):
             raise ValueError(f"correlations: kind = {kind!r} must be 'rank' or 'linear'")
@@ -284,7 +332,7 @@ class Study(Columnar, Shown):
         good = np.isfinite(column)
 
         def correlation(x: np.ndarray) -> float:
-            constant = not (np.ptp(x) and np.ptp(column[good]))
+            constant = not (good.any() and np.ptp(x) and np.ptp(column[good]))
             return float("nan") if constant else float(measure(x, column[good]).statistic)
 
         return {name: correlation(x[good]) for name, x in self.parameters().items()}

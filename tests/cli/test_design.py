@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -209,6 +210,24 @@ def assert_page_says(page, answers, buildings):
             "[limits] peak_f1 = -1 N must be between 1e-06 and 1e+12 N",
         ),
         ({"peak_f1": 'peak_f1 = {at_most = 1.0, over = "x"}'}, "peak_f1: over = 'x' must be"),
+        (
+            {"peak_f1": "peak_contact = 1e6"},
+            "[limits] peak_contact must not be given without a law of [contact]",
+        ),
+        (
+            {
+                "# [contact]": "[contact]\nlaw = 'newton'\nrestitution = 0.65",
+                "friction = {": '"contact.stiffness" = {low = 0.5, high = 2.0}',
+            },
+            "[variables] contact.stiffness must be a parameter of the law of contact, which has re",
+        ),
+        (
+            {
+                "# [contact]": "[contact]\nlaw = 'newton'\nrestitution = 0.65",
+                "friction = {": "contact.restitution = {low = 0.5, high = 2.0}",
+            },
+            "[variables] contact.restitution: high = 1.3 must be at most 1",
+        ),
         ({"starts": "starts = 0"}, "[search] starts = 0 must be from 1 to"),
         ({"earthquakes = 256": "earthquakes = 0"}, "[search] earthquakes = 0 must be from 1 to"),
         ({"duration": ""}, "[run] lacks the key 'duration'"),
@@ -220,6 +239,39 @@ def test_what_is_wrong_is_named(write, changes, message, capsys, tmp_path):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+CONTACT = "[contact]\nlaw = 'kelvin-voigt'\nrestitution = 0.65\nstiffness = 8e8"
+
+
+def test_a_design_with_contact(write):
+    """A pad between the buildings: its stiffness is chosen, within limits on contact."""
+    path = write(
+        SMALL
+        | {
+            "# [contact]": CONTACT,
+            "friction = {": '"contact.stiffness" = {low = 0.5, high = 2.0, scale = "log"}',
+            "peak_f1": 'peak_contact = {at_most = 2e7, over = "mean"}',
+            "damper_force": "peak_impulse = 1e6",
+            "# [penalties]": '[penalties]\nsoft_peak_contact = {weight = 1e-6, over = "mean"}',
+        }
+    )
+    given, wanted = read(path)
+    space, objective = wanted.space, wanted.objective
+    stiffness = space.nominal.contact.stiffness
+    assert float(stiffness * given.scales.units["stiffness"]) == pytest.approx(8e8)
+    assert space.variables["contact.stiffness"] == jp.Bounds(0.5 * stiffness, 2 * stiffness, "log")
+    assert objective.limits == {
+        "peak_contact": jp.Limit(2e7, "mean"),
+        "peak_impulse": jp.Limit(1e6),
+    }
+    assert objective.penalties == {"soft_peak_contact": jp.Penalty(1e-6, "mean")}
+    shares = space.shares(space.nominal)
+    shares[space.names.index("contact.stiffness")] = 0.0
+    found = SimpleNamespace(structures=space.structures(shares), space=space, active_bounds={})
+    *_, row = design._answer(found, space.nominal, given.scales)
+    assert (row["quantity"], row["unit"]) == ("contact stiffness", "N/m")
+    assert (row["before"], row["after"]) == (pytest.approx(8e8), pytest.approx(4e8))
 
 
 def test_records_join_the_random_earthquakes(write, tmp_path):

@@ -341,6 +341,68 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
     assert "Study of 50 scenarios" in more
 
 
+CONTACT = {"# [contact]": '[contact]\nlaw = "newton"\nrestitution = 0.65', "gap": "gap = 0.04"}
+
+
+def test_a_study_with_contact_and_its_report(write, tmp_path):
+    uncertain = {'"rod_1.tau_x"': "contact.restitution = {uniform = [0.8, 1.2]}"}
+    path, store, out = write(SMALL | CONTACT | uncertain), tmp_path / "st", tmp_path / "out"
+    run("montecarlo", path, "--store", store)
+    study = jp.Study.open(store)
+    e = study.parameters()["contact.restitution"]
+    assert 0.52 <= e.min() < e.max() <= 0.78
+    run("report", "--store", store, "--out", out)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["required_gap"] == {}
+    hit = np.isfinite(study["first_impact_time"])
+    assert 0 < hit.sum() < len(study)
+    assert summary["impacts"]["0"]["value"] == 1 - hit.mean()
+    first = summary["demands"]["first_impact_time"]
+    assert first["mean"] == pytest.approx(study["first_impact_time"][hit].mean())
+    assert first["largest"] < 3.0
+    page = (out / "summary.md").read_text()
+    impacts, demands, _ = tables(page)
+    assert [x["number of impacts"] for x in impacts] == [*summary["impacts"]]
+    units = {x["demand"]: x["unit"] for x in demands}
+    assert units["number of impacts"] == "-"
+    assert units["impulse of the strongest impact"] == "N s"
+    assert "Rank correlation with the impulse of the strongest impact: " in page
+    for name in re.findall(r"\((\w+\.png)\)", page):
+        assert imread(out / name).size
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"stiffness_ratio": "contact.stiffness = {uniform = [0.5, 2.0]}"},
+            "[uncertain] contact.stiffness must be a parameter of the law of contact, which has "
+            "restitution",
+        ),
+        (
+            {
+                "# [contact]": "",
+                "stiffness_ratio": '"contact.stiffness" = {uniform = [0.5, 2.0]}',
+            },
+            "[uncertain] contact.stiffness must be a parameter of the law of contact, and the file "
+            "has no [contact]",
+        ),
+        (
+            {"stiffness_ratio": "contact.restitutoin = {uniform = [0.5, 2.0]}"},
+            "[uncertain] has an unknown key 'contact",
+        ),
+        (
+            {"stiffness_ratio": "contact.restitution = {uniform = [1e-4, 1.2]}"},
+            "[contact] restitution = 6.57799e-05 must be between 0.001 and 1 (speed at",
+        ),
+    ],
+)
+def test_factors_on_parameters_of_contact(changes, message, write, tmp_path, capsys):
+    path = write(SMALL | CONTACT | changes)
+    assert cli.main(["montecarlo", str(path), "--store", str(tmp_path / "st")]) == 2
+    assert message in capsys.readouterr().err
+
+
 def test_the_report_of_an_unfinished_study_says_so(write, tmp_path):
     path = write(SMALL | {"# chunk_size": "chunk_size = 10"})
     run("montecarlo", path, "--store", tmp_path / "st", "--shard", "1/2")

@@ -12,7 +12,7 @@ from jaxpound.cli.montecarlo import Study
 from jaxpound.cli.objective import Objective
 from jaxpound.cli.reading import entries, ranges
 from jaxpound.cli.simulate import Ground, Simulation
-from jaxpound.cli.tables import Building, Damper, Earthquakes, Run
+from jaxpound.cli.tables import Building, Contact, Damper, Earthquakes, Run
 from tests.cli.commands import refusal
 
 CONFIG_FAULTS = [
@@ -82,6 +82,52 @@ CONFIG_FAULTS = [
     ({"gap": f"{'.'.join('a' * 5000)} = 1"}, "the top level has an unknown key 'a'"),
     ({"gap": f"gap.{'.'.join('a' * 5000)} = 1"}, "gap = {a = {a = {a = ...}}} must be a finite"),
     ({"mass": f"mass = {list(range(5000))}"}, "[building_1] mass = [0, 1, 2, 3, 4, 5, 6, 7, 8"),
+    *(
+        ({"# [contact]": f"[contact]\n{keys}"}, f"[contact] {says}")
+        for keys, says in (
+            ("restitution = 0.6", "lacks the key 'law'"),
+            (
+                'law = "neuton"\nrestitution = 0.6',
+                'law = "neuton" must be one of "newton", "kelvin-voigt", "hertz", "hertz-damped", '
+                "\"jankowski\"; did you mean 'newton'?",
+            ),
+            (
+                'law = "newton"\nrestitution = 1.5',
+                "restitution = 1.5 must be between 0.001 and 1 (",
+            ),
+            (
+                'law = "newton"\nrestitution = 0.0',
+                "restitution = 0.0 must be between 0.001 and 1 (",
+            ),
+            (
+                'law = "newton"\nrestituton = 0.6',
+                "has an unknown key 'restituton'; did you mean 'res",
+            ),
+            ('law = "newton"', "lacks the key 'restitution', which law = \"newton\" needs"),
+            (
+                'law = "newton"\nrestitution = 0.6\nstiffness = 1e9',
+                'stiffness must not be given with law = "newton"; give restitution',
+            ),
+            ('law = "hertz"\nstiffness = 0', "stiffness = 0 must be between 0.001 and 1e+20 (N/m,"),
+            (
+                'law = "hertz"\nstiffness = 1e9\nrestitution = 0.6',
+                'restitution must not be given with law = "hertz"; give stiffness',
+            ),
+            (
+                'law = "kelvin-voigt"\nstiffness = 1e9\nrestitution = 0.6\ntension = 1',
+                "tension = 1 must be true or false",
+            ),
+            (
+                'law = "hertz-damped"\nstiffness = 1e9\nrestitution = 0.6\ndamping = "exakt"',
+                'damping = "exakt" must be one of "exact", "muthukumar", "ye", "hunt-crossley"; '
+                "did you mean 'exact'?",
+            ),
+            (
+                'law = "jankowski"\nstiffness = 1e9\nrestitution = 0.6\ndamping = "exact"',
+                'damping must not be given with law = "jankowski"; give stiffness, restitution',
+            ),
+        )
+    ),
     ({"series": 'series = "hdf5"'}, '[output] series = "hdf5" must be one of'),
 ]
 
@@ -157,7 +203,9 @@ def test_every_number_of_a_configuration_has_a_range():
                     assert (number.ge, number.le) == (allowed.low, allowed.high)
 
 
-@pytest.mark.parametrize("kind", [Building, Damper, Run, Earthquakes, Ground, Objective, Search])
+@pytest.mark.parametrize(
+    "kind", [Building, Contact, Damper, Run, Earthquakes, Ground, Objective, Search]
+)
 def test_a_range_is_one_and_says_why(kind):
     assert ranges(kind)
     for allowed in ranges(kind).values():

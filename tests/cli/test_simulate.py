@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound._tables import rounded
 from jaxpound.cli import main as cli
 from jaxpound.cli import simulate
 from jaxpound.cli.files import example
@@ -150,6 +151,56 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
     assert not (out / "series.npz").exists()
 
 
+KELVIN = '[contact]\nlaw = "kelvin-voigt"\nstiffness = 1.6e9\nrestitution = 0.65'
+
+
+def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
+    path = write(
+        {
+            "friction_force": "friction_force = 0",
+            "gap": "gap = 0.03",
+            "# [contact]": KELVIN,
+            "series": 'series = "csv"',
+        }
+    )
+    screen = run("simulate", "--record", pulse, "--config", path, "--out", tmp_path / "out")
+    results = json.loads((tmp_path / "out" / "summary.json").read_text())["results"]
+    file, given = read(path)
+    response = simulate.respond(file, given, jp.read_record(pulse))
+    link, told = response.demand.links[0], results["contact"]
+    assert told["n_impacts"] == len(told["impacts"]) == len(response.impacts()) > 0
+    assert told["peak_contact_N"] == pytest.approx(float(link.peak_contact))
+    assert told["peak_impulse_N_s"] == pytest.approx(float(link.peak_impulse))
+    assert told["contact_work_J"] == pytest.approx(float(response.energy.contact_lost[-1]))
+    assert abs(told["stored_at_end_J"]) < 1e-2 * told["contact_work_J"]
+    first = told["impacts"][0]
+    assert first["time_s"] == told["first_impact_time_s"] == results["first_contact_s"]
+    # Momentum: the impulse changes the velocities of both; nearly alone, as it is short.
+    masses = 1 / (1 / 500e3 + 1 / 400e3)
+    change = first["approach_velocity_m_per_s"] + first["rebound_velocity_m_per_s"]
+    assert first["impulse_N_s"] == pytest.approx(masses * change, rel=0.1)
+    assert "POUNDS: penetration" in screen
+    assert "not modelled" not in screen
+    force, lost = (rounded(told[key] / 1e3) for key in ("peak_contact_N", "contact_work_J"))
+    n = f"{told['n_impacts']:.0f} impact"
+    assert re.search(
+        rf"Contact  kelvin-voigt: {n}.*, peak force {force} kN, .* {lost} kJ lost", screen
+    )
+    assert f"contact {lost} kJ (" in screen
+    header, *rows = (tmp_path / "out" / "series.csv").read_text().splitlines()
+    table = dict(zip(header.split(","), np.loadtxt(rows, delimiter=",").T, strict=True))
+    np.testing.assert_allclose(table["contact_N"], response.links[0].contact)
+    gentle = simulate.summary(file, given, pulse, jp.read_record(pulse), response)
+    gentle["results"]["contact"] |= {"n_impacts": 0.0}
+    assert "Contact  kelvin-voigt: 0 impacts\n" in simulate.page(gentle)
+
+
+def test_impacts_by_newton_s_law_have_no_force_to_tell():
+    told = {"n_impacts": 1.0, "peak_impulse_N_s": 2e5, "peak_contact_N": 0.0, "contact_work_J": 3e4}
+    line = simulate._contact_line("newton", told)
+    assert line == "Contact  newton: 1 impact, largest impulse 200 kN s, 30 kJ lost"
+
+
 def test_units_and_dt_of_a_bare_record(write, tmp_path):
     record = tmp_path / "bare.txt"
     np.savetxt(record, PULSE * 980.665)
@@ -172,7 +223,7 @@ def test_example_config_is_printed_and_names_every_key(capsys):
     text = capsys.readouterr().out
     assert text == example("simulate")
     for name, kind in entries(Simulation).items():
-        assert not is_table(kind) or f"\n[{name}]" in text
+        assert not is_table(kind) or re.search(rf"(?m)^(# )?\[{name}\]$", text)
         for key in entries(kind) if is_table(kind) else [name]:
             assert re.search(rf"(?m)^(# )?{key} = ", text), key
 
@@ -193,6 +244,34 @@ def test_a_building_by_its_rod(write):
     building = read(write(text=text))[1].building_2.model()
     given = jp.Building(4e5, 38e6, 1.0, 0.003, 0.05)
     assert building == given or vars(building) == vars(given)
+
+
+@pytest.mark.parametrize(
+    ("keys", "law"),
+    [
+        ('law = "newton"\nrestitution = 0.6', jp.Newton(0.6)),
+        (
+            'law = "kelvin-voigt"\nstiffness = 1e9\nrestitution = 0.6\ntension = true',
+            jp.KelvinVoigt(1e9, 0.6, tension=True),
+        ),
+        ('law = "hertz"\nstiffness = 1e9', jp.Hertz(1e9)),
+        (
+            'law = "hertz-damped"\nstiffness = 1e9\nrestitution = 0.6\ndamping = "ye"',
+            jp.HertzDamped(1e9, 0.6, "ye"),
+        ),
+        ('law = "jankowski"\nstiffness = 1e9\nrestitution = 0.6', jp.Jankowski(1e9, 0.6)),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_laws_of_contact_are_read_in_si_and_written_back(keys, law, write):
+    _, given = read(write({"# [contact]": f"[contact]\n{keys}"}))
+    assert vars(given.contact.model()) == vars(law)
+    text = simulate.as_toml(given.structures, given.scales)
+    again = read(write(text=text))[1]
+    for one in (given, again):
+        back = one.scales.contact_to_si(one.structures.contact)
+        assert type(back) is type(law)
+        assert vars(back) == pytest.approx(vars(law))
 
 
 @pytest.mark.parametrize(

@@ -20,11 +20,22 @@ def problem(system, variables=FRICTION, **objective):
 
 
 def test_prices_are_those_that_the_system_has():
-    assert problem(jp.paper.structures(), {"friction": (0.0, 1.0)}).prices == PRICES
-    assert {"damper_force", "peak_x2", "peak_f2", "slip_distance"} <= {*PRICES}
-    several = prices_of(linked(0.3, 0.3).topology)
+    paper = jp.paper.structures()
+    of_contact = {"peak_contact", "peak_impulse", "contact_work", "soft_peak_contact"}
+    without = problem(paper, {"friction": (0.0, 1.0)}).prices
+    assert {"damper_force", "peak_x2", "peak_f2", "slip_distance"} <= {*without}
+    assert not of_contact & {*without}
+    touching = dataclasses.replace(paper, contact=jp.Newton(0.65))
+    assert problem(touching, {"contact.restitution": (0.5, 0.8)}).prices == PRICES
+    assert {*PRICES} - {*without} == of_contact | {"peak_penetration"}
+    several = prices_of(linked(0.3, 0.3))
     assert {"peak_x4", "peak_f4", "slip_distance_2"} <= {*several}
     assert not {"damper_force", "slip_distance", "peak_x5"} & {*several}
+    first, second = linked(0.3, 0.3).links
+    mixed = dataclasses.replace(
+        linked(0.3, 0.3), links=(first, dataclasses.replace(second, contact=jp.Newton(0.65)))
+    )
+    assert {*prices_of(mixed)} - {*several} == {f"{name}_2" for name in {*PRICES} - {*without}}
 
 
 def test_a_system_is_designed():
@@ -43,7 +54,7 @@ def test_a_system_is_designed():
     assert found.structures.links[0].friction == friction
     runs = [jp.demand(found.structures, ENSEMBLE.ground(i), GRID) for i in range(2)]
     after = found.trained.after
-    assert list(after) == ["min_gap", "initial_gap", *prices_of(SYSTEM.topology)]
+    assert list(after) == ["min_gap", "initial_gap", *prices_of(SYSTEM)]
     for name in ("min_gap", "peak_x3", "peak_f2", "slip_distance"):
         wanted = [getattr(run, name) for run in runs]
         np.testing.assert_allclose(after[name], wanted, rtol=1e-9, err_msg=name)

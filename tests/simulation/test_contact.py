@@ -1,7 +1,6 @@
 """Runs with contact, against an independent solver that goes from event to event."""
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -101,11 +100,126 @@ def test_rows_and_storeys(name):
 @pytest.mark.parametrize("name", ["paper_gap0.2_kelvin_clip_k1000", "random1_newton"])
 def test_order_of_convergence_is_two(name):
     case = CASES[name]
-    rms = [
-        np.sqrt((errors(case, run(case, dt), dt) ** 2).mean()) for dt in (0.02, 0.01, 0.005)
-    ]
+    rms = [np.sqrt((errors(case, run(case, dt), dt) ** 2).mean()) for dt in (0.02, 0.01, 0.005)]
     orders = np.log2(np.array(rms[:-1]) / rms[1:])
     assert (np.abs(orders - 2) < 0.25).all(), orders
 
 
-@functools.cache
+def test_derivatives_are_those_of_the_reference():
+    """Of the peak force and the end, by the pair's parameters, forward mode."""
+    case, dt = CASES["paper_gap0.5_kelvin_k1000"], 0.01
+    grid, ground = jp.TimeGrid.until(20.0, dt=dt), ground_of(case)
+
+    def outputs(structures):
+        response = jp.simulate(structures, ground, grid)
+        x1, x2 = (mass.x[-1] for mass in response.masses)
+        return jnp.stack([response.demand.links[0].peak_contact, x1, x2])
+
+    found = jax.jit(jax.jacfwd(outputs))(floats(system_of(case)))
+    by_name = {
+        "gap0": found.initial_gap,
+        "mu": found.friction,
+        "e": found.contact.restitution,
+        "k": found.contact.stiffness,
+        "rho": found.mass_ratio,
+        "eps": found.stiffness_ratio,
+        "tfa": found.rod_1.tau_f,
+        "txa": found.rod_1.tau_x,
+        "al": found.rod_1.order,
+    }
+    which = [case["derivatives_of"].index(x) for x in ("peak_force[0]", "x_end[0]", "x_end[1]")]
+    known = {name: np.array(case["derivatives"][name]["value"])[which] for name in by_name}
+    largest = np.abs(np.array(list(known.values()))).max(0)
+    for name, slope in by_name.items():
+        assert np.array(case["derivatives"][name]["smooth"])[which].all()
+        wrong = np.abs(np.array(slope) - known[name])
+        assert (wrong <= np.maximum(0.01 * np.abs(known[name]), 2e-3 * largest)).all(), name
+
+
+SHORT = jp.TimeGrid.until(6.0, dt=0.05)
+KELVIN = jp.KelvinVoigt(1000.0, 0.65, tension=True)
+
+
+def struck(law, gap=0.3, **changes):
+    return dataclasses.replace(jp.paper.structures(), initial_gap=gap, contact=law, **changes)
+
+
+def floats(structures, dtype=float):
+    return jax.tree.map(lambda x: jnp.asarray(x, dtype), structures)
+
+
+def short(structures):
+    return jp.demand(floats(structures), jp.paper.ground(), SHORT)
+
+
+def test_stiffness_costs_no_step_and_tends_to_newtons_law():
+    found = [short(struck(jp.KelvinVoigt(k, 0.65, tension=True))) for k in (1e2, 1e3, 1e5, 1e7)]
+    rigid = short(struck(jp.Newton(0.65)))
+    assert all(np.isfinite(one.peak_contact) for one in found)
+    away = [abs(one.peak_impulse - rigid.peak_impulse) / rigid.peak_impulse for one in found]
+    assert away[1] > 2 * away[2]
+    assert away[3] < 2e-3
+    assert found[3].peak_x1 == pytest.approx(rigid.peak_x1, abs=2e-3)
+    assert found[3].contact_work == pytest.approx(rigid.contact_work, rel=1e-2)
+
+
+def test_a_soft_contact_tends_to_none():
+    found = short(struck(jp.KelvinVoigt(1e-9, 0.65, tension=True)))
+    none = short(struck(None))
+    assert found.min_gap == pytest.approx(none.min_gap, abs=2e-3)
+    assert found.peak_x2 == pytest.approx(none.peak_x2, abs=2e-3)
+
+
+def test_equal_buildings_never_touch():
+    alike = struck(KELVIN, gap=0.0, stiffness_ratio=1.0)
+    found = short(dataclasses.replace(alike, rod_2=alike.rod_1))
+    assert (found.n_impacts, found.peak_contact) == (0, 0)
+    assert np.isinf(found.first_impact_time)
+
+
+def test_single_precision_stays_single():
+    structures, ground = floats(struck(KELVIN), jnp.float32), floats(jp.paper.ground(), jnp.float32)
+    found = jp.demand(structures, ground, SHORT)
+    assert found.peak_contact.dtype == jnp.float32
+    assert found.peak_contact == pytest.approx(float(short(struck(KELVIN)).peak_contact), rel=1e-3)
+
+
+def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
+    batch = jax.vmap(lambda gap: floats(struck(KELVIN, gap)))(jnp.array([0.2, 0.4, 2.0]))
+
+    def value(structures):
+        found = jp.demand(structures, jp.paper.ground(), SHORT)
+        return found.peak_x1 + found.contact_work
+
+    values, gradients = jax.jit(jax.vmap(jax.value_and_grad(value)))(batch)
+    one = jax.tree.map(lambda x: x[1], batch)
+    alone = short(one)
+    assert values[1] == pytest.approx(float(alone.peak_x1 + alone.contact_work), rel=1e-12)
+    ones = jax.tree.map(jnp.ones_like, one)
+    _, slope = jax.jit(lambda s, t: jax.jvp(value, (s,), (t,)))(one, ones)
+    total = sum(float(leaf[1]) for leaf in jax.tree.leaves(gradients))
+    assert total == pytest.approx(float(slope), rel=1e-9)
+
+
+def test_a_gap_that_is_closed_from_the_start():
+    """Touch at t = 0, and the blocks together again and again."""
+    found, rigid = short(struck(KELVIN, gap=0.0)), short(struck(jp.Newton(0.65), gap=0.0))
+    assert np.isfinite(found.peak_contact)
+    assert found.n_impacts >= 2
+    assert rigid.min_gap == pytest.approx(0, abs=1e-12)
+
+
+def test_bad_input():
+    newton = jp.Newton(0.5)
+    with pytest.raises(ValueError, match=r"restitution = 1\.5 must be"):
+        jp.Newton(1.5)
+    with pytest.raises(ValueError, match="contact needs a finite gap"):
+        jp.Link((0, 1), contact=newton)
+    with pytest.raises(ValueError, match="scheme: friction = Smoothed"):
+        jp.demand(struck(newton), jp.paper.ground(), SHORT, jp.Scheme(jp.Smoothed(0.1)))
+
+    def by_gap(gap):
+        return jp.demand(struck(newton, gap), jp.paper.ground(), SHORT).peak_x1
+
+    with pytest.raises(NotImplementedError, match="second derivatives"):
+        jax.hessian(by_gap)(0.3)

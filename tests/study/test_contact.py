@@ -1,0 +1,144 @@
+"""Studies of blocks that touch: how often, how hard, and which parameter of the law matters."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxpound as jp
+from jaxpound.results.demand import Demand
+from jaxpound.study import sensitivity
+from jaxpound.study.statistics import quantile
+
+TOUCHING = dataclasses.replace(
+    jp.paper.structures(), friction=0.02, initial_gap=0.03, contact=jp.Newton(0.65)
+)
+GRID = jp.TimeGrid(0.1, 80)
+WAVES = jp.RandomRicker(2, jp.LogNormal(0.03, 0.7), jp.Uniform(1.5, 4.0), jp.Uniform(1.0, 5.0))
+RESTITUTION = {"contact.restitution": jp.Uniform(0.4, 0.9)}
+SCENARIOS = jp.Scenarios(jp.UncertainStructures(TOUCHING, RESTITUTION), WAVES)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("study") / "store"
+
+
+@pytest.fixture(scope="module")
+def study(folder):
+    how = {"store": folder, "chunk_size": 32, "keep_parameters": True, "progress": False}
+    return jp.monte_carlo(SCENARIOS, 64, GRID, **how)
+
+
+@pytest.fixture(scope="module")
+def hit(study):
+    """In which scenarios there is an impact: neither in all nor in none."""
+    found = study["n_impacts"] > 0
+    assert 0 < found.sum() < found.size
+    return found
+
+
+def test_a_study_without_an_impact_somewhere_does_not_fail(study, hit):
+    assert study.failed == 0
+    first = study["first_impact_time"]
+    np.testing.assert_array_equal(np.isfinite(first), hit)
+    assert (first[~hit] == np.inf).all()
+    np.testing.assert_array_equal(study["pounds"] == 1, hit)
+    assert (study["peak_impulse"][hit] > 0).all()
+    assert not study["peak_impulse"][~hit].any()
+
+
+def test_the_time_of_the_first_impact_is_told_of_scenarios_with_one(study, hit):
+    first = study["first_impact_time"][hit]
+    moments = study.moments("first_impact_time")
+    assert moments.n == hit.sum()
+    assert (moments.mean, moments.largest) == (pytest.approx(first.mean()), first.max())
+    assert study.quantile("first_impact_time", 0.5) == quantile(first, 0.5)
+    e = study.parameters()["contact.restitution"]
+    assert (e.min() >= 0.4, e.max() <= 0.9) == (True, True)
+    rank = stats.spearmanr(e[hit], first).statistic
+    found = study.correlations("first_impact_time")["contact.restitution"]
+    assert found == pytest.approx(rank)
+
+
+def test_a_study_without_any_impact_knows_no_time(study):
+    nowhere = dataclasses.replace(
+        study, _parts=lambda name: iter([np.full(64, np.inf)] if "first" in name else [np.ones(64)])
+    )
+    assert np.isnan(nowhere.correlations("first_impact_time")["contact.restitution"])
+    with pytest.raises(ValueError, match=r"quantile: sample of shape \(0,\) must be"):
+        nowhere.quantile("first_impact_time", 0.5)
+
+
+def test_the_study_is_read_back_from_its_store(study, folder):
+    opened = jp.Study.open(folder)
+    assert opened.columns == study.columns
+    assert isinstance(opened.demand, Demand)
+    for name in ("first_impact_time", "peak_impulse", "contact_work", "n_impacts"):
+        np.testing.assert_array_equal(getattr(opened.demand.links[0], name), study[name])
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    in_si = opened.in_si(scales)
+    np.testing.assert_allclose(
+        in_si["peak_impulse"], study["peak_impulse"] * scales.units["impulse"]
+    )
+    assert {"peak_impulse_N_s", "n_impacts", "contact_work_J"} <= {*in_si.to_columns()}
+
+
+def test_probability_that_a_demand_is_exceeded(study, hit):
+    impulse = np.sort(study["peak_impulse"])
+    found = study.exceedance("peak_impulse", impulse[-5])
+    assert found.value == 4 / 64
+    assert found[1:3] == pytest.approx(stats.binomtest(4, 64).proportion_ci(method="exact"))
+    assert study.exceedance("n_impacts", 0) == study.pounding_probability()
+    assert study.exceedance("first_impact_time", 8.0).value == 1 - hit.mean()
+    with pytest.raises(ValueError, match="column 'peak_force' must be one of min_gap, "):
+        study.exceedance("peak_force", 1.0)
+    with pytest.raises(ValueError, match="exceedance: value"):
+        study.exceedance("peak_impulse", [1.0, 2.0])
+
+
+def test_distribution_of_the_number_of_impacts(study, hit):
+    counts = study.counts()
+    assert [*counts] == sorted({*study["n_impacts"].astype(int)})
+    assert counts[0].value == 1 - hit.mean()
+    assert sum(x.value for x in counts.values()) == pytest.approx(1.0)
+    mean = sum(k * x.value for k, x in counts.items())
+    assert mean == pytest.approx(study.moments("n_impacts").mean)
+    with pytest.raises(ValueError, match="counts: the numbers of 'min_gap' must be whole"):
+        study.counts("min_gap")
+
+
+def test_fragility_by_a_limit_of_the_impulse_is_below_that_of_any_impact(study, hit):
+    pgv, limit = study["pgv"], np.median(study["peak_impulse"][hit])
+    strong = jp.fit_fragility(pgv, study["peak_impulse"] > limit)
+    assert strong.median > jp.fit_fragility(pgv, hit).median
+
+
+def test_what_blocks_that_meet_would_have_needed_is_not_told(study):
+    """After a contact the gap does not say how far the blocks would have moved without it."""
+    assert "required_gap" not in study.columns
+    with pytest.raises(ValueError, match="column 'required_gap' must be one of min_gap, "):
+        study.pounding_probability(0.05)
+    assert study.pounding_probability().value > 0
+
+
+def test_restitution_matters_to_the_energy_lost():
+    ground = jp.Ricker([0.12], [2.5], [2.5])
+    uncertain = RESTITUTION | {"rod_2.order": jp.Uniform(0.529, 0.531)}
+    scenarios = jp.Scenarios(jp.UncertainStructures(TOUCHING, uncertain), ground)
+    found = jp.sobol_sensitivity(scenarios, GRID, demand="contact_work", n=16)
+    assert found.total["contact.restitution"].value > 0.9
+    with pytest.raises(ValueError, match=r"there is no required gap unless .* a law of contact"):
+        jp.sobol_sensitivity(scenarios, GRID, n=16)
+
+
+def test_the_time_of_an_impact_that_need_not_be_has_no_variance(monkeypatch):
+    def demands(structures, ground, *_):
+        e = structures.contact.restitution
+        return {"first_impact_time": jnp.where(e > 0.65, jnp.inf, e)}
+
+    monkeypatch.setattr(sensitivity, "demands_of", demands)
+    with pytest.raises(ValueError, match="must be finite, but there is no impact in some scen"):
+        jp.sobol_sensitivity(SCENARIOS, GRID, demand="first_impact_time", n=2)
