@@ -210,7 +210,8 @@ def _differentiable(h: float) -> Any:
 
         return rebuild(jax.vmap(by)(jnp.eye(flat.size, dtype=flat.dtype)))
 
-    follow_lanes, push_lanes, pull_lanes = map(where_needed, (follow, push, pull))
+    follow_lanes, push_lanes = where_needed(follow), where_needed(push)
+    pull_lanes = where_needed(pull)
 
     @jax.custom_jvp
     def differentiable(given: Given, modes: Modes) -> Passed:
@@ -554,10 +555,12 @@ class _Problem:
         # The gap closes, or opens.
         depth0, depth1 = s0 - self.gap, end.s - self.gap
         before = _crossing(depth0, w0, depth1, end.w, length)
+        # A flight that begins in touch and ends in it turns first.
         closes = self.meets & (x.mode == APART) & (depth1 > 0) & (depth1 > depth0)
+        closes = closes & ((depth0 < 0) | (w0 >= 0))
         touch = jnp.where(closes, jnp.where(depth0 >= 0, 0.0, before), never)
         acts = (x.mode == PRESSED) | (x.mode == CLIPPED)
-        opens = acts & (depth1 < 0) & (depth1 < depth0)
+        opens = acts & (depth1 < 0) & (depth1 < depth0) & ((depth0 > 0) | (w0 <= 0))
         release = jnp.where(opens, jnp.where(depth0 <= 0, 0.0, before), never)
 
         # The force of a law that must not pull vanishes, or comes back.

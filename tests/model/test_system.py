@@ -83,10 +83,6 @@ GROUNDED = rods(*((i, jp.GROUND) for i in range(4)))
             lambda: jp.System((1.0,) * 2, GROUNDED[:2], links((0, -1), (1, -1), (0, 1))),
             r"System: links.2.ends = \(0, 1\) must not close a ring",
         ),
-        (
-            lambda: jp.System((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2))),
-            r"System: links.1.ends = \(1, 2\) shares mass 1 with links.0: several links",
-        ),
         (lambda: jp.Link((1, 1)), r"Link: ends = \(1, 1\) must be two different masses by number"),
         (lambda: jp.Link((0, -2)), r"Link: ends = \(0, -2\) must be two different masses"),
         (lambda: jp.Link((0, 1.0)), r"Link: ends = \(0, 1.0\) must be two different masses"),
