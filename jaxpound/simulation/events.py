@@ -14,6 +14,7 @@ that derivatives contain how the event's instant moves.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -268,19 +269,15 @@ class _Problem:
             law if law is None or isinstance(law, Newton) else bound(law, mass[j])
             for j, law in enumerate(given.laws)
         ]
-        self.rigid = self._mask(isinstance(law, Newton) for law in given.laws)
-        self.meets = self._mask(law is not None for law in given.laws)
-        self.clips = self._mask(
+        self.rigid = _mask(isinstance(law, Newton) for law in given.laws)
+        self.meets = _mask(law is not None for law in given.laws)
+        self.clips = _mask(
             law is not None and not isinstance(law, Newton) and not may_pull(law)
             for law in given.laws
         )
         self.gap = jnp.where(self.meets, given.gap, 0.0)  # finite
         restitutions = [law.restitution if isinstance(law, Newton) else 1.0 for law in given.laws]
         self.restitution = jnp.stack([jnp.asarray(e, self.dtype) for e in restitutions])
-        self.has_force = any(law is not None and not isinstance(law, Newton) for law in given.laws)
-
-    def _mask(self, which: Any) -> Any:
-        return jnp.asarray(list(which))
 
     def pull(self, t: jax.Array) -> jax.Array:
         return self.given.pull + self.given.rise * (t / self.h - 0.5)
@@ -798,6 +795,10 @@ def _rates(s: jax.Array, w: jax.Array, now: _Forces) -> _Where:
         lost=(now.contact - now.elastic) * w,
         impulse=now.contact,
     )
+
+
+def _mask(which: Iterable[bool]) -> jax.Array:
+    return jnp.asarray(list(which))
 
 
 def _nonzero(x: jax.Array) -> jax.Array:
