@@ -1,6 +1,6 @@
 r"""Links that may touch or that share masses, over one step of a run.
 
-Such links, a group, are followed by the local flow (``events``) where it is needed: in contact,
+Such links, a group, are followed by the local flow (``flow``) where it is needed: in contact,
 where a gap may close within the step, and, for links that share masses, where slip or stick ends.
 All other steps have closed forms.
 
@@ -23,18 +23,12 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
+from jaxpound.model.contact import bound
 from jaxpound.model.system import Link, LinkGroup, Topology
-from jaxpound.simulation.events import (
-    APART,
-    PRESSED,
-    Given,
-    Impacts,
-    Modes,
-    Passed,
-    flow,
-    inverse_of,
-)
+from jaxpound.simulation.flow import flow
+from jaxpound.simulation.forces import APART, PRESSED, held_inverse, inverse_of, response
 from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.passage import Given, Modes, Passed, UnderWay
 
 
 class Coupling(NamedTuple):
@@ -44,43 +38,24 @@ class Coupling(NamedTuple):
     shifts: dict[int, jax.Array]  # (n,) by mass: its shift by each closing about a fixed centre
     frictions: jax.Array  # (n,)
     gaps: jax.Array
-    laws: tuple[Any, ...]  # of contact
+    laws: tuple[Any, ...]  # of contact, for the effective masses
 
 
 class ContactState(NamedTuple):
     """State of a link in a group that is followed, beside that of any link."""
 
     half: jax.Array  # closing at t_m − h/2
-    mode: jax.Array  # of contact, as in ``events``
-    touch_speed: jax.Array  # of the contact under way, as the next four
-    touch_time: jax.Array
-    impulse: jax.Array
-    peak_force: jax.Array
-    counts: jax.Array  # 1 if it is an impact
+    mode: jax.Array  # of contact, as in ``forces``
+    counts: jax.Array  # 1 if the contact under way is an impact
     fastest: jax.Array  # largest speed of approach so far
+    under_way: UnderWay  # with the time of the run
 
 
 class ContactMotion(NamedTuple):
-    """What contact did to a link in a step from t_m − h/2 to t_m + h/2."""
+    """What a link that is followed did in a step from t_m − h/2 to t_m + h/2."""
 
-    used: jax.Array  # whether the local flow was needed; if not, all below is of no account
-    force: jax.Array  # p at t_m
-    stored_now: jax.Array  # gained until t_m by the energy stored, and in the whole step
-    stored: jax.Array
-    lost_now: jax.Array  # the same of the energy lost
-    lost: jax.Array
-    touched: jax.Array  # 1 if in contact at any time
-    touches: jax.Array  # number of impacts that began
-    first_touch: jax.Array  # when the first did, after t_m
-    strongest: jax.Array  # largest impulse of an impact that was under way
-    farthest: jax.Array  # largest closing where the slip velocity vanished or was reversed
-    first_turn: jax.Array  # closing where the slip velocity first vanished or was reversed,
-    last_turn: jax.Array  # and where it last did
-    between: jax.Array  # path from the one to the other
-    highest: jax.Array  # largest p
-    highest_time: jax.Array  # after t_m
-    highest_forces: jax.Array  # q + p of all links of the group then, (n,)
-    impacts: Impacts  # that ended, (SLOTS,) each
+    used: jax.Array  # whether the local flow was needed
+    passed: Passed  # its result; zero if it was not
 
 
 def is_followed(group: LinkGroup, links: tuple[Link, ...]) -> bool:
@@ -108,13 +83,16 @@ def coupling(
         shifts={mass: inverse[mass] * (pull @ whole) for mass, pull in pulls.items()},
         frictions=jnp.stack([links[k].friction for k in group.links]),
         gaps=jnp.stack([links[k].gap for k in group.links]),
-        laws=tuple(links[k].contact for k in group.links),
+        laws=tuple(
+            None if links[k].contact is None else bound(links[k].contact, 1 / delassus[j, j])
+            for j, k in enumerate(group.links)
+        ),
     )
 
 
 def apart(zero: jax.Array) -> ContactState:
     """The state of a link before the first step."""
-    return ContactState(*(zero,) * len(ContactState._fields))
+    return ContactState(*(zero,) * 4, UnderWay(*(zero,) * 4))
 
 
 class GroupStep(NamedTuple):
@@ -128,6 +106,7 @@ class GroupStep(NamedTuple):
     time: jax.Array
     starts: jax.Array  # whether t_m = 0
     dt: float  # h
+    slots: int  # impacts of a link that are recorded
 
 
 def plain_motion(group: Coupling, before: GroupStep) -> LinkMotion:
@@ -174,16 +153,20 @@ def follow(group: Coupling, before: GroupStep) -> tuple[Passed, jax.Array]:
         friction=group.frictions,
         gap=group.gaps,
         laws=group.laws,
-        touch_speed=state.touch_speed,
-        impulse=state.impulse,
-        peak_force=state.peak_force,
-        touch_time=state.touch_time - before.time,
+        under_way=_at(-before.time, state.under_way),
     )
     start = jnp.where(before.starts, h / 2, 0.0).astype(before.velocity.dtype)
-    passed = flow(h, given, Modes(state.mode, state.counts, state.fastest, start, needed))
+    modes = Modes(state.mode, state.counts, state.fastest, start)
+    passed = flow(h, before.slots, needed, given, modes)
     # A single link that came near but did not touch has its closed form.
-    used = needed if len(group.laws) > 1 else needed & (passed.touched > 0).any()
+    touched = (passed.record.touched > 0).any()
+    used = needed if len(group.laws) > 1 else needed & touched
     return passed, used
+
+
+def _at(shift: jax.Array, contact: UnderWay) -> UnderWay:
+    """A contact under way with its time counted from another instant."""
+    return contact._replace(touch_time=contact.touch_time + shift)
 
 
 def mean_sample(passed: Passed, before: GroupStep) -> jax.Array:
@@ -205,28 +188,28 @@ def settle(
 
     ``more`` is by how much the mean sample has changed the pull.
     """
-    h, state = before.dt, before.state
+    h, state, at, record = before.dt, before.state, passed.now, passed.record
     gain, _ = _response(group, passed.held > 0, more, 0 * more)
     # A law's force gives way to a shift of the closing at once; a shift would only shake it.
     shift = jnp.where(passed.mode == PRESSED, 0.0, h**2 / 2 * gain)
     velocity, half = passed.velocity + h * gain, passed.closing + shift
     after = half + h / 2 * velocity + h**2 / 8 * (passed.acceleration + gain)
-    gain_now, _ = _response(group, passed.held_now > 0, more, 0 * more)
-    shift_now = jnp.where(passed.contact_now != 0, 0.0, h**2 / 8 * gain_now)
-    closing_now = passed.closing_now + shift_now
+    gain_now, _ = _response(group, at.held > 0, more, 0 * more)
+    shift_now = jnp.where(at.contact != 0, 0.0, h**2 / 8 * gain_now)
+    closing_now = at.closing + shift_now
     kick = before.pull + more - (velocity - before.velocity) / h
     followed = LinkMotion(
         velocity=velocity,
         mean_force=inverse_of(group.delassus) @ kick,
-        force=passed.friction_now,
-        velocity_now=passed.velocity_now + h / 2 * gain_now,
+        force=at.friction,
+        velocity_now=at.velocity + h / 2 * gain_now,
         jump=after - before.closing - h * velocity,
-        turns=passed.turns > 0,
-        turn_time=passed.farthest_time,
-        turn=jnp.where(passed.turns > 0, passed.farthest, 0.0) - closing_now,
-        turn_forces=(passed.friction_now, passed.friction_now),
+        turns=record.turns > 0,
+        turn_time=record.farthest_time,
+        turn=jnp.where(record.turns > 0, record.farthest, 0.0) - closing_now,
+        turn_forces=(at.friction, at.friction),
         phase=jnp.where(passed.held > 0, 0.0, jnp.sign(velocity)),
-        change_time=passed.change_time,
+        change_time=record.change_time,
     )
     motion = jax.tree.map(lambda a, b: jnp.where(used, a, b), followed, plain)
 
@@ -239,49 +222,25 @@ def settle(
     contact = ContactState(
         half=half,
         mode=passed.mode,
-        touch_speed=passed.touch_speed,
-        touch_time=passed.touch_time + before.time,
-        impulse=passed.impulse,
-        peak_force=passed.peak_force,
         counts=passed.counts,
         fastest=passed.fastest,
+        under_way=_at(before.time, passed.under_way),
     )
     contact = jax.tree.map(
         lambda a, b: jnp.where(used, a, b), contact, state._replace(half=plain_half)
     )
-    zero = jnp.zeros_like(half)
-    seen = ContactMotion(
-        used=used & (zero == 0),
-        force=passed.contact_now,
-        stored_now=passed.stored_now,
-        stored=passed.stored,
-        lost_now=passed.lost_now,
-        lost=passed.lost,
-        touched=passed.touched,
-        touches=passed.touches,
-        first_touch=passed.first_touch,
-        strongest=passed.strongest,
-        farthest=passed.farthest,
-        first_turn=passed.first_turn,
-        last_turn=passed.last_turn,
-        between=passed.between,
-        highest=passed.highest,
-        highest_time=passed.highest_time,
-        highest_forces=passed.highest_forces,
-        impacts=jax.tree.map(jnp.transpose, passed.impacts),
-    )
-    quiet = jax.tree.map(lambda x: jnp.where(used, x, jnp.zeros_like(x)), seen)
+    quiet = jax.tree.map(lambda x: jnp.where(used, x, jnp.zeros_like(x)), passed)
+    seen = ContactMotion(jnp.broadcast_to(used, half.shape), quiet)
     now = jnp.where(used, closing_now, before.closing)
-    return now, contact, motion._replace(contact=quiet)
+    return now, contact, motion._replace(contact=seen)
 
 
 def _response(
     group: Coupling, held: jax.Array, pull: jax.Array, known: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Accelerations and forces where some links are held, and forces are known in the others."""
-    rows = jnp.where(held[:, None], group.delassus, jnp.eye(held.size, dtype=pull.dtype))
-    forces = jnp.where(held, inverse_of(rows) @ jnp.where(held, pull, known), known)
-    return jnp.where(held, 0.0, pull - group.delassus @ forces), forces
+    inverse = held_inverse(group.delassus, held)
+    return response(group.delassus, inverse, held, pull, known)
 
 
 def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:

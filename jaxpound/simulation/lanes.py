@@ -15,55 +15,80 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
-_WIDTH = 16  # lanes in a group: enough to fill vector registers, few enough to finish together
+_WIDTH = 32  # lanes in a group: enough to fill vector registers, few enough to finish together
 
 
 def where_needed(work: Callable[..., Any]) -> Callable[..., Any]:
-    """``work(needed, *args)``, whose result is zero in lanes of a batch that do not need it.
+    """``(needed, *args)`` to ``work(*args)`` where that is needed, and to zeros elsewhere.
 
-    ``needed`` is one truth value; ``args`` and the result are pytrees of real arrays.
+    ``needed`` is one truth value; ``args`` and the result are pytrees of real arrays. With ``work``
+    under ``jit`` it is traced but once.
     """
-    mapped = custom_vmap(work)
 
-    @mapped.def_vmap
-    def gathered(size: int, batched: Any, needed: jax.Array, *args: Any) -> Any:
-        is_batched = tuple(batched[1:])
-        needed = jnp.broadcast_to(needed, (size,))
-        axes = jax.tree.map(lambda one: 0 if one else None, is_batched)
-        group = jax.vmap(work, in_axes=(0, *axes))
-        width = min(_WIDTH, size)
-        (lanes,) = jnp.nonzero(needed, size=size + width, fill_value=size)
-        count = needed.sum()
+    @custom_vmap
+    def one(needed: jax.Array, *args: Any) -> Any:
+        shapes = jax.eval_shape(work, *args)
+        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+        return lax.cond(needed, lambda: work(*args), lambda: nothing)
 
-        def taken(which: jax.Array) -> Any:
-            return jax.tree.map(
-                lambda x, one: jnp.take(x, which, axis=0, mode="clip") if one else x,
-                args,
-                is_batched,
-            )
+    @custom_vmap
+    def many(needed: jax.Array, *args: Any) -> Any:
+        return _in_groups(work, needed, args)
 
-        shapes = jax.eval_shape(group, needed[:width], *taken(lanes[:width]))
-        leaves, rebuild = jax.tree.flatten(shapes)
-        rows = [leaf.size // width for leaf in leaves]
-        kind = jnp.result_type(*[leaf.dtype for leaf in leaves])
+    @one.def_vmap
+    def batch(size: int, batched: Any, *args: Any) -> Any:
+        out = many(*_repeated(size, batched, args))
+        return out, jax.tree.map(lambda _: True, out)
 
-        def one_group(carry: Any) -> Any:
-            done, results = carry
-            which = lax.dynamic_slice(lanes, (done,), (width,))
-            found = jax.tree.leaves(group(which < size, *taken(which)))
-            rows_found = [x.reshape(width, -1).T.astype(kind) for x in found]
-            results = results.at[:, which].set(jnp.concatenate(rows_found), mode="drop")
-            return done + width, results
+    @many.def_vmap
+    def batch_of_batches(size: int, batched: Any, *args: Any) -> Any:
+        args = _repeated(size, batched, args)
+        flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), args)
+        out = jax.tree.map(lambda x: x.reshape(size, -1, *x.shape[1:]), many(*flat))
+        return out, jax.tree.map(lambda _: True, out)
 
-        empty = jnp.zeros((sum(rows), size), kind)
-        _, results = lax.while_loop(
-            lambda carry: carry[0] < count, one_group, (jnp.zeros_like(count), empty)
-        )
-        split = jnp.split(results, [sum(rows[:i]) for i in range(1, len(rows))])
-        out = [
-            part.T.reshape(size, *leaf.shape[1:]).astype(leaf.dtype)
-            for part, leaf in zip(split, leaves, strict=True)
-        ]
-        return jax.tree.unflatten(rebuild, out), jax.tree.unflatten(rebuild, [True] * len(out))
+    return one
 
-    return mapped
+
+def _repeated(size: int, batched: Any, args: Any) -> Any:
+    """The arguments with a leading axis of the batch, whether they differ in it or not."""
+    return jax.tree.map(
+        lambda x, differs: x if differs else jnp.broadcast_to(x, (size, *jnp.shape(x))),
+        tuple(args),
+        tuple(batched),
+    )
+
+
+def _in_groups(work: Callable[..., Any], needed: jax.Array, args: Any) -> Any:
+    size = needed.shape[0]
+    width = min(_WIDTH, size)
+    (lanes,) = jnp.nonzero(needed, size=size + width, fill_value=size)
+    count = needed.sum()
+
+    def taken(which: jax.Array) -> Any:
+        # A group is filled up with a lane that needs the work.
+        which = jnp.where(which < size, which, lanes[0])
+        return jax.tree.map(lambda x: jnp.take(x, which, axis=0, mode="clip"), args)
+
+    leaves, rebuild = jax.tree.flatten(jax.eval_shape(work, *jax.tree.map(lambda x: x[0], args)))
+    rows = [leaf.size for leaf in leaves]
+    kind = jnp.result_type(*[leaf.dtype for leaf in leaves])
+
+    def one_group(carry: Any) -> Any:
+        done, results = carry
+        which = lax.dynamic_slice(lanes, (done,), (width,))
+        found = jax.tree.leaves(jax.vmap(work)(*taken(which)))
+        rows_found = [x.reshape(width, -1).T.astype(kind) for x in found]
+        results = results.at[:, which].set(jnp.concatenate(rows_found), mode="drop")
+        return done + width, results
+
+    empty = jnp.zeros((sum(rows), size), kind)
+    _, results = lax.while_loop(
+        lambda carry: carry[0] < count, one_group, (jnp.zeros_like(count), empty)
+    )
+    split = jnp.split(results, [sum(rows[:i]) for i in range(1, len(rows))])
+    out = [
+        part.T.reshape(size, *leaf.shape).astype(leaf.dtype)
+        for part, leaf in zip(split, leaves, strict=True)
+    ]
+    return jax.tree.unflatten(rebuild, out)

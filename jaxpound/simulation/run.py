@@ -35,7 +35,8 @@ from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.batches import spread
 from jaxpound.simulation.contact import ContactState
-from jaxpound.simulation.events import CLIPPED, PRESSED, Impacts
+from jaxpound.simulation.forces import is_deformed
+from jaxpound.simulation.passage import SLOTS, Impacts
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, courant, require_followed, require_stable, system_of
 from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
@@ -269,15 +270,16 @@ class _Kept(NamedTuple):
             }
             impact = None
             if (contact := tallied.contact) is not None:
+                record = seen.passed.record
                 entries |= {
-                    "contact": seen.force,
-                    "touching": seen.touched,
+                    "contact": seen.passed.now.contact,
+                    "touching": record.touched,
                     "contact_stored": contact.stored_now,
                     "contact_lost": contact.lost_now,
                     "slid": contact.slid,
                 }
-                later = {name: now.time + getattr(seen.impacts, name) for name in _TIMES}
-                impact = jax.tree.map(tuple, seen.impacts._replace(**later))
+                later = {name: now.time + getattr(record.impacts, name) for name in _TIMES}
+                impact = jax.tree.map(tuple, record.impacts._replace(**later))
             links.append(entries)
             impacts.append(impact)
         return _Kept(now.x, now.v, now.forces, tuple(links), tuple(impacts))
@@ -309,7 +311,7 @@ def _run(
     valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
     valid &= all_hold(_temperature_rules(temperature)) & (courant(system, dt, scheme) < 1)
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
-    constants = elements(system, dt, scheme.order)
+    constants = elements(system, dt, scheme.order, SLOTS if keep else 0)
     shaking = excitation(ground, grid, scheme.order)._replace(series=series)
     # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
     first = jax.tree.map(lambda x: x[0], shaking.series)
@@ -345,8 +347,8 @@ def _run(
     closings = [link.closing for link in state.links]
     ends = jnp.stack(of_all_masses(topology, state.x, closings))
     poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(dtype)
-    under_way = tuple(link.contact for link in state.links)
-    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, under_way)))
+    contacts = tuple(link.contact for link in state.links)
+    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, contacts)))
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
@@ -404,20 +406,20 @@ def _link_response(
     link: Link,
     series: dict[str, Any],
     ended: Impacts | None,
-    under_way: ContactState | None,
+    end: ContactState | None,
     last: jax.Array,
 ) -> LinkResponse:
     """The series of a link, from the impacts that ended in each step and the last instant."""
     own = dict(series)
     gap = link.gap - own.pop("closing")
-    if ended is None or under_way is None:
+    if ended is None or end is None:
         return LinkResponse(gap=gap, **own, ends=link.ends)
     passed = Impacts(*[jnp.stack(slots, -1).ravel() for slots in ended])
-    acts = (under_way.mode == PRESSED) | (under_way.mode == CLIPPED)
-    never = jnp.nan * last
+    acts, never = is_deformed(end.mode) & (end.counts > 0), jnp.nan * last
+    under_way = end.under_way
     unfinished = Impacts(
         touch_time=under_way.touch_time,
-        approach_velocity=jnp.where(acts & (under_way.counts > 0), under_way.touch_speed, 0.0),
+        approach_velocity=jnp.where(acts, under_way.touch_speed, 0.0),
         end_time=never,
         rebound_velocity=never,
         impulse=under_way.impulse,

@@ -6,8 +6,6 @@ with their estimate of the error by embedded methods of order 5 and 3.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -132,31 +130,19 @@ _ORDER_5 = (
     -0.022355307863886294,
 )
 
-_ORDER_3 = (
-    -0.18980075407240762,
-    0.0,
-    0.0,
-    0.0,
-    0.0,
-    4.450312892752409,
-    1.8915178993145003,
-    -5.801203960010585,
-    -0.4226823213237919,
-    -0.1521609496625161,
-    0.20136540080403034,
-    0.02265179219836082,
-)
+_THIRD = {0: 0.2440944881889764, 8: 0.7338466882816119, 11: 0.022058823529411766}
+_ORDER_3 = STAGES[-1] - [_THIRD.get(i, 0.0) for i in range(12)]
+"""Weights of the errors that the embedded methods estimate, by stage."""
 
 
-def weighted(weights: Any, slopes: jax.Array) -> jax.Array:
-    """Sum by weights of slopes along their first axis, of which there may be more."""
-    return jnp.tensordot(weights, slopes[: len(weights)], 1)
+def weighted(weights: jax.Array, slopes: jax.Array) -> jax.Array:
+    """Sum by weights of slopes along their first axis."""
+    return (jnp.expand_dims(weights, range(1, slopes.ndim)) * slopes).sum(0)
 
 
 def error(slopes: jax.Array) -> jax.Array:
     """Estimated error of a step of length 1, from the slopes of all stages."""
-    fifth, third = (
-        weighted(jnp.asarray(row, slopes.dtype), slopes) for row in (_ORDER_5, _ORDER_3)
-    )
+    orders = (_ORDER_5, _ORDER_3)
+    fifth, third = (weighted(jnp.asarray(row, slopes.dtype), slopes) for row in orders)
     both = fifth**2 + 0.01 * third**2
     return fifth**2 / jnp.sqrt(jnp.where(both > 0, both, 1.0))

@@ -40,8 +40,8 @@ from jaxpound.simulation.contact import (
     plain_motion,
     settle,
 )
-from jaxpound.simulation.events import Passed
 from jaxpound.simulation.friction import LinkMotion, LinkStep
+from jaxpound.simulation.passage import Passed
 from jaxpound.simulation.rod import RodLaw, rod_law, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 
@@ -54,6 +54,7 @@ class Elements(NamedTuple):
     rods: tuple[RodLaw, ...]
     frictions: tuple[jax.Array, ...]
     couplings: tuple[Coupling | None, ...]  # by group of links, of those that are followed
+    slots: int  # impacts of a link in a step that are recorded
 
 
 class LinkState(NamedTuple):
@@ -97,8 +98,8 @@ class Instant(NamedTuple):
     links: tuple[LinkInstant, ...]
 
 
-def elements(system: System, dt: float, order: int) -> Elements:
-    """The constants of a run with steps of ``dt``."""
+def elements(system: System, dt: float, order: int, slots: int) -> Elements:
+    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each."""
     topology, inverse = system.topology, tuple(1 / m for m in system.masses)
     return Elements(
         topology=topology,
@@ -111,6 +112,7 @@ def elements(system: System, dt: float, order: int) -> Elements:
             else None
             for group in link_groups(topology)
         ),
+        slots=slots,
     )
 
 
@@ -331,6 +333,7 @@ def _flow(
         time=time,
         starts=starts,
         dt=dt,
+        slots=system.slots,
     )
     if len(links) == 1:
         (k,) = group.links

@@ -19,8 +19,9 @@ from jaxpound._extrema import larger
 from jaxpound.model.system import System, link_groups, load_on
 from jaxpound.results.demand import Demand, LinkDemand, MassDemand, RodDemand
 from jaxpound.simulation.contact import ContactMotion, ContactState
-from jaxpound.simulation.events import APART
+from jaxpound.simulation.forces import APART
 from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.passage import SOFT
 from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, State, of_all_masses
 
 
@@ -113,28 +114,23 @@ class ContactTally(NamedTuple):
 
     def observe(self, seen: ContactMotion, time: jax.Array, last: jax.Array) -> ContactTally:
         """Take one step into account; of the last one only what was before its middle."""
-        late = last & (seen.highest_time > 0)
-        touches = jnp.where(last & (seen.first_touch > 0), 0.0, seen.touches)
+        now, record = seen.passed.now, seen.passed.record
+        late = last & (record.highest_time > 0)
+        touches = jnp.where(last & (record.first_touch > 0), 0.0, record.touches)
         begins = (touches > 0) & (self.touches == 0)
-        powers = (seen.impacts.peak_force**_SOFT).sum()
         return self._replace(
-            highest=larger(self.highest, jnp.where(late, seen.force, seen.highest)),
-            strongest=larger(self.strongest, seen.strongest),
+            highest=larger(self.highest, jnp.where(late, now.contact, record.highest)),
+            strongest=larger(self.strongest, record.strongest),
             touches=self.touches + touches,
-            first=jnp.where(begins, time + seen.first_touch, self.first),
-            lost=self.lost + seen.lost,
-            stored=self.stored + seen.stored,
-            lost_now=self.lost + seen.lost_now,
-            stored_now=self.stored + seen.stored_now,
-            powers=self.powers + powers,
-            since_touch=jnp.where(seen.touches > 0, 0.0, self.since_touch + 1),
-            since_end=jnp.where(
-                (seen.impacts.approach_velocity > 0).any(), 0.0, self.since_end + 1
-            ),
+            first=jnp.where(begins, time + record.first_touch, self.first),
+            lost=self.lost + seen.passed.lost,
+            stored=self.stored + seen.passed.stored,
+            lost_now=self.lost + now.lost,
+            stored_now=self.stored + now.stored,
+            powers=self.powers + record.powers,
+            since_touch=jnp.where(record.touches > 0, 0.0, self.since_touch + 1),
+            since_end=jnp.where(record.ended > 0, 0.0, self.since_end + 1),
         )
-
-
-_SOFT = 8  # exponent of the norm that is a soft maximum
 
 
 class LinkTally(NamedTuple):
@@ -169,12 +165,13 @@ class LinkTally(NamedTuple):
         first, final, between = turn, turn, 0.0
         calm = jnp.where(now.motion.turns, 0.0, self.calm + 1)
         if seen is not None:
+            record = seen.passed.record
             first, final = (
-                jnp.where(seen.used, x, turn) for x in (seen.first_turn, seen.last_turn)
+                jnp.where(seen.used, x, turn) for x in (record.first_turn, record.last_turn)
             )
-            between = seen.between
-            turn = jnp.where(seen.used, seen.farthest, turn)
-            calm = jnp.where(seen.used & (seen.highest_time != 0), 0.0, calm)
+            between = record.between
+            turn = jnp.where(seen.used, record.farthest, turn)
+            calm = jnp.where(seen.used & (record.highest_time != 0), 0.0, calm)
         distance = self.distance + jnp.where(turns, jnp.abs(first - self.last_turn) + between, 0.0)
         last_turn = jnp.where(turns, final, self.last_turn)
         contact = self.contact
@@ -210,12 +207,12 @@ class LinkTally(NamedTuple):
         gap: jax.Array,
         slip_force: jax.Array | None,
         temperature: Any,
-        under_way: ContactState | None,
+        end: ContactState | None,
     ) -> LinkDemand:
         """The scalars of the link, with its ``gap`` at rest.
 
         ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None;
-        ``under_way`` is the contact in which the run ends.
+        ``end`` is the state of its contact at the end of the run.
         """
         distance = self.distance + jnp.abs(self.closing - self.last_turn)
         soft, contact = self.softly, self.contact
@@ -227,10 +224,10 @@ class LinkTally(NamedTuple):
             residual_offset=-self.closing,
             soft_min_gap=None if soft is None else gap - temperature * soft.value(),
         )
-        if contact is None or under_way is None:
+        if contact is None or end is None:
             return demand
-        counts = (under_way.mode != APART) & (under_way.counts > 0)
-        powers = contact.powers + jnp.where(counts, under_way.peak_force**_SOFT, 0.0)
+        counts = (end.mode != APART) & (end.counts > 0)
+        powers = contact.powers + jnp.where(counts, end.under_way.peak_force**SOFT, 0.0)
         hit = powers > 0
         return dataclasses.replace(
             demand,
@@ -240,13 +237,15 @@ class LinkTally(NamedTuple):
             n_impacts=contact.touches,
             first_impact_time=contact.first,
             contact_work=contact.lost_now,
-            soft_peak_contact=jnp.where(hit, jnp.where(hit, powers, 1.0) ** (1 / _SOFT), 0.0),
+            soft_peak_contact=jnp.where(hit, jnp.where(hit, powers, 1.0) ** (1 / SOFT), 0.0),
         )
 
 
 def _total_force(motion: LinkMotion) -> jax.Array:
-    """Q + p at t_m."""
-    return motion.force if motion.contact is None else motion.force + motion.contact.force
+    """The force q + p at t_m."""
+    if motion.contact is None:
+        return motion.force
+    return motion.force + motion.contact.passed.now.contact
 
 
 class Tally(NamedTuple):
@@ -326,7 +325,7 @@ class Tally(NamedTuple):
             # Where a closing turned in the step, as far as its own change moves the mass.
             for share, k in zip(coupled.shifts[mass], group.links, strict=True):
                 link = now.links[k]
-                late, met = link.motion.turn_time, link.motion.contact.touched > 0
+                late, met = link.motion.turn_time, link.motion.contact.passed.record.touched > 0
                 drift = late * (v - share * link.velocity)
                 peak = peak.reaching(jnp.where(met, x + drift + share * link.motion.turn, x))
             return peak
@@ -361,9 +360,10 @@ class Tally(NamedTuple):
             late = jnp.where(turns[k], motion.turn_time / dt, 0.0)
             if seen is not None:
                 (group,) = (one.links for one in link_groups(topology) if k in one.links)
-                at_peak = sum(signs[i] * seen.highest_forces[group.index(i)] for i in signs)
-                there = load + (load - before) * seen.highest_time / dt + at_peak
-                reached.append(jnp.where(seen.highest > 0, there, load + others) * inverse)
+                record = seen.passed.record
+                at_peak = sum(signs[i] * record.highest_forces[group.index(i)] for i in signs)
+                there = load + (load - before) * record.highest_time / dt + at_peak
+                reached.append(jnp.where(record.highest > 0, there, load + others) * inverse)
                 late = jnp.where(seen.used, 0.0, late)
             at_turn = load + (load - before) * late
             for q in motion.turn_forces:
