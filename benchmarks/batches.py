@@ -1,12 +1,13 @@
-"""Time batches of random Ricker earthquakes: throughput, gradients, memory, float32.
+"""Time batches of random Ricker earthquakes: throughput, gradients, memory, float32, contact.
 
-    pip install -e ".[bench]" && python benchmarks/batches.py
+    pip install -e ".[bench]" && python benchmarks/batches.py [SECTION ...]
 
 Every ratio is taken within this one process, best of several rounds in turn; times themselves say
 more about the machine and its other users than about jaxpound. Where JAX has a GPU the batch runs
 there, without the peers, which are for CPUs.
 """
 
+import argparse
 import subprocess
 import sys
 import time
@@ -32,6 +33,7 @@ GRID = jp.TimeGrid.until(20.0, 0.04)  # min gap of the paper's case within 5.2e-
 PAPER_GRID = jp.TimeGrid.until(20.0, 0.002)  # the paper's algorithm: within 6.4e-4
 RUNS = 65_536 if GPU else 512 * CORES
 GRADIENT_RUNS = RUNS // 2
+KELVIN = jp.KelvinVoigt(stiffness=1000.0, restitution=0.65)
 PAPER, RODS = "paper's algorithm in Numba", ("order", "tau_f", "tau_x")
 
 MANY = """
@@ -44,10 +46,10 @@ sys.path.insert(0, {folder!r})
 import batches
 n = int(sys.argv[1])
 start = time.perf_counter()
-gaps = jp.in_chunks(lambda i: batches.drawn(i).min_gap)(np.arange(n))
+gaps = jp.in_chunks(lambda i: batches.drawn(i, **{changes}).min_gap)(np.arange(n))
 seconds = time.perf_counter() - start
 peak = int(re.search(r"VmHWM:\\s+(\\d+) kB", open("/proc/self/status").read())[1]) / 2**20
-print(seconds, peak, (gaps < -0.7).mean())
+print(seconds, peak, (gaps <= {at_most}).mean())
 """
 
 
@@ -59,26 +61,37 @@ def earthquake(key):
     return 0.1 + 0.9 * amplitude, periods, arrivals, 0.1 + 0.3 * friction
 
 
-def demand(amplitude, periods, arrivals, friction, grid=GRID):
+def demand(amplitude, periods, arrivals, friction, grid=GRID, **changes):
     ground = jp.Ricker(amplitude, periods, arrivals)
-    return jp.demand(replace(CASE, friction=friction), ground, grid)
+    return jp.demand(replace(CASE, friction=friction, **changes), ground, grid)
 
 
-def drawn(index):
+def drawn(index, **changes):
     """The earthquake of a number, whatever the batch it runs in."""
-    return demand(*earthquake(jax.random.fold_in(jax.random.key(0), index)))
+    return demand(*earthquake(jax.random.fold_in(jax.random.key(0), index)), **changes)
 
 
-def designed(design, amplitude, periods, arrivals):
-    """Min gap by friction and the four relaxation times."""
+def structures_of(design):
+    """The paper's case with friction and the four relaxation times of a design."""
     friction, tau_f1, tau_x1, tau_f2, tau_x2 = design
-    structures = replace(
+    return replace(
         CASE,
         friction=friction,
         rod_1=replace(CASE.rod_1, tau_f=tau_f1, tau_x=tau_x1),
         rod_2=replace(CASE.rod_2, tau_f=tau_f2, tau_x=tau_x2),
     )
-    return jp.demand(structures, jp.Ricker(amplitude, periods, arrivals), GRID).min_gap
+
+
+def designed(design, amplitude, periods, arrivals):
+    """Min gap by friction and the four relaxation times."""
+    ground = jp.Ricker(amplitude, periods, arrivals)
+    return jp.demand(structures_of(design), ground, GRID).min_gap
+
+
+def impulse(design, amplitude, periods, arrivals):
+    """Impulse of the strongest impact, by friction, the four relaxation times and the gap."""
+    structures = replace(structures_of(design[:5]), initial_gap=design[5], contact=KELVIN)
+    return jp.demand(structures, jp.Ricker(amplitude, periods, arrivals), GRID).peak_impulse
 
 
 DESIGN = jnp.array(
@@ -312,13 +325,57 @@ def checkpoints():
         )
 
 
-def many():
+def many(sizes=(100_000, 1_000_000), changes="{}", at_most=-0.7):
+    """Batches of a process each; the keyword arguments of ``drawn`` as Python text."""
     print("\nMany earthquakes in one process, in_chunks, drawn by number")
-    for n in (100_000, 1_000_000):
-        command = [sys.executable, "-c", MANY.format(folder=sys.path[0]), str(n)]
+    program = MANY.format(folder=sys.path[0], changes=changes, at_most=at_most)
+    for n in sizes:
+        command = [sys.executable, "-c", program, str(n)]
         output = subprocess.run(command, capture_output=True, check=True, text=True).stdout
         seconds, peak, share = map(float, output.split())
-        print(f"  {n:9,}: {seconds:6.1f} s, peak resident {peak:.2f} GiB, P(gap < −.7) {share:.4f}")
+        told = f"{seconds:6.1f} s, peak resident {peak:.2f} GiB"
+        print(f"  {n:9,}: {told}, P(gap ≤ {at_most}) {share:.4f}")
+
+
+def contact(batch):
+    """Kelvin's contact in the batch, at a gap that 10 % close and at one that all close."""
+    free, each = jax.jit(jax.vmap(demand)), (0, 0, 0, 0, None)
+    touching = jax.vmap(lambda *x: demand(*x[:4], initial_gap=x[4], contact=KELVIN), each)
+    touching, effort = built(touching, *batch, 1.0)
+    required = CASE.initial_gap - np.asarray(free(*batch).min_gap)
+    gaps = {"10 % pound": np.quantile(required, 0.9), "all pound": 0.999 * required.min()}
+    gaps = {name: float(gap) for name, gap in gaps.items()}
+    calls = {name: ready(touching, *batch, gap) for name, gap in gaps.items()}
+    times = best({"none": ready(free, *batch)} | calls, 3)
+    print(f"\nKelvin contact, k = 1,000, {RUNS:,} runs, every scalar; {effort}")
+    for name, gap in gaps.items():
+        found = touching(*batch, gap)
+        assert np.isfinite(found.min_gap).all()
+        impacts, ratio = np.mean(found.n_impacts), times[name] / times["none"]
+        told = f"{np.mean(found.pounds):4.0%} pound, {impacts:.2f} impacts a run"
+        print(f"  gap {gap:6.4f}: {told}, {ratio:5.2f} times the batch without contact")
+
+    waves, each = [x[:GRADIENT_RUNS] for x in batch[:3]], (None, 0, 0, 0)
+    functions = {
+        "value": lambda *x: jax.vmap(impulse, each)(*x).mean(),
+        "value and gradient of the mean": jax.value_and_grad(
+            lambda *x: jax.vmap(impulse, each)(*x).mean()
+        ),
+        "forward mode, each run": jax.vmap(jax.jacfwd(impulse), each),
+    }
+    designs = {name: jnp.append(DESIGN, gap) for name, gap in gaps.items()}
+    calls, effort = {}, {}
+    for name, function in functions.items():
+        compiled, effort[name] = built(function, designs["all pound"], *waves)
+        for gap, design in designs.items():
+            calls[name, gap] = ready(compiled, design, *waves)
+    times = best(calls, 3)
+    print(f"Impulse of the strongest impact by μ, four τ and gap, {GRADIENT_RUNS:,} runs")
+    for name, told in effort.items():
+        ratios = (f"{times[name, gap] / times['value', gap]:5.1f} ({gap})" for gap in gaps)
+        print(f"  {name:32}{''.join(ratios)} times the value; {told}")
+    changes = f"dict(initial_gap={gaps['10 % pound']}, contact=batches.KELVIN)"
+    many((20_000, 100_000), changes, at_most=0.0)
 
 
 def draw(n):
@@ -327,14 +384,22 @@ def draw(n):
 
 def main():
     numba.set_num_threads(CORES)
-    print(f"JAX {jax.__version__}, {jax.devices()[0].device_kind}, {CORES} cores")
     batch = draw(RUNS)
-    throughput(batch)
-    gradients(batch)
-    records()
-    widths()
-    checkpoints()
-    many()
+    sections = {
+        "throughput": lambda: throughput(batch),
+        "gradients": lambda: gradients(batch),
+        "records": records,
+        "widths": widths,
+        "checkpoints": checkpoints,
+        "many": many,
+        "contact": lambda: contact(batch),
+    }
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("section", nargs="*", help=f"{', '.join(sections)}; by default all")
+    chosen = parser.parse_args().section or [*sections]
+    print(f"JAX {jax.__version__}, {jax.devices()[0].device_kind}, {CORES} cores")
+    for name in chosen:
+        sections[name]()
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from jaxpound.design.elasticity import Elasticities as Elasticities
 from jaxpound.design.elasticity import elasticities as elasticities
 from jaxpound.design.ensemble import Ensemble as Ensemble
 from jaxpound.design.objective import CVaR as CVaR
+from jaxpound.design.objective import GapAtRest as GapAtRest
 from jaxpound.design.objective import Limit as Limit
 from jaxpound.design.objective import MeanGap as MeanGap
 from jaxpound.design.objective import Objective as Objective

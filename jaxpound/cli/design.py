@@ -104,8 +104,14 @@ def run(args: argparse.Namespace) -> None:
         "convergence": figure(plots.convergence, design),
         "before_and_after": figure(plots.before_and_after, compared),
     }
-    with contextlib.suppress(ValueError):  # a mean gap of zero has no elasticity
-        slopes = jp.elasticities(design.structures, task.ensemble, task.grid, given.scheme)
+    with contextlib.suppress(ValueError):  # what is zero has no elasticity
+        slopes = jp.elasticities(
+            design.structures,
+            task.ensemble,
+            task.grid,
+            given.scheme,
+            demand="peak_impulse" if given.contact else "min_gap",
+        )
         figures["elasticities"] = figure(plots.tornado, slopes)
     if design.space.dimension > 1:
         figures["landscape"] = plots.figure_of_landscape(design)
@@ -153,7 +159,7 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
             given.objective,
             given.limits,
             given.penalties,
-            contact=given.contact is not None,
+            given.contact.law if given.contact else None,
         ),
         grid,
     )

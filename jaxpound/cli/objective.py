@@ -19,6 +19,7 @@ _GOALS: dict[str, tuple[Any, str]] = {
     "soft minimum": (jp.SoftMinimum, "temperature"),
     "CVaR": (jp.CVaR, "share"),
     "pounding probability": (jp.PoundingProbability, "gap"),
+    "gap at rest": (jp.GapAtRest, ""),
 }
 """The library's goals, and the key of each goal's parameter, if it has one."""
 
@@ -28,9 +29,9 @@ Temperature = between(1e-9, 10, "m", "of the soft minimum of gaps")
 class Objective(Table):
     """The goal, a function of the smallest gaps."""
 
-    goal: Literal["mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability"] = (
-        "mean gap"
-    )
+    goal: Literal[
+        "mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability", "gap at rest"
+    ] = "mean gap"
     temperature: Annotated[float, Temperature] | None = None
     share: Annotated[float, between(1e-6, 1, "", "of the earthquakes")] | None = None
     gap: Gap | None = None
@@ -88,17 +89,24 @@ _LIMITS = {
 """Ranges of the limits on a demand, by its kind of quantity."""
 
 
+_BY_FORCE = ("peak_contact", "soft_peak_contact", "peak_penetration")
+"""Demands that are 0 in every impact by Newton's law: no limit on them could be exceeded."""
+
+
 def priced(
     name: str,
     objective: Objective,
     limits: Mapping[str, float | AtMost],
     penalties: Mapping[str, float | Weighted],
-    contact: bool,
+    law: str | None,
 ) -> jp.Objective:
     """The library's ``Objective``.
 
-    ``name`` is the file's, ``contact`` says whether it has a law of contact.
+    ``name`` is the file's, ``law`` that of its law of contact.
     """
+    if law is not None and objective.goal == "pounding probability":
+        rule = "must not be given with a law of [contact]: whether they meet is the same"
+        raise ValueError(f'{name}: [objective] goal = "{objective.goal}" {rule}')
     made: dict[str, dict[str, Any]] = {"limits": {}, "penalties": {}}
     stated: list[tuple[str, Any, Mapping[str, Any]]] = [
         ("limits", jp.Limit, limits),
@@ -108,8 +116,11 @@ def priced(
         for price, x in prices.items():
             place = f"{name}: [{table}] {price}"
             about = known_of(price)
-            if about is not None and about.contact and not contact:
+            if about is not None and about.contact and law is None:
                 raise ValueError(f"{place} must not be given without a law of [contact]")
+            if law == "newton" and price in _BY_FORCE:
+                rule = 'must not be given with law = "newton", whose impacts have none'
+                raise ValueError(f"{place} {rule}; peak_impulse is what they have")
             number, *over = [x] if isinstance(x, float) else astuple(x)
             allowed = _LIMITS[kind_of(price) or ""] if table == "limits" else _PENALTY
             allowed.require(place, number)

@@ -18,11 +18,9 @@ from jaxpound.cli.files import known, make_folder, write, write_figures, write_j
 from jaxpound.cli.reading import File, Table, between, named
 from jaxpound.cli.tables import LAWS, Pair
 from jaxpound.ground.intensity import pga
-from jaxpound.ground.plausibility import excessive, far_apart, tell
 from jaxpound.ground.reader import require_possible
 from jaxpound.quantities import MOST_PGA, column
 from jaxpound.results.impacts import ImpactSeries
-from jaxpound.simulation import run as simulation
 from jaxpound.simulation.buildings import record_grid
 
 _FIGURES = (
@@ -117,15 +115,22 @@ def run(args: argparse.Namespace) -> None:
 def respond(
     file: File, given: Simulation, record: jp.Record, *, strict: bool = False
 ) -> jp.Response:
-    """The run in SI units."""
-    scales, shaken = given.scales, given.scales.to_dimensionless(record)
-    of_run = shaken, grid(file, given, record), given.scheme, strict
+    """The run in SI units, as ``simulate_buildings`` makes it."""
+    run = given.run
+    grid(file, given, record)  # so that messages on dt and duration have their place in the file
     with named(f"{file.name}:"):
-        response = scales.to_si(simulation.respond("simulate", given.structures, *of_run))
-        moved = response.demand.peak_x1 + response.demand.peak_x2
-        findings = excessive(record, pga(record), "record")
-        tell("simulate", findings + far_apart("gap", given.gap, moved, si=True), strict)
-    return response
+        return jp.simulate_buildings(
+            given.building_1.model(),
+            given.building_2.model(),
+            record,
+            friction_force=given.damper.friction_force,
+            gap=given.gap,
+            contact=given.contact.model() if given.contact else None,
+            duration=run.duration,
+            dt=run.dt,
+            scheme=given.scheme,
+            strict=strict,
+        )
 
 
 def grid(file: File, given: Simulation, record: jp.Record) -> jp.TimeGrid:

@@ -75,6 +75,19 @@ class WorstGap:
 
 
 @dataclasses.dataclass(frozen=True)
+class GapAtRest:
+    """Minus the gap at rest, for land is dear: the narrowest gap that keeps the limits.
+
+    It is for structures whose gap is a variable. Where it is not, this goal is constant, and the
+    penalties alone are minimised.
+    """
+
+    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
+        """Minus their mean."""
+        return -jnp.mean(initial_gaps)
+
+
+@dataclasses.dataclass(frozen=True)
 class SoftMinimum:
     """−T ln of the mean of e^(−ξ/T): between the smallest (T → 0) and the mean (T → ∞) gap.
 
@@ -131,7 +144,9 @@ class PoundingProbability:
     """Minus the probability of pounding at a given gap, smoothed so that it has a derivative.
 
     Every earthquake counts as Φ((required gap − gap) / width), where required gap = initial gap −
-    smallest gap.
+    smallest gap. This is for structures without a law of contact: where blocks that meet stop or
+    bounce, the smallest gap does not tell which gap they would have needed. Whether they meet is
+    the same with and without such a law.
 
     Parameters
     ----------
@@ -262,8 +277,8 @@ class Objective:
     Parameters
     ----------
     goal
-        ``MeanGap``, ``WorstGap``, ``SoftMinimum``, ``CVaR``, ``PoundingProbability``, or any
-        function of gaps and initial gaps that JAX can trace.
+        ``MeanGap``, ``WorstGap``, ``SoftMinimum``, ``CVaR``, ``PoundingProbability``,
+        ``GapAtRest``, or any function of gaps and initial gaps that JAX can trace.
     penalties
         By penalised demand: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
     limits

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxpound._checks import instance, refusal
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import Objective, prices_of
+from jaxpound.design.objective import Objective, PoundingProbability, prices_of
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.simulation.batches import in_chunks
@@ -72,11 +72,18 @@ class DesignProblem:
                 if price not in self.prices:
                     rule = f"must be one of {', '.join(self.prices)}"
                     raise ValueError(f"{OWNER}: objective: {price!r} in {name} {rule}")
+        if isinstance(self.objective.goal, PoundingProbability) and self._touching:
+            rule = "must be of structures without a law of contact; whether they meet is the same"
+            raise ValueError(f"{OWNER}: objective: PoundingProbability {rule}")
         one = {path: x[0] for path, x in self.ensemble.uncertain.items()}
         middle = jnp.full(self.space.dimension, 0.5)
         if jax.eval_shape(lambda *x: rest_gap(self.space.structures(*x)), middle, one) is None:
             rule = "must have links, whose gaps at rest are one finite number"
             raise ValueError(f"{OWNER}: space: structures {rule}")
+
+    @property
+    def _touching(self) -> bool:
+        return any(link.contact is not None for link in self.space.nominal.system().links)
 
     @cached_property
     def prices(self) -> tuple[str, ...]:

@@ -80,7 +80,8 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
 
     The minimum (of a batch, the smallest) is that of ``response.demand``, which may lie between
     instants of the grid. The region of pounding, ξ ≤ 0, is shaded, and named in the legend if the
-    gap comes near it. Impacts of a single run, by a law of contact, are marked where they begin.
+    gap comes near it. Impacts of a single run, by a law of contact, are marked where they begin,
+    and named instead.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
         ax.plot(hits, np.zeros(len(hits)), "v", linestyle="none", **style)
     span = (high - low) or abs(high) or 1.0
     near = low < 0.3 * span
-    _shade_pounding(ax, near)
+    _shade_pounding(ax, near and not hits)
     bottom = low - 0.1 * span
     columns = 1 if len(curves) == 1 else 2
     legend(ax, columns, min(bottom, -0.15 * span) if near else bottom)

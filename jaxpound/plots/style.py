@@ -208,7 +208,10 @@ def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
     low = low if bottom is None else bottom
     handles, _ = ax.get_legend_handles_labels()
     rows = -(-len(handles) // columns)
-    room = 0.07 + 0.09 * rows  # in heights of the axes
+    drawing: Any = ax.figure
+    points = 72 * ax.get_window_extent().height / drawing.dpi
+    share = min((0.4 + 1.6 * rows) * FONT_SIZE / points, 0.5)  # of low axes, such as a film's
+    room = max(0.07 + 0.09 * rows, share / (1 - share))  # in heights of what is drawn
     log = ax.get_yscale() == "log"
     ax.set_ylim(low, high * (high / low) ** room if log else high + room * (high - low))
     shown = ax.legend(

@@ -15,6 +15,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import excessive, far_apart, tell
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
+from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.response import Response
@@ -37,6 +38,7 @@ def simulate_buildings(
     *,
     friction_force: Any,
     gap: Any,
+    contact: ContactLaw | Newton | None = None,
     duration: float | None = None,
     dt: float | None = None,
     scheme: Scheme = Scheme(),
@@ -57,6 +59,9 @@ def simulate_buildings(
         Slip force of the damper ≥ 0, N.
     gap
         Gap between the buildings at rest ≥ 0, m.
+    contact
+        The law of contact between the buildings, its stiffness in N/m, or N/m^1.5 for laws after
+        Hertz; None lets them pass through each other.
     duration
         Duration of the run, s; by default the record's.
     dt
@@ -78,9 +83,9 @@ def simulate_buildings(
     ------
     ValueError
         If a known value breaks its rule: dt must be positive, below the stability limit and at most
-        the record's, and the duration from 2 to 1,000,000 steps. If buildings or sample interval
-        are traced: the time step follows from them. If ``strict``, also where there would be a
-        warning.
+        the record's, and the duration from 2 to 1,000,000 steps. If the contact law is of one's
+        own: the units of its numbers are not known. If buildings or sample interval are traced: the
+        time step follows from them. If ``strict``, also where there would be a warning.
     FloatingPointError
         If the run ends in non-finite numbers although its input was valid.
 
@@ -92,8 +97,8 @@ def simulate_buildings(
 
     Notes
     -----
-    Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over slip force, gap and the record's
-    samples.
+    Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over slip force, gap, the numbers of the
+    contact law and the record's samples.
 
     Examples
     --------
@@ -108,7 +113,8 @@ def simulate_buildings(
     owner = "simulate_buildings"
     instance(owner, "record", record, Record)
     instance(owner, "scheme", scheme, Scheme)
-    structures, scales = dimensionless(building_1, building_2, friction_force, gap, gravity)
+    between = friction_force, gap
+    structures, scales = dimensionless(building_1, building_2, *between, gravity, contact)
     shaking = scales.to_dimensionless(record)
     if is_traced((building_1, building_2, record.dt)):
         rule = "must be known, since the time step follows from them; simulate takes traced ones"
@@ -116,8 +122,8 @@ def simulate_buildings(
     for name, building in (("building_1", building_1), ("building_2", building_2)):
         if shape := np.broadcast_shapes(*map(np.shape, jax.tree.leaves(building))):
             raise ValueError(f"{owner}: {name} of shape {shape} must be one building, not a batch")
-    # Neither damper nor gap, which may be traced, matters to the time step.
-    pair = dataclasses.replace(structures, friction=0.0, initial_gap=0.0)
+    # Neither damper nor gap nor contact, which may be traced, matters to the time step.
+    pair = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
     with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
         grid = record_grid(f"{owner}:", pair, scales, scheme, record, duration, dt)
     response = respond(owner, structures, shaking, grid, scheme, strict)

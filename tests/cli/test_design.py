@@ -217,6 +217,21 @@ def assert_page_says(page, answers, buildings):
         (
             {
                 "# [contact]": "[contact]\nlaw = 'newton'\nrestitution = 0.65",
+                "peak_f1": "peak_contact = 1e6",
+            },
+            '[limits] peak_contact must not be given with law = "newton", whose impacts have none; '
+            "peak_impulse is what they have",
+        ),
+        (
+            {
+                "# [contact]": "[contact]\nlaw = 'newton'\nrestitution = 0.65",
+                "goal": 'goal = "pounding probability"',
+            },
+            '[objective] goal = "pounding probability" must not be given with a law of [contact]',
+        ),
+        (
+            {
+                "# [contact]": "[contact]\nlaw = 'newton'\nrestitution = 0.65",
                 "friction = {": '"contact.stiffness" = {low = 0.5, high = 2.0}',
             },
             "[variables] contact.stiffness must be a parameter of the law of contact, which has re",
@@ -251,8 +266,10 @@ def test_a_design_with_contact(write):
         | {
             "# [contact]": CONTACT,
             "friction = {": '"contact.stiffness" = {low = 0.5, high = 2.0, scale = "log"}',
+            '"rod_1.tau_x"': "initial_gap = {low = 0.2, high = 3.0}",
+            "goal": 'goal = "gap at rest"',
             "peak_f1": 'peak_contact = {at_most = 2e7, over = "mean"}',
-            "damper_force": "peak_impulse = 1e6",
+            "damper_force": "peak_impulse = 1e6\ncontact_work = {at_most = 2e5, over = 0.1}",
             "# [penalties]": '[penalties]\nsoft_peak_contact = {weight = 1e-6, over = "mean"}',
         }
     )
@@ -264,14 +281,22 @@ def test_a_design_with_contact(write):
     assert objective.limits == {
         "peak_contact": jp.Limit(2e7, "mean"),
         "peak_impulse": jp.Limit(1e6),
+        "contact_work": jp.Limit(2e5, 0.1),
     }
+    assert objective.goal == jp.GapAtRest()
+    rest = space.nominal.initial_gap
+    assert float(rest * given.scales.length) == pytest.approx(0.10)
+    assert space.variables["initial_gap"] == jp.Bounds(0.2 * rest, 3 * rest)
     assert objective.penalties == {"soft_peak_contact": jp.Penalty(1e-6, "mean")}
     shares = space.shares(space.nominal)
     shares[space.names.index("contact.stiffness")] = 0.0
+    shares[space.names.index("initial_gap")] = 1.0
     found = SimpleNamespace(structures=space.structures(shares), space=space, active_bounds={})
-    *_, row = design._answer(found, space.nominal, given.scales)
+    _, gap, *_, row = design._answer(found, space.nominal, given.scales)
     assert (row["quantity"], row["unit"]) == ("contact stiffness", "N/m")
     assert (row["before"], row["after"]) == (pytest.approx(8e8), pytest.approx(4e8))
+    assert (gap["quantity"], gap["unit"]) == ("gap at rest", "m")
+    assert (gap["before"], gap["after"]) == (pytest.approx(0.10), pytest.approx(0.30))
 
 
 def test_records_join_the_random_earthquakes(write, tmp_path):

@@ -3,11 +3,11 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.cli import design
 
 GRID = jp.TimeGrid(0.1, 50)
 TOUCHING = dataclasses.replace(
@@ -26,11 +26,6 @@ def demands(amplitude, gap, restitution):
     return jp.demand(structures, wave(amplitude), GRID)
 
 
-def least_gap(gaps, initial_gaps):
-    """Land is dear: the gap at rest is to be as small as possible."""
-    return -jnp.mean(initial_gaps)
-
-
 def test_the_smallest_gap_within_a_limit_of_the_impulse():
     """Impacts are weaker the larger the gap, so that the limit decides it."""
     limit, amplitudes = 0.2, (0.25, 0.3)
@@ -38,7 +33,7 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
         jp.DesignSpace(TOUCHING, {"initial_gap": (0.02, 0.5)}),
         jp.Ensemble.of([wave(a) for a in amplitudes], GRID),
         GRID,
-        objective=jp.Objective(least_gap, limits={"peak_impulse": jp.Limit(limit, over="mean")}),
+        objective=jp.Objective(jp.GapAtRest(), limits={"peak_impulse": jp.Limit(limit, "mean")}),
         starts=1,
         iterations=40,
         polish=False,
@@ -52,9 +47,36 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
     expected = np.interp(-limit, -impulses, gaps)
     assert found.values["initial_gap"] == pytest.approx(expected, rel=0.01)
     assert found.prices["peak_impulse"] <= limit * (1 + 1e-3)
+    assert found.objective == pytest.approx(-found.values["initial_gap"])
+    told = design.summary(found, {}, jp.Scales(mass=500e3, frequency=7.0))
+    (row,) = (row for row in told["answer"] if row["quantity"] == "gap at rest")
+    length = jp.STANDARD_GRAVITY / 7.0**2
+    assert (row["before"], row["unit"]) == (pytest.approx(0.05 * length), "m")
+    assert row["after"] == pytest.approx(expected * length, rel=0.01)
     rows = found.trained.rows()
     for name in ("peak_impulse", "contact_work"):
         assert 0 < rows[name]["mean_after"] < rows[name]["mean_before"]
+
+
+def test_whether_blocks_meet_does_not_depend_on_the_law():
+    """So PoundingProbability, which needs the motion without one, is refused with one."""
+    amplitudes, gaps = np.repeat([0.2, 0.3], 31), np.tile(np.linspace(0.25, 0.6, 31), 2)
+    free = dataclasses.replace(TOUCHING, contact=None)
+    passing = jax.jit(
+        jax.vmap(
+            lambda a, gap: jp.demand(dataclasses.replace(free, initial_gap=gap), wave(a), GRID)
+        )
+    )(amplitudes, gaps)
+    bouncing = demands(amplitudes, gaps, np.full(62, 0.65))
+    assert 12 < np.sum(passing.pounds) < 50
+    np.testing.assert_array_equal(bouncing.pounds, passing.pounds)
+    with pytest.raises(ValueError, match="PoundingProbability must be of structures without a law"):
+        jp.design_damper(
+            jp.DesignSpace(TOUCHING, {"initial_gap": (0.02, 0.5)}),
+            jp.Ensemble.of([wave(0.3)], GRID),
+            GRID,
+            objective=jp.Objective(jp.PoundingProbability()),
+        )
 
 
 def test_elasticities_by_the_gap_and_the_law_of_contact():

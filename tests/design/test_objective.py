@@ -20,6 +20,7 @@ def goal(which, gaps=GAPS):
 def test_goals_are_their_definitions():
     assert goal(jp.MeanGap()) == pytest.approx(GAPS.mean())
     assert goal(jp.WorstGap()) == GAPS.min()
+    assert goal(jp.GapAtRest()) == -1.0
     soft = -0.1 * np.log(np.mean(np.exp(-GAPS / 0.1)))
     assert goal(jp.SoftMinimum(0.1)) == pytest.approx(soft)
     assert goal(jp.SoftMinimum(1e-4)) == pytest.approx(GAPS.min(), abs=1e-3)

@@ -144,3 +144,13 @@ def test_a_star_flashes_at_each_impact_and_blocks_do_not_overlap(collisions):
     for before in (0, int(np.searchsorted(time, hits[0])) - 1):
         scene.show(before)
         assert not star.get_visible()
+
+
+def test_the_legend_of_a_low_panel_leaves_the_curve_free(collisions):
+    film = animate(collisions, frames=2)
+    film.to_jshtml()
+    (ax,) = (ax for ax in film._fig.axes if ax.get_ylabel().startswith("gap"))
+    legend = ax.get_legend()
+    assert [text.get_text() for text in legend.texts][1:] == ["impact"]
+    box = legend.get_window_extent().transformed(ax.transData.inverted())
+    assert box.y0 > float(np.max(collisions.gap))

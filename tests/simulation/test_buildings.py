@@ -6,6 +6,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.simulation.buildings import time_step
+from tests.cli.commands import PULSE
 
 LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
 RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
@@ -23,6 +24,36 @@ def test_one_call_is_what_its_parts_are():
     np.testing.assert_allclose(response.time, 0.01 * np.arange(599), atol=1e-12)
     np.testing.assert_allclose(response.gap, parts.gap, atol=1e-12)
     assert float(response.demand.pga) == pytest.approx(9.80665 * float(jp.pga(RECORD)), rel=1e-6)
+
+
+def test_a_law_of_contact_is_in_si():
+    law = jp.KelvinVoigt(stiffness=1e11, restitution=0.65)
+    pair = {"friction_force": 0.0, "gap": 0.03}
+    record = jp.Record(PULSE, 0.02, "pulse")
+    response = jp.simulate_buildings(LEFT, RIGHT, record, **pair, contact=law)
+    structures, scales = jp.dimensionless(LEFT, RIGHT, **pair, contact=law)
+    grid = scales.grid(record.duration, 0.01)
+    parts = scales.to_si(jp.simulate(structures, scales.to_dimensionless(record), grid))
+    np.testing.assert_allclose(response.gap, parts.gap, rtol=0, atol=1e-12)
+    # So stiff a contact is short, and the blocks are alone with it. Spring and dashpot cancel after
+    # (π − 2 φ)/ω_d, where ξ = sin φ; freely at .675 times the speed of the touch, the blocks have
+    # parted another 2 ξ/ω later.
+    first, mass = response.impacts()[0], 1 / (1 / 500e3 + 1 / 400e3)
+    ratio = first.rebound_velocity / first.approach_velocity
+    assert ratio == pytest.approx(0.675, rel=1e-2)
+    change = first.approach_velocity + first.rebound_velocity
+    assert first.impulse == pytest.approx(mass * change, rel=1e-2)
+    phi, omega = np.arcsin(float(law.damping_ratio)), np.sqrt(law.stiffness / mass)
+    lasts = (np.pi - 2 * phi) / (omega * np.cos(phi)) + 2 * np.sin(phi) / omega
+    assert first.end - first.time == pytest.approx(lasts, rel=1e-2)
+
+
+def test_a_law_of_contact_may_be_traced():
+    def gap(stiffness):
+        law = jp.KelvinVoigt(stiffness, 0.65)
+        return jp.simulate_buildings(LEFT, RIGHT, RECORD, **DAMPED, contact=law).min_gap
+
+    assert jax.eval_shape(gap, 1e9).shape == ()
 
 
 def test_step_duration_scheme_and_gravity_may_be_chosen():
