@@ -1,0 +1,128 @@
+"""Pairs that may touch, run many at once: a program for each kind of law, not for each run."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxpound as jp
+from jaxpound.model.contact import bound
+from tests.simulation.test_events import LAWS
+
+GRID = jp.TimeGrid(0.02, 3200)
+LANES = 32
+WAVELETS = 36
+FORCES = tuple(name for name in LAWS if name not in ("newton", "kelvin"))
+"""The laws whose force does not pull: they share a program."""
+DIFFERENTIATED = ("kelvin_clip", "jankowski")
+"""Those of them that share a program with derivatives."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class OneOf:
+    """Of some laws with a force that of the number ``which``."""
+
+    which: Any
+    laws: tuple[Any, ...]
+
+    def for_mass(self, mass):
+        return OneOf(self.which, tuple(bound(law, mass) for law in self.laws))
+
+    def force(self, *state):
+        forces = [law.force(*state) for law in self.laws]
+        return sum(jnp.where(self.which == i, force, 0.0) for i, force in enumerate(forces))
+
+
+def law(name, stiffness=1000.0, restitution=0.65, among=FORCES):
+    """A law by its name in ``LAWS``; Hertz's get a stiffness that is about as hard at speed 1."""
+    if name not in FORCES:
+        return LAWS[name](stiffness, restitution)
+    hertz = stiffness**1.25
+    laws = [LAWS[one](stiffness if "kelvin" in one else hertz, restitution) for one in among]
+    return OneOf(float(among.index(name)), tuple(laws))
+
+
+def pair(masses, materials, stiffnesses, **link):
+    rods = zip(materials, stiffnesses, (0, 1), strict=True)
+    return jp.System(
+        masses=masses,
+        rods=tuple(jp.Rod(material, k, (i, jp.GROUND)) for material, k, i in rods),
+        links=(jp.Link((0, 1), **link),),
+    )
+
+
+def in_unit_of_time(unit, system, ground):
+    """The same run in another unit of time, so that a step of ``GRID`` is ``unit`` times as long.
+
+    Runs with shorter steps so need no program of their own. Forces are in units of mass times
+    length over time squared, relaxation times to the power of the order in those of time.
+    """
+    (link,) = system.links
+    contact = link.contact
+    if not isinstance(contact, jp.Newton):
+        contact = dataclasses.replace(contact, stiffness=contact.stiffness * unit**2)
+    rods = [
+        dataclasses.replace(
+            rod,
+            stiffness=rod.stiffness * unit**2,
+            material=dataclasses.replace(
+                rod.material,
+                tau_f=rod.material.tau_f * unit**-rod.material.order,
+                tau_x=rod.material.tau_x * unit**-rod.material.order,
+            ),
+        )
+        for rod in system.rods
+    ]
+    link = dataclasses.replace(link, friction=link.friction * unit**2, contact=contact)
+    ground = dataclasses.replace(
+        ground,
+        periods=np.asarray(ground.periods) / unit,
+        arrivals=np.asarray(ground.arrivals) / unit,
+    )
+    return dataclasses.replace(system, rods=tuple(rods), links=(link,)), ground
+
+
+def run(systems, grounds):
+    """Responses over ``GRID``, of a batch of any size."""
+    return _in_batches(_run, systems, grounds)
+
+
+def growth(systems, grounds):
+    """``jp.growth`` over ``GRID``, of a batch of any size."""
+    return _in_batches(_growth, systems, grounds)
+
+
+_run = jax.jit(jax.vmap(lambda system, ground: jp.simulate(system, ground, GRID)))
+_growth = jax.jit(jax.vmap(lambda system, ground: jp.growth(system, ground, GRID)))
+
+
+def _in_batches(of_all, systems, grounds):
+    """A program is for a given number of lanes and of wavelets; lanes to spare stay at rest."""
+    grounds = [_padded(ground) for ground in grounds]
+    spare = -len(systems) % LANES
+    systems = [*systems, *[systems[0]] * spare]
+    grounds = [*grounds, *[_padded(jp.Ricker(0.0, [], []))] * spare]
+    found = [
+        jax.device_get(of_all(_stacked(systems[i : i + LANES]), _stacked(grounds[i : i + LANES])))
+        for i in range(0, len(systems), LANES)
+    ]
+    n = len(systems) - spare
+    return jax.tree.map(lambda *x: np.concatenate(x)[:n], *found)
+
+
+def _padded(ground):
+    periods = np.asarray(ground.periods, float)
+    missing = WAVELETS - periods.size
+    amplitude = np.broadcast_to(ground.amplitude, periods.shape)
+    return jp.Ricker(
+        np.pad(amplitude, (0, missing)),
+        np.pad(periods, (0, missing), constant_values=1.0),
+        np.pad(np.asarray(ground.arrivals, float), (0, missing)),
+    )
+
+
+def _stacked(trees):
+    return jax.tree.map(lambda *x: jnp.asarray(np.stack(x), float), *trees)
