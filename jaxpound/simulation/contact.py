@@ -55,7 +55,7 @@ class ContactMotion(NamedTuple):
     """What a link that is followed did in a step from t_m − h/2 to t_m + h/2."""
 
     used: jax.Array  # whether the local flow was needed
-    passed: Passed  # its result; zero if it was not
+    passed: Passed  # its result; zero if it was not; ``now`` with the time of the run
 
 
 def is_followed(group: LinkGroup, links: tuple[Link, ...]) -> bool:
@@ -159,7 +159,7 @@ def follow(group: Coupling, before: GroupStep) -> tuple[Passed, jax.Array]:
     modes = Modes(state.mode, state.counts, state.fastest, start)
     passed = flow(h, before.slots, needed, given, modes)
     # A single link that came near but did not touch has its closed form.
-    touched = (passed.record.touched > 0).any()
+    touched = ~(passed.record.touched == 0).all()  # true for NaN
     used = needed if len(group.laws) > 1 else needed & touched
     return passed, used
 
@@ -229,7 +229,8 @@ def settle(
     contact = jax.tree.map(
         lambda a, b: jnp.where(used, a, b), contact, state._replace(half=plain_half)
     )
-    quiet = jax.tree.map(lambda x: jnp.where(used, x, jnp.zeros_like(x)), passed)
+    at = at._replace(under_way=_at(before.time, at.under_way))
+    quiet = jax.tree.map(lambda x: jnp.where(used, x, jnp.zeros_like(x)), passed._replace(now=at))
     seen = ContactMotion(jnp.broadcast_to(used, half.shape), quiet)
     now = jnp.where(used, closing_now, before.closing)
     return now, contact, motion._replace(contact=seen)

@@ -162,7 +162,16 @@ class Problem:
             counts=modes.counts,
             fastest=modes.fastest,
             rising=jnp.where(modes.contact == PRESSED, 1.0, 0.0).astype(self.dtype),
-            now=Instant(given.closing, given.velocity, *(zeros,) * 5),
+            now=Instant(
+                given.closing,
+                given.velocity,
+                *(zeros,) * 5,
+                modes.contact,
+                modes.counts,
+                given.under_way,
+                zeros,
+                zeros,
+            ),
             record=record,
             half=none,
             iterations=none,
@@ -200,7 +209,10 @@ class Problem:
         # The force's maximum need not be met as exactly: it is flat there.
         landing = jnp.where(self._is("top", event.which).any(), _FLAT, _LANDING)
         near = jnp.abs(value) <= landing * sub.length
-        arrives = exists & (near | at_once | (x.tries >= 6))
+        passes = (
+            flies & self._closes(x, Smooth(*x.y), Smooth(*place)) & ~self._is("touch", event.which)
+        )
+        arrives = exists & ((near & ~passes.any()) | at_once | (x.tries >= 6))
         moves, happens = ~wrong & (~exists | arrives), ~wrong & arrives
         most = jnp.where(at_once, 1e-3 * self.h, 2 * _FLAT * sub.length)
         first = jnp.where(happens & (jnp.abs(value) <= most), value, 0.0)
@@ -378,13 +390,28 @@ class Problem:
         An attempt that does not move changes nothing, as reverse mode leaves it out.
         """
         now, mid, at = sub.begin, moves & (x.half == 1), Smooth(*x.y)
-        held = jnp.where(x.phase.held, 1.0, 0.0).astype(self.dtype)
-        seen = Instant(at.s, at.w, now.friction, now.contact, at.stored, at.lost, held)
         x = self._highest(x, now, moves)
+        seen = Instant(
+            closing=at.s,
+            velocity=at.w,
+            friction=now.friction,
+            contact=now.contact,
+            stored=at.stored,
+            lost=at.lost,
+            held=jnp.where(x.phase.held, 1.0, 0.0).astype(self.dtype),
+            mode=x.phase.mode,
+            counts=x.counts,
+            under_way=self._under_way(x),
+            strongest=x.record.strongest,
+            powers=x.record.powers,
+        )
         return x._replace(
             now=jax.tree.map(lambda a, b: jnp.where(mid, a, b), seen, x.now),
             half=jnp.where(mid, 2, x.half),
         )
+
+    def _under_way(self, x: _State) -> UnderWay:
+        return UnderWay(x.phase.touch_speed, x.touch_time, Smooth(*x.y).impulse, x.peak_force)
 
     def _highest(self, x: _State, now: Forces, valid: jax.Array) -> _State:
         """The largest contact force so far, of the step and of the impact."""
@@ -468,9 +495,7 @@ class Problem:
         gap = lax.stop_gradient(laws.gap)
         depth0, depth1 = at.s - gap, end.s - gap
         crosses = _crossing(depth0, at.w, depth1, end.w, length)
-        # A flight that begins in touch and ends in it turns first.
-        closes = laws.meets & (mode == APART) & (depth1 > 0) & (depth1 > depth0)
-        closes = closes & ((depth0 < 0) | (at.w >= 0))
+        closes = self._closes(x, at, end)
         touch = jnp.where(closes, jnp.where(depth0 >= 0, 0.0, crosses), never)
         if not laws.restless:
             return {"touch": touch}
@@ -493,6 +518,14 @@ class Problem:
         before = length * sub.growth / _nonzero(sub.growth - sub.growth_end)
         top = jnp.where(tops, before, never)
         return {"touch": touch, "release": release, "clip": clip, "top": top}
+
+    def _closes(self, x: _State, at: Smooth, end: Smooth) -> jax.Array:
+        """Links, (n,), whose gap closes from one place to another."""
+        gap = lax.stop_gradient(self.laws.gap)
+        apart = self.laws.meets & (x.phase.mode == APART)
+        # A flight that begins in touch and ends in it turns first.
+        turns = (at.s >= gap) & (at.w < 0)
+        return apart & (end.s > gap) & (end.s > at.s) & ~turns
 
     def _correction(
         self, event: _Event, sub: _Substep, phase: Phase, place: jax.Array, rates: jax.Array
@@ -612,7 +645,9 @@ class Problem:
         again = restitution * jnp.sqrt(inward / outward)
         flight = restitution * speed * (1 / outward + 1 / jnp.sqrt(inward * outward))
         ends = flight <= _REBOUNDS * self.h * (1 - again)
-        rests = collides & (pull_in > 0) & ends
+        # One that is pressed into touch from stick has no speed but by rounding.
+        still = speed <= 32 * self.eps * self.h * (jnp.abs(pull_in) + pull_out)
+        rests = collides & (((pull_in > 0) & ends) | still)
         rebound = jnp.where(collides & ~rests, restitution * speed, 0.0)
         return rests, rebound, jnp.where(collides, (speed + rebound) * mass, 0.0)
 
@@ -637,13 +672,10 @@ class Problem:
 
     def passed(self, x: _State) -> Passed:
         """The result of a flow from the state in which it ended."""
-        at, phase, record = Smooth(*x.y), x.phase, x.record
+        at, phase = Smooth(*x.y), x.phase
         mode = jnp.where(phase.mode == PRESSED, CLIPPED, phase.mode)
         inverse = held_inverse(self.given.delassus, phase.held)
         end = self.forces(x.y, phase._replace(mode=mode), inverse)
-        # A contact under way is the strongest so far if no other is.
-        leads = (x.counts > 0) & (phase.mode != APART) & (at.impulse > record.strongest)
-        record = record._replace(strongest=jnp.where(leads, at.impulse, record.strongest))
         passed = Passed(
             closing=at.s,
             velocity=at.w,
@@ -655,9 +687,9 @@ class Problem:
             mode=phase.mode,
             counts=x.counts,
             fastest=x.fastest,
-            under_way=UnderWay(phase.touch_speed, x.touch_time, at.impulse, x.peak_force),
+            under_way=self._under_way(x),
             now=x.now,
-            record=record,
+            record=x.record,
         )
         poison = jnp.where(x.half == 3, 1.0, jnp.nan).astype(self.dtype)
         return jax.tree.map(lambda a: a * poison, passed)

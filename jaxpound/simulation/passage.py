@@ -69,6 +69,11 @@ class Instant(NamedTuple):
     stored: jax.Array  # gained by the energy stored in contact until then
     lost: jax.Array  # lost by contact until then
     held: jax.Array  # 1 where the closing cannot change: stick or rest
+    mode: jax.Array  # of contact
+    counts: jax.Array  # 1 if the contact under way counts as an impact
+    under_way: UnderWay
+    strongest: jax.Array  # as in ``Record``, until then
+    powers: jax.Array
 
 
 class Record(NamedTuple):

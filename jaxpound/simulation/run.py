@@ -34,13 +34,12 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.batches import spread
-from jaxpound.simulation.contact import ContactState
 from jaxpound.simulation.forces import is_deformed
 from jaxpound.simulation.passage import SLOTS, Impacts
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, courant, require_followed, require_stable, system_of
 from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
-from jaxpound.simulation.tally import Tally
+from jaxpound.simulation.tally import ContactTally, Tally
 
 
 def simulate(
@@ -292,10 +291,10 @@ def _run(
     scheme: Scheme,
     temperature: ArrayLike | None,
     keep: bool,
-) -> tuple[System, Demand, _Kept | None, tuple[ContactState | None, ...]]:
+) -> tuple[System, Demand, _Kept | None, tuple[ContactTally | None, ...]]:
     """The system in the run's dtype, the scalars, the series if they are to be kept, and contact.
 
-    That is, of each link, the state in which the run ends.
+    That is, of each link, what was tallied of it.
     """
     dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
     structures, ground, temperature = jax.tree.map(
@@ -341,13 +340,13 @@ def _run(
         segmented=keep,
         checkpoint=scheme.checkpoint,
     )
-    scalars = tally.demand(system, scheme.friction.set_valued, temperature, state)
+    scalars = tally.demand(system, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]
     ends = jnp.stack(of_all_masses(topology, state.x, closings))
     poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(dtype)
-    contacts = tuple(link.contact for link in state.links)
+    contacts = tuple(link.contact for link in tally.links)
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, contacts)))
 
 
@@ -406,7 +405,7 @@ def _link_response(
     link: Link,
     series: dict[str, Any],
     ended: Impacts | None,
-    end: ContactState | None,
+    end: ContactTally | None,
     last: jax.Array,
 ) -> LinkResponse:
     """The series of a link, from the impacts that ended in each step and the last instant."""
@@ -428,7 +427,7 @@ def _link_response(
     every = jax.tree.map(lambda x, y: jnp.append(x, y), passed, unfinished)
     if isinstance(link.contact, Newton):
         every = every._replace(peak_force=jnp.full_like(every.peak_force, jnp.inf))
-    there = (every.approach_velocity > 0) & (every.touch_time <= last)
+    there = (every.approach_velocity > 0) & (every.touch_time <= last) & ~(every.end_time > last)
     (which,) = jnp.nonzero(there, size=min(MOST, there.size), fill_value=there.size)
     kept = jax.tree.map(lambda x: jnp.append(x, jnp.nan)[which], every)
     return LinkResponse(

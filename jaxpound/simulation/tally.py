@@ -18,11 +18,11 @@ import jax.numpy as jnp
 from jaxpound._extrema import larger
 from jaxpound.model.system import System, link_groups, load_on
 from jaxpound.results.demand import Demand, LinkDemand, MassDemand, RodDemand
-from jaxpound.simulation.contact import ContactMotion, ContactState
-from jaxpound.simulation.forces import APART
+from jaxpound.simulation.contact import ContactMotion
+from jaxpound.simulation.forces import APART, is_deformed
 from jaxpound.simulation.friction import LinkMotion
-from jaxpound.simulation.passage import SOFT
-from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, State, of_all_masses
+from jaxpound.simulation.passage import SOFT, UnderWay
+from jaxpound.simulation.stepping import Elements, Instant, LinkInstant, of_all_masses
 
 
 class Peak(NamedTuple):
@@ -102,10 +102,13 @@ class ContactTally(NamedTuple):
     stored: jax.Array
     lost_now: jax.Array  # until t_m
     stored_now: jax.Array
-    powers: jax.Array  # sum of the 8th powers of the peak forces of impacts that ended
+    powers: jax.Array  # sum of the powers ``SOFT`` of the peak forces of impacts that ended
     slid: jax.Array  # distance until t_m
     since_touch: jax.Array  # instants passed since an impact began
     since_end: jax.Array  # and since one ended
+    mode: jax.Array  # of contact at t_m, as in ``forces``
+    counts: jax.Array  # whether the contact under way at t_m counts as an impact
+    under_way: UnderWay  # at t_m, with the time of the run
 
     @property
     def is_kink(self) -> jax.Array:
@@ -120,16 +123,19 @@ class ContactTally(NamedTuple):
         begins = (touches > 0) & (self.touches == 0)
         return self._replace(
             highest=larger(self.highest, jnp.where(late, now.contact, record.highest)),
-            strongest=larger(self.strongest, record.strongest),
+            strongest=larger(self.strongest, jnp.where(last, now.strongest, record.strongest)),
             touches=self.touches + touches,
             first=jnp.where(begins, time + record.first_touch, self.first),
             lost=self.lost + seen.passed.lost,
             stored=self.stored + seen.passed.stored,
             lost_now=self.lost + now.lost,
             stored_now=self.stored + now.stored,
-            powers=self.powers + record.powers,
+            powers=self.powers + jnp.where(last, now.powers, record.powers),
             since_touch=jnp.where(record.touches > 0, 0.0, self.since_touch + 1),
             since_end=jnp.where(record.ended > 0, 0.0, self.since_end + 1),
+            mode=now.mode,
+            counts=now.counts,
+            under_way=now.under_way,
         )
 
 
@@ -207,12 +213,10 @@ class LinkTally(NamedTuple):
         gap: jax.Array,
         slip_force: jax.Array | None,
         temperature: Any,
-        end: ContactState | None,
     ) -> LinkDemand:
         """The scalars of the link, with its ``gap`` at rest.
 
-        ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None;
-        ``end`` is the state of its contact at the end of the run.
+        ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None.
         """
         distance = self.distance + jnp.abs(self.closing - self.last_turn)
         soft, contact = self.softly, self.contact
@@ -224,15 +228,17 @@ class LinkTally(NamedTuple):
             residual_offset=-self.closing,
             soft_min_gap=None if soft is None else gap - temperature * soft.value(),
         )
-        if contact is None or end is None:
+        if contact is None:
             return demand
-        counts = (end.mode != APART) & (end.counts > 0)
-        powers = contact.powers + jnp.where(counts, end.under_way.peak_force**SOFT, 0.0)
+        # The contact in which the run ends.
+        counts, last = (contact.mode != APART) & (contact.counts > 0), contact.under_way
+        powers = contact.powers + jnp.where(counts, last.peak_force**SOFT, 0.0)
+        deformed = counts & is_deformed(contact.mode)
         hit = powers > 0
         return dataclasses.replace(
             demand,
             peak_contact=contact.highest,
-            peak_impulse=contact.strongest,
+            peak_impulse=larger(contact.strongest, jnp.where(deformed, last.impulse, 0.0)),
             peak_penetration=jnp.where(demand.min_gap < 0, -demand.min_gap, 0.0),
             n_impacts=contact.touches,
             first_impact_time=contact.first,
@@ -262,7 +268,9 @@ class Tally(NamedTuple):
         """Nothing has happened yet; ``soft`` asks for the soft minimum of the gaps as well."""
         topology, peak = system.topology, Peak(zero, zero, zero)
         softly = LogMeanExp(zero, zero, zero) if soft else None
-        never = ContactTally(*(zero,) * 3, zero + jnp.inf, *(zero,) * 6, zero + 3, zero + 3)
+        apart = UnderWay(*(zero,) * 4)
+        start = (*(zero,) * 3, zero + jnp.inf, *(zero,) * 6, zero + 3, zero + 3, zero, zero)
+        never = ContactTally(*start, apart)
         links = tuple(
             LinkTally(*(zero,) * 7, softly, None if link.contact is None else never)
             for link in system.links
@@ -373,8 +381,8 @@ class Tally(NamedTuple):
                 reached.append((at_turn + other) * inverse)
         return peak.observe((load + others) * inverse, smooth).reaching(*reached)
 
-    def demand(self, system: System, set_valued: bool, temperature: Any, end: State) -> Demand:
-        """The scalars of the instants observed, and of the state after the last one.
+    def demand(self, system: System, set_valued: bool, temperature: Any) -> Demand:
+        """The scalars of the instants observed.
 
         ``set_valued`` says that |q| = μ in any slip.
         """
@@ -385,10 +393,8 @@ class Tally(NamedTuple):
             ),
             rods=tuple(RodDemand(peak_force=force.largest) for force in self.forces),
             links=tuple(
-                tally.demand(
-                    link.gap, link.friction if set_valued else None, temperature, state.contact
-                )
-                for tally, link, state in zip(self.links, system.links, end.links, strict=True)
+                tally.demand(link.gap, link.friction if set_valued else None, temperature)
+                for tally, link in zip(self.links, system.links, strict=True)
             ),
             pga=self.ground.largest,
             pgv=self.ground.largest_velocity,

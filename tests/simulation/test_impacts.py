@@ -173,7 +173,6 @@ def test_a_run_that_ends_in_contact_is_the_beginning_of_one_that_goes_on(name):
     assert cut.phases()[-1].contact
 
 
-@pytest.mark.xfail(reason="an impact under way goes on for half a step after the end of the run")
 @pytest.mark.parametrize("name", ["kelvin", "jankowski"])
 def test_an_impact_under_way_ends_with_the_run(name):
     _, cut = cut_off(name)
@@ -217,7 +216,6 @@ def test_stick_in_contact(name):
     assert np.abs(link.friction).max() <= 1
 
 
-@pytest.mark.xfail(reason="a step that could not be followed is taken for one without a touch")
 def test_a_step_that_cannot_be_followed_is_not_a_silent_result():
     """Blocks pressed together that would vibrate tens of thousands of times in a step."""
     (found,) = run([struck(law("kelvin", 1e14, 0.99), 0.0, friction=0.0)], [PUSH])
@@ -338,6 +336,5 @@ def test_the_strongest_impact_is_that_of_the_series(laws):
     strongest(laws)
 
 
-@pytest.mark.xfail(reason="of an impact under way, whose force may still pull, more is counted")
 def test_the_strongest_impact_with_a_force_that_pulls_is_that_of_the_series():
     strongest(("kelvin",))
