@@ -71,10 +71,15 @@ class ContactLaw(Protocol):
         """
 
 
-def bound(law: Any, effective_mass: Any) -> ContactLaw:
-    """A law with the force for blocks of this effective mass."""
+def bound(law: Any, effective_mass: Any) -> Any:
+    """A law with the force for blocks of this effective mass, at any penetration.
+
+    A law of one's own is never asked for its force at a negative one.
+    """
     for_mass = getattr(law, "for_mass", None)
-    return law if for_mass is None else for_mass(effective_mass)
+    found = law if for_mass is None else for_mass(effective_mass)
+    ours = (Newton, Hertz, _Viscous, _HertzFactored, _HertzInApproach)
+    return found if isinstance(found, ours) else assembled(_Pressed, law=found)
 
 
 def may_pull(law: Any) -> bool:
@@ -391,6 +396,21 @@ class _HertzInApproach:
         elastic = self.stiffness * _power(penetration, _three_halves)
         dashpot = self.damping * _power(penetration, _fourth_root)
         return elastic + dashpot * jnp.where(speed > 0, speed, 0.0)
+
+
+@pytree_dataclass
+class _Pressed:
+    """A law that holds for δ ≥ 0; below it has its force without penetration."""
+
+    law: Any
+
+    @property
+    def tension(self) -> bool:
+        return may_pull(self.law)
+
+    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:
+        pressed = jnp.where(penetration > 0, penetration, 0.0)
+        return self.law.force(pressed, speed, touch_speed)
 
 
 def _check_one_batch(law: Any) -> None:

@@ -276,13 +276,13 @@ class Problem:
         end, worst = self._pushed(x, inverse, length, begin.acceleration)
         seen = self.forces(end, x.phase, inverse)
         # Links at rest in a group in which others are pressed.
-        start, last, speed = Smooth(*x.y), Smooth(*end), x.phase.touch_speed
+        start, last = Smooth(*x.y), Smooth(*end)
         pressing = length / 2 * (begin.contact + seen.contact)
         pressing = jnp.where(x.phase.mode == REST, pressing, 0.0)
         end = jnp.stack(last._replace(impulse=last.impulse + pressing))
         grows = (
-            self.laws.growth(start.s, start.w, begin.acceleration, speed),
-            self.laws.growth(last.s, last.w, seen.acceleration, speed),
+            self.laws.growth(start.s, start.w, begin.acceleration, x.phase),
+            self.laws.growth(last.s, last.w, seen.acceleration, x.phase),
         )
         grows = lax.stop_gradient(grows)
         return _Substep(length, begin, seen, end, self._rates(end, seen), worst, *grows)
@@ -301,7 +301,7 @@ class Problem:
         def slope(motion: jax.Array, time: jax.Array) -> tuple[jax.Array, jax.Array]:
             """Rates of s and w, and of the quadratures over time."""
             s, w = motion
-            raw, elastic = laws.of_contact(s, w, phase.touch_speed)
+            raw, elastic = laws.of_contact(s, w, phase)
             contact = jnp.where(phase.mode == PRESSED, raw, 0.0)
             elastic = jnp.where(phase.deformed, elastic, 0.0)
             a = free + time * rise - times(yields, contact)
@@ -543,7 +543,7 @@ class Problem:
             steps["touch"] = _newton(at.s - laws.gap, rate.s)
         if laws.restless:
             steps["release"] = steps["touch"]
-            growth = laws.growth(at.s, at.w, rate.w, phase.touch_speed)
+            growth = laws.growth(at.s, at.w, rate.w, phase)
             top = _newton(growth, (sub.growth_end - sub.growth) / _nonzero(sub.length))
             steps["top"] = jnp.where(sub.growth_end < sub.growth, top, 0.0)
         every = jnp.concatenate([steps[name] for name in self.events])

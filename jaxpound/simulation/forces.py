@@ -79,10 +79,11 @@ class LinkLaws:
             ]
         )
 
-    def of_contact(
-        self, s: jax.Array, w: jax.Array, touch_speed: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
-        """What each law says, and its elastic part; zero for links without such a law."""
+    def of_contact(self, s: jax.Array, w: jax.Array, phase: Phase) -> tuple[jax.Array, jax.Array]:
+        """What each law says, and its elastic part; zero for links without such a law.
+
+        A law of links that are apart is asked for its force without penetration.
+        """
         zero = jnp.zeros((), self.dtype)
         raw, elastic = [], []
         for j, law in enumerate(self.forces):
@@ -90,16 +91,17 @@ class LinkLaws:
                 raw.append(zero)
                 elastic.append(zero)
             else:
-                depth = s[j] - self.gap[j]
-                raw.append(jnp.asarray(law.force(depth, w[j], touch_speed[j]), self.dtype))
-                elastic.append(jnp.asarray(law.force(depth, 0 * w[j], touch_speed[j]), self.dtype))
+                depth = jnp.where(phase.deformed[j], s[j] - self.gap[j], 0.0)
+                speed = phase.touch_speed[j]
+                raw.append(jnp.asarray(law.force(depth, w[j], speed), self.dtype))
+                elastic.append(jnp.asarray(law.force(depth, 0 * w[j], speed), self.dtype))
         return jnp.stack(raw), jnp.stack(elastic)
 
-    def growth(self, s: jax.Array, w: jax.Array, a: jax.Array, touch_speed: jax.Array) -> jax.Array:
+    def growth(self, s: jax.Array, w: jax.Array, a: jax.Array, phase: Phase) -> jax.Array:
         """dp/dt of each law's force, with acceleration ``a`` of the closing."""
 
         def raw(s: jax.Array, w: jax.Array) -> jax.Array:
-            return self.of_contact(s, w, touch_speed)[0]
+            return self.of_contact(s, w, phase)[0]
 
         return jax.jvp(raw, (s, w), (w, a))[1]
 
@@ -107,7 +109,7 @@ class LinkLaws:
         self, pull: jax.Array, s: jax.Array, w: jax.Array, phase: Phase, inverse: jax.Array
     ) -> Forces:
         """The forces under a pull A; ``inverse`` is ``held_inverse`` in this phase."""
-        raw, elastic = self.of_contact(s, w, phase.touch_speed)
+        raw, elastic = self.of_contact(s, w, phase)
         elastic = jnp.where(phase.deformed, elastic, 0.0)
         contact = jnp.where(phase.mode == PRESSED, raw, 0.0)
         held, rest = phase.held, phase.mode == REST

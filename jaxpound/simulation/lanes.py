@@ -43,8 +43,9 @@ def where_needed(work: Callable[..., Any]) -> Callable[..., Any]:
     @many.def_vmap
     def batch_of_batches(size: int, batched: Any, *args: Any) -> Any:
         args = _repeated(size, batched, args)
-        flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), args)
-        out = jax.tree.map(lambda x: x.reshape(size, -1, *x.shape[1:]), many(*flat))
+        each = args[0].shape[1]
+        flat = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
+        out = jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*flat))
         return out, jax.tree.map(lambda _: True, out)
 
     return one
@@ -60,10 +61,9 @@ def _repeated(size: int, batched: Any, args: Any) -> Any:
 
 
 def _in_groups(work: Callable[..., Any], needed: jax.Array, args: Any) -> Any:
-    size = needed.shape[0]
+    size, count = needed.shape[0], needed.sum()
     width = min(_WIDTH, size)
     (lanes,) = jnp.nonzero(needed, size=size + width, fill_value=size)
-    count = needed.sum()
 
     def taken(which: jax.Array) -> Any:
         # A group is filled up with a lane that needs the work.

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -338,3 +339,31 @@ def test_the_strongest_impact_is_that_of_the_series(laws):
 
 def test_the_strongest_impact_with_a_force_that_pulls_is_that_of_the_series():
     strongest(("kelvin",))
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Pad:
+    """A law as its author writes it: for a penetration that is there, and only for that."""
+
+    stiffness: float
+    thickness: float
+
+    def force(self, penetration, speed, touch_speed):
+        return self.stiffness * penetration**1.5 / (1 - (penetration / self.thickness) ** 2)
+
+
+def test_a_law_of_ones_own_is_asked_for_what_it_says_alone():
+    """It has no value apart (δ < 0), where its thickness is the gap not even a finite one."""
+    pad, grid = Pad(2000.0, 0.5), jp.TimeGrid.until(8.0, dt=0.05)
+
+    def hit(stiffness):
+        law = dataclasses.replace(pad, stiffness=stiffness)
+        structures = dataclasses.replace(PAPER, contact=law, initial_gap=0.5)
+        return jp.demand(structures, SHAKING, grid).peak_contact
+
+    force, slope = jax.jit(jax.value_and_grad(hit))(pad.stiffness)
+    hertz = dataclasses.replace(PAPER, contact=jp.Hertz(pad.stiffness), initial_gap=0.5)
+    assert force == pytest.approx(float(jp.demand(hertz, SHAKING, grid).peak_contact), rel=0.05)
+    change = (hit(2040.0) - hit(1960.0)) / 80
+    assert slope == pytest.approx(float(change), rel=1e-3)
