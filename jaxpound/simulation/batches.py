@@ -186,16 +186,37 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
 
     own = [b or jnp.size(x) <= _SMALL for x, b in zip(leaves, batched, strict=True)]
     rows = [given(x) if o and not b else x for x, b, o in zip(leaves, batched, own, strict=True)]
-    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
-    # A program of many processes may have sharded the batch over all of their devices.
-    mesh = None if chosen or jax.process_count() > 1 else _mesh()
-    if mesh is None or not jax.sharding.get_abstract_mesh().empty:
-        return rows, own
-    if size % mesh.size or size < mesh.size * _SMALLEST_SHARE:
+    mesh = _mesh_for(size)
+    if mesh is None:
         return _spread(*rows), own  # an outer vmap may still divide its own axis
     split = _split(mesh)
     pairs = zip(rows, own, strict=True)
     return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], own
+
+
+def on_each_device(work: Callable[..., T], *args: Any) -> T:
+    """``work`` of the runs on each device, where a batch is spread; arrays of its length.
+
+    For work that looks at the runs of a batch together, which would make devices wait for each
+    other.
+    """
+    mesh = _mesh_for(jax.tree.leaves(args)[0].shape[0])
+    if mesh is None:
+        return work(*args)
+    runs = PartitionSpec("runs")
+    local = jax.shard_map(work, mesh=mesh, in_specs=runs, out_specs=runs, check_vma=False)
+    found: T = local(*args)
+    return found
+
+
+def _mesh_for(size: int) -> Mesh | None:
+    """The devices over which a batch is spread, or None."""
+    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
+    # A program of many processes may have sharded the batch over all of their devices.
+    mesh = None if chosen or jax.process_count() > 1 else _mesh()
+    if mesh is None or not jax.sharding.get_abstract_mesh().empty:
+        return None
+    return None if size % mesh.size or size < mesh.size * _SMALLEST_SHARE else mesh
 
 
 @cache

@@ -136,8 +136,8 @@ class Problem:
         given = self.given
         # Not constants: transformations of a loop then find at once what differs in it.
         zeros = 0 * given.closing
-        none = (0 * modes.start).astype(int)
-        begin = modes.start
+        none = zeros[0].astype(int)
+        begin = modes.start + zeros[0]
         y = Smooth(
             t=begin + zeros,
             s=given.closing,
@@ -152,7 +152,7 @@ class Problem:
         impacts = Impacts(*[slots] * len(Impacts._fields))
         touched = jnp.where(modes.contact == APART, 0.0, 1.0).astype(self.dtype)
         nothing: Any = dict.fromkeys(Record._fields, zeros)
-        nothing |= {"impacts": impacts, "highest_forces": 0 * given.delassus}
+        nothing |= {"impacts": impacts, "highest_forces": zeros[:, None] * given.delassus}
         record = Record(**nothing)._replace(touched=touched, farthest=zeros - jnp.inf)
         return _State(
             y=jnp.stack(y),
@@ -177,7 +177,7 @@ class Problem:
             iterations=none,
             moves=none,
             length=jnp.asarray(self.h / 2, self.dtype) - begin,
-            usual=self.h + 0 * begin,
+            usual=self.h + zeros[0],
             target=none - 1,
             tries=none,
         )

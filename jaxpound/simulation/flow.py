@@ -92,6 +92,7 @@ class _Cotangents(NamedTuple):
 def _pulled(h: float, slots: int, given: Given, modes: Modes, weights: Passed) -> Given:
     """Jᵀ weights: back through the iterations that moved, from stored states."""
     first, rebuild = ravel_pytree(Problem(h, slots, given).start(modes))
+    zero = 0 * given.closing[0]  # which may differ from device to device, as what begins with it
 
     def started(given: Given) -> jax.Array:
         return ravel_pytree(Problem(h, slots, given).start(modes))[0]
@@ -113,7 +114,7 @@ def _pulled(h: float, slots: int, given: Given, modes: Modes, weights: Passed) -
             state, states = carry
             return advanced(given, state), states.at[rebuild(state).moves % _STORED].set(state)
 
-        states = jnp.zeros((_STORED, first.size), first.dtype)
+        states = jnp.zeros((_STORED, first.size), first.dtype) + zero
         return lax.while_loop(unfinished, store, (first, states))
 
     def undone(by: _Cotangents) -> _Cotangents:
@@ -135,7 +136,9 @@ def _pulled(h: float, slots: int, given: Given, modes: Modes, weights: Passed) -
         return lax.while_loop(lambda by: by.limit > until, undo, by)
 
     nothing = _Cotangents(
-        jnp.asarray(MOST + 1), jnp.zeros_like(first), jax.tree.map(jnp.zeros_like, given)
+        limit=MOST + 1 + zero.astype(int),
+        state=jnp.zeros_like(first) + zero,
+        given=jax.tree.map(lambda x: jnp.zeros_like(x) + zero, given),
     )
     by = lax.while_loop(lambda by: by.limit > 0, undone, nothing)
     (more,) = jax.vjp(started, given)[1](by.state)

@@ -15,6 +15,8 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
+from jaxpound.simulation.batches import on_each_device
+
 _WIDTH = 32  # lanes in a group: enough to fill vector registers, few enough to finish together
 
 
@@ -28,7 +30,9 @@ def where_needed(work: Callable[..., Any]) -> Callable[..., Any]:
     @custom_vmap
     def one(needed: jax.Array, *args: Any) -> Any:
         shapes = jax.eval_shape(work, *args)
-        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+        # Not constants, which are the same on all devices: a result differs.
+        none = 0 * needed.astype(int)
+        nothing = jax.tree.map(lambda x: jnp.full(x.shape, none, x.dtype), shapes)
         return lax.cond(needed, lambda: work(*args), lambda: nothing)
 
     @custom_vmap
@@ -37,15 +41,17 @@ def where_needed(work: Callable[..., Any]) -> Callable[..., Any]:
 
     @one.def_vmap
     def batch(size: int, batched: Any, *args: Any) -> Any:
-        out = many(*_repeated(size, batched, args))
+        out = on_each_device(many, *_repeated(size, batched, args))
         return out, jax.tree.map(lambda _: True, out)
 
     @many.def_vmap
     def batch_of_batches(size: int, batched: Any, *args: Any) -> Any:
-        args = _repeated(size, batched, args)
-        each = args[0].shape[1]
-        flat = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
-        out = jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*flat))
+        def flat(*args: Any) -> Any:
+            size, each = args[0].shape
+            joined = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
+            return jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*joined))
+
+        out = on_each_device(flat, *_repeated(size, batched, args))
         return out, jax.tree.map(lambda _: True, out)
 
     return one
@@ -82,10 +88,9 @@ def _in_groups(work: Callable[..., Any], needed: jax.Array, args: Any) -> Any:
         results = results.at[:, which].set(jnp.concatenate(rows_found), mode="drop")
         return done + width, results
 
-    empty = jnp.zeros((sum(rows), size), kind)
-    _, results = lax.while_loop(
-        lambda carry: carry[0] < count, one_group, (jnp.zeros_like(count), empty)
-    )
+    none = 0 * count  # which may differ from device to device
+    empty = jnp.zeros((sum(rows), size), kind) + none.astype(kind)
+    _, results = lax.while_loop(lambda carry: carry[0] < count, one_group, (none, empty))
     split = jnp.split(results, [sum(rows[:i]) for i in range(1, len(rows))])
     out = [
         part.T.reshape(size, *leaf.shape).astype(leaf.dtype)

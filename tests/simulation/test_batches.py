@@ -17,6 +17,14 @@ def gaps(amplitude, friction):
     return jp.demand(structures, jp.Ricker(amplitude, [1.25, 2.0], [1.5, 2.5]), GRID)
 
 
+def impulses(amplitude, friction):
+    """Of blocks that collide, some of them in any step."""
+    structures = replace(
+        jp.paper.structures(), friction=friction, initial_gap=0.05, contact=jp.Newton(0.6)
+    )
+    return jp.demand(structures, jp.Ricker(amplitude, [1.25, 2.0], [1.5, 2.5]), GRID).peak_impulse
+
+
 def batch(n):
     return np.linspace(0.1, 1.0, n), np.linspace(0.4, 0.1, n)
 
@@ -90,7 +98,7 @@ import jax, jaxpound as jp, numpy as np
 jax.config.update("jax_enable_x64", True)
 assert jp.use_cores(2) == 2
 from jax.sharding import Mesh, PartitionSpec as P
-from tests.simulation.test_batches import batch, gaps
+from tests.simulation.test_batches import batch, gaps, impulses
 
 assert len(jax.devices()) == 2
 def devices(x): return len(x.sharding.device_set)
@@ -108,12 +116,18 @@ chunks = jp.in_chunks(gaps, 16)(*batch(39))
 mesh = Mesh(np.array(jax.devices()), ("mine",))
 own = jax.shard_map(jax.vmap(gaps), mesh=mesh, in_specs=P("mine"), out_specs=P("mine"))
 own = jax.jit(own)(*map(jax.numpy.asarray, batch(64)))
+struck = jax.jit(jax.vmap(impulses))
+assert "all-gather" not in struck.lower(*batch(64)).compile().as_text()
+slopes = jax.vmap(jax.value_and_grad(impulses))
+struck_own = jax.shard_map(slopes, mesh=mesh, in_specs=P("mine"), out_specs=P("mine"))
+struck_own, _ = jax.jit(struck_own)(*map(jax.numpy.asarray, batch(64)))
 # Nor within a default device, so that arrays may be committed to it.
 with jax.default_device(jax.devices()[1]):
     there = jax.vmap(gaps)(*jax.device_put(batch(64), jax.devices()[1])).min_gap
 assert devices(there) == 1
 results = dict(whole=whole.min_gap, slope=slope, mean=mean, table=table, odd=odd.min_gap,
-               chunks=chunks.min_gap, own=own.min_gap, there=there)
+               chunks=chunks.min_gap, own=own.min_gap, there=there,
+               struck=struck(*batch(64)), struck_own=struck_own)
 np.savez(sys.argv[1], **{k: np.asarray(v) for k, v in results.items()})
 """
 
@@ -148,6 +162,8 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
         "own": whole,
         "there": whole,
     }
+    alone = jax.jit(impulses)
+    one["struck"] = one["struck_own"] = [alone(*case) for case in zip(a, mu, strict=True)]
     assert set(one) == set(two)
     for name, values in one.items():
         np.testing.assert_allclose(two[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
