@@ -1,6 +1,6 @@
 r"""Links that may touch or that share masses, over one step of a run.
 
-Such links, a group, are followed by the local flow (``flow``) where it is needed: in contact,
+Such links, a group, are followed by the local flow (``local_flow``) where it is needed: in contact,
 where a gap may close within the step, and, for links that share masses, where slip or stick ends.
 All other steps have closed forms.
 
@@ -25,9 +25,9 @@ import jax.numpy as jnp
 from jaxpound._extrema import larger
 from jaxpound.model.contact import bound
 from jaxpound.model.system import Link, LinkGroup, Topology
-from jaxpound.simulation.flow import flow
 from jaxpound.simulation.forces import APART, PRESSED, held_inverse, inverse_of, response
 from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.local_flow import flow
 from jaxpound.simulation.passage import Given, Modes, Passed, UnderWay
 
 

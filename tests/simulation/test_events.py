@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
 from jaxpound.model.contact import bound
-from jaxpound.simulation.flow import flow
+from jaxpound.simulation.local_flow import flow
 from jaxpound.simulation.passage import SLOTS, Given, Modes, UnderWay
 from tests.reference import load
 
