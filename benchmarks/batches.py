@@ -346,7 +346,7 @@ def contact(batch):
     gaps = {"10 % pound": np.quantile(required, 0.9), "all pound": 0.999 * required.min()}
     gaps = {name: float(gap) for name, gap in gaps.items()}
     calls = {name: ready(touching, *batch, gap) for name, gap in gaps.items()}
-    times = best({"none": ready(free, *batch)} | calls, 3)
+    times = best({"none": ready(free, *batch)} | calls)
     print(f"\nKelvin contact, k = 1,000, {RUNS:,} runs, every scalar; {effort}")
     for name, gap in gaps.items():
         found = touching(*batch, gap)

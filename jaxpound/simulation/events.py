@@ -8,8 +8,9 @@ with closings s, friction q and contact forces p. This small problem is solved a
 whatever happens in it: slip ends, stick breaks, a gap closes, a contact lets go. Between events
 the motion is smooth. Where no law of contact has a force it is a cubic in time. Elsewhere it is
 followed by an embedded Runge–Kutta method of order 8: the stiffness of a contact sets its
-substeps, never the step of the run. Events are located by interpolation, then moved to by a Newton
-step whose slope is held fixed, so that derivatives contain how the event's instant moves.
+substeps, never the step of the run. Both say where the links are at any time of a substep, and so
+where an event is in it. A last Newton step in time, whose slope is held fixed, leads to the event:
+so derivatives contain how its instant moves.
 """
 
 from __future__ import annotations
@@ -36,23 +37,21 @@ from jaxpound.simulation.passage import (
     SOFT,
     Given,
     Impacts,
-    Instant,
+    MidStep,
     Modes,
     Passed,
     Record,
     UnderWay,
 )
-from jaxpound.simulation.runge_kutta import STAGES, error, weighted
+from jaxpound.simulation.runge_kutta import END, STAGES, error, until, weighted
 
 MOST = 4000  # iterations in a step
-_LANDING = 1e-4  # how near to an event, as a share of the substep, the Newton step may begin
 _AT_ONCE = 1e-10  # share of a step within which events are at the same instant
-_FLAT = 2e-3  # the same as ``_LANDING`` for a maximum
+_NEAR = 0.05  # longest Newton step to an event, as a share of the substep
+_JUST = 1.001  # length of a substep that should end just beyond an event, in units of its time
+_NEWTON = 2  # Newton steps to an event before the one that is differentiated
 _REBOUNDS = 1e-2  # rebounds that would all be over within this share of a step end at once
 _SLOWEST = 1e-2  # touch speed below this share of what the pull adds in a step is set to it
-
-_INTERPOLATED = ("breaks", "leaves", "clip")
-"""Events after which all moves on smoothly, so that they have no Newton step of their own."""
 
 
 class Smooth(NamedTuple):
@@ -77,15 +76,14 @@ class _State(NamedTuple):
     counts: jax.Array
     fastest: jax.Array
     rising: jax.Array  # 1 while the contact force grows
-    now: Instant
+    now: MidStep
     record: Record
     half: jax.Array  # 0 before the middle of the step, 1 in it, 2 after it, 3 at the end
     iterations: jax.Array
     moves: jax.Array  # iterations that were not in vain
     length: jax.Array  # of the substep to try
     usual: jax.Array  # length that the error allows
-    target: jax.Array  # index of the event it should end at, or −1
-    tries: jax.Array  # to end at it
+    again: jax.Array  # 1 if the last one tried was too long
 
 
 class _Substep(NamedTuple):
@@ -95,7 +93,7 @@ class _Substep(NamedTuple):
     begin: Forces
     seen: Forces  # at its end, in the phase of its start
     end: jax.Array  # a ``Smooth``
-    end_rates: jax.Array
+    slopes: jax.Array  # of s, w and the quadratures in the stages, if laws have forces
     error: jax.Array  # in units of the tolerance
     growth: jax.Array  # of each law's force at the start, and at the end
     growth_end: jax.Array
@@ -106,7 +104,6 @@ class _Event(NamedTuple):
 
     time: jax.Array  # from the start of the substep, inf if there is none
     which: jax.Array  # its index
-    beyond: jax.Array  # from the end of the substep, if it has no Newton step
     stop: jax.Array  # the next instant at which the flow stops in any case
 
 
@@ -117,7 +114,7 @@ class Problem:
         self.h, self.slots, self.given = h, slots, given
         self.n, self.dtype = given.closing.shape[0], given.closing.dtype
         self.eps = float(jnp.finfo(self.dtype).eps)
-        self.tolerance = 1e-9 if self.eps < 1e-10 else 1e-5
+        self.tolerance = 1e-8 if self.eps < 1e-10 else 1e-5
         self.laws = LinkLaws(given.delassus, given.friction, given.gap, given.laws)
         laws = self.laws
         self.events = ["turn", "breaks"]
@@ -128,8 +125,11 @@ class Problem:
     def forces(self, y: jax.Array, phase: Phase, inverse: jax.Array) -> Forces:
         """The forces at a place."""
         at = Smooth(*y)
-        pull = self.given.pull + self.given.rise * (at.t / self.h - 0.5)
-        return self.laws.at(pull, at.s, at.w, phase, inverse)
+        return self.laws.at(self.pull(at.t), at.s, at.w, phase, inverse)
+
+    def pull(self, t: jax.Array) -> jax.Array:
+        """A at times from the start of the step."""
+        return self.given.pull + self.given.rise * (t / self.h - 0.5)
 
     def start(self, modes: Modes) -> _State:
         """The state in which a flow starts."""
@@ -162,7 +162,7 @@ class Problem:
             counts=modes.counts,
             fastest=modes.fastest,
             rising=jnp.where(modes.contact == PRESSED, 1.0, 0.0).astype(self.dtype),
-            now=Instant(
+            now=MidStep(
                 given.closing,
                 given.velocity,
                 *(zeros,) * 5,
@@ -178,8 +178,7 @@ class Problem:
             moves=none,
             length=jnp.asarray(self.h / 2, self.dtype) - begin,
             usual=self.h + zeros[0],
-            target=none - 1,
-            tries=none,
+            again=zeros[0],
         )
 
     def unfinished(self, x: _State) -> jax.Array:
@@ -188,40 +187,29 @@ class Problem:
         return (x.half < 3) & (x.iterations < MOST) & finite
 
     def advance(self, x: _State) -> _State:
-        """Try a substep; move to its end, or to an event, or set out for a shorter one."""
+        """Try a substep; move to its end, or to an event in it, or set out for a shorter one."""
         inverse = held_inverse(self.given.delassus, x.phase.held)
         sub = self._substep(x, inverse)
         stop = self._stop(x)
         flies = ~x.phase.deformed.any()
-        event = self._first_event(x, sub, stop, flies)
+        event = self._first_event(x, sub, stop)
         exists, at_once = jnp.isfinite(event.time), event.time <= _AT_ONCE * self.h
         wrong = (sub.error > 1) & ~flies
 
-        # A flight has closed form up to the event; otherwise the substep must end near it. From
-        # there two Newton steps lead to it, of which the first is not differentiated: the second
-        # one's slope is that at the event.
-        flown = self._flown(x, sub.begin, sub.seen, sub.length, event.time)
-        place, rates = jax.tree.map(
-            lambda a, b: jnp.where(flies & exists, a, b), flown, (sub.end, sub.end_rates)
-        )
-        value = lax.stop_gradient(self._correction(event, sub, x.phase, place, rates))
-        value = jnp.where(at_once, 0.0, value)
-        # The force's maximum need not be met as exactly: it is flat there.
-        landing = jnp.where(self._is("top", event.which).any(), _FLAT, _LANDING)
-        near = jnp.abs(value) <= landing * sub.length
-        passes = (
-            flies & self._closes(x, Smooth(*x.y), Smooth(*place)) & ~self._is("touch", event.which)
-        )
-        arrives = exists & ((near & ~passes.any()) | at_once | (x.tries >= 6))
-        moves, happens = ~wrong & (~exists | arrives), ~wrong & arrives
-        most = jnp.where(at_once, 1e-3 * self.h, 2 * _FLAT * sub.length)
-        first = jnp.where(happens & (jnp.abs(value) <= most), value, 0.0)
-        place = jnp.where(at_once, x.y, place + first * rates)
+        fixed = Problem(self.h, self.slots, lax.stop_gradient(self.given))
+        time = fixed.located(*lax.stop_gradient((x, sub, event, inverse)))
+        time = jnp.where(at_once, 0.0, time)
+        place = jnp.where(at_once, x.y, self._along(x, sub, time))
         now = self.forces(place, x.phase, inverse)
-        rates = self._rates(place, now)
-        second = self._correction(event, sub, x.phase, place, rates)
-        sure = jnp.abs(lax.stop_gradient(second)) <= most
-        place = place + jnp.where(happens & sure, second, 0.0) * rates
+        # A flight may close a gap and open it again before another event.
+        touch = self._is("touch", event.which)
+        passes = flies & (self._closes(x, Smooth(*x.y), Smooth(*place)) & ~touch).any()
+        moves = ~wrong & (~exists | ~passes | at_once)
+        happens = exists & moves
+        step = self._correction(x, sub, event, place, now, time)
+        most = jnp.where(at_once, 1e-3 * self.h, _NEAR * sub.length)
+        sure = jnp.abs(lax.stop_gradient(step)) <= most
+        place = place + jnp.where(happens & sure, step, 0.0) * self._rates(place, now)
         after = self._noted(x, sub, moves)
         after = after._replace(
             y=jnp.where(moves, place, x.y),
@@ -231,7 +219,7 @@ class Problem:
         )
         after = self._highest(after, now, moves)
         after = self._happened(after, now, jnp.where(happens, event.which, -1), at_once)
-        return self._next_length(after, x, sub, event, value, wrong, moves)
+        return self._next_length(after, x, sub, event, wrong, moves)
 
     def _next_length(
         self,
@@ -239,7 +227,6 @@ class Problem:
         x: _State,
         sub: _Substep,
         event: _Event,
-        value: jax.Array,
         wrong: jax.Array,
         moves: jax.Array,
     ) -> _State:
@@ -247,19 +234,19 @@ class Problem:
         left = larger(lax.stop_gradient(self._stop(after) - after.y[0, 0]), 0.0)
         # Where a law is singular, as at touch, the error falls slowly with the length.
         power = jnp.where(wrong, -0.25, -0.125)
-        factor = jnp.clip(0.9 * larger(sub.error, 1e-8) ** power, 0.05, 4.0)
+        factor = 0.9 * larger(sub.error, 1e-8) ** power
+        factor = jnp.clip(factor, 0.05, jnp.where(x.again > 0, 1.0, 4.0))
         usual = jnp.where(wrong, sub.length * factor, larger(sub.length * factor, x.usual))
-        usual = jnp.where(x.phase.deformed.any(), smaller(usual, 0 * usual + self.h), x.usual)
+        usual = jnp.where(x.phase.deformed.any(), jnp.minimum(usual, self.h), x.usual)
         length = jnp.where(after.phase.deformed.any(), smaller(usual, left), left)
-        aims = ~wrong & ~moves
-        # An event that was not reached lies beyond the end of the substep.
-        beyond = smaller(sub.length + larger(value, 0.0), left)
-        aim = jnp.where(event.time < sub.length, event.time, beyond)
+        # Beyond an event a law may be smooth no more, and a gap that a flight closes is met first.
+        short = event.time < jnp.where(wrong, 0.9, 1.0) * sub.length
+        aims = ~moves & short & (event.time > _AT_ONCE * self.h)
+        aim = jnp.minimum(_JUST * event.time, left)
         return after._replace(
             usual=lax.stop_gradient(usual),
+            again=jnp.where(wrong, 1.0, 0.0).astype(self.dtype),
             length=lax.stop_gradient(jnp.where(aims, aim, length)),
-            target=jnp.where(aims, event.which, -1),
-            tries=jnp.where(aims, x.tries + 1, 0),
         )
 
     # -- a substep ----------------------------------------------------------------------------
@@ -268,103 +255,89 @@ class Problem:
         length = lax.stop_gradient(x.length)
         begin = self.forces(x.y, x.phase, inverse)
         if not self.laws.restless:
-            later = x.y.at[0].add(length)
-            seen = self.forces(later, x.phase, inverse)
-            (end, rates), none = self._flown(x, begin, seen, length, length), 0 * x.y[0]
-            return _Substep(length, begin, seen, end, rates, jnp.zeros((), self.dtype), none, none)
+            seen = self.forces(x.y.at[0].add(length), x.phase, inverse)
+            none = 0 * x.y[0]
+            sub = _Substep(length, begin, seen, x.y, none, none[0], none, none)
+            return sub._replace(end=self._along(x, sub, length))
 
-        end, worst = self._pushed(x, inverse, length, begin.acceleration)
+        slopes, worst = self._pushed(x, inverse, length, begin.acceleration)
+        end = x.y.at[1:].add(length * weighted(jnp.asarray(END, self.dtype), slopes))
+        end = end.at[0].add(length)
         seen = self.forces(end, x.phase, inverse)
-        # Links at rest in a group in which others are pressed.
         start, last = Smooth(*x.y), Smooth(*end)
-        pressing = length / 2 * (begin.contact + seen.contact)
-        pressing = jnp.where(x.phase.mode == REST, pressing, 0.0)
-        end = jnp.stack(last._replace(impulse=last.impulse + pressing))
         grows = (
             self.laws.growth(start.s, start.w, begin.acceleration, x.phase),
             self.laws.growth(last.s, last.w, seen.acceleration, x.phase),
         )
         grows = lax.stop_gradient(grows)
-        return _Substep(length, begin, seen, end, self._rates(end, seen), worst, *grows)
+        sub = _Substep(length, begin, seen, end, slopes, worst, *grows)
+        return sub._replace(end=self._along(x, sub, length))
 
-    def _pushed(
-        self, x: _State, inverse: jax.Array, length: jax.Array, first: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
-        """Where links with laws' forces are a ``length`` later, and the estimated error of that.
+    def _along(self, x: _State, sub: _Substep, time: jax.Array) -> jax.Array:
+        """Where links are a ``time`` after the start of a substep.
 
-        The error is in units of the tolerance; ``first`` are the accelerations at the start.
+        Without a law's force, accelerations and the forces between links at rest change linearly in
+        time from ``sub.begin`` to ``sub.seen``.
         """
-        laws, phase, at, given = self.laws, x.phase, Smooth(*x.y), self.given
-        pull = given.pull + given.rise * (at.t / self.h - 0.5)
-        free, rise, yields = laws.affine(pull, given.rise / self.h, phase, inverse)
-
-        def slope(motion: jax.Array, time: jax.Array) -> tuple[jax.Array, jax.Array]:
-            """Rates of s and w, and of the quadratures over time."""
-            s, w = motion
-            raw, elastic = laws.of_contact(s, w, phase)
-            contact = jnp.where(phase.mode == PRESSED, raw, 0.0)
-            elastic = jnp.where(phase.deformed, elastic, 0.0)
-            a = free + time * rise - times(yields, contact)
-            work = [s, elastic * w, (contact - elastic) * w, contact]
-            return jnp.stack([w, a]), jnp.stack(work)
-
-        start = jnp.stack([at.s, at.w])
-
-        # A loop over the stages, not one after the other: the program is long enough.
-        def stage(slopes: jax.Array, entry: Any) -> Any:
-            i, row, time = entry
-            rates, work = slope(start + length * weighted(row, slopes), time * length)
-            return slopes.at[i].set(rates), work
-
-        table, n = jnp.asarray(STAGES, self.dtype), len(STAGES)
-        rows = jnp.concatenate([jnp.zeros((1, n), self.dtype), table[:-1]])
-        slopes = jnp.zeros((n, *start.shape), self.dtype)
-        slopes, works = lax.scan(stage, slopes, (jnp.arange(n), rows, rows.sum(1)))
-        moved = start + length * weighted(table[-1], slopes)
-        work = length * weighted(table[-1], works)
-        s, w = moved
-        end = Smooth(
-            at.t + length,
-            s,
-            w,
-            at.area + work[0],
-            at.stored + work[1],
-            at.lost + work[2],
-            at.impulse + work[3],
-        )
-
-        sizes = larger(jnp.abs(at.w), jnp.abs(w)) + length * jnp.abs(first)
-        sizes = sizes + jnp.where(phase.mode == PRESSED, phase.touch_speed, 0.0)
-        sizes = self.tolerance * lax.stop_gradient(sizes) + jnp.finfo(self.dtype).tiny
-        wrong = error(lax.stop_gradient(slopes))
-        worst = (larger(length * wrong[1], wrong[0]) / sizes).max()
-        return jnp.stack(end), jnp.where(worst < 1e8, worst, 1e8)
-
-    def _flown(
-        self, x: _State, begin: Forces, seen: Forces, length: jax.Array, time: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
-        """Where links without a law's force are a ``time`` after the start of a substep, and rates.
-
-        Accelerations and the forces between links at rest change linearly from ``begin`` to
-        ``seen``, a ``length`` later.
-        """
-        at, time = Smooth(*x.y), jnp.where(jnp.isfinite(time), time, length)
-        share = time / jnp.where(length > 0, length, 1.0)
+        at, begin, seen = Smooth(*x.y), sub.begin, sub.seen
+        share = time / jnp.where(sub.length > 0, sub.length, 1.0)
         a, gain = begin.acceleration, share * (seen.acceleration - begin.acceleration)
-        pressing = jnp.where(x.phase.mode == REST, begin.contact, 0.0)
-        more = jnp.where(x.phase.mode == REST, share * (seen.contact - begin.contact), 0.0)
-        place = Smooth(
+        pressing = begin.contact + share / 2 * (seen.contact - begin.contact)
+        pressing = time * jnp.where(x.phase.mode == REST, pressing, 0.0)
+        flown = Smooth(
             t=at.t + time,
             s=at.s + time * (at.w + time * (a / 2 + gain / 6)),
             w=at.w + time * (a + gain / 2),
             area=at.area + time * (at.s + time * (at.w / 2 + time * (a / 6 + gain / 24))),
             stored=at.stored,
             lost=at.lost,
-            impulse=at.impulse + time * (pressing + more / 2),
+            impulse=at.impulse + pressing,
         )
-        none = jnp.zeros_like(a)
-        rates = Smooth(none + 1, place.w, a + gain, place.s, none, none, pressing + more)
-        return jnp.stack(place), jnp.stack(rates)
+        if not self.laws.restless:
+            return jnp.stack(flown)
+        moved = x.y[1:] + sub.length * weighted(until(share), sub.slopes)
+        pushed = Smooth(flown.t, *moved)
+        pushed = pushed._replace(impulse=pushed.impulse + pressing)
+        return jnp.where(x.phase.deformed.any(), jnp.stack(pushed), jnp.stack(flown))
+
+    def _pushed(
+        self, x: _State, inverse: jax.Array, length: jax.Array, first: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        """Slopes of all that laws' forces move in the stages of a step, and its estimated error.
+
+        The error is in units of the tolerance; ``first`` are the accelerations at the start.
+        """
+        laws, phase, at = self.laws, x.phase, Smooth(*x.y)
+        rise = self.given.rise / self.h
+        free, rise, yields = laws.affine(self.pull(at.t), rise, phase, inverse)
+
+        def rates(motion: jax.Array, time: jax.Array) -> jax.Array:
+            s, w = motion
+            raw, elastic = laws.of_contact(s, w, phase)
+            contact = jnp.where(phase.mode == PRESSED, raw, 0.0)
+            elastic = jnp.where(phase.deformed, elastic, 0.0)
+            a = free + time * rise - times(yields, contact)
+            return jnp.stack([w, a, s, elastic * w, (contact - elastic) * w, contact])
+
+        start = jnp.stack([at.s, at.w])
+
+        # A loop over the stages, not one after the other: the program is long enough.
+        def stage(slopes: jax.Array, entry: Any) -> Any:
+            i, row = entry
+            motion = start + length * weighted(row, slopes[:, :2])
+            return slopes.at[i].set(rates(motion, row.sum() * length)), None
+
+        table = jnp.asarray(STAGES, self.dtype)
+        slopes = jnp.broadcast_to(0 * at.s, (len(table), 6, self.n))
+        slopes, _ = lax.scan(stage, slopes, (jnp.arange(len(table)), table))
+
+        w = at.w + length * weighted(jnp.asarray(END, self.dtype), slopes[:, 1])
+        sizes = larger(jnp.abs(at.w), jnp.abs(w)) + length * jnp.abs(first)
+        sizes = sizes + jnp.where(phase.mode == PRESSED, phase.touch_speed, 0.0)
+        sizes = self.tolerance * lax.stop_gradient(sizes) + jnp.finfo(self.dtype).tiny
+        wrong = error(lax.stop_gradient(slopes[:, :2]))
+        worst = (larger(length * wrong[1], wrong[0]) / sizes).max()
+        return slopes, jnp.where(worst < 1e8, worst, 1e8)
 
     def _rates(self, y: jax.Array, now: Forces) -> jax.Array:
         """By how much what moves smoothly grows in time."""
@@ -391,7 +364,7 @@ class Problem:
         """
         now, mid, at = sub.begin, moves & (x.half == 1), Smooth(*x.y)
         x = self._highest(x, now, moves)
-        seen = Instant(
+        seen = MidStep(
             closing=at.s,
             velocity=at.w,
             friction=now.friction,
@@ -435,7 +408,7 @@ class Problem:
             return jnp.zeros(self.n, bool)
         return jnp.arange(self.n) == which - self.events.index(name) * self.n
 
-    def _first_event(self, x: _State, sub: _Substep, stop: jax.Array, flies: jax.Array) -> _Event:
+    def _first_event(self, x: _State, sub: _Substep, stop: jax.Array) -> _Event:
         """The first event in a substep."""
         sub, at = lax.stop_gradient((sub, Smooth(*x.y)))
         length = sub.length
@@ -444,13 +417,8 @@ class Problem:
         every = jnp.concatenate([times[name] for name in self.events])
         every = jnp.append(every, jnp.where(at_stop, stop - at.t[0], jnp.inf))
         every = jnp.where(jnp.isinf(every), every, jnp.clip(every, 0.0, length))
-        aimed = (jnp.arange(every.size) == x.target) & jnp.isinf(every)
-        every = jnp.where(aimed, length, every)
         which = jnp.argmin(every)
-        time = every[which]
-        plain = jnp.stack([self._is(name, which).any() for name in _INTERPOLATED]).any()
-        ends_there = plain & (time > _AT_ONCE * self.h) & ~flies
-        return _Event(time, which, jnp.where(ends_there, time - length, 0.0), stop)
+        return _Event(every[which], which, stop)
 
     def _events_of_friction(self, x: _State, sub: _Substep, at: Smooth) -> dict[str, jax.Array]:
         """When slip and stick end, from the start of the substep; inf if they do not."""
@@ -527,43 +495,65 @@ class Problem:
         turns = (at.s >= gap) & (at.w < 0)
         return apart & (end.s > gap) & (end.s > at.s) & ~turns
 
-    def _correction(
-        self, event: _Event, sub: _Substep, phase: Phase, place: jax.Array, rates: jax.Array
-    ) -> jax.Array:
-        """The Newton step in time to an event from a place near it.
+    def located(self, x: _State, sub: _Substep, event: _Event, inverse: jax.Array) -> jax.Array:
+        """The time of an event from the start of a substep, or its length if there is none."""
+        first = jnp.where(jnp.isfinite(event.time), event.time, sub.length)
+        most = _NEAR * sub.length
 
-        Its derivative is that of the event's instant. That matters where something jumps: where
-        slip ends, a gap closes or opens, at the stops, and for the largest force; elsewhere it may
-        be left out.
+        def nearer(_: Any, time: jax.Array) -> jax.Array:
+            place = self._along(x, sub, time)
+            now = self.forces(place, x.phase, inverse)
+            step = self._correction(x, sub, event, place, now, time)
+            return jnp.clip(time + jnp.clip(step, -most, most), 0.0, sub.length)
+
+        return lax.fori_loop(0, _NEWTON, nearer, first)
+
+    def _correction(
+        self,
+        x: _State,
+        sub: _Substep,
+        event: _Event,
+        place: jax.Array,
+        now: Forces,
+        time: jax.Array,
+    ) -> jax.Array:
+        """The Newton step in time to an event from a place near it, a ``time`` into the substep.
+
+        Its derivative is that of the event's instant.
         """
-        at, rate, laws = Smooth(*place), Smooth(*rates), self.laws
-        steps = dict.fromkeys(self.events, jnp.zeros_like(at.s))
-        steps["turn"] = _newton(at.w, rate.w)
+        at, laws, begin, seen = Smooth(*place), self.laws, sub.begin, sub.seen
+
+        def between(first: jax.Array, value: jax.Array, last: jax.Array) -> jax.Array:
+            """The step where but values at the ends of the substep are known beside this one."""
+            before, after = time, sub.length - time
+            slope = (value - first) / _nonzero(before) + (last - value) / _nonzero(after)
+            step = _newton(value, slope - (last - first) / _nonzero(sub.length))
+            return jnp.where(time > 0, step, 0.0)
+
+        steps = {"turn": _newton(at.w, now.acceleration)}
+        sign, friction = jnp.sign(seen.friction), self.given.friction
+        excess = [sign * one.friction - friction for one in (begin, now, seen)]
+        steps["breaks"] = between(*excess)
         if laws.touches:
-            steps["touch"] = _newton(at.s - laws.gap, rate.s)
+            steps["touch"] = _newton(at.s - laws.gap, at.w)
+        if laws.collides:
+            excess = [one.total + friction for one in (begin, now, seen)]
+            steps["leaves"] = between(*excess)
         if laws.restless:
             steps["release"] = steps["touch"]
-            growth = laws.growth(at.s, at.w, rate.w, phase)
-            top = _newton(growth, (sub.growth_end - sub.growth) / _nonzero(sub.length))
-            steps["top"] = jnp.where(sub.growth_end < sub.growth, top, 0.0)
+            growth = laws.growth(at.s, at.w, now.acceleration, x.phase)
+            steps["clip"] = _newton(now.raw, growth)
+            steps["top"] = between(sub.growth, growth, sub.growth_end)
         every = jnp.concatenate([steps[name] for name in self.events])
         every = jnp.append(every, event.stop - at.t[0])
-        chosen = jnp.arange(every.size) == event.which
-        return jnp.where(chosen, every, 0.0).sum() + event.beyond
+        chosen = (jnp.arange(every.size) == event.which) & jnp.isfinite(event.time)
+        return jnp.where(chosen, every, 0.0).sum()
 
     def _happened(self, x: _State, now: Forces, which: jax.Array, at_once: jax.Array) -> _State:
         """The state after an event, with the forces just before it; index −1 is none."""
         turn, breaks = self._is("turn", which), self._is("breaks", which)
         at, phase = Smooth(*x.y), x.phase
         half = x.half + jnp.where(which == len(self.events) * self.n, 1, 0)
-        if not self.laws.touches:
-            w, s = jnp.where(turn, 0.0, at.w), at.s
-            slip = jnp.where(breaks, jnp.sign(now.friction), phase.slip)
-            slip = lax.stop_gradient(jnp.where(turn, 0.0, slip))
-            x = self._turned(x, s, turn, slip)
-            y = jnp.stack(at._replace(w=w))
-            return x._replace(y=y, phase=phase._replace(slip=slip), half=half)
-
         touch, leaves = self._is("touch", which), self._is("leaves", which)
         release, clip = self._is("release", which), self._is("clip", which)
         rigid = self.laws.rigid
@@ -631,9 +621,8 @@ class Problem:
     ) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Which links come to rest, rebound velocities and impulses by Newton's law.
 
-        The latter two are 0 in links that do not collide.
-
-        A link comes to rest at once if all rebounds to come were over in no time.
+        The latter two are 0 in links that do not collide. A link comes to rest at once if all
+        rebounds to come were over in no time.
         """
         if not self.laws.collides:
             return collides, jnp.zeros_like(speed), jnp.zeros_like(speed)

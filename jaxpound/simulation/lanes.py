@@ -69,7 +69,9 @@ def _repeated(size: int, batched: Any, args: Any) -> Any:
 def _in_groups(work: Callable[..., Any], needed: jax.Array, args: Any) -> Any:
     size, count = needed.shape[0], needed.sum()
     width = min(_WIDTH, size)
-    (lanes,) = jnp.nonzero(needed, size=size + width, fill_value=size)
+    numbers = jnp.arange(size)
+    places = jnp.where(needed, jnp.cumsum(needed) - 1, size + width)
+    lanes = jnp.full(size + width, size + 0 * count).at[places].set(numbers, mode="drop")
 
     def taken(which: jax.Array) -> Any:
         # A group is filled up with a lane that needs the work.

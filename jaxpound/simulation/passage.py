@@ -59,7 +59,7 @@ class Impacts(NamedTuple):
     peak_force: jax.Array
 
 
-class Instant(NamedTuple):
+class MidStep(NamedTuple):
     """Links in the middle of the step, (n,) each."""
 
     closing: jax.Array
@@ -112,5 +112,5 @@ class Passed(NamedTuple):
     counts: jax.Array
     fastest: jax.Array
     under_way: UnderWay
-    now: Instant
+    now: MidStep
     record: Record

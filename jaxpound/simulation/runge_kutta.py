@@ -1,7 +1,8 @@
 """Dormand and Prince's explicit Runge–Kutta method of order 8, DOP853.
 
 Coefficients as in Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993),
-with their estimate of the error by embedded methods of order 5 and 3.
+with their estimate of the error by embedded methods of order 5 and 3, and their interpolation of
+order 7 between the ends of a step, for which there are four more stages.
 """
 
 from __future__ import annotations
@@ -111,9 +112,60 @@ _ROWS: tuple[tuple[float, ...], ...] = (
         0.20136540080403034,
         0.04471061572777259,
     ),
+    (
+        0.056167502283047954,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.25350021021662483,
+        -0.2462390374708025,
+        -0.12419142326381637,
+        0.15329179827876568,
+        0.00820105229563469,
+        0.007567897660545699,
+        -0.008298,
+    ),
+    (
+        0.03183464816350214,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.028300909672366776,
+        0.053541988307438566,
+        -0.05492374857139099,
+        0.0,
+        0.0,
+        -0.00010834732869724932,
+        0.0003825710908356584,
+        -0.00034046500868740456,
+        0.1413124436746325,
+    ),
+    (
+        -0.42889630158379194,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -4.697621415361164,
+        7.683421196062599,
+        4.06898981839711,
+        0.3567271874552811,
+        0.0,
+        0.0,
+        0.0,
+        -0.0013990241651590145,
+        2.9475147891527724,
+        -9.15095847217987,
+    ),
 )
-STAGES = np.array([[*row, *[0.0] * (12 - len(row))] for row in _ROWS])
-"""Weights of the slopes before it in each stage after the first; the last stage is the result."""
+STAGES = np.array([[0.0] * 16, *([*row, *[0.0] * (16 - len(row))] for row in _ROWS)])
+"""Weights of the slopes before it in each stage."""
+
+END = STAGES[12]
+"""Weights of the slopes in the result; the thirteenth stage is there."""
 
 _ORDER_5 = (
     0.01312004499419488,
@@ -128,16 +180,103 @@ _ORDER_5 = (
     0.3341791187130175,
     0.08192320648511571,
     -0.022355307863886294,
+    *[0.0] * 4,
 )
 
 _THIRD = {0: 0.2440944881889764, 8: 0.7338466882816119, 11: 0.022058823529411766}
-_ORDER_3 = STAGES[-1] - [_THIRD.get(i, 0.0) for i in range(12)]
+_ORDER_3 = END - [_THIRD.get(i, 0.0) for i in range(16)]
 """Weights of the errors that the embedded methods estimate, by stage."""
+
+_BETWEEN = (
+    (
+        -8.428938276109013,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.5667149535193777,
+        -3.0689499459498917,
+        2.38466765651207,
+        2.117034582445028,
+        -0.871391583777973,
+        2.2404374302607883,
+        0.6315787787694688,
+        -0.08899033645133331,
+        18.148505520854727,
+        -9.194632392478356,
+        -4.436036387594894,
+    ),
+    (
+        10.427508642579134,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        242.28349177525817,
+        165.20045171727028,
+        -374.5467547226902,
+        -22.113666853125306,
+        7.733432668472264,
+        -30.674084731089398,
+        -9.332130526430229,
+        15.697238121770845,
+        -31.139403219565178,
+        -9.35292435884448,
+        35.81684148639408,
+    ),
+    (
+        19.985053242002433,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -387.0373087493518,
+        -189.17813819516758,
+        527.8081592054236,
+        -11.57390253995963,
+        6.8812326946963,
+        -1.0006050966910838,
+        0.7777137798053443,
+        -2.778205752353508,
+        -60.19669523126412,
+        84.32040550667716,
+        11.99229113618279,
+    ),
+    (
+        -25.69393346270375,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -154.18974869023643,
+        -231.5293791760455,
+        357.6391179106141,
+        93.40532418362432,
+        -37.45832313645163,
+        104.0996495089623,
+        29.8402934266605,
+        -43.53345659001114,
+        96.32455395918828,
+        -39.17726167561544,
+        -149.72683625798564,
+    ),
+)
+_FIRST, _LAST = np.eye(16)[0], np.eye(16)[12]
+_INTERPOLATION = np.array([END, _FIRST - END, 2 * END - _FIRST - _LAST, *_BETWEEN])
+"""Weights by stage of the products θ, θ (1 − θ), θ² (1 − θ), … that interpolate."""
 
 
 def weighted(weights: jax.Array, slopes: jax.Array) -> jax.Array:
     """Sum by weights of slopes along their first axis."""
     return (jnp.expand_dims(weights, range(1, slopes.ndim)) * slopes).sum(0)
+
+
+def until(share: jax.Array) -> jax.Array:
+    """Weights, (16,), of the slopes for where a step is after a ``share`` of its length."""
+    products = [share]
+    for i in range(len(_INTERPOLATION) - 1):
+        products.append(products[-1] * (share if i % 2 else 1 - share))
+    return weighted(jnp.stack(products), jnp.asarray(_INTERPOLATION, share.dtype))
 
 
 def error(slopes: jax.Array) -> jax.Array:

@@ -321,7 +321,9 @@ def test_derivatives_at_the_edges_are_differences(name):
     for i, (gap, *_) in enumerate(cases):
         states = (np.stack([one.x1, one.x2, one.v1, one.v2]) for one in (wider[i], narrower[i]))
         differences = np.linalg.norm(np.subtract(*states), axis=0) / (2 * step if gap else step)
-        np.testing.assert_allclose(slopes[i], differences, rtol=0, atol=1e-4 * slopes[i].max())
+        # The slope of Jankowski's damping is infinite at touch, where substeps are the least exact.
+        within = (3e-4 if name == "jankowski" else 1e-4) * slopes[i].max()
+        np.testing.assert_allclose(slopes[i], differences, rtol=0, atol=within)
     assert slopes[:, -1].min() > 0
 
 
