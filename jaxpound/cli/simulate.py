@@ -32,6 +32,7 @@ _FIGURES = (
     "friction_hysteresis",
     "energy",
 )
+_CONTACT_FIGURES = ("contact_force", "contact_hysteresis")
 
 
 # --- the configuration --------------------------------------------------------------------------
@@ -108,7 +109,8 @@ def run(args: argparse.Namespace) -> None:
         write(series, lambda to: np.savez(to, **columns))
     elif given.output.series == "csv":
         write(series, response.to_csv)
-    figures = {name: figure(getattr(plots, name), response) for name in _FIGURES}
+    names = _FIGURES + (_CONTACT_FIGURES if given.contact else ())
+    figures = {name: figure(getattr(plots, name), response) for name in names}
     write_figures({"overview": plots.overview(response)} | figures, args.out, args.pdf)
 
 

@@ -161,6 +161,11 @@ class Pair(Table):
     contact: Contact | None = None
     run: Run = Run()
 
+    def __post_init__(self) -> None:
+        if self.contact is not None and self.run.friction != "event-resolved":
+            rule = 'must be "event-resolved" where there is a [contact]'
+            raise ValueError(f'[run] friction = "{self.run.friction}" {rule}')
+
     @property
     def structures(self) -> jp.AdjacentStructures:
         """The dimensionless system."""

@@ -43,7 +43,8 @@ class MassDemand:
         rank=4,
         limited=True,
     )
-    """Largest absolute acceleration |x'' + u''|."""
+    """Largest absolute acceleration |x'' + u''|, contact forces included; by ``Newton``'s law,
+    whose impacts have no force, the largest between impacts."""
 
 
 @pytree_dataclass
@@ -177,7 +178,8 @@ class LinkDemand:
         contact=True,
         default=None,
     )
-    """(Σ P⁸)^(1/8) of all impacts' peak forces P: smooth also where two are equally strong."""
+    """(Σ P⁸)^(1/8) of all impacts' peak forces P: smooth also where two are equally strong. Zero by
+    ``Newton``'s law, whose impacts have no force."""
 
 
 @pytree_dataclass

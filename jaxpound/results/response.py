@@ -37,7 +37,8 @@ class Phase(NamedTuple):
     end: float
     """When it ends."""
     contact: bool = False
-    """Whether the neighbours are in contact, by a law with a force."""
+    """Whether the neighbours are in contact, or at rest in touch by Newton's law; to half a step
+    where they are after the impacts that ``impacts`` lists, or were from the start."""
 
 
 class Energy(NamedTuple):
@@ -131,20 +132,35 @@ class LinkResponse:
             Phase(kinds[direction], start, end)
             for direction, start, end in zip(directions, bounds[:-1], bounds[1:], strict=True)
         ]
-        touches = [] if self.impacts is None else self.impacts.entries(0)
-        for touch in touches:
-            until = float(time[-1]) if np.isnan(touch.end) else touch.end
-            phases = [part for phase in phases for part in _split(phase, touch.time, until)]
-        return phases
+        contacts = self._contacts(time)
+        return [part for phase in phases for part in _split(phase, contacts)]
+
+    def _contacts(self, time: np.ndarray) -> list[tuple[float, float]]:
+        """Beginnings and ends of contact: of impacts exactly, of all else to half a step."""
+        if self.impacts is None:
+            return []
+        last = float(time[-1])
+        entries = self.impacts.entries(0)
+        contacts = [(one.time, last if np.isnan(one.end) else one.end) for one in entries]
+        ends = np.clip(time[:, None] + np.array([-0.5, 0.5]) * (time[1] - time[0]), time[0], last)
+        known = np.zeros(time.shape, bool)
+        for begin, end in contacts:
+            known |= (begin <= ends[:, 1]) & (end >= ends[:, 0])
+        others = ends[(np.asarray(self.touching) > 0) & ~known]
+        return contacts + [(float(begin), float(end)) for begin, end in others]
 
 
-def _split(phase: Phase, touch: float, end: float) -> list[Phase]:
+def _split(phase: Phase, contacts: list[tuple[float, float]]) -> list[Phase]:
     """A phase cut where contact begins and ends."""
-    cuts = [phase.start, *(t for t in (touch, end) if phase.start < t < phase.end), phase.end]
-    return [
-        Phase(phase.kind, a, b, phase.contact or touch <= (a + b) / 2 < end)
-        for a, b in itertools.pairwise(cuts)
-    ]
+    cuts = {t for contact in contacts for t in contact if phase.start < t < phase.end}
+    parts: list[Phase] = []
+    for start, end in itertools.pairwise([phase.start, *sorted(cuts), phase.end]):
+        touching = any(a <= (start + end) / 2 < b for a, b in contacts)
+        if parts and parts[-1].contact == touching:
+            parts[-1] = parts[-1]._replace(end=end)
+        else:
+            parts.append(Phase(phase.kind, start, end, touching))
+    return parts
 
 
 @pytree_dataclass
@@ -338,6 +354,10 @@ class Response(ByElement, Columnar, Shown):
         found["ground_velocity"] = ("velocity", self.ground_velocity)
         for name, phase in self.flat("phase").items():  # no −0 in a file
             found[name.replace("phase", "slip_direction")] = (None, phase + 0.0)
+        for field in ("contact_stored", "contact_lost", "friction_work", "touching"):
+            energy = None if field == "touching" else "energy"
+            series = self.flat(field).items()
+            found |= {name: (energy, y) for name, y in series if y is not None}
         return found
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -190,6 +190,11 @@ def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
     header, *rows = (tmp_path / "out" / "series.csv").read_text().splitlines()
     table = dict(zip(header.split(","), np.loadtxt(rows, delimiter=",").T, strict=True))
     np.testing.assert_allclose(table["contact_N"], response.links[0].contact)
+    for name in ("contact_stored_J", "contact_lost_J", "friction_work_J", "touching"):
+        values = getattr(response.links[0], name.removesuffix("_J"))
+        np.testing.assert_allclose(table[name], values, rtol=1e-12)
+    figures = {path.stem for path in (tmp_path / "out").glob("*.png")}
+    assert figures == {"overview", *simulate._FIGURES, *simulate._CONTACT_FIGURES}
     gentle = simulate.summary(file, given, pulse, jp.read_record(pulse), response)
     gentle["results"]["contact"] |= {"n_impacts": 0.0}
     assert "Contact  kelvin-voigt: 0 impacts\n" in simulate.page(gentle)

@@ -203,6 +203,13 @@ def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
     assert total == pytest.approx(float(slope), rel=1e-9)
 
 
+def test_jit_is_eager():
+    structures = floats(struck(KELVIN))
+    compiled, eager = jax.jit(short)(structures), short(structures)
+    for one, other in zip(jax.tree.leaves(compiled), jax.tree.leaves(eager), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
+
+
 def test_bad_input():
     newton = jp.Newton(0.5)
     with pytest.raises(ValueError, match=r"restitution = 1\.5 must be"):

@@ -141,6 +141,10 @@ def test_blocks_pressed_together_for_the_whole_run_move_as_one(name):
             deepest = 1.1 * held.max() / 1e4
             assert 0 < -link.gap.min() < deepest
             assert np.abs(one.x1 - joined.x1).max() < deepest
+        phases = one.phases()
+        assert sum(p.end - p.start for p in phases if not p.contact) < 50 * GRID.dt
+        assert phases[-1].contact
+        assert all(p.start < p.end for p in phases)
     assert found[0].demand.n_impacts == 0
 
 
