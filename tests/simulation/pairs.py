@@ -101,10 +101,10 @@ _growth = jax.jit(jax.vmap(lambda system, ground: jp.growth(system, ground, GRID
 
 def _in_batches(of_all, systems, grounds):
     """A program is for a given number of lanes and of wavelets; lanes to spare stay at rest."""
-    grounds = [_padded(ground) for ground in grounds]
+    grounds = [padded(ground) for ground in grounds]
     spare = -len(systems) % LANES
     systems = [*systems, *[systems[0]] * spare]
-    grounds = [*grounds, *[_padded(jp.Ricker(0.0, [], []))] * spare]
+    grounds = [*grounds, *[padded(jp.Ricker(0.0, [], []))] * spare]
     found = [
         jax.device_get(of_all(_stacked(systems[i : i + LANES]), _stacked(grounds[i : i + LANES])))
         for i in range(0, len(systems), LANES)
@@ -113,9 +113,10 @@ def _in_batches(of_all, systems, grounds):
     return jax.tree.map(lambda *x: np.concatenate(x)[:n], *found)
 
 
-def _padded(ground):
+def padded(ground, wavelets=WAVELETS):
+    """The same ground with wavelets of no amplitude added."""
     periods = np.asarray(ground.periods, float)
-    missing = WAVELETS - periods.size
+    missing = wavelets - periods.size
     amplitude = np.broadcast_to(ground.amplitude, periods.shape)
     return jp.Ricker(
         np.pad(amplitude, (0, missing)),
