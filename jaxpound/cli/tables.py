@@ -93,7 +93,7 @@ LAWS = {
 """The library's laws of contact; the keys of each are the fields of its class."""
 
 Restitution = between(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
-Stiffer = between(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz: stiffer than a storey")
+Stiffer = between(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
 
 
 class Contact(Table):

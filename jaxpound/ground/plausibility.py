@@ -28,6 +28,9 @@ FAR_GAP = 100.0
 """Largest plausible ratio of the gap to the displacements: below it, a pair may be meant never to
 pound; above it a unit is probably wrong (m for cm or mm is a factor of 100 or 1000)."""
 
+DEEP = 0.25
+"""Largest plausible ratio of a penetration to the displacements: real floors stay below a tenth."""
+
 LEAST_SHARE = 0.01
 """Share of a study's earthquakes that may be implausible: no probability changes by more."""
 
@@ -74,6 +77,19 @@ def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
     return [
         f"{name} = {gap:.4g} {unit} should be at most {FAR_GAP:.0f} times what the buildings move, "
         f"{moved:.4g} {unit} (peaks of both its sides): are the units right?"
+    ]
+
+
+def too_deep(name: str, penetration: Any, moved: Any, *, si: bool) -> list[str]:
+    """A finding if a contact law yields as if there were none; None is a link without one."""
+    if penetration is None or is_traced((penetration, moved)) or jnp.ndim(moved):
+        return []
+    depth, moved, unit = float(penetration), float(moved), "m" if si else "g/ω1²"
+    if not depth > DEEP * moved:
+        return []
+    return [
+        f"{name}: the penetration, {depth:.4g} {unit}, should be at most {DEEP:g} of what the "
+        f"buildings move, {moved:.4g} {unit} (peaks of both its sides): is the law stiff enough?"
     ]
 
 

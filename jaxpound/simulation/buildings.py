@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxpound._checks import instance, is_traced, number
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import excessive, far_apart, tell
+from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
@@ -93,7 +93,8 @@ def simulate_buildings(
     -----
     PlausibilityWarning
         If the record has a PGA above 5 g, or the gap is more than 100 times the displacements (peak
-        |x1| + peak |x2|). Not where slip force, gap or samples are traced.
+        |x1| + peak |x2|), or the penetration more than a quarter of them. Not where slip force, gap
+        or samples are traced.
 
     Notes
     -----
@@ -130,7 +131,9 @@ def simulate_buildings(
     in_si = scales.to_si(response)
     moved = in_si.demand.peak_x1 + in_si.demand.peak_x2
     findings = excessive(record, response.demand.pga, "record")
-    tell(owner, findings + far_apart("gap", gap, moved, si=True), strict)
+    findings += far_apart("gap", gap, moved, si=True)
+    findings += too_deep("contact", in_si.demand.links[0].peak_penetration, moved, si=True)
+    tell(owner, findings, strict)
     return in_si
 
 

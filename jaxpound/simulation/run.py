@@ -27,7 +27,7 @@ from jaxpound.ground.motion import (
     unresolved,
     velocity_and_bulge,
 )
-from jaxpound.ground.plausibility import excessive, far_apart, tell
+from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep
 from jaxpound.model.contact import Newton
 from jaxpound.model.system import GROUND, Link, Structures, System
 from jaxpound.results.demand import Demand
@@ -87,8 +87,9 @@ def simulate(
     PlausibilityWarning
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
         record and loses more than 1 % of its energy; if a record has a PGA above 5 g; if the gap is
-        more than 100 times the peak displacements of both its ends together. The resolution of a
-        plain function of t is not checked, since its periods are not known.
+        more than 100 times the peak displacements of both its ends together, or a penetration more
+        than a quarter of them. The resolution of a plain function of t is not checked, since its
+        periods are not known.
 
     Notes
     -----
@@ -235,8 +236,12 @@ def _look(
         if link.gap < np.inf:  # else no contact is meant
             ends = [end for end in link.ends if end != GROUND]
             moved = sum(found.masses[end].peak_x for end in ends)
-            name = "initial_gap" if hasattr(structures, "initial_gap") else f"links.{k}.gap"
+            own = hasattr(structures, "initial_gap")
+            name, law = (
+                ("initial_gap", "contact") if own else (f"links.{k}.gap", f"links.{k}.contact")
+            )
             findings += far_apart(name, link.gap, moved, si=False)
+            findings += too_deep(law, found.links[k].peak_penetration, moved, si=False)
     tell(owner, findings, strict)
 
 

@@ -142,6 +142,15 @@ def test_implausible_input_is_told_in_si():
             jp.simulate_buildings(*call, friction_force=200e3, gap=gap, strict=True)
 
 
+def test_a_contact_that_hardly_acts_is_told():
+    call = {"friction_force": 0.0, "gap": 0.0, "contact": jp.KelvinVoigt(10.0, 0.65)}
+    message = r"^simulate_buildings: contact: the penetration, 0\.\d+ m, should be at most 0\.25 "
+    with pytest.warns(jp.PlausibilityWarning, match=message):
+        jp.simulate_buildings(LEFT, RIGHT, RECORD, **call)
+    with pytest.raises(ValueError, match=message):
+        jp.simulate_buildings(LEFT, RIGHT, RECORD, **call, strict=True)
+
+
 # A record in seconds.
 
 
