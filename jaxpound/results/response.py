@@ -146,8 +146,10 @@ class LinkResponse:
         known = np.zeros(time.shape, bool)
         for begin, end in contacts:
             known |= (begin <= ends[:, 1]) & (end >= ends[:, 0])
-        others = ends[(np.asarray(self.touching) > 0) & ~known]
-        return contacts + [(float(begin), float(end)) for begin, end in others]
+        other = np.pad((np.asarray(self.touching) > 0) & ~known, 1).astype(int)
+        first, after = np.flatnonzero(np.diff(other) == 1), np.flatnonzero(np.diff(other) == -1)
+        runs = zip(ends[first, 0].tolist(), ends[after - 1, 1].tolist(), strict=True)
+        return [*contacts, *runs]
 
 
 def _split(phase: Phase, contacts: list[tuple[float, float]]) -> list[Phase]:

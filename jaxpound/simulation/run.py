@@ -236,12 +236,12 @@ def _look(
         if link.gap < np.inf:  # else no contact is meant
             ends = [end for end in link.ends if end != GROUND]
             moved = sum(found.masses[end].peak_x for end in ends)
-            own = hasattr(structures, "initial_gap")
-            name, law = (
-                ("initial_gap", "contact") if own else (f"links.{k}.gap", f"links.{k}.contact")
+            place = "" if hasattr(structures, "initial_gap") else f"links.{k}."
+            findings += far_apart(
+                f"{place}gap" if place else "initial_gap", link.gap, moved, si=False
             )
-            findings += far_apart(name, link.gap, moved, si=False)
-            findings += too_deep(law, found.links[k].peak_penetration, moved, si=False)
+            depth = found.links[k].peak_penetration
+            findings += too_deep(f"{place}contact", depth, moved, si=False)
     tell(owner, findings, strict)
 
 

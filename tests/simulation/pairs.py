@@ -106,7 +106,7 @@ def _in_batches(of_all, systems, grounds):
     systems = [*systems, *[systems[0]] * spare]
     grounds = [*grounds, *[padded(jp.Ricker(0.0, [], []))] * spare]
     found = [
-        jax.device_get(of_all(_stacked(systems[i : i + LANES]), _stacked(grounds[i : i + LANES])))
+        jax.device_get(of_all(stacked(systems[i : i + LANES]), stacked(grounds[i : i + LANES])))
         for i in range(0, len(systems), LANES)
     ]
     n = len(systems) - spare
@@ -125,5 +125,5 @@ def padded(ground, wavelets=WAVELETS):
     )
 
 
-def _stacked(trees):
+def stacked(trees):
     return jax.tree.map(lambda *x: jnp.asarray(np.stack(x), float), *trees)

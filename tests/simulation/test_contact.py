@@ -10,7 +10,7 @@ import pytest
 
 import jaxpound as jp
 from tests.reference import convergence_order, load
-from tests.simulation.pairs import FORCES, OneOf, in_unit_of_time, padded
+from tests.simulation.pairs import FORCES, OneOf, in_unit_of_time, padded, stacked
 from tests.simulation.test_events import LAWS
 
 CASES = load("contact")["cases"]
@@ -196,8 +196,7 @@ def test_derivatives_of_pairs_are_those_of_the_reference(laws):
     given = [numbers(case) for case in cases]
     by = {name: jnp.array([p[name] for p in given]) for name in FIELDS}
     which = jnp.array([p["which"] for p in given])
-    stacked = jax.tree.map(lambda *x: jnp.asarray(np.stack(x), float), *grounds)
-    found = jax.jit(jax.vmap(jax.jacfwd(outputs)))(by, which, stacked)
+    found = jax.jit(jax.vmap(jax.jacfwd(outputs)))(by, which, stacked(grounds))
     within = []
     for i, case in enumerate(cases):
         names, of = [*case["derivatives"]], case["derivatives_of"]
