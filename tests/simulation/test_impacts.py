@@ -144,7 +144,8 @@ def test_blocks_pressed_together_for_the_whole_run_move_as_one(name):
         phases = one.phases()
         assert sum(p.end - p.start for p in phases if not p.contact) < 50 * GRID.dt
         assert phases[-1].contact
-        assert all(p.start < p.end for p in phases)
+        # None shorter than what rounding makes of an instant.
+        assert min(p.end - p.start for p in phases) > 1e-9
     assert found[0].demand.n_impacts == 0
 
 
