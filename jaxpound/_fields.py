@@ -89,8 +89,9 @@ class Quantity(NamedTuple):
     """Where tables have it: those of lower rank come first."""
     limited: bool = False
     """Whether a design may be limited in it, or pay for it."""
-    contact: bool = False
-    """Whether only links with a law of contact have it."""
+    only: str = ""
+    """Which elements have it if not all do: links with a law of "contact", rods that are a "storey"
+    between two masses."""
 
     def of(self, number: str) -> Quantity:
         """The same, with the number in its names."""
@@ -138,11 +139,11 @@ def quantity(
     symbol: str = "",
     rank: int = 0,
     limited: bool = False,
-    contact: bool = False,
+    only: str = "",
     **kwargs: Any,
 ) -> Any:
     """A field that is a number or series of a result; as ``Quantity`` (kind None: a number)."""
-    known = Quantity(kind, words, column, symbol, rank, limited, contact)
+    known = Quantity(kind, words, column, symbol, rank, limited, only)
     return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
 
 

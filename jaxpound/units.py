@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import NoneType
 from typing import Any, TypeVar, overload
 
@@ -18,8 +18,10 @@ from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.parameters import put
-from jaxpound.model.rod import ZenerRod
+from jaxpound.model.row import FloorLink, Row, require_floors, require_heights
+from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import as_tuple
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
@@ -240,10 +242,7 @@ def dimensionless(
     instance("dimensionless", "building_2", building_2, Building)
     friction_force, gap = not_negative("dimensionless", friction_force=friction_force, gap=gap)
     scales = Scales(building_1.mass, (building_1.stiffness / building_1.mass) ** 0.5, gravity)
-    rod_1, rod_2 = (
-        ZenerRod(b.order, b.tau_f * scales.frequency**b.order, b.tau_x * scales.frequency**b.order)
-        for b in (building_1, building_2)
-    )
+    rod_1, rod_2 = (b.material(scales.frequency) for b in (building_1, building_2))
     structures = AdjacentStructures(
         rod_1=rod_1,
         rod_2=rod_2,
@@ -254,6 +253,69 @@ def dimensionless(
         contact=_in_other_units("dimensionless", "contact", contact, scales, operator.truediv),
     )
     return structures, scales
+
+
+def dimensionless_row(
+    buildings: Sequence[Building | ShearBuilding],
+    links: Sequence[FloorLink] = (),
+    gravity: Any = STANDARD_GRAVITY,
+) -> tuple[Row, Scales]:
+    """Buildings in a row, with links between their floors, in the form of eq. (9).
+
+    Parameters
+    ----------
+    buildings
+        From left to right, ``ShearBuilding`` or, of one storey, ``Building``. The first storey of
+        the first one sets the scales. Positive displacement is to the right.
+    links
+        What is between their floors: friction in N, gap in m, contact laws in SI units.
+    gravity
+        g > 0, m/s².
+
+    Returns
+    -------
+    The dimensionless row, and the scales that bring results back to SI.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule, a link names a building or floor that is not there, or one
+        without ``next_floor`` would join floors at different heights.
+
+    Examples
+    --------
+    >>> low = jp.ShearBuilding.from_period(2, 300e3, period=0.3, damping_ratio=0.05)
+    >>> high = jp.ShearBuilding.from_period(4, 300e3, period=0.6, damping_ratio=0.05)
+    >>> links = jp.floor_links((low, high), friction=50e3, gap=0.05)
+    >>> row, scales = jp.dimensionless_row((low, high), links)
+    >>> len(row.links), round(float(row.links[1].gap * scales.length), 6)  # back in m
+    (2, 0.05)
+    """
+    owner = "dimensionless_row"
+    buildings, links = as_tuple(owner, "buildings", buildings), as_tuple(owner, "links", links)
+    for i, building in enumerate(buildings):
+        instance(owner, f"buildings.{i}", building, ShearBuilding, Building)
+    for k, link in enumerate(links):
+        instance(owner, f"links.{k}", link, FloorLink)
+    require_floors(owner, [len(storeys_of(building)) for building in buildings], links)
+    require_heights(owner, buildings, links)
+    first = storeys_of(buildings[0])[0]
+    scales = Scales(first.mass, (first.stiffness / first.mass) ** 0.5, gravity)
+    of_first = first.mass, first.stiffness, scales.frequency
+    return Row(
+        tuple(in_units(building, *of_first) for building in buildings),
+        tuple(
+            dataclasses.replace(
+                link,
+                friction=link.friction / scales.force,
+                gap=link.gap / scales.length,
+                contact=_in_other_units(
+                    owner, f"links.{k}.contact", link.contact, scales, operator.truediv
+                ),
+            )
+            for k, link in enumerate(links)
+        ),
+    ), scales
 
 
 def _in_other_units(

@@ -116,7 +116,7 @@ def priced(
         for price, x in prices.items():
             place = f"{name}: [{table}] {price}"
             about = known_of(price)
-            if about is not None and about.contact and law is None:
+            if about is not None and about.only == "contact" and law is None:
                 raise ValueError(f"{place} must not be given without a law of [contact]")
             if law == "newton" and price in _BY_FORCE:
                 rule = 'must not be given with law = "newton", whose impacts have none'

@@ -218,7 +218,7 @@ def of_contact(response: jp.Response) -> dict[str, Any]:
     scalars = {
         column(name, about.kind, si=True): float(getattr(link, name))
         for name, about in quantities(type(link)).items()
-        if about.contact
+        if about.only == "contact"
     }
     kinds = {name: about.kind for name, about in quantities(ImpactSeries).items()}
     impacts = [

@@ -20,7 +20,7 @@ from jaxpound._checks import (
     positive,
     require_share,
 )
-from jaxpound.model.system import System
+from jaxpound.model.system import GROUND, System, Topology
 from jaxpound.results.demand import known_of, limited_columns
 
 DAMPER = "damper_force"
@@ -35,10 +35,11 @@ def prices_of(system: System) -> tuple[str, ...]:
     """
     touching = [link.contact is not None for link in system.links]
     damper = (DAMPER,) if len(touching) == 1 else ()
-    return (*damper, *limited_columns(len(system.masses), len(system.rods), touching))
+    return (*damper, *limited_columns(system.topology, touching))
 
 
-PRICES = (DAMPER, *limited_columns(masses=2, rods=2, touching=[True]))
+_PAIR = Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),))
+PRICES = (DAMPER, *limited_columns(_PAIR, touching=[True]))
 """Those of two adjacent structures with a law of contact."""
 
 

@@ -108,6 +108,11 @@ class Building:
         storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
         return cls(mass, mass * omega**2 / storage, order, tau_f, tau_x)
 
+    def material(self, frequency: Any = 1.0) -> ZenerRod:
+        """The rod's law with relaxation times in units of 1/frequency^order; rad/s."""
+        size = frequency**self.order
+        return ZenerRod(self.order, self.tau_f * size, self.tau_x * size)
+
     @property
     def _rod(self) -> ZenerRod:
         return ZenerRod(self.order, self.tau_f, self.tau_x)

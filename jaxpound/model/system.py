@@ -38,7 +38,8 @@ class Rod:
         Long-time stiffness K > 0, in units of m1 ω1² for a dimensionless system.
     ends
         Masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and by
-        x_i if j is the ground; its force f pulls i back and j along.
+        x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may leave
+        them out, since they follow from the storey.
 
     Raises
     ------
@@ -48,10 +49,11 @@ class Rod:
 
     material: ZenerRod = part(ZenerRod)
     stiffness: Any = parameter("K", words="stiffness", above=0)
-    ends: Ends = static()
+    ends: Ends | None = static(default=None)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "ends", _two_ends("Rod", self.ends))
+        if self.ends is not None:
+            object.__setattr__(self, "ends", _two_ends("Rod", self.ends))
         check(self)
 
 
@@ -162,8 +164,11 @@ class System:
 
     def __post_init__(self) -> None:
         for name in ("masses", "rods", "links"):
-            object.__setattr__(self, name, _as_tuple(name, getattr(self, name)))
+            object.__setattr__(self, name, as_tuple("System", name, getattr(self, name)))
         check(self)
+        for k, rod in enumerate(self.rods):
+            if rod.ends is None:
+                raise ValueError(f"System: rods.{k}.ends = None must be two masses, or GROUND")
         _check_topology(self.topology)
 
     def system(self) -> System:
@@ -175,14 +180,15 @@ class System:
         """Number of masses, and the ends of rods and links."""
         return Topology(
             len(self.masses),
-            tuple(rod.ends for rod in self.rods),
+            tuple(rod.ends for rod in self.rods if rod.ends is not None),
             tuple(link.ends for link in self.links),
         )
 
 
-def _as_tuple(name: str, value: Any) -> tuple[Any, ...]:
+def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
+    """A sequence as a tuple; a ``ValueError`` for anything else."""
     if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
-        raise ValueError(f"System: {name} = {value!r} must be a tuple")
+        raise ValueError(f"{owner}: {name} = {value!r} must be a tuple")
     return tuple(value)
 
 
@@ -214,11 +220,50 @@ def _check_topology(topology: Topology) -> None:
         if held[mass] != held[GROUND]:
             rule = "must be tied to the ground by rods, directly or through other masses"
             raise ValueError(f"System: masses.{mass} {rule}")
-    for k, ends in enumerate(topology.links):
-        joined = _groups(n, topology.links[:k])
-        if joined[ends[0]] == joined[ends[1]]:
-            rule = "must not close a ring with the links before it"
-            raise ValueError(f"System: links.{k}.ends = {ends} {rule}")
+    closing = ring(topology)
+    if closing is not None:
+        rule = "must not close a ring with the links before it"
+        raise ValueError(f"System: links.{closing}.ends = {topology.links[closing]} {rule}")
+
+
+def ring(topology: Topology) -> int | None:
+    """The first link that closes a ring with the links before it; None if none does."""
+    for k, (i, j) in enumerate(topology.links):
+        joined = _groups(topology.n_masses, topology.links[:k])
+        if joined[i] == joined[j]:
+            return k
+    return None
+
+
+def is_storey(ends: Ends) -> bool:
+    """Whether a rod is between two masses."""
+    return GROUND not in ends
+
+
+@cache
+def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """The floors of each building, from the ground up: each a mass and the rod of its storey.
+
+    Raises
+    ------
+    ValueError
+        If the masses are no shear buildings: floors one above the other, each on one rod.
+    """
+    beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
+    for rod, (i, j) in enumerate(topology.rods):
+        beside[i].append((j, rod))
+        beside[j].append((i, rod))
+    found = []
+    for first in beside[GROUND]:
+        building, seen = [first], {GROUND, first[0]}
+        while len(nexts := [one for one in beside[building[-1][0]] if one[0] not in seen]) == 1:
+            building += nexts
+            seen.add(nexts[0][0])
+        found.append(tuple(building))
+    masses = sorted(mass for building in found for mass, _ in building)
+    if masses != list(range(topology.n_masses)):
+        raise ValueError("structures: masses must be shear buildings, each floor on one rod")
+    return tuple(sorted(found))
 
 
 def elongation(ends: Ends, x: Sequence[Any]) -> Any:

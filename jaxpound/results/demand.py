@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
+from jaxpound.model.system import Topology, is_storey
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.elements import (
@@ -60,6 +61,18 @@ class RodDemand:
         limited=True,
     )
     """Largest |f|, the rod's force (of a rod to the ground, the base shear)."""
+    peak_drift: Any = quantity(
+        "length",
+        "peak drift of storey {}",
+        "peak_drift_{}",
+        "peak drift $|d_{}|$",
+        rank=2,
+        limited=True,
+        only="storey",
+        default=None,
+    )
+    """Largest |e|, the elongation of a rod between two masses: the drift of a storey. None for a
+    rod to the ground, of which it is ``peak_x`` of its mass."""
 
 
 @pytree_dataclass
@@ -110,7 +123,7 @@ class LinkDemand:
         "peak contact force $p$",
         rank=11,
         limited=True,
-        contact=True,
+        only="contact",
         default=None,
     )
     """Largest contact force p; of ``Newton``'s law, whose impacts have impulses but no force, the
@@ -122,7 +135,7 @@ class LinkDemand:
         "peak impulse",
         rank=12,
         limited=True,
-        contact=True,
+        only="contact",
         default=None,
     )
     """Impulse ∫ p dt of the strongest impact."""
@@ -133,7 +146,7 @@ class LinkDemand:
         r"peak penetration $\delta$",
         rank=13,
         limited=True,
-        contact=True,
+        only="contact",
         default=None,
     )
     """Largest penetration −ξ, 0 where the gap never closes."""
@@ -143,7 +156,7 @@ class LinkDemand:
         "n_impacts",
         "number of impacts",
         rank=14,
-        contact=True,
+        only="contact",
         default=None,
     )
     """Touches after the link was apart, faster than 1e-4 of the fastest before."""
@@ -153,7 +166,7 @@ class LinkDemand:
         "first_impact_time",
         "time of first impact $t$",
         rank=15,
-        contact=True,
+        only="contact",
         default=None,
     )
     """When the first impact begins; infinite if there is none."""
@@ -164,7 +177,7 @@ class LinkDemand:
         "energy lost by contact",
         rank=16,
         limited=True,
-        contact=True,
+        only="contact",
         default=None,
     )
     """Energy lost by contact, the work of p less what its spring has stored."""
@@ -175,7 +188,7 @@ class LinkDemand:
         "soft peak contact force",
         rank=17,
         limited=True,
-        contact=True,
+        only="contact",
         default=None,
     )
     """(Σ P⁸)^(1/8) of all impacts' peak forces P: smooth also where two are equally strong. Zero by
@@ -377,16 +390,20 @@ def unit_of(name: str, si: bool) -> str:
     return unit(kind_of(name), si)
 
 
-def limited_columns(masses: int, rods: int, touching: Sequence[bool]) -> list[str]:
+def limited_columns(topology: Topology, touching: Sequence[bool]) -> list[str]:
     """Flat names of what a design may be limited in.
 
-    Given are the numbers of masses and rods, and of each link whether it has a law of contact.
+    Given are the masses, rods and links, and of each link whether it has a law of contact.
     """
-    columns = columns_of(Demand, {"masses": masses, "rods": rods, "links": len(touching)})
+    has = {
+        "contact": touching,
+        "storey": [is_storey(ends) for ends in topology.rods],
+    }
+    sizes = {"masses": topology.n_masses, "rods": len(topology.rods), "links": len(touching)}
     return [
         name
-        for known, names in columns
+        for known, names in columns_of(Demand, sizes)
         if known.limited
         for i, name in enumerate(names)
-        if not known.contact or touching[i]
+        if not known.only or has[known.only][i]
     ]

@@ -1,27 +1,29 @@
-"""Two buildings and a record in SI units: the choice of the time step, and the run."""
+"""Buildings and a record in SI units: the choice of the time step, and the run."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from jaxpound._checks import instance, is_traced, number
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep
+from jaxpound.ground.plausibility import excessive, tell
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.row import FloorLink, Row
+from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.response import Response
-from jaxpound.simulation.run import respond
+from jaxpound.simulation.run import of_links, respond
 from jaxpound.simulation.scheme import Scheme, stability_limit
-from jaxpound.units import Scales, dimensionless
+from jaxpound.units import Scales, dimensionless, dimensionless_row
 
 STEPS_PER_PERIOD = 50
 """Steps in a natural period, at least: the scheme's error in a free vibration is then below 0.1 %
@@ -112,34 +114,133 @@ def simulate_buildings(
     0.061 m
     """
     owner = "simulate_buildings"
-    instance(owner, "record", record, Record)
-    instance(owner, "scheme", scheme, Scheme)
+    known = {"building_1": building_1, "building_2": building_2}
     between = friction_force, gap
     structures, scales = dimensionless(building_1, building_2, *between, gravity, contact)
-    shaking = scales.to_dimensionless(record)
-    if is_traced((building_1, building_2, record.dt)):
-        rule = "must be known, since the time step follows from them; simulate takes traced ones"
-        raise ValueError(f"{owner}: buildings and record.dt {rule}")
-    for name, building in (("building_1", building_1), ("building_2", building_2)):
-        if shape := np.broadcast_shapes(*map(np.shape, jax.tree.leaves(building))):
-            raise ValueError(f"{owner}: {name} of shape {shape} must be one building, not a batch")
     # Neither damper nor gap nor contact, which may be traced, matters to the time step.
     pair = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
-    with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
-        grid = record_grid(f"{owner}:", pair, scales, scheme, record, duration, dt)
-    response = respond(owner, structures, shaking, grid, scheme, strict)
-    in_si = scales.to_si(response)
-    moved = in_si.demand.peak_x1 + in_si.demand.peak_x2
-    findings = excessive(record, response.demand.pga, "record")
-    findings += far_apart("gap", gap, moved, si=True)
-    findings += too_deep("contact", in_si.demand.links[0].peak_penetration, moved, si=True)
-    tell(owner, findings, strict)
-    return in_si
+    run = _Run(owner, structures, scales, scheme, ("gap", "contact"), strict)
+    return run.under(record, known, pair, duration, dt)
+
+
+def simulate_row(
+    buildings: Sequence[Building | ShearBuilding],
+    links: Sequence[FloorLink],
+    record: Record,
+    *,
+    duration: float | None = None,
+    dt: float | None = None,
+    scheme: Scheme = Scheme(),
+    gravity: Any = STANDARD_GRAVITY,
+    strict: bool = False,
+) -> Response:
+    """Response of buildings in a row, of one or more storeys, to a record; all in SI units.
+
+    ``dimensionless_row``, ``simulate`` and ``Scales`` in one call, as in ``jaxpound simulate``.
+
+    Parameters
+    ----------
+    buildings
+        From left to right, ``ShearBuilding`` or, of one storey, ``Building``. Positive displacement
+        is to the right.
+    links
+        What is between their floors: friction in N, gap in m, contact laws in SI units.
+    record
+        The ground acceleration, in g and seconds, as ``read_record`` gives it.
+    duration
+        Duration of the run, s; by default the record's.
+    dt
+        Time step, s; by default the record's sample interval, or the largest 1/n of it, n whole,
+        with at least 50 steps in the shortest of the buildings' first periods and within half of
+        the stability limit, which the highest mode sets.
+    scheme, gravity, strict
+        As in ``simulate_buildings``.
+
+    Returns
+    -------
+    Response
+        In s, m, N and m/s²; its masses and rods are floors and storeys, building by building.
+
+    Raises
+    ------
+    ValueError
+        As in ``simulate_buildings`` and ``dimensionless_row``.
+    FloatingPointError
+        If the run ends in non-finite numbers although its input was valid.
+
+    Warns
+    -----
+    PlausibilityWarning
+        As in ``simulate_buildings``, of every link whose gap is finite.
+
+    Examples
+    --------
+    >>> low = jp.ShearBuilding.from_period(2, 300e3, period=0.3, damping_ratio=0.05)
+    >>> high = jp.ShearBuilding.from_period(3, 300e3, period=0.6, damping_ratio=0.05)
+    >>> t = 0.02 * np.arange(250)
+    >>> record = jp.Record(0.2 * np.sin(10 * t) * np.exp(-((t - 2) ** 2)), dt=0.02, name="burst")
+    >>> law = jp.KelvinVoigt(stiffness=5e9, restitution=0.65)
+    >>> links = jp.floor_links((low, high), gap=0.02, contact=law)
+    >>> response = jp.simulate_row((low, high), links, record)
+    >>> print(*(f"{float(link.min_gap):.3f} m" for link in response.demand.links))
+    0.010 m -0.001 m
+    """
+    owner = "simulate_row"
+    row, scales = dimensionless_row(buildings, links, gravity)
+    known = {f"buildings.{i}": building for i, building in enumerate(buildings)}
+    run = _Run(owner, row, scales, scheme, None, strict)
+    return run.under(record, known, dataclasses.replace(row, links=()), duration, dt)
+
+
+class _Run(NamedTuple):
+    """A run of structures in SI units for the function ``owner``."""
+
+    owner: str
+    structures: AdjacentStructures | Row
+    scales: Scales
+    scheme: Scheme
+    alone: tuple[str, str] | None
+    strict: bool
+
+    def under(
+        self,
+        record: Record,
+        known: Mapping[str, Building | ShearBuilding],
+        unlinked: AdjacentStructures | Row,
+        duration: float | None,
+        dt: float | None,
+    ) -> Response:
+        """The response to a record; buildings must be ``known``, by name, for the time step."""
+        owner, scales = self.owner, self.scales
+        instance(owner, "record", record, Record)
+        instance(owner, "scheme", self.scheme, Scheme)
+        shaking = scales.to_dimensionless(record)
+        if is_traced((tuple(known.values()), record.dt)):
+            rule = (
+                "must be known, since the time step follows from them; simulate takes traced ones"
+            )
+            raise ValueError(f"{owner}: buildings and record.dt {rule}")
+        for name, building in known.items():
+            if shape := np.broadcast_shapes(*map(np.shape, jax.tree.leaves(building))):
+                raise ValueError(
+                    f"{owner}: {name} of shape {shape} must be one building, not a batch"
+                )
+        with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
+            grid = record_grid(f"{owner}:", unlinked, scales, self.scheme, record, duration, dt)
+        response = respond(owner, self.structures, shaking, grid, self.scheme, self.strict)
+        in_si = scales.to_si(response)
+        findings = excessive(record, response.demand.pga, "record")
+        links = [
+            dataclasses.replace(link, gap=link.gap * scales.length)
+            for link in self.structures.system().links
+        ]
+        tell(owner, [*findings, *of_links(links, in_si.demand, self.alone)], self.strict)
+        return in_si
 
 
 def record_grid(
     place: str,
-    structures: AdjacentStructures,
+    structures: AdjacentStructures | Row,
     scales: Scales,
     scheme: Scheme,
     record: Record,
@@ -167,8 +268,8 @@ def record_grid(
     return time_grid(place, scales, float(number(place.rstrip(":"), "duration", whole)), dt)
 
 
-def natural_periods(structures: AdjacentStructures, scales: Scales) -> list[float]:
-    """Natural periods of the two buildings, uncoupled, s."""
+def natural_periods(structures: AdjacentStructures | Row, scales: Scales) -> list[float]:
+    """Natural period of the first mode of each building, uncoupled, s."""
     return [2 * math.pi / float(w) * float(scales.time) for w in structures.natural_frequencies]
 
 

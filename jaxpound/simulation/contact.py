@@ -206,7 +206,7 @@ def settle(
         jump=after - before.closing - h * velocity,
         turns=record.turns > 0,
         turn_time=record.farthest_time,
-        turn=jnp.where(record.turns > 0, record.farthest, 0.0) - closing_now,
+        turn=jnp.where(record.turns > 0, record.farthest - closing_now, 0.0),
         turn_forces=(at.friction, at.friction),
         phase=jnp.where(passed.held > 0, 0.0, jnp.sign(velocity)),
         change_time=record.change_time,

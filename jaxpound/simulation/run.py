@@ -7,6 +7,7 @@ where ``step`` moves it and ``Tally`` observes it, to a ``Demand`` or a ``Respon
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -231,18 +232,34 @@ def _look(
     """Warn of implausible results of a run with known values, or refuse them."""
     if is_traced((structures, found)):
         return
-    findings, gaps = excessive(ground, found.pga), structures.system().links
-    for k, link in enumerate(gaps):
-        if link.gap < np.inf:  # else no contact is meant
-            ends = [end for end in link.ends if end != GROUND]
-            moved = sum(found.masses[end].peak_x for end in ends)
-            place = "" if hasattr(structures, "initial_gap") else f"links.{k}."
-            findings += far_apart(
-                f"{place}gap" if place else "initial_gap", link.gap, moved, si=False
-            )
-            depth = found.links[k].peak_penetration
-            findings += too_deep(f"{place}contact", depth, moved, si=False)
+    alone = ("initial_gap", "contact") if hasattr(structures, "initial_gap") else None
+    findings = excessive(ground, found.pga)
+    findings += of_links(structures.system().links, found, alone)
     tell(owner, findings, strict)
+
+
+def of_links(
+    links: Iterable[Link], found: Demand, alone: tuple[str, str] | None = None
+) -> list[str]:
+    """Findings in the gaps and contact laws of a run.
+
+    Parameters
+    ----------
+    links
+        The links, in the units of ``found``.
+    found
+        The scalars of the run.
+    alone
+        What gap and law are called where there is but one link; by default links are numbered.
+    """
+    findings = []
+    for k, link in enumerate(links):
+        if is_traced(link.gap) or link.gap < np.inf:  # else no contact is meant
+            moved = sum(found.masses[end].peak_x for end in link.ends if end != GROUND)
+            gap, law = alone or (f"links.{k}.gap", f"links.{k}.contact")
+            findings += far_apart(gap, link.gap, moved, si=found.si)
+            findings += too_deep(law, found.links[k].peak_penetration, moved, si=found.si)
+    return findings
 
 
 _TIMES = ("touch_time", "end_time")

@@ -10,13 +10,22 @@ taken at the grid's instants.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
-from jaxpound.model.system import System, link_groups, load_on
+from jaxpound.model.system import (
+    GROUND,
+    Ends,
+    System,
+    elongation,
+    is_storey,
+    link_groups,
+    load_on,
+)
 from jaxpound.results.demand import Demand, LinkDemand, MassDemand, RodDemand
 from jaxpound.simulation.contact import ContactMotion
 from jaxpound.simulation.forces import APART, is_deformed
@@ -254,6 +263,36 @@ def _total_force(motion: LinkMotion) -> jax.Array:
     return motion.force + motion.contact.passed.now.contact
 
 
+def _displaced(
+    peak: Peak,
+    ends: Ends,
+    x: Sequence[Any],
+    v: Sequence[Any],
+    now: Instant,
+    system: Elements,
+    links: tuple[LinkTally, ...],
+) -> Peak:
+    """The peak of x_i − x_j, or of x_i where j is the ground: at an impact the path has a kink."""
+    here, speed = elongation(ends, x), elongation(ends, v)
+    kinks, reached = [], []
+    for group, coupled in zip(link_groups(system.topology), system.couplings, strict=True):
+        if coupled is None or not {*ends} & {*group.masses}:
+            continue
+        for n, k in enumerate(group.links):
+            contact, link = links[k].contact, now.links[k]
+            if contact is not None:
+                kinks.append(contact.is_kink)
+            # Where a closing turned in the step, as far as its own change moves the masses.
+            shares = [coupled.shifts[m][n] if m in group.masses else 0.0 for m in range(len(x))]
+            share = elongation(ends, shares)
+            late, met = link.motion.turn_time, link.motion.contact.passed.record.touched > 0
+            drift = late * (speed - share * link.velocity)
+            reached.append(jnp.where(met, here + drift + share * link.motion.turn, here))
+    if not kinks:
+        return peak.observe(here)
+    return peak.observe(here, ~jnp.stack(kinks).any()).reaching(*reached)
+
+
 class Tally(NamedTuple):
     """Running values for a ``Demand``."""
 
@@ -261,6 +300,7 @@ class Tally(NamedTuple):
     x: tuple[Peak, ...]
     acceleration: tuple[Peak, ...]
     forces: tuple[Peak, ...]  # of the rods
+    drifts: tuple[Peak | None, ...]  # of those between two masses
     links: tuple[LinkTally, ...]
 
     @staticmethod
@@ -280,6 +320,7 @@ class Tally(NamedTuple):
             x=(peak,) * topology.n_masses,
             acceleration=(peak,) * topology.n_masses,
             forces=(peak,) * len(topology.rods),
+            drifts=tuple(peak if is_storey(ends) else None for ends in topology.rods),
             links=links,
         )
 
@@ -294,50 +335,29 @@ class Tally(NamedTuple):
             link.observe(seen, turned, now.time, share, last, temperature)
             for link, seen, turned in zip(self.links, now.links, turns, strict=True)
         )
-        x = of_all_masses(system.topology, now.x, [link.closing for link in now.links])
-        v = of_all_masses(system.topology, now.v, [link.velocity for link in now.links])
+        topology = system.topology
+        x = of_all_masses(topology, now.x, [link.closing for link in now.links])
+        v = of_all_masses(topology, now.v, [link.velocity for link in now.links])
+
+        def observed(peak: Peak, ends: Ends) -> Peak:
+            return _displaced(peak, ends, x, v, now, system, links)
+
         return Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
-            x=tuple(
-                self._displacement(mass, x[mass], v[mass], now, system, links)
-                for mass in range(system.topology.n_masses)
-            ),
+            x=tuple(observed(peak, (mass, GROUND)) for mass, peak in enumerate(self.x)),
             acceleration=tuple(
                 self._acceleration(mass, now, system, turns, links, dt)
-                for mass in range(system.topology.n_masses)
+                for mass in range(topology.n_masses)
             ),
             forces=tuple(
                 peak.observe(force) for peak, force in zip(self.forces, now.forces, strict=True)
             ),
+            drifts=tuple(
+                None if peak is None else observed(peak, ends)
+                for peak, ends in zip(self.drifts, topology.rods, strict=True)
+            ),
             links=links,
         )
-
-    def _displacement(
-        self,
-        mass: int,
-        x: jax.Array,
-        v: jax.Array,
-        now: Instant,
-        system: Elements,
-        links: tuple[LinkTally, ...],
-    ) -> Peak:
-        """A mass's peak displacement: at an impact its path has a kink."""
-        peak = self.x[mass]
-        for group, coupled in zip(link_groups(system.topology), system.couplings, strict=True):
-            if coupled is None or mass not in group.masses:
-                continue
-            contacts = [contact for k in group.links if (contact := links[k].contact) is not None]
-            if not contacts:
-                continue
-            peak = peak.observe(x, ~jnp.stack([contact.is_kink for contact in contacts]).any())
-            # Where a closing turned in the step, as far as its own change moves the mass.
-            for share, k in zip(coupled.shifts[mass], group.links, strict=True):
-                link = now.links[k]
-                late, met = link.motion.turn_time, link.motion.contact.passed.record.touched > 0
-                drift = late * (v - share * link.velocity)
-                peak = peak.reaching(jnp.where(met, x + drift + share * link.motion.turn, x))
-            return peak
-        return peak.observe(x)
 
     def _acceleration(
         self,
@@ -391,7 +411,12 @@ class Tally(NamedTuple):
                 MassDemand(peak_x=x.largest, peak_acceleration=a.largest)
                 for x, a in zip(self.x, self.acceleration, strict=True)
             ),
-            rods=tuple(RodDemand(peak_force=force.largest) for force in self.forces),
+            rods=tuple(
+                RodDemand(
+                    peak_force=force.largest, peak_drift=None if drift is None else drift.largest
+                )
+                for force, drift in zip(self.forces, self.drifts, strict=True)
+            ),
             links=tuple(
                 tally.demand(link.gap, link.friction if set_valued else None, temperature)
                 for tally, link in zip(self.links, system.links, strict=True)

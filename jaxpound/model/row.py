@@ -1,0 +1,296 @@
+"""Buildings of one or more storeys in a row, and the links between their floors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from jaxpound._checks import Rule
+from jaxpound._fields import assembled, check, like, part, pytree_dataclass, static
+from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.storeys import Storeys
+from jaxpound.model.system import GROUND, Ends, Link, System, Topology, as_tuple, ring
+from jaxpound.model.vibration import modes
+
+
+@pytree_dataclass
+class FloorLink:
+    """What is between two floors of a row: dry friction, a gap, and contact where the gap closes.
+
+    It stands between neighbouring buildings; or between two floors of one building, a friction
+    brace; or between a floor and the ground. Buildings and floors are numbered from 0.
+
+    Parameters
+    ----------
+    building
+        The building on the left.
+    floor
+        Its floor.
+    next_floor
+        The floor at the other end. By default that of the same number, or in a brace the floor
+        below; ``GROUND`` there is the ground.
+    friction, gap, contact
+        As in ``Link``: slip force μ ≥ 0, gap ξ0 ≥ 0 at rest (infinite by default) and law of
+        contact; dimensionless in a ``Row``, in N, m and SI units between buildings in SI.
+    next_building
+        The building at the other end: by default the next one to the right; ``building`` itself
+        for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule, or a number is none of a building or floor.
+
+    Examples
+    --------
+    >>> print(jp.FloorLink(building=0, floor=2, friction=0.1))
+    floor 2 of building 0 and floor 2 of building 1
+    >>> print(jp.FloorLink(building=1, floor=3, friction=0.2, next_building=1))  # a brace
+    floor 3 of building 1 and floor 2 of building 1
+    """
+
+    building: int = static()
+    floor: int = static()
+    next_floor: int | None = static(default=None)
+    friction: Any = like(Link, "friction", default=0.0)
+    gap: Any = like(Link, "gap", default=np.inf)
+    contact: ContactLaw | Newton | None = like(Link, "contact", default=None)
+    next_building: int | None = static(default=None)
+
+    def __post_init__(self) -> None:
+        for name in ("building", "floor", "next_floor", "next_building"):
+            number, least = getattr(self, name), GROUND if name.startswith("next") else 0
+            if number is None and least == GROUND:
+                continue
+            whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+            if not (whole and number >= least):
+                rule = "a whole number from 0 on" + (", or GROUND" if least else "")
+                raise ValueError(f"FloorLink: {name} = {number!r} must be {rule}")
+            object.__setattr__(self, name, int(number))
+        check(self)
+
+    def more_rules(self, prefix: str) -> list[Rule]:
+        """Those of a ``Link``: a gap that can close is finite."""
+        return Link.more_rules(self, prefix)  # type: ignore[arg-type]
+
+    @property
+    def other_building(self) -> int:
+        """The building at the other end, or ``GROUND``."""
+        return self.building + 1 if self.next_building is None else self.next_building
+
+    @property
+    def other_floor(self) -> int:
+        """The floor at the other end, or ``GROUND``."""
+        if self.other_building == GROUND:
+            return GROUND
+        if self.next_floor is not None:
+            return self.next_floor
+        return self.floor - (self.other_building == self.building)
+
+    def __str__(self) -> str:
+        one = f"floor {self.floor} of building {self.building}"
+        if self.other_floor == GROUND:
+            return f"{one} and the ground"
+        return f"{one} and floor {self.other_floor} of building {self.other_building}"
+
+
+@pytree_dataclass
+class Row:
+    """Buildings side by side, from left to right, with links between their floors; dimensionless.
+
+    Parameters
+    ----------
+    buildings
+        ``Storeys``, from left to right. Their floors are the masses of ``system()`` in this order,
+        floor by floor from the ground up: so are ``masses`` and ``rods`` of its results.
+    links
+        What is between floors (``floor_links`` makes them for every common floor). They may not
+        close a ring: the friction forces of a ring in stick are not determined.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule, a link names a building or floor that is not there, both
+        its ends are one floor, it skips a building, or links close a ring.
+
+    Examples
+    --------
+    A house of two storeys beside one of a single storey, a damper and contact between their first
+    floors:
+
+    >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
+    >>> low, high = (jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (1, 2))
+    >>> law = jp.KelvinVoigt(stiffness=300.0, restitution=0.65)
+    >>> row = jp.Row((high, low), (jp.FloorLink(0, 0, friction=0.1, gap=0.2, contact=law),))
+    >>> row.system().links[0].ends
+    (0, 2)
+    """
+
+    buildings: tuple[Storeys, ...] = part(Storeys, each=True)
+    links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
+
+    def __post_init__(self) -> None:
+        for name in ("buildings", "links"):
+            object.__setattr__(self, name, as_tuple("Row", name, getattr(self, name)))
+        check(self)
+        require_floors("Row", [building.n_floors for building in self.buildings], self.links)
+
+    @property
+    def natural_frequencies(self) -> tuple[Any, ...]:
+        """Natural frequency of the first mode of each building (``jp.modes``), in units of ω1."""
+        return tuple(modes(building).frequencies[0] for building in self.buildings)
+
+    def system(self) -> System:
+        """Masses, rods and links, building by building."""
+        starts = first_floors([building.n_floors for building in self.buildings])
+        return assembled(
+            System,
+            masses=tuple(mass for building in self.buildings for mass in building.masses),
+            rods=tuple(
+                rod
+                for building, first in zip(self.buildings, starts, strict=False)
+                for rod in building.rods_from(first)
+            ),
+            links=tuple(
+                assembled(
+                    Link,
+                    ends=_ends(link, starts),
+                    friction=link.friction,
+                    gap=link.gap,
+                    contact=link.contact,
+                )
+                for link in self.links
+            ),
+        )
+
+
+def floor_links(
+    buildings: Sequence[Any],
+    *,
+    friction: Any = 0.0,
+    gap: Any = np.inf,
+    contact: ContactLaw | Newton | None = None,
+) -> tuple[FloorLink, ...]:
+    """Equal links between neighbouring buildings at every common floor.
+
+    Parameters
+    ----------
+    buildings
+        ``Storeys`` or ``ShearBuilding``, from left to right. Common are floors of the same number;
+        of buildings in SI, those at the same height, to a slab's thickness of 0.2 m.
+    friction, gap, contact
+        As in ``FloorLink``.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two buildings, or neighbours have no common floor.
+
+    Examples
+    --------
+    >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
+    >>> low, high = (jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (2, 3))
+    >>> [str(link) for link in jp.floor_links((low, high), friction=0.1, gap=0.2)][1]
+    'floor 1 of building 0 and floor 1 of building 1'
+    """
+    buildings = as_tuple("floor_links", "buildings", buildings)
+    if len(buildings) < 2:
+        raise ValueError(f"floor_links: buildings, {len(buildings)} of them, must be two or more")
+    found = []
+    for i, (left, right) in enumerate(pairwise(buildings)):
+        common = common_floors(left, right)
+        if not common:
+            rule = "must have floors at the same height"
+            raise ValueError(f"floor_links: buildings {i} and {i + 1} {rule}")
+        found += [FloorLink(i, one, other, friction, gap, contact) for one, other in common]
+    return tuple(found)
+
+
+_SLAB = 0.2
+"""Floors whose heights differ by no more than this, in m, meet: about the thickness of a slab. In
+models with low storeys it is a quarter of a storey."""
+
+
+def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:
+    """Floors of two buildings that meet: of equal number or, where heights are known, height."""
+    for name, building in (("left", left), ("right", right)):
+        if not hasattr(building, "n_floors"):
+            raise ValueError(f"common_floors: {name} = {building!r} must be a building with floors")
+    if not (hasattr(left, "elevations") and hasattr(right, "elevations")):
+        return [(i, i) for i in range(min(left.n_floors, right.n_floors))]
+    pairs = np.ndindex(left.n_floors, right.n_floors)
+    return [(i, j) for i, j in pairs if _meet(left, i, right, j)]
+
+
+def _meet(left: Any, i: int, right: Any, j: int) -> bool:
+    slab = min(_SLAB, float(left.heights[i]) / 4, float(right.heights[j]) / 4)
+    return abs(float(left.elevations[i] - right.elevations[j])) <= slab * (1 + 1e-9)
+
+
+def require_floors(owner: str, floors: Sequence[int], links: Iterable[FloorLink]) -> None:
+    """A ``ValueError`` for links that do not join floors of these buildings.
+
+    Parameters
+    ----------
+    owner
+        What the message starts with.
+    floors
+        Number of floors of each building.
+    links
+        The links.
+    """
+    if not floors:
+        raise ValueError(f"{owner}: buildings = () must hold at least one building")
+    links = tuple(links)
+    for k, link in enumerate(links):
+        where = f"{owner}: links.{k}"
+        ends = ((link.building, link.floor, ""), (link.other_building, link.other_floor, "next_"))
+        for building, floor, which in ends:
+            if GROUND in (building, floor):
+                continue
+            if building >= len(floors):
+                rule = f"from 0 to {len(floors) - 1}: there are {len(floors)} buildings"
+                raise ValueError(f"{where}: {which}building = {building} must be {rule}")
+            if floor >= floors[building]:
+                rule = f"from 0 to {floors[building] - 1}, the floors of building {building}"
+                raise ValueError(f"{where}: {which}floor = {floor} must be {rule}")
+        one, other = ends[0][:2], ends[1][:2]
+        if one == other:
+            raise ValueError(f"{where}: {link} must be two different floors")
+        if other[0] not in (one[0], one[0] + 1, GROUND):
+            rule = f"{one[0] + 1} (to the right), {one[0]} itself or GROUND"
+            raise ValueError(f"{where}: next_building = {other[0]} must be {rule}")
+    starts = first_floors(floors)
+    topology = Topology(starts[-1], (), tuple(_ends(link, starts) for link in links))
+    closing = ring(topology)
+    if closing is not None:
+        rule = "must not close a ring with the links before it"
+        raise ValueError(f"{owner}: links.{closing} between {links[closing]} {rule}")
+
+
+def first_floors(floors: Iterable[int]) -> list[int]:
+    """The mass that is the lowest floor of each building, and the number of masses."""
+    return [0, *np.cumsum(list(floors)).tolist()]
+
+
+def _ends(link: FloorLink, starts: Sequence[int]) -> Ends:
+    """The ends of a link as masses of the system, where the lowest floors are ``starts``."""
+    floor = link.other_floor
+    other = GROUND if floor == GROUND else starts[link.other_building] + floor
+    return starts[link.building] + link.floor, other
+
+
+def require_heights(owner: str, buildings: Sequence[Any], links: Iterable[FloorLink]) -> None:
+    """A ``ValueError`` for links between floors at different heights that do not say so."""
+    for k, link in enumerate(links):
+        if link.next_floor is not None or link.other_building in (link.building, GROUND):
+            continue
+        left, right = buildings[link.building], buildings[link.other_building]
+        known = hasattr(left, "elevations") and hasattr(right, "elevations")
+        if known and not _meet(left, link.floor, right, link.other_floor):
+            one, other = left.elevations[link.floor], right.elevations[link.other_floor]
+            rule = "must be at one height; next_floor says which floor is meant where none is"
+            raise ValueError(f"{owner}: links.{k}: {link}, at {one:g} m and {other:g} m, {rule}")

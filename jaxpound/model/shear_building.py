@@ -1,0 +1,259 @@
+"""A building of several storeys in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import Rule, count, enforce, hint, is_traced, number
+from jaxpound._fields import assembled, check, parameter, part, pytree_dataclass
+from jaxpound.model.building import Building
+from jaxpound.model.storeys import Storeys
+from jaxpound.model.system import Rod, as_tuple
+from jaxpound.model.vibration import Modes, modes
+
+
+@pytree_dataclass
+class ShearBuilding:
+    """A building of storeys with rigid floors, in SI units, from the ground up.
+
+    Each storey is a ``Building`` of one block: the mass of its floor, on the rod of the storey
+    below that floor. ``of_storeys`` makes one from lists of numbers, ``from_period`` from a period
+    and a damping ratio, ``published`` has examples of the literature.
+
+    Parameters
+    ----------
+    storeys
+        The storeys, from the ground up.
+    heights
+        Height > 0 of each storey, m, or one for all; 3 m by default. Heights do not enter the
+        motion: they say which floors of neighbours meet, and are drawn in figures.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule, there is no storey, or there are not as many heights as
+        storeys.
+
+    Examples
+    --------
+    >>> building = jp.ShearBuilding.from_period(5, 300e3, period=0.6, damping_ratio=0.05)
+    >>> building.elevations.tolist()
+    [3.0, 6.0, 9.0, 12.0, 15.0]
+    >>> modes = building.modes()
+    >>> round(float(modes.periods[0]), 6), round(float(modes.damping_ratios[0]), 6)
+    (0.6, 0.05)
+    """
+
+    storeys: tuple[Building, ...] = part(Building, each=True)
+    heights: tuple[Any, ...] = parameter(
+        "h",
+        words="storey height",
+        above=0,
+        each=True,
+        single=True,
+        default=3.0,
+    )
+
+    def __post_init__(self) -> None:
+        owner, heights = "ShearBuilding", self.heights
+        object.__setattr__(self, "storeys", as_tuple(owner, "storeys", self.storeys))
+        n = self.n_floors
+        if not n:
+            raise ValueError(f"{owner}: storeys = () must hold at least one storey")
+        heights = (heights,) * n if np.ndim(heights) == 0 else as_tuple(owner, "heights", heights)
+        if len(heights) != n:
+            raise ValueError(f"{owner}: heights, {len(heights)} of them, must be {n}, as storeys")
+        object.__setattr__(self, "heights", heights)
+        check(self)
+
+    @classmethod
+    def of_storeys(
+        cls,
+        masses: Any,
+        stiffnesses: Any,
+        order: Any,
+        tau_f: Any,
+        tau_x: Any,
+        heights: Any = 3.0,
+    ) -> ShearBuilding:
+        """A building from its floors' masses and its storeys' rods.
+
+        Parameters
+        ----------
+        masses
+            Mass of each floor, kg, from the ground up.
+        stiffnesses
+            Long-time stiffness of each storey, N/m, or one for all.
+        order, tau_f, tau_x
+            The rods, as in ``Building``: a number for each storey, or one for all.
+        heights
+            Height of each storey, m, or one for all.
+
+        Raises
+        ------
+        ValueError
+            If a known value breaks its rule, or lengths differ.
+
+        Examples
+        --------
+        >>> masses, stiffnesses = [300e3, 300e3, 250e3], [4e8, 3.5e8, 3e8]
+        >>> jp.ShearBuilding.of_storeys(masses, stiffnesses, 0.5, 1e-3, 0.05).n_floors
+        3
+        """
+        owner = "ShearBuilding.of_storeys"
+        masses = as_tuple(owner, "masses", masses)
+        n = len(masses)
+        rods = {"stiffnesses": stiffnesses, "order": order, "tau_f": tau_f, "tau_x": tau_x}
+        listed = {name: _each(owner, name, value, n) for name, value in rods.items()}
+        storeys = tuple(
+            Building(*numbers) for numbers in zip(masses, *listed.values(), strict=True)
+        )
+        return cls(storeys, _each(owner, "heights", heights, n))
+
+    @classmethod
+    def from_period(
+        cls,
+        n_storeys: int,
+        storey_mass: Any,
+        period: Any,
+        damping_ratio: Any,
+        order: Any = 0.5,
+        tau_f: Any = None,
+        *,
+        taper: float = 1.0,
+        height: Any = 3.0,
+    ) -> ShearBuilding:
+        """The building of equal floors whose first mode has a given period and damping ratio.
+
+        All storeys have rods of one law, so that the modes' shapes are those of the stiffnesses
+        alone: in its first mode the building vibrates as one block, and the block's rod is that of
+        ``Building.from_period``.
+
+        Parameters
+        ----------
+        n_storeys
+            Number of storeys, at least 1.
+        storey_mass
+            Mass of each floor > 0, kg.
+        period
+            Equivalent natural period of the first mode > 0, s.
+        damping_ratio
+            Its equivalent viscous damping ratio ≥ 0 (0.05 is 5 %).
+        order, tau_f
+            As in ``Building.from_period``.
+        taper
+            Stiffness of the top storey over that of the first > 0; those between vary linearly. 1
+            is a uniform building.
+        height
+            Height of each storey, m.
+
+        Raises
+        ------
+        ValueError
+            If a known value breaks its rule, or no rod of this order and τ_f damps as much.
+        """
+        owner = "ShearBuilding.from_period"
+        n = count(owner, "n_storeys", n_storeys)
+        taper = number(owner, "taper", taper)
+        if is_traced(taper):
+            raise ValueError(f"{owner}: taper must be known, not traced: the modes' shapes follow")
+        enforce(owner, [Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")])
+        shares = np.linspace(1.0, float(taper), n) if n > 1 else np.ones(1)
+        # K φ = λ M φ with unit mass and stiffness of the first storey.
+        matrix = np.diag(shares + np.append(shares[1:], 0)) - np.diag(shares[1:], 1)
+        least = float(np.linalg.eigvalsh(matrix - np.diag(shares[1:], -1))[0])
+        try:
+            block = Building.from_period(storey_mass, period, damping_ratio, order, tau_f)
+        except ValueError as error:
+            raise ValueError(str(error).replace("Building", "ShearBuilding", 1)) from error
+        stiffnesses = [block.stiffness * (share / least) for share in shares]
+        rod = (block.order, block.tau_f, block.tau_x)
+        return cls(tuple(Building(block.mass, k, *rod) for k in stiffnesses), height)
+
+    @classmethod
+    def published(cls, name: str) -> ShearBuilding:
+        """A building of the literature, with fractional rods of 5 % damping in the first mode.
+
+        Parameters
+        ----------
+        name
+            "chopra-5": the uniform five-storey shear frame of Chopra, Dynamics of Structures,
+            section 12.8 (100 kips a floor, 31.54 kips/in. a storey, storeys of 12 ft; 2 s).
+            "jankowski-left" and "jankowski-right": the two three-storey buildings of Jankowski
+            (Earthquake-induced pounding between equal height buildings with substantially
+            different dynamic properties, Engineering Structures 30, 2008), of 25 t a floor
+            (1.2 s) and 1,000 t a floor (0.3 s); heights are not those of the paper, but 3 m.
+
+        Raises
+        ------
+        ValueError
+            If there is no such building.
+
+        Examples
+        --------
+        >>> jp.ShearBuilding.published("chopra-5").modes().periods.round(4).tolist()
+        [2.0004, 0.661, 0.4103, 0.315, 0.274]
+        """
+        if name not in _PUBLISHED:
+            raise ValueError(
+                f"ShearBuilding.published: unknown name {name!r}; {hint(name, _PUBLISHED)}"
+            )
+        n, mass, stiffness, height = _PUBLISHED[name]
+        elastic = 2 * np.sin(np.pi / (4 * n + 2)) * np.sqrt(stiffness / mass)
+        return cls.from_period(n, mass, 2 * np.pi / elastic, 0.05, height=height)
+
+    @property
+    def n_floors(self) -> int:
+        """Number of floors, which is that of storeys."""
+        return len(self.storeys)
+
+    @property
+    def elevations(self) -> np.ndarray:
+        """Height of each floor above the ground, m, shape (n_floors,)."""
+        return np.cumsum(np.array([float(h) for h in self.heights]))
+
+    def modes(self) -> Modes:
+        """Natural frequencies, damping ratios and shapes (``jp.modes``); in rad/s."""
+        return modes(in_units(self, 1.0, 1.0, 1.0))
+
+
+def in_units(
+    building: Building | ShearBuilding, mass: Any, stiffness: Any, frequency: Any
+) -> Storeys:
+    """A building in SI in units of a mass, kg, a stiffness, N/m, and a frequency, rad/s."""
+    storeys = storeys_of(building)
+    rods = tuple(
+        assembled(Rod, material=s.material(frequency), stiffness=s.stiffness / stiffness, ends=None)
+        for s in storeys
+    )
+    return Storeys(tuple(s.mass / mass for s in storeys), rods)
+
+
+def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
+    """The storeys of a building: a ``Building`` is one itself."""
+    return (building,) if isinstance(building, Building) else building.storeys
+
+
+_KIP = 4448.2216  # N
+_INCH = 0.0254  # m
+
+# Number of storeys, mass of a floor (kg), stiffness of a storey (N/m), its height (m).
+_PUBLISHED: dict[str, tuple[int, float, float, float]] = {
+    "chopra-5": (5, 100 * _KIP / 9.80665, 31.54 * _KIP / _INCH, 144 * _INCH),
+    "jankowski-left": (3, 25e3, 3.46e6, 3.0),
+    "jankowski-right": (3, 1000e3, 2.215e9, 3.0),
+}
+
+
+def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:
+    """A number for each of n storeys: as listed, or one for all."""
+    if jnp.ndim(value) == 0 and not isinstance(value, Sequence):
+        return (value,) * n
+    listed = as_tuple(owner, name, value)
+    if len(listed) != n:
+        raise ValueError(f"{owner}: {name}, {len(listed)} of them, must be {n}, as masses, or one")
+    return listed

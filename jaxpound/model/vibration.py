@@ -1,0 +1,173 @@
+"""Modes of buildings on fractional rods: natural frequencies, damping ratios and shapes."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxpound._checks import instance, is_traced
+from jaxpound._tables import Shown, Table
+from jaxpound.model.system import GROUND, Structures, System
+
+_ITERATIONS = 100
+_CLOSE = 1e-13
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Modes(Shown):
+    """Modes of masses on rods, without friction and contact, from the slowest to the fastest.
+
+    In the unit of time of the structures: frequencies in ω1 for dimensionless ones, in rad/s for
+    those in SI.
+
+    The steady vibration at a real frequency ω has the complex stiffness K*(iω). Mode j is where a
+    complex eigenvalue of it, K*(iω_j) φ = λ M φ, has the real part ω_j²; its damping ratio is
+    Im λ / (2 Re λ), half the loss factor. For one mass on one rod these are
+    ``ZenerRod.natural_frequency`` and ``damping_ratio``, and for Kelvin–Voigt rods in proportion to
+    the masses or stiffnesses the ω and ζ of modal analysis. Free vibrations φ e^(st) have the
+    ``eigenvalues`` s, whose |s| and −Re s / |s| agree with them to the square of the damping ratio.
+    """
+
+    frequencies: np.ndarray
+    """Natural frequencies ω_j, shape (n,)."""
+    damping_ratios: np.ndarray
+    """Equivalent viscous damping ratios, shape (n,)."""
+    shapes: np.ndarray
+    """Complex shapes φ: of mode j ``shapes[:, j]``, shape (n, n), with its largest entry 1."""
+    eigenvalues: np.ndarray
+    """s of the free vibration of each mode, s² M φ + K*(s) φ = 0 with Im s > 0, shape (n,)."""
+    participation: np.ndarray
+    """Effective modal mass of each mode over the whole mass, of the real parts of the shapes."""
+
+    @property
+    def periods(self) -> np.ndarray:
+        """Natural periods 2π / ω_j, shape (n,)."""
+        return 2 * np.pi / self.frequencies
+
+    def _tables(self) -> list[Table]:
+        rows = [
+            (f"{j + 1}", w, 2 * np.pi / w, zeta, share)
+            for j, (w, zeta, share) in enumerate(
+                zip(self.frequencies, self.damping_ratios, self.participation, strict=True)
+            )
+        ]
+        heading = ("mode", "frequency", "period", "damping ratio", "share of mass")
+        return [Table("Modes", heading, rows, digits=4)]
+
+
+def modes(structures: Structures) -> Modes:
+    """Natural frequencies, damping ratios and shapes of structures, by their fractional rods.
+
+    Parameters
+    ----------
+    structures
+        ``Storeys``, a ``System`` or any other structures with known numbers. Their links are left
+        out: friction and contact have no modes. ``ShearBuilding.modes`` is that of one in SI.
+
+    Raises
+    ------
+    ValueError
+        If structures are traced or a batch.
+    FloatingPointError
+        If the iteration for a mode does not converge.
+
+    Examples
+    --------
+    >>> elastic = jp.ZenerRod(order=1.0, tau_f=1e-9, tau_x=1e-9)
+    >>> found = jp.modes(jp.Storeys((1.0, 1.0), jp.Rod(elastic, 1.0)))
+    >>> found.frequencies.round(6).tolist()  # the golden section and its inverse
+    [0.618034, 1.618034]
+    """
+    instance("modes", "structures", structures, Structures)
+    system = structures.system()
+    leaves = jax.tree.leaves((system.masses, system.rods))
+    if is_traced(leaves):
+        raise ValueError("modes: structures must be known, not traced")
+    if any(np.ndim(leaf) for leaf in leaves):
+        raise ValueError("modes: structures must be one, not a batch")
+    linear = _Linear(system)
+    found = [linear.steady(j) for j in range(linear.n)]
+    found.sort(key=lambda mode: mode[0])
+    omega, values, vectors = (np.array(x) for x in zip(*found, strict=True))
+    shapes = vectors.T / vectors.T[np.abs(vectors).argmax(1), np.arange(linear.n)]
+    real = shapes.real
+    part = linear.masses @ real
+    effective = part**2 / np.einsum("ij,i,ij->j", real, linear.masses, real)
+    return Modes(
+        frequencies=omega,
+        damping_ratios=values.imag / values.real / 2,
+        shapes=shapes,
+        eigenvalues=np.array([linear.free(*mode) for mode in found]),
+        participation=effective / linear.masses.sum(),
+    )
+
+
+class _Linear:
+    """The masses and rods of a system as matrices, scaled so that the mass matrix is 1."""
+
+    def __init__(self, system: System) -> None:
+        self.masses = np.array([float(mass) for mass in system.masses])
+        self.n = self.masses.size
+        self._rods: list[tuple[Any, Any]] = []
+        for rod in system.rods:
+            way = np.zeros(self.n)
+            for end, sign in zip(rod.ends or (), (1.0, -1.0), strict=True):
+                if end != GROUND:
+                    way[end] = sign
+            way /= np.sqrt(self.masses)
+            law = rod.material
+            numbers = [float(x) for x in (rod.stiffness, law.order, law.tau_f, law.tau_x)]
+            self._rods.append((np.outer(way, way), numbers))
+
+    def stiffness(self, s: complex) -> tuple[np.ndarray, np.ndarray]:
+        """K*(s) and its derivative by s."""
+        value = np.zeros((self.n, self.n), complex)
+        slope = np.zeros_like(value)
+        for matrix, (k, order, tau_f, tau_x) in self._rods:
+            z = s**order
+            below = 1 + tau_f * z
+            value += k * (1 + tau_x * z) / below * matrix
+            slope += k * (tau_x - tau_f) / below**2 * order * z / s * matrix
+        return value, slope
+
+    def steady(self, j: int) -> tuple[float, complex, np.ndarray]:
+        """ω, λ and shape of the j-th mode at a real frequency: where Re λ_j(ω) = ω²."""
+        stiff = sum(k * tx / tf * m for m, (k, _, tf, tx) in self._rods)
+        high = float(np.sqrt(np.linalg.eigvalsh(stiff)[j])) * (1 + 1e-9)
+        soft = sum(k * m for m, (k, *_) in self._rods)
+        low = float(np.sqrt(np.linalg.eigvalsh(soft)[j])) * (1 - 1e-9)
+        # K' grows with the frequency, and K'(ω)/ω² falls: the j-th by size stays the j-th.
+        for _ in range(_ITERATIONS):
+            omega = np.sqrt(low * high)
+            values, vectors = np.linalg.eig(self.stiffness(1j * omega)[0])
+            k = int(np.argsort(values.real)[j])
+            if values[k].real > omega**2:
+                low = omega
+            else:
+                high = omega
+            if high - low <= _CLOSE * high:
+                break
+        return omega, complex(values[k]), vectors[:, k] / np.sqrt(self.masses)
+
+    def free(self, omega: float, value: complex, shape: np.ndarray) -> complex:
+        """Exponent s of the free vibration that belongs to a steady one, by Newton's method.
+
+        The matrix s² + K*(s) is symmetric: with its null vector u the derivative of its eigenvalue
+        is uᵀ (2 s + K*'(s)) u / uᵀ u.
+        """
+        s = 1j * omega * np.sqrt(value / value.real)
+        u = shape * np.sqrt(self.masses)
+        for _ in range(_ITERATIONS):
+            stiffness, slope = self.stiffness(s)
+            values, vectors = np.linalg.eig(stiffness + s**2 * np.eye(self.n))
+            overlap = np.abs(vectors.T @ u) / np.abs(np.sqrt(np.sum(vectors**2, 0)))
+            k = int(overlap.argmax())
+            u = vectors[:, k] / np.sqrt(np.sum(vectors[:, k] ** 2))
+            step = values[k] / (u @ (2 * s * u + slope @ u))
+            s = s - step
+            if abs(step) <= 1e-12 * abs(s):
+                return complex(s)
+        raise FloatingPointError(f"modes: no free vibration is found near ω = {omega:.6g}")
