@@ -3,12 +3,15 @@
     python benchmarks/storeys.py             # the pair, 2 × 2, 2 × 5 and 2 × 10
     python benchmarks/storeys.py --accuracy  # 2 × 10: errors of values and derivatives by step, and
                                              # without friction against linear theory
+    python benchmarks/storeys.py --contact   # the pair to 2 × 10 with contact at every floor
+    python benchmarks/storeys.py --derivatives  # of rows and storeys against the tests' oracle
 
 Speed is of a batch of earthquakes, per rod and step, over that of the paper's pair in the same
 process; compilation is in seconds of processor time, without any cache.
 """
 
 import argparse
+import dataclasses
 import sys
 import time
 from pathlib import Path
@@ -23,19 +26,20 @@ jax.config.update("jax_enable_compilation_cache", False)
 import jaxpound as jp  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.simulation import test_contact as oracle  # noqa: E402
 from tests.simulation.test_systems import in_frequency  # noqa: E402
 
 BATCH, STEPS, ROUNDS = 512, 500, 5
 
 
-def storeys(n, friction=0.05):
+def storeys(n, friction=0.05, contact=None):
     """Two buildings of n storeys of other rods and masses, dampers and gaps at all floors."""
     laws = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.7, 0.05, 0.3)
     rods = []
     for first, law, stiffness in ((0, laws[0], 20.0), (n, laws[1], 30.0)):
         for i in range(first, first + n):
             rods.append(jp.Rod(law, stiffness, (i, i - 1 if i > first else jp.GROUND)))
-    links = [jp.Link((i, n + i), friction * (1 + i), 1.0) for i in range(n)]
+    links = [jp.Link((i, n + i), friction * (1 + i), 1.0, contact) for i in range(n)]
     return jp.System((1.0,) * n + (0.7,) * n, tuple(rods), tuple(links))
 
 
@@ -56,14 +60,15 @@ def best(program, *args):
     return min(times)
 
 
-def speed():
+def speed(contact=None):
     """A table by number of storeys."""
     amplitudes = np.linspace(0.2, 0.8, BATCH)
     print(
         f"{'':10}{'compile: value':>16}{'gradient':>10}{'per rod and step':>24}{'of the pair':>13}"
     )
     pair = None
-    systems = {"pair": jp.paper.structures()} | {f"2 x {n}": storeys(n) for n in (2, 5, 10)}
+    systems = {"pair": dataclasses.replace(jp.paper.structures(), contact=contact)}
+    systems |= {f"2 x {n}": storeys(n, contact=contact) for n in (2, 5, 10)}
     for name, structures in systems.items():
         structures = jax.tree.map(jnp.asarray, structures)
         grid = jp.TimeGrid(0.02, STEPS)
@@ -120,11 +125,25 @@ def against_linear_theory():
     print(f"linear theory (size {np.abs(exact).max():.2g}), largest errors: {listed}; {order:.2f}")
 
 
+def derivatives(dt=0.005):
+    """Largest errors of derivatives of rows and storeys, as shares of the largest derivative."""
+    for name in oracle.GROUPS:
+        grid = jp.TimeGrid.until(20.0, dt=dt)
+        ((found, known),) = oracle.derivatives_of_groups([oracle.CASES[name]], grid)
+        errors = np.abs(found - known) / np.abs(known).max(0)
+        print(f"{name:24} h = {dt}: worst {errors.max():.1e}, median {np.median(errors):.1e}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--accuracy", action="store_true")
-    if parser.parse_args().accuracy:
+    parser.add_argument("--contact", action="store_true")
+    parser.add_argument("--derivatives", action="store_true")
+    args = parser.parse_args()
+    if args.derivatives:
+        derivatives()
+    elif args.accuracy:
         against_linear_theory()
         accuracy()
     else:
-        speed()
+        speed(jp.KelvinVoigt(1000.0, 0.65) if args.contact else None)

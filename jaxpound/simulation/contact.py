@@ -26,7 +26,7 @@ from jaxpound._extrema import larger
 from jaxpound.model.contact import bound
 from jaxpound.model.system import Link, LinkGroup, Topology
 from jaxpound.simulation.forces import APART, PRESSED, held_inverse, inverse_of, response
-from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
 from jaxpound.simulation.local_flow import flow
 from jaxpound.simulation.passage import Given, Modes, Passed, UnderWay
 
@@ -110,18 +110,35 @@ class GroupStep(NamedTuple):
 
 
 def plain_motion(group: Coupling, before: GroupStep) -> LinkMotion:
-    """Motion of links that share masses over a step in which no slip or stick ends."""
+    """Motion of links that share masses over a step in which no slip or stick ends.
+
+    Links without friction may reverse at any time: they have the closed form of a link alone.
+    """
     slip = jnp.sign(jax.lax.stop_gradient(before.velocity))
-    known, held = group.frictions * slip, slip == 0
-    gain, force = _response(group, held, before.pull, known)
+    rubs, own = group.frictions > 0, jnp.diagonal(group.delassus)
+    known, held = group.frictions * slip, (slip == 0) & rubs
+    gain, _ = _response(group, held, before.pull, known)
     bend, _ = _response(group, held, before.rise, 0 * known)
+    others = gain + own * known
+    step = LinkStep(before.velocity, slip, others, bend, own, group.frictions, before.dt)
+    alone = EventResolved().slide(step)
+
+    def shared(own_change: jax.Array) -> jax.Array:
+        """Changes of all closings as links without friction change theirs by their own force."""
+        change = jnp.where(rubs, 0.0, own_change)
+        return _response(group, held, 0 * change, -change / own)[0]
+
+    # What follows is zero where there is no friction, but not its derivative by the friction.
+    known = jnp.where(rubs, known, alone.mean_force)
+    gain, force = _response(group, held, before.pull, known)
+    velocity_now = before.velocity + before.dt / 2 * (gain - bend / 4)
     zero = jnp.zeros_like(before.velocity)
-    return LinkMotion(
+    motion = LinkMotion(
         velocity=before.velocity + before.dt * gain,
         mean_force=force,
         force=force,
-        velocity_now=before.velocity + before.dt / 2 * (gain - bend / 4),
-        jump=zero,
+        velocity_now=velocity_now + shared(alone.velocity_now - velocity_now),
+        jump=shared(alone.jump),
         turns=slip > 1,
         turn_time=zero,
         turn=zero,
@@ -129,6 +146,9 @@ def plain_motion(group: Coupling, before: GroupStep) -> LinkMotion:
         phase=slip,
         change_time=zero,
     )
+    chosen = jax.tree.map(lambda x, y: jnp.where(rubs, x, y), motion, alone)
+    together = {name: getattr(motion, name) for name in ("velocity", "velocity_now", "jump")}
+    return chosen._replace(**together)
 
 
 def follow(group: Coupling, before: GroupStep) -> tuple[Passed, jax.Array]:
@@ -215,7 +235,7 @@ def settle(
 
     # Without the flow: the closing at the end from that at t_{m+1}.
     next_closing = before.closing + h * plain.velocity + plain.jump
-    held = plain.phase == 0
+    held = (plain.phase == 0) & (group.frictions > 0)
     known = group.frictions * plain.phase
     end, _ = _response(group, held, before.pull + before.rise / 2, known)
     plain_half = next_closing - h / 2 * plain.velocity - h**2 / 8 * end
@@ -247,7 +267,8 @@ def _response(
 def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:
     """Whether no slip or stick ends in the step, if nothing touches."""
     slip, h = jnp.sign(before.velocity), before.dt
-    known, held = group.frictions * slip, slip == 0
+    rubs = group.frictions > 0
+    known, held = group.frictions * slip, (slip == 0) & rubs
     starts, first_forces = _response(group, held, before.pull - before.rise / 2, known)
     ends, last_forces = _response(group, held, before.pull + before.rise / 2, known)
     # The speed along the slip is a parabola.
@@ -256,4 +277,4 @@ def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:
     lowest = speed - h * first**2 / (2 * jnp.where(dips, last - first, 1.0))
     keeps = (speed + h * (first + last) / 2 > 0) & (~dips | (lowest > 0))
     forces = larger(jnp.abs(first_forces), jnp.abs(last_forces))
-    return jnp.where(held, forces <= group.frictions, keeps).all()
+    return jnp.where(held, forces <= group.frictions, keeps | ~rubs).all()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.model import parameters
 from tests.reference import convergence_order, load
 from tests.simulation.pairs import FORCES, OneOf, in_unit_of_time, padded, stacked
 from tests.simulation.test_events import LAWS
@@ -108,6 +109,52 @@ def test_order_of_convergence_is_two(name):
     rms = [np.sqrt((errors(case, run(case, dt), dt) ** 2).mean()) for dt in (0.02, 0.01, 0.005)]
     orders = np.log2(np.array(rms[:-1]) / rms[1:])
     assert (np.abs(orders - 2) < 0.25).all(), orders
+
+
+def moved(system, name, by):
+    """A system with the parameter that the reference calls ``name`` changed."""
+    group, element, field = (*name.split("."), "")[:3]
+    last = {"m": len(system.masses), "rods": len(system.rods), "links": len(system.links)}[group]
+    own = {"gap0": "gap", "mu": "friction", "K": "stiffness", "tf": "material.tau_f"}
+    own |= {"tx": "material.tau_x", "e": "contact.restitution", "k": "contact.stiffness"}
+    every = range(last) if element == "all" else [int(element) % last]
+    place = {"m": "masses.{}"}.get(group, group + ".{}." + own.get(field, ""))
+    paths = [place.format(i) for i in every]
+    return parameters.put(system, {path: parameters.get(system, path) + by for path in paths})
+
+
+def derivatives_of_groups(cases, grid):
+    """Of peaks and ends by all parameters at the step of ``grid``, and those of the reference.
+
+    Of each case an array (parameters, results); cases of one kind of law share a program.
+    """
+    names, of = [*cases[0]["derivatives"]], cases[0]["derivatives_of"]
+    peak = "peak_contact" if of[0] == "peak_force[0]" else "peak_impulse"
+
+    def outputs(system, ground):
+        found = jp.simulate(system, ground, grid)
+        peaks = [getattr(link, peak) for link in found.demand.links]
+        return jnp.stack([*peaks, *(mass.x[-1] for mass in found.masses)])
+
+    @jax.jit
+    def slopes(system, ground):
+        ways = [jax.jvp(lambda d, x=x: moved(system, x, d), (0.0,), (1.0,))[1] for x in names]
+        along = jax.tree.map(lambda *x: jnp.stack(x), *ways)
+        return jax.vmap(lambda t: jax.jvp(lambda s: outputs(s, ground), (system,), (t,))[1])(along)
+
+    results = [j for j, name in enumerate(of) if not name.startswith("max_x")]
+    for case in cases:
+        known = [np.array(case["derivatives"][name]["value"])[results] for name in names]
+        yield np.asarray(slopes(floats(system_of(case)), ground_of(case))), np.array(known)
+
+
+def test_derivatives_of_rows_are_those_of_the_reference():
+    """At h = .005, with Kelvin's law; the others: ``benchmarks/storeys.py --derivatives``."""
+    cases = [CASES[name] for name in GROUPS if name.startswith("row3")]
+    cases = [case for case in cases if case["system"]["links"][0]["law"] == "kelvin"]
+    for found, known in derivatives_of_groups(cases, jp.TimeGrid.until(20.0, dt=0.005)):
+        largest = np.abs(known).max(0)
+        assert (np.abs(found - known) <= np.maximum(0.01 * np.abs(known), 1e-3 * largest)).all()
 
 
 STEPS = (0.02, 0.01, 0.005)

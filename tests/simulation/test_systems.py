@@ -107,6 +107,7 @@ def seen(system, dt):
             *(link.min_gap for link in found.demand.links),
             *(link.friction_work for link in found.demand.links),
             *(rod.peak_force for rod in found.demand.rods),
+            *(rod.peak_drift for rod in found.demand.rods if rod.peak_drift is not None),
         ]
     )
 

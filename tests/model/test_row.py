@@ -1,0 +1,115 @@
+"""Storeys, rows and links between floors: what they are as systems, and what they refuse."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxpound as jp
+
+STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
+ROD = jp.Rod(STEEL, 5.0)
+HIGH = jp.Storeys((1.0, 0.9, 0.8), ROD)
+LOW = jp.Storeys((1.2, 1.1), (jp.Rod(STEEL, 4.0), jp.Rod(STEEL, 3.0, (1, 0))))
+
+
+def test_a_row_is_its_system():
+    links = (
+        jp.FloorLink(0, 1, friction=0.1, gap=0.3),
+        jp.FloorLink(0, 2, next_floor=1, gap=0.2, contact=jp.Newton(0.6)),
+        jp.FloorLink(1, 0, friction=0.2, next_building=1),
+        jp.FloorLink(1, 1, friction=0.3, next_building=jp.GROUND),
+    )
+    system = jp.Row((HIGH, LOW), links).system()
+    assert system.masses == (1.0, 0.9, 0.8, 1.2, 1.1)
+    assert [rod.ends for rod in system.rods] == [(0, -1), (1, 0), (2, 1), (3, -1), (4, 3)]
+    assert [float(rod.stiffness) for rod in system.rods] == [5.0, 5.0, 5.0, 4.0, 3.0]
+    assert [link.ends for link in system.links] == [(1, 4), (2, 4), (3, -1), (4, -1)]
+    assert [float(link.friction) for link in system.links] == [0.1, 0.0, 0.2, 0.3]
+    assert system.links[1].contact == links[1].contact
+    # The checks of a system find nothing to complain of.
+    jp.System(system.masses, system.rods, system.links[:2])
+
+
+def test_parameters_of_a_row_have_paths():
+    from jaxpound.model import parameters
+
+    row = jp.Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
+    changed = parameters.put(row, {"buildings.1.rods.0.stiffness": 7.0, "links.1.gap": 0.5})
+    assert changed.system().rods[3].stiffness == 7.0
+    assert [link.gap for link in changed.system().links] == [0.3, 0.5]
+    assert "buildings.0.masses.2" in parameters.paths(row)
+
+
+def test_common_floors_are_those_of_one_number_or_one_height():
+    assert [(x.floor, x.other_floor) for x in jp.floor_links((HIGH, LOW))] == [(0, 0), (1, 1)]
+    three = jp.ShearBuilding.from_period(3, 1e5, 0.4, 0.05, height=3.0)
+    two = jp.ShearBuilding(three.storeys[:2], (6.1, 3.0))  # floors at 6.1 m and 9.1 m
+    assert [(x.floor, x.other_floor) for x in jp.floor_links((three, two))] == [(1, 0), (2, 1)]
+    model = jp.ShearBuilding(three.storeys, 0.1)  # of a shaking table: no slab is 0.2 m there
+    assert len(jp.floor_links((model, model))) == 3
+    shifted = jp.ShearBuilding(three.storeys, (4.5, 3.0, 3.0))
+    with pytest.raises(ValueError, match="buildings 0 and 1 must have floors at the same height"):
+        jp.floor_links((three, shifted))
+    with pytest.raises(ValueError, match="1 of them, must be two or more"):
+        jp.floor_links((three,))
+
+
+@pytest.mark.parametrize(
+    ("links", "message"),
+    [
+        ((jp.FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2, .* of building 0"),
+        ((jp.FloorLink(0, 2),), r"links.0: next_floor = 2 must be from 0 to 1, .* building 1"),
+        ((jp.FloorLink(1, 0),), "links.0: next_building = 2 must be from 0 to 1"),
+        ((jp.FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
+        (
+            (jp.FloorLink(1, 0, next_building=0),),
+            r"next_building = 0 must be 2 \(to the right\), 1 itself or GROUND",
+        ),
+        (
+            (jp.FloorLink(0, 1, next_floor=1, next_building=0),),
+            "floor 1 of building 0 and floor 1 of building 0 must be two different floors",
+        ),
+        (
+            (jp.FloorLink(0, 0), jp.FloorLink(0, 1), jp.FloorLink(0, 1)),
+            "links.2 between floor 1 of building 0 and floor 1 of building 1 must not close a ring",
+        ),
+    ],
+)
+def test_links_that_cannot_be_are_refused(links, message):
+    with pytest.raises(ValueError, match=message):
+        jp.Row((HIGH, LOW), links)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: jp.FloorLink(0, -1), "FloorLink: floor = -1 must be a whole number from 0 on"),
+        (lambda: jp.FloorLink(True, 0), "building = True must be a whole number"),
+        (lambda: jp.FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
+        (lambda: jp.FloorLink(0, 0, gap=-0.1), "FloorLink: gap = -0.1 must be not negative"),
+        (lambda: jp.FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
+        (lambda: jp.FloorLink(0, 0, contact=jp.Newton(0.5)), "gap = inf must be finite"),
+        (lambda: jp.Storeys((), ()), r"masses = \(\) must hold at least one floor"),
+        (lambda: jp.Storeys((1.0, 1.0), (ROD,)), "rods, 1 of them, must be one for each of the 2"),
+        (lambda: jp.Storeys((1.0, -1.0), ROD), "Storeys: masses.1 = -1 must be positive"),
+        (
+            lambda: jp.Storeys((1.0,), (jp.Rod(STEEL, 1.0, (0, 1)),)),
+            r"rods.0.ends = \(0, 1\) must be left out, or those of its storey",
+        ),
+        (lambda: jp.Row(()), r"buildings = \(\) must hold at least one building"),
+        (lambda: jp.Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
+        (lambda: jp.System((1.0,), (ROD,)), "rods.0.ends = None must be two masses, or GROUND"),
+    ],
+)
+def test_bad_input(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_row_is_a_pytree_whose_numbers_are_leaves():
+    row = jp.Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
+    batch = jax.tree.map(lambda x: np.stack([x, x]), row)
+    assert isinstance(batch, jp.Row)
+    assert batch.links[0].floor == 0
+    assert batch.links[0].gap.shape == (2,)
+    assert jax.tree.structure(batch) == jax.tree.structure(row)

@@ -1,0 +1,145 @@
+"""Buildings of several storeys in SI units, and their modes."""
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from tests import linear
+
+
+def test_the_first_mode_has_the_period_and_damping_asked_for():
+    for taper in (1.0, 0.4):
+        building = jp.ShearBuilding.from_period(6, 2e5, 0.8, 0.04, order=0.4, taper=taper)
+        modes = building.modes()
+        assert modes.periods[0] == pytest.approx(0.8, rel=1e-9)
+        assert modes.damping_ratios[0] == pytest.approx(0.04, rel=1e-7)
+        stiffnesses = np.array([storey.stiffness for storey in building.storeys])
+        np.testing.assert_allclose(np.diff(stiffnesses, 2) / stiffnesses[0], 0, atol=1e-12)
+        assert stiffnesses[-1] == pytest.approx(taper * stiffnesses[0])
+
+
+def test_one_storey_is_a_building():
+    storey = jp.ShearBuilding.from_period(1, 5e5, 0.9, 0.05).storeys[0]
+    block = jp.Building.from_period(5e5, 0.9, 0.05)
+    assert vars(storey) == pytest.approx(vars(block), rel=1e-14)
+    modes = jp.ShearBuilding((block,)).modes()
+    assert modes.periods[0] == pytest.approx(float(block.natural_period), rel=1e-10)
+    assert modes.damping_ratios[0] == pytest.approx(float(block.damping_ratio), rel=1e-8)
+
+
+@pytest.mark.parametrize("orders", [(1.0, 1.0, 1.0), (0.5, 0.7, 0.5)])
+def test_free_vibrations_are_the_eigenvalues_of_the_relaxation_spectrum(orders):
+    rods = tuple(jp.Rod(jp.ZenerRod(order, 0.02, 0.08), 10.0 - i) for i, order in enumerate(orders))
+    building = jp.Storeys((1.0, 0.9, 0.7), rods)
+    known = linear.vibrations(building.system())
+    found = jp.modes(building).eigenvalues
+    np.testing.assert_allclose(found, known, rtol=1e-10 if orders[0] == 1 else 2e-4)
+
+
+def test_kelvin_voigt_rods_in_proportion_have_the_modes_of_textbooks():
+    """ω_j = 2 √(k/m) sin((2j − 1)π/(4n + 2)) and ζ_j = c ω_j / (2 k) (τ_f is not quite 0)."""
+    n, c = 5, 0.01
+    law = jp.ZenerRod(1.0, 1e-9, c)
+    modes = jp.modes(jp.Storeys((1.0,) * n, jp.Rod(law, 100.0)))
+    omega = 20 * np.sin((2 * np.arange(n) + 1) * np.pi / (4 * n + 2))
+    np.testing.assert_allclose(modes.frequencies, omega, rtol=1e-6)
+    np.testing.assert_allclose(modes.damping_ratios, c * omega / 2, rtol=1e-6)
+    np.testing.assert_allclose(np.abs(modes.eigenvalues), omega, rtol=1e-6)
+    np.testing.assert_allclose(
+        -modes.eigenvalues.real / np.abs(modes.eigenvalues), c * omega / 2, rtol=1e-6
+    )
+    assert modes.participation.sum() == pytest.approx(1, rel=1e-9)
+    shape = np.sin((np.arange(n) + 1) * np.pi / (2 * n + 1))
+    np.testing.assert_allclose(modes.shapes[:, 0].real, shape / shape.max(), rtol=1e-6)
+    assert "mode" in str(modes)
+
+
+def test_published_buildings_have_their_periods():
+    """Chopra's frame: T = 2 s; its higher periods are shorter by the rods' stiffening."""
+    periods = jp.ShearBuilding.published("chopra-5").modes().periods
+    assert periods[0] == pytest.approx(2.0, rel=1e-3)
+    assert (periods[1:] < [0.6852, 0.4346, 0.3383, 0.2966]).all()
+    for name, period in (("jankowski-left", 1.2), ("jankowski-right", 0.3)):
+        building = jp.ShearBuilding.published(name)
+        assert building.modes().periods[0] == pytest.approx(period, rel=1e-3)
+
+
+def test_si_units_and_back():
+    left = jp.ShearBuilding.from_period(2, 3e5, 0.4, 0.05)
+    right = jp.Building.from_period(4e5, 0.5, 0.05)
+    law = jp.KelvinVoigt(2e8, 0.65)
+    link = jp.FloorLink(0, 1, next_floor=0, friction=5e4, gap=0.03, contact=law)
+    row, scales = jp.dimensionless_row((left, right), (link,))
+    assert row.buildings[0].masses[0] == row.buildings[0].rods[0].stiffness == 1.0
+    assert row.links[0].friction * scales.force == pytest.approx(5e4)
+    assert row.links[0].gap * scales.length == pytest.approx(0.03)
+    assert scales.contact_to_si(row.links[0].contact).stiffness == pytest.approx(2e8)
+    frequencies = np.array(row.natural_frequencies) * float(scales.frequency)
+    np.testing.assert_allclose(2 * np.pi / frequencies, [0.4, 0.5], rtol=1e-9)
+    # Two blocks are those of ``dimensionless``.
+    pair, other = jp.dimensionless(right, left.storeys[0], 5e4, 0.03)
+    blocks, same = jp.dimensionless_row(
+        (right, left.storeys[0]), (jp.FloorLink(0, 0, friction=5e4, gap=0.03),)
+    )
+    assert vars(other) == vars(same)
+    one, two = pair.system(), blocks.system()
+    np.testing.assert_allclose(one.masses, two.masses, rtol=1e-14)
+    for a, b in zip(one.rods, two.rods, strict=True):
+        assert b.stiffness == pytest.approx(a.stiffness, rel=1e-14)
+        assert vars(a.material) == pytest.approx(vars(b.material), rel=1e-14)
+
+
+LOW = jp.ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
+SHIFTED = jp.ShearBuilding(LOW.storeys, (4.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: jp.ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
+        (
+            lambda: jp.ShearBuilding(LOW.storeys, (3.0,)),
+            "heights, 1 of them, must be 2, as storeys",
+        ),
+        (lambda: jp.ShearBuilding(LOW.storeys, -3.0), "heights.0 = -3 must be positive"),
+        (
+            lambda: jp.ShearBuilding.of_storeys([1.0, 2.0], [1.0, 1.0, 1.0], 0.5, 0.1, 0.2),
+            "stiffnesses, 3 of them, must be 2, as masses, or one",
+        ),
+        (
+            lambda: jp.ShearBuilding.of_storeys([1.0, -2.0], 1.0, 0.5, 0.1, 0.2),
+            "of_storeys: storey 1: mass = -2 must be positive",
+        ),
+        (
+            lambda: jp.ShearBuilding.from_period(0, 1.0, 1.0, 0.05),
+            "n_storeys = 0 must be",
+        ),
+        (
+            lambda: jp.ShearBuilding.from_period(2, 1.0, 1.0, 0.9),
+            "ShearBuilding.from_period: damping_ratio = 0.9 must be below what a rod",
+        ),
+        (
+            lambda: jp.ShearBuilding.from_period(2, 1.0, 1.0, 0.05, taper=-1.0),
+            "taper = -1 must be positive",
+        ),
+        (lambda: jp.ShearBuilding.published("chopra"), "unknown name 'chopra'"),
+        (
+            lambda: jp.dimensionless_row((LOW, SHIFTED), (jp.FloorLink(0, 0),)),
+            "links.0: floor 0 of building 0 and floor 0 of building 1, at 3 m and 4 m, must be at",
+        ),
+        (
+            lambda: jp.dimensionless_row((LOW, LOW), (jp.FloorLink(0, 2),)),
+            "links.0: floor = 2 must be from 0 to 1, the floors of building 0",
+        ),
+        (lambda: jp.dimensionless_row((LOW, 3.0)), "buildings.1 = 3.0 must be"),
+        (lambda: jp.modes(3.0), "modes: structures = 3.0 must be"),
+    ],
+)
+def test_bad_input(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_floors_at_other_heights_are_linked_where_it_is_said():
+    row, _ = jp.dimensionless_row((LOW, SHIFTED), (jp.FloorLink(0, 0, next_floor=0),))
+    assert row.system().links[0].ends == (0, 2)

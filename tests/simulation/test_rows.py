@@ -1,0 +1,291 @@
+"""Storeys and rows against exact linear motion, and what must hold of any row."""
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from tests import linear
+
+STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
+RUBBER = jp.ZenerRod(0.8, 0.05, 0.4)
+SOFT = jp.ZenerRod(0.3, 0.02, 0.2)
+GROUND = jp.Ricker(0.4, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])
+GRID = jp.TimeGrid.until(12.0, dt=0.04)
+LAW = jp.KelvinVoigt(300.0, 0.65)
+
+
+def tower(n, materials, stiffness=30.0):
+    """A building of n storeys of several materials, lighter and softer towards its top."""
+    rods = [jp.Rod(materials[i % len(materials)], stiffness - i) for i in range(n)]
+    return jp.Storeys(tuple(np.linspace(1.0, 0.7, n)), tuple(rods))
+
+
+def shaken(building, dt):
+    """Displacements at every 0.2, shape (floors, instants)."""
+    found = jp.simulate(building, GROUND, jp.TimeGrid.until(12.0, dt=dt))
+    return np.stack([mass.x for mass in found.masses])[:, :: round(0.2 / dt)]
+
+
+def exact(building, fine=0.005):
+    n = round(12.0 / fine)
+    samples = np.asarray(jax.vmap(GROUND.acceleration)(fine * jnp.arange(n + 1.0)))
+    return linear.positions(building.system(), samples, fine, n)[:: round(0.2 / fine)].T
+
+
+@pytest.mark.parametrize(
+    ("n", "materials"),
+    [
+        (1, (STEEL,)),
+        (5, (STEEL, RUBBER, SOFT)),
+        (20, (STEEL, RUBBER)),
+        (20, (jp.ZenerRod(1.0, 0.05, 0.1),)),
+    ],
+    ids=["1", "5", "20", "20 Zener"],
+)
+def test_storeys_are_those_of_the_relaxation_spectrum(n, materials):
+    """Rods of other orders in one building, against the matrix exponential of their spectra."""
+    building, steps = tower(n, materials), (0.04, 0.02)
+    known = exact(building)
+    rms = [np.sqrt(((shaken(building, dt) - known) ** 2).mean()) for dt in steps]
+    print(rms, np.abs(known).max())
+    assert rms[1] < 5e-3 * np.abs(known).max()
+    assert math.log2(rms[0] / rms[1]) == pytest.approx(2, abs=0.15)
+
+
+def test_equal_viscous_rods_are_the_sum_of_classical_modes():
+    """Rods of order 1 and one law: each mode is a block on a Zener rod of its own stiffness."""
+    n, law = 4, jp.ZenerRod(1.0, 0.02, 0.08)
+    building = jp.Storeys((1.0, 0.9, 0.8, 0.7), jp.Rod(law, 20.0))
+    way = np.eye(n) - np.eye(n, k=-1)
+    mass = np.array(building.masses)
+    values, vectors = np.linalg.eigh(20.0 * way.T @ way / np.sqrt(np.outer(mass, mass)))
+    shapes = vectors / np.sqrt(mass)[:, None]
+    x = 0.0
+    for value, shape in zip(values, shapes.T, strict=True):
+        block = jp.Storeys((1.0,), (jp.Rod(law, value),))
+        x = x + np.outer(shape, (shape @ mass) * exact(block)[0])
+    steps = (0.04, 0.02)
+    errors = [np.abs(shaken(building, dt) - x).max() for dt in steps]
+    print(errors, np.abs(x).max())
+    assert errors[1] < 4e-3 * np.abs(x).max()
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.15)
+
+
+def leaves(result):
+    return [np.asarray(x) for x in jax.tree.leaves(result)]
+
+
+def one_storey(material, mass, stiffness):
+    return jp.Storeys((mass,), (jp.Rod(material, stiffness),))
+
+
+def test_two_buildings_of_one_storey_are_the_pair():
+    """Of its system to the last bit; the pair's own program differs from that by rounding."""
+    buildings = one_storey(STEEL, 1.0, 1.0), one_storey(RUBBER, 0.5, 2.0)
+    between = {"friction": 0.1, "gap": 0.3, "contact": LAW}
+    row = jp.Row(buildings, jp.floor_links(buildings, **between))
+    found = leaves(jp.simulate(row, GROUND, GRID))
+    system = jp.System(
+        (1.0, 0.5),
+        (jp.Rod(STEEL, 1.0, (0, jp.GROUND)), jp.Rod(RUBBER, 2.0, (1, jp.GROUND))),
+        (jp.Link((0, 1), **between),),
+    )
+    for one, other in zip(found, leaves(jp.simulate(system, GROUND, GRID)), strict=True):
+        np.testing.assert_array_equal(one, other)
+    pair = jp.AdjacentStructures(STEEL, RUBBER, 2.0, 2.0, 0.1, 0.3, LAW)
+    for one, other in zip(found, leaves(jp.simulate(pair, GROUND, GRID)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10)
+
+
+def test_a_building_of_one_storey_is_the_block_to_the_last_bit():
+    block = jp.System((1.0,), (jp.Rod(STEEL, 1.0, (0, jp.GROUND)),))
+    storey = one_storey(STEEL, 1.0, 1.0)
+    for one, other in zip(
+        leaves(jp.simulate(block, GROUND, GRID)),
+        leaves(jp.simulate(storey, GROUND, GRID)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+def three(gap=0.1, friction=0.05):
+    """A row of three of 2, 1 and 2 storeys."""
+    buildings = (
+        tower(2, (STEEL, RUBBER), 12.0),
+        one_storey(RUBBER, 1.5, 2.5),
+        tower(2, (RUBBER, STEEL), 20.0),
+    )
+    links = jp.floor_links(buildings, friction=friction, gap=gap, contact=LAW)
+    return jp.Row(buildings, links)
+
+
+def mirrored(row):
+    """The same row seen from behind."""
+    last = len(row.buildings) - 1
+    links = [
+        dataclasses.replace(
+            link,
+            building=last - link.other_building,
+            floor=link.other_floor,
+            next_floor=link.floor,
+        )
+        for link in row.links
+    ]
+    return jp.Row(row.buildings[::-1], tuple(links[::-1]))
+
+
+@pytest.fixture(scope="module")
+def touching():
+    row = three()
+    return row, jp.simulate(row, GROUND, GRID)
+
+
+def test_a_row_touches_and_its_energy_balances(touching):
+    """The balance is taken at a coarse step; of a fine one see the pairs' tests."""
+    _, found = touching
+    assert all(link.n_impacts >= 2 for link in found.demand.links)
+    energy = found.energy
+    assert np.abs(energy.residual).max() < 0.03 * np.abs(energy.input).max()
+    assert energy.contact_lost[-1] > 1e-3 * np.abs(energy.input).max()
+
+
+def test_mirrored_rows_mirror(touching):
+    row, found = touching
+    behind = jp.Ricker(-GROUND.amplitude, GROUND.periods, GROUND.arrivals)
+    other = jp.simulate(mirrored(row), behind, GRID)
+    order = [3, 4, 2, 0, 1]  # floors of the mirrored row by those of the row
+    for i, j in enumerate(order):
+        np.testing.assert_allclose(found.masses[j].x, -other.masses[i].x, atol=1e-9)
+    for link, back in zip(found.demand.links, other.demand.links[::-1], strict=True):
+        for name in ("min_gap", "peak_contact", "friction_work", "n_impacts"):
+            one, same = float(getattr(link, name)), float(getattr(back, name))
+            assert one == pytest.approx(same, rel=1e-7)
+
+
+def test_buildings_far_apart_move_alone(touching):
+    row, _ = touching
+    far = dataclasses.replace(
+        row,
+        links=tuple(dataclasses.replace(link, friction=0.0, gap=50.0) for link in row.links),
+    )
+    together = jp.simulate(far, GROUND, GRID)
+    at = 0
+    for building in row.buildings:
+        alone = jp.simulate(building, GROUND, GRID)
+        for mass in alone.masses:
+            np.testing.assert_allclose(together.masses[at].x, mass.x, atol=1e-12)
+            at += 1
+    assert not any(link.n_impacts for link in together.demand.links)
+
+
+def test_equal_buildings_never_touch():
+    """However narrow the gap; and dampers between them do nothing."""
+    buildings = (tower(2, (STEEL, RUBBER)),) * 3
+    row = jp.Row(buildings, jp.floor_links(buildings, friction=0.2, gap=1e-3, contact=LAW))
+    found = jp.simulate(row, GROUND, GRID)
+    for link in found.demand.links:
+        assert link.n_impacts == 0
+        assert link.min_gap == pytest.approx(1e-3, abs=1e-12)
+        assert link.friction_work == pytest.approx(0, abs=1e-12)
+
+
+def test_a_brace_is_a_damper_between_the_floors_of_a_building():
+    """It slips by the drift of its storey, and a damper to the ground by the floor's own motion."""
+    tall = tower(2, (STEEL,), 12.0)
+    links = (
+        jp.FloorLink(0, 1, friction=0.3, next_building=0),
+        jp.FloorLink(0, 0, friction=0.2, next_building=jp.GROUND),
+    )
+    row = jp.Row((tall,), links)
+    assert [link.ends for link in row.system().links] == [(1, 0), (0, jp.GROUND)]
+    found = jp.simulate(row, GROUND, GRID)
+    one, two = found.masses
+    np.testing.assert_allclose(found.links[0].slip_velocity, two.v - one.v, atol=1e-12)
+    np.testing.assert_allclose(found.links[1].slip_velocity, one.v, atol=1e-12)
+    np.testing.assert_allclose(-found.links[0].gap, -np.inf)
+    bare = jp.simulate(jp.Row((tall,)), GROUND, GRID)
+    assert found.demand.rods[1].peak_drift < 0.9 * bare.demand.rods[1].peak_drift
+    assert all(link.friction_work > 0 for link in found.demand.links)
+
+
+def test_peaks_of_floors_are_those_of_their_series(touching):
+    """Displacements and drifts of every floor, also through impacts; forces of the storeys."""
+    row, coarse = touching
+    fine = jp.simulate(row, GROUND, jp.TimeGrid.until(12.0, dt=0.01))
+    floors = jp.floor_demands(row, fine.demand)
+    assert [one.masses for one in floors] == [(0, 1), (2,), (3, 4)]
+    x = [np.asarray(mass.x) for mass in fine.masses]
+    for one in floors:
+        below = 0.0
+        for i, mass in enumerate(one.masses):
+            assert one.displacement[i] == pytest.approx(np.abs(x[mass]).max(), rel=2e-3)
+            assert one.drift[i] == pytest.approx(np.abs(x[mass] - below).max(), rel=4e-3)
+            assert one.shear[i] == pytest.approx(np.abs(fine.rods[mass].force).max(), rel=4e-3)
+            below = x[mass]
+    contact = [link.peak_contact for link in fine.demand.links]
+    assert floors[0].contact_right.tolist() == [contact[0], 0.0]
+    assert floors[1].contact.tolist() == [max(contact)]
+    assert floors[2].contact_left.tolist() == [contact[1], 0.0]
+    # The coarse run's peaks are those of the fine one to the error of its step.
+    for one, other in zip(jp.floor_demands(row, coarse.demand), floors, strict=True):
+        np.testing.assert_allclose(one.drift, other.drift, rtol=0.03)
+
+
+def test_floors_of_a_batch_are_those_of_its_runs():
+    """The axes of a batch are in front."""
+    row = jp.Row(three().buildings)
+    amplitudes = jnp.array([0.2, 0.4])
+
+    def floors(amplitude):
+        found = jp.demand(row, dataclasses.replace(GROUND, amplitude=amplitude), GRID)
+        return jp.floor_demands(row, found)
+
+    both = jax.vmap(floors)(amplitudes)
+    assert [one.shear.shape for one in both] == [(2, 2), (2, 1), (2, 2)]
+    alone = floors(amplitudes[1])
+    for one, other in zip(jax.tree.leaves(both), jax.tree.leaves(alone), strict=True):
+        np.testing.assert_allclose(one[1], other, rtol=1e-9)
+
+
+def test_derivatives_by_a_damper_that_is_not_there_are_those_of_the_pair():
+    """Without friction a row is its pairs, also where the derivative by the friction is taken."""
+    buildings = (
+        one_storey(STEEL, 1.0, 1.0),
+        one_storey(RUBBER, 0.6, 1.8),
+        one_storey(SOFT, 1.6, 0.7),
+    )
+
+    def ends(frictions, first):
+        links = tuple(jp.FloorLink(k, 0, friction=mu) for k, mu in enumerate(frictions))
+        row = jp.Row(buildings[first : first + 1 + len(links)], links)
+        return jnp.stack([mass.x[-1] for mass in jp.simulate(row, GROUND, GRID).masses])
+
+    slopes = jax.jit(jax.jacfwd(ends), static_argnums=1)
+    whole = slopes(jnp.zeros(2), 0)
+    for k in (0, 1):
+        np.testing.assert_allclose(whole[k : k + 2, k], slopes(jnp.zeros(1), k)[:, 0], rtol=1e-9)
+    np.testing.assert_allclose([whole[2, 0], whole[0, 1]], 0, atol=1e-12)
+
+
+def test_bad_input():
+    row, other = three(), jp.paper.structures()
+    found = jp.demand(other, GROUND, GRID)
+    with pytest.raises(
+        ValueError, match=r"found has 2 masses; it must be of these structures, .* 5"
+    ):
+        jp.floor_demands(row, found)
+    tied = jp.System(
+        (1.0, 1.0),
+        (
+            jp.Rod(STEEL, 1.0, (0, jp.GROUND)),
+            jp.Rod(STEEL, 1.0, (1, 0)),
+            jp.Rod(STEEL, 1.0, (0, 1)),
+        ),
+    )
+    with pytest.raises(ValueError, match="must be shear buildings, each floor on one rod"):
+        jp.floor_demands(tied, jp.demand(tied, GROUND, GRID))
