@@ -17,6 +17,7 @@ the end of the step.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
@@ -95,7 +96,9 @@ def apart(zero: jax.Array) -> ContactState:
     return ContactState(*(zero,) * 4, UnderWay(*(zero,) * 4))
 
 
-class GroupStep(NamedTuple):
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class GroupStep:
     """What a group is given for a step from t_m − h/2 to t_m + h/2; (n,) for n links."""
 
     closing: jax.Array  # at t_m, as predicted
@@ -105,8 +108,8 @@ class GroupStep(NamedTuple):
     rise: jax.Array  # A_m − A_{m−1}
     time: jax.Array
     starts: jax.Array  # whether t_m = 0
-    dt: float  # h
-    slots: int  # impacts of a link that are recorded
+    dt: float = dataclasses.field(metadata={"static": True})  # h
+    slots: int = dataclasses.field(metadata={"static": True})  # impacts of a link to be recorded
 
 
 def plain_motion(group: Coupling, before: GroupStep) -> LinkMotion:

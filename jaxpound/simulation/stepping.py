@@ -28,6 +28,7 @@ from jaxpound.model.system import (
     link_groups,
     load_on,
 )
+from jaxpound.simulation.alike import for_each
 from jaxpound.simulation.contact import (
     ContactState,
     Coupling,
@@ -177,13 +178,14 @@ def step(
     # Links over the step from t_m − h/2 to t_m + h/2.
     pulls = [_pull(ends, loads, inverse, shaking) for ends in topology.links]
     motions: dict[int, LinkMotion] = {}
-    flows: list[_Flow] = []
+    steps: list[_Step] = []
     for group, coupled in zip(link_groups(topology), system.couplings, strict=True):
         if coupled is None:
             (k,) = group.links
             motions[k] = _slide(system, k, state.links[k], pulls[k], starts, dt, scheme)
         else:
-            flows.append(_flow(system, group, coupled, state, pulls, starts, time, dt, scheme))
+            steps.append(_before(system, group, coupled, state, pulls, starts, time, dt, scheme))
+    flows = _followed(steps)
 
     # After a step that was followed the rods are given the mean sample.
     now = [link.closing for link in state.links]
@@ -285,13 +287,22 @@ def _kick_and_drift(
     return free._replace(x_now=x + share([closings[k] - state.links[k].closing for k in links]))
 
 
+class _Step(NamedTuple):
+    """A group before its local flow."""
+
+    group: LinkGroup
+    coupling: Coupling
+    before: GroupStep
+    plain: LinkMotion  # if it is not followed
+
+
 class _Flow(NamedTuple):
     """A group after its local flow, before the rods have been given the mean sample."""
 
     group: LinkGroup
     coupling: Coupling
     before: GroupStep
-    plain: LinkMotion  # if it was not followed
+    plain: LinkMotion
     passed: Passed
     used: jax.Array
     shift: jax.Array  # of the closings, to their mean sample
@@ -309,7 +320,17 @@ def _given_mean_samples(system: Elements, passed: list[Any], flows: list[_Flow])
     ]
 
 
-def _flow(
+def _followed(steps: Sequence[_Step]) -> list[_Flow]:
+    """All groups after their local flows."""
+    given = [(one.coupling._replace(shifts={}), one.before) for one in steps]
+    flows = []
+    for one, (passed, used) in zip(steps, for_each(follow, given), strict=True):
+        shift = jnp.where(used, mean_sample(passed, one.before) - one.before.closing, 0.0)
+        flows.append(_Flow(*one, passed, used, shift))
+    return flows
+
+
+def _before(
     system: Elements,
     group: LinkGroup,
     coupled: Coupling,
@@ -319,7 +340,7 @@ def _flow(
     time: jax.Array,
     dt: float,
     scheme: Scheme,
-) -> _Flow:
+) -> _Step:
     links = [state.links[k] for k in group.links]
     pull = jnp.stack([pulls[k] for k in group.links])
     last = jnp.stack([link.pull for link in links])
@@ -342,9 +363,7 @@ def _flow(
     else:
         plain = plain_motion(coupled, before)
         plain = _from_rest(plain, starts, scheme) if bound else plain
-    passed, used = follow(coupled, before)
-    shift = jnp.where(used, mean_sample(passed, before) - before.closing, 0.0)
-    return _Flow(group, coupled, before, plain, passed, used, shift)
+    return _Step(group, coupled, before, plain)
 
 
 def _slide(
