@@ -185,6 +185,22 @@ def shades(n: int) -> list[str]:
     return [COLOURS["residual"], *(to_hex(tuple(colour)) for colour in mixed)][:n]
 
 
+_BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], *CYCLE[2:])
+
+
+def building_colour(number: int) -> str:
+    """Colour of a building of a row, by its number from 0; the first two are those of a pair."""
+    return _BUILDINGS[number % len(_BUILDINGS)]
+
+
+def tones(colour: str, n: int) -> list[str]:
+    """A colour from light to dark, of n floors one above the other; of a single one as it is."""
+    full = np.array(to_rgb(colour))
+    light, dark = 0.6 + 0.4 * full, 0.6 * full
+    mixed = [light + (dark - light) * k for k in np.linspace(0, 1, n)] if n > 1 else [full]
+    return [to_hex(tuple(tone)) for tone in mixed]
+
+
 def shade(colour: str) -> dict[str, Any]:
     """Style of a shaded region."""
     return {"facecolor": COLOURS[colour], "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
