@@ -19,9 +19,11 @@ from jaxpound.cli.factors import Bounds, Parameter, design_space, in_si
 from jaxpound.cli.files import known as finite
 from jaxpound.cli.files import make_folder, write_figures, write_json, write_text
 from jaxpound.cli.objective import Limits, Objective, Penalties, priced
+from jaxpound.cli.pair import UNITS
 from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
-from jaxpound.cli.simulate import as_toml
-from jaxpound.cli.tables import UNITS, Files, Shaken, read_records
+from jaxpound.cli.structures import Shaken
+from jaxpound.cli.tables import Files, read_records
+from jaxpound.cli.writing import as_toml
 from jaxpound.model.parameters import get, known, put
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of

@@ -11,8 +11,10 @@ import jax
 import numpy as np
 
 import jaxpound as jp
+from jaxpound.cli.pair import UNITS, Building, Damper
 from jaxpound.cli.reading import Range, Table, between, keyed, named, ranges
-from jaxpound.cli.tables import LAWS, UNITS, Building, Contact, Damper, Pair, Stated
+from jaxpound.cli.structures import Structured
+from jaxpound.cli.tables import LAWS, Contact, Stated
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.study.distributions import RARE
@@ -50,7 +52,7 @@ class Bounds(Table):
 
 _STANDS_FOR = {
     "friction": ("[damper] friction_force", ranges(Damper)["friction_force"]),
-    "initial_gap": ("gap", ranges(Pair)["gap"]),
+    "initial_gap": ("gap", ranges(Structured)["gap"]),
     "mass_ratio": ("[building_2] mass", ranges(Building)["mass"]),
     "stiffness_ratio": ("[building_2] stiffness", ranges(Building)["stiffness"]),
     **{

@@ -15,7 +15,8 @@ from msgspec import field
 import jaxpound as jp
 from jaxpound.cli.factors import FACTOR, Parameter, uncertain_structures
 from jaxpound.cli.reading import Count, File, Seed, Table
-from jaxpound.cli.tables import Shaken, Stated, drawn
+from jaxpound.cli.structures import Shaken
+from jaxpound.cli.tables import Stated, drawn
 from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.motion import GroundLike
 

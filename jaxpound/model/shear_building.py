@@ -109,10 +109,14 @@ class ShearBuilding:
         n = len(masses)
         rods = {"stiffnesses": stiffnesses, "order": order, "tau_f": tau_f, "tau_x": tau_x}
         listed = {name: _each(owner, name, value, n) for name, value in rods.items()}
-        storeys = tuple(
-            Building(*numbers) for numbers in zip(masses, *listed.values(), strict=True)
-        )
-        return cls(storeys, _each(owner, "heights", heights, n))
+        storeys = []
+        for i, numbers in enumerate(zip(masses, *listed.values(), strict=True)):
+            try:
+                storeys.append(Building(*numbers))
+            except ValueError as error:
+                words = str(error).replace("Building:", f"{owner}: storeys.{i}:", 1)
+                raise ValueError(words) from error
+        return cls(tuple(storeys), _each(owner, "heights", heights, n))
 
     @classmethod
     def from_period(
@@ -251,7 +255,7 @@ _PUBLISHED: dict[str, tuple[int, float, float, float]] = {
 
 def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:
     """A number for each of n storeys: as listed, or one for all."""
-    if jnp.ndim(value) == 0 and not isinstance(value, Sequence):
+    if not isinstance(value, Sequence) and jnp.ndim(value) == 0:
         return (value,) * n
     listed = as_tuple(owner, name, value)
     if len(listed) != n:

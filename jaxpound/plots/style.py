@@ -13,6 +13,7 @@ import io
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from contextvars import ContextVar
 from importlib import resources
 from typing import Any, ParamSpec, TypeVar
 
@@ -167,10 +168,26 @@ def figure(draw: Callable[[Any, Axes], Any], drawn: Any) -> Figure:
     return result
 
 
+_unknown_to_pyplot: ContextVar[bool] = ContextVar("unknown_to_pyplot", default=False)
+
+
+def own_figure(draw: Callable[..., Axes], *drawn: Any) -> Figure:
+    """A figure of the size that a drawing takes for itself, unknown to pyplot."""
+    token = _unknown_to_pyplot.set(True)
+    try:
+        result: Any = draw(*drawn).figure
+    finally:
+        _unknown_to_pyplot.reset(token)
+    figure: Figure = result
+    return figure
+
+
 def new_axes(ax: Axes | None, width: float = 1.0, height: float = 1.0) -> Axes:
     """The given axes, or those of a new pyplot figure (width in columns, usual heights)."""
     if ax is not None:
         return ax
+    if _unknown_to_pyplot.get():
+        return new_figure(width, height).add_subplot()
     from matplotlib import pyplot  # only here, so that no window system is asked for
 
     size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])

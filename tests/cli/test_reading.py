@@ -10,9 +10,10 @@ from jaxpound.cli.design import Search, Wanted
 from jaxpound.cli.files import example
 from jaxpound.cli.montecarlo import Study
 from jaxpound.cli.objective import Objective
+from jaxpound.cli.pair import Building, Damper
 from jaxpound.cli.reading import entries, ranges
 from jaxpound.cli.simulate import Ground, Simulation
-from jaxpound.cli.tables import Building, Contact, Damper, Earthquakes, Run
+from jaxpound.cli.tables import Contact, Earthquakes, Run
 from tests.cli.commands import refusal
 
 CONFIG_FAULTS = [
