@@ -15,6 +15,8 @@ from jaxpound.model.system import GROUND, Topology, floors
 from jaxpound.plots.style import CYCLE, building_colour, tones
 from jaxpound.results.response import LinkResponse, Response
 
+_NAMED = 4  # masses, rods or links in a legend; of more, buildings or groups of links are named
+
 
 class Curve(NamedTuple):
     """A series, its name in the legend, and its colour, if it has one by name in ``COLOURS``."""
@@ -34,7 +36,7 @@ def of_masses(response: Response, field: str, name: str) -> list[Curve]:
     """A series of each mass: of a pair by ``name`` with its number, else "mass 3".
 
     Of many masses that are the floors of buildings only the buildings are named; a building's
-    floors are drawn from light to dark, from the ground up.
+    floors are drawn from light to full colour, from the ground up.
     """
     return _of_each(response, "mass", [getattr(one, field) for one in response.masses], name)
 
@@ -45,7 +47,10 @@ def of_rods(response: Response, name: str) -> list[Curve]:
 
 
 def frictions(owner: str, response: Response) -> list[Curve]:
-    """Friction force of each link; a ``ValueError`` where there is none."""
+    """Friction force of each link; a ``ValueError`` where there is none.
+
+    Of many links those between the same buildings have one name and one colour, from light to full.
+    """
     if not response.links:
         raise ValueError(f"{owner}: response must have a link")
     return _of_links("$q$", response, [link.friction for link in response.links])
@@ -103,7 +108,7 @@ def _of_each(response: Response, what: str, series: Sequence[Any], name: str) ->
     for b, building in enumerate(buildings):
         colours |= dict(zip(building, tones(building_colour(b), len(building)), strict=True))
         names |= dict.fromkeys(building[:-1], "_floor") | {building[-1]: f"building {b + 1}"}
-    if len(series) <= len(CYCLE):
+    if len(series) <= _NAMED:
         names = {i: f"{what} {i + 1}" for i in names}
     return [Curve(names[i], colours[i], values) for i, values in enumerate(series)]
 
@@ -116,7 +121,7 @@ def _of_links(symbol: str, response: Response, series: Sequence[Any]) -> list[Cu
     home = {GROUND: GROUND}
     for b, building in enumerate(buildings_of(response)):
         home |= {mass: b for mass, _ in building}
-    if len(series) <= len(CYCLE) or len(home) == 1:
+    if len(series) <= _NAMED or len(home) == 1:
         curves = _numbered("link", series)
         return [curves[k] for k in given]
     between: dict[frozenset[int], list[int]] = {}

@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import io
 import logging
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from contextvars import ContextVar
@@ -211,9 +212,9 @@ def building_colour(number: int) -> str:
 
 
 def tones(colour: str, n: int) -> list[str]:
-    """A colour from light to dark, of n floors one above the other; of a single one as it is."""
+    """A colour from light to full, of n floors one above the other; of a single one as it is."""
     full = np.array(to_rgb(colour))
-    light, dark = 0.6 + 0.4 * full, 0.6 * full
+    light, dark = 0.65 + 0.35 * full, full
     mixed = [light + (dark - light) * k for k in np.linspace(0, 1, n)] if n > 1 else [full]
     return [to_hex(tuple(tone)) for tone in mixed]
 
@@ -235,13 +236,19 @@ def label(ax: Axes, x: str, y: str) -> None:
 
 
 def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
-    """A legend in a strip of its own, above everything drawn; the axis may begin at ``bottom``."""
+    """A legend in a strip of its own, above everything drawn; the axis may begin at ``bottom``.
+
+    It has fewer columns where they would be wider than the axes.
+    """
     ax.autoscale(axis="y")
     low, high = ax.get_ylim()
     low = low if bottom is None else bottom
-    handles, _ = ax.get_legend_handles_labels()
-    rows = -(-len(handles) // columns)
+    handles, names = ax.get_legend_handles_labels()
     drawing: Any = ax.figure
+    width = 72 * ax.get_window_extent().width / drawing.dpi
+    while columns > 1 and _legend_width(names, columns) > width:
+        columns -= 1
+    rows = -(-len(handles) // columns)
     points = 72 * ax.get_window_extent().height / drawing.dpi
     share = min((0.4 + 1.6 * rows) * FONT_SIZE / points, 0.5)  # of low axes, such as a film's
     room = max(0.07 + 0.09 * rows, share / (1 - share))  # in heights of what is drawn
@@ -257,6 +264,16 @@ def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
     for handle in shown.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_alpha(1.0)  # a batch's lines are faint
+
+
+def _legend_width(names: Sequence[str], columns: int) -> float:
+    """About how wide a legend is, in points: a letter is about half as wide as it is high."""
+    letters = [len(re.sub(r"\\[a-zA-Z]+", "x", name).translate(_NO_LETTERS)) for name in names]
+    widest = [max(column, default=0) for column in np.array_split(letters, columns)]
+    return FONT_SIZE * (0.55 * sum(widest) + 3.0 * columns - 1.0)
+
+
+_NO_LETTERS = str.maketrans("", "", "${}_^")
 
 
 def legend_above(ax: Axes, columns: int) -> None:
