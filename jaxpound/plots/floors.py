@@ -81,6 +81,8 @@ class _Envelope(NamedTuple):
         """What acts on some floors only: a point for each, and a line from zero to it."""
         values = factor * self.values
         acts = values.any(0)
+        if not acts.any():  # no lines at all would upset the figure's layout
+            return
         values, heights = values[:, acts], heights[acts]
         low, middle, high = np.quantile(values, _BAND, axis=0)
         ax.plot(middle, heights, "o", markersize=3, clip_on=False, **style)
