@@ -1,10 +1,40 @@
-"""Where links are, in words: by building and floor, numbered from 1."""
+"""Where masses, rods and links are, in words: by building, floor and storey, numbered from 1."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 
 from jaxpound.model.system import GROUND, Ends, Topology, floors
+
+
+def mass_places(topology: Topology) -> tuple[str, ...]:
+    """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``."""
+    return _each("floor", "mass", topology.n_masses, _homes(topology, of_rods=False))
+
+
+def rod_places(topology: Topology) -> tuple[str, ...]:
+    """``storey 2 of building 1``; of buildings of one storey ``building 1``, else ``rod 1``."""
+    return _each("storey", "rod", len(topology.rods), _homes(topology, of_rods=True))
+
+
+def _homes(topology: Topology, *, of_rods: bool) -> dict[int, Ends]:
+    """Building and floor of each mass or rod, from 1; none if these are no shear buildings."""
+    with suppress(ValueError):
+        return {
+            pair[of_rods]: (building + 1, floor + 1)
+            for building, storeys in enumerate(floors(topology))
+            for floor, pair in enumerate(storeys)
+        }
+    return {}
+
+
+def _each(one: str, other: str, n: int, homes: Mapping[int, Ends]) -> tuple[str, ...]:
+    if len(homes) < n:  # a rod may stand beside the storeys
+        return tuple(f"{other} {i + 1}" for i in range(n))
+    if all(floor == 1 for _, floor in homes.values()):
+        return tuple(f"building {homes[i][0]}" for i in range(n))
+    return tuple(f"{one} {homes[i][1]} of building {homes[i][0]}" for i in range(n))
 
 
 def link_places(topology: Topology) -> tuple[str, ...]:
@@ -20,13 +50,7 @@ def link_places(topology: Topology) -> tuple[str, ...]:
     >>> link_places(row.system().topology)
     ('floor 1 of buildings 1 and 2', 'floors 2 and 1 of building 1')
     """
-    home: dict[int, Ends] = {}
-    with suppress(ValueError):  # the masses are no shear buildings
-        home = {
-            mass: (building + 1, floor + 1)
-            for building, storeys in enumerate(floors(topology))
-            for floor, (mass, _) in enumerate(storeys)
-        }
+    home = _homes(topology, of_rods=False)
     return tuple(_place(ends, home) for ends in topology.links)
 
 

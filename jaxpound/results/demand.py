@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
+from jaxpound.model.places import mass_places, rod_places
 from jaxpound.model.system import Topology, is_storey
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
@@ -393,10 +394,20 @@ def known_of(name: str) -> Quantity | None:
     return _OTHERS.get(name)
 
 
-def in_words(name: str) -> str:
-    """Name of a scalar in words; the name itself of any other column."""
-    known = known_of(name)
-    return name.replace("_", " ") if known is None else known.words
+def in_words(name: str, topology: Topology | None = None) -> str:
+    """Name of a scalar in words; the name itself of any other column.
+
+    With the masses, rods and links that it is of, by floor and storey; without, every mass is taken
+    for a building.
+    """
+    place, known = place_of(Demand, name), known_of(name)
+    if known is None:
+        return name.replace("_", " ")
+    if topology is None or place is None or place.group not in ("masses", "rods"):
+        return known.words
+    where = {"masses": mass_places, "rods": rod_places}[place.group](topology)[place.element]
+    what = known.words.rpartition(" of ")[0]
+    return f"{what if where.startswith('building') else what.replace('base ', '')} of {where}"
 
 
 def kind_of(name: str) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any
 
@@ -57,7 +57,7 @@ def demands_of(
 ) -> dict[str, Any]:
     """The scalars of ``Demand`` by name, those over all floors, and the gaps that are required."""
     found, system = demand(structures, ground, grid, scheme), structures.system()
-    return found.scalars() | over_all(system.topology, found) | required_gaps(system, found)
+    return found.scalars() | over_all(system, found) | required_gaps(system, found)
 
 
 def required_gaps(system: System, found: Demand) -> dict[str, Any]:
@@ -78,26 +78,44 @@ def required_gaps(system: System, found: Demand) -> dict[str, Any]:
     return named if meet or not own else named | {"required_gap": reduce(larger, own.values())}
 
 
-def over_all(topology: Topology, found: Demand) -> dict[str, Any]:
-    """The largest demand of all floors, storeys and contacts, where there are several.
+def over_all(system: System, found: Demand) -> dict[str, Any]:
+    """The largest demand of all floors, storeys and contacts (``names_over_all``)."""
+    touching = [link.contact is not None for link in system.links]
+    return {
+        name: reduce(
+            larger, [getattr(getattr(found, group)[i], field) for group, i, field in those]
+        )
+        for name, those in _over_all(system.topology, touching).items()
+    }
+
+
+def names_over_all(topology: Topology, touching: Sequence[bool]) -> tuple[str, ...]:
+    """Names of the largest demands of several floors, storeys and contacts.
 
     Of structures with storeys these are ``peak_drift`` and ``peak_acceleration``; of several links
-    some of which have a law of contact, also ``peak_contact``, ``peak_impulse`` and
+    some of which have a law of contact (``touching``), also ``peak_contact``, ``peak_impulse`` and
     ``peak_penetration``.
     """
-    largest: dict[str, list[Any]] = {}
+    return tuple(_over_all(topology, touching))
+
+
+def _over_all(
+    topology: Topology, touching: Sequence[bool]
+) -> dict[str, list[tuple[str, int, str]]]:
+    """Group, element and field of the demands that each name is the largest of."""
+    found: dict[str, list[tuple[str, int, str]]] = {}
     if any(map(is_storey, topology.rods)):
         # The drift of a storey above the ground is the displacement of its floor.
-        largest["peak_drift"] = [
-            rod.peak_drift if is_storey(ends) else found.masses[max(ends)].peak_x
-            for rod, ends in zip(found.rods, topology.rods, strict=True)
+        found["peak_drift"] = [
+            ("rods", r, "peak_drift") if is_storey(ends) else ("masses", max(ends), "peak_x")
+            for r, ends in enumerate(topology.rods)
         ]
-        largest["peak_acceleration"] = [mass.peak_acceleration for mass in found.masses]
-    if len(topology.links) > 1:
-        for name in OF_CONTACTS:
-            known = [getattr(link, name) for link in found.links]
-            largest[name] = [x for x in known if x is not None]
-    return {name: reduce(larger, values) for name, values in largest.items() if values}
+        every = range(topology.n_masses)
+        found["peak_acceleration"] = [("masses", i, "peak_acceleration") for i in every]
+    if len(touching) > 1 and any(touching):
+        those = [k for k, touches in enumerate(touching) if touches]
+        found |= {name: [("links", k, name) for k in those] for name in OF_CONTACTS}
+    return found
 
 
 OF_CONTACTS = ("peak_contact", "peak_impulse", "peak_penetration")

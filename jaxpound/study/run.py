@@ -24,7 +24,6 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, instance, require_memory
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import of_many, tell
-from jaxpound.model.places import link_places
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import Structures, Topology
 from jaxpound.simulation.scheme import Scheme
@@ -179,7 +178,7 @@ def monte_carlo(
     topology, oscillators = _median(scenarios)
     context: dict[str, Any] = {}
     if not begun:
-        context = {"notes": notes, "oscillators": oscillators, "links": link_places(topology)}
+        context = {"notes": notes, "oscillators": oscillators, "topology": topology}
     task = dataclasses.replace(
         task,
         names=tuple(identity["columns"]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import Any
@@ -13,6 +12,8 @@ import numpy as np
 
 from jaxpound._checks import instance, not_negative, number, require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.model.places import link_places
+from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand, kind_of
@@ -227,10 +228,15 @@ class Study(Columnar, Shown):
         }
 
     @property
+    def topology(self) -> Topology:
+        """Number of masses, and the ends of rods and links."""
+        n_masses, rods, links = self.about["topology"]  # lists, if they were read from a file
+        return Topology(n_masses, *(tuple((i, j) for i, j in ends) for ends in (rods, links)))
+
+    @property
     def n_links(self) -> int:
         """Number of links."""
-        n = sum(re.fullmatch(r"min_gap(_\d+)?", name) is not None for name in self.columns)
-        return n - (n > 1)  # of several there is also the smallest of all
+        return len(self.topology.links)
 
     def pounding(self, gap: float | None = None, *, link: int | None = None) -> np.ndarray:
         """Whether there was pounding in each run, shape (n,): 1 or 0, NaN where the run failed.
@@ -340,8 +346,8 @@ class Study(Columnar, Shown):
         if not known:
             self._known("required_gap")
         gaps = {k: self.required_gap(probability, confidence, link=k) for k in known}
-        places = self.about.get("links") or [f"link {k + 1}" for k in range(n)]
-        return RequiredGaps(float(probability), gaps, tuple(places), self.scales is not None)
+        places = link_places(self.topology)
+        return RequiredGaps(float(probability), gaps, places, self.scales is not None)
 
     def separation(self, probability: float, confidence: float = 0.95) -> Separation:
         """The required gap beside those of code rules: absolute sum, SRSS, double difference.

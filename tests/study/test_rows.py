@@ -160,7 +160,7 @@ def test_a_link_with_a_law_of_contact_has_no_required_gap(study):
     gaps = required_gaps(system, found)
     assert [*gaps] == ["required_gap_1"]
     np.testing.assert_allclose(gaps["required_gap_1"], study["required_gap_1"], atol=1e-12)
-    largest = over_all(system.topology, found)
+    largest = over_all(system, found)
     assert [*largest] == ["peak_drift", "peak_acceleration", *OF_CONTACTS]
     np.testing.assert_array_equal(largest["peak_contact"], np.ones(64))
 
