@@ -28,6 +28,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxpound.model import parameters
+from jaxpound.model.row import Row
+from jaxpound.model.storeys import Storeys
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System
 from jaxpound.quantities import DIMENSIONLESS, SI
@@ -75,13 +77,13 @@ def quantity_of(name: str) -> tuple[str | None, str]:
 
 
 # Classes by which a path is looked up where no object is at hand (a study that was opened).
-_WITH_PARAMETERS = (AdjacentStructures, System)
+_WITH_PARAMETERS = (AdjacentStructures, System, Row, Storeys)
 
 
 def parameter_name(path: str) -> str:
     """Name of a parameter in a figure."""
     owner = _owner(path)
-    return path.replace("_", " ") if owner is None else parameters.name(owner, path)
+    return parameters.in_words(path) if owner is None else parameters.name(owner, path)
 
 
 def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
