@@ -119,13 +119,14 @@ def lines(answers: dict[str, Any]) -> list[str]:
     links = told["links"]
     if links:
         found += [_links(links).text(), ""]
-        laws = [one["contact"] for one in links if one["contact"]]
-        if any(one["gap_m"] is not None for one in links):
-            smallest = f"{told['min_gap_m']:.4g} m at {told['min_gap_time_s']:.5g} s"
-            found.append(f"Gaps     smallest {smallest}; {verdict(told, bool(laws))}")
-        lost = sum(law["contact_work_J"] for law in laws) if laws else None
-    else:
-        lost = None
+    closable = [one for one in links if one["gap_m"] is not None]
+    if closable:
+        closest = min(closable, key=lambda one: one["min_gap_m"])
+        smallest = f"{told['min_gap_m']:.4g} m at {told['min_gap_time_s']:.5g} s"
+        words = verdict(told, closest["contact"] is not None)
+        found.append(f"Gaps     smallest {smallest}; {words}")
+    laws = [one["contact"] for one in links if one["contact"]]
+    lost = sum(law["contact_work_J"] for law in laws) if laws else None
     return [*found, energy_line(told, lost)]
 
 

@@ -68,15 +68,16 @@ def test_the_summary_has_the_api_s_numbers(simulated):
 def test_impacts_are_told_by_link(simulated):
     screen, out, _, response = simulated
     told = json.loads((out / "summary.json").read_text())["results"]
-    struck = [k for k, one in enumerate(told["links"]) if one["first_contact_s"] is not None]
-    assert struck  # else this tests nothing
-    for k in struck:
-        contact, impacts = told["links"][k]["contact"], response.impacts(k)
-        assert contact["n_impacts"] == len(contact["impacts"]) == len(impacts)
-        assert contact["peak_contact_N"] == float(response.demand.links[k].peak_contact)
-        assert told["links"][k]["first_contact_s"] == impacts[0].time
-    assert told["first_contact_s"] == min(told["links"][k]["first_contact_s"] for k in struck)
-    assert f"POUNDS: penetration {told['overlap_m']:.4g} m" in screen
+    touched = [one["first_contact_s"] for one in told["links"]]
+    assert told["first_contact_s"] == min(time for time in touched if time is not None)
+    contact, impacts = told["links"][0]["contact"], response.impacts(0)
+    assert contact["n_impacts"] == len(contact["impacts"]) == len(impacts) > 0
+    assert contact["peak_contact_N"] == float(response.demand.links[0].peak_contact)
+    assert touched[0] == impacts[0].time
+    # The second link has a gap but no law: its floors overlap, and by more.
+    gap = response.links[1].gap
+    assert gap[np.searchsorted(response.time, touched[1])] <= 0
+    assert f"POUNDS: overlap {told['overlap_m']:.4g} m" in screen
     row = next(line for line in screen.splitlines() if line.startswith("1.2 and 2.2")).split()
     assert row[-3:][0] == str(int(told["links"][0]["contact"]["n_impacts"]))
 
@@ -96,10 +97,10 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
         b, i = int(row["building"]) - 1, int(row["floor"]) - 1
         assert float(row["elevation_m"]) == form.buildings[b].elevations[i]
         x = series[f"x{row['series']}_m"]
-        assert float(row["displacement_m"]) == pytest.approx(np.abs(x).max(), rel=1e-3)
+        assert 0 <= float(row["displacement_m"]) / np.abs(x).max() - 1 < 1e-2
         below = series[f"x{int(row['series']) - 1}_m"] if i else 0
         drift = float(row["drift_m"])
-        assert drift == pytest.approx(np.abs(x - below).max(), rel=1e-2)
+        assert 0 <= drift / np.abs(x - below).max() - 1 < 1e-2  # the grid may miss the top
         assert float(row["drift_ratio"]) == pytest.approx(drift / 3.0)
         for name, column in (("shear", "shear_N"), ("contact_right", "contact_right_N")):
             assert float(row[column]) == float(getattr(demands[b], name)[i])
