@@ -1,4 +1,4 @@
-"""``jaxpound design``: damper and rods that keep two buildings apart, chosen by gradients."""
+"""``jaxpound design``: dampers and rods that keep buildings apart, chosen by gradients."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from msgspec import field
 import jaxpound as jp
 from jaxpound._tables import Table as Lines
 from jaxpound._tables import rounded
-from jaxpound.cli.factors import Bounds, Parameter, design_space, in_si
+from jaxpound.cli.factors import Bounds, design_space
 from jaxpound.cli.files import known as finite
 from jaxpound.cli.files import make_folder, write_figures, write_json, write_text
 from jaxpound.cli.objective import Limits, Objective, Penalties, priced
 from jaxpound.cli.pair import UNITS
+from jaxpound.cli.parameters import Parameters, RowParameters, in_si, parameters_of
 from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
+from jaxpound.cli.row import Row
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Files, read_records
-from jaxpound.cli.writing import as_toml
+from jaxpound.cli.writing import as_toml, row_as_toml
 from jaxpound.model.parameters import get, known, put
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
@@ -61,7 +63,7 @@ class Wanted(Shaken):
     """The configuration of ``jaxpound design``."""
 
     recorded: Recorded | None = None
-    variables: dict[Parameter, Chosen] = field(default_factory=dict)
+    variables: dict[str, Chosen] = field(default_factory=dict)
     objective: Objective = Objective()
     limits: Limits = field(default_factory=dict)
     penalties: Penalties = field(default_factory=dict)
@@ -91,11 +93,11 @@ def run(args: argparse.Namespace) -> None:
         **given.search.options(),
     )
     recorded = {name: design.compare(one) for name, one in task.recorded.items()}
-    answers = summary(design, recorded, given.scales)
+    answers = summary(design, recorded, given.scales, task.parameters)
     print(_changes("quantity", answers["answer"]).text())
     print(design)
     write_text(args.out / "design.toml", file.text)
-    write_text(args.out / "buildings.toml", as_toml(design.structures, given.scales))
+    write_text(args.out / "buildings.toml", _buildings(given, task, design))
     write_json(args.out / "summary.json", answers)
 
     from jaxpound.plots import designs as plots
@@ -112,7 +114,7 @@ def run(args: argparse.Namespace) -> None:
             task.ensemble,
             task.grid,
             given.scheme,
-            demand="peak_impulse" if given.contact else "min_gap",
+            demand="peak_impulse" if given.form.laws else "min_gap",
         )
         figures["elasticities"] = figure(plots.tornado, slopes)
     if design.space.dimension > 1:
@@ -121,10 +123,18 @@ def run(args: argparse.Namespace) -> None:
     write_figures(figures, args.out, args.pdf)
 
 
+def _buildings(given: Wanted, task: Task, design: jp.Design) -> str:
+    """The design as a configuration of ``jaxpound simulate``."""
+    if isinstance(given.form, Row) and isinstance(task.parameters, RowParameters):
+        return row_as_toml(task.parameters.in_si(design.structures), given.form.buildings)
+    return as_toml(design.structures, given.scales)
+
+
 @dataclasses.dataclass(frozen=True)
 class Task:
     """The design problem, for the dimensionless system."""
 
+    parameters: Parameters
     space: jp.DesignSpace
     ensemble: jp.Ensemble
     recorded: dict[str, jp.Ensemble]
@@ -152,8 +162,10 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
         ensemble = jp.Ensemble.drawn(scenarios, n, given.search.seed)
         if shaking:
             ensemble = ensemble.including([*shaking.values()], grid)
+    parameters = parameters_of(given.form)
     return Task(
-        design_space(place, given.variables, given.structures, given.scales),
+        parameters,
+        design_space(place, given.variables, parameters),
         ensemble,
         {name: jp.Ensemble.of([record], grid) for name, record in shaking.items()},
         priced(
@@ -161,7 +173,8 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
             given.objective,
             given.limits,
             given.penalties,
-            given.contact.law if given.contact else None,
+            given.structures,
+            given.form.laws,
         ),
         grid,
     )
@@ -186,7 +199,10 @@ def _recorded(file: File, table: Recorded | None, more: Sequence[Path]) -> dict[
 
 
 def summary(
-    design: jp.Design, recorded: Mapping[str, jp.Comparison], scales: jp.Scales
+    design: jp.Design,
+    recorded: Mapping[str, jp.Comparison],
+    scales: jp.Scales,
+    parameters: Parameters,
 ) -> dict[str, Any]:
     """Summary of a design, as JSON can hold it; ``recorded`` are single earthquakes by name.
 
@@ -199,8 +215,14 @@ def summary(
             "units": "SI" if si else "dimensionless",
             "objective": design.objective,
             "objective_unit": unit(design.objective_function.quantity, si),
-            "answer": _answer(design, before, scales),
-            "rods": _rods(design, before, scales),
+            **(
+                {"answer": _chosen(design, before, parameters), "rods": []}
+                if isinstance(parameters, RowParameters)
+                else {
+                    "answer": _answer(design, before, scales),
+                    "rods": _rods(design, before, scales),
+                }
+            ),
             "variables": {
                 path: {
                     "before": design.start[path],
@@ -267,6 +289,23 @@ def _answer(
         for (words, of, path), old, new in zip(rows, *told, strict=True)
         if not path.endswith("_ratio") or path in design.space.names
     ]
+
+
+def _chosen(design: jp.Design, before: jp.Row, parameters: RowParameters) -> list[dict[str, Any]]:
+    """The parameters of a row that were chosen, and the sum of its slip forces, in SI units."""
+    first, last = parameters.in_si(before), parameters.in_si(design.structures)
+    told = [
+        _changed(
+            parameters.in_words(path),
+            parameters.unit_of(path),
+            get(first, path),
+            get(last, path),
+            design.active_bounds.get(path),
+        )
+        for path in design.space.names
+    ]
+    old, new = (sum(float(link.friction) for link in x.links) for x in (first, last))
+    return [*told, _changed("slip forces of all dampers together", "N", old, new, None)]
 
 
 def _rods(

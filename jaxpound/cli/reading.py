@@ -92,12 +92,6 @@ def each(number: Any, alone: bool = True) -> msgspec.Meta:
     return msgspec.Meta(extra=extra, min_length=None if alone else 1)
 
 
-def keyed(names: Mapping[str, Any] | tuple[str, ...]) -> msgspec.Meta:
-    """Annotation: the allowed keys of a table whose entries are all of one type."""
-    pattern = "|".join(map(re.escape, names))
-    return msgspec.Meta(pattern=f"^(?:{pattern})$", extra={"names": tuple(names)})
-
-
 Count = between(1, 2**31)
 """Range of a count."""
 
@@ -128,12 +122,11 @@ def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def entries(kind: Any) -> dict[str, Any]:
-    """Types of the values that a table may have, by key."""
+    """Types of the values that a table may have, by key; none where keys are not fixed."""
     info, _ = _bare(kind)
     if isinstance(info, inspect.StructType):
         return {field.encode_name: field.type for field in msgspec.structs.fields(info.cls)}
-    names, value = get_args(kind)
-    return dict.fromkeys(_bare(names)[1]["names"], value)
+    return {}
 
 
 def is_table(kind: Any) -> bool:
@@ -198,7 +191,7 @@ class File:
         given = self._parsed(self.text)
         for name, entry in entries(kind).items():
             if isinstance(_bare(entry)[0], inspect.DictType) and isinstance(given.get(name), dict):
-                given[name] = _by_path(given[name], [*entries(entry)])
+                given[name] = _by_path(given[name])
         try:
             return msgspec.convert(given, kind)
         except msgspec.ValidationError as error:
@@ -238,13 +231,13 @@ def _syntax_error(text: str, message: str) -> str:
     return f"{place}:{key}: {message}" if key else f"{place}: {message}"
 
 
-def _by_path(table: dict[str, Any], paths: list[str], above: str = "") -> dict[str, Any]:
+def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
     """Flatten ``rod_1.tau_x = ...``, which TOML reads as a nested table if it is not quoted."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        path = f"{above}{key}"
-        inside = isinstance(value, dict) and any(one.startswith(f"{path}.") for one in paths)
-        flat |= _by_path(value, paths, f"{path}.") if inside else {path: value}
+        nested = isinstance(value, dict) and value
+        inside = nested and all(isinstance(one, dict) for one in value.values())
+        flat |= _by_path(value, f"{above}{key}.") if inside else {f"{above}{key}": value}
     return flat
 
 
@@ -274,6 +267,8 @@ def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str
     array, a table in these, or "it" for the value of a key.
     """
     kinds, place = entries(kind), f"{title} " if title.startswith("[") else ""
+    if isinstance(_bare(kind)[0], inspect.DictType):  # the keys are judged with the structures
+        kinds = dict.fromkeys(given, get_args(kind)[1])
     for key, value in given.items():
         if key not in kinds:
             return f"{title} has an unknown key {key!r}; {_meant(key, kind, root)}"
