@@ -49,15 +49,16 @@ def known(structures: Any, path: str) -> Parameter:
     return _found(_table(structures), path)[0]
 
 
-def name(structures: Any, path: str) -> str:
+def name(structures: Any, path: str, *, symbols: bool = True) -> str:
     r"""Name of a parameter in a figure: ``friction $\mu$``, ``rod 1: $\bar\tau_x$``.
 
-    ``structures`` may be a class.
+    Without ``symbols``, which stand for dimensionless numbers, ``link 1: friction``. ``structures``
+    may be a class.
     """
     parameter = known(structures, path)
     owner, field, index = _split(path)
     words = parameter.words or field.replace("_", " ")
-    symbol = f"${parameter.symbol}$" if parameter.symbol else ""
+    symbol = f"${parameter.symbol}$" if parameter.symbol and symbols else ""
     if owner:
         where = f"{owner}.{field}.{index}" if index else owner
         return f"{in_words(where)}: {symbol or words}"

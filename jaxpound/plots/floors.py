@@ -124,10 +124,10 @@ def envelope(
     --------
     >>> from jaxpound.plots import envelope
     >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
-    >>> building = jp.Storeys((1.0, 1.0, 0.8), jp.Rod(steel, 5.0))
-    >>> found = jp.demand(building, jp.Ricker(0.3, 2.0, 4.0), jp.TimeGrid.until(20.0, dt=0.05))
-    >>> (floors,) = jp.floor_demands(building, found)
-    >>> envelope(floors, "drift").get_ylabel()
+    >>> row = jp.Row(tuple(jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (3, 2)))
+    >>> found = jp.demand(row, jp.Ricker(0.3, 2.0, 4.0), jp.TimeGrid.until(20.0, dt=0.05))
+    >>> high, low = jp.floor_demands(row, found)
+    >>> envelope(high, "drift").get_ylabel()
     'floor'
     """
     runs = _runs("envelope", floors, FloorDemands)

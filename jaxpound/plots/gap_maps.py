@@ -56,10 +56,13 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     Examples
     --------
     >>> from jaxpound.plots import gap_map
-    >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
-    >>> houses = tuple(jp.Storeys((1.0, 1.0), jp.Rod(steel, k)) for k in (5.0, 9.0))
-    >>> row = jp.Row(houses, jp.floor_links(houses, friction=0.05, gap=0.3))
-    >>> run = jp.simulate(row, jp.Ricker(0.3, 2.0, 4.0), jp.TimeGrid.until(20.0, dt=0.05))
+    >>> low = jp.ShearBuilding.from_period(2, 300e3, period=0.3, damping_ratio=0.05)
+    >>> high = jp.ShearBuilding.from_period(3, 300e3, period=0.6, damping_ratio=0.05)
+    >>> t = 0.02 * np.arange(250)
+    >>> record = jp.Record(0.2 * np.sin(10 * t) * np.exp(-((t - 2) ** 2)), dt=0.02, name="burst")
+    >>> law = jp.KelvinVoigt(stiffness=5e9, restitution=0.65)
+    >>> links = jp.floor_links((low, high), gap=0.02, contact=law)
+    >>> run = jp.simulate_row((low, high), links, record)
     >>> [tick.get_text() for tick in gap_map(run).get_yticklabels()]
     ['1–2, floor 2', '1–2, floor 1']
     """

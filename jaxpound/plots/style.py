@@ -80,10 +80,12 @@ def quantity_of(name: str) -> tuple[str | None, str]:
 _WITH_PARAMETERS = (AdjacentStructures, System, Row, Storeys)
 
 
-def parameter_name(path: str) -> str:
-    """Name of a parameter in a figure."""
+def parameter_name(path: str, *, symbols: bool = True) -> str:
+    """Name of a parameter in a figure; ``symbols`` are dimensionless."""
     owner = _owner(path)
-    return parameters.in_words(path) if owner is None else parameters.name(owner, path)
+    if owner is None:
+        return parameters.in_words(path)
+    return parameters.name(owner, path, symbols=symbols)
 
 
 def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
@@ -101,7 +103,7 @@ def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
         return 1.0, f"{name} ({unit_for(kind, False, largest)[1]})"
     scale = float(getattr(scales, kind))
     factor, unit = unit_for(kind, True, scale * largest)
-    return scale * factor, f"{name.partition(' $')[0]} ({unit})"  # symbols are dimensionless
+    return scale * factor, f"{parameter_name(path, symbols=False)} ({unit})"
 
 
 def _owner(path: str) -> type | None:
