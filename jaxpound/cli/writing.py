@@ -32,13 +32,13 @@ def row_as_toml(row: jp.Row, buildings: Sequence[jp.ShearBuilding]) -> str:
     """
     lines = []
     for building, stated in zip(row.buildings, buildings, strict=True):
-        rods, of_rod = building.rods, ("order", "tau_f", "tau_x")
+        rods = building.rods
         numbers = {
             "masses": building.masses,
             "stiffnesses": [rod.stiffness for rod in rods],
-            **{
-                key: [getattr(r.material, key) for r in rods] for key in ("order", "tau_f", "tau_x")
-            },
+            "order": [rod.material.order for rod in rods],
+            "tau_f": [rod.material.tau_f for rod in rods],
+            "tau_x": [rod.material.tau_x for rod in rods],
             "heights": stated.heights,
         }
         written = [f"{key} = [{', '.join(map(_written, x))}]" for key, x in numbers.items()]

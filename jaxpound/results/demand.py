@@ -376,8 +376,9 @@ _OTHERS = {
         symbol="largest peak $|a|$",
         limited=True,
     ),
-    "spectral_acceleration_1": Quantity("acceleration", "spectral acceleration at period 1"),
-    "spectral_acceleration_2": Quantity("acceleration", "spectral acceleration at period 2"),
+    "spectral_acceleration": Quantity(
+        "acceleration", "spectral acceleration at period {}", "spectral_acceleration_{}"
+    ),
 }
 """Further columns of studies and designs; of links those that have a name of a column."""
 
