@@ -27,6 +27,7 @@ from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Files, read_records
 from jaxpound.cli.writing import as_toml, row_as_toml
 from jaxpound.model.parameters import get, known, put
+from jaxpound.model.system import Topology
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
 
@@ -119,7 +120,7 @@ def run(args: argparse.Namespace) -> None:
         figures["elasticities"] = figure(plots.tornado, slopes)
     if design.space.dimension > 1:
         figures["landscape"] = plots.figure_of_landscape(design)
-    write_text(args.out / "summary.md", page(answers, list(figures)))
+    write_text(args.out / "summary.md", page(answers, list(figures), design.trained.topology))
     write_figures(figures, args.out, args.pdf)
 
 
@@ -216,7 +217,7 @@ def summary(
             "objective": design.objective,
             "objective_unit": unit(design.objective_function.quantity, si),
             **(
-                {"answer": _chosen(design, before, parameters), "rods": []}
+                {"answer": _chosen(design, before, parameters), "rods": None}
                 if isinstance(parameters, RowParameters)
                 else {
                     "answer": _answer(design, before, scales),
@@ -348,26 +349,35 @@ def _compared(found: jp.Comparison) -> dict[str, Any]:
     }
 
 
-def page(answers: Mapping[str, Any], figures: list[str]) -> str:
-    """One page."""
+def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | None) -> str:
+    """One page; ``topology`` says where the demands of the structures are."""
+    of_row = answers["rods"] is None
     of_objective = answers["objective_unit"]
     of_gap = unit_of("min_gap", answers["units"] == "SI")
     lines = [
-        "# Design of two adjacent structures",
+        f"# Design of {'buildings in a row' if of_row else 'two adjacent structures'}",
         "",
         f"Objective {_with(answers['objective'], of_objective)} after {answers['iterations']} "
         f"iterations of {answers['starts']} starts ({answers['stopped']}); start "
         f"{answers['winner']} won.",
         "",
         _changes("quantity", answers["answer"]).markdown(),
-        "",
-        "Natural periods and damping ratios are those of an equivalent viscous oscillator.",
     ]
+    if not of_row:
+        words = "Natural periods and damping ratios are those of an equivalent viscous oscillator."
+        lines += ["", words]
     if answers["rods"]:
         lines += ["", _changes("parameter of a rod", answers["rods"]).markdown()]
     if answers["limits"]:
         rows = [
-            (in_words(price), x["unit"], _over(x["over"]), most, reached, f"{reached / most:.1%}")
+            (
+                in_words(price, topology),
+                x["unit"],
+                _over(x["over"]),
+                most,
+                reached,
+                f"{reached / most:.1%}",
+            )
             for price, x in answers["limits"].items()
             for most, reached in [(x["at_most"], x["reached"])]
         ]
@@ -387,8 +397,10 @@ def page(answers: Mapping[str, Any], figures: list[str]) -> str:
         ]
         # For a gap the unfavourable tail is the lower one.
         for tail, of_gaps in (("5 % quantile", True), ("95 % quantile", False)):
-            chosen = {x: y for x, y in found["demands"].items() if (x == "min_gap") == of_gaps}
-            rows = [(in_words(name), *row.values()) for name, row in chosen.items()]
+            chosen = {
+                x: y for x, y in found["demands"].items() if x.startswith("min_gap") == of_gaps
+            }
+            rows = [(in_words(name, topology), *row.values()) for name, row in chosen.items()]
             ends = [f"{what} {when}" for what in ("mean", tail) for when in ("before", "after")]
             lines += ["", Lines.of(("demand", "unit", *ends), rows).markdown()]
     if answers["recorded"]:

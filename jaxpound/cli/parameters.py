@@ -81,9 +81,8 @@ def by_path(place: str, table: Mapping[str, X], known: Parameters) -> dict[str, 
             raise ValueError(f"{place} {key} must be of a value above 0, for factors on it")
         for path in above_0:
             if path in found:
-                raise ValueError(
-                    f"{place} {key} and {found[path][0]} must not be of the same {path}"
-                )
+                rule = "must not stand for the same parameter"
+                raise ValueError(f"{place} {found[path][0]} and {key} {rule}")
             found[path] = key, value
     return found
 

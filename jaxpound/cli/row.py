@@ -142,7 +142,7 @@ class FloorLink(Table):
         Annotated[_Number | Literal["ground"], says('the number of a building, or "ground"')] | None
     ) = None
     next_floor: _Number | None = None
-    friction_force: Friction = 0.0
+    friction_force: Friction | None = None
     gap: Gap | None = None
     contact: Contact | None = None
 
@@ -160,7 +160,7 @@ class FloorLink(Table):
             raise ValueError(f"next_building {rule}")
         if self.contact is not None and self.gap is None:
             raise ValueError("lacks the key 'gap', which contact needs")
-        if self.gap is None and not self.friction_force:
+        if self.gap is None and self.friction_force is None:
             raise ValueError("must have friction_force or gap, at least one of them")
 
     def links(self, buildings: Sequence[jp.ShearBuilding]) -> list[jp.FloorLink]:
@@ -176,8 +176,9 @@ class FloorLink(Table):
             floors = [(here, i - 1, over, self._other()) for i in numbers if i is not None]
         gap = float("inf") if self.gap is None else self.gap
         law = self.contact.model() if self.contact else None
+        friction = self.friction_force or 0.0
         return [
-            jp.FloorLink(building, floor, next_floor, self.friction_force, gap, law, other)
+            jp.FloorLink(building, floor, next_floor, friction, gap, law, other)
             for building, floor, next_floor, other in floors
         ]
 

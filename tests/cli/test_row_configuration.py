@@ -85,6 +85,11 @@ def test_where_links_are(keys, expected):
     assert all(float(one.friction) == 1e3 and np.isinf(one.gap) for one in links)
 
 
+def test_a_damper_may_have_no_slip_force():
+    (link,) = form_of("[[link]]\nbuilding = 2\nfloor = 1\nfriction_force = 0").links
+    assert float(link.friction) == 0
+
+
 def ends(links):
     return [(one.building, one.floor, one.other_building, one.other_floor) for one in links]
 
