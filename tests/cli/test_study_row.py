@@ -64,7 +64,7 @@ def test_the_example_s_random_storeys():
         ({'"link.2': '"friction" = {uniform = [1, 2]}'}, "has an unknown key 'friction'"),
         (
             {'"link.2': '"building.2.storey.*.stiffness" = {uniform = [1, 2]}'},
-            "building.2.storey.*.stiffness and building.*.storey.*.stiffness must not stand for",
+            "building.*.storey.*.stiffness and building.2.storey.*.stiffness must not stand for",
         ),
         (
             {'"building.*.f': '"building.*.floor.*.mass" = {uniform = [1, 1e5]}'},
@@ -135,11 +135,17 @@ def test_what_is_wrong_with_a_design_of_a_row(changes, says, tmp_path, capsys):
     assert says in line
 
 
-def test_dampers_of_a_row_share_a_budget(tmp_path):
+def no_elasticities(*_, **__):
+    """As where the demand is zero; the gradient by all of a row's numbers takes long to compile."""
+    raise ValueError("elasticities: the demand is zero")
+
+
+def test_dampers_of_a_row_share_a_budget(tmp_path, monkeypatch):
+    monkeypatch.setattr(jp, "elasticities", no_elasticities)
     path, out = tmp_path / "row.toml", tmp_path / "out"
     search = {"earthquakes": "earthquakes = 4", "fresh": "fresh = 4", "starts": "starts = 1"}
     fewer = {"iterations": "iterations = 3", "peak_drift": "peak_drift = 0.5"}
-    text = edited(DESIGN, SHORT | search | fewer)
+    text = edited(DESIGN, SHORT | search | fewer).replace("number = 3", "number = 2")
     head, tail = text.split("[[link]]\nbuilding = 2", 1)
     path.write_text(head + tail[tail.index("# Random earthquakes") :])
     screen = run("design", path, "--out", out)
