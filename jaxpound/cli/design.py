@@ -18,6 +18,7 @@ from jaxpound._tables import rounded
 from jaxpound.cli.factors import Bounds, design_space
 from jaxpound.cli.files import known as finite
 from jaxpound.cli.files import make_folder, write_figures, write_json, write_text
+from jaxpound.cli.notes import noted
 from jaxpound.cli.objective import Limits, Objective, Penalties, priced
 from jaxpound.cli.pair import UNITS
 from jaxpound.cli.parameters import Parameters, RowParameters, in_si, parameters_of
@@ -80,19 +81,20 @@ def run(args: argparse.Namespace) -> None:
     given = file.read(Wanted)
     task = prepared(file, given, args.record)
     make_folder(args.out)
-    design = jp.design_damper(
-        task.space,
-        task.ensemble,
-        task.grid,
-        given.scheme,
-        task.objective,
-        scales=given.scales,
-        fresh=given.search.fresh or None,
-        save=args.save,
-        strict=args.strict,
-        progress=sys.stderr.isatty(),
-        **given.search.options(),
-    )
+    with noted(given.structures):
+        design = jp.design_damper(
+            task.space,
+            task.ensemble,
+            task.grid,
+            given.scheme,
+            task.objective,
+            scales=given.scales,
+            fresh=given.search.fresh or None,
+            save=args.save,
+            strict=args.strict,
+            progress=sys.stderr.isatty(),
+            **given.search.options(),
+        )
     recorded = {name: design.compare(one) for name, one in task.recorded.items()}
     answers = summary(design, recorded, given.scales, task.parameters)
     print(_changes("quantity", answers["answer"]).text())

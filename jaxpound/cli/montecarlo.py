@@ -15,12 +15,14 @@ from msgspec import field
 
 import jaxpound as jp
 from jaxpound.cli.factors import FACTOR, uncertain_structures
+from jaxpound.cli.notes import noted
 from jaxpound.cli.parameters import parameters_of
 from jaxpound.cli.reading import Count, File, Seed, Table, between
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Stated, drawn
 from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.motion import GroundLike
+from jaxpound.study.demands import is_closable
 
 # --- the configuration --------------------------------------------------------------------------
 
@@ -55,24 +57,25 @@ def run(args: argparse.Namespace) -> None:
     given = file.read(Study)
     how = given.study
     scenarios, grid = prepared(file, given)
-    found = jp.monte_carlo(
-        scenarios,
-        how.samples if args.samples is None else args.samples,
-        grid,
-        given.scheme,
-        how.seed,
-        sampling=how.sampling,
-        store=args.store,
-        chunk_size=how.chunk_size,
-        measures=_measures(given, grid) if how.spectral_acceleration else {},
-        keep_parameters=True,
-        keep_failures=how.keep_failures,
-        scales=given.scales,
-        notes={"configuration": file.text},
-        shard=_shard(args.shard),
-        strict=args.strict,
-        progress=sys.stderr.isatty(),
-    )
+    with noted(given.structures):
+        found = jp.monte_carlo(
+            scenarios,
+            how.samples if args.samples is None else args.samples,
+            grid,
+            given.scheme,
+            how.seed,
+            sampling=how.sampling,
+            store=args.store,
+            chunk_size=how.chunk_size,
+            measures=_measures(given, grid) if how.spectral_acceleration else {},
+            keep_parameters=True,
+            keep_failures=how.keep_failures,
+            scales=given.scales,
+            notes={"configuration": file.text},
+            shard=_shard(args.shard),
+            strict=args.strict,
+            progress=sys.stderr.isatty(),
+        )
     print(found)
     part = "" if args.shard == "1/1" else f" by shard {args.shard} alone"
     print(f"probability of pounding{part} {found.pounding_probability()}")
@@ -88,6 +91,9 @@ def _shard(text: str) -> tuple[int, int]:
 
 def prepared(file: File, given: Study) -> tuple[jp.Scenarios, jp.TimeGrid]:
     """The scenarios of a study and the time grid of its runs."""
+    if not any(is_closable(link.gap) for link in given.structures.system().links):
+        rule = "must have a gap: the study is of how often gaps close"
+        raise ValueError(f"{file.name}: a [[link]] {rule}")
     records = given.records(file)
     ground = given.motion(file, records)
     grid = given.grid(file, records)

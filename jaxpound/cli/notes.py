@@ -1,4 +1,4 @@
-"""A note on stderr while the first call of a program, which compiles it, takes its time."""
+"""A note on stderr where a command, which first compiles its program, takes long."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AFTER = 5.0
 
 @contextmanager
 def noted(structures: Structures) -> Iterator[None]:
-    """Say what is being compiled if the block takes longer than ``AFTER``."""
+    """Say what is compiled and run if the block takes longer than ``AFTER``."""
     note = Timer(AFTER, lambda: print(f"jaxpound: {words(structures)}", file=sys.stderr))
     note.daemon = True
     note.start()
@@ -32,4 +32,4 @@ def words(structures: Structures) -> str:
     of = f"{floors} floors" if floors > 1 else "1 floor"
     if links:
         of += f" and {links} link{'s' if links > 1 else ''}"
-    return f"compiling the program for {of} ..."
+    return f"compiling and running the program for {of} ..."

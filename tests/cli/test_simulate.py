@@ -13,7 +13,7 @@ from jaxpound._tables import rounded
 from jaxpound.cli import main as cli
 from jaxpound.cli import pair_results, simulate
 from jaxpound.cli.files import example
-from jaxpound.cli.reading import File, entries, is_table
+from jaxpound.cli.reading import File, entries, is_table, of_array
 from jaxpound.cli.simulate import Simulation
 from jaxpound.cli.writing import as_toml
 from tests.cli.commands import PULSE, is_figure, refusal, run
@@ -229,6 +229,8 @@ def test_example_config_is_printed_and_names_every_key(capsys):
     text = capsys.readouterr().out
     assert text == example("simulate")
     for name, kind in entries(Simulation).items():
+        if of_array(kind):  # of a row, which has an example of its own
+            continue
         assert not is_table(kind) or re.search(rf"(?m)^(# )?\[{name}\]$", text)
         for key in entries(kind) if is_table(kind) else [name]:
             assert re.search(rf"(?m)^(# )?{key} = ", text), key

@@ -144,6 +144,5 @@ def test_a_note_says_what_is_compiled_where_that_takes_long(capsys, monkeypatch)
     monkeypatch.setattr(notes, "AFTER", 0.01)
     with notes.noted(row):
         sleep(0.2)
-    assert (
-        capsys.readouterr().err == "jaxpound: compiling the program for 2 floors and 1 link ...\n"
-    )
+    words = "jaxpound: compiling and running the program for 2 floors and 1 link ...\n"
+    assert capsys.readouterr().err == words
