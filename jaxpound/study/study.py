@@ -229,7 +229,15 @@ class Study(Columnar, Shown):
 
     @property
     def topology(self) -> Topology:
-        """Number of masses, and the ends of rods and links."""
+        """Number of masses, and the ends of rods and links.
+
+        Raises
+        ------
+        ValueError
+            If the store was made by a version that did not keep it.
+        """
+        if "topology" not in self.about:
+            raise ValueError("Study.topology: the store must be of this version; it lacks links")
         n_masses, rods, links = self.about["topology"]  # lists, if they were read from a file
         return Topology(n_masses, *(tuple((i, j) for i, j in ends) for ends in (rods, links)))
 
