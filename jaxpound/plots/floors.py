@@ -81,6 +81,8 @@ class _Envelope(NamedTuple):
         """What acts on some floors only: a point for each, and a line from zero to it."""
         values = factor * self.values
         acts = values.any(0)
+        if not acts.any():
+            return
         values, heights = values[:, acts], heights[acts]
         low, middle, high = np.quantile(values, _BAND, axis=0)
         ax.plot(middle, heights, "o", markersize=3, clip_on=False, **style)
@@ -324,11 +326,11 @@ def _draw(
     unit: tuple[float, str],
     styles: Sequence[dict[str, Any]],
 ) -> None:
-    known, n = _DRAWN[lines[0].quantity], len(lines)
+    known = _DRAWN[lines[0].quantity]
     apart = _APART * np.diff(heights, prepend=0.0).min()
     for k, (line, style) in enumerate(zip(lines, styles, strict=True)):
         if line.quantity == "contact":
-            line.draw_apart(ax, heights - apart * (k - (n - 1) / 2), unit[0], **style)
+            line.draw_apart(ax, heights - apart * k, unit[0], **style)
         else:
             line.draw(ax, heights, unit[0], **style)
     symbol = known.symbol.partition(" $")[2]

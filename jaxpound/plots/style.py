@@ -18,7 +18,7 @@ from importlib import resources
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from matplotlib import rc_context, rc_params_from_file
+from matplotlib import rc_context, rc_params_from_file, rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_hex, to_rgb
@@ -129,8 +129,14 @@ def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
-        with rc_context(_DRAWN):
+        # Not rc_context, which restores all settings: a notebook turns interactive with its first
+        # figure, and would show no other if that were taken back.
+        before = {name: rcParams[name] for name in _DRAWN}
+        rcParams.update(_DRAWN)
+        try:
             return draw(*args, **kwargs)
+        finally:
+            rcParams.update(before)
 
     return drawn
 
