@@ -46,7 +46,8 @@ def row(
     Parameters
     ----------
     structures
-        ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of shear buildings.
+        ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of shear buildings, which stand
+        in the order of their masses.
     elevations
         For each building the height of its floors above the ground, m
         (``[building.elevations for building in buildings]``); by default all storeys are as high.
