@@ -192,7 +192,8 @@ def shades(n: int) -> list[str]:
     return [COLOURS["residual"], *(to_hex(tuple(colour)) for colour in mixed)][:n]
 
 
-_BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], *CYCLE[2:])
+# Of a cycle's colours those that letters can be read in, and that are unlike the first two.
+_BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], CYCLE[2], CYCLE[3], CYCLE[5])
 
 
 def building_colour(number: int) -> str:
