@@ -12,8 +12,9 @@ PATHS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 LARGEST = 3_000_000  # bytes; the player of the animation holds every frame
 
 
-def test_there_are_eight():
-    assert [path.name[:2] for path in PATHS] == [f"{i:02}" for i in range(1, 9)]
+def test_they_are_numbered_from_one_on():
+    assert len(PATHS) >= 7
+    assert [path.name[:2] for path in PATHS] == [f"{i:02}" for i in range(1, len(PATHS) + 1)]
 
 
 @pytest.fixture(params=PATHS, ids=lambda path: path.stem)

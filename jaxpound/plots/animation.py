@@ -251,7 +251,10 @@ def animate(
     figure = new_figure(2, (1.25 if single else 1.5) + (0.0 if low else 0.4))
     figure.set_dpi(80)  # a player holds every frame
     scenes, over_time = _panels(figure, runs, single, elevations)
-    clocks = [ax.axvline(time[0], color=COLOURS["residual"], linewidth=0.9) for ax in over_time]
+    clocks = [
+        ax.axvline(time[0], color="white" if ax.images else COLOURS["residual"], linewidth=0.9)
+        for ax in over_time
+    ]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that nothing jumps between frames
     instants = np.linspace(0, time.size - 1, frames).round().astype(int)

@@ -81,7 +81,7 @@ class _Envelope(NamedTuple):
         """What acts on some floors only: a point for each, and a line from zero to it."""
         values = factor * self.values
         acts = values.any(0)
-        if not acts.any():  # no lines at all would upset the figure's layout
+        if not acts.any():
             return
         values, heights = values[:, acts], heights[acts]
         low, middle, high = np.quantile(values, _BAND, axis=0)
@@ -248,8 +248,8 @@ def mode_shapes(structures: Storeys | ShearBuilding, n: int = 3, ax: Axes | None
     --------
     >>> from jaxpound.plots import mode_shapes
     >>> building = jp.ShearBuilding.from_period(5, 300e3, period=0.6, damping_ratio=0.05)
-    >>> mode_shapes(building, n=2).get_legend().get_texts()[0].get_text()
-    'mode 1: $T$ = 0.6 s, $\zeta$ = 5 %'
+    >>> print(mode_shapes(building, n=2).get_legend().get_texts()[0].get_text())
+    mode 1: $T$ = 0.6 s, $\zeta$ = 5 %
     """
     instance("mode_shapes", "structures", structures, Storeys, ShearBuilding)
     n = count("mode_shapes", "n", n)
@@ -326,11 +326,11 @@ def _draw(
     unit: tuple[float, str],
     styles: Sequence[dict[str, Any]],
 ) -> None:
-    known, n = _DRAWN[lines[0].quantity], len(lines)
+    known = _DRAWN[lines[0].quantity]
     apart = _APART * np.diff(heights, prepend=0.0).min()
     for k, (line, style) in enumerate(zip(lines, styles, strict=True)):
         if line.quantity == "contact":
-            line.draw_apart(ax, heights - apart * (k - (n - 1) / 2), unit[0], **style)
+            line.draw_apart(ax, heights - apart * k, unit[0], **style)
         else:
             line.draw(ax, heights, unit[0], **style)
     symbol = known.symbol.partition(" $")[2]

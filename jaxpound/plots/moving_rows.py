@@ -29,7 +29,7 @@ class MovingRow:
     Parameters
     ----------
     response
-        A single run of shear buildings.
+        A single run of shear buildings, which stand in the order of their masses.
     ax
         Where to draw.
     reach

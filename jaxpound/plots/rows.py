@@ -23,7 +23,7 @@ from jaxpound.plots.style import (
     new_axes,
 )
 
-_WIDTH, _APART, _FREE = 2.2, 2.7, 0.8  # of a building, between two with links, between others
+_WIDTH, _APART, _FREE = 2.2, 3.2, 0.8  # of a building, between two with links, between others
 _PAD = 0.09  # width of the pads of a contact law
 _STOREY, _SLAB, _LINE = (
     0.45,
@@ -46,7 +46,8 @@ def row(
     Parameters
     ----------
     structures
-        ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of shear buildings.
+        ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of shear buildings, which stand
+        in the order of their masses.
     elevations
         For each building the height of its floors above the ground, m
         (``[building.elevations for building in buildings]``); by default all storeys are as high.
@@ -90,7 +91,7 @@ def row(
     if ax is None:
         storey_inches = _STOREY + _LINE * lines
         inches = storey_inches * top / storey + 0.7
-        width = min(2.0, 0.16 * right + 0.3) if right < 13 else 2.0 * right / 13
+        width = min(2.0, 0.15 * right + 0.3) if right < 14 else 2.0 * right / 14
         ax = new_axes(None, width, inches / FIGURE_SIZE[1])
     slab = storey * _SLAB / (_STOREY + _LINE * lines)
     ax.set_xlim(-0.4, right + 0.4)
@@ -212,9 +213,12 @@ def _link(ax: Axes, k: int, link: Link, places: Mapping[int, _Place], slab: floa
             ax.add_patch(Rectangle(corner, _PAD, 0.8 * slab, color=COLOURS["pounding"], zorder=3))
     if between:
         words = _numbers(k, link)
-        shifts = [0.0] if len(words) == 1 else [-0.24, 0.24]
+        shifts = [0.0] if len(words) == 1 else [-0.25, 0.25]
+        slope = (y[1] - y[0]) / (x[1] - x[0])
+        above = 0.55 * slab + 0.2 * _APART * abs(slope)  # clear of the line's higher end
         for (text, colour), shift in zip(words, shifts, strict=False):
-            _text(ax, x.mean() + shift * _APART, y.mean() + 0.55 * slab, text, colour)
+            at = shift * _APART
+            _text(ax, x.mean() + at, y.mean() + slope * at + above, text, colour)
         if np.isfinite(float(link.gap)):
             pad = _PAD * (link.contact is not None)
             ends = (x[0] + pad, y[0] - 0.3 * slab), (x[1] - pad, y[1] - 0.3 * slab)

@@ -19,7 +19,7 @@ from importlib import resources
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from matplotlib import rc_context, rc_params_from_file
+from matplotlib import rc_context, rc_params_from_file, rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_hex, to_rgb
@@ -134,8 +134,14 @@ def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
-        with rc_context(_DRAWN):
+        # Not rc_context, which restores all settings: a notebook turns interactive with its first
+        # figure, and would show no other if that were taken back.
+        before = {name: rcParams[name] for name in _DRAWN}
+        rcParams.update(_DRAWN)
+        try:
             return draw(*args, **kwargs)
+        finally:
+            rcParams.update(before)
 
     return drawn
 
@@ -207,7 +213,8 @@ def shades(n: int) -> list[str]:
     return [COLOURS["residual"], *(to_hex(tuple(colour)) for colour in mixed)][:n]
 
 
-_BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], *CYCLE[2:])
+# Of a cycle's colours those that letters can be read in, and that are unlike the first two.
+_BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], CYCLE[2], CYCLE[3], CYCLE[5])
 
 
 def building_colour(number: int) -> str:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import warnings
 
 import jax
 import matplotlib as mpl
@@ -105,6 +106,15 @@ def test_envelopes_have_a_row_for_each_building_and_a_scale_for_each_quantity():
     without = plots.envelopes((floors(4, contact=False), floors(2, 1, contact=False)))
     assert len(without.axes) == 8
     assert without.axes[4].get_ylabel() == "building 2\nfloor"
+
+
+def test_runs_with_and_without_contact_are_compared():
+    runs = {"alone": (floors(3, contact=False),), "with": (floors(3),)}
+    figure = plots.envelopes(runs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of a layout that cannot be made
+        figure.draw_without_rendering()
+    assert [line.get_color() for line in figure.axes[-1].lines] == [shades(2)[1]]
 
 
 def test_runs_are_compared_by_name():
