@@ -94,10 +94,13 @@ class Quantity(NamedTuple):
     between two masses."""
 
     def of(self, number: str) -> Quantity:
-        """The same, with the number in its names."""
-        return self._replace(
-            words=self.words.replace("{}", number), symbol=self.symbol.replace("{}", number)
-        )
+        """The same, with the number in its names; names without braces are those of links."""
+
+        def numbered(name: str) -> str:
+            own = f"{name} of link {number}" if name else ""
+            return name.replace("{}", number) if "{}" in name else own
+
+        return self._replace(words=numbered(self.words), symbol=numbered(self.symbol))
 
 
 def parameter(

@@ -18,7 +18,14 @@ from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.parameters import put
-from jaxpound.model.row import FloorLink, Row, require_floors, require_heights
+from jaxpound.model.row import (
+    FloorLink,
+    Naming,
+    Row,
+    require_buildings,
+    require_floors,
+    require_heights,
+)
 from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import as_tuple
@@ -297,8 +304,10 @@ def dimensionless_row(
         instance(owner, f"buildings.{i}", building, ShearBuilding, Building)
     for k, link in enumerate(links):
         instance(owner, f"links.{k}", link, FloorLink)
-    require_floors(owner, [len(storeys_of(building)) for building in buildings], links)
-    require_heights(owner, buildings, links)
+    require_buildings(owner, buildings)
+    floors = [len(storeys_of(building)) for building in buildings]
+    require_floors(floors, links, Naming.of(owner))
+    require_heights(buildings, links, Naming.of(owner))
     first = storeys_of(buildings[0])[0]
     scales = Scales(first.mass, (first.stiffness / first.mass) ** 0.5, gravity)
     of_first = first.mass, first.stiffness, scales.frequency

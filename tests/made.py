@@ -5,7 +5,10 @@ import dataclasses
 import numpy as np
 
 import jaxpound as jp
+from jaxpound.model.system import elongation
+from jaxpound.results.demand import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import place_of
+from jaxpound.results.impacts import ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
 
 SCALARS = (
@@ -61,3 +64,57 @@ def changed(result, **values):
         items[place.element] = dataclasses.replace(items[place.element], **{place.field: value})
         result = dataclasses.replace(result, **{place.group: tuple(items)})
     return result
+
+
+STEEL = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), stiffness=5.0)
+
+
+def row_of(n_floors, links=()):
+    """Buildings of so many floors, of masses 1."""
+    return jp.Row(tuple(jp.Storeys((1.0,) * n, STEEL) for n in n_floors), links)
+
+
+def row_response(row, time, displacement):
+    """A response of a row whose mass i moves by ``displacement(i, time)``.
+
+    Friction is 0.1 times the slip velocity, a force of contact 10 times the penetration.
+    """
+    system, step = row.system(), time[1] - time[0]
+    x = [displacement(i, time) for i in range(len(system.masses))]
+    v = [np.gradient(one, step) for one in x]
+    links, of_links = [], []
+    for link in system.links:
+        gap, w = link.gap - elongation(link.ends, x), elongation(link.ends, v)
+        known, scalars = {}, {}
+        if link.contact is not None:
+            force, closed = np.maximum(-10 * gap, 0.0), gap <= 0
+            begins = time[1:][closed[1:] & ~closed[:-1]]
+            fields = ("end", "approach_velocity", "rebound_velocity", "impulse", "peak_force")
+            series = {name: np.ones_like(begins) for name in fields} | {"end": begins + step}
+            known = dict.fromkeys(("contact_stored", "contact_lost", "friction_work"), 0 * w)
+            known |= {"contact": force, "touching": closed.astype(float)}
+            known["impacts"] = ImpactSeries(time=begins, **series)
+            scalars = dict.fromkeys(OF_CONTACT, 0.0) | {"n_impacts": float(begins.size)}
+            scalars["peak_contact"] = force.max()
+        links.append(LinkResponse(gap, 0.1 * w, w, 0 * w, 0 * w, link.ends, **known))
+        least = gap.argmin()
+        of_links.append(LinkDemand(gap[least], time[least], 1.0, 1.0, 0.0, **scalars))
+    forces = [5.0 * elongation(rod.ends, x) for rod in system.rods]
+    return jp.Response(
+        time=time,
+        ground_acceleration=np.cos(time),
+        ground_velocity=np.sin(time),
+        masses=tuple(MassResponse(*one, 1.0) for one in zip(x, v, strict=True)),
+        rods=tuple(RodResponse(f, r.ends) for f, r in zip(forces, system.rods, strict=True)),
+        links=tuple(links),
+        demand=jp.Demand(
+            masses=tuple(MassDemand(np.abs(one).max(), 1.0) for one in x),
+            rods=tuple(
+                RodDemand(np.abs(f).max(), np.abs(f).max() / 5.0 if min(r.ends) >= 0 else None)
+                for f, r in zip(forces, system.rods, strict=True)
+            ),
+            links=tuple(of_links),
+            pga=1.0,
+            pgv=1.0,
+        ),
+    )

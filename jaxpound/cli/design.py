@@ -1,4 +1,4 @@
-"""``jaxpound design``: damper and rods that keep two buildings apart, chosen by gradients."""
+"""``jaxpound design``: dampers and rods that keep buildings apart, chosen by gradients."""
 
 from __future__ import annotations
 
@@ -6,25 +6,24 @@ import argparse
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import field
 
 import jaxpound as jp
-from jaxpound._tables import Table as Lines
-from jaxpound._tables import rounded
-from jaxpound.cli.factors import Bounds, Parameter, design_space, in_si
-from jaxpound.cli.files import known as finite
+from jaxpound.cli.design_report import changes, page, summary
+from jaxpound.cli.factors import Bounds, design_space
 from jaxpound.cli.files import make_folder, write_figures, write_json, write_text
+from jaxpound.cli.notes import noted
 from jaxpound.cli.objective import Limits, Objective, Penalties, priced
+from jaxpound.cli.parameters import Parameters, RowParameters, parameters_of
 from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
-from jaxpound.cli.simulate import as_toml
-from jaxpound.cli.tables import UNITS, Files, Shaken, read_records
-from jaxpound.model.parameters import get, known, put
-from jaxpound.quantities import unit
-from jaxpound.results.demand import in_words, unit_of
+from jaxpound.cli.row import Row
+from jaxpound.cli.structures import Shaken
+from jaxpound.cli.tables import Files, read_records
+from jaxpound.cli.writing import as_toml, row_as_toml
 
 # --- the configuration --------------------------------------------------------------------------
 
@@ -59,7 +58,7 @@ class Wanted(Shaken):
     """The configuration of ``jaxpound design``."""
 
     recorded: Recorded | None = None
-    variables: dict[Parameter, Chosen] = field(default_factory=dict)
+    variables: dict[str, Chosen] = field(default_factory=dict)
     objective: Objective = Objective()
     limits: Limits = field(default_factory=dict)
     penalties: Penalties = field(default_factory=dict)
@@ -75,25 +74,26 @@ def run(args: argparse.Namespace) -> None:
     given = file.read(Wanted)
     task = prepared(file, given, args.record)
     make_folder(args.out)
-    design = jp.design_damper(
-        task.space,
-        task.ensemble,
-        task.grid,
-        given.scheme,
-        task.objective,
-        scales=given.scales,
-        fresh=given.search.fresh or None,
-        save=args.save,
-        strict=args.strict,
-        progress=sys.stderr.isatty(),
-        **given.search.options(),
-    )
+    with noted(given.structures):
+        design = jp.design_damper(
+            task.space,
+            task.ensemble,
+            task.grid,
+            given.scheme,
+            task.objective,
+            scales=given.scales,
+            fresh=given.search.fresh or None,
+            save=args.save,
+            strict=args.strict,
+            progress=sys.stderr.isatty(),
+            **given.search.options(),
+        )
     recorded = {name: design.compare(one) for name, one in task.recorded.items()}
-    answers = summary(design, recorded, given.scales)
-    print(_changes("quantity", answers["answer"]).text())
+    answers = summary(design, recorded, given.scales, task.parameters)
+    print(changes("quantity", answers["answer"]).text())
     print(design)
     write_text(args.out / "design.toml", file.text)
-    write_text(args.out / "buildings.toml", as_toml(design.structures, given.scales))
+    write_text(args.out / "buildings.toml", _buildings(given, task, design))
     write_json(args.out / "summary.json", answers)
 
     from jaxpound.plots import designs as plots
@@ -110,19 +110,27 @@ def run(args: argparse.Namespace) -> None:
             task.ensemble,
             task.grid,
             given.scheme,
-            demand="peak_impulse" if given.contact else "min_gap",
+            demand="peak_impulse" if given.form.laws else "min_gap",
         )
         figures["elasticities"] = figure(plots.tornado, slopes)
     if design.space.dimension > 1:
         figures["landscape"] = plots.figure_of_landscape(design)
-    write_text(args.out / "summary.md", page(answers, list(figures)))
+    write_text(args.out / "summary.md", page(answers, list(figures), design.trained.topology))
     write_figures(figures, args.out, args.pdf)
+
+
+def _buildings(given: Wanted, task: Task, design: jp.Design) -> str:
+    """The design as a configuration of ``jaxpound simulate``."""
+    if isinstance(given.form, Row) and isinstance(task.parameters, RowParameters):
+        return row_as_toml(task.parameters.in_si(design.structures), given.form.buildings)
+    return as_toml(design.structures, given.scales)
 
 
 @dataclasses.dataclass(frozen=True)
 class Task:
     """The design problem, for the dimensionless system."""
 
+    parameters: Parameters
     space: jp.DesignSpace
     ensemble: jp.Ensemble
     recorded: dict[str, jp.Ensemble]
@@ -150,8 +158,10 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
         ensemble = jp.Ensemble.drawn(scenarios, n, given.search.seed)
         if shaking:
             ensemble = ensemble.including([*shaking.values()], grid)
+    parameters = parameters_of(given.form)
     return Task(
-        design_space(place, given.variables, given.structures, given.scales),
+        parameters,
+        design_space(place, given.variables, parameters),
         ensemble,
         {name: jp.Ensemble.of([record], grid) for name, record in shaking.items()},
         priced(
@@ -159,7 +169,8 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
             given.objective,
             given.limits,
             given.penalties,
-            given.contact.law if given.contact else None,
+            given.structures,
+            given.form.laws,
         ),
         grid,
     )
@@ -178,212 +189,3 @@ def _recorded(file: File, table: Recorded | None, more: Sequence[Path]) -> dict[
             raise ValueError(f"record {path}: its name {path.stem!r} must be another's than before")
         found[path.stem] = record
     return found
-
-
-# --- the report ---------------------------------------------------------------------------------
-
-
-def summary(
-    design: jp.Design, recorded: Mapping[str, jp.Comparison], scales: jp.Scales
-) -> dict[str, Any]:
-    """Summary of a design, as JSON can hold it; ``recorded`` are single earthquakes by name.
-
-    ``variables`` are dimensionless; ``answer`` and ``rods`` give them in SI units.
-    """
-    si = design.trained.si
-    before: Any = put(design.space.nominal, design.start)
-    return finite(
-        {
-            "units": "SI" if si else "dimensionless",
-            "objective": design.objective,
-            "objective_unit": unit(design.objective_function.quantity, si),
-            "answer": _answer(design, before, scales),
-            "rods": _rods(design, before, scales),
-            "variables": {
-                path: {
-                    "before": design.start[path],
-                    "after": value,
-                    "at_bound": design.active_bounds.get(path),
-                }
-                for path, value in design.values.items()
-            },
-            "limits": {
-                price: {
-                    "unit": unit_of(price, si),
-                    **vars(limit),
-                    "reached": design.prices[price],
-                    "multiplier": design.multipliers[price],
-                }
-                for price, limit in design.objective_function.limits.items()
-            },
-            "gradient_within_bounds": design.gradient_norm,
-            "winner": design.winner + 1,
-            "starts": design.history.objective.shape[1],
-            "dropped_starts": [i + 1 for i in design.dropped],
-            "iterations": design.history.objective.shape[0],
-            "stopped": design.stopped,
-            "simulations_with_gradient": design.simulations,
-            "trained": _compared(design.trained),
-            "fresh": None if design.fresh is None else _compared(design.fresh),
-            "recorded": {
-                name: {
-                    f"min_gap_{when}": float(columns["min_gap"][0])
-                    for when, columns in (("before", found.before), ("after", found.after))
-                }
-                for name, found in recorded.items()
-            },
-        }
-    )
-
-
-def _answer(
-    design: jp.Design, before: jp.AdjacentStructures, scales: jp.Scales
-) -> list[dict[str, Any]]:
-    """The design in an engineer's terms: damper, gap, both buildings as oscillators, contact."""
-    of_contact = [path for path in design.space.names if path.startswith("contact.")]
-    told = []
-    for structures in (before, design.structures):
-        left, right, force, gap = scales.buildings(structures)
-        oscillators = [x for b in (left, right) for x in (b.natural_period, 100 * b.damping_ratio)]
-        contact = [get(in_si(structures, scales), path) for path in of_contact]
-        told.append([force, gap, *oscillators, right.mass, right.stiffness, *contact])
-    rows = [
-        ("slip force of the damper", "N", "friction"),
-        ("gap at rest", "m", "initial_gap"),
-        ("natural period of building 1", "s", ""),
-        ("damping ratio of building 1", "%", ""),
-        ("natural period of building 2", "s", ""),
-        ("damping ratio of building 2", "%", ""),
-        ("mass of building 2", "kg", "mass_ratio"),
-        ("stiffness of building 2", "N/m", "stiffness_ratio"),
-    ]
-    for path in of_contact:
-        about = known(design.structures, path)
-        rows.append((about.words, unit(about.kind, si=True), path))
-    return [
-        _changed(words, of, old, new, design.active_bounds.get(path))
-        for (words, of, path), old, new in zip(rows, *told, strict=True)
-        if not path.endswith("_ratio") or path in design.space.names
-    ]
-
-
-def _rods(
-    design: jp.Design, before: jp.AdjacentStructures, scales: jp.Scales
-) -> list[dict[str, Any]]:
-    """The rods' parameters that were chosen, in SI units."""
-    first, last = in_si(before, scales), in_si(design.structures, scales)
-    told = []
-    for path in design.space.names:
-        if path.startswith("rod_"):
-            of, bound = UNITS[path.rpartition(".")[2]], design.active_bounds.get(path)
-            told.append(_changed(path, of, get(first, path), get(last, path), bound))
-    return told
-
-
-def _changed(words: str, of: str, before: Any, after: Any, bound: str | None) -> dict[str, Any]:
-    """A quantity and its unit, before and after, and the bound at which it is."""
-    before, after = float(before), float(after)
-    return {
-        "quantity": words,
-        "unit": of,
-        "before": before,
-        "after": after,
-        "change": after - before,
-        "relative_change": after / before - 1 if before else None,
-        "at_bound": bound,
-    }
-
-
-def _compared(found: jp.Comparison) -> dict[str, Any]:
-    before, after = found.pounding
-    return {
-        "earthquakes": len(found),
-        "objective": {name: x._asdict() for name, x in found.objective.items()},
-        "share_that_pounds": {"before": before, "after": after},
-        "min_gap_wider_by": found.difference()._asdict(),
-        "demands": {
-            name: {"unit": unit_of(name, found.si)} | row for name, row in found.rows().items()
-        },
-    }
-
-
-def page(answers: Mapping[str, Any], figures: list[str]) -> str:
-    """One page."""
-    of_objective = answers["objective_unit"]
-    of_gap = unit_of("min_gap", answers["units"] == "SI")
-    lines = [
-        "# Design of two adjacent structures",
-        "",
-        f"Objective {_with(answers['objective'], of_objective)} after {answers['iterations']} "
-        f"iterations of {answers['starts']} starts ({answers['stopped']}); start "
-        f"{answers['winner']} won.",
-        "",
-        _changes("quantity", answers["answer"]).markdown(),
-        "",
-        "Natural periods and damping ratios are those of an equivalent viscous oscillator.",
-    ]
-    if answers["rods"]:
-        lines += ["", _changes("parameter of a rod", answers["rods"]).markdown()]
-    if answers["limits"]:
-        rows = [
-            (in_words(price), x["unit"], _over(x["over"]), most, reached, f"{reached / most:.1%}")
-            for price, x in answers["limits"].items()
-            for most, reached in [(x["at_most"], x["reached"])]
-        ]
-        columns = ("limit", "unit", "of", "at most", "reached", "reached / at most")
-        lines += ["", Lines.of(columns, rows).markdown()]
-    kinds = (("trained", "The earthquakes it was made for"), ("fresh", "Fresh earthquakes"))
-    for key, words in kinds:
-        if (found := answers[key]) is None:
-            continue
-        share, wider = found["share_that_pounds"], found["min_gap_wider_by"]
-        lines += [
-            "",
-            f"{words}, {found['earthquakes']:,}: {share['before']:.2%} pounded before, "
-            f"{share['after']:.2%} after; the smallest gap is wider by "
-            f"{_estimated(wider, of_gap)} on average; the objective is "
-            f"{_estimated(found['objective']['after'], of_objective)}.",
-        ]
-        # For a gap the unfavourable tail is the lower one.
-        for tail, of_gaps in (("5 % quantile", True), ("95 % quantile", False)):
-            chosen = {x: y for x, y in found["demands"].items() if (x == "min_gap") == of_gaps}
-            rows = [(in_words(name), *row.values()) for name, row in chosen.items()]
-            ends = [f"{what} {when}" for what in ("mean", tail) for when in ("before", "after")]
-            lines += ["", Lines.of(("demand", "unit", *ends), rows).markdown()]
-    if answers["recorded"]:
-        gaps = ("smallest gap before", "smallest gap after")
-        rows = [(name, of_gap, *row.values()) for name, row in answers["recorded"].items()]
-        lines += ["", Lines.of(("recorded earthquake", "unit", *gaps), rows).markdown()]
-    lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
-    return "\n".join(lines)
-
-
-def _changes(what: str, rows: Sequence[Mapping[str, Any]]) -> Lines:
-    """What changed, for the screen and the page."""
-    columns = (what, "unit", "before", "after", "change", "relative change", "at a bound")
-    numbers = ("quantity", "unit", "before", "after", "change")
-    told = [
-        (
-            *(row[key] for key in numbers),
-            "-" if row["relative_change"] is None else f"{row['relative_change']:+.1%}",
-            f"the {row['at_bound']} one" if row["at_bound"] else "no",
-        )
-        for row in rows
-    ]
-    return Lines.of(columns, told)
-
-
-def _over(over: str | float) -> str:
-    named = {"worst": "the worst earthquake", "mean": "the mean"}
-    return named[over] if isinstance(over, str) else f"the mean of the worst {over:.0%}"
-
-
-def _with(number: float | None, of: str) -> str:
-    return f"{rounded(number)} {of}".rstrip()
-
-
-def _estimated(estimate: Mapping[str, Any], of: str) -> str:
-    value = _with(estimate["value"], of)
-    if estimate["low"] is None and estimate["high"] is None:
-        return f"{value} (no 95 % interval)"
-    return f"{value} (95 % interval {rounded(estimate['low'])} to {_with(estimate['high'], of)})"

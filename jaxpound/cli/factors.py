@@ -1,9 +1,8 @@
-"""Parameters as factors on the values of a file: their SI values and plausible ranges."""
+"""Parameters as factors on the values of a file: random ones, and bounds of those to be chosen."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 from typing import Annotated, Any, Literal
 
@@ -11,19 +10,16 @@ import jax
 import numpy as np
 
 import jaxpound as jp
-from jaxpound.cli.reading import Range, Table, between, keyed, named, ranges
-from jaxpound.cli.tables import LAWS, UNITS, Building, Contact, Damper, Pair, Stated
-from jaxpound.model.parameters import get, paths, put
-from jaxpound.model.rod import ZenerRod
+from jaxpound.cli.pair import UNITS
+from jaxpound.cli.parameters import Parameters, by_path
+from jaxpound.cli.reading import Range, Table, between, named
+from jaxpound.cli.tables import Stated
+from jaxpound.model.parameters import get, put
+from jaxpound.model.system import Structures
 from jaxpound.study.distributions import RARE
 
 FACTOR = Range(0, 1e6, "", "a factor on the value above")
 Factor = Annotated[float, between(*FACTOR)]
-_OF_CONTACT = tuple(dict.fromkeys(path for law in LAWS.values() for path in paths(law)))
-Parameter = Annotated[
-    str, keyed((*paths(jp.AdjacentStructures), *(f"contact.{path}" for path in _OF_CONTACT)))
-]
-"""Path of a parameter of the dimensionless system, and of any law of contact."""
 
 
 class Bounds(Table):
@@ -48,133 +44,73 @@ class Bounds(Table):
         return jp.Bounds(self.low * value, self.high * value, self.scale)
 
 
-_STANDS_FOR = {
-    "friction": ("[damper] friction_force", ranges(Damper)["friction_force"]),
-    "initial_gap": ("gap", ranges(Pair)["gap"]),
-    "mass_ratio": ("[building_2] mass", ranges(Building)["mass"]),
-    "stiffness_ratio": ("[building_2] stiffness", ranges(Building)["stiffness"]),
-    **{
-        f"rod_{i}.{key}": (f"[building_{i}] {key}", ranges(Building)[key])
-        for i in (1, 2)
-        for key in ("order", "tau_f", "tau_x")
-    },
-    **{f"contact.{key}": (f"[contact] {key}", ranges(Contact)[key]) for key in _OF_CONTACT},
-}
-"""The key in a file that corresponds to each dimensionless parameter, and its range."""
-
-
-def in_si(structures: jp.AdjacentStructures, scales: jp.Scales) -> jp.AdjacentStructures:
-    """The same parameters in SI units: relaxation times in s^order, slip force in N, gap in m.
-
-    Stiffness of contact is in N/m, or N/m^1.5 for laws after Hertz. Rules are the same in every
-    unit, so that error messages have the units of the file.
-    """
-    left, right, friction_force, gap = scales.buildings(structures)
-    return dataclasses.replace(
-        structures,
-        rod_1=ZenerRod(left.order, left.tau_f, left.tau_x),
-        rod_2=ZenerRod(right.order, right.tau_f, right.tau_x),
-        friction=friction_force,
-        initial_gap=gap,
-        contact=scales.contact_to_si(structures.contact),
-    )
-
-
 def uncertain_structures(
-    place: str,
-    table: Mapping[str, Stated],
-    nominal: jp.AdjacentStructures,
-    scales: jp.Scales,
+    place: str, table: Mapping[str, Stated], known: Parameters, correlation: float | None = None
 ) -> jp.UncertainStructures:
-    """Structures whose parameters are multiples of the nominal ones by random factors."""
-    for path, factor in table.items():
-        factor.require(f"{place} {path}", FACTOR)
-    parameters = in_si(nominal, scales)
-    distributions = _multiples(place, table, parameters)
+    """Structures whose parameters are multiples of the stated ones by random factors."""
+    for key, factor in table.items():
+        factor.require(f"{place} {key}", FACTOR)
+    stated = by_path(place, table, known)
     with named(f"{place}, in SI units:"):
-        physical = jp.UncertainStructures(parameters, distributions)
+        physical = jp.UncertainStructures(known.si, _multiples(place, stated, known.si))
     # Each parameter at both ends of its range, the others at their medians.
     z = NormalDist().inv_cdf(RARE)
-    ends = np.array([z, -z])[:, None, None] * np.eye(len(table))
+    ends = np.array([z, -z])[:, None, None] * np.eye(len(stated))
     rows = jax.jit(jax.vmap(jax.vmap(physical.parameters)))(ends)
     extremes = []
-    for i, (path, factor) in enumerate(table.items()):
-        where = f"{place} {path} = {factor}, once in {1 / RARE:,.0f} draws:"
+    for i, (path, (key, factor)) in enumerate(stated.items()):
+        where = f"{place} {key} = {factor}, once in {1 / RARE:,.0f} draws:"
         for end in (0, 1):
             with named(where):
-                at = put(parameters, {x: float(rows[x][end, i]) for x in table})
+                at = put(known.si, {x: float(rows[x][end, i]) for x in stated})
             extremes.append((where, path, at))
-    _require_plausible(extremes, scales)
-    return jp.UncertainStructures(nominal, _multiples(place, table, nominal))
+    _require_plausible(extremes, known)
+    with named(f"{place}:"):
+        return jp.UncertainStructures(
+            known.nominal, _multiples(place, stated, known.nominal), correlation
+        )
 
 
-def design_space(
-    place: str,
-    table: Mapping[str, Bounds],
-    nominal: jp.AdjacentStructures,
-    scales: jp.Scales,
-) -> jp.DesignSpace:
-    """Structures whose parameters may be chosen between multiples of the nominal ones."""
+def design_space(place: str, table: Mapping[str, Bounds], known: Parameters) -> jp.DesignSpace:
+    """Structures whose parameters may be chosen between multiples of the stated ones."""
     # In SI units first, for messages in the units of the file.
-    parameters = in_si(nominal, scales)
-    bounds = _multiples(place, table, parameters)
+    stated = by_path(place, table, known)
+    bounds = _multiples(place, stated, known.si)
     with named(place, UNITS):
-        physical = jp.DesignSpace(parameters, bounds)
-        start = physical.shares(parameters)
+        physical = jp.DesignSpace(known.si, bounds)
+        start = physical.shares(known.si)
     extremes = []
     for i, path in enumerate(physical.names):
+        key, factors = stated[path]
         for end in (0.0, 1.0):
             shares = start.copy()
             shares[i] = end
             values = {x: float(y) for x, y in physical.numbers(shares).items()}
-            where = f"{place} {path} = {table[path]}, at a bound:"
-            extremes.append((where, path, put(parameters, values)))
-    _require_plausible(extremes, scales)
-    return jp.DesignSpace(nominal, _multiples(place, table, nominal))
+            where = f"{place} {key} = {factors}, at a bound:"
+            extremes.append((where, path, put(known.si, values)))
+    _require_plausible(extremes, known)
+    return jp.DesignSpace(known.nominal, _multiples(place, stated, known.nominal))
 
 
 def _multiples(
-    place: str, table: Mapping[str, Stated | Bounds], structures: jp.AdjacentStructures
+    place: str, stated: Mapping[str, tuple[str, Stated | Bounds]], structures: Structures
 ) -> dict[str, Any]:
     """The distributions or bounds of the parameters themselves, by path."""
     made = {}
-    for path, factor in table.items():
-        if path.startswith("contact.") and path not in (known := paths(structures)):
-            own = [x.removeprefix("contact.") for x in known if x.startswith("contact.")]
-            what = f"which has {', '.join(own)}" if own else "and the file has no [contact]"
-            raise ValueError(f"{place} {path} must be a parameter of the law of contact, {what}")
-        if not (value := float(get(structures, path))):
-            raise ValueError(f"{place} {path} must be of a value above 0, for factors on it")
-        with named(f"{place} {path}:"):
-            made[path] = factor.times(value)
+    for path, (key, factor) in stated.items():
+        with named(f"{place} {key}:"):
+            made[path] = factor.times(float(get(structures, path)))
     return made
 
 
-def _require_plausible(
-    extremes: Iterable[tuple[str, str, jp.AdjacentStructures]], scales: jp.Scales
-) -> None:
+def _require_plausible(extremes: Sequence[tuple[str, str, Any]], known: Parameters) -> None:
     """A ``ValueError`` for a parameter that can leave the plausible range of its key.
 
     ``extremes`` are a place in a file, the path of a parameter, and the structures in SI units
-    (``in_si``) where it has an extreme value. Natural periods, which depend on all parameters of a
-    building, are checked last.
+    where it has an extreme value. Natural periods, which depend on all parameters of a building,
+    are checked last.
     """
-    stiffness, periods = scales.mass * scales.frequency**2, []
     for place, path, at in extremes:
-        key, allowed = _STANDS_FOR[path]
-        with named(place, UNITS):
-            buildings = {
-                "[building_1]": jp.Building(scales.mass, stiffness, **vars(at.rod_1)),
-                "[building_2]": jp.Building(
-                    scales.mass / at.mass_ratio, stiffness * at.stiffness_ratio, **vars(at.rod_2)
-                ),
-            }
-        table, _, name = key.rpartition(" ")
-        if table in buildings:
-            periods.append((f"{place} {table} natural period", buildings[table]))
-            value = getattr(buildings[table], name)
-        else:
-            value = get(at, path)
-        allowed.require(f"{place} {key}", value)
-    for place, building in periods:
-        ranges(Building)["period"].require(place, building.natural_period)
+        known.require(place, path, at)
+    for place, path, at in extremes:
+        known.require_periods(place, path, at)

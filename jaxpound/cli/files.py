@@ -17,9 +17,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def example(command: str) -> str:
-    """The documented example configuration of a command, as text."""
-    return (resources.files("jaxpound.cli") / f"{command}.toml").read_text(encoding="utf-8")
+FORMS = ("pair", "row")
+"""Forms of a configuration: two buildings of one storey, and buildings of several in a row."""
+
+
+def example(command: str, form: str = "pair") -> str:
+    """The documented example configuration of a command, in one of the ``FORMS``, as text."""
+    name = command if form == "pair" else f"{command}_{form}"
+    return (resources.files("jaxpound.cli") / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def make_folder(out: Path) -> None:

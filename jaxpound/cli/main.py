@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 import jaxpound as jp
 from jaxpound import _interruption as interruption
-from jaxpound.cli.files import example
+from jaxpound.cli.files import FORMS, example
 
 _NOBODY_READS = 128 + 13  # exit status of a process that a closed pipe has ended
 
@@ -139,10 +139,14 @@ class _Parser(argparse.ArgumentParser):
 
 class _PrintExample(argparse.Action):
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
-        super().__init__(option_strings, dest=argparse.SUPPRESS, nargs=0, help=help)
+        super().__init__(
+            option_strings, argparse.SUPPRESS, nargs="?", const=FORMS[0], choices=FORMS, help=help
+        )
 
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        print(example(parser.prog.split()[-1]), end="")
+    def __call__(
+        self, parser: argparse.ArgumentParser, _: argparse.Namespace, form: Any, *__: Any
+    ) -> NoReturn:
+        print(example(parser.prog.split()[-1], form), end="")
         parser.exit()
 
 
@@ -152,7 +156,7 @@ class _PrintExample(argparse.Action):
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="jaxpound",
-        description="Seismic pounding between two adjacent structures joined by a friction damper.",
+        description="Seismic pounding between adjacent structures joined by friction dampers.",
         epilog="example: jaxpound paper --out results",
         allow_abbrev=False,
     )
@@ -177,14 +181,14 @@ def _add_simulate(commands: Any) -> None:
     simulate = _add_command(
         commands,
         "simulate",
-        summary="two buildings, given in SI units, under a recorded earthquake",
-        example="jaxpound simulate --example-config > buildings.toml\n"
+        summary="buildings, given in SI units, under a recorded earthquake",
+        example="jaxpound simulate --example-config row > buildings.toml\n"
         "  jaxpound simulate --record elcentro.at2 --config buildings.toml --out results",
     )
     _add_out(simulate)
     words = "accelerogram: PEER AT2, K-NET, columns of time and acceleration, or values with --dt"
     _add_path(simulate, "--record", words, required=True)
-    words = "buildings, damper and run; without it the example configuration is used"
+    words = "buildings, dampers and run; without it the example of two buildings is used"
     _add_path(simulate, "--config", words)
     _add_example(simulate, "print the example configuration and exit")
     simulate.add_argument(
@@ -238,7 +242,7 @@ def _add_design(commands: Any) -> None:
     design = _add_command(
         commands,
         "design",
-        summary="damper and rods that keep two buildings apart, chosen by gradients within limits",
+        summary="dampers and rods that keep buildings apart, chosen by gradients within limits",
         example="jaxpound design --example-config > design.toml\n"
         "  jaxpound design design.toml --record elcentro.at2 --out results",
     )
@@ -272,6 +276,7 @@ def _add_out(command: argparse.ArgumentParser) -> None:
 
 
 def _add_example(command: argparse.ArgumentParser, words: str) -> None:
+    words += ": of two buildings (pair, the default), or of several storeys and buildings (row)"
     command.add_argument("--example-config", action=_PrintExample, help=words)
 
 

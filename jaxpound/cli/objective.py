@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from msgspec.structs import astuple
 
 import jaxpound as jp
-from jaxpound.cli.reading import Range, Table, between, keyed, named, says
+from jaxpound._checks import did_you_mean
+from jaxpound.cli.reading import Range, Table, between, named, says
 from jaxpound.cli.tables import Gap
-from jaxpound.design.objective import PRICES, Goal
+from jaxpound.design.objective import Goal, prices_of
+from jaxpound.model.system import Structures
 from jaxpound.results.demand import kind_of, known_of
 
 _GOALS: dict[str, tuple[Any, str]] = {
@@ -72,11 +75,10 @@ class Weighted(Table):
     over: _Over = "mean"
 
 
-_Price = Annotated[str, keyed(PRICES)]
 _AtMost = Annotated[float | AtMost, says(f"a number, or {{at_most = ..., over = {_SHARE}}}")]
 _Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
-Limits = dict[_Price, _AtMost]
-Penalties = dict[_Price, _Weighted]
+Limits = dict[str, _AtMost]
+Penalties = dict[str, _Weighted]
 
 _PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the price")
 _LIMITS = {
@@ -98,13 +100,14 @@ def priced(
     objective: Objective,
     limits: Mapping[str, float | AtMost],
     penalties: Mapping[str, float | Weighted],
-    law: str | None,
+    structures: Structures,
+    laws: Sequence[str],
 ) -> jp.Objective:
-    """The library's ``Objective``.
+    """The library's ``Objective`` of these structures.
 
-    ``name`` is the file's, ``law`` that of its law of contact.
+    ``name`` is the file's, ``laws`` are the names of its laws of contact.
     """
-    if law is not None and objective.goal == "pounding probability":
+    if laws and objective.goal == "pounding probability":
         rule = "must not be given with a law of [contact]: whether they meet is the same"
         raise ValueError(f'{name}: [objective] goal = "{objective.goal}" {rule}')
     made: dict[str, dict[str, Any]] = {"limits": {}, "penalties": {}}
@@ -112,18 +115,27 @@ def priced(
         ("limits", jp.Limit, limits),
         ("penalties", jp.Penalty, penalties),
     ]
+    allowed = prices_of(structures.system())
     for table, kind, prices in stated:
         for price, x in prices.items():
             place = f"{name}: [{table}] {price}"
-            about = known_of(price)
-            if about is not None and about.only == "contact" and law is None:
-                raise ValueError(f"{place} must not be given without a law of [contact]")
-            if law == "newton" and price in _BY_FORCE:
-                rule = 'must not be given with law = "newton", whose impacts have none'
-                raise ValueError(f"{place} {rule}; peak_impulse is what they have")
+            _require_price(f"{name}: [{table}]", price, allowed, laws)
             number, *over = [x] if isinstance(x, float) else astuple(x)
-            allowed = _LIMITS[kind_of(price) or ""] if table == "limits" else _PENALTY
-            allowed.require(place, number)
+            within = _LIMITS[kind_of(price) or ""] if table == "limits" else _PENALTY
+            within.require(place, number)
             with named(f"{place}:"):
                 made[table][price] = kind(number, *over)
     return jp.Objective(objective.function(), **made)
+
+
+def _require_price(place: str, price: str, allowed: Sequence[str], laws: Sequence[str]) -> None:
+    """A ``ValueError`` for a name that is no demand of the structures, or one that is always 0."""
+    about = known_of(price)
+    if price not in allowed:
+        if about is not None and about.only == "contact" and not laws:
+            raise ValueError(f"{place} {price} must not be given without a law of [contact]")
+        words = did_you_mean(price, allowed) or f"allowed are {', '.join(allowed)}"
+        raise ValueError(f"{place} has an unknown key {price!r}; {words}")
+    if {*laws} == {"newton"} and re.sub(r"_\d+$", "", price) in _BY_FORCE:
+        rule = 'must not be given with law = "newton", whose impacts have none'
+        raise ValueError(f"{place} {price} {rule}; peak_impulse is what they have")

@@ -8,7 +8,7 @@ from itertools import zip_longest
 import jaxpound as jp
 from jaxpound._tables import Table
 from jaxpound.cli.files import make_folder, write_figures
-from jaxpound.cli.simulate import relative_residual
+from jaxpound.cli.results import relative_residual
 
 PAPER_SCHEME_ERROR = -6.4e-4  # of min(x2 − x1) by the paper's own scheme at its own step
 

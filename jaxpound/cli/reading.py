@@ -82,10 +82,14 @@ def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta
     return msgspec.Meta(extra={"says": words, "range": allowed}, **rules)
 
 
-def keyed(names: Mapping[str, Any] | tuple[str, ...]) -> msgspec.Meta:
-    """Annotation: the allowed keys of a table whose entries are all of one type."""
-    pattern = "|".join(map(re.escape, names))
-    return msgspec.Meta(pattern=f"^(?:{pattern})$", extra={"names": tuple(names)})
+def each(number: Any, alone: bool = True) -> msgspec.Meta:
+    """Annotation of a list with a number for every storey, or where ``alone`` one number for all.
+
+    ``number`` is the type of a number, with its range.
+    """
+    words = "a list with a number for each storey" + (", or one number for all" if alone else "")
+    extra = {"says": words, "each": number, "alone": alone}
+    return msgspec.Meta(extra=extra, min_length=None if alone else 1)
 
 
 Count = between(1, 2**31)
@@ -118,18 +122,26 @@ def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def entries(kind: Any) -> dict[str, Any]:
-    """Types of the values that a table may have, by key."""
+    """Types of the values that a table may have, by key; none where keys are not fixed."""
     info, _ = _bare(kind)
     if isinstance(info, inspect.StructType):
         return {field.encode_name: field.type for field in msgspec.structs.fields(info.cls)}
-    names, value = get_args(kind)
-    return dict.fromkeys(_bare(names)[1]["names"], value)
+    return {}
 
 
 def is_table(kind: Any) -> bool:
     """Whether a field is written as a table below a [name], and not as a value after a key."""
     info, said = _bare(kind)
     return isinstance(info, inspect.StructType | inspect.DictType) and "says" not in said
+
+
+def of_array(kind: Any) -> Any:
+    """The tables of an array that is written as tables below [[name]]; None for other fields."""
+    info, _ = _bare(kind)
+    if not isinstance(info, inspect.ListType):
+        return None
+    item = info.item_type
+    return item.cls if isinstance(item, inspect.StructType) else None
 
 
 # --- a file -------------------------------------------------------------------------------------
@@ -179,7 +191,7 @@ class File:
         given = self._parsed(self.text)
         for name, entry in entries(kind).items():
             if isinstance(_bare(entry)[0], inspect.DictType) and isinstance(given.get(name), dict):
-                given[name] = _by_path(given[name], [*entries(entry)])
+                given[name] = _by_path(given[name])
         try:
             return msgspec.convert(given, kind)
         except msgspec.ValidationError as error:
@@ -219,13 +231,13 @@ def _syntax_error(text: str, message: str) -> str:
     return f"{place}:{key}: {message}" if key else f"{place}: {message}"
 
 
-def _by_path(table: dict[str, Any], paths: list[str], above: str = "") -> dict[str, Any]:
+def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
     """Flatten ``rod_1.tau_x = ...``, which TOML reads as a nested table if it is not quoted."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        path = f"{above}{key}"
-        inside = isinstance(value, dict) and any(one.startswith(f"{path}.") for one in paths)
-        flat |= _by_path(value, paths, f"{path}.") if inside else {path: value}
+        nested = isinstance(value, dict) and value
+        inside = nested and all(isinstance(one, dict) for one in value.values())
+        flat |= _by_path(value, f"{above}{key}.") if inside else {f"{above}{key}": value}
     return flat
 
 
@@ -251,18 +263,25 @@ def named(place: str, units: Mapping[str, str] | None = None) -> Iterator[None]:
 def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str:
     """What is wrong with a table, in words; empty if nothing is.
 
-    ``title`` is ``_TOP`` for the whole file, a [table] of it, or "it" for the value of a key.
+    ``title`` is ``_TOP`` for the whole file, a [table] of it, the second of the [[tables]] of an
+    array, a table in these, or "it" for the value of a key.
     """
     kinds, place = entries(kind), f"{title} " if title.startswith("[") else ""
+    if isinstance(_bare(kind)[0], inspect.DictType):  # the keys are judged with the structures
+        kinds = dict.fromkeys(given, get_args(kind)[1])
     for key, value in given.items():
         if key not in kinds:
             return f"{title} has an unknown key {key!r}; {_meant(key, kind, root)}"
-        if not is_table(kinds[key]):
+        if item := of_array(kinds[key]):
+            words = _array_fault(item, value, key, root)
+        elif not is_table(kinds[key]):
             words = _fault(kinds[key], value, f"{place}{key}")
         elif isinstance(value, dict):
-            words = _table_fault(kinds[key], value, f"[{key}]", root)
+            inner = f"[{key}]" if title == _TOP else f"{place}{key}"
+            words = _table_fault(kinds[key], value, inner, root)
         else:
-            words = f"{key} = {shown(value)} must be a table, [{key}]"
+            written = f", [{key}]" if title == _TOP else ""
+            words = f"{place}{key} = {shown(value)} must be a table{written}"
         if words:
             return words
     for field in getattr(_bare(kind)[0], "fields", ()):
@@ -273,14 +292,26 @@ def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str
     return f"{place}{own}" if own else ""
 
 
+def _array_fault(kind: type[Table], given: Any, key: str, root: Any) -> str:
+    """What is wrong with the tables below [[key]], in words; empty if nothing is."""
+    if not isinstance(given, list) or not all(isinstance(one, dict) for one in given):
+        return f"{key} = {shown(given)} must be tables, each below a line [[{key}]]"
+    faults = (
+        _table_fault(kind, one, f"[[{key}]] {number}", root) for number, one in enumerate(given, 1)
+    )
+    return next(filter(None, faults), "")
+
+
 def _meant(key: str, kind: Any, root: Any) -> str:
-    """The table in which an unknown key would be allowed, or the most similar allowed key."""
+    """The most similar allowed key, or the table in which an unknown key would be allowed."""
+    allowed = [*entries(kind)]
+    if close := did_you_mean(key.lower(), allowed):
+        return close
     tables = {f"[{name}]": x for name, x in entries(root).items() if is_table(x)}
     tables[f"{_TOP}, before the first [table]"] = root
     if homes := [title for title, x in tables.items() if key in entries(x)]:
         return f"it belongs in {' or '.join(homes)}"
-    allowed = [*entries(kind)]
-    return did_you_mean(key.lower(), allowed) or f"allowed are {', '.join(allowed)}"
+    return f"allowed are {', '.join(allowed)}"
 
 
 def _fault(kind: Any, value: Any, place: str) -> str:
@@ -289,11 +320,11 @@ def _fault(kind: Any, value: Any, place: str) -> str:
         return ""
     info, said = _bare(kind)
     told, allowed = shown(value), said.get("range")
+    listed = isinstance(value, list) and value
+    if "each" in said and (listed or (said["alone"] and is_number(value))):
+        return _fault_of_each(said["each"], value, place)
     if "says" in said:
-        rule = said["says"]
-        for inner in getattr(info, "types", [info]):
-            if isinstance(inner, inspect.StructType) and isinstance(value, dict):
-                rule += f"; {_table_fault(inner.cls, value, 'it', inner.cls)}"
+        rule = said["says"] + _inner_fault(info, value)
     elif allowed:
         if not is_number(value):
             rule = "a finite number"
@@ -310,6 +341,24 @@ def _fault(kind: Any, value: Any, place: str) -> str:
         words_of: dict[Any, str] = {inspect.BoolType: "true or false", inspect.StrType: "a text"}
         rule = words_of.get(type(info), "a finite number")
     return f"{place} = {told} must be {rule}"
+
+
+def _inner_fault(info: Any, value: Any) -> str:
+    """What is wrong with a table that is the value of a key, if it is one."""
+    faults = (
+        f"; {_table_fault(inner.cls, value, 'it', inner.cls)}"
+        for inner in getattr(info, "types", [info])
+        if isinstance(inner, inspect.StructType) and isinstance(value, dict)
+    )
+    return "".join(faults)
+
+
+def _fault_of_each(number: Any, value: Any, place: str) -> str:
+    """What is wrong with a number for all storeys, or with the first wrong one of a list."""
+    if not isinstance(value, list):
+        return _fault(number, value, place)
+    faults = (_fault(number, x, f"{place}: storey {i}") for i, x in enumerate(value, 1))
+    return next(filter(None, faults), "")
 
 
 def _words(kind: Any) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The tables that configurations have in common: two buildings, a run, earthquakes; all in SI."""
+"""Tables that configurations have in common: contact, a run, earthquakes; all in SI."""
 
 from __future__ import annotations
 
@@ -20,68 +20,17 @@ from jaxpound.cli.reading import (
     ranges,
     says,
 )
-from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
 from jaxpound.study.distributions import RARE, reach
 
 # The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
 # to catch a wrong unit or a typing error.
 
 Gap = Annotated[float, between(0, 10, "m", "buildings farther apart do not meet")]
+Friction = Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
 
 
-# --- two buildings ------------------------------------------------------------------------------
-
-_PERIOD = Range(2e-3, 60, "s", "models shake at a hundredth of a second, towers in ten")
-_BY_PERIOD = ("mass", "period", "damping_ratio")
-_BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
-_WAYS = f"{', '.join(_BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
-
-Mass = between(1e-3, 1e10, "kg", "from a model of a gram to ten times the heaviest tower")
-Damping = between(0, 1, "", "of the critical damping; 0.05 is 5 %")
-Stiffness = between(1e-6, 1e16, "N/m", "what such masses and periods make")
-Order = between(1e-3, 1, "", "of a fractional derivative, 1 for a classical one")
-Relaxation = between(1e-12, 1e6, "s^order", "a relaxation time to the power of the order")
-
-
-class Building(Table):
-    """A building, by its period and damping or by its rod."""
-
-    mass: Annotated[float, Mass]
-    period: Annotated[float, between(*_PERIOD)] | None = None
-    damping_ratio: Annotated[float, Damping] | None = None
-    stiffness: Annotated[float, Stiffness] | None = None
-    order: Annotated[float, Order] | None = None
-    tau_f: Annotated[float, Relaxation] | None = None
-    tau_x: Annotated[float, Relaxation] | None = None
-
-    def __post_init__(self) -> None:
-        given = {key for key, value in asdict(self).items() if value is not None}
-        by_period = not given.isdisjoint({"period", "damping_ratio"})
-        if clashing := [key for key in ("stiffness", "tau_x") if by_period and key in given]:
-            raise ValueError(f"must not have {clashing[0]} here; give {_WAYS}")
-        if missing := [key for key in (_BY_PERIOD if by_period else _BY_ROD) if key not in given]:
-            raise ValueError(f"lacks {', '.join(missing)}; give {_WAYS}")
-        model = self.model()
-        if not by_period:
-            _PERIOD.require("natural period", model.natural_period)
-
-    def model(self) -> jp.Building:
-        """The library's ``Building``."""
-        given = {key: value for key, value in asdict(self).items() if value is not None}
-        with named("", UNITS):
-            return (jp.Building.from_period if "period" in given else jp.Building)(**given)
-
-
-UNITS = {key: allowed.unit for key, allowed in ranges(Building).items()}
-"""Units of the numbers of a building, by key."""
-
-
-class Damper(Table):
-    """The friction damper between the buildings."""
-
-    friction_force: Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
-
+# --- contact and run ---------------------------------------------------------------------------
 
 LAWS = {
     "newton": jp.Newton,
@@ -149,42 +98,6 @@ class Run(Table):
             return jp.Scheme(jp.Smoothed(velocity), order=self.order)
         law = jp.Switching() if self.friction == "switching" else jp.EventResolved()
         return jp.Scheme(law, order=self.order)
-
-
-class Pair(Table):
-    """Two buildings, what is between them, and the run: what every configuration has."""
-
-    gap: Gap
-    building_1: Building
-    building_2: Building
-    damper: Damper
-    contact: Contact | None = None
-    run: Run = Run()
-
-    def __post_init__(self) -> None:
-        if self.contact is not None and self.run.friction != "event-resolved":
-            rule = 'must be "event-resolved" where there is a [contact]'
-            raise ValueError(f'[run] friction = "{self.run.friction}" {rule}')
-
-    @property
-    def structures(self) -> jp.AdjacentStructures:
-        """The dimensionless system."""
-        return self._dimensionless()[0]
-
-    @property
-    def scales(self) -> jp.Scales:
-        """Its units."""
-        return self._dimensionless()[1]
-
-    @property
-    def scheme(self) -> jp.Scheme:
-        """The discretisation."""
-        return self.run.scheme(self.scales)
-
-    def _dimensionless(self) -> tuple[jp.AdjacentStructures, jp.Scales]:
-        buildings = self.building_1.model(), self.building_2.model()
-        law = self.contact.model() if self.contact else None
-        return jp.dimensionless(*buildings, self.damper.friction_force, self.gap, contact=law)
 
 
 # --- what is random -----------------------------------------------------------------------------
@@ -294,41 +207,6 @@ class Earthquakes(Table):
             0.5 if self.negative is None else self.negative,
             self.intensity.times(1.0) if self.intensity else None,
         )
-
-
-class Shaken(Pair, kw_only=True):
-    """Two buildings under random earthquakes."""
-
-    earthquakes: Earthquakes
-
-    def records(self, file: File) -> list[jp.Record]:
-        """The records from which earthquakes are drawn; none if these are sums of wavelets."""
-        table = self.earthquakes
-        place = f"{file.name}: [earthquakes] records"
-        return read_records(place, file, table.records or [], table.units)
-
-    def motion(self, file: File, records: Sequence[jp.Record]) -> jp.RandomRicker | jp.RandomRecord:
-        """The random ground motion of the dimensionless system."""
-        with named(f"{file.name}: [earthquakes]"):
-            return self.earthquakes.motion(records, self.scales)
-
-    def grid(self, file: File, records: Sequence[jp.Record]) -> jp.TimeGrid:
-        """The dimensionless time grid, fine and long enough for records."""
-        place, scales = f"{file.name}: [run]", self.scales
-        limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
-        shortest = min((float(record.dt) for record in records), default=float("inf"))
-        periods = natural_periods(self.structures, scales)
-        dt = self.run.dt or time_step(periods, limit, shortest)
-        require_stable(place, dt, limit, "the nominal buildings")
-        longest = max((float(record.duration) for record in records), default=None)
-        duration = self.run.duration or longest
-        if duration is None:
-            raise ValueError(f"{place} lacks the key 'duration'")
-        grid = time_grid(place, scales, duration, dt)
-        if self.earthquakes.arrivals:
-            within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
-            self.earthquakes.arrivals.require(f"{file.name}: [earthquakes] arrivals", within)
-        return grid
 
 
 def read_records(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,37 +27,70 @@ from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike, as_pytree, unresolved
 from jaxpound.ground.plausibility import tell
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import Structures, System
 from jaxpound.quantities import unit
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.demands import is_closable, of_link
 from jaxpound.study.statistics import Estimate
 from jaxpound.units import Scales
 
 _AT_BOUND = 1e-4  # of the way between the bounds
 
-SERIES = {
-    "x1": "length",
-    "x2": "length",
-    "v1": "velocity",
-    "v2": "velocity",
-    "a1": "acceleration",
-    "a2": "acceleration",
-    "gap": "length",
-}
-"""What may be measured: series of ``Response``, with a1 and a2 the absolute accelerations."""
 
-OF_IMPACTS = {f"impacts.{name}": known.kind for name, known in quantities(ImpactSeries).items()}
-"""What else may be: the times, speeds, impulses and peak forces of impacts, in order."""
+class Measurable(NamedTuple):
+    """What may be measured: its kind of quantity, and where a response has it."""
+
+    kind: str | None
+    group: str
+    """masses, accelerations, links or impacts."""
+    element: int
+    """The number of the mass or link, from 0."""
+    field: str = ""
+
+    @property
+    def of_impacts(self) -> bool:
+        """Whether it has a number for each impact, and not for each instant."""
+        return self.group == "impacts"
+
+    def of(self, response: Response) -> Any:
+        """The series of a response."""
+        if self.group == "accelerations":
+            return response.absolute_accelerations[self.element]
+        if self.of_impacts:
+            return getattr(response.links[self.element].impacts, self.field)
+        return getattr(getattr(response, self.group)[self.element], self.field)
+
+
+def measurables(system: System) -> dict[str, Measurable]:
+    """What may be measured of a system, by name.
+
+    Displacement, velocity and absolute acceleration of each mass, and the gap of each link that has
+    one, as series; of links with a law of contact the times, speeds, impulses and peak forces of
+    impacts, in order.
+    """
+    masses, n = range(len(system.masses)), len(system.links)
+    found = {f"x{i + 1}": Measurable("length", "masses", i, "x") for i in masses}
+    found |= {f"v{i + 1}": Measurable("velocity", "masses", i, "v") for i in masses}
+    found |= {f"a{i + 1}": Measurable("acceleration", "accelerations", i) for i in masses}
+    for k, link in enumerate(system.links):
+        if is_closable(link.gap):
+            found[of_link("gap", k, n)] = Measurable("length", "links", k, "gap")
+        if link.contact is not None:
+            for field, known in quantities(ImpactSeries).items():
+                name = f"{of_link('impacts', k, n)}.{field}"
+                found[name] = Measurable(known.kind, "impacts", k, field)
+    return found
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Shown):
     """Structures that explain what was measured, and how well the parameters are known."""
 
-    structures: AdjacentStructures
+    structures: Any
+    """Of the kind of the space's nominal structures."""
     parameters: dict[str, Estimate]
     """Value and interval by path, from the linearised least squares (Student's t)."""
     correlation: np.ndarray
@@ -74,7 +107,7 @@ class Calibration(Shown):
     """Runs of the simulator, each with its derivatives."""
 
     def _tables(self) -> list[Table]:
-        si = self.response.si
+        si, kinds = self.response.si, measurables(self.structures.system())
         return [
             Table(
                 f"Calibration ({self.simulations} runs)",
@@ -85,10 +118,7 @@ class Calibration(Shown):
             Table(
                 "Noise, what is left of the measured series",
                 ("series", "standard deviation", "unit"),
-                [
-                    (name, std, unit((SERIES | OF_IMPACTS)[name], si))
-                    for name, std in self.noise.items()
-                ],
+                [(name, std, unit(kinds[name].kind, si)) for name, std in self.noise.items()],
                 digits=4,
             ),
         ]
@@ -102,7 +132,7 @@ def calibrate(
     scheme: Scheme = Scheme(),
     *,
     noise: Mapping[str, float] | None = None,
-    start: AdjacentStructures | Mapping[str, float] | None = None,
+    start: Structures | Mapping[str, float] | None = None,
     starts: int = 4,
     key: int = 0,
     confidence: float = 0.95,
@@ -118,12 +148,13 @@ def calibrate(
     space
         The parameters to be found, and their bounds.
     measured
-        Series by name (x1, x2, v1, v2, a1, a2: absolute accelerations, gap), shape (n_steps+1,)
-        each, at the instants of the grid; NaN where nothing was measured. With a law of contact
-        also the first m impacts in order, shape (m,) each: ``impacts.time``, ``impacts.end``,
+        Series by name, shape (n_steps+1,) each, at the instants of the grid; NaN where nothing was
+        measured: displacement x1, velocity v1 and absolute acceleration a1 of every mass, or floor,
+        numbered from 1, and the gap (of several links gap_1 and so on). With a law of contact also
+        the first m impacts in order, shape (m,) each: ``impacts.time``, ``impacts.end``,
         ``impacts.approach_velocity``, ``impacts.rebound_velocity``, ``impacts.impulse`` and
-        ``impacts.peak_force`` (``ImpactSeries``). Where a run has fewer, an impact of speed,
-        impulse and force 0 at its end is compared.
+        ``impacts.peak_force`` (``ImpactSeries``; of several links ``impacts_1.time`` and so on).
+        Where a run has fewer, an impact of speed, impulse and force 0 at its end is compared.
     ground, grid, scheme
         See ``simulate``.
     noise
@@ -158,26 +189,22 @@ def calibrate(
 
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
-    instance(owner, "space.nominal", space.nominal, AdjacentStructures)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_share(owner, "confidence", confidence)
-    data = _data(owner, measured, grid)
+    sources = measurables(space.nominal.system())
+    data = _data(owner, measured, grid, sources)
     weights = _weights(owner, data, noise)
     shaking = as_pytree(ground, grid)
     if strict:  # before the time for the fit is spent
         tell(owner, unresolved(ground, grid.dt), strict)
     known = {name: np.isfinite(x) for name, x in data.items()}
-    (link,) = space.nominal.system().links
-    if link.contact is None and (asked := OF_IMPACTS.keys() & data.keys()):
-        rule = "must not be given for structures without a law of contact"
-        raise ValueError(f"{owner}: measured[{min(asked)!r}] {rule}")
     n, d = sum(int(mask.sum()) for mask in known.values()), space.dimension
     enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
 
     def series(shares: Any) -> dict[str, jax.Array]:
         response = simulate(space.structures(shares), shaking, grid, scheme)
-        return _series(response if scales is None else scales.to_si(response), data)
+        return _series(response if scales is None else scales.to_si(response), data, sources)
 
     def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
         found = series(shares)
@@ -222,7 +249,7 @@ def calibrate(
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
     response = simulate(structures, shaking, grid, scheme, strict=strict)
     response = response if scales is None else scales.to_si(response)
-    found = _series(response, data)
+    found = _series(response, data, sources)
     residuals = {name: x - np.asarray(found[name]) for name, x in data.items()}
     edges = (shares < _AT_BOUND) | (shares > 1 - _AT_BOUND)
     return Calibration(
@@ -242,32 +269,39 @@ def _spread(residual: np.ndarray) -> float:
     return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
 
 
-def _series(response: Response, data: Mapping[str, np.ndarray]) -> dict[str, jax.Array]:
+def _series(
+    response: Response, data: Mapping[str, np.ndarray], sources: Mapping[str, Measurable]
+) -> dict[str, jax.Array]:
     """The series of a run that were measured, of the measured shapes."""
-    a1, a2 = response.absolute_accelerations
-    own = {name: getattr(response, name) for name in ("x1", "x2", "v1", "v2", "gap")}
-    own |= {"a1": a1, "a2": a2}
-    for name in OF_IMPACTS.keys() & data.keys():
-        impacts = getattr(response.links[0].impacts, name.removeprefix("impacts."))
-        lacking = 0.0 * response.demand.pga  # NaN in an invalid run
-        if OF_IMPACTS[name] == "time":
-            lacking = lacking + response.time[-1]
-        first = impacts[: data[name].size]
-        own[name] = jnp.where(jnp.isnan(first), lacking, first)
-    return {name: own[name] for name in data}
+    found = {}
+    for name, x in data.items():
+        source = sources[name]
+        found[name] = source.of(response)
+        if source.of_impacts:
+            lacking = 0.0 * response.demand.pga  # NaN in an invalid run
+            if source.kind == "time":
+                lacking = lacking + response.time[-1]
+            first = found[name][: x.size]
+            found[name] = jnp.where(jnp.isnan(first), lacking, first)
+    return found
 
 
-def _data(owner: str, measured: Any, grid: TimeGrid) -> dict[str, np.ndarray]:
+def _data(
+    owner: str, measured: Any, grid: TimeGrid, sources: Mapping[str, Measurable]
+) -> dict[str, np.ndarray]:
     instance(owner, "measured", measured, Mapping)
     if not measured:
         raise ValueError(f"{owner}: measured = {{}} must hold a series")
     data = {}
     for name, values in measured.items():
-        if name not in (known := SERIES | OF_IMPACTS):
-            raise ValueError(f"{owner}: measured[{name!r}] must be one of {', '.join(known)}")
+        if name not in sources:
+            rule = f"must be one of {', '.join(sources)}"
+            if str(name).startswith("impacts") and not any(x.of_impacts for x in sources.values()):
+                rule = "must not be given for structures without a law of contact"
+            raise ValueError(f"{owner}: measured[{name!r}] {rule}")
         x = np.asarray(real(owner, f"measured[{name!r}]", values), float)
         most = min(MOST, grid.n_steps)
-        if name in OF_IMPACTS:
+        if sources[name].of_impacts:
             if not (x.ndim == 1 and 1 <= x.size <= most):
                 rule = f"(m,), m impacts from 1 to {most}"
                 raise ValueError(f"{owner}: measured[{name!r}] of shape {x.shape} must be {rule}")

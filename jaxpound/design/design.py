@@ -15,6 +15,7 @@ from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Objective
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.space import DesignSpace
+from jaxpound.model.system import Topology
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
 from jaxpound.study.statistics import Estimate
@@ -26,8 +27,9 @@ _REPLICATES = 500  # of the bootstrap
 class Comparison(Shown):
     """Demands before and after the design, in the same earthquakes.
 
-    ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap, the gap at rest
-    and every demand that an ``Objective`` can limit. Intervals are of 95 %; with fewer than two
+    ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap (of several links
+    also of each, ``min_gap_1`` and so on), the gap at rest (the mean of those that are finite) and
+    every demand that an ``Objective`` can limit. Intervals are of 95 %; with fewer than two
     earthquakes their ends are NaN.
     """
 
@@ -35,6 +37,8 @@ class Comparison(Shown):
     after: dict[str, np.ndarray]
     objective_function: Objective
     si: bool
+    topology: Topology | None = None
+    """Of the structures; it says where masses and rods are."""
 
     def __len__(self) -> int:
         return len(self.before["min_gap"])
@@ -88,7 +92,7 @@ class Comparison(Shown):
         for name in self.before:
             if name == "initial_gap":
                 continue
-            q = 0.05 if name == "min_gap" else 0.95
+            q = 0.05 if name.startswith("min_gap") else 0.95
             columns = (("before", self.before), ("after", self.after))
             table[name] = {
                 f"{what}_{when}": float(f(x[name]))
@@ -103,7 +107,7 @@ class Comparison(Shown):
                 f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})",
                 ("", "mean before", "mean after", "quantile before", "quantile after", "unit"),
                 [
-                    (in_words(name), *row.values(), unit_of(name, self.si))
+                    (in_words(name, self.topology), *row.values(), unit_of(name, self.si))
                     for name, row in self.rows().items()
                 ],
                 [
@@ -220,6 +224,7 @@ class Design(Shown):
             self._problem.evaluate(self.shares, ensemble),
             self.objective_function,
             self.trained.si,
+            self.trained.topology,
         )
 
     def landscape(self, x: str, y: str, n: int = 15) -> Landscape:

@@ -19,8 +19,8 @@ from jaxpound.ground.plausibility import excessive, first_of, of_many, tell
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.system import Structures
 from jaxpound.results.demand import unit_of
-from jaxpound.simulation.run import demand as run_demand
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.demands import demands_of
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +66,7 @@ def elasticities(
     grid, scheme
         See ``simulate``.
     demand
-        A scalar of ``Demand``.
+        A column of ``Study``: a scalar of ``Demand``, a required gap, or a demand over all floors.
     over
         For an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
     strict
@@ -114,8 +114,7 @@ def elasticities(
     @jax.value_and_grad
     def value(chosen: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
         def one(ground: Any, others: Any) -> jax.Array:
-            found = run_demand(put(structures, {**chosen, **others}), ground, grid, scheme)
-            scalars = found.scalars()
+            scalars = demands_of(put(structures, {**chosen, **others}), ground, grid, scheme)
             if demand not in scalars:
                 listed = ", ".join(scalars)
                 raise ValueError(f"{owner}: demand = {demand!r} must be one of {listed}")

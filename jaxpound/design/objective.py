@@ -22,36 +22,50 @@ from jaxpound._checks import (
 )
 from jaxpound.model.system import GROUND, System, Topology
 from jaxpound.results.demand import known_of, limited_columns
+from jaxpound.study.demands import names_over_all, of_link
 
-DAMPER = "damper_force"
+DAMPER, BUDGET = "damper_force", "total_damper_force"
 
 
 def prices_of(system: System) -> tuple[str, ...]:
     """Demands of a system that may be limited or penalised.
 
-    Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value, and, where there
-    is a single link, ``damper_force``, its slip force μ. Scalars of contact are those of links with
-    a law of contact.
+    Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value;
+    ``damper_force``, the slip force μ of a single link, or of several links ``damper_force_1`` and
+    so on, and their sum, ``total_damper_force``; and the largest demands of all floors, storeys and
+    contacts (``names_over_all``). Scalars of contact are those of links with a law of contact.
     """
     touching = [link.contact is not None for link in system.links]
-    damper = (DAMPER,) if len(touching) == 1 else ()
-    return (*damper, *limited_columns(system.topology, touching))
+    n, topology = len(touching), system.topology
+    return (
+        *(of_link(DAMPER, k, n) for k in range(n)),
+        *((BUDGET,) if n > 1 else ()),
+        *limited_columns(topology, touching),
+        *names_over_all(topology, touching),
+    )
 
 
 _PAIR = Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),))
 PRICES = (DAMPER, *limited_columns(_PAIR, touching=[True]))
 """Those of two adjacent structures with a law of contact."""
 
+_MEANT = (*PRICES, BUDGET, "peak_drift", "peak_acceleration")
+"""What an unknown name is compared with."""
+
 
 def _is_price(name: str) -> bool:
     """Whether a system can have such a demand that may be limited or penalised."""
     known = known_of(name)
-    return name == DAMPER or (known is not None and known.limited)
+    return known is not None and known.limited
 
 
 @runtime_checkable
 class Goal(Protocol):
-    """What is to be maximised: a function of the smallest gaps in all earthquakes."""
+    """What is to be maximised: a function of the smallest gaps in all earthquakes.
+
+    Of several links, the smallest gap is that of all of them, and the gap at rest is the mean of
+    those that are finite.
+    """
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
         """The goal's value for smallest gaps and gaps at rest, shape (n,) each."""
@@ -79,8 +93,8 @@ class WorstGap:
 class GapAtRest:
     """Minus the gap at rest, for land is dear: the narrowest gap that keeps the limits.
 
-    It is for structures whose gap is a variable. Where it is not, this goal is constant, and the
-    penalties alone are minimised.
+    Of several links it is minus the mean of their finite gaps. It is for structures whose gap is a
+    variable. Where it is not, this goal is constant, and the penalties alone are minimised.
     """
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
@@ -152,7 +166,8 @@ class PoundingProbability:
     Parameters
     ----------
     gap
-        The gap at rest ≥ 0; by default that of the structures.
+        The gap at rest ≥ 0, for structures all of whose links have one and the same; by default the
+        gaps are those of the structures, and pounding is that of any link.
     width
         Width of the smoothing, in the gap's unit; by default Silverman's rule, 1.06 s n^(−1/5),
         with the standard deviation s of the required gaps, taken as constant in the derivative.
@@ -297,12 +312,18 @@ class Objective:
     slip force), ``peak_x1``, ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``,
     ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``; with a law of
     contact also ``peak_contact``, ``peak_impulse``, ``peak_penetration``, ``contact_work`` and
-    ``soft_peak_contact``. Those of a ``System`` are numbered by its masses, rods and links (if
-    there are several): ``peak_x3``, ``peak_f5``, ``slip_distance_2``; ``damper_force`` is that of a
-    single link only.
+    ``soft_peak_contact``. Those of a ``Row`` or ``System`` are numbered by its masses, rods and
+    links (if there are several): ``peak_x3``, ``peak_f5``, ``peak_drift_2`` (of a storey between
+    two floors), ``slip_distance_2``, ``damper_force_2``. Of several links there is also
+    ``total_damper_force``, the sum of all slip forces: a limit on it is a budget that the dampers
+    share. ``peak_drift`` and ``peak_acceleration`` are the largest of all storeys and floors, and
+    ``peak_contact``, ``peak_impulse`` and ``peak_penetration`` of several links the largest of all.
 
     Examples
     --------
+    >>> budget = jp.Objective(jp.MeanGap(), limits={"total_damper_force": 0.5, "peak_drift": 0.2})
+    >>> budget.limits["total_damper_force"]
+    Limit(at_most=0.5, over='worst')
     >>> objective = jp.Objective(jp.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
     >>> objective.penalties
     {'peak_f1': Penalty(weight=0.6, over='mean')}
@@ -322,7 +343,7 @@ class Objective:
             instance("Objective", name, given, Mapping)
             for price in given:
                 if not _is_price(price):
-                    meant = hint(price, PRICES)
+                    meant = hint(price, _MEANT)
                     raise ValueError(f"Objective: unknown price {price!r} in {name}; {meant}")
             made: Any = {
                 price: x if isinstance(x, kind) else kind(number("Objective", price, x))

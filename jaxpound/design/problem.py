@@ -13,13 +13,19 @@ import numpy as np
 
 from jaxpound._checks import instance, refusal
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import Objective, PoundingProbability, prices_of
+from jaxpound.design.objective import (
+    BUDGET,
+    DAMPER,
+    Objective,
+    PoundingProbability,
+    prices_of,
+)
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.demands import rest_gap
+from jaxpound.study.demands import is_closable, of_link, over_all, rest_gap
 from jaxpound.units import Scales
 
 OWNER = "design_damper"
@@ -72,35 +78,64 @@ class DesignProblem:
                 if price not in self.prices:
                     rule = f"must be one of {', '.join(self.prices)}"
                     raise ValueError(f"{OWNER}: objective: {price!r} in {name} {rule}")
-        if isinstance(self.objective.goal, PoundingProbability) and self._touching:
-            rule = "must be of structures without a law of contact; whether they meet is the same"
-            raise ValueError(f"{OWNER}: objective: PoundingProbability {rule}")
-        one = {path: x[0] for path, x in self.ensemble.uncertain.items()}
-        middle = jnp.full(self.space.dimension, 0.5)
-        if jax.eval_shape(lambda *x: rest_gap(self.space.structures(*x)), middle, one) is None:
-            rule = "must have links, whose gaps at rest are one finite number"
+        if not self._closable:
+            rule = "must have a link whose gap at rest is finite"
             raise ValueError(f"{OWNER}: space: structures {rule}")
+        goal = self.objective.goal
+        if isinstance(goal, PoundingProbability):
+            if self._touching:
+                rule = "of structures without a law of contact; whether they meet is the same"
+                raise ValueError(f"{OWNER}: objective: PoundingProbability must be {rule}")
+            if goal.gap is not None and not self._one_gap():
+                rule = "must be left out where gaps at rest differ: it is then of those gaps"
+                raise ValueError(f"{OWNER}: objective: PoundingProbability: gap {rule}")
 
     @property
     def _touching(self) -> bool:
         return any(link.contact is not None for link in self.space.nominal.system().links)
 
     @cached_property
+    def _closable(self) -> list[int]:
+        """Links whose gap at rest is finite, by number."""
+        links = enumerate(self.space.nominal.system().links)
+        return [k for k, link in links if is_closable(link.gap)]
+
+    def _one_gap(self) -> bool:
+        """Whether all gaps at rest are one number, whatever is chosen and drawn."""
+        one = {path: x[0] for path, x in self.ensemble.uncertain.items()}
+        middle = jnp.full(self.space.dimension, 0.5)
+        found = jax.eval_shape(lambda *x: rest_gap(self.space.structures(*x)), middle, one)
+        return found is not None
+
+    @cached_property
     def prices(self) -> tuple[str, ...]:
         """Names of what may be limited or penalised of the structures."""
         return prices_of(self.space.nominal.system())
 
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all that is known of a design in an earthquake: gaps and ``prices``."""
+        n = len(self.space.nominal.system().links)
+        of_links = [of_link("min_gap", k, n) for k in self._closable]
+        return tuple(dict.fromkeys(["min_gap", *of_links, "initial_gap", *self.prices]))
+
     def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:
-        """Demands of ``prices``, smallest gap and gap at rest of structures in one earthquake."""
-        found = demand(structures, ground, self.grid, self.scheme)
-        gap, slip_force = rest_gap(structures), structures.system().links[0].friction
+        """The ``columns`` of structures in one earthquake."""
+        found, system = demand(structures, ground, self.grid, self.scheme), structures.system()
+        gaps = [system.links[k].gap for k in self._closable]
+        gap, slip_forces = sum(gaps[1:], gaps[0]) / len(gaps), [x.friction for x in system.links]
         if self.scales is not None:
             found = self.scales.to_si(found)
-            gap, slip_force = gap * self.scales.length, slip_force * self.scales.force
-        offsets = {name: jnp.abs(x) for name, x in found.flat("residual_offset").items()}
-        known = found.scalars() | offsets | {"initial_gap": gap, "damper_force": slip_force}
-        names = ("min_gap", "initial_gap", *self.prices)
-        return {name: jnp.asarray(known[name], found.min_gap.dtype) for name in names}
+            gap, slip_forces = (
+                gap * self.scales.length,
+                [x * self.scales.force for x in slip_forces],
+            )
+        n = len(slip_forces)
+        known = found.scalars() | over_all(system, found)
+        known |= {name: jnp.abs(x) for name, x in found.flat("residual_offset").items()}
+        known |= {of_link(DAMPER, k, n): x for k, x in enumerate(slip_forces)}
+        known |= {"initial_gap": gap, BUDGET: sum(slip_forces)}
+        return {name: jnp.asarray(known[name], found.min_gap.dtype) for name in self.columns}
 
     def values(self, scaled: Any, data: ProblemData, rows: Any = None) -> tuple[Any, Any]:
         """Objective and limited demands (m,) at a design, traceable.
@@ -121,7 +156,7 @@ class DesignProblem:
         """Columns of demands at a design, shape (n,) each; one program for all designs."""
         every = np.tile(scaled, (len(ensemble), 1))
         found = self._run(every, ensemble.grounds, dict(ensemble.uncertain))
-        return {name: found[name] for name in ("min_gap", "initial_gap", *self.prices)}
+        return {name: found[name] for name in self.columns}
 
     @cached_property
     def _run(self) -> Callable[..., Any]:

@@ -27,9 +27,11 @@ from jaxpound.design.search import (
 )
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import far_apart, first_of, of_many, tell
+from jaxpound.ground.plausibility import first_of, of_many, tell
+from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.demands import unreached
 from jaxpound.units import Scales
 
 if TYPE_CHECKING:
@@ -72,8 +74,9 @@ def design_damper(
     Parameters
     ----------
     space
-        The variables and their bounds, of a pair or of a ``System`` whose links all have one finite
-        gap at rest.
+        The variables and their bounds, of a pair, a ``Row`` or any ``System`` with a link whose gap
+        at rest is finite. Dampers are placed by ``{"links.*.friction": (0.0, largest)}`` and a
+        limit on ``total_damper_force``, the budget that they share.
     ensemble
         The earthquakes.
     grid, scheme
@@ -138,7 +141,8 @@ def design_damper(
     PlausibilityWarning
         Before the search: if, of the first 256 earthquakes, more than 1 % are not resolved by the
         grid (see ``simulate``) or, where there are scales or records, have a PGA above 5 g; if the
-        gap is more than 100 times the displacements (peak |x1| + peak |x2|) of the first start.
+        gap of a link is more than 100 times the displacements at its ends (peak |x1| + peak |x2|)
+        of the first start.
 
     Examples
     --------
@@ -214,11 +218,15 @@ class Designer:
         first = start_shares(OWNER, problem.space, start)
         fresh = self._fresh(fresh)
         before = problem.evaluate(first, problem.ensemble)
-        peaks = np.sort([x for name, x in before.items() if name.startswith("peak_x")], axis=0)
-        # No two masses move more towards each other than the two that move most.
-        gap, moved = before["initial_gap"].min(), peaks[-2:].sum(axis=0).max()
-        si = problem.scales is not None
-        tell(OWNER, far_apart("initial_gap", gap, moved, si=si), self.strict)
+        topology = problem.space.nominal.system().topology
+        findings = unreached(
+            topology,
+            lambda name: float(np.min(before.get(name, np.inf))),
+            lambda name: float(np.max(before[name])),
+            pair=isinstance(problem.space.nominal, AdjacentStructures),
+            si=problem.scales is not None,
+        )
+        tell(OWNER, findings, self.strict)
         data = problem.data(before, options.limit_tolerance, options.key, limits)
         descent = Descent(self.lagrangian, options, data)
         begun = spread_shares(first, options.starts, options.key)
@@ -238,6 +246,7 @@ class Designer:
                 f"{len(history)} iterations, has {limited[worst]} = {own.limited[worst]:.6g}, "
                 f"{own.violation:.2%} above its limit {bounds[worst]:.6g}"
             )
+        si = problem.scales is not None
         function = _limited(problem.objective, bounds.tolist())
         multipliers, slope = conditions.multipliers(own)
         active = at_active_bound(own.scaled, slope, AT_BOUND)
@@ -259,7 +268,7 @@ class Designer:
             limit_tolerance=options.limit_tolerance,
             stopped=stopped,
             simulations=(len(history) * options.starts + runs) * self.lagrangian.batch,
-            trained=Comparison(before, after, function, si),
+            trained=Comparison(before, after, function, si, topology),
             fresh=None,
             _first=first,
             _problem=problem,

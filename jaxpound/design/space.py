@@ -18,6 +18,7 @@ from jaxpound._checks import Rule, enforce, instance, number
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Checked, parameter
 from jaxpound.model.parameters import (
+    expanded,
     get,
     interval,
     lower,
@@ -92,14 +93,16 @@ class DesignSpace:
         The parameters that are not variables, and the default start of a search.
     variables
         Bounds by field path: ``{"friction": (0.05, 1.0), "rod_1.tau_x": Bounds(0.5, 20, "log")}``;
-        two numbers are ``Bounds`` of linear scale. Of τ_f and τ_x of one rod, τ_x is always the
-        larger: where its lower bound is below τ_f, τ_f is its bound.
+        two numbers are ``Bounds`` of linear scale. In a pattern ``*`` stands for any number or name
+        in its place: ``{"links.*.friction": (0.0, 0.5)}`` makes the friction of every link a
+        variable of its own; a path that is given itself goes before a pattern. Of τ_f and τ_x of
+        one rod, τ_x is always the larger: where its lower bound is below τ_f, τ_f is its bound.
 
     Raises
     ------
     ValueError
-        If a path is unknown, bounds are not bounds or are outside of what the parameter may be,
-        there is no variable, or a rod's τ_f could reach the largest τ_x.
+        If a path is unknown or a pattern matches none, bounds are not bounds or are outside of what
+        the parameter may be, there is no variable, or a rod's τ_f could reach the largest τ_x.
 
     Examples
     --------
@@ -120,11 +123,11 @@ class DesignSpace:
         instance(owner, "variables", self.variables, Mapping)
         if not self.variables:
             raise ValueError(f"{owner}: variables = {{}} must name a parameter")
-        require_paths(owner, self.nominal, self.variables)
+        variables = expanded(owner, self.nominal, self.variables)
         whatever = dict.fromkeys(paths(self.nominal))
         bounds = {
             path: _bounds(path, given, *interval(self.nominal, path, whatever))
-            for path, given in self.variables.items()
+            for path, given in variables.items()
         }
         ordered = {path: bounds[path] for path in paths(self.nominal) if path in bounds}
         object.__setattr__(self, "variables", ordered)
@@ -171,6 +174,8 @@ class DesignSpace:
     def shares(self, design: Structures | Mapping[str, float]) -> np.ndarray:
         """Scaled variables of a design, shape (d,): the inverse of ``values``.
 
+        A mapping may have patterns, as ``variables``.
+
         Raises
         ------
         ValueError
@@ -182,6 +187,7 @@ class DesignSpace:
             require_paths(owner, design, self.names)
             values = {path: float(get(design, path)) for path in self.names}
         else:
+            design = self._without_patterns(design)
             if lacking := [path for path in self.names if path not in design]:
                 raise ValueError(f"{owner}: design lacks {lacking[0]!r}")
             if others := [path for path in design if path not in self.names]:
@@ -197,6 +203,10 @@ class DesignSpace:
             enforce(owner, [Rule(path, value, inside, rule)])
             shares.append(self.variables[path].share(value, low))
         return np.clip(shares, 0.0, 1.0)
+
+    def _without_patterns(self, design: Mapping[str, float]) -> Mapping[str, float]:
+        patterns = any("*" in path for path in design)
+        return expanded("DesignSpace", self.nominal, design) if patterns else design
 
     def require_certain(self, owner: str, uncertain: Iterable[str]) -> None:
         """Refuse uncertain parameters that are variables, bound one or are bounded by one."""

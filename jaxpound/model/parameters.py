@@ -1,7 +1,8 @@
 """Parameters of structures by path: ``friction``, ``rod_1.tau_x``, ``rods.3.material.tau_x``.
 
 A path names a field that is a ``parameter``, through any nesting of objects and tuples. That field
-holds the parameter's metadata, such as its admissible values (see ``_fields``).
+holds the parameter's metadata, such as its admissible values (see ``_fields``). In a pattern ``*``
+stands for any number or name in its place: ``buildings.0.rods.*.stiffness``.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from jaxpound._extrema import smaller
 from jaxpound._fields import Parameter, walk
 
 T = TypeVar("T")
+X = TypeVar("X")
 
 SMALLEST = 1e-30
 """The smallest value of a positive parameter: single precision does not round it to zero."""
@@ -47,18 +49,37 @@ def known(structures: Any, path: str) -> Parameter:
     return _found(_table(structures), path)[0]
 
 
-def name(structures: Any, path: str) -> str:
+def name(structures: Any, path: str, *, symbols: bool = True) -> str:
     r"""Name of a parameter in a figure: ``friction $\mu$``, ``rod 1: $\bar\tau_x$``.
 
-    ``structures`` may be a class.
+    Without ``symbols``, which stand for dimensionless numbers, ``link 1: friction``. ``structures``
+    may be a class.
     """
     parameter = known(structures, path)
     owner, field, index = _split(path)
-    words = " ".join(filter(None, (parameter.words or field.replace("_", " "), index)))
-    symbol = f"${parameter.symbol}$" if parameter.symbol else ""
+    words = parameter.words or field.replace("_", " ")
+    symbol = f"${parameter.symbol}$" if parameter.symbol and symbols else ""
     if owner:
-        return f"{re.sub('[._]', ' ', owner)}: {symbol or words}"
-    return f"{words} {symbol}".rstrip()
+        where = f"{owner}.{field}.{index}" if index else owner
+        return f"{in_words(where)}: {symbol or words}"
+    number = str(int(index) + 1) if index else ""
+    return " ".join(filter(None, (words, number, symbol)))
+
+
+def in_words(path: str) -> str:
+    """What a path leads to in words, numbered from 1: ``building 1, storey 2``."""
+    words: list[str] = []
+    one_of = _OF_BUILDINGS if path.startswith("buildings.") else _OF_SYSTEMS
+    for part in path.split("."):
+        if part.isdigit() and words:
+            words[-1] = f"{one_of.get(words[-1], words[-1])} {int(part) + 1}"
+        elif part != "material":
+            words.append(part.replace("_", " "))
+    return ", ".join(words)
+
+
+_OF_SYSTEMS = {"rods": "rod", "masses": "mass", "links": "link"}
+_OF_BUILDINGS = {"buildings": "building", "rods": "storey", "masses": "floor"}
 
 
 def get(structures: Any, path: str) -> Any:
@@ -112,6 +133,39 @@ def interval(
         if _lower(one, other) == path and values[other] is not None
     ]
     return low, reduce(smaller, highs) if highs else math.inf
+
+
+def expanded(owner: str, structures: Any, given: Mapping[str, X]) -> dict[str, X]:
+    """What is given by path or pattern, by path: a pattern stands for all paths that it matches.
+
+    A path that is given itself goes before a pattern that matches it.
+
+    Raises
+    ------
+    ValueError
+        If a path is unknown, a pattern matches none, or two patterns match the same path.
+    """
+    found: dict[str, X] = {}
+    whose: dict[str, str] = {}
+    for key, value in given.items():
+        for path in [key] if "*" not in key else _matches(owner, structures, key):
+            if path != key and path in given:
+                continue
+            if path in found:
+                raise ValueError(f"{owner}: {whose[path]!r} and {key!r} must not both match {path}")
+            found[path], whose[path] = value, key
+    require_paths(owner, structures, found)
+    return found
+
+
+def _matches(owner: str, structures: Any, pattern: str) -> list[str]:
+    """The paths that a pattern matches, one or more."""
+    every = paths(structures)
+    fits = re.compile(re.escape(pattern).replace(r"\*", "[^.]*"))
+    if matched := [path for path in every if fits.fullmatch(path)]:
+        return matched
+    general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in every)
+    raise ValueError(f"{owner}: no path matches {pattern!r}; {hint(pattern, general)}")
 
 
 def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -91,10 +91,15 @@ class FloorLink:
         return self.floor - (self.other_building == self.building)
 
     def __str__(self) -> str:
-        one = f"floor {self.floor} of building {self.building}"
+        return self.between()
+
+    def between(self, first: int = 0) -> str:
+        """What it stands between, in words; ``first`` is the number of the first floor."""
+        one = f"floor {self.floor + first} of building {self.building + first}"
         if self.other_floor == GROUND:
             return f"{one} and the ground"
-        return f"{one} and floor {self.other_floor} of building {self.other_building}"
+        other = self.other_floor + first, self.other_building + first
+        return f"{one} and floor {other[0]} of building {other[1]}"
 
 
 @pytree_dataclass
@@ -136,7 +141,9 @@ class Row:
         for name in ("buildings", "links"):
             object.__setattr__(self, name, as_tuple("Row", name, getattr(self, name)))
         check(self)
-        require_floors("Row", [building.n_floors for building in self.buildings], self.links)
+        require_buildings("Row", self.buildings)
+        floors = [building.n_floors for building in self.buildings]
+        require_floors(floors, self.links, Naming.of("Row"))
 
     @property
     def natural_frequencies(self) -> tuple[Any, ...]:
@@ -230,45 +237,64 @@ def _meet(left: Any, i: int, right: Any, j: int) -> bool:
     return abs(float(left.elevations[i] - right.elevations[j])) <= slab * (1 + 1e-9)
 
 
-def require_floors(owner: str, floors: Sequence[int], links: Iterable[FloorLink]) -> None:
+class Naming(NamedTuple):
+    """How messages on links name them: where link k stands, and the number of the first floor."""
+
+    place: Callable[[int], str]
+    first: int = 0
+
+    @classmethod
+    def of(cls, owner: str) -> Naming:
+        """That of the class or function ``owner``: links and floors are numbered from 0."""
+        return cls(lambda k: f"{owner}: links.{k}:")
+
+
+def require_buildings(owner: str, buildings: Sequence[Any]) -> None:
+    """A ``ValueError`` for a row without buildings."""
+    if not buildings:
+        raise ValueError(f"{owner}: buildings = () must hold at least one building")
+
+
+def require_floors(floors: Sequence[int], links: Iterable[FloorLink], naming: Naming) -> None:
     """A ``ValueError`` for links that do not join floors of these buildings.
 
     Parameters
     ----------
-    owner
-        What the message starts with.
     floors
         Number of floors of each building.
     links
         The links.
+    naming
+        How messages name them.
     """
-    if not floors:
-        raise ValueError(f"{owner}: buildings = () must hold at least one building")
+    place, first = naming
     links = tuple(links)
     for k, link in enumerate(links):
-        where = f"{owner}: links.{k}"
         ends = ((link.building, link.floor, ""), (link.other_building, link.other_floor, "next_"))
         for building, floor, which in ends:
             if GROUND in (building, floor):
                 continue
-            if building >= len(floors):
-                rule = f"from 0 to {len(floors) - 1}: there are {len(floors)} buildings"
-                raise ValueError(f"{where}: {which}building = {building} must be {rule}")
+            if building >= (n := len(floors)):
+                told = f"{place(k)} {which}building = {building + first}"
+                rule = f"from {first} to {n - 1 + first}: there are {n} buildings"
+                raise ValueError(f"{told} must be {rule}")
             if floor >= floors[building]:
-                rule = f"from 0 to {floors[building] - 1}, the floors of building {building}"
-                raise ValueError(f"{where}: {which}floor = {floor} must be {rule}")
+                last, whose = floors[building] - 1 + first, f"building {building + first}"
+                told = f"{place(k)} {which}floor = {floor + first}"
+                raise ValueError(f"{told} must be from {first} to {last}, the floors of {whose}")
         one, other = ends[0][:2], ends[1][:2]
         if one == other:
-            raise ValueError(f"{where}: {link} must be two different floors")
+            raise ValueError(f"{place(k)} {link.between(first)} must be two different floors")
         if other[0] not in (one[0], one[0] + 1, GROUND):
-            rule = f"{one[0] + 1} (to the right), {one[0]} itself or GROUND"
-            raise ValueError(f"{where}: next_building = {other[0]} must be {rule}")
+            rule = f"{one[0] + 1 + first} (to the right), {one[0] + first} itself or the ground"
+            raise ValueError(f"{place(k)} next_building = {other[0] + first} must be {rule}")
     starts = first_floors(floors)
     topology = Topology(starts[-1], (), tuple(_ends(link, starts) for link in links))
     closing = ring(topology)
     if closing is not None:
         rule = "must not close a ring with the links before it"
-        raise ValueError(f"{owner}: links.{closing} between {links[closing]} {rule}")
+        between = f"between {links[closing].between(first)}"
+        raise ValueError(f"{place(closing).rstrip(':')} {between} {rule}")
 
 
 def first_floors(floors: Iterable[int]) -> list[int]:
@@ -283,7 +309,7 @@ def _ends(link: FloorLink, starts: Sequence[int]) -> Ends:
     return starts[link.building] + link.floor, other
 
 
-def require_heights(owner: str, buildings: Sequence[Any], links: Iterable[FloorLink]) -> None:
+def require_heights(buildings: Sequence[Any], links: Iterable[FloorLink], naming: Naming) -> None:
     """A ``ValueError`` for links between floors at different heights that do not say so."""
     for k, link in enumerate(links):
         if link.next_floor is not None or link.other_building in (link.building, GROUND):
@@ -293,4 +319,5 @@ def require_heights(owner: str, buildings: Sequence[Any], links: Iterable[FloorL
         if known and not _meet(left, link.floor, right, link.other_floor):
             one, other = left.elevations[link.floor], right.elevations[link.other_floor]
             rule = "must be at one height; next_floor says which floor is meant where none is"
-            raise ValueError(f"{owner}: links.{k}: {link}, at {one:g} m and {other:g} m, {rule}")
+            told = f"{link.between(naming.first)}, at {one:g} m and {other:g} m,"
+            raise ValueError(f"{naming.place(k)} {told} {rule}")

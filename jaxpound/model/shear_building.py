@@ -114,9 +114,8 @@ class ShearBuilding:
             try:
                 storeys.append(Building(*numbers))
             except ValueError as error:
-                raise ValueError(
-                    str(error).replace("Building:", f"{owner}: storey {i}:")
-                ) from error
+                words = str(error).replace("Building:", f"{owner}: storeys.{i}:", 1)
+                raise ValueError(words) from error
         return cls(tuple(storeys), _each(owner, "heights", heights, n))
 
     @classmethod

@@ -1,10 +1,16 @@
 """Figures of runs, records, studies, designs and the system itself, a module for each.
 
-``runs`` draws responses, and its functions are those of ``jaxpound.plots``; ``records``,
-``studies``, ``designs`` and ``convergence`` draw what their names say; ``system`` the blocks and
-rods; ``animation`` animates a run, ``explorer`` redraws it while sliders are moved.
+``runs`` draws responses, ``floors`` what is over the height of buildings, ``gap_maps`` the gaps of
+many links, ``rows`` a row of buildings; their functions are those of ``jaxpound.plots``.
+``records``, ``studies``, ``designs`` and ``convergence`` draw what their names say; ``system`` the
+blocks and rods; ``animation`` animates a run, ``explorer`` redraws it while sliders are moved.
 """
 
+from jaxpound.plots.floors import envelope as envelope
+from jaxpound.plots.floors import envelopes as envelopes
+from jaxpound.plots.floors import mode_shapes as mode_shapes
+from jaxpound.plots.gap_maps import gap_map as gap_map
+from jaxpound.plots.rows import row as row
 from jaxpound.plots.runs import contact_force as contact_force
 from jaxpound.plots.runs import contact_hysteresis as contact_hysteresis
 from jaxpound.plots.runs import displacements as displacements

@@ -1,8 +1,8 @@
-"""An animation of a run: two swaying buildings, the gap and the friction force between them."""
+"""An animation of a run: swaying buildings, dampers and gaps between them, and series over time."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
-from jaxpound.plots.curves import is_pair
-from jaxpound.plots.runs import friction_force, gap, same_units
+from jaxpound.plots.curves import buildings_of, is_pair
+from jaxpound.plots.gap_maps import gap_map, widest_gap
+from jaxpound.plots.moving_rows import MovingRow
+from jaxpound.plots.runs import displacements, friction_force, gap, ground_motion, same_units
 from jaxpound.plots.style import (
     COLOURS,
     FONT_SIZE,
@@ -155,9 +157,13 @@ def _arrow(colour: str) -> FancyArrowPatch:
 
 @in_house_style
 def still(
-    response: Response, time: float, ax: Axes | None = None, reach: float | None = None
+    response: Response,
+    time: float,
+    ax: Axes | None = None,
+    reach: float | None = None,
+    elevations: Sequence[Any] | None = None,
 ) -> Axes:
-    """The pair of buildings at the instant of a run nearest to ``time``.
+    """The buildings, a pair or a row, at the instant of a run nearest to ``time``.
 
     Parameters
     ----------
@@ -169,19 +175,23 @@ def still(
         Where to draw.
     reach
         The largest displacement to leave room for, for pictures of several runs to one scale.
+    elevations
+        For each building of a row the height of its floors above the ground, m; by default all
+        storeys are as high.
 
     Raises
     ------
     ValueError
-        If the response is a batch, not that of a pair with a finite gap, or invalid, or time is not
-        within the run.
+        If the response is a batch, not that of shear buildings, of a pair without a finite gap, or
+        invalid, or time is not within the run.
     """
     _require_valid("still", response)
     end = float(response.time[-1])
     if not 0 <= time <= end:
         raise ValueError(f"still: time = {time} must be within the run, from 0 to {end:.6g}")
     ax = new_axes(ax)
-    Scene(response, ax, reach).show(int(np.abs(np.asarray(response.time) - time).argmin()))
+    scene = _scene(response, ax, _reach(response) if reach is None else reach, elevations)
+    scene.show(int(np.abs(np.asarray(response.time) - time).argmin()))
     return ax
 
 
@@ -196,12 +206,16 @@ class _Player(FuncAnimation):
 
 @in_house_style
 def animate(
-    responses: Response | Mapping[str, Response], frames: int = 100, seconds: float = 10.0
+    responses: Response | Mapping[str, Response],
+    frames: int = 100,
+    seconds: float = 10.0,
+    elevations: Sequence[Any] | None = None,
 ) -> FuncAnimation:
     """An animation of a run, or of several side by side: the buildings, and series over time.
 
     ``animate(run).to_jshtml()`` is a player in HTML, ``animate(run).save("run.gif")`` a file.
-    Beside a single run are its gap and friction force, below each of several its gap.
+    Beside a single run are its gap and friction force, below each of several its gap; those of a
+    row of buildings are displacements and the map of its gaps.
 
     Parameters
     ----------
@@ -211,12 +225,14 @@ def animate(
         Number of frames ≥ 2, evenly over the run.
     seconds
         Duration of the animation > 0, s.
+    elevations
+        As in ``still``.
 
     Raises
     ------
     ValueError
-        If a response is a batch, not that of a pair with a finite gap, or invalid, grids or units
-        differ, or frames or seconds breaks its rule.
+        If a response is a batch, not that of shear buildings, of a pair without a finite gap, or
+        invalid, grids or units differ, or frames or seconds breaks its rule.
     """
     if isinstance(responses, Response):
         runs, single = {"": responses}, True
@@ -231,10 +247,14 @@ def animate(
     if any(not np.array_equal(time, response.time) for response in runs.values()):
         raise ValueError("animate: responses must be on the same grid")
 
-    figure = new_figure(2, 1.25 if single else 1.5)
+    low = all(map(is_pair, runs.values()))
+    figure = new_figure(2, (1.25 if single else 1.5) + (0.0 if low else 0.4))
     figure.set_dpi(80)  # a player holds every frame
-    scenes, over_time = _panels(figure, runs, single)
-    clocks = [ax.axvline(time[0], color=COLOURS["residual"], linewidth=0.9) for ax in over_time]
+    scenes, over_time = _panels(figure, runs, single, elevations)
+    clocks = [
+        ax.axvline(time[0], color="white" if ax.images else COLOURS["residual"], linewidth=0.9)
+        for ax in over_time
+    ]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that nothing jumps between frames
     instants = np.linspace(0, time.size - 1, frames).round().astype(int)
@@ -251,40 +271,79 @@ def animate(
 
 
 def _panels(
-    figure: Figure, runs: Mapping[str, Response], single: bool
-) -> tuple[list[Scene], list[Axes]]:
+    figure: Figure,
+    runs: Mapping[str, Response],
+    single: bool,
+    elevations: Sequence[Any] | None,
+) -> tuple[list[Scene | MovingRow], list[Axes]]:
     """The scene of each run, and the series over time beside or below."""
     if single:
-        panels = figure.subplot_mosaic([["0", "gap 0"], ["0", "friction"]])
+        panels = figure.subplot_mosaic([["0", "upper"], ["0", "below 0"]])
     else:
         numbers = range(len(runs))
-        layout: Any = [[f"{i}" for i in numbers], [f"gap {i}" for i in numbers]]
+        layout: Any = [[f"{i}" for i in numbers], [f"below {i}" for i in numbers]]
         panels = figure.subplot_mosaic(layout, height_ratios=[1.4, 1])
     reach = max(map(_reach, runs.values()))
-    scenes, over_time = [], []
-    for i, (name, response) in enumerate(runs.items()):
-        scenes.append(Scene(response, panels[str(i)], reach))
+    for i, name in enumerate(runs):
         panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
-        over_time.append(gap(response, panels[f"gap {i}"]))
+    scenes = [
+        _scene(response, panels[str(i)], reach, elevations)
+        for i, response in enumerate(runs.values())
+    ]
+    below = [panels[f"below {i}"] for i in range(len(runs))]
     if single:
-        over_time.append(friction_force(runs[""], panels["friction"]))
-        over_time[0].set_xlabel("")
-        over_time[0].tick_params(labelbottom=False)
+        (response,) = runs.values()
+        return scenes, _beside(response, panels["upper"], below[0])
+    if all(map(is_pair, runs.values())):
+        same_height([gap(response, ax) for response, ax in zip(runs.values(), below, strict=True)])
+    elif all(np.isfinite(response.min_gap) for response in runs.values()):
+        widest = max(map(widest_gap, runs.values()))
+        for response, ax in zip(runs.values(), below, strict=True):
+            gap_map(response, ax, widest)
     else:
-        same_height(over_time)
-    return scenes, over_time
+        drawn = [
+            displacements(response, ax) for response, ax in zip(runs.values(), below, strict=True)
+        ]
+        same_height(drawn)
+    return scenes, below
+
+
+def _beside(response: Response, upper: Axes, lower: Axes) -> list[Axes]:
+    """Two series of a single run."""
+    if is_pair(response):
+        gap(response, upper)
+        friction_force(response, lower)
+    elif np.isfinite(response.min_gap):
+        displacements(response, upper)
+        gap_map(response, lower)
+    else:
+        ground_motion(response, upper)
+        displacements(response, lower)
+    upper.set_xlabel("")
+    upper.tick_params(labelbottom=False)
+    return [upper, lower]
+
+
+def _scene(
+    response: Response, ax: Axes, reach: float, elevations: Sequence[Any] | None
+) -> Scene | MovingRow:
+    """The pair of the paper as blocks, all else as a row of buildings."""
+    if is_pair(response) and elevations is None:
+        return Scene(response, ax, reach)
+    lasts = _FLASH * float(response.time[-1] - response.time[0])
+    return MovingRow(response, ax, reach, lasts, elevations)
 
 
 def _reach(response: Response) -> float:
-    return max(float(np.abs(x).max()) for x in (response.x1, response.x2))
+    return max(float(np.abs(mass.x).max()) for mass in response.masses)
 
 
 def _require_valid(name: str, response: Response) -> None:
     require_single(name, response)
-    if not is_pair(response):
-        rule = "of a pair: two masses, each on a rod of its own, with one link between them"
+    if not buildings_of(response):
+        rule = "of shear buildings: floors one above the other, each on one rod"
         raise ValueError(f"{name}: the run must be {rule}")
     if not np.isfinite(response.demand.pga):
         raise ValueError(f"{name}: the run is invalid (its results are NaN)")
-    if not np.isfinite(response.min_gap):
+    if is_pair(response) and not np.isfinite(response.min_gap):
         raise ValueError(f"{name}: the gap must be finite, so that the buildings stand somewhere")

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from jaxpound.model.system import GROUND
-from jaxpound.plots.style import CYCLE
+from jaxpound.model.system import GROUND, Topology, floors
+from jaxpound.plots.style import CYCLE, building_colour, tones
 from jaxpound.results.response import LinkResponse, Response
+
+_NAMED = 4  # masses, rods or links in a legend; of more, buildings or groups of links are named
 
 
 class Curve(NamedTuple):
@@ -29,20 +33,27 @@ def is_pair(response: Response) -> bool:
 
 
 def of_masses(response: Response, field: str, name: str) -> list[Curve]:
-    """A series of each mass: of a pair by ``name`` with its number, else "mass 3"."""
+    """A series of each mass: of a pair by ``name`` with its number, else "mass 3".
+
+    Of many masses that are the floors of buildings only the buildings are named; a building's
+    floors are drawn from light to full colour, from the ground up.
+    """
     return _of_each(response, "mass", [getattr(one, field) for one in response.masses], name)
 
 
 def of_rods(response: Response, name: str) -> list[Curve]:
-    """Force of each rod: of a pair by ``name`` with its number, else "rod 3"."""
+    """Force of each rod: of a pair by ``name`` with its number, else "rod 3"; as ``of_masses``."""
     return _of_each(response, "rod", [rod.force for rod in response.rods], name)
 
 
 def frictions(owner: str, response: Response) -> list[Curve]:
-    """Friction force of each link; a ``ValueError`` where there is none."""
+    """Friction force of each link; a ``ValueError`` where there is none.
+
+    Of many links those between the same buildings have one name and one colour, from light to full.
+    """
     if not response.links:
         raise ValueError(f"{owner}: response must have a link")
-    return _of_links("$q$", [link.friction for link in response.links])
+    return _of_links("$q$", response, [link.friction for link in response.links])
 
 
 def touching(response: Response) -> list[LinkResponse]:
@@ -57,44 +68,91 @@ def contacts(owner: str, response: Response) -> list[Curve]:
         raise ValueError(f"{owner}: response must have a link with a law of contact")
     if len(response.links) == 1:
         return [Curve("$p$", "pounding", found[0].contact)]
-    every = _of_links("$p$", [link.contact for link in response.links])
-    return [curve for curve in every if curve.values is not None]
+    return _of_links("$p$", response, [link.contact for link in response.links])
 
 
 def gaps_of(owner: str, response: Response) -> list[Curve]:
     """Gap of each link, NaN in runs without one; a ``ValueError`` where there is no gap at all."""
-    every = _of_links(r"$\xi$", [np.asarray(link.gap) for link in response.links])
-    found = [
-        curve._replace(values=np.where(np.isposinf(curve.values), np.nan, curve.values))
-        for curve in every
-        if not np.isposinf(curve.values).all()
-    ]
+    every = [np.asarray(link.gap) for link in response.links]
+    known = [None if np.isposinf(x).all() else np.where(np.isposinf(x), np.nan, x) for x in every]
+    found = _of_links(r"$\xi$", response, known)
     if not found:
         raise ValueError(f"{owner}: response must have a link with a finite gap")
     return found
 
 
+def buildings_of(response: Response) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """The floors of each building, a mass and the rod of its storey each; () of other systems."""
+    with suppress(ValueError):
+        return floors(topology_of(response))
+    return ()
+
+
+def topology_of(response: Response) -> Topology:
+    """Number of masses of a run, and the ends of its rods and links."""
+    rods, links = (tuple(one.ends for one in each) for each in (response.rods, response.links))
+    return Topology(len(response.masses), rods, links)
+
+
 def _of_each(response: Response, what: str, series: Sequence[Any], name: str) -> list[Curve]:
-    if not is_pair(response):
-        return _numbered(what, series)
     numbers = range(1, len(series) + 1)
-    named = zip(numbers, series, strict=True)
-    return [Curve(name.format(i), f"structure {i}", values) for i, values in named]
+    if is_pair(response):
+        named = zip(numbers, series, strict=True)
+        return [Curve(name.format(i), f"structure {i}", values) for i, values in named]
+    member = what == "rod"
+    buildings = [[floor[member] for floor in building] for building in buildings_of(response)]
+    if not buildings:
+        return _numbered(what, series)
+    names: dict[int, str] = {}
+    colours: dict[int, str] = {}
+    for b, building in enumerate(buildings):
+        colours |= dict(zip(building, tones(building_colour(b), len(building)), strict=True))
+        names |= dict.fromkeys(building[:-1], "_floor") | {building[-1]: f"building {b + 1}"}
+    if len(series) <= _NAMED:
+        names = {i: f"{what} {i + 1}" for i in names}
+    return [Curve(names[i], colours[i], values) for i, values in enumerate(series)]
 
 
-def _of_links(symbol: str, series: Sequence[Any]) -> list[Curve]:
+def _of_links(symbol: str, response: Response, series: Sequence[Any]) -> list[Curve]:
+    """Series of the links that have one, by number; of many, those between two buildings as one."""
     if len(series) == 1:
-        return [Curve(symbol, "damper", series[0])]
-    return _numbered("link", series)
+        return [Curve(symbol, "damper", values) for values in series if values is not None]
+    given = [k for k, values in enumerate(series) if values is not None]
+    home = {GROUND: GROUND}
+    for b, building in enumerate(buildings_of(response)):
+        home |= {mass: b for mass, _ in building}
+    if len(series) <= _NAMED or len(home) == 1:
+        curves = _numbered("link", series)
+        return [curves[k] for k in given]
+    between: dict[frozenset[int], list[int]] = {}
+    for k in given:
+        ends = frozenset(home[end] for end in response.links[k].ends)
+        between.setdefault(ends, []).append(k)
+    names: dict[int, str] = {}
+    colours: dict[int, str] = {}
+    for members, colour in zip(between.values(), cycle(CYCLE), strict=False):
+        colours |= dict(zip(members, tones(colour, len(members)), strict=True))
+        names |= dict.fromkeys(members[:-1], "_link") | {members[-1]: _listed("link", members)}
+    return [Curve(names[k], colours[k], series[k]) for k in given]
+
+
+def _listed(what: str, members: Sequence[int]) -> str:
+    """Numbers in words, from 1: "links 1–4, 6"."""
+    runs: list[list[int]] = []
+    for i in members:
+        if runs and runs[-1][-1] == i - 1:
+            runs[-1].append(i)
+        else:
+            runs.append([i])
+    words = [f"{run[0] + 1}" + (f"–{run[-1] + 1}" if len(run) > 1 else "") for run in runs]
+    return f"{what}{'s' * (len(members) > 1)} {', '.join(words)}"
 
 
 def _numbered(what: str, series: Sequence[Any]) -> list[Curve]:
-    """By number; colours from dark to light where there are many."""
+    """By number; where there are many, from dark to light, and only the ends of the list named."""
     n, colours = len(series), CYCLE
+    names = [f"{what} {i}" for i in range(1, n + 1)]
     if n > len(CYCLE):
         colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.92, n))]
-    numbers = range(1, n + 1)
-    return [
-        Curve(f"{what} {i}", colour, values)
-        for i, colour, values in zip(numbers, colours, series, strict=False)
-    ]
+        names[1:-1] = [f"_{name}" for name in names[1:-1]]
+    return [Curve(*one) for one in zip(names, colours, series, strict=False)]

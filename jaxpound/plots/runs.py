@@ -95,6 +95,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     time = float(np.ravel(response.demand.min_gap_time)[smallest.argmin()])
     units = (" m", " s") if response.si else ("", "")
     words = rf"min {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−")
+    named = [curve for curve in curves if not curve.label.startswith("_")]
     (point,) = ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
     if len(curves) > 1:
         point.set(label=words, color=COLOURS["ground"])
@@ -110,7 +111,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     near = low < 0.3 * span
     _shade_pounding(ax, near and not hits)
     bottom = low - 0.1 * span
-    columns = 1 if len(curves) == 1 else 2
+    columns = 1 if len(named) == 1 else 2
     legend(ax, columns, min(bottom, -0.15 * span) if near else bottom)
     return ax
 

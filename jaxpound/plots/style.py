@@ -11,13 +11,15 @@ from __future__ import annotations
 import functools
 import io
 import logging
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from contextvars import ContextVar
 from importlib import resources
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from matplotlib import rc_context, rc_params_from_file
+from matplotlib import rc_context, rc_params_from_file, rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_hex, to_rgb
@@ -26,6 +28,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxpound.model import parameters
+from jaxpound.model.row import Row
+from jaxpound.model.storeys import Storeys
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System
 from jaxpound.quantities import DIMENSIONLESS, SI
@@ -73,13 +77,15 @@ def quantity_of(name: str) -> tuple[str | None, str]:
 
 
 # Classes by which a path is looked up where no object is at hand (a study that was opened).
-_WITH_PARAMETERS = (AdjacentStructures, System)
+_WITH_PARAMETERS = (AdjacentStructures, System, Row, Storeys)
 
 
-def parameter_name(path: str) -> str:
-    """Name of a parameter in a figure."""
+def parameter_name(path: str, *, symbols: bool = True) -> str:
+    """Name of a parameter in a figure; ``symbols`` are dimensionless."""
     owner = _owner(path)
-    return path.replace("_", " ") if owner is None else parameters.name(owner, path)
+    if owner is None:
+        return parameters.in_words(path)
+    return parameters.name(owner, path, symbols=symbols)
 
 
 def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
@@ -97,7 +103,7 @@ def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
         return 1.0, f"{name} ({unit_for(kind, False, largest)[1]})"
     scale = float(getattr(scales, kind))
     factor, unit = unit_for(kind, True, scale * largest)
-    return scale * factor, f"{name.partition(' $')[0]} ({unit})"  # symbols are dimensionless
+    return scale * factor, f"{parameter_name(path, symbols=False)} ({unit})"
 
 
 def _owner(path: str) -> type | None:
@@ -128,8 +134,14 @@ def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
-        with rc_context(_DRAWN):
+        # Not rc_context, which restores all settings: a notebook turns interactive with its first
+        # figure, and would show no other if that were taken back.
+        before = {name: rcParams[name] for name in _DRAWN}
+        rcParams.update(_DRAWN)
+        try:
             return draw(*args, **kwargs)
+        finally:
+            rcParams.update(before)
 
     return drawn
 
@@ -167,10 +179,26 @@ def figure(draw: Callable[[Any, Axes], Any], drawn: Any) -> Figure:
     return result
 
 
+_unknown_to_pyplot: ContextVar[bool] = ContextVar("unknown_to_pyplot", default=False)
+
+
+def own_figure(draw: Callable[..., Axes], *drawn: Any) -> Figure:
+    """A figure of the size that a drawing takes for itself, unknown to pyplot."""
+    token = _unknown_to_pyplot.set(True)
+    try:
+        result: Any = draw(*drawn).figure
+    finally:
+        _unknown_to_pyplot.reset(token)
+    figure: Figure = result
+    return figure
+
+
 def new_axes(ax: Axes | None, width: float = 1.0, height: float = 1.0) -> Axes:
     """The given axes, or those of a new pyplot figure (width in columns, usual heights)."""
     if ax is not None:
         return ax
+    if _unknown_to_pyplot.get():
+        return new_figure(width, height).add_subplot()
     from matplotlib import pyplot  # only here, so that no window system is asked for
 
     size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
@@ -183,6 +211,23 @@ def shades(n: int) -> list[str]:
     light, dark = 0.35 + 0.65 * green, 0.45 * green
     mixed = [light + (dark - light) * k for k in np.linspace(0, 1, n - 1)] if n > 2 else [green]
     return [COLOURS["residual"], *(to_hex(tuple(colour)) for colour in mixed)][:n]
+
+
+# Of a cycle's colours those that letters can be read in, and that are unlike the first two.
+_BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], CYCLE[2], CYCLE[3], CYCLE[5])
+
+
+def building_colour(number: int) -> str:
+    """Colour of a building of a row, by its number from 0; the first two are those of a pair."""
+    return _BUILDINGS[number % len(_BUILDINGS)]
+
+
+def tones(colour: str, n: int) -> list[str]:
+    """A colour from light to full, of n floors one above the other; of a single one as it is."""
+    full = np.array(to_rgb(colour))
+    light, dark = 0.65 + 0.35 * full, full
+    mixed = [light + (dark - light) * k for k in np.linspace(0, 1, n)] if n > 1 else [full]
+    return [to_hex(tuple(tone)) for tone in mixed]
 
 
 def shade(colour: str) -> dict[str, Any]:
@@ -202,13 +247,19 @@ def label(ax: Axes, x: str, y: str) -> None:
 
 
 def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
-    """A legend in a strip of its own, above everything drawn; the axis may begin at ``bottom``."""
+    """A legend in a strip of its own, above everything drawn; the axis may begin at ``bottom``.
+
+    It has fewer columns where they would be wider than the axes.
+    """
     ax.autoscale(axis="y")
     low, high = ax.get_ylim()
     low = low if bottom is None else bottom
-    handles, _ = ax.get_legend_handles_labels()
-    rows = -(-len(handles) // columns)
+    handles, names = ax.get_legend_handles_labels()
     drawing: Any = ax.figure
+    width = 72 * ax.get_window_extent().width / drawing.dpi
+    while columns > 1 and _legend_width(names, columns) > width:
+        columns -= 1
+    rows = -(-len(handles) // columns)
     points = 72 * ax.get_window_extent().height / drawing.dpi
     share = min((0.4 + 1.6 * rows) * FONT_SIZE / points, 0.5)  # of low axes, such as a film's
     room = max(0.07 + 0.09 * rows, share / (1 - share))  # in heights of what is drawn
@@ -224,6 +275,16 @@ def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
     for handle in shown.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_alpha(1.0)  # a batch's lines are faint
+
+
+def _legend_width(names: Sequence[str], columns: int) -> float:
+    """About how wide a legend is, in points: a letter is about half as wide as it is high."""
+    letters = [len(re.sub(r"\\[a-zA-Z]+", "x", name).translate(_NO_LETTERS)) for name in names]
+    widest = [max(column, default=0) for column in np.array_split(letters, columns)]
+    return FONT_SIZE * (0.55 * sum(widest) + 3.0 * columns - 1.0)
+
+
+_NO_LETTERS = str.maketrans("", "", "${}_^")
 
 
 def legend_above(ax: Axes, columns: int) -> None:

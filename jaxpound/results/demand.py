@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
+from jaxpound.model.places import mass_places, rod_places
 from jaxpound.model.system import Topology, is_storey
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
@@ -249,7 +250,7 @@ class Demand(ByElement, Columnar, Shown):
                 continue
             if not place.group:
                 own[place.field] = value
-            elif not (several and name in ("min_gap", "min_gap_time")):  # of all links
+            elif not (several and name == place.known.column):  # of all links
                 found[place.group].setdefault(place.element, {})[place.field] = value
         try:
             groups = {
@@ -358,25 +359,56 @@ def _range(values: np.ndarray) -> tuple[float, float, float]:
 
 
 _OTHERS = {
-    "damper_force": Quantity("force", "slip force of the damper", symbol="slip force"),
-    "required_gap": Quantity("length", "required gap", symbol="required gap"),
+    "damper_force": Quantity(
+        "force", "slip force of the damper", "damper_force", "slip force", limited=True
+    ),
+    "total_damper_force": Quantity(
+        "force", "slip forces of all dampers together", symbol="total slip force", limited=True
+    ),
+    "required_gap": Quantity("length", "required gap", "required_gap", "required gap"),
     "initial_gap": Quantity("length", "gap at rest"),
-    "spectral_acceleration_1": Quantity("acceleration", "spectral acceleration at period 1"),
-    "spectral_acceleration_2": Quantity("acceleration", "spectral acceleration at period 2"),
+    "peak_drift": Quantity(
+        "length", "largest storey drift", symbol="largest peak drift $|d|$", limited=True
+    ),
+    "peak_acceleration": Quantity(
+        "acceleration",
+        "largest absolute acceleration",
+        symbol="largest peak $|a|$",
+        limited=True,
+    ),
+    "spectral_acceleration": Quantity(
+        "acceleration", "spectral acceleration at period {}", "spectral_acceleration_{}"
+    ),
 }
-"""Further columns of studies and designs."""
+"""Further columns of studies and designs; of links those that have a name of a column."""
 
 
 def known_of(name: str) -> Quantity | None:
     """Metadata of a scalar by its flat name; None if it is a pure number or no scalar."""
     place = place_of(Demand, name)
-    return _OTHERS.get(name) if place is None else place.known
+    if place is not None:
+        return place.known
+    base, _, number = name.rpartition("_")
+    known = _OTHERS.get(base)
+    if name not in _OTHERS and known is not None and known.column and number.isdigit():
+        return known.of(number)
+    return _OTHERS.get(name)
 
 
-def in_words(name: str) -> str:
-    """Name of a scalar in words; the name itself of any other column."""
-    known = known_of(name)
-    return name.replace("_", " ") if known is None else known.words
+def in_words(name: str, topology: Topology | None = None) -> str:
+    """Name of a scalar in words; the name itself of any other column.
+
+    With the masses, rods and links that it is of, by floor and storey; without, every mass is taken
+    for a building.
+    """
+    place, known = place_of(Demand, name), known_of(name)
+    if known is None:
+        return name.replace("_", " ")
+    if topology is None or place is None or place.group not in ("masses", "rods"):
+        return known.words
+    where = {"masses": mass_places, "rods": rod_places}[place.group](topology)[place.element]
+    what = known.words.rpartition(" of ")[0]
+    return f"{what if where.startswith('building') else what.replace('base ', '')} of {where}"
 
 
 def kind_of(name: str) -> str | None:

@@ -85,8 +85,8 @@ def place_of(cls: type[ByElement], name: str) -> Place | None:
         return Place("", 0, name, own[name])
     for field, (group, known) in _fields_of_elements(cls).items():
         if found := re.fullmatch(_pattern(known), name):
-            number = found[1] or "1"
-            return Place(group, int(number) - 1, field, known.of(number))
+            known = known.of(found[1]) if found[1] else known
+            return Place(group, int(found[1] or 1) - 1, field, known)
     return None
 
 

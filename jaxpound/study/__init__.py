@@ -2,6 +2,6 @@
 
 ``scenarios``, ``random_structures``, ``random_ground`` and ``distributions`` define what is random,
 ``sampling`` draws, ``chunk`` runs a part and ``run`` all of a study; ``store`` and ``archives`` are
-its files; ``study`` is the result, from which ``statistics``, ``fragility`` and ``sensitivity``
-follow.
+its files; ``study`` is the result, from which ``statistics``, ``gaps``, ``fragility`` and
+``sensitivity`` follow.
 """

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from functools import partial
@@ -24,12 +23,13 @@ from tqdm.auto import tqdm
 
 from jaxpound._checks import count, instance, require_memory
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import far_apart, of_many, tell
+from jaxpound.ground.plausibility import of_many, tell
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.model.system import Structures
+from jaxpound.model.system import Structures, Topology
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.archives import digest
 from jaxpound.study.chunk import Measure, Outcome, Task, total
+from jaxpound.study.demands import unreached
 from jaxpound.study.sampling import key_numbers, require_sampling
 from jaxpound.study.scenarios import ScenarioSet
 from jaxpound.study.store import MANIFEST, Store, describe
@@ -112,9 +112,9 @@ def monte_carlo(
     Returns
     -------
     Study
-        The columns (all of ``Demand``, ``required_gap`` where the gaps at rest of all links are one
-        finite number and none has a law of contact, measures, parameters) and what follows from
-        them; for a shard, of its own chunks.
+        The columns (all of ``Demand``, required gaps of links without a law of contact, demands
+        over all floors, measures, parameters) and what follows from them; for a shard, of its own
+        chunks.
 
     Raises
     ------
@@ -130,7 +130,8 @@ def monte_carlo(
     PlausibilityWarning
         Before the first run: if, of the first 256 scenarios, more than 1 % have a ground motion
         that the grid does not resolve (see ``simulate``), or a PGA above 5 g. After the first
-        chunk: if the gap is more than 100 times the displacements (peak |x1| + peak |x2|).
+        chunk: if the gap of a link is more than 100 times the displacements at its ends (peak
+        |x1| + peak |x2|).
 
     Examples
     --------
@@ -174,7 +175,10 @@ def monte_carlo(
     _require_room(task, len(identity["columns"]), len(own), in_memory=store is None)
     program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
     # A store that exists has its own.
-    context = {} if begun else {"notes": notes, "oscillators": _oscillators(scenarios)}
+    topology, oscillators = _median(scenarios)
+    context: dict[str, Any] = {}
+    if not begun:
+        context = {"notes": notes, "oscillators": oscillators, "topology": topology}
     task = dataclasses.replace(
         task,
         names=tuple(identity["columns"]),
@@ -198,7 +202,8 @@ def monte_carlo(
     ) as bar:
         for i, (chunk, outcome) in enumerate(_outcomes(task, missing, executor)):
             if i == 0:  # before the time for all is spent
-                tell("monte_carlo", _unreached(outcome, scales), strict)
+                findings = _unreached(outcome, topology, oscillators is not None, scales)
+                tell("monte_carlo", findings, strict)
             outcomes[chunk] = outcome
             bar.update(rows[chunk])
 
@@ -223,16 +228,19 @@ def monte_carlo(
     return study
 
 
-def _unreached(outcome: Outcome, scales: Scales | None) -> list[str]:
-    """A finding if the gap is out of proportion to the displacements in a chunk."""
-    unit = 1.0 if scales is None else float(scales.length)
+def _unreached(
+    outcome: Outcome, topology: Topology, pair: bool, scales: Scales | None
+) -> list[str]:
+    """Findings if gaps are out of proportion to the displacements in a chunk."""
+    size = 1.0 if scales is None else float(scales.length)
     moments = outcome.moments
-    if "min_gap" not in moments or not moments["min_gap"].n:
-        return []
-    peaks = sorted(x.largest for name, x in moments.items() if re.fullmatch(r"peak_x\d+", name))
-    moved = unit * sum(peaks[-2:])  # no two masses move more towards each other
-    smallest = unit * moments["min_gap"].smallest
-    return far_apart("initial_gap", smallest, moved, si=scales is not None)
+    return unreached(
+        topology,
+        lambda name: size * moments[name].smallest,
+        lambda name: size * moments[name].largest,
+        pair=pair,
+        si=scales is not None,
+    )
 
 
 def _check(
@@ -275,16 +283,18 @@ def _require_room(task: Task, columns: int, chunks: int, in_memory: bool) -> Non
     require_memory(owner, "number of chunks", chunks, chunks * columns * _MOMENTS_BYTES)
 
 
-def _oscillators(scenarios: ScenarioSet) -> list[float] | None:
-    """Period and damping ratio of both structures of the median scenario, z = 0, uncoupled.
+def _median(scenarios: ScenarioSet) -> tuple[Topology, list[float] | None]:
+    """Topology of the median scenario, z = 0, and its oscillators.
 
-    None where the structures are not a pair.
+    These are period and damping ratio of both structures of a pair, uncoupled; of others None.
     """
+    topologies: list[Topology] = []
 
     @jax.jit
     def median(z: jax.Array) -> list[jax.Array]:
         structures: Any = scenarios.realize(z)[0]
         instance("monte_carlo", "scenarios: structures", structures, Structures)
+        topologies.append(structures.system().topology)
         if not isinstance(structures, AdjacentStructures):
             return []
         (w1, w2), (z1, z2) = structures.natural_frequencies, structures.damping_ratios
@@ -295,7 +305,7 @@ def _oscillators(scenarios: ScenarioSet) -> list[float] | None:
         shown = ", ".join(f"{x:.4g}" for x in found)
         rule = "must be valid, but periods and damping ratios of its structures are"
         raise ValueError(f"monte_carlo: the scenario of z = 0 {rule} {shown}")
-    return found or None
+    return topologies[0], found or None
 
 
 def _outcomes(

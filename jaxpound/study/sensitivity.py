@@ -28,7 +28,10 @@ class Sensitivity(Shown):
     """Sobol indices of one demand, by parameter, with bootstrap intervals.
 
     ``first`` is the share of the demand's variance that vanishes if the parameter is known,
-    ``total`` the share that remains if all others are known.
+    ``total`` the share that remains if all others are known. Of correlated parameters
+    (``UncertainStructures``) each stands for what those before it do not tell of it: ``first`` of
+    the first of them is the share that vanishes if it is known, with all that it tells of the
+    others.
     """
 
     demand: str
@@ -60,8 +63,8 @@ def sobol_sensitivity(
     scenarios, grid, scheme
         See ``monte_carlo``.
     demand
-        A scalar of ``Demand``, or "required_gap" (initial gap − min gap), which there is where the
-        gaps at rest of all links are one finite number and none has a law of contact.
+        A column of ``Study``: a scalar of ``Demand``, or "required_gap" (gap at rest − smallest
+        gap), which there is where a gap is finite and no link has a law of contact.
     n
         Base sample, a power of 2; n (d + 2) scenarios are run for d parameters.
     key
@@ -100,8 +103,8 @@ def sobol_sensitivity(
         if demand not in values:
             rule = f"must be one of {', '.join(values)}"
             if demand == "required_gap":
-                rule += ": there is no required gap unless all gaps at rest are one finite number"
-                rule += " and no link has a law of contact"
+                rule += ": there is no required gap unless a gap at rest is finite and no link has"
+                rule += " a law of contact"
             raise ValueError(f"{owner}: demand = {demand!r} {rule}")
         return values[demand]
 

@@ -5,19 +5,23 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 
 from jaxpound._checks import instance, not_negative, number, require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.model.places import link_places
+from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand, kind_of
-from jaxpound.results.elements import place_of
 from jaxpound.study.archives import DamagedError
 from jaxpound.study.chunk import finished, total
+from jaxpound.study.demands import is_ours, of_link
+from jaxpound.study.fragility import Fragility, fit_fragility
+from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_correlation
 from jaxpound.study.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.study.statistics import (
     Estimate,
@@ -29,69 +33,24 @@ from jaxpound.study.store import Store
 from jaxpound.units import Scales
 
 
-class Separation(NamedTuple):
-    """The required gap at a probability of exceedance, beside those of code rules.
-
-    The rules combine the two peak displacements u1, u2 that are exceeded with that probability.
-    """
-
-    required_gap: Estimate
-    absolute_sum: float
-    """u1 + u2."""
-    srss: float
-    """√(u1² + u2²)."""
-    double_difference: float
-    """√(u1² + u2² − 2 ρ u1 u2), with the correlation coefficient ρ of the two oscillators."""
-    correlation: float
-    """ρ for the median structures without damper (``double_difference_correlation``)."""
-
-    def _table(self) -> Table:
-        rules = (self.absolute_sum, self.srss, self.double_difference)
-        names = ("absolute sum", "SRSS", "double difference")
-        return Table(
-            "Separation",
-            (),
-            [
-                ("required gap", str(self.required_gap)),
-                *((name, f"{x:.4g}") for name, x in zip(names, rules, strict=True)),
-            ],
-            [f"double difference with a correlation of {self.correlation:.3g}"],
-        )
-
-    def __repr__(self) -> str:
-        return self._table().text()
-
-    def _repr_html_(self) -> str:
-        return self._table().html()
-
-
-def double_difference_correlation(
-    period_1: float, damping_1: float, period_2: float, damping_2: float
-) -> float:
-    """Correlation coefficient ρ of the double difference combination.
-
-    That of the stationary responses of two oscillators to white noise (Der Kiureghian 1980), as
-    used for the separation of buildings by Jeng, Kasai and Maison (1992): with β = T1/T2,
-    ρ = 8 √(ζ1 ζ2) (ζ1 + β ζ2) β^1.5 / ((1 − β²)² + 4 ζ1 ζ2 β (1 + β²) + 4 (ζ1² + ζ2²) β²).
-    """
-    b, z1, z2 = period_1 / period_2, damping_1, damping_2
-    above = 8 * (z1 * z2) ** 0.5 * (z1 + b * z2) * b**1.5
-    below = (1 - b**2) ** 2 + 4 * z1 * z2 * b * (1 + b**2) + 4 * (z1**2 + z2**2) * b**2
-    return above / below if below else 1.0  # equal and undamped
-
-
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Study(Columnar, Shown):
     """Demands of many random scenarios, column by column; ``monte_carlo`` makes it.
 
     ``study[name]`` is a column, shape (n,): every scalar of ``Demand``; ``required_gap``, the
     smallest gap at rest without pounding, initial gap − min gap, which does not depend on the gap
-    at rest, if that is one finite number for all links and no link has a law of contact (after a
-    contact nobody knows how far the blocks would have moved); measures and parameters that were
-    asked for. Columns of a store are read one by one when they are used, so that n may exceed the
-    memory. Runs that failed are NaN and left out of all statistics. Dimensionless as in eq. (9), or
-    in SI units if there are ``scales``, which do not convert measures and the scenarios'
-    parameters. As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
+    at rest, if no link has a law of contact (after a contact nobody knows how far the blocks would
+    have moved); measures and parameters that were asked for. Of several links each has its own,
+    ``required_gap_1`` and so on, if it has a finite gap and no law of contact, and ``required_gap``
+    is the largest: the gap that is enough for all. Structures with storeys also have ``peak_drift``
+    and ``peak_acceleration``, the largest of all storeys and floors, and several links some of
+    which have a law of contact ``peak_contact``, ``peak_impulse`` and ``peak_penetration``, the
+    largest of all links.
+
+    Columns of a store are read one by one when they are used, so that n may exceed the memory. Runs
+    that failed are NaN and left out of all statistics. Dimensionless as in eq. (9), or in SI units
+    if there are ``scales``, which do not convert measures and the scenarios' parameters. As a table
+    (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
 
     ``first_impact_time`` is infinite in runs without an impact. Its moments, quantiles and
     correlations are those of the runs with one; how many these are, ``exceedance("n_impacts", 0)``
@@ -268,31 +227,135 @@ class Study(Columnar, Shown):
             for k, m in zip(found, often, strict=True)
         }
 
-    def pounding_probability(self, gap: float | None = None, confidence: float = 0.95) -> Estimate:
+    @property
+    def topology(self) -> Topology:
+        """Number of masses, and the ends of rods and links.
+
+        Raises
+        ------
+        ValueError
+            If the store was made by a version that did not keep it.
+        """
+        if "topology" not in self.about:
+            raise ValueError("Study.topology: the store must be of this version; it lacks links")
+        n_masses, rods, links = self.about["topology"]  # lists, if they were read from a file
+        return Topology(n_masses, *(tuple((i, j) for i, j in ends) for ends in (rods, links)))
+
+    @property
+    def n_links(self) -> int:
+        """Number of links."""
+        return len(self.topology.links)
+
+    def pounding(self, gap: float | None = None, *, link: int | None = None) -> np.ndarray:
+        """Whether there was pounding in each run, shape (n,): 1 or 0, NaN where the run failed.
+
+        Parameters
+        ----------
+        gap
+            Any gap at rest ≥ 0, of all links or of the one; by default that of the scenarios.
+        link
+            A link by number, from 0; by default any of them.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule, or a gap is given and the required gap is not known.
+        """
+        return np.concatenate([*self._pounding("pounding", gap, link)])
+
+    def pounding_probability(
+        self, gap: float | None = None, confidence: float = 0.95, *, link: int | None = None
+    ) -> Estimate:
         """Probability of pounding at a gap, with Clopper and Pearson's interval.
 
         Parameters
         ----------
         gap
-            Any gap at rest ≥ 0; by default that of the scenarios.
+            Any gap at rest ≥ 0, of all links or of the one; by default that of the scenarios.
         confidence
             Confidence level of the interval.
+        link
+            A link by number, from 0; by default any of them.
+
+        Raises
+        ------
+        ValueError
+            As ``pounding``.
         """
-        if gap is None:
-            parts = self._parts(self._known("pounds"))
-            pounding = sum(int(np.count_nonzero(x == 1)) for x in parts)
-        else:
-            owner = "pounding_probability"
-            (gap,) = not_negative(owner, gap=number(owner, "gap", gap))
-            factor = self._factor("required_gap")
-            parts = self._parts(self._known("required_gap"))
-            pounding = sum(int(np.count_nonzero(x * factor >= gap)) for x in parts)
+        parts = self._pounding("pounding_probability", gap, link)
+        pounding = sum(int(np.count_nonzero(x == 1)) for x in parts)
         return probability(pounding, len(self) - self.failed, confidence)
 
-    def required_gap(self, probability: float, confidence: float = 0.95) -> Estimate:
-        """The gap at rest at which pounding has this probability."""
-        require_share("required_gap", "probability", probability)
-        return self.quantile("required_gap", 1 - probability, confidence)
+    def fragility(
+        self, intensity: str = "pga", gap: float | None = None, *, link: int | None = None
+    ) -> Fragility:
+        """Fragility by a column that measures the shaking (``fit_fragility``).
+
+        Runs that failed are left out. For ``gap`` and ``link`` see ``pounding``: of any link by
+        default, of which a curve lies above that of each.
+
+        Raises
+        ------
+        ValueError
+            As ``pounding`` and ``fit_fragility``.
+        """
+        im, pounding = self[intensity], self.pounding(gap, link=link)
+        good = ~np.isnan(pounding)
+        return fit_fragility(im[good], pounding[good] == 1)
+
+    def _pounding(self, owner: str, gap: Any, link: Any) -> Iterator[np.ndarray]:
+        """``pounding``, part by part."""
+        if gap is None:
+            name = "pounds" if link is None else self._of_link(owner, "min_gap", link)
+            limit, sign = (1.0, 1.0) if link is None else (0.0, -1.0)
+        else:
+            (limit,) = not_negative(owner, gap=number(owner, "gap", gap))
+            name = "required_gap" if link is None else self._of_link(owner, "required_gap", link)
+            sign = self._factor(name)
+        for part in self._parts(self._known(name)):
+            yield np.where(np.isnan(part), np.nan, part * sign >= limit)
+
+    def _of_link(self, owner: str, name: str, link: Any) -> str:
+        """The column of a link; a ``ValueError`` for a link that is not there."""
+        whole = isinstance(link, int | np.integer) and not isinstance(link, bool)
+        if not (whole and 0 <= link < self.n_links):
+            rule = f"the number of one of the {self.n_links} links, from 0"
+            raise ValueError(f"{owner}: link = {link!r} must be {rule}")
+        return of_link(name, int(link), self.n_links)
+
+    def required_gap(
+        self, probability: float, confidence: float = 0.95, *, link: int | None = None
+    ) -> Estimate:
+        """The gap at rest at which pounding has this probability.
+
+        Of one link by number, from 0; by default the gap that all links have, so that any of them
+        pounds with this probability.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule, or the required gap is not known.
+        """
+        owner = "required_gap"
+        require_share(owner, "probability", probability)
+        name = owner if link is None else self._of_link(owner, owner, link)
+        return self.quantile(name, 1 - probability, confidence)
+
+    def required_gaps(self, probability: float, confidence: float = 0.95) -> RequiredGaps:
+        """``required_gap`` of each link that has one, as a table.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule, or no link's required gap is known.
+        """
+        n = self.n_links
+        known = [k for k in range(n) if of_link("required_gap", k, n) in self.columns]
+        if not known:
+            self._known("required_gap")
+        gaps = {k: self.required_gap(probability, confidence, link=k) for k in known}
+        places = link_places(self.topology)
+        return RequiredGaps(float(probability), gaps, places, self.scales is not None)
 
     def separation(self, probability: float, confidence: float = 0.95) -> Separation:
         """The required gap beside those of code rules: absolute sum, SRSS, double difference.
@@ -367,8 +430,7 @@ class Study(Columnar, Shown):
 
     def _quantity(self, name: str) -> str | None:
         """Kind of quantity of a column; None for pure numbers and for users' columns."""
-        ours = name == "required_gap" or place_of(Demand, name) is not None
-        return kind_of(name) if ours else None
+        return kind_of(name) if is_ours(name) else None
 
     def _factor(self, name: str) -> float:
         """Factor from a column to SI units; 1 for pure numbers and for users' columns."""

@@ -5,8 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jaxpound.cli import notes
 from jaxpound.cli.files import example
 from tests.cli.commands import PULSE, edited, run
+
+
+@pytest.fixture(autouse=True)
+def without_notes(monkeypatch) -> None:
+    """No note on compilation: whether there is one depends on the machine."""
+    monkeypatch.setattr(notes, "AFTER", 600.0)
 
 
 @pytest.fixture(scope="module")

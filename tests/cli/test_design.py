@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 import jaxpound as jp
 from jaxpound._tables import rounded
-from jaxpound.cli import design
+from jaxpound.cli import design, design_report
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File, entries
@@ -292,7 +292,7 @@ def test_a_design_with_contact(write):
     shares[space.names.index("contact.stiffness")] = 0.0
     shares[space.names.index("initial_gap")] = 1.0
     found = SimpleNamespace(structures=space.structures(shares), space=space, active_bounds={})
-    _, gap, *_, row = design._answer(found, space.nominal, given.scales)
+    _, gap, *_, row = design_report._answer(found, space.nominal, given.scales)
     assert (row["quantity"], row["unit"]) == ("contact stiffness", "N/m")
     assert (row["before"], row["after"]) == (pytest.approx(8e8), pytest.approx(4e8))
     assert (gap["quantity"], gap["unit"]) == ("gap at rest", "m")

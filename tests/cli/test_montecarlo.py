@@ -45,7 +45,8 @@ def test_the_example_names_every_key_and_is_printed(capsys):
     assert capsys.readouterr().out == EXAMPLE
     for table in ("earthquakes", "study", "run"):
         for key in entries(entries(montecarlo.Study)[table]):
-            assert re.search(rf"(?m)^(# )?{key} = ", EXAMPLE) or key == "smoothing_velocity", key
+            texts = EXAMPLE + example("montecarlo", "row")
+            assert re.search(rf"(?m)^(# )?{key} = ", texts) or key == "smoothing_velocity", key
 
 
 def read(path):

@@ -10,9 +10,10 @@ from jaxpound.cli.design import Search, Wanted
 from jaxpound.cli.files import example
 from jaxpound.cli.montecarlo import Study
 from jaxpound.cli.objective import Objective
+from jaxpound.cli.pair import Building, Damper
 from jaxpound.cli.reading import entries, ranges
 from jaxpound.cli.simulate import Ground, Simulation
-from jaxpound.cli.tables import Building, Contact, Damper, Earthquakes, Run
+from jaxpound.cli.tables import Contact, Earthquakes, Run
 from tests.cli.commands import refusal
 
 CONFIG_FAULTS = [
@@ -23,7 +24,7 @@ CONFIG_FAULTS = [
         "the top level has an unknown key 'colour'; allowed are gap, building_1",
     ),
     ({"[damper]": "[damper]\ngap = 1"}, "unknown key 'gap'; it belongs in the top level"),
-    ({"mass": "mass = = 1"}, ":17: [building_1] mass: Invalid value (at line 17, column 8)"),
+    ({"mass": "mass = = 1"}, ":18: [building_1] mass: Invalid value (at line 18, column 8)"),
     ({"gap": "gap = 0.1.2"}, "gap: Expected newline or end of document"),
     ({"[damper]": "[damper"}, "Expected ']'"),
     ({"[output]": "[damper]"}, "Cannot declare ('damper',) twice"),

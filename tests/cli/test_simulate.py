@@ -11,10 +11,11 @@ import pytest
 import jaxpound as jp
 from jaxpound._tables import rounded
 from jaxpound.cli import main as cli
-from jaxpound.cli import simulate
+from jaxpound.cli import pair_results, simulate
 from jaxpound.cli.files import example
-from jaxpound.cli.reading import File, entries, is_table
+from jaxpound.cli.reading import File, entries, is_table, of_array
 from jaxpound.cli.simulate import Simulation
+from jaxpound.cli.writing import as_toml
 from tests.cli.commands import PULSE, is_figure, refusal, run
 
 
@@ -202,7 +203,7 @@ def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
 
 def test_impacts_by_newton_s_law_have_no_force_to_tell():
     told = {"n_impacts": 1.0, "peak_impulse_N_s": 2e5, "peak_contact_N": 0.0, "contact_work_J": 3e4}
-    line = simulate._contact_line("newton", told)
+    line = pair_results.contact_line("newton", told)
     assert line == "Contact  newton: 1 impact, largest impulse 200 kN s, 30 kJ lost"
 
 
@@ -228,6 +229,8 @@ def test_example_config_is_printed_and_names_every_key(capsys):
     text = capsys.readouterr().out
     assert text == example("simulate")
     for name, kind in entries(Simulation).items():
+        if of_array(kind):  # of a row, which has an example of its own
+            continue
         assert not is_table(kind) or re.search(rf"(?m)^(# )?\[{name}\]$", text)
         for key in entries(kind) if is_table(kind) else [name]:
             assert re.search(rf"(?m)^(# )?{key} = ", text), key
@@ -271,7 +274,7 @@ def test_a_building_by_its_rod(write):
 def test_laws_of_contact_are_read_in_si_and_written_back(keys, law, write):
     _, given = read(write({"# [contact]": f"[contact]\n{keys}"}))
     assert vars(given.contact.model()) == vars(law)
-    text = simulate.as_toml(given.structures, given.scales)
+    text = as_toml(given.structures, given.scales)
     again = read(write(text=text))[1]
     for one in (given, again):
         back = one.scales.contact_to_si(one.structures.contact)

@@ -8,6 +8,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.design.objective import PRICES, prices_of
 from jaxpound.design.problem import DesignProblem
+from jaxpound.study.demands import OF_CONTACTS
 from tests.study.test_demands import GRID, OPEN, SYSTEM, linked
 
 ENSEMBLE = jp.Ensemble.of([jp.Ricker(a, [2.0], [1.5]) for a in (0.08, 0.1)], GRID)
@@ -30,12 +31,17 @@ def test_prices_are_those_that_the_system_has():
     assert {*PRICES} - {*without} == of_contact | {"peak_penetration"}
     several = prices_of(linked(0.3, 0.3))
     assert {"peak_x4", "peak_f4", "slip_distance_2"} <= {*several}
-    assert not {"damper_force", "slip_distance", "peak_x5"} & {*several}
+    assert {"damper_force_1", "damper_force_2", "total_damper_force"} <= {*several}
+    assert not {"damper_force", "slip_distance", "peak_x5", "peak_drift"} & {*several}
     first, second = linked(0.3, 0.3).links
     mixed = dataclasses.replace(
         linked(0.3, 0.3), links=(first, dataclasses.replace(second, contact=jp.Newton(0.65)))
     )
-    assert {*prices_of(mixed)} - {*several} == {f"{name}_2" for name in {*PRICES} - {*without}}
+    own = {f"{name}_2" for name in {*PRICES} - {*without}}
+    assert {*prices_of(mixed)} - {*several} == own | {*OF_CONTACTS}
+    assert {"peak_drift", "peak_acceleration"} <= {*prices_of(SYSTEM)}
+    every = prices_of(mixed)
+    assert [*jp.Objective(limits=dict.fromkeys(every, 1.0)).limits] == [*every]
 
 
 def test_a_system_is_designed():
@@ -66,21 +72,28 @@ def test_a_system_is_designed():
 
 @pytest.mark.parametrize(
     ("system", "variables"),
-    [
-        (OPEN, FRICTION),
-        (dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)}),
-        (linked(0.3, 0.4), FRICTION),
-        (linked(0.3, 0.3), {"links.1.gap": (0.1, 1.0)}),
-    ],
-    ids=["no gap", "no link", "two gaps", "one of two gaps chosen"],
+    [(OPEN, FRICTION), (dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)})],
+    ids=["no gap", "no link"],
 )
-def test_systems_without_one_gap_are_refused(system, variables):
-    with pytest.raises(ValueError, match=r"^design_damper: space: structures must have links, wh"):
+def test_systems_without_a_gap_are_refused(system, variables):
+    with pytest.raises(ValueError, match=r"^design_damper: space: structures must have a link who"):
         problem(system, variables)
 
 
+@pytest.mark.parametrize(
+    ("system", "variables"),
+    [(linked(0.3, 0.4), FRICTION), (linked(0.3, 0.3), {"links.1.gap": (0.1, 1.0)})],
+    ids=["two gaps", "one of two gaps chosen"],
+)
+def test_a_probability_at_one_gap_is_refused_where_gaps_differ(system, variables):
+    assert problem(system, variables, goal=jp.PoundingProbability()).columns[1] == "min_gap_1"
+    with pytest.raises(ValueError, match=r"^design_damper: objective: PoundingProbability: gap mu"):
+        problem(system, variables, goal=jp.PoundingProbability(0.3))
+    problem(linked(0.3, 0.3), FRICTION, goal=jp.PoundingProbability(0.3))
+
+
 def test_prices_that_the_structures_lack_are_refused():
-    rule = r"'damper_force' in limits must be one of peak_x1, .*friction_work_2"
+    rule = r"'damper_force' in limits must be one of damper_force_1, .*friction_work_2"
     with pytest.raises(ValueError, match=rf"^design_damper: objective: {rule}"):
         problem(linked(0.3, 0.3), limits={"damper_force": 1.0})
     with pytest.raises(ValueError, match=r"'peak_x4' in penalties must be one of"):

@@ -9,12 +9,14 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.model import parameters
+from tests.rows import ROW
 
 PAPER = jp.paper.structures()
 STEEL, RUBBER = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.2, 0.1, 2.0)
 
 
 KINDS = {"friction": "force", "links.0.friction": "force", "masses.1": "mass"}
+KINDS["buildings.1.masses.0"] = "mass"
 TOWER = jp.System(
     masses=(1.0, 0.5),
     rods=(jp.Rod(STEEL, 1.0, (0, jp.GROUND)), jp.Rod(RUBBER, 0.8, (1, 0))),
@@ -136,9 +138,11 @@ def test_intervals_of_traced_structures_are_traced():
         (PAPER, "friction", r"friction $\mu$"),
         (PAPER, "rod_1.tau_x", r"rod 1: $\bar\tau_x$"),
         (PAPER, "rod_2.order", "rod 2: order"),
-        (TOWER, "masses.1", "mass 1 $m$"),
-        (TOWER, "links.0.friction", r"links 0: $\mu$"),
-        (TOWER, "rods.1.material.tau_f", r"rods 1 material: $\bar\tau_f$"),
+        (TOWER, "masses.1", "mass 2 $m$"),
+        (TOWER, "links.0.friction", r"link 1: $\mu$"),
+        (TOWER, "rods.1.material.tau_f", r"rod 2: $\bar\tau_f$"),
+        (ROW, "buildings.0.rods.1.stiffness", "building 1, storey 2: $K$"),
+        (ROW, "buildings.1.masses.0", "building 2, floor 1: $m$"),
     ],
 )
 def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
@@ -150,7 +154,7 @@ def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
 def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
     for tree, path, name, kind in (
         (POUNDING, "contact.stiffness", "contact: $k$", "stiffness"),
-        (BUMPER, "links.0.contact.restitution", "links 0 contact: $e$", None),
+        (BUMPER, "links.0.contact.restitution", "link 1, contact: $e$", None),
     ):
         assert parameters.name(tree, path) == name
         assert parameters.known(tree, path).kind == kind
@@ -160,6 +164,46 @@ def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
     assert parameters.known(soft, "contact.stiffness").kind == "hertz stiffness"
     with pytest.raises(ValueError, match=r"unknown path 'contact\.restitution'"):
         parameters.get(soft, "contact.restitution")
+
+
+def test_a_pattern_stands_for_all_paths_that_it_matches():
+    stiffness = [path for path in parameters.paths(ROW) if path.endswith("stiffness")]
+    first = [path for path in stiffness if path.startswith("buildings.0.")]
+    assert len(first) == 2
+    for pattern, matched in (
+        ("buildings.0.rods.*.stiffness", first),
+        ("*.*.rods.*.stiffness", stiffness),
+        ("links.*.friction", ["links.0.friction", "links.1.friction"]),
+    ):
+        assert parameters.expanded("owner", ROW, {pattern: 1.0}) == dict.fromkeys(matched, 1.0)
+    assert parameters.expanded("owner", PAPER, {"rod_*.order": 1}) == {
+        "rod_1.order": 1,
+        "rod_2.order": 1,
+    }
+    both = {"links.1.friction": 2.0, "links.*.friction": 1.0}
+    for given in (both, dict(reversed(both.items()))):
+        assert parameters.expanded("owner", ROW, given) == {
+            "links.0.friction": 1.0,
+            "links.1.friction": 2.0,
+        }
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            ["links.*.frction"],
+            r"no path matches 'links\.\*\.frction'; did you mean 'links\.\*\.f",
+        ),
+        (["links.7*.gap"], r"no path matches 'links\.7\*\.gap'; did you mean 'links\.\*\.gap'"),
+        (["*"], r"no path matches '\*'; allowed: buildings\.\*\.rods\.\*\.material\.order, "),
+        (["links.*.gap", "links.0.*"], r"'links\.\*\.gap' and 'links\.0\.\*' must not both match"),
+        (["links.2.gap"], r"unknown path 'links\.2\.gap'; did you mean 'links\.1\.gap'"),
+    ],
+)
+def test_patterns_that_match_nothing_or_twice_are_named(given, message):
+    with pytest.raises(ValueError, match=f"^owner: {message}"):
+        parameters.expanded("owner", ROW, dict.fromkeys(given, 1.0))
 
 
 def test_an_unknown_path_is_told_with_what_was_meant():

@@ -108,7 +108,7 @@ SHIFTED = jp.ShearBuilding(LOW.storeys, (4.0, 3.0))
         ),
         (
             lambda: jp.ShearBuilding.of_storeys([1.0, -2.0], 1.0, 0.5, 0.1, 0.2),
-            "of_storeys: storey 1: mass = -2 must be positive",
+            "of_storeys: storeys.1: mass = -2 must be positive",
         ),
         (
             lambda: jp.ShearBuilding.from_period(0, 1.0, 1.0, 0.05),

@@ -13,7 +13,8 @@ from PIL import Image
 
 import jaxpound as jp
 from jaxpound.plots.animation import Scene, animate, still
-from tests.made import changed
+from jaxpound.plots.moving_rows import MovingRow
+from tests.made import changed, row_of, row_response
 
 mpl.use("Agg")
 
@@ -83,14 +84,12 @@ def test_wrong_arguments_are_refused(response):
         still(dataclasses.replace(response, demand=lost), 0.0)
 
 
-def test_what_is_not_a_pair_with_a_gap_is_refused(response):
+def test_what_is_no_building_or_a_pair_without_a_gap_is_refused(response):
     three = dataclasses.replace(response, masses=(*response.masses, response.masses[1]))
-    crossed = dataclasses.replace(response, rods=response.rods[::-1])
-    for other in (three, crossed):
-        with pytest.raises(ValueError, match=r"^animate: the run must be of a pair: two masses"):
-            animate(other)
-        with pytest.raises(ValueError, match=r"^still: the run must be of a pair: two masses"):
-            still(other, 0.0)
+    with pytest.raises(ValueError, match=r"^animate: the run must be of shear buildings: floors"):
+        animate(three)
+    with pytest.raises(ValueError, match=r"^still: the run must be of shear buildings: floors"):
+        still(three, 0.0)
     far = dataclasses.replace(response, demand=changed(response.demand, min_gap=np.inf))
     with pytest.raises(ValueError, match="animate: the gap must be finite"):
         animate(far)
@@ -154,3 +153,82 @@ def test_the_legend_of_a_low_panel_leaves_the_curve_free(collisions):
     assert [text.get_text() for text in legend.texts][1:] == ["impact"]
     box = legend.get_window_extent().transformed(ax.transData.inverted())
     assert box.y0 > float(np.max(collisions.gap))
+
+
+TIME = np.linspace(0.0, 20.0, 401)
+LAW = jp.KelvinVoigt(100.0, 0.65)
+BETWEEN = (
+    jp.FloorLink(0, 0, friction=0.1, gap=0.5),
+    jp.FloorLink(0, 1, friction=0.1, gap=0.45, contact=LAW),
+    jp.FloorLink(1, 0, gap=0.3, contact=LAW),
+    jp.FloorLink(0, 2, friction=0.2, next_building=0),
+    jp.FloorLink(2, 0, friction=0.2, next_building=jp.GROUND),
+)
+
+
+@pytest.fixture(scope="module")
+def moved():
+    """Three buildings of 3, 2 and 1 floors, of which nothing made the motion."""
+    return row_response(
+        row_of((3, 2, 1), BETWEEN), TIME, lambda i, t: 0.1 * (i + 1) * np.sin((1 + 0.2 * i) * t)
+    )
+
+
+def faces(ax):
+    """Left and right end of each floor, in the order of the masses."""
+    found = blocks(ax)
+    assert len(found) == 6
+    return np.array(found)
+
+
+def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved):
+    ax = Figure().add_subplot()
+    scene = MovingRow(moved, ax, reach=0.6, lasts=1.0)
+    scene.show(0)
+    rest = faces(ax)
+    for i in (0, 60, 203, 400):
+        scene.show(i)
+        now = faces(ax)
+        for k, (left, right) in enumerate([(0, 3), (1, 4), (3, 5)]):
+            assert now[right, 0] - now[left, 1] == pytest.approx(moved.links[k].gap[i], abs=1e-12)
+        shift = [float(mass.x[i] - mass.x[0]) for mass in moved.masses]
+        np.testing.assert_allclose(now - rest, np.transpose([shift] * 2), atol=1e-12)
+        feet = [line.get_data() for line in ax.lines[:2]]  # columns of the lowest floor
+        assert all(y[0] == 0 and y[-1] > 0 for _, y in feet)
+        assert feet[0][0][-1] - feet[0][0][0] == pytest.approx(float(moved.masses[0].x[i]))
+
+
+def test_contacts_of_a_row_flash_and_are_counted(moved):
+    ax = Figure().add_subplot()
+    scene = MovingRow(moved, ax, reach=0.6, lasts=0.5)
+    stars = [line for line in ax.lines if isinstance(line.get_marker(), tuple)]
+    seen = set()
+    for i, time in enumerate(TIME):
+        scene.show(i)
+        closed = [bool(link.gap[i] <= 0) for link in moved.links]
+        free = not any(closed[k] for k in (0, 3, 4))
+        words = ax.texts[0].get_text()
+        what = "contact" if free else "POUNDING (not modelled)"
+        assert words == (f"{what} at {sum(closed)} of 5 links" if any(closed) else "")
+        for k, star in enumerate(stars):
+            begun = [hit for hit in moved.impacts(k) if 0 <= time - hit.time < 0.5]
+            assert star.get_visible() == bool(begun)
+            seen |= {k} if begun else set()
+    assert seen == {1, 2}
+
+
+def test_a_row_is_animated_with_its_displacements_and_the_map_of_its_gaps(moved):
+    film = animate(moved, frames=2)
+    film.to_jshtml()
+    words = [ax.get_ylabel().partition(" ")[0] for ax in film._fig.axes if ax.axison]
+    assert words == ["displacement", "", "gap"]  # the map has its colour bar
+    both = animate({"a": moved, "b": moved}, frames=2, elevations=[[3, 6, 9], [3, 6], [4]])
+    both.to_jshtml()
+    images = [ax.images[0] for ax in both._fig.axes if ax.images and ax.get_xlabel()]
+    assert len({image.get_clim() for image in images}) == 1
+    free = animate(row_response(row_of((3, 1)), TIME, lambda i, t: np.sin(t + i)), frames=2)
+    free.to_jshtml()
+    words = [ax.get_ylabel().partition(" ")[0] for ax in free._fig.axes if ax.axison]
+    assert words == ["ground", "displacement"]
+    with pytest.raises(ValueError, match="animate: elevations, 1 of them, must be one for each"):
+        still(moved, 1.0, Figure().add_subplot(), elevations=[[3, 6, 9]])

@@ -13,7 +13,7 @@ from jaxpound import plots
 from jaxpound.plots.curves import is_pair
 from jaxpound.results.demand import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
-from tests.made import pair_response
+from tests.made import pair_response, row_of, row_response
 
 mpl.use("Agg")
 
@@ -150,3 +150,60 @@ def test_a_pair_is_known_by_its_topology():
     assert not is_pair(response())
     assert not is_pair(dataclasses.replace(pair, links=()))
     assert not is_pair(dataclasses.replace(pair, rods=pair.rods[::-1]))
+
+
+def shown(ax):
+    return [text.get_text() for text in ax.get_legend().texts]
+
+
+def test_of_many_floors_only_the_buildings_are_named(ax):
+    buildings = row_of((4, 3)).buildings
+    run = row_response(
+        row_of((4, 3), jp.floor_links(buildings, gap=0.5, friction=0.1)),
+        TIME,
+        lambda i, t: 0.1 * i * np.sin(t),
+    )
+    for draw in (plots.displacements, plots.rod_forces, plots.rod_hysteresis):
+        each = Figure().add_subplot()
+        draw(run, each)
+        assert shown(each) == ["building 1", "building 2"]
+        assert len({line.get_color() for line in each.lines}) == 7
+        tops = [each.lines[i].get_color() for i in (3, 6)]
+        assert tops == [plots.COLOURS[f"structure {b}"].lower() for b in (1, 2)]
+    plots.friction_force(run, ax)
+    assert "link 3" in shown(ax)
+
+
+def test_of_many_links_those_between_the_same_buildings_have_one_name(ax):
+    row = row_of((3, 3, 2))
+    links = jp.floor_links(row.buildings, gap=0.5, friction=0.1)
+    run = row_response(row_of((3, 3, 2), links), TIME, lambda i, t: i * np.sin(t))
+    plots.friction_force(run, ax)
+    assert shown(ax) == ["links 1–3", "links 4–5"]
+    every = Figure().add_subplot()
+    plots.gap(run, every)
+    assert shown(every)[:2] == ["links 1–3", "links 4–5"]
+    assert len([line for line in every.lines if np.size(line.get_xdata()) == TIME.size]) == 5
+
+
+def test_links_that_are_named_together_are_told_apart_from_others_between(ax):
+    links = (
+        jp.FloorLink(0, 0, friction=0.1),
+        jp.FloorLink(0, 1, friction=0.1, next_building=0),
+        jp.FloorLink(0, 1, friction=0.1),
+        jp.FloorLink(0, 2, friction=0.1),
+        jp.FloorLink(1, 1, friction=0.1, next_building=jp.GROUND),
+    )
+    run = row_response(row_of((3, 3), links), TIME, lambda i, t: i * np.sin(t))
+    plots.friction_force(run, ax)
+    assert shown(ax) == ["link 2", "links 1, 3–4", "link 5"]
+
+
+def test_a_legend_is_no_wider_than_its_axes():
+    row = row_of((4, 3, 4))
+    run = row_response(row, TIME, lambda i, t: i * np.sin(t))
+    for width in (2.2, 3.54, 7.0):
+        figure = Figure(figsize=(width, 2.4), layout="constrained")
+        ax = plots.displacements(run, figure.add_subplot())
+        figure.draw_without_rendering()
+        assert ax.get_legend().get_window_extent().x0 > ax.get_window_extent().x0 - 1

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound import plots
-from jaxpound.plots.style import FIGURE_SIZE
+from jaxpound.plots.style import FIGURE_SIZE, in_house_style
 from jaxpound.plots.style import figure as figure_of
 from tests.made import changed
 
@@ -265,6 +265,22 @@ def test_pyplot_and_settings_are_left_alone(draw, response, ax):
     assert len(pyplot.get_fignums()) == len(before) + 1
     pyplot.close(shown.figure)
     assert dict(mpl.rcParams) == settings
+
+
+def test_a_notebook_that_turns_interactive_with_its_first_figure_stays_so(response):
+    """It does so while the figure is made, and shows the figures of later cells only if it is."""
+    from matplotlib import pyplot
+
+    def first_figure(response):
+        pyplot.ion()
+        return plots.displacements(response, Figure().add_subplot())
+
+    assert not mpl.is_interactive()
+    try:
+        in_house_style(first_figure)(response)
+        assert mpl.is_interactive()
+    finally:
+        pyplot.ioff()
 
 
 def test_paper_figures_are_called_what_they_show(response):

@@ -135,6 +135,10 @@ def test_parameters_have_the_unit_of_the_study():
             np.testing.assert_allclose(ax.lines[0].get_xdata(), drawn)
     assert parameter_axis("rod_1.order", SCALES, 1.0) == (1.0, "rod 1: order")
     assert parameter_axis("intensity", SCALES, 1.0) == (1.0, "intensity")
+    assert parameter_axis("links.1.friction", SCALES, 1e-6)[1] == "link 2: friction (N)"
+    assert parameter_axis("links.1.gap", None, 1.0)[1] == r"link 2: $\xi_0$ ($g/\omega_1^2$)"
+    assert parameter_name("buildings.0.rods.1.stiffness") == "building 1, storey 2: $K$"
+    assert parameter_name("links.0.contact.stiffness") == "link 1, contact, stiffness"
     assert parameter_axis("initial_gap", SCALES, 1.0) == (SCALES.length, "gap at rest (m)")
 
 

@@ -47,7 +47,14 @@ def linked(*gaps):
 
 @pytest.mark.parametrize(
     ("gaps", "one"),
-    [((0.3,), 0.3), ((0.3, 0.3), 0.3), ((0.3, 0.4), None), ((np.inf,), None), ((), None)],
+    [
+        ((0.3,), 0.3),
+        ((0.3, 0.3), 0.3),
+        ((0.3, np.inf), 0.3),
+        ((0.3, 0.4), None),
+        ((np.inf,), None),
+        ((), None),
+    ],
 )
 def test_the_gap_at_rest_is_one_finite_number_or_none(gaps, one):
     system = linked(*gaps) if gaps else dataclasses.replace(SYSTEM, links=())
@@ -67,7 +74,8 @@ def test_a_study_of_a_system_is_kept_in_a_store(tmp_path):
     found = study(SYSTEM, store=tmp_path)
     structures, grounds = jax.vmap(scenarios(SYSTEM).realize)(found.points())
     demands = jax.jit(jax.vmap(lambda s, g: jp.demand(s, g, GRID)))(structures, grounds)
-    assert list(found.columns) == [*demands.scalars(), "required_gap"]
+    over_all = ("peak_drift", "peak_acceleration")
+    assert list(found.columns) == [*demands.scalars(), *over_all, "required_gap"]
     for name, values in demands.scalars().items():
         np.testing.assert_allclose(found[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
     np.testing.assert_allclose(found["required_gap"], 0.1 - demands.min_gap, rtol=1e-9)

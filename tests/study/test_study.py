@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from jaxpound.study.study import double_difference_correlation
+from jaxpound.study.gaps import double_difference_correlation
 
 
 @pytest.mark.parametrize(

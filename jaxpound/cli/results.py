@@ -1,0 +1,106 @@
+"""What ``jaxpound simulate`` tells of every run: gaps, contact, energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+import jaxpound as jp
+from jaxpound._fields import quantities
+from jaxpound._tables import rounded
+from jaxpound.cli.files import known
+from jaxpound.quantities import column
+from jaxpound.results.impacts import ImpactSeries
+
+
+def of_run(response: jp.Response) -> dict[str, Any]:
+    """Smallest gap and energies, in SI units."""
+    demand = response.demand
+    at_end = {name: float(term[-1]) for name, term in response.energy._asdict().items()}
+    pounds = bool(demand.pounds)
+    touches = [first_contact(response, k) for k in range(len(response.links))]
+    return {
+        "min_gap_m": float(demand.min_gap),
+        "min_gap_time_s": float(demand.min_gap_time),
+        "pounds": pounds,
+        "overlap_m": max(0.0, -float(demand.min_gap)),
+        "first_contact_s": min(time for time in touches if time is not None) if pounds else None,
+        "input_energy_J": at_end["input"],
+        "damper_energy_J": at_end["friction"],
+        "rods_energy_J": at_end["rods"],
+        "kinetic_energy_J": at_end["kinetic"],
+        "energy_residual_over_input": relative_residual(response),
+    }
+
+
+def first_contact(response: jp.Response, link: int) -> float | None:
+    """When a gap first closes: at an impact, or by linear interpolation between instants."""
+    if not float(response.demand.links[link].min_gap) <= 0:
+        return None
+    if impacts := response.impacts(link):
+        return impacts[0].time
+    time, gap = np.asarray(response.time), np.asarray(response.links[link].gap)
+    closed = np.flatnonzero(gap <= 0)
+    if closed.size == 0:  # it opens again before the next instant
+        return float(response.demand.links[link].min_gap_time)
+    around = [closed[0], max(closed[0] - 1, 0)]
+    return float(np.interp(0.0, gap[around], time[around]))
+
+
+def of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
+    """What a link's law of contact gave: its scalars, and the impacts one by one."""
+    series, scalars = response.links[link], response.demand.links[link]
+    if series.contact is None:
+        return None
+    told = {
+        column(name, about.kind, si=True): float(getattr(scalars, name))
+        for name, about in quantities(type(scalars)).items()
+        if about.only == "contact"
+    }
+    kinds = {name: about.kind for name, about in quantities(ImpactSeries).items()}
+    impacts = [
+        {column(name, kind, si=True): getattr(impact, name) for name, kind in kinds.items()}
+        for impact in response.impacts(link)
+    ]
+    stored = {"stored_at_end_J": float(series.contact_stored[-1])}
+    found: dict[str, Any] = known(told | stored | {"impacts": impacts})
+    return found
+
+
+def relative_residual(response: jp.Response) -> float:
+    """Largest residual of the energy balance over the largest input; 0 for a run at rest."""
+    energy = response.energy
+    largest = float(np.max(np.abs(energy.input)))
+    return float(np.max(np.abs(energy.residual))) / largest if largest else 0.0
+
+
+def verdict(results: Mapping[str, Any], by_law: bool) -> str:
+    """Whether buildings pound, in words; ``by_law`` says whether their contact has a law."""
+    if not results["pounds"]:
+        return "no pounding"
+    told = f"POUNDS: {'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m, "
+    told += f"first contact at {results['first_contact_s']:.5g} s"
+    return told + ("" if by_law else "; contact itself is not modelled")
+
+
+def energy_line(results: Mapping[str, Any], lost_by_contact: float | None) -> str:
+    """The energy's shares in one line."""
+    supplied = results["input_energy_J"]
+    taken = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
+    if lost_by_contact is not None:
+        taken["contact"] = lost_by_contact
+    shares = ", ".join(
+        f"{name} {energy / 1e3:.4g} kJ ({energy / supplied if supplied else 0:.0%})"
+        for name, energy in taken.items()
+    )
+    return (
+        f"Energy   input {supplied / 1e3:.4g} kJ: {shares}; "
+        f"residual {results['energy_residual_over_input']:.1e} of the input"
+    )
+
+
+def in_thousands(number: float) -> str:
+    """A number in kN, kJ or kN s, in words."""
+    return rounded(number / 1e3)

@@ -1,0 +1,166 @@
+"""What ``jaxpound simulate`` tells of buildings in a row: modes, floors and links."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+import jaxpound as jp
+from jaxpound._fields import quantities
+from jaxpound._tables import Table
+from jaxpound.cli.files import known
+from jaxpound.cli.results import energy_line, first_contact, of_contact, of_run, verdict
+from jaxpound.cli.row import Row
+from jaxpound.quantities import column
+from jaxpound.results.floors import FloorDemands
+
+
+def results(form: Row, response: jp.Response) -> dict[str, Any]:
+    """The scalars of a run; units are in the names, numbers count from 1."""
+    floors = jp.floor_demands(form.structures, response.demand)
+    told = of_run(response) | {
+        "buildings": [_of_building(*one) for one in zip(form.buildings, floors, strict=True)],
+        "links": [_of_link(form, response, k) for k in range(len(form.links))],
+    }
+    found: dict[str, Any] = known(told)
+    return found
+
+
+def _of_building(building: jp.ShearBuilding, floors: jp.FloorDemands) -> dict[str, Any]:
+    modes = building.modes()
+    ratios = np.asarray(floors.drift) / np.array(building.heights)
+    return {
+        "storeys": building.n_floors,
+        "height_m": float(building.elevations[-1]),
+        "series": [mass + 1 for mass in floors.masses],
+        "peak_displacement_m": float(np.max(floors.displacement)),
+        "peak_drift_m": float(np.max(floors.drift)),
+        "peak_drift_ratio": float(ratios.max()),
+        "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
+        "base_shear_N": float(floors.shear[0]),
+        "modes": [
+            {"period_s": float(period), "damping_ratio": float(zeta), "share_of_mass": float(share)}
+            for period, zeta, share in zip(
+                modes.periods, modes.damping_ratios, modes.participation, strict=True
+            )
+        ],
+    }
+
+
+def _of_link(form: Row, response: jp.Response, k: int) -> dict[str, Any]:
+    link, demand = form.links[k], response.demand.links[k]
+    ground = link.other_floor == jp.GROUND
+    return {
+        "table": form.tables[k],
+        "building": link.building + 1,
+        "floor": link.floor + 1,
+        "next_building": "ground" if ground else link.other_building + 1,
+        "next_floor": None if ground else link.other_floor + 1,
+        "gap_m": float(link.gap),
+        "friction_force_N": float(link.friction),
+        "min_gap_m": float(demand.min_gap),
+        "min_gap_time_s": float(demand.min_gap_time) if math.isfinite(link.gap) else None,
+        "first_contact_s": first_contact(response, k),
+        "slip_distance_m": float(demand.slip_distance),
+        "damper_energy_J": float(demand.friction_work),
+        "residual_offset_m": float(demand.residual_offset),
+        "contact": of_contact(response, k),
+    }
+
+
+def envelope(form: Row, response: jp.Response) -> str:
+    """The envelope over the height of every building, floor by floor, as CSV.
+
+    ``series`` is the number of the floor in the names of the time series, such as x3_m.
+    """
+    kinds = {name: known.kind for name, known in quantities(FloorDemands).items()}
+    names = [column(name, kind, si=True) for name, kind in kinds.items()]
+    rows = [["building", "floor", "series", "elevation_m", *names, "drift_ratio"]]
+    for building, floors in zip(
+        form.buildings, jp.floor_demands(form.structures, response.demand), strict=True
+    ):
+        for i, mass in enumerate(floors.masses):
+            where = [floors.building + 1, i + 1, mass + 1, building.elevations[i]]
+            numbers = [getattr(floors, name)[i] for name in kinds]
+            ratio = floors.drift[i] / building.heights[i]
+            rows.append([str(x) for x in where] + [repr(float(x)) for x in (*numbers, ratio)])
+    return "".join(",".join(row) + "\n" for row in rows)
+
+
+def lines(answers: dict[str, Any]) -> list[str]:
+    """The results as text for the screen."""
+    told = answers["results"]
+    rows = [
+        (
+            str(i),
+            one["storeys"],
+            one["modes"][0]["period_s"],
+            100 * one["modes"][0]["damping_ratio"],
+            one["peak_displacement_m"],
+            100 * one["peak_drift_ratio"],
+            one["peak_absolute_acceleration_m_per_s2"],
+            one["base_shear_N"] / 1e3,
+        )
+        for i, one in enumerate(told["buildings"], 1)
+    ]
+    columns = (
+        "building",
+        "storeys",
+        "period (s)",
+        "damping (%)",
+        "displacement (m)",
+        "drift (%)",
+        "acceleration (m/s²)",
+        "base shear (kN)",
+    )
+    found = [Table.of(columns, rows).text(), ""]
+    links = told["links"]
+    if links:
+        found += [_links(links).text(), ""]
+    closable = [one for one in links if one["gap_m"] is not None]
+    if closable:
+        closest = min(closable, key=lambda one: one["min_gap_m"])
+        smallest = f"{told['min_gap_m']:.4g} m at {told['min_gap_time_s']:.5g} s"
+        words = verdict(told, closest["contact"] is not None)
+        found.append(f"Gaps     smallest {smallest}; {words}")
+    laws = [one["contact"] for one in links if one["contact"]]
+    lost = sum(law["contact_work_J"] for law in laws) if laws else None
+    return [*found, energy_line(told, lost)]
+
+
+def _links(links: list[dict[str, Any]]) -> Table:
+    """Every link: its ends as building.floor, its gap, its damper, its impacts."""
+    columns: dict[str, list[Any]] = {
+        "between": [f"{one['building']}.{one['floor']} and {_end(one)}" for one in links]
+    }
+    gaps = [one["gap_m"] for one in links]
+    if any(gap is not None for gap in gaps):
+        columns |= {
+            "gap (m)": gaps,
+            "smallest (m)": [one["min_gap_m"] for one in links],
+            "at (s)": [one["min_gap_time_s"] for one in links],
+        }
+    if any(one["friction_force_N"] for one in links):
+        slips = [one if one["friction_force_N"] else None for one in links]
+        columns |= {
+            "slip force (kN)": [one and one["friction_force_N"] / 1e3 for one in slips],
+            "slid (m)": [one and one["slip_distance_m"] for one in slips],
+            "took (kJ)": [one and one["damper_energy_J"] / 1e3 for one in slips],
+        }
+    laws = [one["contact"] for one in links]
+    if any(laws):
+        columns |= {
+            "impacts": [law and int(law["n_impacts"]) for law in laws],
+            "force (kN)": [law and law["peak_contact_N"] / 1e3 for law in laws],
+            "impulse (kN s)": [law and law["peak_impulse_N_s"] / 1e3 for law in laws],
+        }
+    names = ["link (building.floor)", *list(columns)[1:]]
+    return Table.of(names, list(zip(*columns.values(), strict=True)))
+
+
+def _end(link: dict[str, Any]) -> str:
+    if link["next_building"] == "ground":
+        return "ground"
+    return f"{link['next_building']}.{link['next_floor']}"

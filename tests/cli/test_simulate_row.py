@@ -1,0 +1,148 @@
+"""``jaxpound simulate`` of buildings in a row: its numbers are the API's, its files are whole."""
+
+import csv
+import json
+from time import sleep
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jaxpound as jp
+from jaxpound.cli import notes, row_results, simulate
+from jaxpound.cli.files import example
+from jaxpound.cli.reading import File
+from tests.cli.commands import edited, run
+
+
+def short() -> str:
+    """The example for a short run, with one law of contact: each takes long to compile."""
+    changes = {"duration": "duration = 1.6", "scale": "scale = 2.5", "floors = ": "floor = 2"}
+    text = edited(example("simulate", "row"), changes)
+    head, tail = text.rsplit("\ncontact = ", 1)
+    return head + "\n" + tail.split("\n", 1)[1]
+
+
+@pytest.fixture(scope="module")
+def simulated(pulse, tmp_path_factory):
+    """The row of the example under the pulse: screen, folder, form, and the same by the API."""
+    folder = tmp_path_factory.mktemp("row")
+    path, out = folder / "row.toml", folder / "out"
+    path.write_text(short())
+    screen = run("simulate", "--record", pulse, "--config", path, "--out", out)
+    file = File.opened(path, "simulate")
+    given = file.read(simulate.Simulation)
+    record = simulate.shaking(file, given.ground, jp.read_record(pulse))
+    form = given.form
+    return screen, out, form, jp.simulate_row(form.buildings, form.links, record, duration=1.6)
+
+
+def test_the_summary_has_the_api_s_numbers(simulated):
+    _, out, form, response = simulated
+    summary = json.loads((out / "summary.json").read_text())
+    told, demand = summary["results"], response.demand
+    assert summary["run"]["steps"] == response.time.size - 1
+    assert told["min_gap_m"] == pytest.approx(float(demand.min_gap), rel=1e-12)
+    assert told["damper_energy_J"] == pytest.approx(
+        sum(one["damper_energy_J"] for one in told["links"]),
+        rel=1e-3,  # by two quadratures
+    )
+    for one, building in zip(told["buildings"], form.buildings, strict=True):
+        modes = building.modes()
+        assert [x["period_s"] for x in one["modes"]] == pytest.approx(modes.periods)
+        assert [x["damping_ratio"] for x in one["modes"]] == pytest.approx(modes.damping_ratios)
+        peaks = [float(demand.masses[n - 1].peak_x) for n in one["series"]]
+        assert one["peak_displacement_m"] == max(peaks)
+        assert one["base_shear_N"] == float(demand.rods[one["series"][0] - 1].peak_force)
+    assert [one["series"] for one in told["buildings"]] == [[1, 2], [3, 4, 5], [6, 7]]
+    for one, link, scalars in zip(told["links"], form.links, demand.links, strict=True):
+        assert one["floor"] == link.floor + 1
+        assert one["slip_distance_m"] == float(scalars.slip_distance)
+        assert (one["contact"] is None) == (link.contact is None)
+    brace = told["links"][2]
+    assert (brace["building"], brace["floor"]) == (2, 1)
+    assert (brace["next_building"], brace["next_floor"]) == ("ground", None)
+    assert brace["gap_m"] is brace["min_gap_m"] is brace["first_contact_s"] is None
+
+
+def test_impacts_are_told_by_link(simulated):
+    screen, out, _, response = simulated
+    told = json.loads((out / "summary.json").read_text())["results"]
+    touched = [one["first_contact_s"] for one in told["links"]]
+    assert told["first_contact_s"] == min(time for time in touched if time is not None)
+    contact, impacts = told["links"][0]["contact"], response.impacts(0)
+    assert contact["n_impacts"] == len(contact["impacts"]) == len(impacts) > 0
+    assert contact["peak_contact_N"] == float(response.demand.links[0].peak_contact)
+    assert touched[0] == impacts[0].time
+    # The second link has a gap but no law: its floors overlap, and by more.
+    gap = response.links[1].gap
+    assert gap[np.searchsorted(response.time, touched[1])] <= 0
+    assert f"POUNDS: overlap {told['overlap_m']:.4g} m" in screen
+    row = next(line for line in screen.splitlines() if line.startswith("1.2 and 2.2")).split()
+    assert row[-3:][0] == str(int(told["links"][0]["contact"]["n_impacts"]))
+
+
+def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
+    _, out, form, response = simulated
+    series = np.load(out / "series.npz")
+    with (out / "floors.csv").open() as file:
+        floors = list(csv.DictReader(file))
+    assert [(row["building"], row["floor"]) for row in floors] == [
+        (str(b + 1), str(i + 1))
+        for b, one in enumerate(form.buildings)
+        for i in range(one.n_floors)
+    ]
+    demands = jp.floor_demands(form.structures, response.demand)
+    for row in floors:
+        b, i = int(row["building"]) - 1, int(row["floor"]) - 1
+        assert float(row["elevation_m"]) == form.buildings[b].elevations[i]
+        x = series[f"x{row['series']}_m"]
+        assert 0 <= float(row["displacement_m"]) / np.abs(x).max() - 1 < 1e-2
+        below = series[f"x{int(row['series']) - 1}_m"] if i else 0
+        drift = float(row["drift_m"])
+        assert 0 <= drift / np.abs(x - below).max() - 1 < 1e-2  # the grid may miss the top
+        assert float(row["drift_ratio"]) == pytest.approx(drift / 3.0)
+        for name, column in (("shear", "shear_N"), ("contact_right", "contact_right_N")):
+            assert float(row[column]) == float(getattr(demands[b], name)[i])
+
+
+def test_every_figure_is_drawn(simulated):
+    screen, out, _, _ = simulated
+    figures = {path.stem for path in out.glob("*.png")}
+    assert figures == {
+        *("overview", "row", "envelopes", "gap_map", "ground_motion", "displacements", "gap"),
+        *("friction_force", "friction_hysteresis", "rod_hysteresis", "energy"),
+        *("contact_force", "contact_hysteresis"),
+        *(f"mode_shapes_{i}" for i in (1, 2, 3)),
+    }
+    for path in out.glob("*.png"):
+        assert min(imread(path).shape[:2]) > 500
+        assert str(path) in screen
+
+
+def test_a_row_without_links_or_contact(simulated):
+    """What has no damper, gap or law is told without them."""
+    _, out, _, _ = simulated
+    answers = json.loads((out / "summary.json").read_text())
+    results = answers["results"]
+    for link in results["links"]:
+        link |= {"contact": None, "friction_force_N": 0.0}
+    told = "\n".join(row_results.lines(answers))
+    assert "slid" not in told
+    assert "impacts" not in told
+    assert "POUNDS: overlap" in told
+    results["links"] = results["links"][2:]
+    assert "smallest" not in "\n".join(row_results.lines(answers))
+    results["links"] = []
+    assert "link" not in "\n".join(row_results.lines(answers))
+
+
+def test_a_note_says_what_is_compiled_where_that_takes_long(capsys, monkeypatch):
+    row = File.opened(None, "simulate").read(simulate.Simulation).structures
+    with notes.noted(row):
+        pass
+    monkeypatch.setattr(notes, "AFTER", 0.01)
+    with notes.noted(row):
+        sleep(0.2)
+    words = "jaxpound: compiling and running the program for 2 floors and 1 link ...\n"
+    assert capsys.readouterr().err == words

@@ -1,0 +1,169 @@
+"""``jaxpound montecarlo``, ``report`` and ``design`` of buildings in a row."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.cli import design, montecarlo
+from jaxpound.cli.files import example
+from jaxpound.cli.reading import File
+from jaxpound.cli.simulate import Simulation
+from tests.cli.commands import edited, number, refusal, run, tables
+
+STUDY, DESIGN = (example(command, "row") for command in ("montecarlo", "design"))
+SHORT = {
+    "duration": "duration = 3.0\ndt = 0.01",
+    "wavelets = ": "wavelets = 2",
+    "arrivals": "arrivals = {uniform = [0.5, 2.5]}",
+    "amplitude": "amplitude = {uniform = [0.01, 0.03]}",
+}
+
+
+def prepared(text):
+    """A study's scenarios and their form."""
+    file = File("row.toml", text)
+    given = file.read(montecarlo.Study)
+    return montecarlo.prepared(file, given)[0], given.form
+
+
+def test_the_example_s_random_storeys():
+    scenarios, form = prepared(STUDY)
+    structures = scenarios.structures
+    names = [*structures.uncertain]
+    stiffness = [f"buildings.{b}.rods.{i}.stiffness" for b, n in ((0, 2), (1, 3)) for i in range(n)]
+    assert names[:5] == stiffness
+    assert names[-1] == "links.2.friction"  # the third link is that of the second table
+    alike = structures.correlations[0]
+    assert alike.tolist() == [1.0, 0.5] + [0.0] * (len(names) - 2)
+    drawn = structures.parameters(np.zeros(len(names)))
+    for path in stiffness:
+        b, i = (int(part) for part in re.findall(r"\d+", path))
+        stated = form.structures.buildings[b].rods[i].stiffness
+        assert float(drawn[path]) == pytest.approx(float(stated))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({'"link.2': '"link.1.friction_force" = {uniform = [1, 2]}'}, "must be of a value above 0"),
+        (
+            {'"link.2': '"link.3.gap" = {uniform = [1, 2]}'},
+            "[uncertain] link.3.gap must be of a",
+        ),
+        (
+            {'"link.2': '"building.1.storey.3.stiffness" = {uniform = [1, 2]}'},
+            "[uncertain] building.1.storey.3.stiffness must be of a building, floor, storey or ",
+        ),
+        (
+            {'"link.2': '"building.*.storey.*.stifness" = {uniform = [1, 2]}'},
+            "'building.*.storey.*.stifness'; did you mean 'building.*.storey.*.stiffness'",
+        ),
+        ({'"link.2': '"friction" = {uniform = [1, 2]}'}, "has an unknown key 'friction'"),
+        (
+            {'"link.2': '"building.2.storey.*.stiffness" = {uniform = [1, 2]}'},
+            "building.*.storey.*.stiffness and building.2.storey.*.stiffness must not stand for",
+        ),
+        (
+            {'"building.*.f': '"building.*.floor.*.mass" = {uniform = [1, 1e5]}'},
+            "building.1.floor.1.mass = 2e+10 kg must be between 0.001 and 1e+10 kg",
+        ),
+        (
+            {"correlation": "correlation = 1.5"},
+            "[study] correlation = 1.5 must be between",
+        ),
+        ({"correlation": "correlation = -0.9"}, "[uncertain]: correlation = -0.9 must be"),
+    ],
+)
+def test_what_is_wrong_with_random_storeys(changes, says, tmp_path, capsys):
+    path = tmp_path / "row.toml"
+    path.write_text(edited(STUDY, changes))
+    line = refusal(capsys, "montecarlo", path, "--store", tmp_path / "st")
+    assert line.startswith(f"jaxpound: error: {path}: ")
+    assert says in line
+
+
+def test_a_study_of_a_row_and_its_report(tmp_path):
+    path, store, out = (tmp_path / name for name in ("row.toml", "store", "out"))
+    changes = {"samples": "samples = 40", "# spectral": "spectral_acceleration = true"}
+    path.write_text(edited(STUDY, SHORT | changes))
+    assert "probability of pounding" in run("montecarlo", path, "--store", store)
+    run("report", "--store", store, "--out", out)
+    study = jp.Study.open(store)
+    answers = json.loads((out / "summary.json").read_text())
+    assert [one["link"] for one in answers["links"]] == [1, 2]  # the brace has no gap
+    for k, one in enumerate(answers["links"]):
+        expected = study.pounding_probability(link=k)
+        assert one["pounding_probability"]["value"] == expected.value
+        for p, gap in one["required_gap"].items():
+            assert gap["value"] == study.required_gap(float(p), link=k).value
+    assert 0 < answers["links"][1]["pounding_probability"]["value"] < 1
+    page = (out / "summary.md").read_text()
+    assert "# Monte Carlo study of buildings in a row" in page
+    (links,) = (table for table in tables(page) if "between" in table[0])
+    assert links[1]["between"] == "floor 2 of buildings 1 and 2"
+    value = answers["links"][1]["pounding_probability"]["value"]
+    assert number(links[1]["probability of pounding"]) == pytest.approx(value, rel=1e-3)
+    assert "absolute sum" not in page
+    assert "peak displacement of floor 3 of building 2" in page
+    for figure in ("min_gap", "required_gap", "correlations", "parameters"):
+        assert (out / f"{figure}.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        (
+            {"total_damper": "total_damper_force = -1.0"},
+            "[limits] total_damper_force = -1 N must",
+        ),
+        ({"total_damper": "total_damper_forc = 1.0"}, "did you mean 'total_damper_force'?"),
+        ({"total_damper": "peak_x6 = 1.0"}, "[limits] has an unknown key 'peak_x6'"),
+        (
+            {'"link.*': '"link.9.friction_force" = {low = 0, high = 2}'},
+            "[variables] link.9.frict",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_design_of_a_row(changes, says, tmp_path, capsys):
+    path = tmp_path / "row.toml"
+    path.write_text(edited(DESIGN, changes))
+    line = refusal(capsys, "design", path, "--out", tmp_path / "out")
+    assert line.startswith(f"jaxpound: error: {path}: ")
+    assert says in line
+
+
+def no_elasticities(*_, **__):
+    """As where the demand is zero; the gradient by all of a row's numbers takes long to compile."""
+    raise ValueError("elasticities: the demand is zero")
+
+
+def test_dampers_of_a_row_share_a_budget(tmp_path, monkeypatch):
+    monkeypatch.setattr(jp, "elasticities", no_elasticities)
+    path, out = tmp_path / "row.toml", tmp_path / "out"
+    search = {"earthquakes": "earthquakes = 4", "fresh": "fresh = 4", "starts": "starts = 1"}
+    fewer = {"iterations": "iterations = 3", "peak_drift": "peak_drift = 0.5"}
+    text = edited(DESIGN, SHORT | search | fewer).replace("number = 3", "number = 2")
+    head, tail = text.split("[[link]]\nbuilding = 2", 1)
+    path.write_text(head + tail[tail.index("# Random earthquakes") :])
+    screen = run("design", path, "--out", out)
+    answers = json.loads((out / "summary.json").read_text())
+    assert answers["limits"]["total_damper_force"]["reached"] <= 400e3 * 1.001
+    *chosen, together = answers["answer"]
+    assert [row["quantity"] for row in chosen] == [
+        f"slip force, floor {i} of buildings 1 and 2" for i in (1, 2)
+    ]
+    assert together["after"] == pytest.approx(sum(row["after"] for row in chosen))
+    assert "slip forces of all dampers together" in screen
+    form = File.opened(out / "buildings.toml", "simulate").read(Simulation).form
+    forces = [float(link.friction) for link in form.links]
+    assert forces == pytest.approx([row["after"] for row in chosen])
+    given = File("row.toml", path.read_text()).read(design.Wanted).form
+    for ours, theirs in zip(form.buildings, given.buildings, strict=True):
+        assert ours.modes().periods == pytest.approx(theirs.modes().periods)
+        assert ours.elevations.tolist() == theirs.elevations.tolist()
+    page = (out / "summary.md").read_text()
+    assert "# Design of buildings in a row" in page
+    assert "slip forces of all dampers together" in page

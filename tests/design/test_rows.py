@@ -1,0 +1,158 @@
+"""Designs of a row: where dampers go within a budget, against all placements; and its kin."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from tests.rows import GAPS, GRID, ROW, WAVES
+from tests.test_tables import assert_shown
+
+EARTHQUAKES = jp.Ensemble.drawn(jp.Scenarios(ROW, WAVES), 16, sampling="sobol")
+DAMPERS = {"links.*.friction": (0.0, 1.0)}
+SPACE = jp.DesignSpace(ROW, DAMPERS)
+BUDGET = 1.0
+SEARCH = {"starts": 2, "iterations": 40, "progress": False}
+
+
+def with_friction(slip_forces):
+    links = zip(ROW.links, slip_forces, strict=True)
+    return dataclasses.replace(
+        ROW, links=tuple(dataclasses.replace(link, friction=mu) for link, mu in links)
+    )
+
+
+@jax.jit
+@jax.vmap
+def mean_gap(slip_forces):
+    row = with_friction(tuple(slip_forces))
+    return jax.vmap(lambda g: jp.demand(row, g, GRID).min_gap)(EARTHQUAKES.grounds).mean()
+
+
+@pytest.fixture(scope="module")
+def placements():
+    """Every placement on a grid of slip forces, and its mean gap."""
+    mu = np.linspace(0, BUDGET, 21)
+    every = np.stack(np.meshgrid(mu, mu), -1).reshape(-1, 2)
+    return every, np.asarray(mean_gap(every))
+
+
+@pytest.fixture(scope="module")
+def design():
+    limits = {"total_damper_force": BUDGET}
+    return jp.design_damper(
+        SPACE, EARTHQUAKES, GRID, objective=jp.Objective(limits=limits), fresh=None, **SEARCH
+    )
+
+
+def best_within(placements, budget):
+    """The best placement on the grid, its mean gap, and how far the grid is from the optimum."""
+    every, gaps = placements
+    inside = every.sum(axis=1) <= budget + 1e-9
+    best = np.argmax(np.where(inside, gaps, -np.inf))
+    return every[best], gaps[best]
+
+
+def test_a_budget_is_placed_where_it_is_best(design, placements):
+    where, gap = best_within(placements, BUDGET)
+    assert ((where > 0.1) & (where < 0.9)).all()  # neither has all of it
+    found = np.array([*design.values.values()])
+    np.testing.assert_allclose(found, where, atol=0.06)  # the grid's spacing is 0.05
+    assert design.objective >= gap - 1e-9
+    assert float(mean_gap(found[None])[0]) == pytest.approx(design.objective, rel=1e-9)
+    assert design.prices["total_damper_force"] == pytest.approx(BUDGET, rel=1e-3)
+    assert design.multipliers["total_damper_force"] > 0
+    after = design.trained.after
+    np.testing.assert_allclose(after["damper_force_2"], found[1])
+    np.testing.assert_allclose(after["total_damper_force"], found.sum())
+
+
+def test_a_comparison_tells_of_each_link_floor_and_storey(design):
+    after = design.trained.after
+    each = np.stack([after["min_gap_1"], after["min_gap_2"]])
+    np.testing.assert_array_equal(after["min_gap"], each.min(axis=0))
+    np.testing.assert_allclose(after["initial_gap"], np.mean(GAPS))
+    shown = assert_shown(design.trained)
+    for words in (
+        "smallest gap of link 2",
+        "peak displacement of floor 1 of building 2",
+        "peak drift of storey 2 of building 1",
+        "peak shear of storey 2 of building 2",
+        "slip forces of all dampers together",
+        "largest storey drift",
+    ):
+        assert words in shown
+
+
+def test_goals_of_several_gaps_are_of_the_closest_link(design):
+    columns = design.trained.before
+    hit = np.mean((columns["min_gap_1"] <= 0) | (columns["min_gap_2"] <= 0))
+    assert 0 < hit < 1
+    gaps = columns["min_gap"], columns["initial_gap"]
+    assert float(jp.PoundingProbability(width=1e-9)(*gaps)) == -hit
+    assert float(jp.GapAtRest()(*gaps)) == pytest.approx(-np.mean(GAPS))
+
+
+def test_a_front_over_budgets(design, placements):
+    front = jp.pareto_front(
+        SPACE,
+        EARTHQUAKES,
+        GRID,
+        price="total_damper_force",
+        over="worst",
+        limits=[BUDGET, 0.6],
+        **SEARCH,
+    )
+    within = {round(float(x), 2): y for x, y in zip(front.prices, front.objectives, strict=True)}
+    for budget in (0.6, BUDGET):
+        assert within[budget] >= best_within(placements, budget)[1] - 1e-9
+    assert within[BUDGET] == pytest.approx(design.objective, rel=1e-4)
+
+
+def test_elasticities_by_the_dampers_of_a_row(design):
+    row = with_friction((0.3, 0.4))
+    found = jp.elasticities(row, EARTHQUAKES, GRID, demand="min_gap")
+    h = 1e-5 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    gaps = np.asarray(mean_gap(np.array([0.3, 0.4]) * (1 + h)))
+    assert found.value == pytest.approx(float(mean_gap(np.array([[0.3, 0.4]]))[0]))
+    slopes = (gaps[::2] - gaps[1::2]) / 2e-5 / abs(found.value)
+    for k, slope in enumerate(slopes):
+        assert found.values[f"links.{k}.friction"] == pytest.approx(slope, rel=1e-4)
+    assert {"buildings.1.rods.1.stiffness", "links.1.gap"} <= {*found.values}
+
+
+def test_a_row_from_recorded_floors():
+    """Slip forces and the stiffness of a storey, from two accelerations and a gap with noise."""
+    truth = with_friction((0.2, 0.3))
+    run, random = jp.simulate(truth, jp.paper.ground(), GRID), np.random.default_rng(0)
+    exact = {"a2": run.absolute_accelerations[1], "x4": run.masses[3].x, "gap_2": run.links[1].gap}
+    noise = {"a2": 0.02, "x4": 0.002, "gap_2": 0.002}
+    measured = {name: x + noise[name] * random.normal(size=61) for name, x in exact.items()}
+    values = {
+        "links.0.friction": 0.2,
+        "links.1.friction": 0.3,
+        "buildings.0.rods.1.stiffness": 12.0,
+    }
+    space = jp.DesignSpace(ROW, {**DAMPERS, "buildings.0.rods.1.stiffness": (6.0, 20.0)})
+    start = {"links.*.friction": 0.25, "buildings.0.rods.1.stiffness": 11.0}
+    found = jp.calibrate(
+        space, measured, jp.paper.ground(), GRID, noise=noise, start=start, starts=1
+    )
+    for path, value in values.items():
+        estimate = found.parameters[path]
+        assert abs(estimate.value - value) < estimate.high - estimate.low < 0.2 * value
+    assert found.structures.links[1].friction == found.parameters["links.1.friction"].value
+    assert found.noise == pytest.approx(noise, rel=0.4)
+    with pytest.raises(ValueError, match=r"measured\['gap'\] must be one of x1, .*a4, gap_1, gap"):
+        jp.calibrate(space, {"gap": measured["gap_2"]}, jp.paper.ground(), GRID)
+
+
+def test_a_budget_below_zero_is_refused():
+    with pytest.raises(ValueError, match="Limit: at_most = -1 must be positive and finite"):
+        jp.Objective(limits={"total_damper_force": -1.0})
+    with pytest.raises(ValueError, match=r"unknown price 'total_damper'.* mean 'total_damper_f"):
+        jp.Objective(limits={"total_damper": 1.0})
+    with pytest.raises(ValueError, match=r"DesignSpace: no path matches 'links\.\*\.frction'"):
+        jp.DesignSpace(ROW, {"links.*.frction": (0.0, 1.0)})

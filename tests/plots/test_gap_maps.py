@@ -1,0 +1,112 @@
+"""The map of gaps: each link in its row, no contact lost."""
+
+import dataclasses
+
+import jax
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+
+import jaxpound as jp
+from jaxpound import plots
+from tests.made import changed, pair_response, row_of, row_response
+
+mpl.use("Agg")
+
+TIME = np.linspace(0.0, 20.0, 4001)
+LAW = jp.KelvinVoigt(100.0, 0.65)
+LINKS = (
+    *jp.floor_links(row_of((2, 2, 1)).buildings, gap=0.5, friction=0.1),
+    jp.FloorLink(0, 1, next_building=0, friction=0.1),
+)
+
+
+def sway(i, time):
+    return 0.1 * (i + 1) * np.sin((1 + 0.1 * i) * time)
+
+
+@pytest.fixture
+def ax():
+    return Figure().add_subplot()
+
+
+def row_names(ax):
+    return [tick.get_text() for tick in ax.get_yticklabels()]
+
+
+def test_links_stand_by_buildings_the_higher_above_and_those_without_a_gap_are_left_out(ax):
+    run = row_response(row_of((2, 2, 1), LINKS), TIME, sway)
+    assert plots.gap_map(run, ax) is ax
+    assert row_names(ax) == ["1–2, floor 2", "1–2, floor 1", "2–3, floor 1"]
+    (image,) = ax.images
+    assert image.get_array().shape[0] == 3
+    widest = max(float(run.links[k].gap.max()) for k in range(3))
+    assert image.get_clim() == (0.0, widest)
+    colour_bar = ax.figure.axes[1]
+    assert colour_bar.get_ylabel() == r"gap $\xi$ ($g/\omega_1^2$)"
+    assert ax.get_xlabel() == r"time $t$ ($1/\omega_1$)"
+
+
+def test_each_pixel_has_the_narrowest_gap_of_its_instants(ax):
+    run = row_response(row_of((2, 2, 1), LINKS), TIME, sway)
+    plots.gap_map(run, ax)
+    drawn = ax.images[0].get_array()
+    for row, k in zip(drawn, (1, 0, 2), strict=True):
+        gap = np.asarray(run.links[k].gap)
+        assert row.min() == pytest.approx(gap.min() if gap.min() > 0 else -1.0)
+        assert row.max() <= gap.max()
+
+
+def test_a_contact_of_one_instant_is_seen(ax):
+    run = pair_response(TIME, {"gap": np.where(np.arange(4001) == 1234, -1e-9, 1.0)})
+    plots.gap_map(run, ax)
+    (image,) = ax.images
+    closed = image.get_array()[0] <= 0
+    assert closed.sum() == 1
+    assert closed.argmax() * 20.0 / closed.size == pytest.approx(TIME[1234], abs=0.03)
+    pixel = image.cmap(image.norm(image.get_array()[0, closed.argmax()]))
+    assert pixel == pytest.approx(to_rgba(plots.COLOURS["pounding"]))
+    assert "pounding" in ax.get_legend().texts[0].get_text()
+
+
+def test_newton_s_impacts_are_seen_though_no_gap_is_closed(ax):
+    links = tuple(dataclasses.replace(link, contact=LAW) for link in LINKS[:1])
+    run = row_response(row_of((2, 2, 1), links), TIME, lambda i, t: 0 * t)
+    (link,) = run.links
+    at = dataclasses.replace(link, touching=(np.arange(4001) == 700).astype(float))
+    plots.gap_map(dataclasses.replace(run, links=(at,)), ax)
+    assert (ax.images[0].get_array() < 0).sum() == 1
+    assert "contact" in ax.get_legend().texts[0].get_text()
+
+
+def test_what_links_are_between_is_told():
+    links = (
+        jp.FloorLink(0, 1, 0, gap=1.0),
+        jp.FloorLink(1, 0, gap=1.0, next_building=jp.GROUND),
+        jp.FloorLink(0, 1, gap=1.0, next_building=0),
+    )
+    run = row_response(row_of((2, 1), links), TIME, sway)
+    ax = plots.gap_map(run, Figure().add_subplot())
+    assert set(row_names(ax)) == {"1–2, floors 2–1", "2–ground, floor 1", "in 1, floors 2–1"}
+    crossed = dataclasses.replace(run, rods=run.rods[:2])  # no buildings
+    ax = plots.gap_map(crossed, Figure().add_subplot())
+    assert row_names(ax) == ["link 1", "link 2", "link 3"]
+
+
+def test_wrong_arguments_are_refused(ax):
+    run = row_response(row_of((2, 2, 1), LINKS), TIME, sway)
+    for widest in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match=r"gap_map: widest = .* must be positive and finite"):
+            plots.gap_map(run, ax, widest)
+    with pytest.raises(ValueError, match="gap_map: a batch of shape"):
+        plots.gap_map(jax.tree.map(lambda x: np.stack([x, x]), run), ax)
+    lost = dataclasses.replace(run, demand=changed(run.demand, pga=np.nan))
+    with pytest.raises(ValueError, match="gap_map: the run is invalid"):
+        plots.gap_map(lost, ax)
+    free = row_response(row_of((2, 2, 1), LINKS[-1:]), TIME, sway)
+    with pytest.raises(ValueError, match="must have a link with a finite gap"):
+        plots.gap_map(free, ax)
+    with pytest.raises(ValueError, match="of type Response"):
+        plots.gap_map(3, ax)
