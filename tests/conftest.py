@@ -1,10 +1,13 @@
 """Strictness of the whole suite: float64 unless a test says otherwise, no silent rank promotion."""
 
+import contextlib
+import ctypes
 import gc
 import os
 import shutil
 import tempfile
 from importlib.metadata import version
+from pathlib import Path
 
 # Programs that one of the suite's processes has compiled serve the others; set before JAX starts.
 if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
@@ -58,6 +61,24 @@ def _unchecked(request):
     """Wrong types reach the function, in tests that hand them over on purpose."""
     marked = request.node.get_closest_marker("unchecked") is not None
     jaxtyping.config.update("jaxtyping_disable", marked)
+
+
+MOST_RESIDENT = 3e9
+"""Bytes that a process of the suite may keep from one module to the next: programs fill them."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _programs_do_not_pile_up():
+    """Drop compiled programs after a module where many have gathered; the cache has them still."""
+    yield
+    status = Path("/proc/self/statm")
+    if status.exists():  # on Linux
+        resident = int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        if resident > MOST_RESIDENT:
+            jax.clear_caches()
+            gc.collect()
+            with contextlib.suppress(OSError, AttributeError):
+                ctypes.CDLL(None).malloc_trim(0)  # else the C library keeps the memory
 
 
 @pytest.fixture

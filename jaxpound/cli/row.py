@@ -111,7 +111,7 @@ class RowBuilding(Building):
             raise ValueError(f"must not have {others[0]} beside {ways[0]}")
         if not ways:
             super().check()
-        PERIOD.require("natural period", self.shear().modes().periods[0])
+        PERIOD.require("natural period", self.shear().natural_period)
 
     def shear(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
@@ -167,6 +167,8 @@ class FloorLink(Table):
         """The library's ``FloorLink``, of each floor."""
         floors: Iterable[tuple[int, int, int | None, int | None]]
         if self.floors == "common":
+            if len(buildings) < 2:
+                raise ValueError('floors = "common" must be between two buildings or more')
             lefts = range(len(buildings) - 1) if self.building is None else [self.building - 1]
             floors = [(i, *pair, None) for i in lefts for pair in _common(buildings, i)]
         else:

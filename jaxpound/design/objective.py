@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -345,10 +346,13 @@ class Objective:
                 if not _is_price(price):
                     meant = hint(price, _MEANT)
                     raise ValueError(f"Objective: unknown price {price!r} in {name}; {meant}")
-            made: Any = {
-                price: x if isinstance(x, kind) else kind(number("Objective", price, x))
-                for price, x in given.items()
-            }
+            made: Any = {}
+            for price, x in given.items():
+                try:
+                    made[price] = x if isinstance(x, kind) else kind(x)
+                except ValueError as error:
+                    what = re.sub(r"^\w+: \w+", f"Objective: {name}: {price}", str(error))
+                    raise ValueError(what) from error
             object.__setattr__(self, name, made)
 
     @property

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxpound._checks import Rule
+from jaxpound._checks import Rule, instance
 from jaxpound._fields import assembled, check, like, part, pytree_dataclass, static
+from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.system import GROUND, Ends, Link, System, Topology, as_tuple, ring
-from jaxpound.model.vibration import modes
+from jaxpound.model.vibration import first_frequency
 
 
 @pytree_dataclass
@@ -70,7 +72,18 @@ class FloorLink:
                 rule = "a whole number from 0 on" + (", or GROUND" if least else "")
                 raise ValueError(f"FloorLink: {name} = {number!r} must be {rule}")
             object.__setattr__(self, name, int(number))
-        check(self)
+        if GROUND in (self.next_floor, self.next_building):
+            above = self.next_floor not in (None, GROUND)
+            elsewhere = self.next_building not in (None, self.building, GROUND)
+            if above or elsewhere:
+                name = "next_floor" if above else "next_building"
+                rule = "must be left out: the other end is the ground"
+                raise ValueError(f"FloorLink: {name} = {getattr(self, name)} {rule}")
+        try:
+            check(self)
+        except ValueError as error:
+            between = f"FloorLink between {self}:"
+            raise ValueError(str(error).replace("FloorLink:", between, 1)) from error
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """Those of a ``Link``: a gap that can close is finite."""
@@ -148,7 +161,7 @@ class Row:
     @property
     def natural_frequencies(self) -> tuple[Any, ...]:
         """Natural frequency of the first mode of each building (``jp.modes``), in units of ω1."""
-        return tuple(modes(building).frequencies[0] for building in self.buildings)
+        return tuple(first_frequency(building) for building in self.buildings)
 
     def system(self) -> System:
         """Masses, rods and links, building by building."""
@@ -186,8 +199,9 @@ def floor_links(
     Parameters
     ----------
     buildings
-        ``Storeys`` or ``ShearBuilding``, from left to right. Common are floors of the same number;
-        of buildings in SI, those at the same height, to a slab's thickness of 0.2 m.
+        All ``Storeys``, or all in SI, ``ShearBuilding`` or ``Building``; from left to right. Common
+        are floors of the same number; of two ``ShearBuilding``, those at the same height, to a
+        slab's thickness of 0.2 m.
     friction, gap, contact
         As in ``FloorLink``.
 
@@ -206,6 +220,9 @@ def floor_links(
     buildings = as_tuple("floor_links", "buildings", buildings)
     if len(buildings) < 2:
         raise ValueError(f"floor_links: buildings, {len(buildings)} of them, must be two or more")
+    kinds = (Storeys,) if isinstance(buildings[0], Storeys) else (ShearBuilding, Building)
+    for i, building in enumerate(buildings):
+        instance("floor_links", f"buildings.{i}", building, *kinds)
     found = []
     for i, (left, right) in enumerate(pairwise(buildings)):
         common = common_floors(left, right)
@@ -223,11 +240,9 @@ models with low storeys it is a quarter of a storey."""
 
 def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:
     """Floors of two buildings that meet: of equal number or, where heights are known, height."""
-    for name, building in (("left", left), ("right", right)):
-        if not hasattr(building, "n_floors"):
-            raise ValueError(f"common_floors: {name} = {building!r} must be a building with floors")
     if not (hasattr(left, "elevations") and hasattr(right, "elevations")):
-        return [(i, i) for i in range(min(left.n_floors, right.n_floors))]
+        both = [getattr(building, "n_floors", 1) for building in (left, right)]
+        return [(i, i) for i in range(min(both))]
     pairs = np.ndindex(left.n_floors, right.n_floors)
     return [(i, j) for i, j in pairs if _meet(left, i, right, j)]
 

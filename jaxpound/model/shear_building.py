@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, hint, is_traced, number
-from jaxpound._fields import assembled, check, parameter, part, pytree_dataclass
+from jaxpound._fields import assembled, check, part, pytree_dataclass, static
 from jaxpound.model.building import Building
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.system import Rod, as_tuple
-from jaxpound.model.vibration import Modes, modes
+from jaxpound.model.vibration import Modes, first_frequency, modes
 
 
 @pytree_dataclass
@@ -49,17 +49,10 @@ class ShearBuilding:
     """
 
     storeys: tuple[Building, ...] = part(Building, each=True)
-    heights: tuple[Any, ...] = parameter(
-        "h",
-        words="storey height",
-        above=0,
-        each=True,
-        single=True,
-        default=3.0,
-    )
+    heights: tuple[float, ...] = static(default=3.0)
 
     def __post_init__(self) -> None:
-        owner, heights = "ShearBuilding", self.heights
+        owner, heights = "ShearBuilding", cast("Any", self.heights)
         object.__setattr__(self, "storeys", as_tuple(owner, "storeys", self.storeys))
         n = self.n_floors
         if not n:
@@ -67,8 +60,8 @@ class ShearBuilding:
         heights = (heights,) * n if np.ndim(heights) == 0 else as_tuple(owner, "heights", heights)
         if len(heights) != n:
             raise ValueError(f"{owner}: heights, {len(heights)} of them, must be {n}, as storeys")
-        object.__setattr__(self, "heights", heights)
         check(self)
+        object.__setattr__(self, "heights", tuple(_height(i, h) for i, h in enumerate(heights)))
 
     @classmethod
     def of_storeys(
@@ -173,7 +166,8 @@ class ShearBuilding:
         try:
             block = Building.from_period(storey_mass, period, damping_ratio, order, tau_f)
         except ValueError as error:
-            raise ValueError(str(error).replace("Building", "ShearBuilding", 1)) from error
+            words = str(error).replace("Building", "ShearBuilding", 1)
+            raise ValueError(words.replace(": mass ", ": storey_mass ", 1)) from error
         stiffnesses = [block.stiffness * (share / least) for share in shares]
         rod = (block.order, block.tau_f, block.tau_x)
         return cls(tuple(Building(block.mass, k, *rod) for k in stiffnesses), height)
@@ -191,6 +185,8 @@ class ShearBuilding:
             (Earthquake-induced pounding between equal height buildings with substantially
             different dynamic properties, Engineering Structures 30, 2008), of 25 t a floor
             (1.2 s) and 1,000 t a floor (0.3 s); heights are not those of the paper, but 3 m.
+            The first period is that of the source. Higher ones are shorter than those of its
+            elastic frame, since fractional rods stiffen with the frequency.
 
         Raises
         ------
@@ -202,9 +198,9 @@ class ShearBuilding:
         >>> jp.ShearBuilding.published("chopra-5").modes().periods.round(4).tolist()
         [2.0004, 0.661, 0.4103, 0.315, 0.274]
         """
-        if name not in _PUBLISHED:
+        if not isinstance(name, str) or name not in _PUBLISHED:
             raise ValueError(
-                f"ShearBuilding.published: unknown name {name!r}; {hint(name, _PUBLISHED)}"
+                f"ShearBuilding.published: unknown name {name!r}; {hint(str(name), _PUBLISHED)}"
             )
         n, mass, stiffness, height = _PUBLISHED[name]
         elastic = 2 * np.sin(np.pi / (4 * n + 2)) * np.sqrt(stiffness / mass)
@@ -218,7 +214,12 @@ class ShearBuilding:
     @property
     def elevations(self) -> np.ndarray:
         """Height of each floor above the ground, m, shape (n_floors,)."""
-        return np.cumsum(np.array([float(h) for h in self.heights]))
+        return np.cumsum(self.heights)
+
+    @property
+    def natural_period(self) -> float:
+        """Equivalent natural period of the first mode, s."""
+        return 2 * np.pi / first_frequency(in_units(self, 1.0, 1.0, 1.0))
 
     def modes(self) -> Modes:
         """Natural frequencies, damping ratios and shapes (``jp.modes``); in rad/s."""
@@ -251,6 +252,16 @@ _PUBLISHED: dict[str, tuple[int, float, float, float]] = {
     "jankowski-left": (3, 25e3, 3.46e6, 3.0),
     "jankowski-right": (3, 1000e3, 2.215e9, 3.0),
 }
+
+
+def _height(storey: int, value: Any) -> float:
+    """The height of a storey as a number, which shapes no motion and is not traced."""
+    owner, name = "ShearBuilding", f"heights.{storey}"
+    value = number(owner, name, value)
+    if is_traced(value):
+        raise ValueError(f"{owner}: {name} must be known, not traced: it does not enter the motion")
+    enforce(owner, [Rule(name, value, (value > 0) & np.isfinite(value), "positive and finite")])
+    return float(value)
 
 
 def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:

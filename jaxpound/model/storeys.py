@@ -43,13 +43,16 @@ class Storeys:
     def __post_init__(self) -> None:
         object.__setattr__(self, "masses", as_tuple("Storeys", "masses", self.masses))
         rods: Any = self.rods
-        rods = (
-            (rods,) * self.n_floors if isinstance(rods, Rod) else as_tuple("Storeys", "rods", rods)
-        )
-        object.__setattr__(self, "rods", rods)
+        if isinstance(rods, Rod):
+            rods = (rods,) * self.n_floors
+        elif not isinstance(rods, tuple | list):
+            kind = type(rods).__name__
+            raise ValueError(f"Storeys: rods of type {kind} must be a Rod, or a tuple of them")
+        object.__setattr__(self, "rods", tuple(rods))
         check(self)
         if not self.masses:
             raise ValueError("Storeys: masses = () must hold at least one floor")
+        rods = self.rods
         if len(rods) != self.n_floors:
             rule = f"one for each of the {self.n_floors} masses: storey i carries floor i"
             raise ValueError(f"Storeys: rods, {len(rods)} of them, must be {rule}")

@@ -7,6 +7,7 @@ Two adjacent blocks, buildings of many storeys and sliding isolators are all a `
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Sequence
 from functools import cache
 from types import NoneType
@@ -188,7 +189,7 @@ class System:
 def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
     """A sequence as a tuple; a ``ValueError`` for anything else."""
     if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
-        raise ValueError(f"{owner}: {name} = {value!r} must be a tuple")
+        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be a tuple")
     return tuple(value)
 
 

@@ -12,8 +12,8 @@ from jaxpound._checks import instance, is_traced
 from jaxpound._tables import Shown, Table
 from jaxpound.model.system import GROUND, Structures, System
 
-_ITERATIONS = 100
-_CLOSE = 1e-13
+_ITERATIONS = 50
+_NONE = complex("nan+nanj")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -38,7 +38,9 @@ class Modes(Shown):
     shapes: np.ndarray
     """Complex shapes φ: of mode j ``shapes[:, j]``, shape (n, n), with its largest entry 1."""
     eigenvalues: np.ndarray
-    """s of the free vibration of each mode, s² M φ + K*(s) φ = 0 with Im s > 0, shape (n,)."""
+    """s of the free vibration of each mode, s² M φ + K*(s) φ = 0 with Im s > 0, shape (n,).
+
+    NaN where there is none: for a mode that is damped about critically or more."""
     participation: np.ndarray
     """Effective modal mass of each mode over the whole mass, of the real parts of the shapes."""
 
@@ -71,8 +73,6 @@ def modes(structures: Structures) -> Modes:
     ------
     ValueError
         If structures are traced or a batch.
-    FloatingPointError
-        If the iteration for a mode does not converge.
 
     Examples
     --------
@@ -81,14 +81,7 @@ def modes(structures: Structures) -> Modes:
     >>> found.frequencies.round(6).tolist()  # the golden section and its inverse
     [0.618034, 1.618034]
     """
-    instance("modes", "structures", structures, Structures)
-    system = structures.system()
-    leaves = jax.tree.leaves((system.masses, system.rods))
-    if is_traced(leaves):
-        raise ValueError("modes: structures must be known, not traced")
-    if any(np.ndim(leaf) for leaf in leaves):
-        raise ValueError("modes: structures must be one, not a batch")
-    linear = _Linear(system)
+    linear = _Linear.of("modes", structures)
     found = [linear.steady(j) for j in range(linear.n)]
     found.sort(key=lambda mode: mode[0])
     omega, values, vectors = (np.array(x) for x in zip(*found, strict=True))
@@ -105,8 +98,27 @@ def modes(structures: Structures) -> Modes:
     )
 
 
+def first_frequency(structures: Structures) -> float:
+    """Natural frequency of the first mode, as ``modes`` has it."""
+    return _Linear.of("first_frequency", structures).steady(0)[0]
+
+
 class _Linear:
     """The masses and rods of a system as matrices, scaled so that the mass matrix is 1."""
+
+    @classmethod
+    def of(cls, owner: str, structures: Any) -> _Linear:
+        """Those of known structures; a ``ValueError`` for others."""
+        if hasattr(structures, "modes"):
+            raise ValueError(f"{owner}: structures in SI units have a method of their own, modes()")
+        instance(owner, "structures", structures, Structures)
+        system = structures.system()
+        leaves = jax.tree.leaves((system.masses, system.rods))
+        if is_traced(leaves):
+            raise ValueError(f"{owner}: structures must be known, not traced")
+        if any(np.ndim(leaf) for leaf in leaves):
+            raise ValueError(f"{owner}: structures must be one, not a batch")
+        return cls(system)
 
     def __init__(self, system: System) -> None:
         self.masses = np.array([float(mass) for mass in system.masses])
@@ -135,39 +147,46 @@ class _Linear:
 
     def steady(self, j: int) -> tuple[float, complex, np.ndarray]:
         """ω, λ and shape of the j-th mode at a real frequency: where Re λ_j(ω) = ω²."""
-        stiff = sum(k * tx / tf * m for m, (k, _, tf, tx) in self._rods)
-        high = float(np.sqrt(np.linalg.eigvalsh(stiff)[j])) * (1 + 1e-9)
-        soft = sum(k * m for m, (k, *_) in self._rods)
-        low = float(np.sqrt(np.linalg.eigvalsh(soft)[j])) * (1 - 1e-9)
-        # K' grows with the frequency, and K'(ω)/ω² falls: the j-th by size stays the j-th.
-        for _ in range(_ITERATIONS):
-            omega = np.sqrt(low * high)
-            values, vectors = np.linalg.eig(self.stiffness(1j * omega)[0])
-            k = int(np.argsort(values.real)[j])
-            if values[k].real > omega**2:
-                low = omega
-            else:
-                high = omega
-            if high - low <= _CLOSE * high:
-                break
+        from scipy.optimize import brentq  # only here: it takes half a second to import
+
+        def excess(log_omega: float) -> float:
+            omega = np.exp(log_omega)
+            values = np.linalg.eigvals(self.stiffness(1j * omega)[0])
+            return float(np.sort(values.real)[j] / omega**2) - 1
+
+        # At low frequencies the modulus stays, at high ones it is bounded: there is a root between.
+        soft = sum(k * matrix for matrix, (k, *_) in self._rods)
+        low = high = float(np.log(np.linalg.eigvalsh(soft)[j])) / 2
+        while excess(low) < 0:
+            low -= 0.5
+        while excess(high) >= 0:
+            high += 0.5
+        omega = float(np.exp(low if low == high else brentq(excess, low, high, xtol=1e-14)))
+        values, vectors = np.linalg.eig(self.stiffness(1j * omega)[0])
+        k = int(np.argsort(values.real)[j])
         return omega, complex(values[k]), vectors[:, k] / np.sqrt(self.masses)
 
     def free(self, omega: float, value: complex, shape: np.ndarray) -> complex:
-        """Exponent s of the free vibration that belongs to a steady one, by Newton's method.
+        """Exponent s of the free vibration that belongs to a steady one, by inverse iteration.
 
-        The matrix s² + K*(s) is symmetric: with its null vector u the derivative of its eigenvalue
-        is uᵀ (2 s + K*'(s)) u / uᵀ u.
+        With T(s) = s² + K*(s) and T(s) y = T'(s) u, the step of s is −1/(w y) where w u = 1. NaN
+        where it does not converge to a vibration: one that is damped more than critically creeps.
         """
-        s = 1j * omega * np.sqrt(value / value.real)
-        u = shape * np.sqrt(self.masses)
+        s, u = 1j * omega * np.sqrt(value / value.real), shape * np.sqrt(self.masses)
         for _ in range(_ITERATIONS):
+            w = u.conj() / np.vdot(u, u)
             stiffness, slope = self.stiffness(s)
-            values, vectors = np.linalg.eig(stiffness + s**2 * np.eye(self.n))
-            overlap = np.abs(vectors.T @ u) / np.abs(np.sqrt(np.sum(vectors**2, 0)))
-            k = int(overlap.argmax())
-            u = vectors[:, k] / np.sqrt(np.sum(vectors[:, k] ** 2))
-            step = values[k] / (u @ (2 * s * u + slope @ u))
-            s = s - step
-            if abs(step) <= 1e-12 * abs(s):
-                return complex(s)
-        raise FloatingPointError(f"modes: no free vibration is found near ω = {omega:.6g}")
+            matrix = stiffness + s**2 * np.eye(self.n)
+            try:
+                y = np.linalg.solve(matrix, 2 * s * u + slope @ u)
+            except np.linalg.LinAlgError:  # s is the exponent, to the last digit
+                break
+            size = w @ y
+            if not np.isfinite(size) or size == 0:
+                return _NONE
+            s, u = s - 1 / size, y / size
+            if abs(1 / size) <= 1e-12 * abs(s):
+                break
+        else:
+            return _NONE
+        return complex(s) if s.imag > 1e-6 * abs(s) else _NONE

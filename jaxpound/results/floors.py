@@ -11,7 +11,7 @@ import numpy as np
 from jaxpound._checks import instance
 from jaxpound._fields import pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
-from jaxpound.model.system import Structures, Topology, floors
+from jaxpound.model.system import Structures, Topology, floors, is_storey
 from jaxpound.quantities import unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import are_known
@@ -103,12 +103,16 @@ def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, 
     instance("floor_demands", "structures", structures, Structures)
     instance("floor_demands", "found", found, Demand)
     topology = structures.system().topology
-    for name, n in (("masses", topology.n_masses), ("links", len(topology.links))):
-        if len(getattr(found, name)) != n:
+    sizes = {"masses": topology.n_masses, "rods": len(topology.rods), "links": len(topology.links)}
+    for name, n in sizes.items():
+        if (given := len(getattr(found, name))) != n:
             rule = f"be of these structures, which have {n}"
-            raise ValueError(
-                f"floor_demands: found has {len(getattr(found, name))} {name}; it must {rule}"
-            )
+            raise ValueError(f"floor_demands: found has {given} {name}; it must {rule}")
+    drifting = [rod.peak_drift is not None for rod in found.rods]
+    if drifting != [is_storey(ends) for ends in topology.rods]:
+        raise ValueError(
+            "floor_demands: found must be of these structures, but is of other storeys"
+        )
     return tuple(
         _of_building(b, building, topology, found) for b, building in enumerate(floors(topology))
     )

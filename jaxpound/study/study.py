@@ -316,12 +316,18 @@ class Study(Columnar, Shown):
             yield np.where(np.isnan(part), np.nan, part * sign >= limit)
 
     def _of_link(self, owner: str, name: str, link: Any) -> str:
-        """The column of a link; a ``ValueError`` for a link that is not there."""
+        """The column of a link; a ``ValueError`` for one that has none or is not there."""
         whole = isinstance(link, int | np.integer) and not isinstance(link, bool)
         if not (whole and 0 <= link < self.n_links):
             rule = f"the number of one of the {self.n_links} links, from 0"
             raise ValueError(f"{owner}: link = {link!r} must be {rule}")
-        return of_link(name, int(link), self.n_links)
+        column = of_link(name, int(link), self.n_links)
+        if column not in self._moments:
+            rule = "have a finite gap and no law of contact, for its required gap to be known"
+            raise ValueError(f"{owner}: link = {link} must {rule}")
+        if name == "min_gap" and not self._moments[column].n and self.failed < len(self):
+            raise ValueError(f"{owner}: link = {link} must have a finite gap, or it never pounds")
+        return column
 
     def required_gap(
         self, probability: float, confidence: float = 0.95, *, link: int | None = None

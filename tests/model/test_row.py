@@ -63,7 +63,7 @@ def test_common_floors_are_those_of_one_number_or_one_height():
         ((jp.FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
         (
             (jp.FloorLink(1, 0, next_building=0),),
-            r"next_building = 0 must be 2 \(to the right\), 1 itself or GROUND",
+            r"next_building = 0 must be 2 \(to the right\), 1 itself or the ground",
         ),
         (
             (jp.FloorLink(0, 1, next_floor=1, next_building=0),),
@@ -86,7 +86,20 @@ def test_links_that_cannot_be_are_refused(links, message):
         (lambda: jp.FloorLink(0, -1), "FloorLink: floor = -1 must be a whole number from 0 on"),
         (lambda: jp.FloorLink(True, 0), "building = True must be a whole number"),
         (lambda: jp.FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
-        (lambda: jp.FloorLink(0, 0, gap=-0.1), "FloorLink: gap = -0.1 must be not negative"),
+        (
+            lambda: jp.FloorLink(0, 0, gap=-0.1),
+            "building 1: gap = -0.1 must be not neg",
+        ),
+        (
+            lambda: jp.FloorLink(0, 0, next_floor=3, next_building=jp.GROUND),
+            "next_floor = 3 must be left out: the other end is the ground",
+        ),
+        (
+            lambda: jp.FloorLink(0, 0, next_floor=jp.GROUND, next_building=5),
+            "next_building = 5 must be left out",
+        ),
+        (lambda: jp.Storeys((1.0,), STEEL), "rods of type ZenerRod must be a Rod, or a tuple"),
+        (lambda: jp.floor_links((HIGH, jp.Building(1.0, 1.0, 1.0, 1.0, 1.0))), r"buildings.1"),
         (lambda: jp.FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
         (lambda: jp.FloorLink(0, 0, contact=jp.Newton(0.5)), "gap = inf must be finite"),
         (lambda: jp.Storeys((), ()), r"masses = \(\) must hold at least one floor"),

@@ -1,5 +1,6 @@
 """Buildings of several storeys in SI units, and their modes."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -52,6 +53,43 @@ def test_kelvin_voigt_rods_in_proportion_have_the_modes_of_textbooks():
     shape = np.sin((np.arange(n) + 1) * np.pi / (2 * n + 1))
     np.testing.assert_allclose(modes.shapes[:, 0].real, shape / shape.max(), rtol=1e-6)
     assert "mode" in str(modes)
+
+
+def test_modes_keep_their_definition_where_damping_sits_in_one_storey():
+    """The real part of an eigenvalue is then below that of the stiffness alone."""
+    elastic, damped = (jp.ZenerRod(1.0, 1e-9, tau) for tau in (1e-6, 0.2))
+    rods = [jp.Rod(damped if i == 1 else elastic, 1.0) for i in range(5)]
+    modes = jp.modes(jp.Storeys((1.0,) * 5, tuple(rods)))
+    way = np.eye(5) - np.eye(5, k=-1)
+    for j, omega in enumerate(modes.frequencies):
+        moduli = [rod.material.complex_modulus(omega) for rod in rods]
+        values = np.linalg.eigvals(way.T @ np.diag(np.array(moduli)) @ way)
+        value = values[np.argsort(values.real)[j]]
+        assert value.real == pytest.approx(omega**2, rel=1e-9)
+        assert modes.damping_ratios[j] == pytest.approx(value.imag / value.real / 2, rel=1e-7)
+
+
+def test_a_mode_that_only_creeps_has_no_free_vibration():
+    """The building is simulated all the same; its first period is what the time step follows."""
+    numbers = [1e5, 1e5], [1.4e7, 4.8e7], [0.6, 1.0], 1e-5, [0.05, 0.0732]
+    building = jp.ShearBuilding.of_storeys(*numbers)
+    modes = building.modes()
+    assert modes.damping_ratios[1] > 1
+    assert np.isnan(modes.eigenvalues).tolist() == [False, True]
+    assert building.natural_period == pytest.approx(modes.periods[0], rel=1e-12)
+
+
+def test_heights_do_not_enter_the_motion():
+    """A building is differentiated by its masses and rods, whatever its heights."""
+    low = jp.ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
+    link = jp.FloorLink(0, 1, gap=0.1)
+
+    def top(building):
+        return jp.dimensionless_row((building, low), (link,))[0].buildings[0].masses[1]
+
+    slopes = jax.grad(top)(low)
+    assert slopes.storeys[1].mass == pytest.approx(1e-5)
+    assert slopes.heights == low.heights
 
 
 def test_published_buildings_have_their_periods():
@@ -133,6 +171,7 @@ SHIFTED = jp.ShearBuilding(LOW.storeys, (4.0, 3.0))
         ),
         (lambda: jp.dimensionless_row((LOW, 3.0)), "buildings.1 = 3.0 must be"),
         (lambda: jp.modes(3.0), "modes: structures = 3.0 must be"),
+        (lambda: jp.modes(LOW), r"structures in SI units have a method of their own"),
     ],
 )
 def test_bad_input(make, message):
