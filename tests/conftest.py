@@ -63,13 +63,13 @@ def _unchecked(request):
     jaxtyping.config.update("jaxtyping_disable", marked)
 
 
-MOST_RESIDENT = 3e9
-"""Bytes that a process of the suite may keep from one module to the next: programs fill them."""
+MOST_RESIDENT = 4e9
+"""Bytes that a process of the suite may keep from one test to the next: programs fill them."""
 
 
-@pytest.fixture(autouse=True, scope="module")
+@pytest.fixture(autouse=True)
 def _programs_do_not_pile_up():
-    """Drop compiled programs after a module where many have gathered; the cache has them still."""
+    """Drop compiled programs where many have gathered; the cache on disk has them still."""
     yield
     status = Path("/proc/self/statm")
     if status.exists():  # on Linux
