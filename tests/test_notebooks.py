@@ -61,7 +61,7 @@ def test_nothing_tells_of_a_machine(path):
 
 def test_links_lead_somewhere(path, notebook):
     links = re.findall(r"\]\(([^)#:]+)\)", "".join(c.source for c in notebook.cells))
-    assert links or path is PATHS[-1]
+    assert links or path.stem.startswith("06")
     for link in links:
         assert (path.parent / link).exists(), link
 

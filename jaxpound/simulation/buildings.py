@@ -183,7 +183,7 @@ def simulate_row(
     >>> links = jp.floor_links((low, high), gap=0.02, contact=law)
     >>> response = jp.simulate_row((low, high), links, record)
     >>> print(*(f"{float(link.min_gap):.3f} m" for link in response.demand.links))
-    0.010 m -0.001 m
+    0.001 m -0.003 m
     """
     owner = "simulate_row"
     row, scales = dimensionless_row(buildings, links, gravity)

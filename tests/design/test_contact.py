@@ -1,6 +1,7 @@
 """Designs, elasticities and calibrations of blocks that touch."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.cli import design
+from jaxpound.cli.parameters import PairParameters
 
 GRID = jp.TimeGrid(0.1, 50)
 TOUCHING = dataclasses.replace(
@@ -48,7 +50,9 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
     assert found.values["initial_gap"] == pytest.approx(expected, rel=0.01)
     assert found.prices["peak_impulse"] <= limit * (1 + 1e-3)
     assert found.objective == pytest.approx(-found.values["initial_gap"])
-    told = design.summary(found, {}, jp.Scales(mass=500e3, frequency=7.0))
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    form = SimpleNamespace(structures=found.space.nominal, scales=scales)
+    told = design.summary(found, {}, scales, PairParameters(form))
     (row,) = (row for row in told["answer"] if row["quantity"] == "gap at rest")
     length = jp.STANDARD_GRAVITY / 7.0**2
     assert (row["before"], row["unit"]) == (pytest.approx(0.05 * length), "m")

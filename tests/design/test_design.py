@@ -5,6 +5,7 @@ import inspect
 import json
 import re
 from functools import partial
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from tqdm.auto import tqdm
 
 import jaxpound as jp
 from jaxpound.cli import design as command
+from jaxpound.cli.parameters import PairParameters
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import PRICES
@@ -414,10 +416,12 @@ def test_what_is_not_finite_is_null_in_a_summary(stand_in):
     one = jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID)
     scales = jp.Scales(mass=500e3, frequency=7.0)
     found = search(iterations=3, fresh=one)
-    answers = command.summary(found, {"alone": search().trained}, scales)
+    form = SimpleNamespace(structures=found.space.nominal, scales=scales)
+    alone = {"alone": search().trained}
+    answers = command.summary(found, alone, scales, PairParameters(form))
     told = json.loads(json.dumps(answers, allow_nan=False))
     assert told["fresh"]["min_gap_wider_by"]["low"] is None
-    assert "(no 95 % interval)" in command.page(answers, [])
+    assert "(no 95 % interval)" in command.page(answers, [], found.trained.topology)
 
 
 def test_of_one_earthquake_there_is_no_interval(stand_in):
