@@ -71,18 +71,21 @@ def number(owner: str, name: str, value: Any) -> Any:
     return value
 
 
+def is_whole(value: Any) -> bool:
+    """Whether a value is a whole number, and no truth value."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
 def count(owner: str, name: str, value: Any) -> int:
     """``value`` as an integer; a ``ValueError`` if it is not a positive whole number."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (whole and value >= 1):
+    if not (is_whole(value) and value >= 1):
         raise ValueError(f"{owner}: {name} = {value!r} must be a positive whole number")
     return int(value)
 
 
 def seed(owner: str, name: str, value: Any) -> int:
     """``value`` as a seed; a ``ValueError`` if it is not a whole number from 0 to 2^32 − 1."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (whole and 0 <= value < 2**32):
+    if not (is_whole(value) and 0 <= value < 2**32):
         rule = "a whole number from 0 to 2^32 - 1"
         raise ValueError(f"{owner}: {name} = {value!r} must be {rule}")
     return int(value)

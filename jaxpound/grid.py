@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, is_traced, number, positive
+from jaxpound._checks import Rule, enforce, is_traced, is_whole, number, positive
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class TimeGrid:
             raise ValueError("TimeGrid: dt and n_steps shape the program and cannot be traced")
         dt = number("TimeGrid", "dt", dt)
         number("TimeGrid", "n_steps", n)
-        whole = isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 2
+        whole = is_whole(n) and n >= 2
         enforce(
             "TimeGrid",
             [

@@ -22,7 +22,7 @@ from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Stated, drawn
 from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.motion import GroundLike
-from jaxpound.study.demands import is_closable
+from jaxpound.model.system import is_closable
 
 # --- the configuration --------------------------------------------------------------------------
 

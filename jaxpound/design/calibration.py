@@ -27,13 +27,13 @@ from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike, as_pytree, unresolved
 from jaxpound.ground.plausibility import tell
-from jaxpound.model.system import Structures, System
+from jaxpound.model.system import Structures, System, is_closable
 from jaxpound.quantities import unit
+from jaxpound.results.elements import of_link
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.demands import is_closable, of_link
 from jaxpound.study.statistics import Estimate
 from jaxpound.units import Scales
 

@@ -23,7 +23,8 @@ from jaxpound._checks import (
 )
 from jaxpound.model.system import GROUND, System, Topology
 from jaxpound.results.demand import known_of, limited_columns
-from jaxpound.study.demands import names_over_all, of_link
+from jaxpound.results.elements import of_link
+from jaxpound.study.demands import names_over_all
 
 DAMPER, BUDGET = "damper_force", "total_damper_force"
 

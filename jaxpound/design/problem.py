@@ -22,10 +22,12 @@ from jaxpound.design.objective import (
 )
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
+from jaxpound.model.system import is_closable
+from jaxpound.results.elements import of_link
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.demands import is_closable, of_link, over_all, rest_gap
+from jaxpound.study.demands import over_all, rest_gap
 from jaxpound.units import Scales
 
 OWNER = "design_damper"

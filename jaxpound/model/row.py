@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxpound._checks import Rule, instance
+from jaxpound._checks import Rule, instance, is_whole
 from jaxpound._fields import assembled, check, like, part, pytree_dataclass, static
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
@@ -67,8 +67,7 @@ class FloorLink:
             number, least = getattr(self, name), GROUND if name.startswith("next") else 0
             if number is None and least == GROUND:
                 continue
-            whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
-            if not (whole and number >= least):
+            if not (is_whole(number) and number >= least):
                 rule = "a whole number from 0 on" + (", or GROUND" if least else "")
                 raise ValueError(f"FloorLink: {name} = {number!r} must be {rule}")
             object.__setattr__(self, name, int(number))

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from jaxpound._checks import Rule, finite
+from jaxpound._checks import Rule, finite, is_traced, is_whole
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
@@ -198,10 +198,10 @@ def _two_ends(owner: str, value: Any) -> Ends:
     rule = "two different masses by number, from 0, of which one may be GROUND"
     try:
         i, j = value
-        whole = all(isinstance(end, int | np.integer) and end >= GROUND for end in (i, j))
+        whole = all(is_whole(end) and end >= GROUND for end in (i, j))
     except (TypeError, ValueError):
         whole = False
-    if not whole or i == j or any(isinstance(end, bool) for end in value):
+    if not whole or i == j:
         raise ValueError(f"{owner}: ends = {value!r} must be {rule}")
     return int(i), int(j)
 
@@ -234,6 +234,11 @@ def ring(topology: Topology) -> int | None:
         if joined[i] == joined[j]:
             return k
     return None
+
+
+def is_closable(gap: Any) -> bool:
+    """Whether a gap is finite; one known only when the program runs counts as such."""
+    return is_traced(gap) or bool(np.isfinite(gap).all())
 
 
 def is_storey(ends: Ends) -> bool:

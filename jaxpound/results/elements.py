@@ -103,7 +103,12 @@ def _fields_of_elements(cls: type[ByElement]) -> dict[str, tuple[str, Quantity]]
 def _flat_name(known: Quantity, i: int, n: int) -> str:
     if "{}" in known.column:
         return known.column.format(i + 1)
-    return known.column if n == 1 else f"{known.column}_{i + 1}"
+    return of_link(known.column, i, n)
+
+
+def of_link(name: str, link: int, n_links: int) -> str:
+    """The name of a link's column: numbered, from 1, where there are several links."""
+    return name if n_links == 1 else f"{name}_{link + 1}"
 
 
 def _pattern(known: Quantity) -> str:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import instance
-from jaxpound._fields import pytree_dataclass, quantity, static
+from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, Table
 from jaxpound.model.system import Structures, Topology, floors, is_storey
 from jaxpound.quantities import unit
@@ -53,14 +53,7 @@ class FloorDemands(Shown):
         title = f"Building {self.building + 1}, floor by floor"
         if not are_known(self) or np.ndim(self.displacement) != 1:
             return [Table(f"{title} (of shape {jnp.shape(self.displacement)})")]
-        columns = (
-            ("displacement", "length"),
-            ("drift", "length"),
-            ("acceleration", "acceleration"),
-            ("shear", "force"),
-            ("contact_left", "force"),
-            ("contact_right", "force"),
-        )
+        columns = [(name, about.kind) for name, about in quantities(FloorDemands).items()]
         rows: list[list[str | float]] = [
             [str(i + 1), *(float(getattr(self, name)[i]) for name, _ in columns)]
             for i in reversed(range(len(self.masses)))

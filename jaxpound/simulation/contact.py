@@ -149,9 +149,8 @@ def plain_motion(group: Coupling, before: GroupStep) -> LinkMotion:
         phase=slip,
         change_time=zero,
     )
-    chosen = jax.tree.map(lambda x, y: jnp.where(rubs, x, y), motion, alone)
-    together = {name: getattr(motion, name) for name in ("velocity", "velocity_now", "jump")}
-    return chosen._replace(**together)
+    moved = {name: getattr(motion, name) for name in ("velocity", "velocity_now", "jump")}
+    return jax.tree.map(lambda x, y: jnp.where(rubs, x, y), motion, alone._replace(**moved))
 
 
 def follow(group: Coupling, before: GroupStep) -> tuple[Passed, jax.Array]:

@@ -30,7 +30,7 @@ from jaxpound.ground.motion import (
 )
 from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep
 from jaxpound.model.contact import Newton
-from jaxpound.model.system import GROUND, Link, Structures, System
+from jaxpound.model.system import GROUND, Link, Structures, System, is_closable
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
@@ -254,7 +254,7 @@ def of_links(
     """
     findings = []
     for k, link in enumerate(links):
-        if is_traced(link.gap) or link.gap < np.inf:  # else no contact is meant
+        if is_closable(link.gap):  # else no contact is meant
             moved = sum(found.masses[end].peak_x for end in link.ends if end != GROUND)
             gap, law = alone or (f"links.{k}.gap", f"links.{k}.contact")
             findings += far_apart(gap, link.gap, moved, si=found.si)

@@ -14,27 +14,24 @@ from jaxpound._extrema import larger
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import far_apart
-from jaxpound.model.system import GROUND, Structures, System, Topology, is_storey
+from jaxpound.model.system import (
+    GROUND,
+    Structures,
+    System,
+    Topology,
+    is_closable,
+    is_storey,
+)
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import place_of
+from jaxpound.results.elements import of_link, place_of
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
-
-
-def of_link(name: str, link: int, n_links: int) -> str:
-    """The column of a link: numbered, from 1, where there are several links."""
-    return name if n_links == 1 else f"{name}_{link + 1}"
 
 
 def is_ours(name: str) -> bool:
     """Whether a column is one of ``demands_of``, not a measure or a parameter of the user's."""
     ours = re.fullmatch(r"required_gap(_[1-9]\d*)?|peak_drift|peak_acceleration", name)
     return ours is not None or place_of(Demand, name) is not None
-
-
-def is_closable(gap: Any) -> bool:
-    """Whether a gap is finite; one known only when the program runs counts as such."""
-    return is_traced(gap) or bool(np.isfinite(gap).all())
 
 
 def rest_gap(structures: Structures) -> Any:

@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
 
+from jaxpound._checks import is_whole
+
 Points = Callable[[int, int], np.ndarray]
 """A function of start and stop: points start to stop − 1, shape (stop − start, d)."""
 
@@ -32,7 +34,7 @@ def require_sampling(owner: str, sampling: Any) -> int:
 
 def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
     """Kind and numbers of a key or a seed, which JSON can hold."""
-    if isinstance(key, int | np.integer) and not isinstance(key, bool):
+    if is_whole(key):
         if not 0 <= key < 2**32:
             raise ValueError(f"{owner}: key = {key} must be from 0 to 2^32 − 1")
         key = jax.random.key(int(key), impl="threefry2x32")

@@ -10,16 +10,17 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpound._checks import instance, not_negative, number, require_share
+from jaxpound._checks import instance, is_whole, not_negative, number, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand, kind_of
+from jaxpound.results.elements import of_link
 from jaxpound.study.archives import DamagedError
 from jaxpound.study.chunk import finished, total
-from jaxpound.study.demands import is_ours, of_link
+from jaxpound.study.demands import is_ours
 from jaxpound.study.fragility import Fragility, fit_fragility
 from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_correlation
 from jaxpound.study.scenarios import ScenarioSet, parameter_names, parameters
@@ -317,8 +318,7 @@ class Study(Columnar, Shown):
 
     def _of_link(self, owner: str, name: str, link: Any) -> str:
         """The column of a link; a ``ValueError`` for one that has none or is not there."""
-        whole = isinstance(link, int | np.integer) and not isinstance(link, bool)
-        if not (whole and 0 <= link < self.n_links):
+        if not (is_whole(link) and 0 <= link < self.n_links):
             rule = f"the number of one of the {self.n_links} links, from 0"
             raise ValueError(f"{owner}: link = {link!r} must be {rule}")
         column = of_link(name, int(link), self.n_links)
