@@ -150,7 +150,7 @@ def test_a_row_from_recorded_floors():
 
 
 def test_a_budget_below_zero_is_refused():
-    with pytest.raises(ValueError, match="Limit: at_most = -1 must be positive and finite"):
+    with pytest.raises(ValueError, match="total_damper_force = -1 must be positive and fin"):
         jp.Objective(limits={"total_damper_force": -1.0})
     with pytest.raises(ValueError, match=r"unknown price 'total_damper'.* mean 'total_damper_f"):
         jp.Objective(limits={"total_damper": 1.0})
