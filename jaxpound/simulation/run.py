@@ -361,6 +361,7 @@ def _run(
         shaking.series,
         segmented=keep,
         checkpoint=scheme.checkpoint,
+        looped=constants.is_long,
     )
     scalars = tally.demand(system, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would

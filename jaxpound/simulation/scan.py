@@ -54,6 +54,7 @@ def scan_with_history(
     inputs: Any = None,
     segmented: bool = False,
     checkpoint: bool = False,
+    looped: bool = False,
 ) -> tuple[Any, Any]:
     """``lax.scan`` of advance(carry, sums, m, entry) → (carry, c, out) over m = 0 … n_steps.
 
@@ -62,7 +63,8 @@ def scan_with_history(
     some steps m < 0 come first, with entries of zero: ``advance`` must leave a system at rest there
     at rest, with c = 0. ``segmented`` splits the scan into about √n_steps segments, whose small
     outputs XLA fills faster on a CPU; with ``checkpoint`` reverse mode keeps the first state of
-    each only.
+    each only. ``looped`` makes the steps of a block a loop of their own instead of writing them out
+    one after the other, so that the program of a long step is compiled once.
     """
     layout = _layout(n_steps, segmented or checkpoint)
     advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
@@ -72,29 +74,44 @@ def scan_with_history(
         for kernel, order in zip(kernels, orders, strict=True)
     ]
 
+    def one(state: Any, given: Any) -> tuple[Any, Any]:
+        m, carry, past = state
+        far, entry = given
+        sums = [
+            ahead.squeeze() + sum(w.squeeze() * y for w, y in zip(weight, c[::-1], strict=False))
+            for ahead, weight, c in zip(far, near, past, strict=True)
+        ]
+        carry, new, seen = advance(carry, sums, m, entry)
+        return (m + 1, carry, [[*c, now] for c, now in zip(past, new, strict=True)]), seen
+
     def block(state: Any, entries: Any) -> tuple[Any, Any]:
-        start, carry, memories, recent = state
+        start, carry, memories, recent = state  # c_{m0−BLOCK} and on
         ahead = [
-            lax.split(history.ahead(kernel, memory, start), (1,) * BLOCK)
+            history.ahead(kernel, memory, start)
             for kernel, memory in zip(kernels, memories, strict=True)
         ]
-        past = recent  # c_{m0−BLOCK} and on
-        out = []
-        for i in range(BLOCK):
-            sums = [
-                far[i].squeeze()
-                + sum(w.squeeze() * c[-j] for j, w in enumerate(weight[: len(c)], 1))
-                for far, weight, c in zip(ahead, near, past, strict=True)
-            ]
-            entry = jax.tree.map(lambda x, i=i: x[i], entries)
-            carry, new, seen = advance(carry, sums, start + i, entry)
-            past = [[*c, now] for c, now in zip(past, new, strict=True)]
-            out.append(seen)
+        inside = start, carry, recent
+        if looped:
+            # A window of constant length: c before c_{m0−BLOCK} are in ``ahead``.
+            def slid(state: Any, given: Any) -> tuple[Any, Any]:
+                (m, carry, past), seen = one(state, given)
+                return (m, carry, [c[1:] for c in past]), seen
+
+            inside = start, carry, [[rest] * (NEAR - BLOCK) + c for c in recent]
+            (_, carry, past), out = lax.scan(slid, inside, (ahead, entries))
+        else:
+            split = [lax.split(far, (1,) * BLOCK) for far in ahead]
+            out = []
+            for i in range(BLOCK):
+                entry = jax.tree.map(lambda x, i=i: x[i], entries)
+                inside, seen = one(inside, ([far[i] for far in split], entry))
+                out.append(seen)
+            _, carry, past = inside
         memories = [
-            history.absorb(kernel, memory, start, jnp.stack(c[:BLOCK]))
-            for kernel, memory, c in zip(kernels, memories, past, strict=True)
+            history.absorb(kernel, memory, start, jnp.stack(c))
+            for kernel, memory, c in zip(kernels, memories, recent, strict=True)
         ]
-        return (start + BLOCK, carry, memories, [c[BLOCK:] for c in past]), out
+        return (start + BLOCK, carry, memories, [c[-BLOCK:] for c in past]), out
 
     def run(state: Any, entries: Any) -> tuple[Any, Any]:
         return lax.scan(block, state, entries, length=layout.segment)
@@ -111,7 +128,9 @@ def scan_with_history(
         state, out = lax.scan(run, state, inputs, length=layout.segments)
     else:
         state, out = run(state, jax.tree.map(lambda x: x[0], inputs))
-    series = jax.tree.map(lambda *x: jnp.stack(x, -1).reshape(-1)[layout.idle :], *out)
+    if not looped:
+        out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
+    series = jax.tree.map(lambda x: x.reshape(-1)[layout.idle :], out)
     return state[1], series
 
 
