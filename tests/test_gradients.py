@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
 
@@ -192,8 +192,13 @@ grounds = st.builds(
 )
 
 
+ROD = jp.ZenerRod(0.3, 0.1, 1.0)
+
+
 @settings(max_examples=12)
 @given(structures_, grounds)
+# Structures that move alike: their friction vanishes, but not its derivatives.
+@example(jp.AdjacentStructures(ROD, ROD, 0.5, 2.0, 0.25, 1.0), shaken(NOISE))
 def test_derivatives_against_differences(structures, ground):
     """At one time step a scalar is piecewise smooth: pieces end where an event changes its step.
 
@@ -202,12 +207,7 @@ def test_derivatives_against_differences(structures, ground):
     a second one, half as long, removes it. What is left was at most 5e-7 in 300 cases, a third of
     them of round numbers. A bend, slopes to either side apart by 1e-4, is a corner or a jump: 44 of
     479,700, at most 1 % of a case. All this in units of the scalar's value and steepest slope.
-
-    Structures that move alike without a damper are left out: there the link never slips, and peak
-    accelerations of both sides tie at every instant.
     """
-    alike = jax.tree.leaves(structures.rod_1) == jax.tree.leaves(structures.rod_2)
-    assume(not (alike and abs(structures.mass_ratio * structures.stiffness_ratio - 1) < 1e-6))
     x, step = vector(structures, ground), 3e-7
     y, slopes = jacobian(x)
     moves = [x + part * step * np.diag(size(x)) for part in (1, -1, 0.5, -0.5)]

@@ -178,8 +178,9 @@ def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h:
 
 
 def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
-    # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost.
-    return jnp.sign(a) * smaller(jnp.abs(a), hold)
+    # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost. Nor a minimum
+    # of |a|: nothing may be pulled at all, as between structures that move alike.
+    return jnp.where(jnp.abs(a) < hold, a, jnp.sign(a) * hold)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(4,))
