@@ -10,6 +10,7 @@ import jaxpound as jp
 from jaxpound.cli import design, montecarlo
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
+from jaxpound.cli.report import fragilities_of_links
 from jaxpound.cli.simulate import Simulation
 from tests.cli.commands import edited, number, refusal, run, tables
 
@@ -108,7 +109,14 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert number(links[1]["probability of pounding"]) == pytest.approx(value, rel=1e-3)
     assert "absolute sum" not in page
     assert "peak displacement of floor 3 of building 2" in page
-    for figure in ("min_gap", "required_gap", "correlations", "parameters"):
+    fitted = [one["fragility_by_pga"] for one in answers["links"]]
+    assert any(fitted)
+    assert ("No fragility curve fits a link" in page) == (None in fitted)
+    drawn = fragilities_of_links(study)
+    assert drawn.keys() - {"any link"} == {f"link {k + 1}" for k in (0, 1) if fitted[k]}
+    assert drawn["any link"].median == answers["fragility"]["pga"]["median"]
+    assert "![fragility of links](fragility_of_links.png)" in page
+    for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
         assert (out / f"{figure}.png").exists()
 
 
