@@ -186,8 +186,8 @@ def summary(
             found = study.separation(p)
             required_gap[str(p)] |= {rule: getattr(found, rule) for rule in _RULES}
             correlation = found.correlation
-    for name in study.columns:
-        if name in identity["parameters"] or name == "pounds":
+    for name in study.told():
+        if name == "pounds":
             continue
         m, finite = study.moments(name), study.finite(name)
         if not finite.size and not is_pair(study):  # the gap of a damper without one

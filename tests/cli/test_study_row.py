@@ -90,7 +90,12 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     path, store, out = (tmp_path / name for name in ("row.toml", "store", "out"))
     changes = {"samples": "samples = 40", "# spectral": "spectral_acceleration = true"}
     path.write_text(edited(STUDY, SHORT | changes))
-    assert "probability of pounding" in run("montecarlo", path, "--store", store)
+    screen = run("montecarlo", path, "--store", store)
+    assert "probability of pounding" in screen
+    assert re.findall(r"slip_distance_\d|friction_work_\d", screen) == [
+        "slip_distance_3",  # links 1 and 2 have no damper
+        "friction_work_3",
+    ]
     run("report", "--store", store, "--out", out)
     study = jp.Study.open(store)
     answers = json.loads((out / "summary.json").read_text())
@@ -103,6 +108,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert 0 < answers["links"][1]["pounding_probability"]["value"] < 1
     page = (out / "summary.md").read_text()
     assert "# Monte Carlo study of buildings in a row" in page
+    assert re.findall(r"slid by the damper of link (\d)", page) == ["3"]
     (links,) = (table for table in tables(page) if "between" in table[0])
     assert links[1]["between"] == "floor 2 of buildings 1 and 2"
     value = answers["links"][1]["pounding_probability"]["value"]
