@@ -149,6 +149,33 @@ def test_what_is_wrong_with_a_design_of_a_row(changes, says, tmp_path, capsys):
     assert says in line
 
 
+BRACES = """
+[[building]]
+storeys = {number = 2, mass = 200e3, period = 0.5, damping_ratio = 0.05}
+
+[[link]]
+building = 1
+floors = [1, 2]
+next_building = 1
+friction_force = 50e3
+"""
+
+
+def test_braces_alone_have_a_response_to_be_least(tmp_path):
+    text = edited(DESIGN, SHORT | {"total_damper": "total_damper_force = 4e5"})
+    head, tail = text[: text.index("[[building]]")], text[text.index("# Random earthquakes") :]
+    file = File("row.toml", head + BRACES + tail)
+    with pytest.raises(
+        ValueError, match=r'\[objective\] goal = "mean gap" must be "least demand" '
+    ):
+        design.prepared(file, file.read(design.Wanted))
+    changes = {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_drift"'}
+    file = File("row.toml", edited(file.text, changes))
+    posed = design.prepared(file, file.read(design.Wanted))
+    assert posed.objective.goal == jp.LeastDemand("peak_drift")
+    assert posed.space.names == ("links.0.friction", "links.1.friction")
+
+
 def no_elasticities(*_, **__):
     """As where the demand is zero; the gradient by all of a row's numbers takes long to compile."""
     raise ValueError("elasticities: the demand is zero")
