@@ -32,7 +32,8 @@ Temperature = between(1e-9, 10, "m", "of the soft minimum of gaps")
 
 
 _SHARE = '"worst", "mean" or a share'
-_Over = Annotated[str | float, says(_SHARE)]
+_Share = Annotated[float, between(1e-6, 1, "", "of the earthquakes")]
+_Over = Annotated[str | _Share, says(_SHARE)]
 
 
 class Objective(Table):
@@ -48,7 +49,7 @@ class Objective(Table):
         "least demand",
     ] = "mean gap"
     temperature: Annotated[float, Temperature] | None = None
-    share: Annotated[float, between(1e-6, 1, "", "of the earthquakes")] | None = None
+    share: _Share | None = None
     gap: Gap | None = None
     demand: str | None = None
     over: _Over | None = None

@@ -51,6 +51,21 @@ def test_the_example_s_random_storeys():
     [
         ({'"link.2': '"link.1.friction_force" = {uniform = [1, 2]}'}, "must be of a value above 0"),
         (
+            {'"link.2': '"link.2.gap" = {uniform = [1, 2]}'},
+            "[uncertain] link.2.gap must be of a [[link]] with a gap: link.2 has no gap",
+        ),
+        (
+            {'"link.2': '"link.*.contact.stiffness" = {uniform = [1, 2]}'},
+            "link.*.contact.stiffness must be of a [[link]] with contact: links have no contact",
+        ),
+        (
+            {
+                "gap": 'gap = 0.05\ncontact = {law = "newton", restitution = 0.65}',
+                '"link.2': '"link.1.contact.stiffness" = {uniform = [1, 2]}',
+            },
+            "must be a parameter of the law of contact, which has restitution",
+        ),
+        (
             {'"link.2': '"link.3.gap" = {uniform = [1, 2]}'},
             "[uncertain] link.3.gap must be of a",
         ),

@@ -213,3 +213,6 @@ def test_a_budget_below_zero_is_refused():
         jp.Objective(limits={"total_damper": 1.0})
     with pytest.raises(ValueError, match=r"DesignSpace: no path matches 'links\.\*\.frction'"):
         jp.DesignSpace(ROW, {"links.*.frction": (0.0, 1.0)})
+    for path in ("links.*.contact.stiffness", "links.1.contact.restitution"):
+        with pytest.raises(ValueError, match=r"^DesignSpace: .*; links have no contact$"):
+            jp.DesignSpace(ROW, {path: (0.5, 1.0)})
