@@ -11,7 +11,7 @@ from jaxpound._checks import hint, require_share
 from jaxpound.model.system import GROUND, System, Topology
 from jaxpound.results.demand import known_of, limited_columns
 from jaxpound.results.elements import of_link
-from jaxpound.study.demands import names_over_all
+from jaxpound.study.demands import OF_FLOORS, names_over_all
 
 DAMPER, BUDGET = "damper_force", "total_damper_force"
 
@@ -38,7 +38,7 @@ _PAIR = Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),))
 PRICES = (DAMPER, *limited_columns(_PAIR, touching=[True]))
 """Those of two adjacent structures with a law of contact."""
 
-_MEANT = (*PRICES, BUDGET, "peak_drift", "peak_acceleration")
+_MEANT = (*PRICES, BUDGET, *OF_FLOORS)
 """What an unknown name is compared with."""
 
 
