@@ -72,7 +72,9 @@ def number(owner: str, name: str, value: Any) -> Any:
 
 
 def is_whole(value: Any) -> bool:
-    """Whether a value is a whole number, and no truth value."""
+    """Whether a value is a known whole number, or an array of a single one; no truth value."""
+    if isinstance(value, np.ndarray | jax.Array):
+        return not is_traced(value) and value.ndim == 0 and jnp.issubdtype(value.dtype, np.integer)
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 

@@ -8,11 +8,13 @@ these metadata: ``rules``, ``walk``.
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 from collections.abc import Callable, Iterator
 from types import NoneType
 from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
 import jax.numpy as jnp
+import numpy as np
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number, pytree, real
@@ -179,13 +181,15 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
     """Make ``cls`` a frozen dataclass and a pytree whose fields are its children.
 
     Where ``cls`` has no ``__post_init__`` of its own, the object is checked as it is made
-    (``check``).
+    (``check``). Its ``__repr__`` is that of a dataclass, but shortened where it is long.
 
     JAX rebuilds objects with cotangents, axis numbers or tracers in the place of numbers, and those
     must not be judged as parameters: rebuilding therefore bypasses ``__init__`` and its checks.
     """
     if "__post_init__" not in vars(cls):
         cls.__post_init__ = check  # type: ignore[attr-defined]
+    if "__repr__" not in vars(cls):
+        cls.__repr__ = _shown_object  # type: ignore[method-assign]
     data_cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
     fields = dataclasses.fields(data_cls)  # type: ignore[arg-type]
     labels = {f.name: f.default for f in fields if f.metadata.get(_ROLE) == "label"}
@@ -291,6 +295,35 @@ def converted(tree: Any, convert: Callable[[Quantity, Any], Any]) -> Any:
         elif field.metadata.get(_ROLE) == "part" and value is not None:
             changes[field.name] = converted(value, convert)
     return dataclasses.replace(tree, **changes)
+
+
+_LONGEST = 800
+"""Characters of an object's representation, about ten lines of a terminal; longer ones leave out
+entries of tuples and digits of numbers."""
+
+
+def _shown_object(obj: Any) -> str:
+    """``__repr__`` of a dataclass."""
+    found = _fields_shown(obj, repr)
+    return found if len(found) <= _LONGEST else _in_short(obj)
+
+
+def _fields_shown(obj: Any, show: Callable[[Any], str]) -> str:
+    shown = (f"{field.name}={show(getattr(obj, field.name))}" for field in dataclasses.fields(obj))
+    return f"{type(obj).__qualname__}({', '.join(shown)})"
+
+
+def _in_short(value: Any) -> str:
+    """A value with the first and last entries of its tuples, and six digits of its numbers."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _fields_shown(value, _in_short)
+    if isinstance(value, tuple) and value:
+        first, *others = map(_in_short, (value[0], *value[1:][-1:]))
+        between = [f"<{len(value) - 2} more>"] if len(value) > 2 else []
+        return f"({', '.join([first, *between, *others])}{'' if others else ','})"
+    if isinstance(value, float | np.floating):
+        return f"{float(value):.6g}"
+    return reprlib.repr(value)
 
 
 def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxpound as jp
 from jaxpound import _checks
 from jaxpound._checks import (
     Rule,
@@ -17,6 +18,7 @@ from jaxpound._checks import (
     finite,
     instance,
     is_traced,
+    is_whole,
     machine_memory,
     not_negative,
     number,
@@ -51,6 +53,27 @@ class Foreign:
 
 
 # Rules
+
+
+@pytest.mark.parametrize("one", [3, np.int8(3), np.array(3), jnp.int32(3), np.uint16(3)])
+def test_whole_numbers_may_be_arrays_of_a_single_one(one):
+    assert is_whole(one)
+    link = jp.FloorLink(one, 0, next_floor=one)
+    assert (link.building, link.next_floor) == (3, 3)
+    assert {type(link.building), type(link.next_floor)} == {int}
+
+
+@pytest.mark.parametrize(
+    "other", [True, np.True_, jnp.bool_(1), 3.0, jnp.float32(3), np.array([3]), "3", None]
+)
+def test_other_values_are_no_whole_numbers(other):
+    assert not is_whole(other)
+
+
+def test_a_traced_number_is_no_known_whole_number():
+    with pytest.raises(ValueError, match=r"building = .* must be a whole number from 0 on"):
+        jax.jit(lambda i: jp.FloorLink(i, 0).friction)(3)
+    assert not is_whole(jax.random.key(0))
 
 
 def test_broken_rule_raises_with_owner_argument_value_and_rule():

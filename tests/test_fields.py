@@ -220,3 +220,21 @@ def test_quantities_are_no_parameters():
         ("length", Quantity("length", "a length", ""), 2.0)
     ]
     assert not list(walk(Result(2.0), Parameter))
+
+
+def test_long_objects_are_shown_in_short():
+    material = Material(order=1 / 3)
+    assert repr(material) == (
+        "Material(order=0.3333333333333333, share=0.5, free=-3.0, size=1.0, gap=inf, low=1.0, "
+        "high=2.0, least=1.0)"
+    )
+    few = Frame(material, (material,), (0.5, 1.0))
+    assert repr(few) == f"Frame(one={material!r}, more=({material!r},), weights=(0.5, 1.0))"
+    many = Frame(material, (material,) * 30, (1 / 3, *range(40)))
+    shown = repr(many)
+    assert len(shown) < 500
+    assert "weights=(0.333333, <39 more>, 39)" in shown
+    assert shown.count("order=0.333333, share") == 3
+    assert "<28 more>" in shown
+    assert "..." in repr(jax.tree.map(lambda x: np.full(500, x), many))
+    jax.jit(lambda tree: repr(tree) and 0)(many)

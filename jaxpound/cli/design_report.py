@@ -27,7 +27,7 @@ def summary(
 
     ``variables`` are dimensionless; ``answer`` and ``rods`` give them in SI units.
     """
-    si = design.trained.si
+    si, demand = design.trained.si, design.objective_function.demand
     before: Any = put(design.space.nominal, design.start)
     return finite(
         {
@@ -70,11 +70,12 @@ def summary(
             "fresh": None if design.fresh is None else _compared(design.fresh),
             "recorded": {
                 name: {
-                    f"min_gap_{when}": float(columns["min_gap"][0])
+                    f"{demand}_{when}": float(columns[demand][0])
                     for when, columns in (("before", found.before), ("after", found.after))
                 }
                 for name, found in recorded.items()
             },
+            "demand": demand,
         }
     )
 
@@ -155,12 +156,17 @@ def _changed(words: str, of: str, before: Any, after: Any, bound: str | None) ->
 
 
 def _compared(found: jp.Comparison) -> dict[str, Any]:
-    before, after = found.pounding
+    gaps = {}
+    if found.has_gaps:
+        gaps = {
+            "share_that_pounds": dict(zip(("before", "after"), found.pounding, strict=True)),
+            "min_gap_wider_by": found.difference("min_gap")._asdict(),
+        }
     return {
         "earthquakes": len(found),
         "objective": {name: x._asdict() for name, x in found.objective.items()},
-        "share_that_pounds": {"before": before, "after": after},
-        "min_gap_wider_by": found.difference()._asdict(),
+        **gaps,
+        "demand_changes_by": found.difference()._asdict(),
         "demands": {
             name: {"unit": unit_of(name, found.si)} | row for name, row in found.rows().items()
         },
@@ -170,8 +176,8 @@ def _compared(found: jp.Comparison) -> dict[str, Any]:
 def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | None) -> str:
     """One page; ``topology`` says where the demands of the structures are."""
     of_row = answers["rods"] is None
-    of_objective = answers["objective_unit"]
-    of_gap = unit_of("min_gap", answers["units"] == "SI")
+    of_objective, demand = answers["objective_unit"], answers["demand"]
+    of_demand = unit_of(demand, answers["units"] == "SI")
     lines = [
         f"# Design of {'buildings in a row' if of_row else 'two adjacent structures'}",
         "",
@@ -203,30 +209,49 @@ def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | No
         lines += ["", Lines.of(columns, rows).markdown()]
     kinds = (("trained", "The earthquakes it was made for"), ("fresh", "Fresh earthquakes"))
     for key, words in kinds:
-        if (found := answers[key]) is None:
-            continue
-        share, wider = found["share_that_pounds"], found["min_gap_wider_by"]
-        lines += [
-            "",
-            f"{words}, {found['earthquakes']:,}: {share['before']:.2%} pounded before, "
-            f"{share['after']:.2%} after; the smallest gap is wider by "
-            f"{_estimated(wider, of_gap)} on average; the objective is "
-            f"{_estimated(found['objective']['after'], of_objective)}.",
-        ]
-        # For a gap the unfavourable tail is the lower one.
-        for tail, of_gaps in (("5 % quantile", True), ("95 % quantile", False)):
-            chosen = {
-                x: y for x, y in found["demands"].items() if x.startswith("min_gap") == of_gaps
-            }
-            rows = [(in_words(name, topology), *row.values()) for name, row in chosen.items()]
-            ends = [f"{what} {when}" for what in ("mean", tail) for when in ("before", "after")]
-            lines += ["", Lines.of(("demand", "unit", *ends), rows).markdown()]
+        if answers[key] is not None:
+            lines += ["", _sentence(words, answers[key], answers, topology)]
+            lines += _demands(answers[key]["demands"], topology)
     if answers["recorded"]:
-        gaps = ("smallest gap before", "smallest gap after")
-        rows = [(name, of_gap, *row.values()) for name, row in answers["recorded"].items()]
-        lines += ["", Lines.of(("recorded earthquake", "unit", *gaps), rows).markdown()]
+        ends = [f"{in_words(demand, topology)} {when}" for when in ("before", "after")]
+        rows = [(name, of_demand, *row.values()) for name, row in answers["recorded"].items()]
+        lines += ["", Lines.of(("recorded earthquake", "unit", *ends), rows).markdown()]
     lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)
+
+
+def _sentence(
+    words: str, found: Mapping[str, Any], answers: Mapping[str, Any], topology: Topology | None
+) -> str:
+    """What became of the earthquakes that ``words`` name."""
+    demand, si = answers["demand"], answers["units"] == "SI"
+    parts = []
+    if share := found.get("share_that_pounds"):
+        parts.append(f"{share['before']:.2%} pounded before, {share['after']:.2%} after")
+        wider = _estimated(found["min_gap_wider_by"], unit_of("min_gap", si))
+        parts.append(f"the smallest gap is wider by {wider} on average")
+    if demand != "min_gap":
+        change = _estimated(found["demand_changes_by"], unit_of(demand, si))
+        parts.append(f"the {in_words(demand, topology)} changes by {change} on average")
+    objective = _estimated(found["objective"]["after"], answers["objective_unit"])
+    parts.append(f"the objective is {objective}")
+    return f"{words}, {found['earthquakes']:,}: {'; '.join(parts)}."
+
+
+def _demands(demands: Mapping[str, Any], topology: Topology | None) -> list[str]:
+    """Tables of demands before and after, of gaps and of all others."""
+    lines = []
+    # For a gap the unfavourable tail is the lower one.
+    for tail, of_gaps in (("5 % quantile", True), ("95 % quantile", False)):
+        rows = [
+            (in_words(name, topology), *row.values())
+            for name, row in demands.items()
+            if name.startswith("min_gap") == of_gaps
+        ]
+        ends = [f"{what} {when}" for what in ("mean", tail) for when in ("before", "after")]
+        if rows:
+            lines += ["", Lines.of(("demand", "unit", *ends), rows).markdown()]
+    return lines
 
 
 def changes(what: str, rows: Sequence[Mapping[str, Any]]) -> Lines:

@@ -12,53 +12,65 @@ import jaxpound as jp
 from jaxpound._checks import did_you_mean
 from jaxpound.cli.reading import Range, Table, between, named, says
 from jaxpound.cli.tables import Gap
-from jaxpound.design.objective import Goal, prices_of
-from jaxpound.model.system import Structures
+from jaxpound.design.goals import Goal
+from jaxpound.design.prices import prices_of
+from jaxpound.model.system import Structures, is_closable
 from jaxpound.results.demand import kind_of, known_of
 
-_GOALS: dict[str, tuple[Any, str]] = {
-    "mean gap": (jp.MeanGap, ""),
-    "worst gap": (jp.WorstGap, ""),
-    "soft minimum": (jp.SoftMinimum, "temperature"),
-    "CVaR": (jp.CVaR, "share"),
-    "pounding probability": (jp.PoundingProbability, "gap"),
-    "gap at rest": (jp.GapAtRest, ""),
+_GOALS: dict[str, tuple[Any, tuple[str, ...]]] = {
+    "mean gap": (jp.MeanGap, ()),
+    "worst gap": (jp.WorstGap, ()),
+    "soft minimum": (jp.SoftMinimum, ("temperature",)),
+    "CVaR": (jp.CVaR, ("share",)),
+    "pounding probability": (jp.PoundingProbability, ("gap",)),
+    "gap at rest": (jp.GapAtRest, ()),
+    "least demand": (jp.LeastDemand, ("demand", "over")),
 }
-"""The library's goals, and the key of each goal's parameter, if it has one."""
+"""The library's goals, and the keys of each goal's parameters, in their order."""
 
 Temperature = between(1e-9, 10, "m", "of the soft minimum of gaps")
 
 
+_SHARE = '"worst", "mean" or a share'
+_Share = Annotated[float, between(1e-6, 1, "", "of the earthquakes")]
+_Over = Annotated[str | _Share, says(_SHARE)]
+
+
 class Objective(Table):
-    """The goal, a function of the smallest gaps."""
+    """The goal: a function of the smallest gaps, or a demand that is to be least."""
 
     goal: Literal[
-        "mean gap", "worst gap", "soft minimum", "CVaR", "pounding probability", "gap at rest"
+        "mean gap",
+        "worst gap",
+        "soft minimum",
+        "CVaR",
+        "pounding probability",
+        "gap at rest",
+        "least demand",
     ] = "mean gap"
     temperature: Annotated[float, Temperature] | None = None
-    share: Annotated[float, between(1e-6, 1, "", "of the earthquakes")] | None = None
+    share: _Share | None = None
     gap: Gap | None = None
+    demand: str | None = None
+    over: _Over | None = None
 
     def __post_init__(self) -> None:
         own = _GOALS[self.goal][1]
-        for key in ("temperature", "share", "gap"):
-            if getattr(self, key) is not None and key != own:
+        for key in ("temperature", "share", "gap", "demand", "over"):
+            if getattr(self, key) is not None and key not in own:
                 raise ValueError(f'{key} must not be given with goal = "{self.goal}"')
-        if own == "temperature" and self.temperature is None:
-            raise ValueError("lacks the key 'temperature'")
+        for key in ("temperature", "demand"):
+            if key in own and getattr(self, key) is None:
+                raise ValueError(f"lacks the key {key!r}")
         with named(""):
             self.function()
 
-    def function(self) -> Goal:
+    def function(self) -> Goal | jp.LeastDemand:
         """The library's object for the goal."""
-        kind, key = _GOALS[self.goal]
-        number = getattr(self, key) if key else None
-        goal: Goal = kind() if number is None else kind(number)
+        kind, keys = _GOALS[self.goal]
+        given = {key: x for key in keys if (x := getattr(self, key)) is not None}
+        goal: Goal | jp.LeastDemand = kind(**given)
         return goal
-
-
-_SHARE = '"worst", "mean" or a share'
-_Over = Annotated[str | float, says(_SHARE)]
 
 
 class AtMost(Table):
@@ -110,12 +122,18 @@ def priced(
     if laws and objective.goal == "pounding probability":
         rule = "must not be given with a law of [contact]: whether they meet is the same"
         raise ValueError(f'{name}: [objective] goal = "{objective.goal}" {rule}')
+    links = structures.system().links
+    if objective.demand is None and not any(is_closable(link.gap) for link in links):
+        rule = 'must be "least demand" where no [[link]] has a gap'
+        raise ValueError(f'{name}: [objective] goal = "{objective.goal}" {rule}')
     made: dict[str, dict[str, Any]] = {"limits": {}, "penalties": {}}
     stated: list[tuple[str, Any, Mapping[str, Any]]] = [
         ("limits", jp.Limit, limits),
         ("penalties", jp.Penalty, penalties),
     ]
     allowed = prices_of(structures.system())
+    if objective.demand is not None:
+        _require_price(f"{name}: [objective]", objective.demand, allowed, laws, "demand")
     for table, kind, prices in stated:
         for price, x in prices.items():
             place = f"{name}: [{table}] {price}"
@@ -128,14 +146,19 @@ def priced(
     return jp.Objective(objective.function(), **made)
 
 
-def _require_price(place: str, price: str, allowed: Sequence[str], laws: Sequence[str]) -> None:
-    """A ``ValueError`` for a name that is no demand of the structures, or one that is always 0."""
+def _require_price(
+    place: str, price: str, allowed: Sequence[str], laws: Sequence[str], what: str = "key"
+) -> None:
+    """A ``ValueError`` for a name that is no demand of the structures, or one that is always 0.
+
+    ``what`` says what the name is in the file.
+    """
     about = known_of(price)
     if price not in allowed:
         if about is not None and about.only == "contact" and not laws:
             raise ValueError(f"{place} {price} must not be given without a law of [contact]")
         words = did_you_mean(price, allowed) or f"allowed are {', '.join(allowed)}"
-        raise ValueError(f"{place} has an unknown key {price!r}; {words}")
+        raise ValueError(f"{place} has an unknown {what} {price!r}; {words}")
     if {*laws} == {"newton"} and re.sub(r"_\d+$", "", price) in _BY_FORCE:
         rule = 'must not be given with law = "newton", whose impacts have none'
         raise ValueError(f"{place} {price} {rule}; peak_impulse is what they have")

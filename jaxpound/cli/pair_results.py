@@ -50,10 +50,18 @@ def lines(answers: dict[str, Any]) -> list[str]:
         f"at {told['min_gap_time_s']:.5g} s",
         f"         {verdict(told, contact is not None)}",
         *([contact_line(given["contact"]["law"], contact)] if contact else []),
-        f"Damper   slip force {given['damper']['friction_force'] / 1e3:.4g} kN, slid "
-        f"{told['slip_distance_m']:.4g} m, offset left {told['residual_offset_m']:.4g} m",
+        _damper_line(given["damper"]["friction_force"], told),
         energy_line(told, contact["contact_work_J"] if contact else None),
     ]
+
+
+def _damper_line(slip_force: float, told: dict[str, Any]) -> str:
+    """The damper in one line; without friction it does not slip."""
+    offset = f"offset left {told['residual_offset_m']:.4g} m"
+    if not slip_force:
+        return f"Damper   none; {offset}"
+    slid = f"slid {told['slip_distance_m']:.4g} m"
+    return f"Damper   slip force {slip_force / 1e3:.4g} kN, {slid}, {offset}"
 
 
 def contact_line(law: str, contact: dict[str, Any]) -> str:

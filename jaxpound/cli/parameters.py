@@ -206,8 +206,26 @@ class RowParameters:
         general = dict.fromkeys(re.sub(r"\.\d+", ".*", one) for one in self.keys)
         if numbers in general:
             rule = "must be of a building, floor, storey or [[link]] that is there, counted from 1"
-            raise ValueError(f"{place} {key} {rule}")
+            raise ValueError(f"{place} {key} {self._lacking(key) or rule}")
+        if lacking := self._lacking(key):
+            raise ValueError(f"{place} {key} {lacking}")
         _refuse(place, key, [*general])
+
+    def _lacking(self, key: str) -> str:
+        """Why the links of a key, which are there, have no such gap or parameter of contact."""
+        found = re.fullmatch(r"(link\.(?:\d+|\*)\.)(gap|contact)(\.\w+)?", key)
+        if found is None or "".join(found.groups("")[1:]) not in _RANGES:
+            return ""
+        links = re.compile(re.escape(found[1]).replace(r"\*", r"\d+") + "(.*)")
+        ends = dict.fromkeys(own[1] for one in self.keys if (own := links.fullmatch(one)))
+        if not ends:
+            return ""  # no such link
+        of_law = [end.removeprefix("contact.") for end in ends if end.startswith("contact.")]
+        if found[2] == "contact" and of_law:
+            return f"must be a parameter of the law of contact, which has {', '.join(of_law)}"
+        whose = "links have" if "*" in found[1] else f"{found[1][:-1]} has"
+        what = "a gap" if found[2] == "gap" else "contact"
+        return f"must be of a [[link]] with {what}: {whose} no {found[2]}"
 
     def require(self, place: str, path: str, at: jp.Row) -> None:
         """As ``Parameters.require``."""

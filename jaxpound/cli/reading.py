@@ -326,10 +326,10 @@ def _fault(kind: Any, value: Any, place: str) -> str:
     if "says" in said:
         rule = said["says"] + _inner_fault(info, value)
     elif allowed:
-        if not is_number(value):
-            rule = "a finite number"
-        elif isinstance(info, inspect.IntType) and not isinstance(value, int):
+        if isinstance(info, inspect.IntType) and type(value) is not int:
             rule = "a whole number"
+        elif not is_number(value):
+            rule = "a finite number"
         else:
             told, rule = allowed.told(told), allowed.rule
     elif isinstance(info, inspect.LiteralType):

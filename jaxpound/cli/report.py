@@ -16,6 +16,7 @@ from jaxpound.cli.files import known, make_folder, write_figures, write_json, wr
 from jaxpound.model.parameters import in_words as in_words_of
 from jaxpound.model.places import link_places
 from jaxpound.results.demand import in_words, known_of, unit_of
+from jaxpound.study.fragility import ANY_LINK
 from jaxpound.study.statistics import Estimate
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
@@ -42,8 +43,8 @@ _FRAGILITY = ("fragility by", "unit", *_ERRORS)
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     study = jp.Study.open(args.store)
-    curves = fragilities(study)
-    answers = summary(study, curves)
+    curves, by_link = fragilities(study), fragilities_of_links(study)
+    answers = summary(study, curves, by_link)
     make_folder(args.out)
 
     from jaxpound.plots import studies as plots
@@ -58,8 +59,9 @@ def run(args: argparse.Namespace) -> None:
         drawn["required_gap"] = partial(plots.exceedance, rules_at=rules_at)
     figures = {name: figure(draw, study) for name, draw in drawn.items()}
     for name, curve in curves.items():
-        words = f"{_symbol(name)} ({unit_of(name, study.scales is not None)})"
-        figures[f"fragility_by_{name}"] = figure(partial(plots.fragility, intensity=words), curve)
+        figures[f"fragility_by_{name}"] = figure(_over(study, name), curve)
+    if by_link:
+        figures["fragility_of_links"] = figure(_over(study, "pga"), by_link)
     if study.about["identity"]["parameters"]:
         column = correlated(study)
         figures["correlations"] = figure(partial(plots.correlations, column=column), study)
@@ -71,6 +73,14 @@ def run(args: argparse.Namespace) -> None:
     write_figures(figures, args.out, args.pdf)
 
 
+def _over(study: jp.Study, name: str) -> Callable[[Any, Any], Any]:
+    """The drawing of fragility over a measure of intensity."""
+    from jaxpound.plots import studies as plots
+
+    words = f"{_symbol(name)} ({unit_of(name, study.scales is not None)})"
+    return partial(plots.fragility, intensity=words)
+
+
 # --- the report ---------------------------------------------------------------------------------
 
 
@@ -79,6 +89,28 @@ def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
     names = [name for name in study.columns if name in _SYMBOLS or name.startswith(_SPECTRAL)]
     found = {name: _fragility(study, name) for name in names}
     return {name: curve for name, curve in found.items() if curve is not None}
+
+
+def fragilities_of_links(study: jp.Study) -> dict[str, jp.Fragility]:
+    """Pounding against PGA at each of several links that can close, and at any of them.
+
+    Those to which a curve can be fitted, by the name of the link in figures.
+    """
+    links = _closing(study)
+    found = {_link(k): _fragility(study, "pga", k) for k in links}
+    if len(links) > 1:
+        found[ANY_LINK] = _fragility(study, "pga")
+    return {name: curve for name, curve in found.items() if curve is not None}
+
+
+def _closing(study: jp.Study) -> list[int]:
+    """Each link of several that has a gap, by number from 0."""
+    n = study.n_links
+    return [k for k in range(n if n > 1 else 0) if study.finite(f"min_gap_{k + 1}").size]
+
+
+def _link(k: int) -> str:
+    return f"link {k + 1}"
 
 
 def _fragility(study: jp.Study, name: str, link: int | None = None) -> jp.Fragility | None:
@@ -100,17 +132,18 @@ def is_pair(study: jp.Study) -> bool:
     return study.about["oscillators"] is not None
 
 
-def of_links(study: jp.Study) -> list[dict[str, Any]]:
-    """Each link of several that has a gap: its place, its pounding and its fragility by PGA."""
-    n, known_gaps = study.n_links, study.columns
+def of_links(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> list[dict[str, Any]]:
+    """Each link of several that has a gap: its place, its pounding and its fragility by PGA.
+
+    ``curves`` are ``fragilities_of_links``.
+    """
+    known_gaps, places = study.columns, link_places(study.topology)
     told = []
-    for k, place in enumerate(link_places(study.topology) if n > 1 else ()):
-        if not study.finite(f"min_gap_{k + 1}").size:
-            continue
-        curve = _fragility(study, "pga", k)
+    for k in _closing(study):
+        curve = curves.get(_link(k))
         row: dict[str, Any] = {
             "link": k + 1,
-            "between": place,
+            "between": places[k],
             "pounding_probability": _interval(study.pounding_probability(link=k)),
             "fragility_by_pga": None if curve is None else _of_curve(curve),
             "required_gap": {
@@ -141,8 +174,10 @@ def correlated(study: jp.Study) -> str:
     return "required_gap" if "required_gap" in study.columns else "peak_impulse"
 
 
-def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, Any]:
-    """The study's statistics, with its ``fragilities``, as JSON can hold them."""
+def summary(
+    study: jp.Study, curves: Mapping[str, jp.Fragility], by_link: Mapping[str, jp.Fragility]
+) -> dict[str, Any]:
+    """The study's statistics, with its ``fragilities`` and ``fragilities_of_links``, for JSON."""
     identity, si = study.about["identity"], study.scales is not None
     required_gap, demands, correlation = {}, {}, None
     for p in PROBABILITIES if "required_gap" in study.columns else ():
@@ -151,8 +186,8 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
             found = study.separation(p)
             required_gap[str(p)] |= {rule: getattr(found, rule) for rule in _RULES}
             correlation = found.correlation
-    for name in study.columns:
-        if name in identity["parameters"] or name == "pounds":
+    for name in study.told():
+        if name == "pounds":
             continue
         m, finite = study.moments(name), study.finite(name)
         if not finite.size and not is_pair(study):  # the gap of a damper without one
@@ -190,7 +225,7 @@ def summary(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> dict[str, An
                 for name, curve in curves.items()
             },
             "double_difference_correlation": correlation,
-            "links": of_links(study),
+            "links": of_links(study, by_link),
         }
     )
 
@@ -224,9 +259,13 @@ def _page_of_links(links: list[dict[str, Any]], si: bool) -> list[str]:
             f"median θ by PGA ({unit_of('pga', si)})": [one.get("median") for one in curves],
             "dispersion β": [one.get("dispersion") for one in curves],
         }
-    told = ["A gap at a probability is that at which the link pounds so often.", ""]
+    told = []
+    if any(one["required_gap"] for one in links):
+        told += ["A gap at a probability is that at which the link pounds so often.", ""]
+    if not all(one["fragility_by_pga"] for one in links):
+        told += ["No fragility curve fits a link that pounds always, never or at random.", ""]
     table = Table.of([*columns], [*zip(*columns.values(), strict=True)]).markdown()
-    return [table, "", *(told if any(one["required_gap"] for one in links) else [])]
+    return [table, "", *told]
 
 
 def page(answers: dict[str, Any], figures: list[str]) -> str:

@@ -63,7 +63,7 @@ def _of_link(form: Row, response: jp.Response, k: int) -> dict[str, Any]:
         "min_gap_m": float(demand.min_gap),
         "min_gap_time_s": float(demand.min_gap_time) if math.isfinite(link.gap) else None,
         "first_contact_s": first_contact(response, k),
-        "slip_distance_m": float(demand.slip_distance),
+        "slip_distance_m": float(demand.slip_distance) if link.friction else None,
         "damper_energy_J": float(demand.friction_work),
         "residual_offset_m": float(demand.residual_offset),
         "contact": of_contact(response, k),

@@ -18,6 +18,7 @@ from jaxpound.design.space import DesignSpace
 from jaxpound.model.system import Topology
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
+from jaxpound.results.elements import without_idle_dampers
 from jaxpound.study.statistics import Estimate
 
 _REPLICATES = 500  # of the bootstrap
@@ -28,9 +29,9 @@ class Comparison(Shown):
     """Demands before and after the design, in the same earthquakes.
 
     ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap (of several links
-    also of each, ``min_gap_1`` and so on), the gap at rest (the mean of those that are finite) and
-    every demand that an ``Objective`` can limit. Intervals are of 95 %; with fewer than two
-    earthquakes their ends are NaN.
+    also of each, ``min_gap_1`` and so on) and the gap at rest (the mean of those that are finite),
+    where there is one, and every demand that an ``Objective`` can limit. Intervals are of 95 %;
+    with fewer than two earthquakes their ends are NaN.
     """
 
     before: dict[str, np.ndarray]
@@ -41,13 +42,22 @@ class Comparison(Shown):
     """Of the structures; it says where masses and rods are."""
 
     def __len__(self) -> int:
-        return len(self.before["min_gap"])
+        return len(next(iter(self.before.values())))
 
-    def difference(self, name: str = "min_gap", confidence: float = 0.95) -> Estimate:
-        """Mean of after − before, earthquake by earthquake, with Student's interval."""
+    @property
+    def has_gaps(self) -> bool:
+        """Whether the structures have a gap that can close."""
+        return "min_gap" in self.before
+
+    def difference(self, name: str | None = None, confidence: float = 0.95) -> Estimate:
+        """Mean of after − before, earthquake by earthquake, with Student's interval.
+
+        Of a column by name; by default the one that the goal is of (``Objective.demand``).
+        """
         from scipy import stats  # only here: it takes a second to import
 
         require_share("difference", "confidence", confidence)
+        name = self.objective_function.demand if name is None else name
         if name not in self.before:
             raise ValueError(f"difference: {name!r} must be one of {', '.join(self.before)}")
         d = self.after[name] - self.before[name]
@@ -83,15 +93,17 @@ class Comparison(Shown):
 
     @property
     def pounding(self) -> tuple[float, float]:
-        """Share of earthquakes in which the gap closes, before and after."""
-        return tuple(float(np.mean(x["min_gap"] <= 0)) for x in (self.before, self.after))  # type: ignore[return-value]
+        """Share of earthquakes in which the gap closes, before and after; 0 without a gap."""
+        both = self.before, self.after
+        return tuple(float(np.mean(x.get("min_gap", np.inf) <= 0)) for x in both)  # type: ignore[return-value]
 
     def rows(self) -> dict[str, dict[str, float]]:
-        """Mean and 95 % quantile (5 % of the smallest gap) of every demand, before and after."""
+        """Mean and 95 % quantile (5 % of the smallest gap) of every demand, before and after.
+
+        The slip of links whose friction is 0 before and after is left out.
+        """
         table = {}
-        for name in self.before:
-            if name == "initial_gap":
-                continue
+        for name in self._told():
             q = 0.05 if name.startswith("min_gap") else 0.95
             columns = (("before", self.before), ("after", self.after))
             table[name] = {
@@ -100,6 +112,12 @@ class Comparison(Shown):
                 for when, x in columns
             }
         return table
+
+    def _told(self) -> list[str]:
+        """Names of the columns that tables tell of."""
+        names = [name for name in self.before if name != "initial_gap"]
+        both = self.before, self.after
+        return without_idle_dampers(names, lambda name: max(float(x[name].max()) for x in both))
 
     def _tables(self) -> list[Table]:
         return [
@@ -110,18 +128,24 @@ class Comparison(Shown):
                     (in_words(name, self.topology), *row.values(), unit_of(name, self.si))
                     for name, row in self.rows().items()
                 ],
-                [
-                    "quantiles are of 95 %, of the smallest gap of 5 %",
-                    "pounding in {:.4g} % of them before, {:.4g} % after".format(
-                        *(100 * share for share in self.pounding)
-                    ),
-                    f"min gap wider by {self.difference()} {unit('length', self.si)} on average",
-                    f"objective {self.objective['after']} "
-                    f"{unit(self.objective_function.quantity, self.si)}".rstrip(),
-                ],
+                self._notes(),
                 digits=4,
             )
         ]
+
+    def _notes(self) -> list[str]:
+        found = ["quantiles are of 95 %" + self.has_gaps * ", of the smallest gap of 5 %"]
+        if self.has_gaps:
+            shares = (100 * share for share in self.pounding)
+            found.append("pounding in {:.4g} % of them before, {:.4g} % after".format(*shares))
+            wider = self.difference("min_gap")
+            found.append(f"min gap wider by {wider} {unit('length', self.si)} on average")
+        if (name := self.objective_function.demand) != "min_gap":
+            of = unit_of(name, self.si)
+            words = in_words(name, self.topology)
+            found.append(f"{words} changed by {self.difference(name)} {of} on average")
+        of = unit(self.objective_function.quantity, self.si)
+        return [*found, f"objective {self.objective['after']} {of}".rstrip()]
 
 
 class Landscape(NamedTuple):

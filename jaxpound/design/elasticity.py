@@ -11,7 +11,7 @@ import numpy as np
 from jaxpound._checks import instance
 from jaxpound._tables import Shown, Table
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import gathered, require_over
+from jaxpound.design.prices import gathered, require_over
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import GroundLike, unresolved

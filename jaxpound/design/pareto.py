@@ -13,7 +13,8 @@ from jaxpound._checks import count, instance, positive, real
 from jaxpound._tables import Shown, Table
 from jaxpound.design.design import Design
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import Limit, Objective, prices_of
+from jaxpound.design.objective import Limit, Objective
+from jaxpound.design.prices import prices_of
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.run import NO_LIMIT, Designer, InfeasibleError
 from jaxpound.design.search import Progress, SearchOptions

@@ -13,13 +13,9 @@ import numpy as np
 
 from jaxpound._checks import instance, refusal
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import (
-    BUDGET,
-    DAMPER,
-    Objective,
-    PoundingProbability,
-    prices_of,
-)
+from jaxpound.design.goals import LeastDemand, PoundingProbability
+from jaxpound.design.objective import Objective
+from jaxpound.design.prices import BUDGET, DAMPER, prices_of
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.model.system import is_closable
@@ -80,10 +76,15 @@ class DesignProblem:
                 if price not in self.prices:
                     rule = f"must be one of {', '.join(self.prices)}"
                     raise ValueError(f"{OWNER}: objective: {price!r} in {name} {rule}")
-        if not self._closable:
-            rule = "must have a link whose gap at rest is finite"
-            raise ValueError(f"{OWNER}: space: structures {rule}")
         goal = self.objective.goal
+        if self.objective.needs_gap and not self._closable:
+            rule = (
+                "must not be of gaps where no link has a finite one; LeastDemand is of a response"
+            )
+            raise ValueError(f"{OWNER}: objective: goal = {goal!r} {rule}")
+        if isinstance(goal, LeastDemand) and goal.demand not in self.prices:
+            rule = f"must be one of {', '.join(self.prices)}"
+            raise ValueError(f"{OWNER}: objective: {goal.demand!r} in goal {rule}")
         if isinstance(goal, PoundingProbability):
             if self._touching:
                 rule = "of structures without a law of contact; whether they meet is the same"
@@ -116,27 +117,28 @@ class DesignProblem:
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """Names of all that is known of a design in an earthquake: gaps and ``prices``."""
+        """Names of all that is known of a design in an earthquake: gaps, if any, and ``prices``."""
         n = len(self.space.nominal.system().links)
         of_links = [of_link("min_gap", k, n) for k in self._closable]
-        return tuple(dict.fromkeys(["min_gap", *of_links, "initial_gap", *self.prices]))
+        gaps = ["min_gap", *of_links, "initial_gap"] if of_links else []
+        return tuple(dict.fromkeys([*gaps, *self.prices]))
 
     def demands(self, structures: Any, ground: Any) -> dict[str, jax.Array]:
         """The ``columns`` of structures in one earthquake."""
         found, system = demand(structures, ground, self.grid, self.scheme), structures.system()
         gaps = [system.links[k].gap for k in self._closable]
-        gap, slip_forces = sum(gaps[1:], gaps[0]) / len(gaps), [x.friction for x in system.links]
+        slip_forces = [link.friction for link in system.links]
         if self.scales is not None:
             found = self.scales.to_si(found)
-            gap, slip_forces = (
-                gap * self.scales.length,
-                [x * self.scales.force for x in slip_forces],
-            )
+            gaps = [x * self.scales.length for x in gaps]
+            slip_forces = [x * self.scales.force for x in slip_forces]
         n = len(slip_forces)
         known = found.scalars() | over_all(system, found)
         known |= {name: jnp.abs(x) for name, x in found.flat("residual_offset").items()}
         known |= {of_link(DAMPER, k, n): x for k, x in enumerate(slip_forces)}
-        known |= {"initial_gap": gap, BUDGET: sum(slip_forces)}
+        known |= {BUDGET: sum(slip_forces)}
+        if gaps:
+            known |= {"initial_gap": sum(gaps) / len(gaps)}
         return {name: jnp.asarray(known[name], found.min_gap.dtype) for name in self.columns}
 
     def values(self, scaled: Any, data: ProblemData, rows: Any = None) -> tuple[Any, Any]:
@@ -180,15 +182,11 @@ class DesignProblem:
         ``limits`` replace bounds of the objective's limits.
         """
         own = {name: limit.at_most for name, limit in self.objective.limits.items()}
-        size = getattr(self.objective.goal, "size", None)
-        if size is None:
-            required = np.mean(before["initial_gap"] - before["min_gap"])
-            size = required if np.isfinite(required) and required > 0 else 1.0
         return ProblemData(
             grounds=jax.tree.map(jnp.asarray, self.ensemble.grounds),
             uncertain={path: jnp.asarray(x) for path, x in self.ensemble.uncertain.items()},
             limits=jnp.asarray([*{**own, **(limits or {})}.values()], float),
-            size=jnp.asarray(size, float),
+            size=jnp.asarray(self.objective.size(before), float),
             tolerance=jnp.asarray(tolerance, float),
             key=jax.random.key(key, impl="threefry2x32"),
         )

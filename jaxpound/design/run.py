@@ -74,15 +74,16 @@ def design_damper(
     Parameters
     ----------
     space
-        The variables and their bounds, of a pair, a ``Row`` or any ``System`` with a link whose gap
-        at rest is finite. Dampers are placed by ``{"links.*.friction": (0.0, largest)}`` and a
-        limit on ``total_damper_force``, the budget that they share.
+        The variables and their bounds, of a pair, a ``Row`` or any ``System``. Dampers are placed
+        by ``{"links.*.friction": (0.0, largest)}`` and a limit on ``total_damper_force``, the
+        budget that they share.
     ensemble
         The earthquakes.
     grid, scheme
         See ``simulate``.
     objective
-        The goal, with penalties and limits.
+        The goal, with penalties and limits. Where no gap at rest is finite (braces alone, say) the
+        goal must be ``LeastDemand``, the response that is to be least.
     start
         The design of the first start; by default the space's nominal structures.
     starts
@@ -101,7 +102,8 @@ def design_damper(
         multipliers of the result are means over the minibatches of an epoch.
     patience, tolerance
         The search ends when in ``patience`` iterations (with minibatches: epochs) no start has
-        improved by ``tolerance`` times the mean required gap.
+        improved by ``tolerance`` times the size of the goal: the mean required gap, or the demand
+        that is to be least.
     limit_tolerance
         Relative excess over a limit that is tolerated.
     scales

@@ -165,7 +165,7 @@ def _matches(owner: str, structures: Any, pattern: str) -> list[str]:
     if matched := [path for path in every if fits.fullmatch(path)]:
         return matched
     general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in every)
-    raise ValueError(f"{owner}: no path matches {pattern!r}; {hint(pattern, general)}")
+    raise ValueError(f"{owner}: no path matches {pattern!r}; {_hint(pattern, general)}")
 
 
 def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:
@@ -187,7 +187,15 @@ def _found(
     for there in (path, re.sub(r"\.\d+\b", ".*", path)):
         if there in table:
             return table[there]
-    raise ValueError(f"{owner}: unknown path {path!r}; {hint(path, table)}")
+    raise ValueError(f"{owner}: unknown path {path!r}; {_hint(path, table)}")
+
+
+def _hint(path: str, known: Iterable[str]) -> str:
+    """What was meant by an unknown path, or why there is no such parameter."""
+    known, of_contact = list(known), re.compile(r"(?:.*\.)?contact\..*")
+    if of_contact.fullmatch(path) and not any(map(of_contact.fullmatch, known)):
+        return "links have no contact"
+    return hint(path, known)
 
 
 def _lower(parameter: Parameter, path: str) -> str | None:

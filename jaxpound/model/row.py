@@ -239,11 +239,15 @@ models with low storeys it is a quarter of a storey."""
 
 def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:
     """Floors of two buildings that meet: of equal number or, where heights are known, height."""
-    if not (hasattr(left, "elevations") and hasattr(right, "elevations")):
-        both = [getattr(building, "n_floors", 1) for building in (left, right)]
+    if not _have_heights(left, right):
+        both = [1 if isinstance(one, Building) else one.n_floors for one in (left, right)]
         return [(i, i) for i in range(min(both))]
     pairs = np.ndindex(left.n_floors, right.n_floors)
     return [(i, j) for i, j in pairs if _meet(left, i, right, j)]
+
+
+def _have_heights(*buildings: Any) -> bool:
+    return all(isinstance(building, ShearBuilding) for building in buildings)
 
 
 def _meet(left: Any, i: int, right: Any, j: int) -> bool:
@@ -329,8 +333,7 @@ def require_heights(buildings: Sequence[Any], links: Iterable[FloorLink], naming
         if link.next_floor is not None or link.other_building in (link.building, GROUND):
             continue
         left, right = buildings[link.building], buildings[link.other_building]
-        known = hasattr(left, "elevations") and hasattr(right, "elevations")
-        if known and not _meet(left, link.floor, right, link.other_floor):
+        if _have_heights(left, right) and not _meet(left, link.floor, right, link.other_floor):
             one, other = left.elevations[link.floor], right.elevations[link.other_floor]
             rule = "must be at one height; next_floor says which floor is meant where none is"
             told = f"{link.between(naming.first)}, at {one:g} m and {other:g} m,"

@@ -14,6 +14,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from jaxpound.plots.curves import buildings_of, is_pair
 from jaxpound.plots.gap_maps import gap_map, widest_gap
 from jaxpound.plots.moving_rows import MovingRow
+from jaxpound.plots.rows import floor_heights
 from jaxpound.plots.runs import displacements, friction_force, gap, ground_motion, same_units
 from jaxpound.plots.style import (
     COLOURS,
@@ -183,14 +184,16 @@ def still(
     ------
     ValueError
         If the response is a batch, not that of shear buildings, of a pair without a finite gap, or
-        invalid, or time is not within the run.
+        invalid, time is not within the run, or elevations are not one for each floor, finite, from
+        the lowest up.
     """
     _require_valid("still", response)
     end = float(response.time[-1])
     if not 0 <= time <= end:
         raise ValueError(f"still: time = {time} must be within the run, from 0 to {end:.6g}")
     ax = new_axes(ax)
-    scene = _scene(response, ax, _reach(response) if reach is None else reach, elevations)
+    room = _reach(response) if reach is None else reach
+    scene = _scene("still", response, ax, room, elevations)
     scene.show(int(np.abs(np.asarray(response.time) - time).argmin()))
     return ax
 
@@ -232,7 +235,7 @@ def animate(
     ------
     ValueError
         If a response is a batch, not that of shear buildings, of a pair without a finite gap, or
-        invalid, grids or units differ, or frames or seconds breaks its rule.
+        invalid, grids or units differ, or frames, seconds or elevations breaks its rule.
     """
     if isinstance(responses, Response):
         runs, single = {"": responses}, True
@@ -287,7 +290,7 @@ def _panels(
     for i, name in enumerate(runs):
         panels[str(i)].set_title(name, fontsize=FONT_SIZE + 1)
     scenes = [
-        _scene(response, panels[str(i)], reach, elevations)
+        _scene("animate", response, panels[str(i)], reach, elevations)
         for i, response in enumerate(runs.values())
     ]
     below = [panels[f"below {i}"] for i in range(len(runs))]
@@ -325,13 +328,14 @@ def _beside(response: Response, upper: Axes, lower: Axes) -> list[Axes]:
 
 
 def _scene(
-    response: Response, ax: Axes, reach: float, elevations: Sequence[Any] | None
+    owner: str, response: Response, ax: Axes, reach: float, elevations: Sequence[Any] | None
 ) -> Scene | MovingRow:
     """The pair of the paper as blocks, all else as a row of buildings."""
     if is_pair(response) and elevations is None:
         return Scene(response, ax, reach)
     lasts = _FLASH * float(response.time[-1] - response.time[0])
-    return MovingRow(response, ax, reach, lasts, elevations)
+    heights = floor_heights(owner, [len(one) for one in buildings_of(response)], elevations)
+    return MovingRow(response, ax, heights, reach, lasts)
 
 
 def _reach(response: Response) -> float:

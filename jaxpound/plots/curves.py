@@ -8,11 +8,9 @@ from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
 
 from jaxpound.model.system import GROUND, Topology, floors
-from jaxpound.plots.style import CYCLE, building_colour, tones
+from jaxpound.plots.style import CYCLE, building_colour, ends_named, numbered_colours, tones
 from jaxpound.results.response import LinkResponse, Response
 
 _NAMED = 4  # masses, rods or links in a legend; of more, buildings or groups of links are named
@@ -150,9 +148,5 @@ def _listed(what: str, members: Sequence[int]) -> str:
 
 def _numbered(what: str, series: Sequence[Any]) -> list[Curve]:
     """By number; where there are many, from dark to light, and only the ends of the list named."""
-    n, colours = len(series), CYCLE
-    names = [f"{what} {i}" for i in range(1, n + 1)]
-    if n > len(CYCLE):
-        colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.92, n))]
-        names[1:-1] = [f"_{name}" for name in names[1:-1]]
-    return [Curve(*one) for one in zip(names, colours, series, strict=False)]
+    names = ends_named([f"{what} {i}" for i in range(1, len(series) + 1)])
+    return [Curve(*one) for one in zip(names, numbered_colours(len(series)), series, strict=True)]

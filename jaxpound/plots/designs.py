@@ -36,13 +36,15 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     ax = new_axes(ax)
     history = design.history
     k, starts = history.objective.shape
+    factor, unit = _unit(design, design.objective)
+    objective = factor * history.objective
     iterations = np.arange(1, k + 1)
     outside = False
     for i in range(starts):
         colour = COLOURS["damper"] if i == design.winner else COLOURS["residual"]
         inside = history.alive[:, i] & (history.violation[:, i] <= design.limit_tolerance)
-        ax.plot(iterations, history.objective[:, i], color=colour, linewidth=0.5, alpha=0.5)
-        kept = np.where(inside, history.objective[:, i], np.nan)
+        ax.plot(iterations, objective[:, i], color=colour, linewidth=0.5, alpha=0.5)
+        kept = np.where(inside, objective[:, i], np.nan)
         words = "winner" if i == design.winner else "_other"
         width = (2 if i == design.winner else 1) * LINE_WIDTH
         on_top = 2.5 if i == design.winner else 2.0
@@ -54,7 +56,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     if outside:
         ax.plot([], [], color=grey, linewidth=0.5, alpha=0.5, label="thin: limit exceeded")
     ax.margins(x=0)
-    label(ax, "iteration", f"objective{_unit(design, design.objective)}")
+    label(ax, "iteration", f"objective{unit}")
     legend_above(ax, 2)
     return ax
 
@@ -135,9 +137,15 @@ def _violation_with_the_design(
 
 
 @in_house_style
-def before_and_after(comparison: Comparison, ax: Axes | None = None, name: str = "min_gap") -> Axes:
-    """Empirical distributions of a demand before and after; pounding shaded."""
+def before_and_after(
+    comparison: Comparison, ax: Axes | None = None, name: str | None = None
+) -> Axes:
+    """Empirical distributions of a demand before and after; pounding shaded.
+
+    By default of the demand that the goal is of, such as the smallest gap.
+    """
     ax = new_axes(ax)
+    name = comparison.objective_function.demand if name is None else name
     kind, words = quantity_of(name)
     columns = (("before", comparison.before, "residual"), ("after", comparison.after, "damper"))
     largest = max(float(np.abs(x[name]).max()) for _, x, _ in columns)
@@ -163,9 +171,10 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
     kind, words = quantity_of(front.price)
     si = front.designs[0].trained.si
     factor, unit = unit_for(str(kind), si, float(front.prices.max()))
+    own_factor, own_unit = _unit(front.designs[0], float(np.abs(front.objectives).max()))
     ax.plot(
         factor * front.prices,
-        front.objectives,
+        own_factor * front.objectives,
         "o-",
         color=COLOURS["damper"],
         markersize=3,
@@ -174,7 +183,7 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
     label(
         ax,
         f"{words}, {over} ({unit})",
-        f"objective{_unit(front.designs[0], front.objectives.max())}",
+        f"objective{own_unit}",
     )
     return ax
 
@@ -194,7 +203,10 @@ def figure_of_landscape(design: Design, n: int = 15) -> Figure:
     return result
 
 
-def _unit(design: Design, largest: float) -> str:
-    """Unit of the objective, where it has one."""
+def _unit(design: Design, largest: float) -> tuple[float, str]:
+    """Factor and unit of the objective, where it has one."""
     quantity = design.objective_function.quantity
-    return f" ({unit_for(quantity, design.trained.si, abs(largest))[1]})" if quantity else ""
+    if not quantity:
+        return 1.0, ""
+    factor, unit = unit_for(quantity, design.trained.si, abs(largest))
+    return factor, f" ({unit})"

@@ -20,7 +20,7 @@ from jaxpound._fields import Quantity, quantities
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.vibration import modes
-from jaxpound.plots.rows import floor_heights
+from jaxpound.plots.rows import floor_heights, heights_above_ground
 from jaxpound.plots.style import (
     CYCLE,
     building_colour,
@@ -136,9 +136,10 @@ def envelope(
         raise ValueError(f"envelope: quantity = {quantity!r} must be a demand of floors; {words}")
     one = next(iter(runs.values()))
     ax = new_axes(ax)
-    (heights,) = floor_heights(
-        "envelope", [len(one.masses)], None if elevations is None else [elevations]
-    )
+    n = len(one.masses)
+    heights = np.arange(1.0, n + 1)
+    if elevations is not None:
+        heights = heights_above_ground("envelope", "elevations", elevations, n)
     lines = [_Envelope(each, quantity) for each in runs.values()]
     for name, line in zip(runs, lines, strict=True):
         _require_valid("envelope", name, line)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.patches import Patch
 
+from jaxpound._checks import number, positive
 from jaxpound.model.system import GROUND, Ends
 from jaxpound.plots.curves import buildings_of, gaps_of
 from jaxpound.plots.runs import same_units
@@ -61,6 +62,8 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     ['1–2, floor 1']
     """
     same_units("gap_map", {"": response})
+    if widest is not None:
+        (widest,) = positive("gap_map", widest=number("gap_map", "widest", widest))
     require_single("gap_map", response)
     if not np.isfinite(response.demand.pga):
         raise ValueError("gap_map: the run is invalid (its results are NaN)")
@@ -73,9 +76,6 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
         if touching is not None:  # by Newton's law the gap itself is never below 0
             row[np.asarray(touching) > 0] = -1.0
     gaps = np.where(gaps <= 0, -1.0, gaps)
-    widest = widest_gap(response) if widest is None else widest
-    if not 0 < widest < np.inf:
-        raise ValueError(f"gap_map: widest = {widest} must be positive and finite")
 
     ax = new_axes(ax, height=max(0.8, (0.17 * len(order) + 0.9) / FIGURE_SIZE[1]))
     time = np.asarray(response.time)
@@ -85,7 +85,7 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
         np.minimum.reduceat(gaps, start, axis=1),
         cmap=_GAPS,
         vmin=0.0,
-        vmax=widest,
+        vmax=widest_gap(response) if widest is None else widest,
         aspect="auto",
         interpolation="nearest",
         extent=extent,

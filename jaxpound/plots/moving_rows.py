@@ -11,7 +11,6 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from jaxpound.model.system import GROUND
 from jaxpound.plots.curves import buildings_of
-from jaxpound.plots.rows import floor_heights
 from jaxpound.plots.style import COLOURS, building_colour, in_house_style
 from jaxpound.results.response import LinkResponse, Response
 
@@ -32,12 +31,12 @@ class MovingRow:
         A single run of shear buildings, which stand in the order of their masses.
     ax
         Where to draw.
+    heights
+        For each building the heights of its floors.
     reach
         The largest displacement to leave room for.
     lasts
         How long a flash lasts, in the run's time.
-    elevations
-        For each building the heights of its floors; by default all storeys are as high.
     """
 
     @in_house_style
@@ -45,12 +44,11 @@ class MovingRow:
         self,
         response: Response,
         ax: Axes,
+        heights: Sequence[np.ndarray],
         reach: float,
         lasts: float,
-        elevations: Sequence[Any] | None = None,
     ) -> None:
         buildings = buildings_of(response)
-        heights = floor_heights("animate", [len(one) for one in buildings], elevations)
         home = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
         self._time = np.asarray(response.time)
         self._shaking = np.asarray(response.ground_acceleration)

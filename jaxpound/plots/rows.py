@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 
-from jaxpound._checks import instance, is_traced
+from jaxpound._checks import instance, is_traced, real
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.system import GROUND, Link, Structures, System, floors
 from jaxpound.plots.style import (
@@ -58,7 +59,7 @@ def row(
     ------
     ValueError
         If structures are no shear buildings, traced or a batch, or elevations are not one for each
-        floor of each building, from the lowest up.
+        floor of each building, finite, from the lowest up.
 
     Examples
     --------
@@ -115,15 +116,26 @@ def floor_heights(
     """Height of each floor of each building above the ground: as given, or its number."""
     if elevations is None:
         return [np.arange(1.0, n + 1) for n in n_floors]
+    rule = f"one for each of the {len(n_floors)} buildings"
+    if isinstance(elevations, str) or not isinstance(elevations, Sequence | np.ndarray):
+        raise ValueError(f"{owner}: elevations = {reprlib.repr(elevations)} must be {rule}")
     if len(elevations) != len(n_floors):
-        rule = f"one for each of the {len(n_floors)} buildings"
         raise ValueError(f"{owner}: elevations, {len(elevations)} of them, must be {rule}")
-    found = [np.asarray(each, float) for each in elevations]
-    for b, (each, n) in enumerate(zip(found, n_floors, strict=True)):
-        if each.shape != (n,) or not (np.diff(each, prepend=0.0) > 0).all():
-            rule = f"the heights of {n} floors above the ground, from the lowest up"
-            raise ValueError(f"{owner}: elevations[{b}] = {elevations[b]} must be {rule}")
-    return found
+    return [
+        heights_above_ground(owner, f"elevations[{b}]", each, n)
+        for b, (each, n) in enumerate(zip(elevations, n_floors, strict=True))
+    ]
+
+
+def heights_above_ground(owner: str, name: str, given: Any, n: int) -> np.ndarray:
+    """The heights of a building's n floors, as numbers."""
+    heights = np.asarray(real(owner, name, given), float)
+    rises = heights.shape == (n,) and (np.diff(heights, prepend=0.0) > 0).all()
+    if not (rises and np.isfinite(heights).all()):
+        floors = f"{n} floor{'s' * (n > 1)}"
+        rule = f"the heights of {floors} above the ground, finite, from the lowest up"
+        raise ValueError(f"{owner}: {name} = {reprlib.repr(given)} must be {rule}")
+    return heights
 
 
 class _Place(NamedTuple):

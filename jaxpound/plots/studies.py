@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from jaxpound._checks import instance
 from jaxpound.plots.style import (
     COLOURS,
     CYCLE,
     bars,
+    ends_named,
     in_house_style,
     label,
     legend,
     legend_above,
     new_axes,
     new_figure,
+    numbered_colours,
     only_shares,
     parameter_axis,
     parameter_name,
@@ -28,13 +31,14 @@ from jaxpound.plots.style import (
     signed_bars,
     unit_for,
 )
-from jaxpound.study.fragility import Fragility, grouped
+from jaxpound.study.fragility import ANY_LINK, Fragility, grouped
 from jaxpound.study.sensitivity import Sensitivity
 from jaxpound.study.statistics import probability
 from jaxpound.study.study import Study
 
 _POINTS = 200  # of a curve
 _MOST_DOTS = 2000  # of a scatter diagram
+_FAINT = 0.15  # of bands that overlap
 
 
 @in_house_style
@@ -135,32 +139,92 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
 
 
 @in_house_style
-def fragility(curve: Fragility, ax: Axes | None = None, intensity: str = "im") -> Axes:
-    """Fragility curve with its 95 % bootstrap band and the data.
+def fragility(
+    curve: Fragility | Mapping[str, Fragility], ax: Axes | None = None, intensity: str = "im"
+) -> Axes:
+    """Fragility curve with its 95 % bootstrap band and the data; or several curves by name.
 
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
-    their intervals. ``intensity`` is the label of the axis, with its unit.
+    their intervals. Of several curves the data are left out; that named "any link" is black and
+    dashed, for it often lies on that of one link. Beside more than six curves only "any link" has
+    its band. ``intensity`` is the label of the axis, with its unit.
+
+    Raises
+    ------
+    ValueError
+        If there is no curve.
+
+    Examples
+    --------
+    >>> from jaxpound.plots.studies import fragility
+    >>> pga, runs = [0.2, 0.4, 0.6, 0.8, 1.0], [20] * 5
+    >>> links = {"link 1": [0, 2, 5, 9, 12], "link 2": [1, 3, 8, 12, 16]}
+    >>> curves = {name: jp.fit_fragility(pga, often, runs) for name, often in links.items()}
+    >>> curves["any link"] = jp.fit_fragility(pga, [1, 4, 9, 14, 18], runs)
+    >>> ax = fragility(curves, intensity="PGA ($g$)")
+    >>> [line.get_label() for line in ax.lines]
+    ['link 1', 'link 2', 'any link']
     """
+    alone = isinstance(curve, Fragility)
+    drawn = [_alone(curve)] if isinstance(curve, Fragility) else _named(curve)
+    few = len({words for words, *_ in drawn} - {ANY_LINK}) <= len(CYCLE)
     ax = new_axes(ax)
+    reach = np.array([_reach(one) for _, _, one in drawn])
+    at = np.geomspace(reach[:, 0].min(), reach[:, 1].max(), _POINTS)
+    for words, colour, one in drawn:
+        line = "--" if words == ANY_LINK else "-"
+        ax.plot(at, one.probability(at), line, color=COLOURS.get(colour, colour), label=words)
+        if words == ANY_LINK or few:
+            low, high = one.band(at, replicates=200)
+            of_band = {"label": "95 % band"} if alone else {"alpha": _FAINT}
+            ax.fill_between(at, low, high, **(shade(colour) | of_band))
+    if isinstance(curve, Fragility):
+        _shares(ax, curve)
+    elif few or ANY_LINK in curve:
+        ax.fill_between([], [], [], label="95 % band", **shade("residual"))
+    ax.set_xscale("log")
+    ratio_ticks(ax.xaxis)
+    label(ax, intensity, "probability of pounding")
+    legend(ax, columns=2 if alone else 4)
+    only_shares(ax)
+    return ax
+
+
+def _alone(curve: Fragility) -> tuple[str, str, Fragility]:
+    """Its parameters for the legend, and its colour."""
+    words = rf"$\theta$ = {curve.median:.3g}, $\beta$ = {curve.dispersion:.3g}"
+    return words, "damper", curve
+
+
+def _named(curves: Mapping[str, Fragility]) -> list[tuple[str, str, Fragility]]:
+    """Name in the legend and colour of each of several curves."""
+    instance("fragility", "curve", curves, Mapping)
+    if not curves:
+        raise ValueError("fragility: curve = {} must hold at least one curve")
+    for name, curve in curves.items():
+        instance("fragility", f"curve[{name!r}]", curve, Fragility)
+    names = [name for name in curves if name != ANY_LINK]
+    shown = zip(ends_named(names), numbered_colours(len(names)), strict=True)
+    named = dict(zip(names, shown, strict=True)) | {ANY_LINK: (ANY_LINK, "ground")}
+    return [(*named[name], curve) for name, curve in curves.items()]
+
+
+def _reach(curve: Fragility) -> tuple[float, float]:
+    """The intensities between which a curve is drawn."""
+    least, most = curve.intensity.min(), curve.intensity.max()
+    return min(least, curve.median / 4), max(most, curve.median * 2)
+
+
+def _shares(ax: Axes, curve: Fragility) -> None:
+    """The data of a curve: shares of pounding with their intervals."""
     im, k, n = curve.intensity, curve.pounding, curve.trials
     if not curve.stripes:
         im, k, n = grouped(im, k, 12)
     shares = np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
-    at = np.geomspace(min(im.min(), curve.median / 4), max(im.max(), curve.median * 2), _POINTS)
-    low, high = curve.band(at, replicates=200)
-    ax.fill_between(at, low, high, label="95 % band", **shade("damper"))
-    words = rf"$\theta$ = {curve.median:.3g}, $\beta$ = {curve.dispersion:.3g}"
-    ax.plot(at, curve.probability(at), color=COLOURS["damper"], label=words)
     off = np.abs(shares[:, 1:].T - shares[:, 0])
     ax.errorbar(
         im, shares[:, 0], off, fmt="o", color="black", markersize=3, linewidth=0.7, label="data"
     )
-    ax.set_xscale("log")
-    ratio_ticks(ax.xaxis)
-    label(ax, intensity, "probability of pounding")
-    legend(ax, columns=2)
-    only_shares(ax)
-    return ax
 
 
 @in_house_style

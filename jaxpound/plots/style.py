@@ -19,7 +19,7 @@ from importlib import resources
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from matplotlib import rc_context, rc_params_from_file, rcParams
+from matplotlib import colormaps, rc_context, rc_params_from_file, rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_hex, to_rgb
@@ -213,6 +213,20 @@ def shades(n: int) -> list[str]:
     return [COLOURS["residual"], *(to_hex(tuple(colour)) for colour in mixed)][:n]
 
 
+def numbered_colours(n: int) -> list[str]:
+    """Colours of n series by number: those of ``CYCLE``; of more series from dark to light."""
+    if n <= len(CYCLE):
+        return CYCLE[:n]
+    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.92, n))]
+
+
+def ends_named(names: Sequence[str]) -> list[str]:
+    """Names for a legend: of more series than ``CYCLE`` has colours only the first and the last."""
+    if len(names) <= len(CYCLE):
+        return [*names]
+    return [names[0], *(f"_{name}" for name in names[1:-1]), names[-1]]
+
+
 # Of a cycle's colours those that letters can be read in, and that are unlike the first two.
 _BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], CYCLE[2], CYCLE[3], CYCLE[5])
 
@@ -231,8 +245,9 @@ def tones(colour: str, n: int) -> list[str]:
 
 
 def shade(colour: str) -> dict[str, Any]:
-    """Style of a shaded region."""
-    return {"facecolor": COLOURS[colour], "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
+    """Style of a shaded region, of a colour by its name in ``COLOURS`` or of any other."""
+    face = COLOURS.get(colour, colour)
+    return {"facecolor": face, "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
 
 
 def label(ax: Axes, x: str, y: str) -> None:

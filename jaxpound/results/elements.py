@@ -8,7 +8,7 @@ quantities are numbered only where there are several links: ``min_gap``, else ``
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import jax
@@ -109,6 +109,25 @@ def _flat_name(known: Quantity, i: int, n: int) -> str:
 def of_link(name: str, link: int, n_links: int) -> str:
     """The name of a link's column: numbered, from 1, where there are several links."""
     return name if n_links == 1 else f"{name}_{link + 1}"
+
+
+_OF_A_DAMPER = r"(?:damper_force|slip_distance|friction_work)((?:_[1-9][0-9]*)?)"
+
+
+def without_idle_dampers(names: Iterable[str], largest: Callable[[str], float]) -> list[str]:
+    """Names of scalars, without the slip of links whose friction is 0 in all runs.
+
+    ``largest`` is the largest value of a scalar in all runs. A link has no friction if its ends
+    move relative to each other and its damper takes no energy.
+    """
+    names = list(names)
+
+    def is_idle(link: str) -> bool:
+        work, slip = f"friction_work{link}", f"slip_distance{link}"
+        return {work, slip} <= {*names} and largest(work) == 0 < largest(slip)
+
+    found = {name: re.fullmatch(_OF_A_DAMPER, name) for name in names}
+    return [name for name, match in found.items() if match is None or not is_idle(match[1])]
 
 
 def _pattern(known: Quantity) -> str:

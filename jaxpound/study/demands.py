@@ -30,8 +30,8 @@ from jaxpound.simulation.scheme import Scheme
 
 def is_ours(name: str) -> bool:
     """Whether a column is one of ``demands_of``, not a measure or a parameter of the user's."""
-    ours = re.fullmatch(r"required_gap(_[1-9]\d*)?|peak_drift|peak_acceleration", name)
-    return ours is not None or place_of(Demand, name) is not None
+    of_gaps = re.fullmatch(r"required_gap(_[1-9]\d*)?", name)
+    return bool(of_gaps) or name in OF_FLOORS or place_of(Demand, name) is not None
 
 
 def rest_gap(structures: Structures) -> Any:
@@ -102,18 +102,21 @@ def _over_all(
     """Group, element and field of the demands that each name is the largest of."""
     found: dict[str, list[tuple[str, int, str]]] = {}
     if any(map(is_storey, topology.rods)):
+        drift, acceleration = OF_FLOORS
         # The drift of a storey above the ground is the displacement of its floor.
-        found["peak_drift"] = [
-            ("rods", r, "peak_drift") if is_storey(ends) else ("masses", max(ends), "peak_x")
+        found[drift] = [
+            ("rods", r, drift) if is_storey(ends) else ("masses", max(ends), "peak_x")
             for r, ends in enumerate(topology.rods)
         ]
-        every = range(topology.n_masses)
-        found["peak_acceleration"] = [("masses", i, "peak_acceleration") for i in every]
+        found[acceleration] = [("masses", i, acceleration) for i in range(topology.n_masses)]
     if len(touching) > 1 and any(touching):
         those = [k for k, touches in enumerate(touching) if touches]
         found |= {name: [("links", k, name) for k in those] for name in OF_CONTACTS}
     return found
 
+
+OF_FLOORS = ("peak_drift", "peak_acceleration")
+"""Demands of a storey and of a floor whose largest over all has the name without a number."""
 
 OF_CONTACTS = ("peak_contact", "peak_impulse", "peak_penetration")
 """Demands of a link whose largest over several links has the name without a number."""

@@ -11,6 +11,9 @@ from scipy.special import log_ndtr, ndtr
 from jaxpound._checks import Rule, enforce, require_share
 from jaxpound._tables import Shown, Table
 
+ANY_LINK = "any link"
+"""Name of the curve of pounding at any of several links, beside those of "link 1" and so on."""
+
 _CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many samples draws from
 
 

@@ -17,7 +17,7 @@ from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand, kind_of
-from jaxpound.results.elements import of_link
+from jaxpound.results.elements import of_link, without_idle_dampers
 from jaxpound.study.archives import DamagedError
 from jaxpound.study.chunk import finished, total
 from jaxpound.study.demands import is_ours
@@ -408,6 +408,15 @@ class Study(Columnar, Shown):
 
     # Tables.
 
+    def told(self) -> list[str]:
+        """Names of the columns that tables tell of.
+
+        All but the scenarios' parameters, and the slip of links without friction.
+        """
+        drawn = self.about["identity"]["parameters"]
+        names = [name for name in self.columns if name not in drawn]
+        return without_idle_dampers(names, lambda name: self._moments[name].largest)
+
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         si, columns = self.scales is not None, {"sample": self.indices}
         for name in self.columns:
@@ -420,8 +429,8 @@ class Study(Columnar, Shown):
 
     def _tables(self) -> list[Table]:
         units = "dimensionless" if self.scales is None else "SI"
-        drawn, rows = self.about["identity"]["parameters"], []
-        for name in [name for name in self.columns if name not in drawn]:
+        rows = []
+        for name in self.told():
             m = self.moments(name)
             numbers = (m.mean, m.std, m.smallest, m.largest)
             rows.append((name, *numbers, unit(self._quantity(name), self.scales is not None)))

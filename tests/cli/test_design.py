@@ -15,7 +15,7 @@ from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File, entries
 from jaxpound.cli.simulate import Simulation
-from jaxpound.design.objective import PRICES
+from jaxpound.design.prices import PRICES
 from jaxpound.results.demand import in_words
 from tests.cli.commands import edited, is_figure, number, run, tables
 
@@ -200,6 +200,20 @@ def assert_page_says(page, answers, buildings):
         ({"goal": 'goal = "men gap"'}, "did you mean 'mean gap'?"),
         ({"# share": "share = 0.1"}, "[objective] share must not be given with goal"),
         ({"goal": 'goal = "soft minimum"'}, "[objective] lacks the key 'temperature'"),
+        ({"goal": 'goal = "least demand"'}, "[objective] lacks the key 'demand'"),
+        ({"# demand": 'demand = "peak_x1"'}, "[objective] demand must not be given with goal = "),
+        (
+            {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_x3"'},
+            "[objective] has an unknown demand 'peak_x3'; did you mean 'peak_x",
+        ),
+        (
+            {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_drft"'},
+            "[objective] unknown price 'peak_drft'; did you mean 'peak_drift'?",
+        ),
+        (
+            {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_contact"'},
+            "[objective] peak_contact must not be given without a law of [contact]",
+        ),
         (
             {"goal": 'goal = "CVaR"', "# share": "share = 2.0"},
             "[objective] share = 2.0 must be between 1e-06 and 1 (of the",
@@ -327,6 +341,14 @@ def test_goals_of_the_file(write):
         ({"goal": 'goal = "CVaR"', "# share": "share = 0.2"}, jp.CVaR(0.2)),
         ({"goal": 'goal = "soft minimum"', "# temp": "temperature = 0.02"}, jp.SoftMinimum(0.02)),
         ({"goal": 'goal = "pounding probability"'}, jp.PoundingProbability()),
+        (
+            {
+                "goal": 'goal = "least demand"',
+                "# demand": 'demand = "peak_x1"',
+                "# over": "over = 0.1",
+            },
+            jp.LeastDemand("peak_x1", 0.1),
+        ),
     ):
         _, wanted = read(write(SMALL | changes))
         assert wanted.objective.goal == goal

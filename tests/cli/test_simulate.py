@@ -136,6 +136,7 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
     assert results["overlap_m"] > 0
     assert f"POUNDS: overlap {results['overlap_m']:.4g} m" in screen
     assert "contact itself is not modelled" in screen
+    assert f"Damper   none; offset left {results['residual_offset_m']:.4g} m" in screen
 
     header, *rows = (out / "series.csv").read_text().splitlines()
     assert header.split(",")[:3] == ["time_s", "ground_acceleration_m_per_s2", "x1_m"]

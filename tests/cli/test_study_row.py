@@ -10,6 +10,7 @@ import jaxpound as jp
 from jaxpound.cli import design, montecarlo
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
+from jaxpound.cli.report import fragilities_of_links
 from jaxpound.cli.simulate import Simulation
 from tests.cli.commands import edited, number, refusal, run, tables
 
@@ -50,6 +51,21 @@ def test_the_example_s_random_storeys():
     [
         ({'"link.2': '"link.1.friction_force" = {uniform = [1, 2]}'}, "must be of a value above 0"),
         (
+            {'"link.2': '"link.2.gap" = {uniform = [1, 2]}'},
+            "[uncertain] link.2.gap must be of a [[link]] with a gap: link.2 has no gap",
+        ),
+        (
+            {'"link.2': '"link.*.contact.stiffness" = {uniform = [1, 2]}'},
+            "link.*.contact.stiffness must be of a [[link]] with contact: links have no contact",
+        ),
+        (
+            {
+                "gap": 'gap = 0.05\ncontact = {law = "newton", restitution = 0.65}',
+                '"link.2': '"link.1.contact.stiffness" = {uniform = [1, 2]}',
+            },
+            "must be a parameter of the law of contact, which has restitution",
+        ),
+        (
             {'"link.2': '"link.3.gap" = {uniform = [1, 2]}'},
             "[uncertain] link.3.gap must be of a",
         ),
@@ -89,7 +105,12 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     path, store, out = (tmp_path / name for name in ("row.toml", "store", "out"))
     changes = {"samples": "samples = 40", "# spectral": "spectral_acceleration = true"}
     path.write_text(edited(STUDY, SHORT | changes))
-    assert "probability of pounding" in run("montecarlo", path, "--store", store)
+    screen = run("montecarlo", path, "--store", store)
+    assert "probability of pounding" in screen
+    assert re.findall(r"slip_distance_\d|friction_work_\d", screen) == [
+        "slip_distance_3",  # links 1 and 2 have no damper
+        "friction_work_3",
+    ]
     run("report", "--store", store, "--out", out)
     study = jp.Study.open(store)
     answers = json.loads((out / "summary.json").read_text())
@@ -102,13 +123,21 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert 0 < answers["links"][1]["pounding_probability"]["value"] < 1
     page = (out / "summary.md").read_text()
     assert "# Monte Carlo study of buildings in a row" in page
+    assert re.findall(r"slid by the damper of link (\d)", page) == ["3"]
     (links,) = (table for table in tables(page) if "between" in table[0])
     assert links[1]["between"] == "floor 2 of buildings 1 and 2"
     value = answers["links"][1]["pounding_probability"]["value"]
     assert number(links[1]["probability of pounding"]) == pytest.approx(value, rel=1e-3)
     assert "absolute sum" not in page
     assert "peak displacement of floor 3 of building 2" in page
-    for figure in ("min_gap", "required_gap", "correlations", "parameters"):
+    fitted = [one["fragility_by_pga"] for one in answers["links"]]
+    assert any(fitted)
+    assert ("No fragility curve fits a link" in page) == (None in fitted)
+    drawn = fragilities_of_links(study)
+    assert drawn.keys() - {"any link"} == {f"link {k + 1}" for k in (0, 1) if fitted[k]}
+    assert drawn["any link"].median == answers["fragility"]["pga"]["median"]
+    assert "![fragility of links](fragility_of_links.png)" in page
+    for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
         assert (out / f"{figure}.png").exists()
 
 
@@ -133,6 +162,33 @@ def test_what_is_wrong_with_a_design_of_a_row(changes, says, tmp_path, capsys):
     line = refusal(capsys, "design", path, "--out", tmp_path / "out")
     assert line.startswith(f"jaxpound: error: {path}: ")
     assert says in line
+
+
+BRACES = """
+[[building]]
+storeys = {number = 2, mass = 200e3, period = 0.5, damping_ratio = 0.05}
+
+[[link]]
+building = 1
+floors = [1, 2]
+next_building = 1
+friction_force = 50e3
+"""
+
+
+def test_braces_alone_have_a_response_to_be_least(tmp_path):
+    text = edited(DESIGN, SHORT | {"total_damper": "total_damper_force = 4e5"})
+    head, tail = text[: text.index("[[building]]")], text[text.index("# Random earthquakes") :]
+    file = File("row.toml", head + BRACES + tail)
+    with pytest.raises(
+        ValueError, match=r'\[objective\] goal = "mean gap" must be "least demand" '
+    ):
+        design.prepared(file, file.read(design.Wanted))
+    changes = {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_drift"'}
+    file = File("row.toml", edited(file.text, changes))
+    posed = design.prepared(file, file.read(design.Wanted))
+    assert posed.objective.goal == jp.LeastDemand("peak_drift")
+    assert posed.space.names == ("links.0.friction", "links.1.friction")
 
 
 def no_elasticities(*_, **__):

@@ -20,7 +20,7 @@ from jaxpound.cli import design as command
 from jaxpound.cli.parameters import PairParameters
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
-from jaxpound.design.objective import PRICES
+from jaxpound.design.prices import PRICES
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.search import SearchOptions
 from tests.test_tables import assert_shown

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound.design.objective import gathered, tail_mean
+from jaxpound.design.prices import gathered, tail_mean
 
 GAPS = np.random.default_rng(0).normal(0.3, 0.2, 50)
 REST = np.full(50, 1.0)
@@ -108,6 +108,20 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
     assert objective.limits["damper_force"] == jp.Limit(0.3, "worst")
 
 
+def test_the_least_demand_is_minus_its_statistic():
+    demands = {"peak_drift": jnp.asarray(np.abs(GAPS))}
+    for over in ("mean", "worst", 0.1):
+        objective = jp.Objective(jp.LeastDemand("peak_drift", over))
+        expected = float(gathered(demands["peak_drift"], over))
+        assert float(objective.value(demands)) == -expected
+        assert objective.size(demands) == expected
+    assert (objective.demand, objective.quantity) == ("peak_drift", "length")
+    assert not objective.needs_gap
+    assert jp.Objective(jp.LeastDemand("peak_acceleration_2")).quantity == "acceleration"
+    assert objective.size({"peak_drift": jnp.zeros(3)}) == 1.0
+    assert objective.prices(demands).shape == (0,)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -115,6 +129,12 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
         (lambda: jp.CVaR(1.0), "share = 1 must be between 0 and 1"),
         (lambda: jp.PoundingProbability(-0.1), "gap = -0.1 must be finite, not negative"),
         (lambda: jp.PoundingProbability(0.1, 0.0), "width = 0 must be positive"),
+        (
+            lambda: jp.LeastDemand("peak_drft"),
+            "LeastDemand: unknown price 'peak_drft'; did you mea",
+        ),
+        (lambda: jp.LeastDemand("min_gap"), "LeastDemand: unknown price 'min_gap'"),
+        (lambda: jp.LeastDemand("peak_x1", "all"), "LeastDemand: over = 'all' must be 'worst', "),
         (lambda: jp.Limit(0.0), "at_most = 0 must be positive"),
         (lambda: jp.Limit(1.0, "median"), "over = 'median' must be 'worst', 'mean' or a share"),
         (lambda: jp.Limit(1.0, 2.0), "over = 2 must be between 0 and 1"),

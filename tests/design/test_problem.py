@@ -2,11 +2,12 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.design.objective import PRICES, prices_of
+from jaxpound.design.prices import PRICES, prices_of
 from jaxpound.design.problem import DesignProblem
 from jaxpound.study.demands import OF_CONTACTS
 from tests.study.test_demands import GRID, OPEN, SYSTEM, linked
@@ -75,9 +76,19 @@ def test_a_system_is_designed():
     [(OPEN, FRICTION), (dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)})],
     ids=["no gap", "no link"],
 )
-def test_systems_without_a_gap_are_refused(system, variables):
-    with pytest.raises(ValueError, match=r"^design_damper: space: structures must have a link who"):
-        problem(system, variables)
+def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
+    for goal in (jp.MeanGap(), jp.GapAtRest(), jp.PoundingProbability()):
+        named = (
+            rf"^design_damper: objective: goal = {type(goal).__name__}\(.*\) must not be of gaps"
+        )
+        with pytest.raises(ValueError, match=named):
+            problem(system, variables, goal=goal)
+    posed = problem(system, variables, goal=jp.LeastDemand("peak_drift"))
+    assert posed.columns == posed.prices
+    demands = jax.eval_shape(posed.demands, system, ENSEMBLE.ground(0))
+    assert {*demands} == {*posed.columns}
+    with pytest.raises(ValueError, match="objective: 'peak_contact' in goal must be one of"):
+        problem(system, variables, goal=jp.LeastDemand("peak_contact"))
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,18 @@
 """Designs of a row: where dampers go within a budget, against all placements; and its kin."""
 
 import dataclasses
+import json
 
 import jax
 import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.cli.design_report import page, summary
+from jaxpound.cli.parameters import RowParameters
+from jaxpound.cli.row import Row as Form
+from jaxpound.plots import designs as plots
+from jaxpound.plots.style import figure
 from tests.rows import GAPS, GRID, ROW, WAVES
 from tests.test_tables import assert_shown
 
@@ -149,6 +155,57 @@ def test_a_row_from_recorded_floors():
         jp.calibrate(space, {"gap": measured["gap_2"]}, jp.paper.ground(), GRID)
 
 
+def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
+    """A building that stands alone has no gap; a brace that is too strong only stiffens it."""
+    buildings = (jp.ShearBuilding.from_period(1, 300e3, period=0.6, damping_ratio=0.05),)
+    links = (jp.FloorLink(0, 0, next_building=0, friction=100e3),)
+    row, scales = jp.dimensionless_row(buildings, links)
+    grid = jp.TimeGrid(0.15, 80)
+    waves = [jp.Ricker(a, [p], [4.0]) for a, p in ((0.1, 4.0), (0.2, 5.0), (0.15, 6.0))]
+    ensemble = jp.Ensemble.of(waves, grid)
+
+    def brace(mu):
+        return dataclasses.replace(row, links=(dataclasses.replace(row.links[0], friction=mu),))
+
+    at = np.linspace(0, 0.8, 81)
+    run = jax.jit(jax.vmap(lambda mu, g: jp.demand(brace(mu), g, grid), (0, None)))
+    scanned = np.mean([run(at, wave).peak_acceleration_1 for wave in waves], axis=0)
+    scanned = scanned * jp.STANDARD_GRAVITY
+    least = int(np.argmin(scanned))
+    assert 2 < least < 78
+    found = jp.design_damper(
+        jp.DesignSpace(row, {"links.0.friction": (0.0, 0.8)}),
+        ensemble,
+        grid,
+        objective=jp.Objective(jp.LeastDemand("peak_acceleration_1")),
+        starts=1,
+        iterations=30,
+        scales=scales,
+        progress=False,
+        fresh=None,
+    )
+    assert -scanned[least] - 1e-3 <= found.objective
+    assert found.values["links.0.friction"] == pytest.approx(at[least], abs=0.02)
+    compared = found.trained
+    assert compared.pounding == (0.0, 0.0)
+    assert compared.difference().value < 0
+    shown = "".join(assert_shown(compared))
+    assert "peak absolute acceleration of building 1 changed by -" in shown
+    assert "gap" not in shown
+    assert figure(plots.convergence, found).axes[0].get_ylabel() == "objective (m/s²)"
+    (ax,) = figure(plots.before_and_after, compared).axes
+    assert ax.get_xlabel() == "peak $|a_1|$ (m/s²)"
+    parameters = RowParameters(Form(buildings, links, (1,), []))
+    answers = summary(
+        found, {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}, scales, parameters
+    )
+    told = page(json.loads(json.dumps(answers, allow_nan=False)), [], compared.topology)
+    assert "gap" not in told
+    assert "pounded" not in told
+    assert "the peak absolute acceleration of building 1 changes by -" in told
+    assert "peak absolute acceleration of building 1 before" in told
+
+
 def test_a_budget_below_zero_is_refused():
     with pytest.raises(ValueError, match="total_damper_force = -1 must be positive and fin"):
         jp.Objective(limits={"total_damper_force": -1.0})
@@ -156,3 +213,6 @@ def test_a_budget_below_zero_is_refused():
         jp.Objective(limits={"total_damper": 1.0})
     with pytest.raises(ValueError, match=r"DesignSpace: no path matches 'links\.\*\.frction'"):
         jp.DesignSpace(ROW, {"links.*.frction": (0.0, 1.0)})
+    for path in ("links.*.contact.stiffness", "links.1.contact.restitution"):
+        with pytest.raises(ValueError, match=r"^DesignSpace: .*; links have no contact$"):
+            jp.DesignSpace(ROW, {path: (0.5, 1.0)})

@@ -182,3 +182,11 @@ def test_bad_input(make, message):
 def test_floors_at_other_heights_are_linked_where_it_is_said():
     row, _ = jp.dimensionless_row((LOW, SHIFTED), (jp.FloorLink(0, 0, next_floor=0),))
     assert row.system().links[0].ends == (0, 2)
+
+
+def test_a_tall_building_and_a_row_of_many_are_shown_on_a_few_lines():
+    building = jp.ShearBuilding.from_period(20, 2e5, 2.0, 0.05)
+    assert "<18 more>, Building(mass=200000, " in repr(building)
+    row, _ = jp.dimensionless_row((building,) * 4, jp.floor_links((building,) * 4, gap=0.1))
+    for shown in map(repr, (building, row, row.buildings[0], row.system())):
+        assert len(shown) < 900  # ten lines of a terminal

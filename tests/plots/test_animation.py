@@ -14,6 +14,7 @@ from PIL import Image
 import jaxpound as jp
 from jaxpound.plots.animation import Scene, animate, still
 from jaxpound.plots.moving_rows import MovingRow
+from jaxpound.plots.rows import floor_heights
 from tests.made import changed, row_of, row_response
 
 mpl.use("Agg")
@@ -183,7 +184,7 @@ def faces(ax):
 
 def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved):
     ax = Figure().add_subplot()
-    scene = MovingRow(moved, ax, reach=0.6, lasts=1.0)
+    scene = MovingRow(moved, ax, floor_heights("", (3, 2, 1), None), reach=0.6, lasts=1.0)
     scene.show(0)
     rest = faces(ax)
     for i in (0, 60, 203, 400):
@@ -200,7 +201,7 @@ def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved):
 
 def test_contacts_of_a_row_flash_and_are_counted(moved):
     ax = Figure().add_subplot()
-    scene = MovingRow(moved, ax, reach=0.6, lasts=0.5)
+    scene = MovingRow(moved, ax, floor_heights("", (3, 2, 1), None), reach=0.6, lasts=0.5)
     stars = [line for line in ax.lines if isinstance(line.get_marker(), tuple)]
     seen = set()
     for i, time in enumerate(TIME):
@@ -230,5 +231,5 @@ def test_a_row_is_animated_with_its_displacements_and_the_map_of_its_gaps(moved)
     free.to_jshtml()
     words = [ax.get_ylabel().partition(" ")[0] for ax in free._fig.axes if ax.axison]
     assert words == ["ground", "displacement"]
-    with pytest.raises(ValueError, match="animate: elevations, 1 of them, must be one for each"):
+    with pytest.raises(ValueError, match="still: elevations, 1 of them, must be one for each"):
         still(moved, 1.0, Figure().add_subplot(), elevations=[[3, 6, 9]])

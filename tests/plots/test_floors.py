@@ -160,9 +160,22 @@ def test_no_label_touches_another(n_floors):
         (lambda: plots.envelope(floors(2), "drfit"), "quantity = 'drfit' must be .*drift"),
         (
             lambda: plots.envelope(floors(2), elevations=[6.0, 3.0]),
-            r"elevations\[0\] = \[6.0, 3.0\] must be the heights of 2 floors",
+            r"envelope: elevations = \[6.0, 3.0\] must be the heights of 2 floors above the ground",
+        ),
+        (
+            lambda: plots.envelope(floors(2), elevations=[3.0, np.inf]),
+            r"envelope: elevations = \[3.0, inf\] must be .*, finite, from the lowest up",
+        ),
+        (
+            lambda: plots.envelope(floors(2), elevations=["3 m", "6 m"]),
+            r"envelope: elevations = \['3 m', '6 m'\] must be a real number",
         ),
         (lambda: plots.envelopes((floors(2),), [[3.0], [3.0]]), "elevations, 2 of them, must be"),
+        (lambda: plots.envelopes((floors(1),), 3.0), "envelopes: elevations = 3.0 must be one for"),
+        (
+            lambda: plots.envelopes((floors(2), floors(1, 1)), [[3.0, 6.0], [np.nan]]),
+            r"envelopes: elevations\[1\] = \[nan\] must be the heights of 1 floor above",
+        ),
         (lambda: plots.envelopes((floors(2),), labels=[]), "labels, 0 of them, must be one for"),
         (
             lambda: plots.envelopes({"a": (floors(2),), "b": (floors(3),)}),

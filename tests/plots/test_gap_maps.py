@@ -100,6 +100,10 @@ def test_wrong_arguments_are_refused(ax):
     for widest in (0.0, -1.0, np.inf, np.nan):
         with pytest.raises(ValueError, match=r"gap_map: widest = .* must be positive and finite"):
             plots.gap_map(run, ax, widest)
+    with pytest.raises(ValueError, match="gap_map: widest = 'wide' must be a real number"):
+        plots.gap_map(run, ax, "wide")
+    with pytest.raises(ValueError, match=r"gap_map: widest of shape \(2,\) must be one number"):
+        plots.gap_map(run, ax, [1.0, 2.0])
     with pytest.raises(ValueError, match="gap_map: a batch of shape"):
         plots.gap_map(jax.tree.map(lambda x: np.stack([x, x]), run), ax)
     lost = dataclasses.replace(run, demand=changed(run.demand, pga=np.nan))

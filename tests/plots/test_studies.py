@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import studies as plots
-from jaxpound.plots.style import parameter_axis, parameter_name
+from jaxpound.plots.style import COLOURS, parameter_axis, parameter_name
 from tests.study.test_run import LINEAR, RANDOM, study
 from tests.study.test_sensitivity import GRID, SCENARIOS
 
@@ -106,6 +106,36 @@ def test_fragility_has_its_data_and_its_curve(found, ax):
             curve.pounding.sum(), rel=0.02
         )
         assert ax.get_xlabel() == "PGA ($g$)"
+
+
+def curves(n):
+    """Of links of which each is more fragile than the one before, and of any of them."""
+    pga, runs = [0.1, 0.2, 0.4, 0.8], [20] * 4
+    links = {f"link {k + 1}": jp.fit_fragility(pga, [0, 2, 5 + k, 9 + k], runs) for k in range(n)}
+    return links | {"any link": jp.fit_fragility(pga, [1, 4, 15, 20], runs)}
+
+
+def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
+    drawn = curves(3)
+    plots.fragility(drawn, ax, "PGA ($g$)")
+    for line, (name, curve) in zip(ax.lines, drawn.items(), strict=True):
+        assert line.get_label() == name
+        np.testing.assert_allclose(line.get_ydata(), curve.probability(line.get_xdata()))
+    assert len({line.get_color() for line in ax.lines}) == 4
+    (black,) = (line for line in ax.lines if line.get_color() == COLOURS["ground"])
+    assert (black.get_label(), black.get_linestyle()) == ("any link", "--")
+    told = [text.get_text() for text in ax.get_legend().texts]
+    assert told == [*drawn, "95 % band"]
+    assert sum(bool(band.get_paths()) for band in ax.collections) == 4
+    ax.clear()
+    plots.fragility(curves(9), ax)
+    told = [text.get_text() for text in ax.get_legend().texts]
+    assert told == ["link 1", "link 9", "any link", "95 % band"]
+    assert len({line.get_color() for line in ax.lines}) == 10
+    with pytest.raises(ValueError, match=r"fragility: curve = {} must hold at least one curve"):
+        plots.fragility({}, ax)
+    with pytest.raises(ValueError, match=r"curve\['link 1'\] = 0.4 must be of type Fragility"):
+        plots.fragility({"link 1": 0.4}, ax)
 
 
 def test_scatter_has_a_panel_for_each_pair():

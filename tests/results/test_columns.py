@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.results.elements import without_idle_dampers
 from tests.study.test_run import LINEAR, study
 
 GRID = jp.TimeGrid(0.05, 40)
@@ -122,3 +123,15 @@ def test_names_that_users_gave_stay_apart(tmp_path):
         found = study(LINEAR, 64, measures={name: friction}, scales=scales)
         with pytest.raises(ValueError, match=f"column '{name}' must be told from another"):
             found.to_columns()
+
+
+def test_links_without_friction_do_not_tell_of_slip():
+    largest = {"slip_distance_1": 0.2, "friction_work_1": 0.0}  # moves, and takes no energy
+    largest |= {"slip_distance_2": 0.2, "friction_work_2": 0.1}
+    largest |= {"slip_distance_3": 0.0, "friction_work_3": 0.0}  # sticks throughout
+    names = [*largest, "damper_force_1", "damper_force_2", "residual_offset_1", "min_gap_1"]
+    left_out = {"slip_distance_1", "friction_work_1", "damper_force_1"}
+    kept = without_idle_dampers(names, largest.__getitem__)
+    assert kept == [name for name in names if name not in left_out]
+    alone = {"slip_distance": 0.2, "friction_work": 0.0}
+    assert without_idle_dampers([*alone, "pga"], alone.__getitem__) == ["pga"]
