@@ -71,7 +71,7 @@ def wavelets(dt):
 
 
 def assemble(ops, buildings, links, record, stiffness):
-    """The row in OpenSees under a record; the nodes of all floors, building by building."""
+    """The row in OpenSees under a record, without friction for stiffness 0; its floors' nodes."""
     ops.wipe()
     ops.model("basic", "-ndm", 1, "-ndf", 1)
     ops.node(1, 0.0)
