@@ -3,24 +3,44 @@
     pip install -e ".[bench]" && python benchmarks/opensees_rows.py [--record FILE] [--speed]
 
 A row of three buildings of one storey, and a building of three storeys beside one of five; rods are
-of order 1 (OpenSees: a spring beside its ``Maxwell`` material), friction is Coulomb's (OpenSees: an
-``ElasticPP`` spring 10⁴ times as stiff as the first storey) and contact Kelvin and Voigt's with its
-pull (``ViscoelasticGap``). Each is compared with jaxpound's run of the shortest step, in percent of
-the largest displacement. Without a record the ground moves by three wavelets. ``--speed`` times a
-batch of 1,024 earthquakes on the row of three against a loop over OpenSees at a like error.
+of order 1 (OpenSees: a spring beside its ``Maxwell`` material), contact is Kelvin and Voigt's with
+its pull (``ViscoelasticGap``) and friction Coulomb's (an ``ElasticPP`` spring; its stiffness, in
+those of the first storey, is in the table). Differences are from jaxpound's run of the shortest
+step, the largest of all floors and of 24 instants, in percent of the largest displacement; "fails"
+is where Newton's iteration does not converge. Without a record the ground moves by three wavelets.
+``--speed`` times a batch of 1,024 earthquakes on the row of three and a loop over OpenSees, at like
+differences under El Centro.
+
+Where the damper stops, OpenSees' spring keeps vibrating, undamped, at a speed that falls with the
+root of its stiffness; with that root falls the difference that shorter steps leave.
 """
 
 import argparse
 import time
+from dataclasses import replace
 
 import jax
 import numpy as np
-from batches import CORES
 from opensees import opensees
 
 import jaxpound as jp
 
-END, FRICTION = 12.0, 1e4
+jax.config.update("jax_enable_x64", True)
+jp.use_cores()
+
+END = 12.0
+INSTANTS = np.round(np.linspace(0.5, END, 24), 6)
+STEPS = (0.004, 0.002, 0.001, 0.0005, 0.0002, 0.0001, 5e-5, 2e-5, 1e-5)
+OURS, FINEST = STEPS[:3], 0.00025
+PEERS = [
+    (rule, stiffness, steps)
+    for rule, steps, springs in (
+        ("explicit", STEPS[1:], (1e3, 1e4, 1e5, 1e6)),
+        ("Newmark", STEPS[1:7], (1e3, 1e5)),
+    )
+    for stiffness in springs
+]
+LIKE = (0.004, 1e5, 0.0002), (0.002, 1e6, 5e-5)  # jaxpound's step; OpenSees' spring and step
 LAW = jp.KelvinVoigt(stiffness=2e8, restitution=0.65, tension=True)
 
 
@@ -50,8 +70,8 @@ def wavelets(dt):
     return np.asarray(jax.vmap(ground.acceleration)(t)) / 9.80665
 
 
-def peer(ops, buildings, links, samples, sample_dt, h, instants):
-    """Displacements of all floors by OpenSees, shape (instants, floors), m."""
+def assemble(ops, buildings, links, record, stiffness):
+    """The row in OpenSees under a record, without friction for stiffness 0; its floors' nodes."""
     ops.wipe()
     ops.model("basic", "-ndm", 1, "-ndf", 1)
     ops.node(1, 0.0)
@@ -77,87 +97,115 @@ def peer(ops, buildings, links, samples, sample_dt, h, instants):
             nodes.append(node)
             below, node = node, node + 1
         floors.append(nodes)
-    stiff = FRICTION * float(buildings[0].storeys[0].stiffness)
+    stiff = stiffness * float(buildings[0].storeys[0].stiffness)
     for link in links:
         ends = floors[link.building][link.floor], floors[link.other_building][link.other_floor]
-        masses = [
-            float(buildings[b].storeys[f].mass)
-            for b, f in ((link.building, link.floor), (link.other_building, link.other_floor))
-        ]
-        effective = 1 / sum(1 / mass for mass in masses)
+        effective = 1 / sum(1 / ops.nodeMass(end, 1) for end in ends)
         dashpot = 2 * float(LAW.damping_ratio) * np.sqrt(LAW.stiffness * effective)
         slip, gap = next(tags), next(tags)
-        ops.uniaxialMaterial("ElasticPP", slip, stiff, float(link.friction) / stiff)
         ops.uniaxialMaterial("ViscoelasticGap", gap, LAW.stiffness, dashpot, -float(link.gap))
-        element(*ends, slip)
         element(*ends, gap)
-    ops.timeSeries("Path", 1, "-dt", sample_dt, "-values", *samples, "-factor", 9.80665)
+        if stiffness:
+            ops.uniaxialMaterial("ElasticPP", slip, stiff, float(link.friction) / stiff)
+            element(*ends, slip)
+    samples = np.asarray(record.samples).tolist()
+    ops.timeSeries("Path", 1, "-dt", float(record.dt), "-values", *samples, "-factor", 9.80665)
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
+    return [node for nodes in floors for node in nodes]
+
+
+def peer(ops, row, record, rule, stiffness, h, instants=INSTANTS):
+    """Displacements of all floors by OpenSees, shape (instants, floors), m; None if it gives up."""
+    nodes = assemble(ops, *row, record, stiffness)
     ops.constraints("Plain")
-    ops.numberer("RCM")
-    ops.system("BandGeneral")
-    ops.test("NormDispIncr", 1e-12, 100)
-    ops.algorithm("KrylovNewton")
-    ops.integrator("Newmark", 0.5, 0.25)
+    ops.numberer("Plain")
+    if rule == "explicit":
+        ops.system("Diagonal")
+        ops.algorithm("Linear")
+        ops.integrator("ExplicitDifference")
+    else:
+        ops.system("BandGeneral")
+        ops.test("NormDispIncr", 1e-12, 100)
+        ops.algorithm("KrylovNewton")
+        ops.integrator("Newmark", 0.5, 0.25)
     ops.analysis("Transient")
-    found, now = [], 0.0
-    for t in instants:
-        if ops.analyze(round((t - now) / h), h):
-            raise RuntimeError(f"OpenSees: no convergence at h = {h}")
-        now = t
-        found.append([ops.nodeDisp(n, 1) for nodes in floors for n in nodes])
+    found, done = [], 0
+    for step in np.round(np.asarray(instants) / h).astype(int).tolist():
+        if ops.analyze(step - done, h):
+            return None
+        done = step
+        found.append([ops.nodeDisp(node, 1) for node in nodes])
     return np.array(found)
 
 
+def ours(row, record, h):
+    """The same by jaxpound, and the links' numbers of impacts."""
+    found = jp.simulate_row(*row, record, dt=h, duration=END)
+    at = np.round(INSTANTS / float(found.time[1])).astype(int)
+    x = np.stack([np.asarray(mass.x)[at] for mass in found.masses], -1)
+    return x, [int(link.n_impacts) for link in found.demand.links]
+
+
+def table(ops, row, record, peers):
+    """Differences by step."""
+    finest, impacts = ours(row, record, FINEST)
+    size = np.abs(finest).max()
+
+    def line(what, runs):
+        cells = dict.fromkeys(STEPS, "")
+        for h, x in runs:
+            cells[h] = "fails" if x is None else f"{100 * np.abs(x - finest).max() / size:.3f}"
+        print(f"  {what:26}" + "".join(f"{cell:>8}" for cell in cells.values()), flush=True)
+
+    print(f"  largest displacement {size:.4f} m, impacts of the links {impacts}")
+    print(f"  {'h, ms':26}" + "".join(f"{1e3 * h:>8g}" for h in STEPS))
+    line("jaxpound", ((h, ours(row, record, h)[0]) for h in OURS))
+    for rule, stiffness, steps in peers:
+        runs = ((h, peer(ops, row, record, rule, stiffness, h)) for h in steps)
+        line(f"OpenSees, {rule}" + (f", {stiffness:.0e}" if stiffness else ""), runs)
+
+
 def agreement(ops, record):
-    """A table of differences by step, for each row."""
-    instants = np.round(np.linspace(0.5, END, 24), 6)
+    """A table for each row, with and without friction."""
     for name, (buildings, links) in rows().items():
-        runs = {}
-        for h in (0.004, 0.002, 0.001, 0.00025):
-            found = jp.simulate_row(buildings, links, record, dt=h, duration=END)
-            at = np.round(instants / float(found.time[1])).astype(int)
-            runs[h] = np.stack([np.asarray(mass.x)[at] for mass in found.masses], -1)
-        *coarse, finest = runs
-        size = np.abs(runs[finest]).max()
-        impacts = [int(link.n_impacts) for link in found.demand.links]
-        print(f"{name}: largest displacement {size:.4f} m, impacts of the links {impacts}")
-        for h in coarse:
-            print(
-                f"  jaxpound h = {h:<8} {100 * np.abs(runs[h] - runs[finest]).max() / size:.3f} %"
-            )
-        for h in (0.002, 0.001, 0.0005, 0.0002, 0.0001):
-            x = peer(ops, buildings, links, record.samples.tolist(), float(record.dt), h, instants)
-            share = 100 * np.abs(x - runs[finest]).max() / size
-            print(f"  OpenSees h = {h:<8} {share:.3f} %")
+        print(name)
+        table(ops, (buildings, links), record, PEERS)
+        print(f"{name}, without friction")
+        links = [replace(link, friction=0.0) for link in links]
+        table(ops, (buildings, links), record, [("explicit", 0.0, STEPS[1:])])
 
 
-def speed(ops, record, runs=1024, looped=3, dt=0.004, h=0.0005):
-    """Times of a run on one core: a batch of scaled records, and OpenSees' loop."""
-    buildings, links = rows()["three of one storey"]
-    row, scales = jp.dimensionless_row(buildings, links)
-    grid = scales.grid(END, dt)
+def processor_time(function, *args):
+    """What a call takes of all cores, s."""
+    start = time.process_time()
+    jax.block_until_ready(function(*args))
+    return time.process_time() - start
+
+
+def speed(ops, record, runs=1024, looped=5):
+    """Processor time of a run: a batch of scaled records, and OpenSees' loop over a few of them."""
+    row = rows()["three of one storey"]
+    system, scales = jp.dimensionless_row(*row)
     shaking = scales.to_dimensionless(record)
     factors = np.linspace(0.5, 1.5, runs)
+    for dt, stiffness, h in LIKE:
+        grid = scales.grid(END, dt)
 
-    def gaps(factor):
-        ground = jp.Record(shaking.samples * factor, shaking.dt, time_unit=shaking.time_unit)
-        return jp.demand(row, ground, grid).min_gap
+        def gaps(factor, grid=grid):
+            ground = jp.Record(shaking.samples * factor, shaking.dt, time_unit=shaking.time_unit)
+            return jp.demand(system, ground, grid).min_gap
 
-    many = jax.jit(jax.vmap(gaps))
-    jax.block_until_ready(many(factors))
-    start = time.perf_counter()
-    jax.block_until_ready(many(factors))
-    ours = (time.perf_counter() - start) * CORES / runs
-    start = time.perf_counter()
-    for factor in factors[:looped]:
-        samples = (np.asarray(record.samples) * factor).tolist()
-        peer(ops, buildings, links, samples, float(record.dt), h, [END])
-    theirs = (time.perf_counter() - start) / looped
-    print(
-        f"batch of {runs:,} on the row of three, dt = {dt} s: {1e3 * ours:.2f} ms of a core a run"
-    )
-    print(f"OpenSees' loop, h = {h} s: {1e3 * theirs:.1f} ms a run, {theirs / ours:.0f} times")
+        many = jax.jit(jax.vmap(gaps))
+        jax.block_until_ready(many(factors))
+        here = min(processor_time(many, factors) for _ in range(3)) / runs
+        loop = []
+        for factor in np.linspace(0.5, 1.5, looped):
+            scaled = jp.Record(np.asarray(record.samples) * factor, record.dt)
+            loop.append(processor_time(peer, ops, row, scaled, "explicit", stiffness, h, [END]))
+        there = np.mean(loop)
+        print(f"a batch of {runs:,} on the row of three, h = {dt} s: {1e3 * here:.2f} ms a run")
+        print(f"  OpenSees' loop, explicit, {stiffness:.0e}, h = {h} s: {1e3 * there:.0f} ms a run")
+        print(f"  {there / here:.0f} times as long")
 
 
 if __name__ == "__main__":
