@@ -39,6 +39,12 @@ jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECK
 
 jax.config.update("jax_enable_x64", True)
 
+from jaxpound.simulation import stepping  # noqa: E402
+
+# Pairs with contact step in a loop here, as rows do everywhere: that halves their compilation. That
+# both layouts take the same steps is tested in simulation/test_scan.py.
+stepping.WRITTEN_OUT = 2
+
 # Every example may compile a program: time is no measure of a test here, and runs must repeat.
 settings.register_profile(
     "jaxpound",

@@ -1,0 +1,62 @@
+"""The loop over time by itself: however its steps are laid out, they are the same steps."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.simulation.scan import scan_with_history
+
+ORDERS = (0.3, 0.8)
+
+
+def advance(carry, sums, m, entry):
+    """Two coupled memories, driven by an input."""
+    c = [entry - 0.3 * sums[1] + 0.1 * carry, 0.5 * carry - 0.2 * sums[0]]
+    carry = 0.9 * carry + 0.2 * c[0] * c[1] + 0.1 * entry
+    return carry, c, (carry, {"c": c[0], "m": jnp.where(m < 0, 0, m)})
+
+
+def run(inputs, history, **layout):
+    orders = [jnp.asarray(order) for order in ORDERS]
+    zero = jnp.zeros(())
+    return scan_with_history(advance, zero, inputs.size - 1, orders, history, inputs, **layout)
+
+
+@pytest.mark.parametrize("n", [1, 4, 30, 101])
+@pytest.mark.parametrize("history", [jp.FullHistory(), jp.ModalHistory()])
+def test_every_layout_takes_the_same_steps(n, history):
+    inputs = jnp.asarray(np.random.default_rng(n).normal(size=n + 1))
+    end, (carries, seen) = run(inputs, history)
+    assert carries.shape == (n + 1,)
+    np.testing.assert_array_equal(seen["m"], np.arange(n + 1))
+    assert end == carries[-1]
+    for layout in ({"looped": True}, {"looped": True, "segmented": True}, {"checkpoint": True}):
+        np.testing.assert_allclose(run(inputs, history, **layout)[1][0], carries, rtol=1e-12)
+
+
+@pytest.mark.parametrize("looped", [False, True])
+def test_the_sums_are_those_of_all_steps_before(looped):
+    inputs = jnp.asarray(np.random.default_rng(0).normal(size=40))
+    _, (_, seen) = run(inputs, jp.FullHistory(), looped=looped)
+    carry, c = 0.0, [[], []]
+    for entry in np.asarray(inputs):
+        sums = [
+            float(jp.gl_weights(order, len(past))[1:] @ np.array(past[::-1]))
+            for order, past in zip(ORDERS, c, strict=True)
+        ]
+        new = [entry - 0.3 * sums[1] + 0.1 * carry, 0.5 * carry - 0.2 * sums[0]]
+        carry = 0.9 * carry + 0.2 * new[0] * new[1] + 0.1 * entry
+        c = [[*past, now] for past, now in zip(c, new, strict=True)]
+    np.testing.assert_allclose(seen["c"], c[0], rtol=1e-12)
+
+
+def test_gradients_of_both_layouts_agree():
+    inputs = jnp.asarray(np.random.default_rng(1).normal(size=40))
+
+    def last(inputs, looped):
+        return run(inputs, jp.ModalHistory(), looped=looped)[0]
+
+    written, looped = (jax.grad(last)(inputs, x) for x in (False, True))
+    np.testing.assert_allclose(looped, written, rtol=1e-10)
