@@ -193,7 +193,7 @@ def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
     """Elasticities as bars, the twelve largest on top."""
     names = sorted(found.values, key=lambda path: abs(found.values[path]))[-12:]
     shown = {parameter_name(path): found.values[path] for path in names}
-    return signed_bars(ax, shown, f"% of {quantity_of(found.demand)[1]} per % of the parameter")
+    return signed_bars(ax, shown, f"% of {quantity_of(found.demand)[1]}\nper % of the parameter")
 
 
 def figure_of_landscape(design: Design, n: int = 15) -> Figure:

@@ -44,7 +44,7 @@ class MovingRow:
         self,
         response: Response,
         ax: Axes,
-        heights: Sequence[np.ndarray],
+        heights: Sequence[Any],
         reach: float,
         lasts: float,
     ) -> None:

@@ -110,4 +110,4 @@ def test_tornado_has_the_largest_on_top(ax):
     widths = [bar.get_width() for bar in ax.patches]
     assert widths == sorted(found.values.values(), key=abs)
     assert ax.get_yticklabels()[-1].get_text() == r"gap at rest $\xi_0$"
-    assert ax.get_xlabel() == r"% of min gap $\xi$ per % of the parameter"
+    assert ax.get_xlabel() == "% of min gap $\\xi$\nper % of the parameter"
