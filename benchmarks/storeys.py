@@ -7,7 +7,7 @@
     python benchmarks/storeys.py --derivatives  # of rows and storeys against the tests' oracle
 
 Speed is of a batch of earthquakes, per rod and step, over that of the paper's pair in the same
-process; compilation is in seconds of processor time, without any cache. The gradient is that of the
+process; all times are of the processor, compilation without any cache. The gradient is that of the
 batch's mean by all slip forces and gaps, its time in those of the batch's values.
 """
 
@@ -52,12 +52,12 @@ def compiled(function, *args):
 
 
 def best(program, *args):
-    """The shortest time of a call."""
+    """The shortest processor time of a call."""
     times = []
     for _ in range(ROUNDS):
-        start = time.perf_counter()
+        start = time.process_time()
         jax.block_until_ready(program(*args))
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return min(times)
 
 
