@@ -38,7 +38,13 @@ from jaxpound.simulation.batches import spread
 from jaxpound.simulation.forces import is_deformed
 from jaxpound.simulation.passage import SLOTS, Impacts
 from jaxpound.simulation.scan import scan_with_history
-from jaxpound.simulation.scheme import Scheme, courant, require_followed, require_stable, system_of
+from jaxpound.simulation.scheme import (
+    Scheme,
+    is_stable,
+    require_followed,
+    require_stable,
+    system_of,
+)
 from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
 from jaxpound.simulation.tally import ContactTally, Tally
 
@@ -330,7 +336,7 @@ def _run(
 
     # A run that breaks a rule starts from NaN, and so is NaN throughout.
     valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
-    valid &= all_hold(_temperature_rules(temperature)) & (courant(system, dt, scheme) < 1)
+    valid &= all_hold(_temperature_rules(temperature)) & is_stable(system, dt, scheme)
     zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
     constants = elements(system, dt, scheme.order, SLOTS if keep else 0)
     shaking = excitation(ground, grid, scheme.order)._replace(series=series)

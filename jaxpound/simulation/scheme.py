@@ -102,11 +102,11 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     if is_traced(system):
         raise ValueError("stability_limit: structures must be known, not traced")
     known = jax.tree.map(np.asarray, system)
-    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods], np)
+    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods])
     low, high = 0.0, 2 / float(np.max(static)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
-        stable = (courant(known, middle, scheme, np) < 1).all()
+        stable = (_courant(known, middle, scheme) < 1).all()
         low, high = (middle, high) if stable else (low, middle)
     return float(low)
 
@@ -126,7 +126,7 @@ def require_stable(system: System, grid: TimeGrid, scheme: Scheme) -> None:
     if is_traced(system):
         return
     known = jax.tree.map(np.asarray, system)
-    if not courant(known, grid.dt, scheme, np) < 1:
+    if not _courant(known, grid.dt, scheme) < 1:
         limit = stability_limit(system, scheme)
         rule = f"below the stability limit {limit:.8g} of these structures"
         raise ValueError(f"grid: dt = {grid.dt:.8g} must be {rule}")
@@ -148,31 +148,49 @@ def require_followed(system: System, scheme: Scheme) -> None:
             )
 
 
-def courant(system: System, dt: Any, scheme: Scheme, xp: Any = jnp) -> Any:
-    """h² λ / 4, below 1 where explicit stepping is stable (see ``stability_limit``)."""
-    stiffness = [
-        nyquist_stiffness(rod.material, rod.stiffness, dt, scheme.order) for rod in system.rods
-    ]
-    return dt**2 / 4 * _largest_eigenvalue(system, stiffness, xp)
+def is_stable(system: System, dt: Any, scheme: Scheme) -> Any:
+    """Whether explicit stepping is stable, traceable (see ``stability_limit``).
+
+    1 − (h²/4) M^(−1/2) K M^(−1/2) is then positive definite. Elimination tells so without a call of
+    LAPACK: two of these at a time in a large batch, one for each building of a row, wait for each
+    other for ever in XLA's threads on a machine of two cores.
+    """
+    stable: Any = True
+    for matrix in _scaled_stiffness(system, _nyquist(system, dt, scheme), jnp):
+        one = jnp.eye(matrix.shape[-1], dtype=matrix.dtype)
+        rest = jax.lax.stop_gradient(one - dt**2 / 4 * matrix)  # no derivative is asked for
+        while rest.shape[-1]:
+            pivot, column = rest[0, 0], rest[1:, 0]
+            stable &= pivot > 0  # false for NaN
+            rest = rest[1:, 1:] - jnp.outer(column, column) / jnp.where(pivot > 0, pivot, 1.0)
+    return stable
 
 
-def _largest_eigenvalue(system: System, stiffness: list[Any], xp: Any) -> Any:
-    """The largest eigenvalue of M⁻¹ K with a stiffness for each rod."""
-    topology = system.topology
-    largest: Any = 0.0
-    for masses in rod_groups(topology):  # those that no rods join are uncoupled
+def _courant(system: System, dt: Any, scheme: Scheme) -> Any:
+    """h² λ / 4 of a known system, below 1 where explicit stepping is stable."""
+    return dt**2 / 4 * _largest_eigenvalue(system, _nyquist(system, dt, scheme))
+
+
+def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
+    """The stiffness of each rod at the highest frequency that steps resolve."""
+    return [nyquist_stiffness(rod.material, rod.stiffness, dt, scheme.order) for rod in system.rods]
+
+
+def _largest_eigenvalue(system: System, stiffness: list[Any]) -> Any:
+    """The largest eigenvalue of M⁻¹ K of a known system, with a stiffness for each rod."""
+    matrices = _scaled_stiffness(system, stiffness, np)
+    return np.max([np.linalg.eigvalsh(matrix)[..., -1] for matrix in matrices], axis=0)
+
+
+def _scaled_stiffness(system: System, stiffness: list[Any], xp: Any) -> list[Any]:
+    """M^(−1/2) K M^(−1/2) of each group of masses that rods join: others are uncoupled."""
+    topology, matrices = system.topology, []
+    for masses in rod_groups(topology):
         rods = [k for k, ends in enumerate(topology.rods) if set(ends) & {*masses}]
         k = xp.stack(xp.broadcast_arrays(*[stiffness[i] for i in rods]), -1)
         m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)
-        if len(masses) == 1:
-            largest = xp.maximum(largest, k.sum(-1) / m[..., 0])
-            continue
         ends = [topology.rods[i] for i in rods]
         signs = [[(mass == i) - (mass == j) for i, j in ends] for mass in masses]
-        pulls = np.array(signs, k.dtype)
-        root = pulls / xp.sqrt(m)[..., None]
-        matrix = (root * k[..., None, :]) @ xp.swapaxes(root, -1, -2)
-        if xp is jnp:  # no derivative of it is asked for, and none exists where eigenvalues meet
-            matrix = jax.lax.stop_gradient(matrix)
-        largest = xp.maximum(largest, xp.linalg.eigvalsh(matrix)[..., -1])
-    return largest
+        root = np.array(signs, k.dtype) / xp.sqrt(m)[..., None]
+        matrices.append((root * k[..., None, :]) @ xp.swapaxes(root, -1, -2))
+    return matrices
