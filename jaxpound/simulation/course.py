@@ -68,7 +68,7 @@ class Course(NamedTuple):
         structures, ground, given = jax.tree.map(
             lambda x: jnp.asarray(x, dtype), (structures, ground, given)
         )
-        # Before the batch is spread, so that samples of a record that all runs share are not copied.
+        # Before the batch is spread: samples of a record that all runs share are not copied.
         series = excitation(ground, grid, scheme.order).series
         structures, ground, given, series = spread((structures, ground, given, series))
         system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
