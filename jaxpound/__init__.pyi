@@ -64,6 +64,7 @@ from jaxpound.results.response import Response as Response
 from jaxpound.risk.limit_state import LimitState as LimitState
 from jaxpound.risk.rare_event import DesignEarthquake as DesignEarthquake
 from jaxpound.risk.rare_event import RareEvent as RareEvent
+from jaxpound.risk.subset import subset_simulation as subset_simulation
 from jaxpound.simulation.batches import in_chunks as in_chunks
 from jaxpound.simulation.batches import use_cores as use_cores
 from jaxpound.simulation.buildings import simulate_buildings as simulate_buildings
