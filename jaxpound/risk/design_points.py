@@ -260,7 +260,7 @@ def _kept(
         instants[rows],
         series[rows],
         gradients,
-        search.active.size,
+        int(search.active.size),
     )
 
 
