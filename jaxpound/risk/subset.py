@@ -71,9 +71,7 @@ def subset_simulation(
     probability of 1e-4, 5,500 for 1e-6, by default in each of 20 repeats.
 
     The coefficient of variation is that of the mean of independent repeats. (Formulas for a single
-    simulation leave out that its levels, and its chains, are correlated.) The estimate has a bias
-    of the order of 1/n: of 1e-4 by a plane in ten dimensions it is +1 % with the default, +5 % with
-    n = 400.
+    simulation leave out that its levels, and its chains, are correlated.)
 
     Parameters
     ----------
@@ -189,7 +187,7 @@ def simulated(
         f"subset simulation by adaptive conditional sampling, {len(found)} repeats of {n:,} "
         f"samples a level, p0 = {p0:.3g}, {levels} levels; c.o.v. by repeats"
     )
-    bound, warnings = _bound(found)
+    bound, warnings = _bound(found, round(p0 * n))
     if failed:
         warnings.append(f"{failed:,} of {runs:,} runs failed and count as safe")
     points, weights, every = _sample(found)
@@ -278,7 +276,7 @@ def _sample(found: Sequence[list[Level]]) -> tuple[np.ndarray, np.ndarray, np.nd
     for levels in found:
         ends = [level.threshold for level in levels[1:]] + [math.inf]
         for level, end in zip(levels, ends, strict=True):
-            own = level.values < end
+            own = level.values <= end
             points.append(level.points[own])
             values.append(level.values[own])
             weights.append(np.full(own.sum(), level.probability / len(level.values)))
@@ -286,7 +284,7 @@ def _sample(found: Sequence[list[Level]]) -> tuple[np.ndarray, np.ndarray, np.nd
     return np.concatenate(points), every * len(every) / len(found), np.concatenate(values)
 
 
-def _bound(found: Sequence[list[Level]]) -> tuple[float | None, list[str]]:
+def _bound(found: Sequence[list[Level]], seeds: int) -> tuple[float | None, list[str]]:
     """A bound on a probability that no sample or every sample tells of, and what it means."""
     n = sum(len(levels[0].values) for levels in found)
     if all((levels[0].values >= 0).all() for levels in found):
@@ -301,10 +299,10 @@ def _bound(found: Sequence[list[Level]]) -> tuple[float | None, list[str]]:
     reached = float(np.mean([level.probability for level in last]))
     nearest = max(float(level.values.max()) for level in last)
     bound, why = FLOOR, "rarer levels are not sought"
-    if any(level.values.max() == level.values.min() for level in last):
+    if any((level.values == level.values.max()).sum() > seeds for level in last):
         n = sum(len(level.values) for level in last)
         bound = -math.log(_SURE) * reached / n
-        why = "no rarer level lies beyond one whose demands are all the same"
+        why = "no rarer level lies beyond one in which the largest demands are all the same"
     short = f"; the demand stays {-nearest:.4g} below the threshold" if nearest < 0 else ""
     return bound, [
         f"out of reach: the probability is below {bound:.2g}, since {why}{short}; the number is a "
