@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -190,7 +190,7 @@ def simulated(
     bound, warnings = _bound(found, round(p0 * n))
     if failed:
         warnings.append(f"{failed:,} of {runs:,} runs failed and count as safe")
-    points, weights, every = _sample(found)
+    sample = _sample(found)
     return RareEvent(
         probability=_probability(found) if bound is None else bound,
         cov=_cov(found),
@@ -198,11 +198,12 @@ def simulated(
         gradients=0,
         method=f"{why}{method}",
         limit_state=state,
-        points=points,
-        weights=weights,
-        values=every,
+        points=sample.points,
+        weights=sample.weights,
+        values=sample.values,
         design_points=np.empty((0, state.dimension)),
         instants=np.empty(0),
+        repeats=sample.repeats,
         warnings=(*warnings, *_warnings(found, cov, max_runs)),
     )
 
@@ -270,18 +271,27 @@ def _so_far(found: Sequence[list[Level]]) -> str:
     return f"P = {p:.3g}, c.o.v. {_cov(found):.2g}" if p > 0 else "P out of reach"
 
 
-def _sample(found: Sequence[list[Level]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, weights and values of every level without what lies in the next."""
-    points, weights, values = [], [], []
-    for levels in found:
+class _Sample(NamedTuple):
+    """Samples of all levels, and what ``RareEvent`` says of them."""
+
+    points: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    repeats: np.ndarray
+
+
+def _sample(found: Sequence[list[Level]]) -> _Sample:
+    """Every level without what lies in the next."""
+    parts = []
+    for number, levels in enumerate(found):
         ends = [level.threshold for level in levels[1:]] + [math.inf]
         for level, end in zip(levels, ends, strict=True):
             own = level.values <= end
-            points.append(level.points[own])
-            values.append(level.values[own])
-            weights.append(np.full(own.sum(), level.probability / len(level.values)))
-    every = np.concatenate(weights)
-    return np.concatenate(points), every * len(every) / len(found), np.concatenate(values)
+            share = np.full(own.sum(), level.probability / len(level.values) / len(found))
+            of = np.full(own.sum(), number)
+            parts.append((level.points[own], share, level.values[own], of))
+    points, shares, values, repeats = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return _Sample(points, shares * len(shares), values, repeats)
 
 
 def _bound(found: Sequence[list[Level]], seeds: int) -> tuple[float | None, list[str]]:

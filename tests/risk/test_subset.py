@@ -61,6 +61,17 @@ def test_the_weighted_points_are_a_sample_of_the_whole_distribution(scaled):
         assert likelier == pytest.approx(2 * ndtr(-beta), rel=0.15)
 
 
+def test_how_fast_the_probability_falls(scaled):
+    """−d ln P/db of a normal tail; its error is that of the repeats, whose samples are alike."""
+    event = simulated(scaled(4.0), progress=False)
+    unit = event.limit_state.level / 4.0
+    exact = np.exp(-(4.0**2) / 2) / np.sqrt(2 * np.pi) / ndtr(-4.0) / unit
+    assert abs(event.decay.value - exact) < 3 * event.decay.error
+    assert 0.01 < event.decay.error / exact < 0.1
+    independent = dataclasses.replace(event, repeats=np.zeros(0, int))
+    assert event.decay.error > 1.2 * independent.decay.error
+
+
 def test_trains_of_wavelets_with_random_signs_against_plain_monte_carlo(trains):
     n = 20_000
     values = trains.values(np.random.default_rng(1).standard_normal((n, trains.dimension)))
