@@ -98,8 +98,8 @@ def reach_probability(
     """The value of one parameter at which a rare event has a wanted probability.
 
     Newton's method on ln P, which is nearly linear in a damper's friction or in a gap: each step
-    estimates the probability and its slope (``rare_event``, ``RareEvent.slope``), starting from the
-    design points of the step before.
+    estimates the probability and its slope (``rare_event`` by design points,
+    ``RareEvent.slope``), starting from the design points of the step before.
 
     Parameters
     ----------
@@ -149,7 +149,14 @@ def reach_probability(
     runs = gradients = 0
     for _ in range(_MOST):
         state = dataclasses.replace(first, changes={path: value})
-        event = event_of(state, cov=tolerance / 2, key=key, start=event, progress=progress)
+        event = event_of(
+            state,
+            cov=tolerance / 2,
+            method="design points",
+            key=key,
+            start=event,
+            progress=progress,
+        )
         runs, gradients = runs + event.runs, gradients + event.gradients
         if not math.isfinite(event.cov) or event.probability == 1:
             raise ValueError(

@@ -28,16 +28,19 @@ from jaxpound.risk.sampling import (
     plain_batch,
     until_sure,
 )
+from jaxpound.risk.subset import simulated
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.sampling import key_numbers
-from jaxpound.study.scenarios import ScenarioSet
+from jaxpound.study.scenarios import ScenarioSet, parameter_names
 
 OWNER = "rare_event"
 
 RAREST = 1e-12
 """Below this the probability is only bounded."""
 
-_METHODS = ("auto", "design points")
+_METHODS = ("auto", "design points", "subset")
+_FEW = 30  # random numbers below which one or a few points do not stand for all failures
+_MOST_AROUND = 50_000  # runs around design points, by default
 _COMMON = 0.04  # share of plain runs above which plain Monte Carlo is as good
 _STRONGER = (3.0, 10.0)  # factors of z at which a demand that seems constant is looked at
 _THIN, _LARGEST, _OUTSIDE = 0.1, 0.1, 0.1  # shares of the estimate that are told
@@ -55,7 +58,7 @@ def rare_event(
     method: str = "auto",
     key: int | jax.Array = 0,
     start: RareEvent | None = None,
-    max_runs: int = 50_000,
+    max_runs: int | None = None,
     progress: bool = True,
 ) -> RareEvent:
     """Probability that random scenarios reach a limit state, however small it is.
@@ -80,7 +83,11 @@ def rare_event(
     cov
         The coefficient of variation of the estimate at which to stop, between 0 and 1.
     method
-        "design points", or "auto".
+        "design points"; "subset", which is ``subset_simulation`` and needs neither gradients nor
+        design points, but many more runs; or "auto": subset simulation of scenarios that have
+        discrete coordinates or fewer than 30 numbers, where a few points do not stand for all ways
+        to fail, or where no gradient leads to the limit state, else design points. The result's
+        ``method`` says which and why.
     key
         A seed, or a key of ``jax.random``. Sample i depends on it and on i alone.
     start
@@ -88,7 +95,8 @@ def rare_event(
         ground motions, from whose design points to start: a curve of probabilities, from the
         likelier to the rarer, costs little.
     max_runs
-        Runs at most, gradients aside.
+        Runs at most, gradients aside; by default 50,000 around design points, and a million of
+        subset simulation.
     progress
         Whether to show a bar with the estimate and its coefficient of variation.
 
@@ -99,8 +107,9 @@ def rare_event(
     Raises
     ------
     ValueError
-        If an argument breaks its rule, a coordinate of the scenarios is discrete, the demand does
-        not depend on the scenarios' numbers, or no gradient leads to the limit state.
+        If an argument breaks its rule or the demand does not depend on the scenarios' numbers; by
+        "design points" also if a coordinate of the scenarios is discrete or no gradient leads to
+        the limit state.
 
     Notes
     -----
@@ -122,7 +131,7 @@ def rare_event(
     ...     return jp.Record(0.2 * hills @ z, dt=0.1, time_unit="1/ω1")
     >>> scenarios = jp.Scenarios(jp.paper.structures(), jp.CustomDraw(ground, 5))
     >>> grid = jp.TimeGrid.until(8.0, dt=0.1)
-    >>> event = jp.rare_event(scenarios, grid, gap=0.4, progress=False)
+    >>> event = jp.rare_event(scenarios, grid, 0.4, method="design points", progress=False)
     >>> 5e-6 < event.probability < 1e-5, event.cov <= 0.1
     (True, True)
     >>> earthquake = event.design_earthquakes[0]
@@ -163,24 +172,29 @@ def event_of(
     method: str = "auto",
     key: int | jax.Array = 0,
     start: RareEvent | None = None,
-    max_runs: int = 50_000,
+    max_runs: int | None = None,
     progress: bool = True,
 ) -> RareEvent:
     """``rare_event`` of a limit state."""
-    require_share(OWNER, "cov", cov)
-    max_runs = count(OWNER, "max_runs", max_runs)
+    require_share(OWNER, "cov", number(OWNER, "cov", cov))
+    most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
     _, numbers = key_numbers(OWNER, key)
     if method not in _METHODS:
         raise ValueError(f"{OWNER}: method = {method!r}; {hint(method, _METHODS)}")
-    if start is not None and start.design_points.shape[1] != state.dimension:
+    if start is not None and start.limit_state.dimension != state.dimension:
         rule = f"of scenarios of {state.dimension} numbers, as these are"
-        raise ValueError(f"{OWNER}: start of {start.design_points.shape[1]} must be {rule}")
-    discrete = tuple(getattr(state.scenarios, "discrete", ()))
-    if discrete:
-        raise ValueError(
-            f"{OWNER}: scenarios: {_listed(discrete)} must not be discrete: design points need "
-            "gradients; use subset_simulation"
-        )
+        raise ValueError(f"{OWNER}: start of {start.limit_state.dimension} must be {rule}")
+
+    def by_subset(why: str) -> RareEvent:
+        more = {} if max_runs is None else {"max_runs": max_runs}
+        return simulated(state, cov=cov, key=key, progress=progress, why=why, **more)
+
+    against = _against_gradients(state)
+    if method == "subset" or (method == "auto" and against):
+        return by_subset(f"{against}: " if method == "auto" else "")
+    if discrete := _discrete(state):
+        rule = "must not be discrete for design points, which need gradients"
+        raise ValueError(f"{OWNER}: scenarios: {discrete} {rule}; use method = 'subset'")
     normal = normal_points(key, state)
     with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
         pilot = None if start is not None else plain_batch(state, normal, 0)
@@ -188,14 +202,33 @@ def event_of(
             bar.update(BATCH)
             _require_dependence(state, pilot)
             if pilot.probability > _COMMON:
-                return _plain(state, normal, pilot, cov, max_runs, bar)
+                return _plain(state, normal, pilot, cov, most, bar)
         found = _design_points(state, numbers, start, bar)
-        runs = 0 if pilot is None else BATCH
-        return _around(state, normal, found, cov, max_runs, runs, bar)
+        if len(found) or not found.failed:
+            runs = 0 if pilot is None else BATCH
+            return _around(state, normal, found, cov, most, runs, bar)
+    if method == "auto":
+        return by_subset("no gradient leads to the limit state: ")
+    raise ValueError(
+        f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
+        "reached it; use method = 'subset'"
+    )
 
 
-def _listed(discrete: tuple[Any, ...]) -> str:
-    return ", ".join(str(x) for x in discrete[:5]) + (", ..." if len(discrete) > 5 else "")
+def _against_gradients(state: LimitState) -> str:
+    """Why not to rely on design points; empty if there is no reason."""
+    if discrete := _discrete(state):
+        return f"{discrete} discrete"
+    if state.dimension < _FEW:
+        return f"{state.dimension} random numbers, fewer than {_FEW}"
+    return ""
+
+
+def _discrete(state: LimitState) -> str:
+    """Names of the discrete coordinates; empty if there is none."""
+    indices = tuple(getattr(state.scenarios, "discrete", ()))
+    names = parameter_names(state.scenarios) if indices else ()
+    return ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))
 
 
 def _require_dependence(state: LimitState, pilot: Samples) -> None:
@@ -296,11 +329,6 @@ def _around(
         form=near.form(),
     )
     if ndtr(-found.betas).sum() < RAREST:
-        if not len(found) and found.failed:
-            raise ValueError(
-                f"{OWNER}: gradients must lead to the limit state, but none of "
-                f"{found.failed} searches has reached it; use subset_simulation"
-            )
         far = f"the nearest at {found.betas[0]:.3g}" if len(found) else "none found"
         said = (
             f"out of reach: the probability is below {RAREST:g}, by the design points ({far}); "

@@ -138,7 +138,15 @@ FEW = jp.Scenarios(
 
 def test_a_demand_as_a_series_and_as_a_function():
     by_name, by_function = (
-        jp.rare_event(FEW, SHORT, demand=demand, threshold=0.5, cov=0.05, progress=False)
+        jp.rare_event(
+            FEW,
+            SHORT,
+            demand=demand,
+            threshold=0.5,
+            cov=0.05,
+            method="design points",
+            progress=False,
+        )
         for demand in ("peak_x1", lambda found: found.masses[0].peak_x)
     )
     assert by_name.probability < 1e-2
@@ -149,10 +157,10 @@ def test_a_demand_as_a_series_and_as_a_function():
 
 
 def test_events_that_are_not_rare():
-    sure = jp.rare_event(FEW, SHORT, gap=0.0, progress=False)
+    sure = jp.rare_event(FEW, SHORT, gap=0.0, method="design points", progress=False)
     assert (sure.probability, sure.cov, sure.runs) == (1.0, 0.0, 256)
     assert "in each of 256 random runs" in sure.warnings[0]
-    out = jp.rare_event(FEW, SHORT, gap=50.0, progress=False)
+    out = jp.rare_event(FEW, SHORT, gap=50.0, method="design points", progress=False)
     assert out.probability == 1e-12
     assert "out of reach" in out.warnings[0]
     assert "out of reach" in repr(out)
@@ -179,7 +187,29 @@ def test_bad_input():
         jp.paper.structures(),
         jp.CustomDraw(lambda z: jp.Record(0 * HILLS @ z, 0.1, time_unit="1/ω1"), 5),
     )
-    refuses("demand must depend on the random numbers", still, SHORT, 1.0)
+    by = {"method": "design points"}
+    refuses("demand must depend on the random numbers", still, SHORT, 1.0, **by)
+    refuses("z_4 must not be discrete for design points", Chosen(), SHORT, 1.0, **by)
+
+
+class Chosen:
+    """Scenarios that say which of their numbers are discrete."""
+
+    dimension, discrete = 5, (3,)
+    realize = staticmethod(FEW.realize)
+
+
+def test_which_method_and_why():
+    discrete, few = (
+        event_of(jp.LimitState(scenarios, SHORT, threshold=0.1), cov=0.5, progress=False)
+        for scenarios in (Chosen(), FEW)
+    )
+    assert discrete.method.startswith("z_4 discrete: subset simulation")
+    assert few.method.startswith("5 random numbers, fewer than 30: subset simulation")
+    assert discrete.probability == few.probability
+    by_points = jp.rare_event(FEW, SHORT, 0.1, method="design points", progress=False)
+    apart = np.log(by_points.probability / few.probability)
+    assert abs(apart) < 3 * np.hypot(by_points.cov, few.cov)
 
 
 def test_the_friction_for_a_probability():
@@ -188,7 +218,5 @@ def test_the_friction_for_a_probability():
     assert found.event.probability == pytest.approx(1e-4, rel=0.3)
     assert found.structures.friction == found.value == found.event.limit_state.changes["friction"]
     assert len(found.steps) <= 6
-    with pytest.raises(ValueError, match="must depend on initial_gap"):
-        jp.reach_probability("initial_gap", 1e-5, FEW, SHORT, 0.3, progress=False)
     with pytest.raises(ValueError, match="unknown path"):
         jp.reach_probability("fiction", 1e-5, FEW, SHORT, 0.3, progress=False)
