@@ -18,11 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxpound.risk.rare_event import RAREST
+
 ACCEPTANCE = 0.44
 """Share of moves kept to which the steps' scale is adapted."""
-
-FLOOR = 1e-12
-"""Probability below which no further level is begun."""
 
 _FIRST_SCALE = 0.6
 
@@ -68,7 +67,7 @@ def descent(dimension: int, n: int, p0: float, rng: np.random.Generator) -> Desc
         last = found[-1]
         threshold = float(np.sort(last.values)[-round(p0 * n) - 1])
         probability = last.probability * float(np.mean(last.values > threshold))
-        if threshold >= 0 or probability < FLOOR:
+        if threshold >= 0 or probability < RAREST:
             return found
         found.append((yield from _conditional(last, threshold, probability, rng)))
 

@@ -19,6 +19,18 @@ from jaxpound.risk.limit_state import LimitState
 from jaxpound.risk.slope import Slope, slopes_of, tail_of
 from jaxpound.study.statistics import Estimate
 
+RAREST = 1e-12
+"""Below this a probability is only bounded."""
+
+
+def always(runs: int) -> str:
+    """What is known of an event that occurs in each of some random runs, in words."""
+    least = 0.05 ** (1 / runs)
+    return (
+        f"the event occurs in each of {runs:,} random runs: its probability is above {least:.6g} "
+        "(95 %)"
+    )
+
 
 class DesignEarthquake(NamedTuple):
     """A scenario that is the likeliest of those that reach the limit state at one instant."""

@@ -12,14 +12,14 @@ from jaxtyping import Array
 from scipy.special import ndtr
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, hint, instance, not_negative, number, require_share
+from jaxpound._checks import count, hint, instance, number, require_share
 from jaxpound.grid import TimeGrid
 from jaxpound.results.demand import Demand
 from jaxpound.risk.design_points import DesignPoints, find_design_points
 from jaxpound.risk.instants import REQUIRED_GAP
-from jaxpound.risk.limit_state import LimitState
+from jaxpound.risk.limit_state import LimitState, require_dependence, threshold_of
 from jaxpound.risk.mixture import NEAR, Mixture
-from jaxpound.risk.rare_event import RareEvent
+from jaxpound.risk.rare_event import RAREST, RareEvent, always
 from jaxpound.risk.sampling import (
     BATCH,
     Samples,
@@ -35,14 +35,10 @@ from jaxpound.study.scenarios import ScenarioSet, parameter_names
 
 OWNER = "rare_event"
 
-RAREST = 1e-12
-"""Below this the probability is only bounded."""
-
 _METHODS = ("auto", "design points", "subset")
 _FEW = 30  # random numbers below which one or a few points do not stand for all failures
 _MOST_AROUND = 50_000  # runs around design points, by default
 _COMMON = 0.04  # share of plain runs above which plain Monte Carlo is as good
-_STRONGER = (3.0, 10.0)  # factors of z at which a demand that seems constant is looked at
 _THIN, _LARGEST, _OUTSIDE = 0.1, 0.1, 0.1  # shares of the estimate that are told
 
 
@@ -155,16 +151,6 @@ def rare_event(
     )
 
 
-def threshold_of(owner: str, gap: Any, demand: Any, threshold: Any) -> float | None:
-    """The threshold, which for gaps is the gap; a ``ValueError`` where both are given."""
-    if gap is None:
-        return threshold
-    if demand != REQUIRED_GAP or threshold is not None:
-        raise ValueError(f"{owner}: gap = {gap!r} must be None where another demand is given")
-    (gap,) = not_negative(owner, gap=number(owner, "gap", gap))
-    return float(gap)
-
-
 def event_of(
     state: LimitState,
     *,
@@ -200,7 +186,7 @@ def event_of(
         pilot = None if start is not None else plain_batch(state, normal, 0)
         if pilot is not None:
             bar.update(BATCH)
-            _require_dependence(state, pilot)
+            require_dependence(OWNER, state, pilot.z, pilot.values)
             if pilot.probability > _COMMON:
                 return _plain(state, normal, pilot, cov, most, bar)
         found = _design_points(state, numbers, start, bar)
@@ -208,7 +194,9 @@ def event_of(
             runs = 0 if pilot is None else BATCH
             return _around(state, normal, found, cov, most, runs, bar)
     if method == "auto":
-        return by_subset("no gradient leads to the limit state: ")
+        event = by_subset("no gradient leads to the limit state: ")
+        runs, gradients = event.runs + BATCH * (pilot is not None), found.gradients
+        return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
         "reached it; use method = 'subset'"
@@ -229,21 +217,6 @@ def _discrete(state: LimitState) -> str:
     indices = tuple(getattr(state.scenarios, "discrete", ()))
     names = parameter_names(state.scenarios) if indices else ()
     return ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))
-
-
-def _require_dependence(state: LimitState, pilot: Samples) -> None:
-    """A ``ValueError`` for a demand that is the same in all runs, however strong the motion."""
-    if not np.isfinite(pilot.values).any():
-        raise ValueError(f"{OWNER}: demand must be a number, but is none in {BATCH} random runs")
-    if np.ptp(pilot.values[np.isfinite(pilot.values)]) > 0:
-        return
-    stronger = [state.values(factor * pilot.z) for factor in _STRONGER]
-    if not np.ptp([pilot.values, *stronger]) > 0:
-        demanded = pilot.values[0] + state.level
-        raise ValueError(
-            f"{OWNER}: demand must depend on the random numbers of the scenarios, but is "
-            f"{demanded:.6g} in {BATCH * 3} random runs"
-        )
 
 
 def _design_points(
@@ -292,13 +265,7 @@ def _plain(
         instants=np.zeros(0),
         times=found.times,
     )
-    warnings = []
-    if found.probability == 1:
-        least = 0.05 ** (1 / len(found))
-        warnings.append(
-            f"the limit state is reached in each of {len(found)} random runs: its probability is "
-            f"above {least:.4g} (95 %)"
-        )
+    warnings = [always(len(found))] if found.probability == 1 else []
     return dataclasses.replace(event, warnings=(*warnings, *_unsure(event, cov, max_runs)))
 
 

@@ -21,9 +21,10 @@ from jaxpound._checks import (
 )
 from jaxpound.grid import TimeGrid
 from jaxpound.results.demand import Demand
-from jaxpound.risk.levels import FLOOR, Level, descent, side_by_side
-from jaxpound.risk.limit_state import REQUIRED_GAP, LimitState
-from jaxpound.risk.rare_event import RareEvent
+from jaxpound.risk.instants import REQUIRED_GAP
+from jaxpound.risk.levels import Level, descent, side_by_side
+from jaxpound.risk.limit_state import LimitState, require_dependence, threshold_of
+from jaxpound.risk.rare_event import RAREST, RareEvent, always
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.sampling import key_numbers
 from jaxpound.study.scenarios import ScenarioSet
@@ -42,7 +43,6 @@ _SMALL_SCALE = 0.05
 _LARGE_COV = 0.5
 _LARGE_SHARE = 0.3
 _SURE = 0.05  # probability that a bound from samples is wrong
-_STRONGER = (3.0, 10.0)  # factors of z at which a demand that seems constant is looked at
 
 
 def subset_simulation(
@@ -125,10 +125,7 @@ def subset_simulation(
     >>> 1e-3 < event.probability < 3e-2
     True
     """
-    if gap is not None:
-        if demand != REQUIRED_GAP or threshold is not None:
-            raise ValueError(f"{OWNER}: gap = {gap!r} must be None where another demand is given")
-        (threshold,) = positive(OWNER, gap=gap)
+    threshold = threshold_of(OWNER, gap, demand, threshold)
     state = LimitState(scenarios, grid, scheme, demand, threshold)
     return simulated(
         state,
@@ -178,14 +175,17 @@ def simulated(
             random = [np.random.default_rng([*numbers, r]) for r in numbered]
             new = [descent(state.dimension, n, p0, rng) for rng in random]
             found = found + side_by_side(values, new, told)
-            _require_dependence(state, found)
+            if all(len(levels) == 1 for levels in found):
+                require_dependence(OWNER, state, found[0][0].points, found[0][0].values)
             bar.set_postfix_str(_so_far(found))
             wanted = min(_more_repeats(found, cov), (max_runs - runs) * len(found) // runs)
     depths = sorted(map(len, found))
-    levels = str(depths[0]) if depths[0] == depths[-1] else f"{depths[0]} to {depths[-1]}"
+    levels = f"{depths[0]} to {depths[-1]} levels"
+    if depths[0] == depths[-1]:
+        levels = "1 level" if depths[0] == 1 else f"{depths[0]} levels"
     method = (
         f"subset simulation by adaptive conditional sampling, {len(found)} repeats of {n:,} "
-        f"samples a level, p0 = {p0:.3g}, {levels} levels; c.o.v. by repeats"
+        f"samples a level, p0 = {p0:.3g}, {levels}; c.o.v. by repeats"
     )
     bound, warnings = _bound(found, round(p0 * n))
     if failed:
@@ -228,20 +228,6 @@ def _checked(
     most = max(max_runs, n * repeats)
     require_memory(OWNER, "max_runs", most, most * (state.dimension + 2) * 8)
     return n, repeats, max_runs
-
-
-def _require_dependence(state: LimitState, found: Sequence[list[Level]]) -> None:
-    """A ``ValueError`` for a demand that is the same in all runs, however strong the motion."""
-    z, values = found[0][0].points, found[0][0].values
-    if not np.isfinite(values).any():
-        raise ValueError(f"{OWNER}: demand must be a number, but is none in {len(z)} random runs")
-    if any(np.ptp(repeat[0].values) > 0 for repeat in found):
-        return
-    if not np.ptp([values, *(state.values(factor * z) for factor in _STRONGER)]) > 0:
-        raise ValueError(
-            f"{OWNER}: demand must depend on the random numbers of the scenarios, but is "
-            f"{values[0] + state.level:.6g} in {len(z) * 3:,} random runs"
-        )
 
 
 def _estimates(found: Sequence[list[Level]]) -> np.ndarray:
@@ -298,17 +284,13 @@ def _bound(found: Sequence[list[Level]], seeds: int) -> tuple[float | None, list
     """A bound on a probability that no sample or every sample tells of, and what it means."""
     n = sum(len(levels[0].values) for levels in found)
     if all((levels[0].values >= 0).all() for levels in found):
-        least = _SURE ** (1 / n)
-        return None, [
-            f"the event occurs in each of {n:,} random runs: its probability is above "
-            f"{least:.6g} (95 %)"
-        ]
-    if _probability(found) >= FLOOR:
+        return None, [always(n)]
+    if _probability(found) >= RAREST:
         return None, []
     last = [levels[-1] for levels in found]
     reached = float(np.mean([level.probability for level in last]))
     nearest = max(float(level.values.max()) for level in last)
-    bound, why = FLOOR, "rarer levels are not sought"
+    bound, why = RAREST, "rarer levels are not sought"
     if any((level.values == level.values.max()).sum() > seeds for level in last):
         n = sum(len(level.values) for level in last)
         bound = -math.log(_SURE) * reached / n
@@ -323,7 +305,7 @@ def _bound(found: Sequence[list[Level]], seeds: int) -> tuple[float | None, list
 def _warnings(found: Sequence[list[Level]], cov: float | None, max_runs: int) -> Iterator[str]:
     """Why not to trust the estimate, in sentences."""
     p, spread = _estimates(found), _cov(found)
-    if p.mean() < FLOOR:
+    if p.mean() < RAREST:
         return
     none, share = int((p == 0).sum()), float(p.max() / p.sum())
     if none:

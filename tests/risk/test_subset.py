@@ -179,7 +179,7 @@ def test_runs_that_fail_count_as_safe_and_are_told():
         def values(self, z):
             return np.full(len(z), np.nan)
 
-    with pytest.raises(ValueError, match="demand must be a number, but is none in 1000 random"):
+    with pytest.raises(ValueError, match="demand must be a number, but is none in 1,000 random"):
         simulated(Hopeless(2.5), progress=False)
 
 
@@ -206,7 +206,7 @@ def test_warnings_of_an_estimate_that_hangs_on_a_few_repeats():
         ({"cov": -0.1}, "cov = -0.1 must be positive"),
         ({"key": -1}, "key = -1 must be from 0"),
         ({"max_runs": 10**12}, "max_runs = 1,000,000,000,000 would take"),
-        ({"gap": 0.0}, "gap = 0 must be positive"),
+        ({"gap": -0.1}, "gap = -0.1 must be finite and not negative"),
         ({"gap": 0.3, "demand": "peak_x1"}, "gap = 0.3 must be None"),
         ({"demand": "peak_y", "threshold": 1.0}, "unknown demand 'peak_y'"),
     ],
