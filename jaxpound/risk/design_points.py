@@ -254,7 +254,7 @@ def _kept(
     if (instants[rows] < 0).any():
         rows = _different(along, rows)
     # Where no motion, however strong, has a gradient, all have failed.
-    failed = search.active.size if search.slope.any() else len(search.z)
+    failed = int(search.active.size) if search.slope.any() else len(search.z)
     return DesignPoints(
         along[rows] * betas[rows, None],
         along[rows],

@@ -167,7 +167,9 @@ class LimitState:
         """Demand (of pounding minus the smallest gap) and its time of a point z, traceable."""
         structures, ground = self._moved(z, changes)
         found = demand(structures, ground, self.grid, self.scheme)
-        return self._demanded(structures.system(), found), found.min_gap_time
+        demanded = self._demanded(structures.system(), found)
+        gaps = self.demand == REQUIRED_GAP
+        return demanded, found.min_gap_time if gaps else jnp.nan * demanded
 
     def at_instant(self, z: Any, changes: Mapping[str, Any], instant: Any, row: Any) -> Any:
         """The value of a series at an instant, traceable; see ``instants``."""

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxpound.risk.limit_state import LimitState
-from jaxpound.risk.mixture import Mixture
 from jaxpound.study.sampling import Points, as_key, key_numbers, points
 
 BATCH = 256
@@ -58,18 +57,6 @@ class Samples(NamedTuple):
 def normal_points(key: int | jax.Array, state: LimitState) -> Points:
     """Standard normal points of d + 1 numbers: the last chooses a part of the mixture."""
     return points("plain", as_key(*key_numbers("rare_event", key)), state.dimension + 1)
-
-
-def plain_batch(state: LimitState, normal: Points, number: int) -> Samples:
-    """A batch of plain samples."""
-    z = normal(number * BATCH, (number + 1) * BATCH)[:, :-1]
-    return Samples(z, np.ones(len(z)), *state.values_and_times(z))
-
-
-def batch(state: LimitState, normal: Points, mixture: Mixture, number: int) -> Samples:
-    """A batch of importance samples."""
-    z = mixture.draw(normal, number * BATCH, (number + 1) * BATCH)
-    return Samples(z, mixture.weights(z), *state.values_and_times(z))
 
 
 def until_sure(

@@ -57,6 +57,36 @@ def test_samples_depend_on_key_and_number_alone(events):
     assert np.array_equal(again.values, event.values[:n])
 
 
+def test_a_stopped_search_goes_on(events, tmp_path, monkeypatch):
+    """Stopped by an interrupt in the third batch, and after that at none of its runs."""
+    state, folder = case_w.state(0.47), tmp_path / "search"
+    options = {"key": 1, "start": events[0.27], "store": folder, "progress": False}
+    made, run = [], jp.LimitState.values_and_times
+
+    def stopping(self, z):
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        made.append(len(z))
+        return run(self, z)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "values_and_times", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            event_of(state, **options)
+    after = event_of(state, **options)
+    assert np.array_equal(after.values, events[0.47].values)
+    assert (after.probability, after.gradients) == (
+        events[0.47].probability,
+        events[0.47].gradients,
+    )
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "values_and_times", None)
+        patch.setattr(jp.LimitState, "gradients", None)
+        assert event_of(state, **options).probability == after.probability
+    with pytest.raises(ValueError, match=r"another study: threshold is 0\.47 there and 0\.5 here"):
+        event_of(case_w.state(0.5), **options)
+
+
 def test_design_earthquakes_close_the_gap(events):
     event = events[0.645]
     first = event.design_earthquakes[0]
