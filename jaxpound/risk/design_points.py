@@ -253,6 +253,8 @@ def _kept(
     rows = rows[betas[rows] <= betas[rows[:1]].sum() + FAR]
     if (instants[rows] < 0).any():
         rows = _different(along, rows)
+    # Where no motion, however strong, has a gradient, all have failed.
+    failed = int(search.active.size) if search.slope.any() else len(search.z)
     return DesignPoints(
         along[rows] * betas[rows, None],
         along[rows],
@@ -260,7 +262,7 @@ def _kept(
         instants[rows],
         series[rows],
         gradients,
-        int(search.active.size),
+        failed,
     )
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, enforce, finite, hint, instance, number
+from jaxpound._checks import Rule, enforce, finite, hint, instance, not_negative, number
 from jaxpound._extrema import larger
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, put, require_paths
@@ -28,6 +28,8 @@ from jaxpound.study.demands import over_all
 from jaxpound.study.scenarios import ScenarioSet
 
 OWNER = "LimitState"
+
+_STRONGER = (3.0, 10.0)  # factors of z at which a demand that seems constant is looked at
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -199,6 +201,40 @@ class LimitState:
         if self.demand not in known:
             raise ValueError(f"{OWNER}: unknown demand {self.demand!r}; {hint(self.demand, known)}")
         return known[self.demand]
+
+
+def threshold_of(owner: str, gap: Any, demand: Any, threshold: Any) -> float | None:
+    """The threshold, which for gaps is the gap; a ``ValueError`` where both are given."""
+    if gap is None:
+        return threshold
+    if demand != REQUIRED_GAP or threshold is not None:
+        raise ValueError(f"{owner}: gap = {gap!r} must be None where another demand is given")
+    (gap,) = not_negative(owner, gap=number(owner, "gap", gap))
+    return float(gap)
+
+
+def require_dependence(owner: str, state: LimitState, z: Any, values: Any) -> None:
+    """A ``ValueError`` for a demand that is the same in all runs, however strong the motion.
+
+    Parameters
+    ----------
+    owner
+        Begins the message.
+    state
+        The limit state.
+    z, values
+        Random points, shape (n, d), and their values.
+    """
+    if not np.isfinite(values).any():
+        raise ValueError(f"{owner}: demand must be a number, but is none in {len(z):,} random runs")
+    if np.ptp(values[np.isfinite(values)]) > 0:
+        return
+    if not np.ptp([values, *(state.values(factor * z) for factor in _STRONGER)]) > 0:
+        runs = len(z) * (1 + len(_STRONGER))
+        raise ValueError(
+            f"{owner}: demand must depend on the random numbers of the scenarios, but is "
+            f"{values[0] + state.level:.6g} in {runs:,} random runs"
+        )
 
 
 class _Programs:

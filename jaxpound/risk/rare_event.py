@@ -19,6 +19,18 @@ from jaxpound.risk.limit_state import LimitState
 from jaxpound.risk.slope import Slope, slopes_of, tail_of
 from jaxpound.study.statistics import Estimate
 
+RAREST = 1e-12
+"""Below this a probability is only bounded."""
+
+
+def always(runs: int) -> str:
+    """What is known of an event that occurs in each of some random runs, in words."""
+    least = 0.05 ** (1 / runs)
+    return (
+        f"the event occurs in each of {runs:,} random runs: its probability is above {least:.6g} "
+        "(95 %)"
+    )
+
 
 class DesignEarthquake(NamedTuple):
     """A scenario that is the likeliest of those that reach the limit state at one instant."""
@@ -71,6 +83,9 @@ class RareEvent(Shown):
     """Of each design point the number of the series, in ``LimitState.series``."""
     times: Float[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.zeros(0))
     """Of each sample the time of its smallest gap; none of a method that does not keep them."""
+    repeats: Int[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    """Of each sample the number of the repeat that it belongs to: samples of one repeat are
+    correlated. None where all are independent."""
     thin: float = float("nan")
     """Share of the estimate from where few samples are drawn: failures that no design point stands
     for. NaN of a method without design points."""
@@ -114,7 +129,7 @@ class RareEvent(Shown):
             If fewer than 20 samples reach the limit state.
 
         """
-        return slopes_of(self.limit_state, self.points, self.weights, self.values)
+        return slopes_of(self.limit_state, self.points, self.weights, self.values, self.repeats)
 
     def slope(self, path: str) -> Slope:
         """D ln P by a parameter of the structures, with its standard error; see ``slopes``.
@@ -136,7 +151,7 @@ class RareEvent(Shown):
         ValueError
             As ``slopes``.
         """
-        tail = tail_of(self.weights, self.values)
+        tail = tail_of(self.weights, self.values, self.repeats)
         return Slope(tail.decay, tail.error)
 
     @property

@@ -17,9 +17,9 @@ from jaxpound.model.parameters import get, interval, name, put, require_paths
 from jaxpound.model.system import Structures
 from jaxpound.results.demand import Demand
 from jaxpound.risk.instants import REQUIRED_GAP
-from jaxpound.risk.limit_state import LimitState
+from jaxpound.risk.limit_state import LimitState, threshold_of
 from jaxpound.risk.rare_event import RareEvent
-from jaxpound.risk.run import event_of, threshold_of
+from jaxpound.risk.run import event_of
 from jaxpound.risk.slope import Slope
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.scenarios import ScenarioSet

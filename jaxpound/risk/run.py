@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from os import PathLike
-from typing import Any
 
 import jax
 from jaxtyping import Array
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, hint, instance, not_negative, number, require_share
+from jaxpound._checks import count, hint, instance, number, require_share
 from jaxpound.grid import TimeGrid
 from jaxpound.results.demand import Demand
 from jaxpound.risk.instants import REQUIRED_GAP
 from jaxpound.risk.kept import Kept
-from jaxpound.risk.limit_state import LimitState
+from jaxpound.risk.limit_state import LimitState, threshold_of
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.risk.sampling import BATCH, normal_points
 from jaxpound.risk.search import COMMON, OWNER, Search
@@ -146,16 +146,6 @@ def rare_event(
     )
 
 
-def threshold_of(owner: str, gap: Any, demand: Any, threshold: Any) -> float | None:
-    """The threshold, which for gaps is the gap; a ``ValueError`` where both are given."""
-    if gap is None:
-        return threshold
-    if demand != REQUIRED_GAP or threshold is not None:
-        raise ValueError(f"{owner}: gap = {gap!r} must be None where another demand is given")
-    (gap,) = not_negative(owner, gap=number(owner, "gap", gap))
-    return float(gap)
-
-
 def event_of(
     state: LimitState,
     *,
@@ -198,7 +188,9 @@ def event_of(
         if len(found) or not found.failed:
             return search.around(found, 0 if pilot is None else BATCH)
     if method == "auto":
-        return by_subset("no gradient leads to the limit state: ")
+        event = by_subset("no gradient leads to the limit state: ")
+        runs, gradients = event.runs + BATCH * (pilot is not None), found.gradients
+        return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
         "reached it; use method = 'subset'"

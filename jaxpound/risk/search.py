@@ -11,21 +11,17 @@ from scipy.special import ndtr
 
 from jaxpound.risk.design_points import DesignPoints, find_design_points
 from jaxpound.risk.kept import Kept
-from jaxpound.risk.limit_state import LimitState
+from jaxpound.risk.limit_state import LimitState, require_dependence
 from jaxpound.risk.mixture import NEAR, Mixture
-from jaxpound.risk.rare_event import RareEvent
+from jaxpound.risk.rare_event import RAREST, RareEvent, always
 from jaxpound.risk.sampling import BATCH, Samples, until_sure
 from jaxpound.study.sampling import Points
 
 OWNER = "rare_event"
 
-RAREST = 1e-12
-"""Below this the probability is only bounded."""
-
 COMMON = 0.04
 """Share of plain runs above which plain Monte Carlo is as good."""
 
-_STRONGER = (3.0, 10.0)  # factors of z at which a demand that seems constant is looked at
 _THIN, _LARGEST, _OUTSIDE = 0.1, 0.1, 0.1  # shares of the estimate that are told
 
 
@@ -53,19 +49,9 @@ class Search:
         ValueError
             If the demand is no number, or the same in all runs however strong the motion.
         """
-        found, state = self._batch(0, None), self.state
+        found = self._batch(0, None)
         self.bar.update(BATCH)
-        good = found.values[np.isfinite(found.values)]
-        if not good.size:
-            rule = f"must be a number, but is none in {BATCH} random runs"
-            raise ValueError(f"{OWNER}: demand {rule}")
-        if not np.ptp(good) > 0:
-            stronger = [state.values(factor * found.z) for factor in _STRONGER]
-            if not np.ptp([found.values, *stronger]) > 0:
-                raise ValueError(
-                    f"{OWNER}: demand must depend on the random numbers of the scenarios, but is "
-                    f"{good[0] + state.level:.6g} in {3 * BATCH} random runs"
-                )
+        require_dependence(OWNER, self.state, found.z, found.values)
         return found
 
     def points(self, numbers: tuple[int, ...], start: RareEvent | None) -> DesignPoints:
@@ -100,11 +86,7 @@ class Search:
         )
         warnings = [*self._unsure(event)]
         if sure:
-            least = 0.05 ** (1 / len(found))
-            warnings.append(
-                f"the limit state is reached in each of {len(found)} random runs: its probability "
-                f"is above {least:.4g} (95 %)"
-            )
+            warnings.append(always(len(found)))
         return dataclasses.replace(event, warnings=tuple(warnings))
 
     def around(self, found: DesignPoints, runs: int) -> RareEvent:

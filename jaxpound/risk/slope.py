@@ -41,8 +41,13 @@ class Tail(NamedTuple):
     """Each sample's weight at the limit: w times the normal density of its value, corrected."""
 
 
-def tail_of(weights: np.ndarray, values: np.ndarray) -> Tail:
+def tail_of(weights: np.ndarray, values: np.ndarray, repeats: np.ndarray) -> Tail:
     """The tail at the limit of samples of a rare event.
+
+    Parameters
+    ----------
+    weights, values, repeats
+        See ``RareEvent``.
 
     Raises
     ------
@@ -59,18 +64,22 @@ def tail_of(weights: np.ndarray, values: np.ndarray) -> Tail:
     share = np.exp(-0.5 * (values / width) ** 2) / (width * math.sqrt(2 * math.pi))
     near = np.abs(values) < _REACH * width
     density = np.where(near, weights * share, 0.0) * math.exp(-0.5 * _WIDTH**2)
-    value, error = _ratio(density, hit)
+    value, error = _ratio(density, hit, repeats)
     return Tail(value, error, density)
 
 
 def slopes_of(
-    state: LimitState, points: np.ndarray, weights: np.ndarray, values: np.ndarray
+    state: LimitState,
+    points: np.ndarray,
+    weights: np.ndarray,
+    values: np.ndarray,
+    repeats: np.ndarray,
 ) -> dict[str, Slope]:
     """D ln P by every parameter of the structures, by path, from one reverse pass a sample.
 
     Only samples near the limit state are run again.
     """
-    tail = tail_of(weights, values)
+    tail = tail_of(weights, values, repeats)
     near = np.flatnonzero(tail.density)
     hit = np.where(values >= 0, weights, 0.0)
     found = state.sensitivities(points[near])
@@ -78,12 +87,17 @@ def slopes_of(
     for path, slope in found.items():
         parts = np.zeros(len(values))
         parts[near] = tail.density[near] * slope
-        slopes[path] = Slope(*_ratio(parts, hit))
+        slopes[path] = Slope(*_ratio(parts, hit, repeats))
     return slopes
 
 
-def _ratio(above: np.ndarray, below: np.ndarray) -> tuple[float, float]:
-    """The ratio of two sums over the same samples, and its standard error."""
+def _ratio(above: np.ndarray, below: np.ndarray, repeats: np.ndarray) -> tuple[float, float]:
+    """The ratio of two sums over the same samples, and its standard error.
+
+    Where samples belong to repeats, only the sums over a repeat are independent.
+    """
+    if repeats.size:
+        above, below = np.bincount(repeats, above), np.bincount(repeats, below)
     ratio = above.sum() / below.sum()
     error = np.std(above - ratio * below, ddof=1) / np.sqrt(len(below)) / below.mean()
     return float(ratio), float(error)

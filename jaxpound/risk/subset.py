@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -21,9 +21,10 @@ from jaxpound._checks import (
 )
 from jaxpound.grid import TimeGrid
 from jaxpound.results.demand import Demand
-from jaxpound.risk.levels import FLOOR, Level, descent, side_by_side
-from jaxpound.risk.limit_state import REQUIRED_GAP, LimitState
-from jaxpound.risk.rare_event import RareEvent
+from jaxpound.risk.instants import REQUIRED_GAP
+from jaxpound.risk.levels import Level, descent, side_by_side
+from jaxpound.risk.limit_state import LimitState, require_dependence, threshold_of
+from jaxpound.risk.rare_event import RAREST, RareEvent, always
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.sampling import key_numbers
 from jaxpound.study.scenarios import ScenarioSet
@@ -42,7 +43,6 @@ _SMALL_SCALE = 0.05
 _LARGE_COV = 0.5
 _LARGE_SHARE = 0.3
 _SURE = 0.05  # probability that a bound from samples is wrong
-_STRONGER = (3.0, 10.0)  # factors of z at which a demand that seems constant is looked at
 
 
 def subset_simulation(
@@ -71,9 +71,7 @@ def subset_simulation(
     probability of 1e-4, 5,500 for 1e-6, by default in each of 20 repeats.
 
     The coefficient of variation is that of the mean of independent repeats. (Formulas for a single
-    simulation leave out that its levels, and its chains, are correlated.) The estimate has a bias
-    of the order of 1/n: of 1e-4 by a plane in ten dimensions it is +1 % with the default, +5 % with
-    n = 400.
+    simulation leave out that its levels, and its chains, are correlated.)
 
     Parameters
     ----------
@@ -127,10 +125,7 @@ def subset_simulation(
     >>> 1e-3 < event.probability < 3e-2
     True
     """
-    if gap is not None:
-        if demand != REQUIRED_GAP or threshold is not None:
-            raise ValueError(f"{OWNER}: gap = {gap!r} must be None where another demand is given")
-        (threshold,) = positive(OWNER, gap=gap)
+    threshold = threshold_of(OWNER, gap, demand, threshold)
     state = LimitState(scenarios, grid, scheme, demand, threshold)
     return simulated(
         state,
@@ -180,19 +175,22 @@ def simulated(
             random = [np.random.default_rng([*numbers, r]) for r in numbered]
             new = [descent(state.dimension, n, p0, rng) for rng in random]
             found = found + side_by_side(values, new, told)
-            _require_dependence(state, found)
+            if all(len(levels) == 1 for levels in found):
+                require_dependence(OWNER, state, found[0][0].points, found[0][0].values)
             bar.set_postfix_str(_so_far(found))
             wanted = min(_more_repeats(found, cov), (max_runs - runs) * len(found) // runs)
     depths = sorted(map(len, found))
-    levels = str(depths[0]) if depths[0] == depths[-1] else f"{depths[0]} to {depths[-1]}"
+    levels = f"{depths[0]} to {depths[-1]} levels"
+    if depths[0] == depths[-1]:
+        levels = "1 level" if depths[0] == 1 else f"{depths[0]} levels"
     method = (
         f"subset simulation by adaptive conditional sampling, {len(found)} repeats of {n:,} "
-        f"samples a level, p0 = {p0:.3g}, {levels} levels; c.o.v. by repeats"
+        f"samples a level, p0 = {p0:.3g}, {levels}; c.o.v. by repeats"
     )
-    bound, warnings = _bound(found)
+    bound, warnings = _bound(found, round(p0 * n))
     if failed:
         warnings.append(f"{failed:,} of {runs:,} runs failed and count as safe")
-    points, weights, every = _sample(found)
+    sample = _sample(found)
     return RareEvent(
         probability=_probability(found) if bound is None else bound,
         cov=_cov(found),
@@ -200,11 +198,12 @@ def simulated(
         gradients=0,
         method=f"{why}{method}",
         limit_state=state,
-        points=points,
-        weights=weights,
-        values=every,
+        points=sample.points,
+        weights=sample.weights,
+        values=sample.values,
         design_points=np.empty((0, state.dimension)),
         instants=np.empty(0),
+        repeats=sample.repeats,
         warnings=(*warnings, *_warnings(found, cov, max_runs)),
     )
 
@@ -229,20 +228,6 @@ def _checked(
     most = max(max_runs, n * repeats)
     require_memory(OWNER, "max_runs", most, most * (state.dimension + 2) * 8)
     return n, repeats, max_runs
-
-
-def _require_dependence(state: LimitState, found: Sequence[list[Level]]) -> None:
-    """A ``ValueError`` for a demand that is the same in all runs, however strong the motion."""
-    z, values = found[0][0].points, found[0][0].values
-    if not np.isfinite(values).any():
-        raise ValueError(f"{OWNER}: demand must be a number, but is none in {len(z)} random runs")
-    if any(np.ptp(repeat[0].values) > 0 for repeat in found):
-        return
-    if not np.ptp([values, *(state.values(factor * z) for factor in _STRONGER)]) > 0:
-        raise ValueError(
-            f"{OWNER}: demand must depend on the random numbers of the scenarios, but is "
-            f"{values[0] + state.level:.6g} in {len(z) * 3:,} random runs"
-        )
 
 
 def _estimates(found: Sequence[list[Level]]) -> np.ndarray:
@@ -272,39 +257,44 @@ def _so_far(found: Sequence[list[Level]]) -> str:
     return f"P = {p:.3g}, c.o.v. {_cov(found):.2g}" if p > 0 else "P out of reach"
 
 
-def _sample(found: Sequence[list[Level]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, weights and values of every level without what lies in the next."""
-    points, weights, values = [], [], []
-    for levels in found:
+class _Sample(NamedTuple):
+    """Samples of all levels, and what ``RareEvent`` says of them."""
+
+    points: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    repeats: np.ndarray
+
+
+def _sample(found: Sequence[list[Level]]) -> _Sample:
+    """Every level without what lies in the next."""
+    parts = []
+    for number, levels in enumerate(found):
         ends = [level.threshold for level in levels[1:]] + [math.inf]
         for level, end in zip(levels, ends, strict=True):
-            own = level.values < end
-            points.append(level.points[own])
-            values.append(level.values[own])
-            weights.append(np.full(own.sum(), level.probability / len(level.values)))
-    every = np.concatenate(weights)
-    return np.concatenate(points), every * len(every) / len(found), np.concatenate(values)
+            own = level.values <= end
+            share = np.full(own.sum(), level.probability / len(level.values) / len(found))
+            of = np.full(own.sum(), number)
+            parts.append((level.points[own], share, level.values[own], of))
+    points, shares, values, repeats = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return _Sample(points, shares * len(shares), values, repeats)
 
 
-def _bound(found: Sequence[list[Level]]) -> tuple[float | None, list[str]]:
+def _bound(found: Sequence[list[Level]], seeds: int) -> tuple[float | None, list[str]]:
     """A bound on a probability that no sample or every sample tells of, and what it means."""
     n = sum(len(levels[0].values) for levels in found)
     if all((levels[0].values >= 0).all() for levels in found):
-        least = _SURE ** (1 / n)
-        return None, [
-            f"the event occurs in each of {n:,} random runs: its probability is above "
-            f"{least:.6g} (95 %)"
-        ]
-    if _probability(found) >= FLOOR:
+        return None, [always(n)]
+    if _probability(found) >= RAREST:
         return None, []
     last = [levels[-1] for levels in found]
     reached = float(np.mean([level.probability for level in last]))
     nearest = max(float(level.values.max()) for level in last)
-    bound, why = FLOOR, "rarer levels are not sought"
-    if any(level.values.max() == level.values.min() for level in last):
+    bound, why = RAREST, "rarer levels are not sought"
+    if any((level.values == level.values.max()).sum() > seeds for level in last):
         n = sum(len(level.values) for level in last)
         bound = -math.log(_SURE) * reached / n
-        why = "no rarer level lies beyond one whose demands are all the same"
+        why = "no rarer level lies beyond one in which the largest demands are all the same"
     short = f"; the demand stays {-nearest:.4g} below the threshold" if nearest < 0 else ""
     return bound, [
         f"out of reach: the probability is below {bound:.2g}, since {why}{short}; the number is a "
@@ -315,7 +305,7 @@ def _bound(found: Sequence[list[Level]]) -> tuple[float | None, list[str]]:
 def _warnings(found: Sequence[list[Level]], cov: float | None, max_runs: int) -> Iterator[str]:
     """Why not to trust the estimate, in sentences."""
     p, spread = _estimates(found), _cov(found)
-    if p.mean() < FLOOR:
+    if p.mean() < RAREST:
         return
     none, share = int((p == 0).sum()), float(p.max() / p.sum())
     if none:
