@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from os import PathLike
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
-from scipy.optimize import brentq
 from scipy.special import log_ndtr, ndtr
 
 from jaxpound._checks import Rule, enforce, instance, positive, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.risk.annual_rate import AnnualRate
 from jaxpound.risk.hazard_files import read_hazard
+from jaxpound.risk.hazard_gap import TRIED, gap_by_fragilities
 from jaxpound.risk.hazard_intensity import HazardIntensity
 from jaxpound.study.distributions import Distribution, density
 from jaxpound.study.fragility import Fragility
@@ -304,7 +303,7 @@ class HazardCurve(Shown):
             drew them or ``weights`` weigh them: the gap is a quantile of the study, with its
             interval. Or the column of the study that measures the shaking, however it was drawn:
             a fragility is fitted at every gap that is tried, until its annual rate is the wanted;
-            the interval's ends are the gaps at which that rate's interval meets the target.
+            the interval is that of ln rate there over the slope of ln rate by ln gap.
         link
             A link by number, from 0; by default any of them.
         confidence
@@ -328,35 +327,12 @@ class HazardCurve(Shown):
                     f"{self.annual_rate[0]:.4g}"
                 )
             return study.required_gap(float(share), confidence, link=link)
-        return self._gap_by_fragility(study, target, intensity, link, confidence)
-
-    def _gap_by_fragility(
-        self, study: Study, target: float, intensity: str, link: int | None, confidence: float
-    ) -> Estimate:
-        def excess(gap: float, end: str) -> float:
-            """Ln of the annual rate at a gap, or of an end of its interval, over the target."""
-            curve = study.fragility(intensity, gap, link=link)
-            found = getattr(self.annual_rate_of(curve, confidence), end)
-            return float(np.log(max(found, 1e-300) / target))
-
-        tried = [study.required_gap(p, link=link).value for p in (0.5, 0.05, 1e-2, 2e-3)]
-        known = np.unique([gap for gap in tried if _fits(excess, gap)])
-
-        def gap_of(end: str) -> float:
-            over = np.array([excess(gap, end) for gap in known])
-            if not (over.size and over[0] > 0 > over[-1]):
-                return float("nan")
-            last = int(np.flatnonzero(over > 0)[-1])
-            return float(brentq(excess, known[last], known[last + 1], args=(end,), xtol=1e-10))
-
-        value = gap_of("value")
-        if np.isnan(value):
-            rule = "must be the annual rate of pounding at a gap at which a fragility can be fitted"
-            between = f"{known[0]:.4g} to {known[-1]:.4g}" if known.size else "none"
-            raise ValueError(
-                f"HazardCurve.required_gap: {target:.4g} a year {rule}; these are {between}"
-            )
-        return Estimate(value, gap_of("low"), gap_of("high"), confidence)
+        study.moments(intensity)  # a column that is not there is named
+        return gap_by_fragilities(
+            lambda gap: self.annual_rate_of(study.fragility(intensity, gap, link=link), confidence),
+            [study.required_gap(p, link=link).value for p in TRIED],
+            target,
+        )
 
     def _piece(self, im: np.ndarray) -> np.ndarray:
         """The piece between points that an intensity is in, or the one that is continued there."""
@@ -378,14 +354,6 @@ def _log_between(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     low, high = np.where(above, -high, low), np.where(above, -low, high)
     with np.errstate(divide="ignore"):
         return log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
-
-
-def _fits(excess: Callable[[float, str], float], gap: float) -> bool:
-    """Whether there is a fragility at a gap."""
-    try:
-        return gap > 0 and bool(np.isfinite(excess(gap, "value")))
-    except ValueError:
-        return False
 
 
 def rate_of(owner: str, probability: float, years: float) -> float:

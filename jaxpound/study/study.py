@@ -11,16 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import (
-    Rule,
-    enforce,
-    instance,
-    is_whole,
-    not_negative,
-    number,
-    real,
-    require_share,
-)
+from jaxpound._checks import instance, is_whole, not_negative, number, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Topology
@@ -42,7 +33,7 @@ from jaxpound.study.statistics import (
     quantile,
 )
 from jaxpound.study.store import Store
-from jaxpound.study.weighting import Hits, Weighting
+from jaxpound.study.weighting import Hits, Weighting, correlation
 from jaxpound.units import Scales
 
 
@@ -206,27 +197,9 @@ class Study(Columnar, Shown):
         >>> rare = study.weighted("weight", normalised=False)  # doctest: +SKIP
         >>> rare.pounding_probability(gap=0.4)  # doctest: +SKIP
         """
-        owner = "Study.weighted"
-        by: str | np.ndarray
-        if isinstance(weights, str):
-            by, known = weights, self._moments[self._known(weights)]
-            ends = np.array([known.smallest, known.largest])
-            whole = known.n == self._moments["pga"].n
-        else:
-            by = ends = np.asarray(real(owner, "weights", weights), float)
-            whole = by.shape == (len(self),)
-        if not whole:
-            rule = (
-                f"be ({len(self)},)" if by is ends else "be finite in every run that did not fail"
-            )
-            raise ValueError(f"{owner}: weights must {rule}")
-        enforce(
-            owner,
-            [
-                Rule("weights", ends, (ends >= 0) & np.isfinite(ends), "finite and not negative"),
-                Rule("sum of the weights", ends.max(), ends.max() > 0, "positive"),
-            ],
-        )
+        known = self._moments[self._known(weights)] if isinstance(weights, str) else None
+        runs = len(self) if known is None else len(self) - self.failed
+        by = weighting.checked("Study.weighted", weights, runs, known)
         return dataclasses.replace(self, weighting=Weighting(by, bool(normalised)))
 
     @property
@@ -507,22 +480,15 @@ class Study(Columnar, Shown):
         """
         if kind not in ("rank", "linear"):
             raise ValueError(f"correlations: kind = {kind!r} must be 'rank' or 'linear'")
-        from scipy import stats  # only here: it takes a second to import
-
-        measure = stats.spearmanr if kind == "rank" else stats.pearsonr
         column = self._read(self._known(name))
         good = np.isfinite(column)
 
+        y = column[good]
         weights = None if self.weighting is None else self.weights[good]
-
-        def correlation(x: np.ndarray) -> float:
-            if not (good.any() and np.ptp(x) and np.ptp(column[good])):
-                return float("nan")
-            if weights is not None:
-                return weighting.correlation(x, column[good], weights, ranks=kind == "rank")
-            return float(measure(x, column[good]).statistic)
-
-        return {name: correlation(x[good]) for name, x in self.parameters().items()}
+        return {
+            name: correlation(x[good], y, weights, ranks=kind == "rank")
+            for name, x in self.parameters().items()
+        }
 
     # Tables.
 

@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import ArrayLike
 from scipy.special import betaincinv
 
-from jaxpound._checks import require_share
+from jaxpound._checks import Rule, enforce, real, require_share
 from jaxpound.study.statistics import Estimate, Moments
 
 
@@ -36,6 +37,30 @@ class Weighting:
         for part in parts:
             yield part, self.by[start : start + len(part)]
             start += len(part)
+
+
+def checked(
+    owner: str, weights: str | ArrayLike, n: int, column: Moments | None
+) -> str | np.ndarray:
+    """A column's name, whose moments are known, or n weights; a ``ValueError`` for no weights."""
+    if isinstance(weights, str):
+        assert column is not None
+        by: str | np.ndarray = weights
+        ends, right = np.array([column.smallest, column.largest]), column.n == n
+        rule = "be finite in every run that did not fail"
+    else:
+        by = ends = np.asarray(real(owner, "weights", weights), float)
+        right, rule = by.shape == (n,), f"be ({n},)"
+    if not right:
+        raise ValueError(f"{owner}: weights must {rule}")
+    enforce(
+        owner,
+        [
+            Rule("weights", ends, (ends >= 0) & np.isfinite(ends), "finite and not negative"),
+            Rule("sum of the weights", ends.max(), ends.max() > 0, "positive"),
+        ],
+    )
+    return by
 
 
 class Hits(NamedTuple):
@@ -167,8 +192,14 @@ def moments(parts: Iterable[tuple[np.ndarray, np.ndarray]]) -> Moments:
     return Moments(n, float(mean), float(variance * (n - 1)), float(low), float(high))
 
 
-def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray, *, ranks: bool) -> float:
-    """Correlation coefficient, linear or of weighted ranks."""
+def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray | None, *, ranks: bool) -> float:
+    """Correlation coefficient, linear or of (weighted) ranks; NaN where one does not vary."""
+    if not (x.size and np.ptp(x) and np.ptp(y)):
+        return float("nan")
+    if weights is None:
+        from scipy import stats  # only here: it takes a second to import
+
+        return float((stats.spearmanr if ranks else stats.pearsonr)(x, y).statistic)
     both = np.stack([_ranks(a, weights) if ranks else a for a in (x, y)])
     covariance = np.cov(both, aweights=weights)
     return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
