@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
@@ -15,18 +16,18 @@ from jaxtyping import Array, Float
 from jaxpound._checks import Rule, enforce, finite, hint, instance, number
 from jaxpound._extrema import larger
 from jaxpound.grid import TimeGrid
-from jaxpound.model.parameters import put, require_paths
-from jaxpound.model.system import Structures, is_closable
+from jaxpound.model.parameters import get, paths, put, require_paths
+from jaxpound.model.system import Structures, System, is_closable
 from jaxpound.results.demand import Demand
-from jaxpound.simulation.batches import in_chunks, runs_at_a_time
+from jaxpound.risk.instants import REQUIRED_GAP, Series, measured, series_of
+from jaxpound.simulation.batches import in_chunks
+from jaxpound.simulation.course import positions_at
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.demands import over_all
 from jaxpound.study.scenarios import ScenarioSet
 
 OWNER = "LimitState"
-
-REQUIRED_GAP = "required_gap"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,13 +49,19 @@ class LimitState:
         gap only: the event is pounding, that any link closes its own gap at rest.
     changes
         Parameters of the structures by path, with the numbers that they have in the place of those
-        that the scenarios draw.
+        of the scenarios.
 
     Raises
     ------
     ValueError
         If an argument is of another type or breaks its rule, a demand or path is unknown, or the
-        required gap is asked for and its link has a law of contact or no gap.
+        required gap is asked for of structures without a link whose gap is finite.
+
+    Notes
+    -----
+    Gaps do not depend on laws of contact: whether blocks meet is the same with and without one, and
+    the required gap is that of blocks that may pass through each other. Runs for it leave these
+    laws out.
 
     Examples
     --------
@@ -90,9 +97,8 @@ class LimitState:
         known = self._programs
         if known is None or not known.are_of(self):
             object.__setattr__(self, "_programs", _Programs(self))
-        nominal, _ = jax.eval_shape(self.scenarios.realize, jnp.zeros(self.dimension))
-        require_paths(f"{OWNER}: changes", nominal, self.changes)
-        jax.eval_shape(self.value, jnp.zeros(self.dimension))
+        if self.changes:
+            require_paths(f"{OWNER}: changes", self.programs.nominal, self.changes)
 
     @property
     def dimension(self) -> int:
@@ -112,33 +118,76 @@ class LimitState:
 
     def value(self, z: Float[Array, " d"]) -> Float[Array, ""]:
         """The demand less the threshold, traceable: the event is value ≥ 0."""
-        return self.demanded(z, self.changes) - self.level
+        return self.observed(z, self.changes)[0] - self.level
 
     def values(self, z: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """``value`` of many points, in chunks of one size, so that one program runs them all."""
-        return self.programs.demanded(z, self.changes) - self.level
+        return self.values_and_times(z)[0]
+
+    def values_and_times(
+        self, z: Float[np.ndarray, "n d"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """``values``, and the times of the smallest gap; NaN for other demands than gaps."""
+        demanded, times = self.programs.observed(z, self.changes)
+        return demanded - self.level, times
+
+    def gradients(
+        self, z: Float[np.ndarray, "n d"], instants: np.ndarray, series: np.ndarray
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n d"]]:
+        """Values at one instant each, and their gradients by z.
+
+        Parameters
+        ----------
+        z
+            Points.
+        instants, series
+            For each the number of the instant, and of the series in ``series``. If there are no
+            series they are not used, and the value is that of the whole run.
+        """
+        found, slope = self.programs.gradients(z, self.changes, instants, series)
+        return found - self.level, slope
+
+    @property
+    def series(self) -> tuple[Series, ...]:
+        """The series whose largest number over the run is the demand; none for other demands."""
+        return self.programs.series
 
     def realized(self, z: Any, changes: Mapping[str, Any]) -> tuple[Structures, Any]:
         """The scenario of a point z, with the changes made in its structures."""
         structures, ground = self.scenarios.realize(z)
         return put(structures, changes) if changes else structures, ground
 
-    def demanded(self, z: Any, changes: Mapping[str, Any]) -> Any:
-        """The demand of a point z, traceable; of pounding minus the smallest gap."""
-        structures, ground = self.realized(z, changes)
+    def observed(self, z: Any, changes: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Demand (of pounding minus the smallest gap) and its time of a point z, traceable."""
+        structures, ground = self._moved(z, changes)
         found = demand(structures, ground, self.grid, self.scheme)
+        return self._demanded(structures.system(), found), found.min_gap_time
+
+    def at_instant(self, z: Any, changes: Mapping[str, Any], instant: Any, row: Any) -> Any:
+        """The value of a series at an instant, traceable; see ``instants``."""
+        structures, ground = self._moved(z, changes)
+        found = positions_at(structures, ground, self.grid, self.scheme, instant)
+        return measured(row, found, structures.system())
+
+    def _moved(self, z: Any, changes: Mapping[str, Any]) -> tuple[Structures, Any]:
+        """The scenario that is run: of gaps without laws of contact."""
+        structures, ground = self.realized(z, changes)
+        if self.demand == REQUIRED_GAP:
+            system = structures.system()
+            if any(link.contact is not None for link in system.links):
+                links = tuple(replace(link, contact=None) for link in system.links)
+                structures = replace(system, links=links)
+        return structures, ground
+
+    def _demanded(self, system: System, found: Demand) -> Any:
         if callable(self.demand):
             return jnp.asarray(self.demand(found))
-        system = structures.system()
         if self.demand == REQUIRED_GAP:
             closable = [k for k, link in enumerate(system.links) if is_closable(link.gap)]
             if not closable:
                 raise ValueError(f"{OWNER}: structures must have a link whose gap is finite")
             if self.threshold is None:
                 return -found.min_gap
-            if any(system.links[k].contact is not None for k in closable):
-                rule = "of structures without a law of contact, or gap = None for their own gaps"
-                raise ValueError(f"{OWNER}: required_gap must be {rule}")
             return reduce(larger, [system.links[k].gap - found.links[k].min_gap for k in closable])
         known = found.scalars() | over_all(system, found)
         if self.demand not in known:
@@ -150,32 +199,63 @@ class _Programs:
     """Compiled programs of a limit state, for batches of points of any size."""
 
     def __init__(self, state: LimitState) -> None:
-        self._of = (state.scenarios, state.grid, state.scheme, state.demand, _is_given(state))
-        per_device = 128 if state.dimension > _MANY else 512
-        self.chunk = runs_at_a_time() // 512 * per_device
-        self._demanded = in_chunks(state.demanded, self.chunk)
+        self._of = state
+        here = jnp.zeros(state.dimension)
+        self.nominal, _ = state.scenarios.realize(here)
+        jax.eval_shape(lambda z: state.observed(z, {}), here)
+        cores = len(jax.local_devices())
+        self._chunk = cores * _RUNS
+        self._observed = in_chunks(state.observed, self._chunk)
+        self.series = series_of(self.nominal.system(), state.demand, state.threshold is None)
+        self._rows = np.array([one.row for one in self.series])
+        self._size = cores * _GRADIENTS
+
+        def whole(z: Any, changes: Any) -> Any:
+            return state.observed(z, changes)[0]
+
+        one = state.at_instant if self.series else whole
+        self._gradients = in_chunks(jax.value_and_grad(one), self._size)
+
+        def sensitivity(z: Any, changes: Any) -> Any:
+            """The demand's derivatives by all parameters of the structures."""
+            structures, _ = state.realized(z, changes)
+            known = {path: get(structures, path) for path in paths(structures)}
+            return jax.grad(lambda changes: whole(z, changes))(known)
+
+        self._sensitivity = in_chunks(sensitivity, self._size)
 
     def are_of(self, state: LimitState) -> bool:
         """Whether they serve another limit state."""
-        own = (state.scenarios, state.grid, state.scheme, state.demand, _is_given(state))
-        return all(x is y for x, y in zip(self._of, own, strict=True))
+        mine = self._of
+        same = (mine.grid, mine.scheme, mine.demand) == (state.grid, state.scheme, state.demand)
+        # Of the threshold only whether there is one.
+        alike = (mine.threshold is None) == (state.threshold is None)
+        return mine.scenarios is state.scenarios and same and alike
 
-    def demanded(self, z: Any, changes: Mapping[str, float]) -> np.ndarray:
-        """``LimitState.demanded`` of points z, shape (n, d)."""
-        return filled_up(self._demanded, self.chunk, np.asarray(z), changes)
+    def observed(self, z: Any, changes: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """``LimitState.observed`` of points z, shape (n, d)."""
+        return _filled_up(self._observed, self._chunk, z, changes)
+
+    def gradients(self, z: Any, changes: Any, instants: Any, series: Any) -> Any:
+        """Values of series at instants, and gradients, of points z, shape (n, d)."""
+        more = (instants, self._rows[series]) if self.series else ()
+        return _filled_up(self._gradients, self._size, z, changes, *more)
+
+    def sensitivity(self, z: Any, changes: Any) -> dict[str, np.ndarray]:
+        """Derivatives of the demand by all parameters, by path, of points z, shape (n, d)."""
+        return _filled_up(self._sensitivity, self._size, z, changes)
 
 
-def filled_up(run: Any, chunk: int, z: np.ndarray, changes: Mapping[str, float], *more: Any) -> Any:
+def _filled_up(run: Any, chunk: int, z: Any, changes: Mapping[str, float], *more: Any) -> Any:
     """The results of ``run``, made by ``in_chunks``, on whole chunks: it is compiled only once."""
     n = len(z)
     rows = np.minimum(np.arange(-(-n // chunk) * chunk), n - 1)
     batch = {path: np.full(len(rows), float(x)) for path, x in changes.items()}
-    found = run(z[rows], batch, *(np.asarray(x)[rows] for x in more))
+    found = run(np.asarray(z)[rows], batch, *(np.asarray(x)[rows] for x in more))
     return jax.tree.map(lambda x: x[:n], found)
 
 
-def _is_given(state: LimitState) -> bool:
-    return state.threshold is not None
-
-
-_MANY = 64  # numbers of a point above which fewer runs fit the caches of a core
+# Runs, and runs with a gradient, at a time on a core: few enough for points of many numbers to stay
+# in its cache, and for a search whose last points take long to waste little.
+_RUNS = 128
+_GRADIENTS = 32

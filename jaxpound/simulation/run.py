@@ -16,14 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import Rule, all_hold, enforce, finite, instance, is_traced, number
+from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import (
     Ground,
     GroundLike,
     as_pytree,
-    excitation,
     require_ground,
     unresolved,
     velocity_and_bulge,
@@ -34,12 +33,11 @@ from jaxpound.model.system import GROUND, Link, Structures, System, is_closable
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
-from jaxpound.simulation.batches import spread
+from jaxpound.simulation.course import course
 from jaxpound.simulation.forces import is_deformed
 from jaxpound.simulation.passage import SLOTS, Impacts
-from jaxpound.simulation.scan import scan_with_history
-from jaxpound.simulation.scheme import Scheme, courant, require_followed, require_stable, system_of
-from jaxpound.simulation.stepping import Instant, at_rest, elements, of_all_masses, step
+from jaxpound.simulation.scheme import Scheme, require_followed, require_stable, system_of
+from jaxpound.simulation.stepping import Instant, of_all_masses
 from jaxpound.simulation.tally import ContactTally, Tally
 
 
@@ -318,57 +316,25 @@ def _run(
 
     That is, of each link, what was tallied of it.
     """
-    dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
-    structures, ground, temperature = jax.tree.map(
-        lambda x: jnp.asarray(x, dtype), (structures, ground, temperature)
+    run = course(
+        structures, ground, grid, scheme, temperature, _temperature_rules, SLOTS if keep else 0
     )
-    # Before the batch is spread, so that samples of a record that all runs share are not copied.
-    series = excitation(ground, grid, scheme.order).series
-    structures, ground, temperature, series = spread((structures, ground, temperature, series))
-    system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
-    dt, n, topology = grid.dt, grid.n_steps, system.topology
-
-    # A run that breaks a rule starts from NaN, and so is NaN throughout.
-    valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
-    valid &= all_hold(_temperature_rules(temperature)) & (courant(system, dt, scheme) < 1)
-    zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
-    constants = elements(system, dt, scheme.order, SLOTS if keep else 0)
-    shaking = excitation(ground, grid, scheme.order)._replace(series=series)
-    # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
-    first = jax.tree.map(lambda x: x[0], shaking.series)
-    start = shaking.at(jnp.zeros((), dtype), first)[1]
-    before = (dt * start * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
+    system, zero, temperature, n = run.system, run.zero, run.given, grid.n_steps
 
     def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
         state, tally = carry
-        time = m.astype(dtype) * dt
-        now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
-        a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
-        starts = m == 0
-        v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
-        state, c, now = step(
-            constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts
-        )
-        tally = tally.observe(now, constants, dt, m == n, temperature)
+        state, c, now = run.advance(state, sums, m, entry)
+        tally = tally.observe(now, run.constants, grid.dt, m == n, temperature)
         return (state, tally), c, _Kept.of(now, tally) if keep else None
 
-    (state, tally), kept = scan_with_history(
-        advance,
-        (at_rest(system, zero), Tally.start(system, zero, temperature is not None)),
-        n,
-        [rod.material.order for rod in system.rods],
-        scheme.history,
-        shaking.series,
-        segmented=keep,
-        checkpoint=scheme.checkpoint,
-        looped=constants.is_long,
-    )
+    start = run.start, Tally.start(system, zero, temperature is not None)
+    (state, tally), kept = run.scan(advance, start, segmented=keep)
     scalars = tally.demand(system, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]
-    ends = jnp.stack(of_all_masses(topology, state.x, closings))
-    poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(dtype)
+    ends = jnp.stack(of_all_masses(system.topology, state.x, closings))
+    poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(zero.dtype)
     contacts = tuple(link.contact for link in tally.links)
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, contacts)))
 

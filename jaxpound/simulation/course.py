@@ -1,0 +1,147 @@
+"""The course of a run: what moves the masses from one instant to the next, and nothing else.
+
+``simulate`` and ``demand`` observe it at every instant, ``positions_at`` at one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import ArrayLike
+
+from jaxpound._checks import Rule, all_hold
+from jaxpound._fields import rules
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import Ground, GroundLike, as_pytree, excitation
+from jaxpound.model.system import Structures, System
+from jaxpound.simulation.batches import spread
+from jaxpound.simulation.scan import scan_with_history
+from jaxpound.simulation.scheme import Scheme, courant
+from jaxpound.simulation.stepping import Elements, State, at_rest, elements, of_all_masses, step
+
+
+class Course(NamedTuple):
+    """All that a scan over the instants of a run needs."""
+
+    system: System
+    """The structures in the run's dtype."""
+    constants: Elements
+    zero: jax.Array
+    """0; NaN in a run whose input breaks a rule, which makes all of it NaN."""
+    start: State
+    given: Any
+    """The caller's own numbers, cast and spread with all others."""
+    advance: Callable[[State, list[jax.Array], jax.Array, Any], Any]
+    """From the state, the history sums, the step m and its input to the next state, each rod's c_m
+    and the instant t_m."""
+    scan: Callable[..., tuple[Any, Any]]
+    """``scan_with_history`` of these steps."""
+
+
+def course(
+    structures: Structures,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    given: Any = None,
+    more_rules: Callable[[Any], list[Rule]] = lambda given: [],
+    slots: int = 0,
+) -> Course:
+    """The course of structures in a ground motion.
+
+    Parameters
+    ----------
+    structures, ground, grid, scheme
+        See ``simulate``; the ground motion is a pytree.
+    given
+        A pytree of further numbers that the run uses, or None.
+    more_rules
+        Rules of ``given``.
+    slots
+        Impacts of a link in a step that are recorded.
+    """
+    dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
+    structures, ground, given = jax.tree.map(
+        lambda x: jnp.asarray(x, dtype), (structures, ground, given)
+    )
+    # Before the batch is spread, so that samples of a record that all runs share are not copied.
+    series = excitation(ground, grid, scheme.order).series
+    structures, ground, given, series = spread((structures, ground, given, series))
+    system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
+    dt = grid.dt
+
+    # A run that breaks a rule starts from NaN, and so is NaN throughout.
+    valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
+    valid &= all_hold(more_rules(given)) & (courant(system, dt, scheme) < 1)
+    zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
+    constants = elements(system, dt, scheme.order, slots)
+    shaking = excitation(ground, grid, scheme.order)._replace(series=series)
+    # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
+    first = jax.tree.map(lambda x: x[0], shaking.series)
+    start = shaking.at(jnp.zeros((), dtype), first)[1]
+    before = (dt * start * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
+
+    def advance(state: State, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
+        time = m.astype(dtype) * dt
+        now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
+        a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
+        starts = m == 0
+        v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
+        return step(constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts)
+
+    def scan(advance: Any, carry: Any, *, segmented: bool = False) -> tuple[Any, Any]:
+        return scan_with_history(
+            advance,
+            carry,
+            grid.n_steps,
+            [rod.material.order for rod in system.rods],
+            scheme.history,
+            shaking.series,
+            segmented=segmented,
+            checkpoint=scheme.checkpoint,
+            looped=constants.is_long,
+        )
+
+    return Course(system, constants, zero, at_rest(system, zero), given, advance, scan)
+
+
+class Positions(NamedTuple):
+    """Where structures are at one instant."""
+
+    x: tuple[Any, ...]
+    """Displacement of each mass."""
+    closings: tuple[Any, ...]
+    """x_i − x_j of each link's ends: its gap at rest less its gap now."""
+
+
+def positions_at(
+    structures: Structures, ground: GroundLike, grid: TimeGrid, scheme: Scheme, instant: ArrayLike
+) -> Positions:
+    """Positions at the instant with a number, from 0 to n_steps, which may be traced.
+
+    For many derivatives: no series are kept and nothing else is observed. The input is not checked
+    (``demand`` does it); an invalid run gives NaN.
+    """
+    return _positions_at(structures, as_pytree(ground, grid), grid, scheme, jnp.asarray(instant))
+
+
+@partial(jax.jit, static_argnames=("grid", "scheme"))
+def _positions_at(
+    structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme, instant: jax.Array
+) -> Positions:
+    run = course(structures, ground, grid, scheme)
+
+    def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
+        state, kept = carry
+        state, c, now = run.advance(state, sums, m, entry)
+        here = now.x, tuple(link.closing for link in now.links)
+        kept = jax.tree.map(lambda old, new: jnp.where(m == instant, new, old), kept, here)
+        return (state, kept), c, None
+
+    rest = run.start.x, tuple(link.closing for link in run.start.links)
+    (_, (x, closings)), _ = run.scan(advance, (run.start, rest))
+    return Positions(of_all_masses(run.system.topology, x, closings), closings)
