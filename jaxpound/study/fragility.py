@@ -124,6 +124,7 @@ class Fragility(Shown):
     def _tables(self) -> list[Table]:
         runs, pounding = int(self.trials.sum()), int(self.pounding.sum())
         where = f" at {len(self.intensity):,} intensities" if self.stripes else ""
+        where += " with weights" * (self.weights is not None)
         return [
             Table(
                 "Fragility P(pounding | im) = Φ(ln(im / θ) / β)",

@@ -175,8 +175,9 @@ class Study(Columnar, Shown):
         Parameters
         ----------
         weights
-            The name of a column (of a measure, say), read with the others chunk by chunk; or the
-            weights, shape (n,), in the order of ``indices``. Not negative.
+            The name of a column, read with the others chunk by chunk, such as that of a measure:
+            ``monte_carlo(..., measures={"weight": f})``. Or the weights, shape (n,), in the order
+            of ``indices``. Not negative.
         normalised
             Whether probabilities are divided by the sum of the weights, which then may have any
             scale; or, if False, by the number of samples that did not fail. The weights are then
@@ -189,13 +190,6 @@ class Study(Columnar, Shown):
         ValueError
             If there is no such column, the weights are not (n,), one is negative or not finite, or
             their sum is 0.
-
-        Examples
-        --------
-        ``jp.monte_carlo(..., measures={"weight": f})`` has a column "weight":
-
-        >>> rare = study.weighted("weight", normalised=False)  # doctest: +SKIP
-        >>> rare.pounding_probability(gap=0.4)  # doctest: +SKIP
         """
         known = self._moments[self._known(weights)] if isinstance(weights, str) else None
         runs = len(self) if known is None else len(self) - self.failed

@@ -5,6 +5,7 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 
 import jaxpound as jp
 from tests.study.test_run import MEDIAN, SIGMA, SLIDING, linear, study, unit
@@ -92,3 +93,11 @@ def test_the_gap_by_fragilities_is_that_of_their_closed_form(found):
 def test_gaps_that_cannot_be_told_say_why(found, more, message):
     with pytest.raises(ValueError, match=message):
         HAZARD.required_gap(found, **more)
+
+
+def test_records_of_intensity_one_are_scaled_by_the_hazard():
+    record = jp.Record(np.array([0.0, 1.0, -0.4, 0.0]), 0.5, time_unit="1/ω1")
+    ground = jp.RandomRecord((record,), factor=DRAWN)
+    for z, share in ((0.0, 0.5), (2.0, stats.norm.sf(2))):
+        peak = np.abs(ground.draw(jnp.array([z])).samples).max()
+        assert float(HAZARD.rate(peak)) == pytest.approx(2e-2 * share)
