@@ -67,6 +67,10 @@ from jaxpound.risk.hazard import HazardCurve as HazardCurve
 from jaxpound.risk.limit_state import LimitState as LimitState
 from jaxpound.risk.rare_event import DesignEarthquake as DesignEarthquake
 from jaxpound.risk.rare_event import RareEvent as RareEvent
+from jaxpound.risk.reach import Reached as Reached
+from jaxpound.risk.reach import reach_probability as reach_probability
+from jaxpound.risk.run import rare_event as rare_event
+from jaxpound.risk.subset import subset_simulation as subset_simulation
 from jaxpound.simulation.batches import in_chunks as in_chunks
 from jaxpound.simulation.batches import use_cores as use_cores
 from jaxpound.simulation.buildings import simulate_buildings as simulate_buildings

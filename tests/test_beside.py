@@ -6,7 +6,8 @@ import pytest
 
 from tests.test_docs import code
 
-PAGES = sorted((Path(__file__).parents[1] / "docs" / "beside").glob("*.md"))
+FOLDER = Path(__file__).parents[1] / "docs" / "beside"
+PAGES = sorted(page for page in FOLDER.glob("*.md") if page.stem != "index")
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")

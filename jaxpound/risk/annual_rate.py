@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 from scipy.special import ndtri
 
 from jaxpound._checks import Rule, count, enforce, positive
@@ -142,9 +142,9 @@ class AnnualRate(Shown):
 class Deaggregation(Shown):
     """The mean annual rate of pounding by bands of intensity; ``AnnualRate.deaggregation``."""
 
-    edges: Float[np.ndarray, " n"]
-    """Edges of the bands."""
-    rate: Float[np.ndarray, " bands"]
+    edges: np.ndarray
+    """Edges of the bands, shape (n,)."""
+    rate: np.ndarray
     """Annual rate of pounding in earthquakes of each band, shape (n − 1,)."""
     total: float
     """The annual rate over all intensities."""
@@ -152,7 +152,7 @@ class Deaggregation(Shown):
     """Name of the measure of intensity, with its unit."""
 
     @property
-    def share(self) -> Float[np.ndarray, " bands"]:
+    def share(self) -> np.ndarray:
         """Share of the total rate of each band."""
         return self.rate / self.total
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -190,7 +190,7 @@ class _Search:
 
 def find_design_points(
     state: LimitState,
-    key: int,
+    key: Any,
     start: DesignPoints | None = None,
     told: Callable[[int, float], None] = lambda gradients, beta: None,
 ) -> DesignPoints:
@@ -201,7 +201,7 @@ def find_design_points(
     state
         The limit state.
     key
-        Seed of the starts.
+        Seed of the starts, as NumPy takes it.
     start
         Design points of another threshold or other structures from which to start, each at its own
         instant; by default instants all over the run start from random points.
@@ -260,7 +260,7 @@ def _kept(
         instants[rows],
         series[rows],
         gradients,
-        search.active.size,
+        int(search.active.size),
     )
 
 

@@ -6,7 +6,7 @@ import dataclasses
 from os import PathLike
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr
 
 from jaxpound._checks import Rule, enforce, instance, positive, require_share
@@ -55,8 +55,8 @@ class HazardCurve(Shown):
     (0.000484, 0.0239)
     """
 
-    intensity: Float[np.ndarray, " m"]
-    annual_rate: Float[np.ndarray, " m"]
+    intensity: np.ndarray
+    annual_rate: np.ndarray
     measure: str = "im"
 
     def __post_init__(self) -> None:
@@ -105,7 +105,7 @@ class HazardCurve(Shown):
         return HazardCurve(*read_hazard(file, site))
 
     @property
-    def slope(self) -> Float[np.ndarray, " k"]:
+    def slope(self) -> np.ndarray:
         """Exponents k = −d ln rate / d ln im of the m − 1 pieces between the points."""
         return -np.diff(np.log(self.annual_rate)) / np.diff(np.log(self.intensity))
 
@@ -115,7 +115,7 @@ class HazardCurve(Shown):
         piece = self._piece(im)
         return self.annual_rate[piece] * (im / self.intensity[piece]) ** -self.slope[piece]
 
-    def probability(self, years: float = 1.0) -> Float[np.ndarray, " m"]:
+    def probability(self, years: float = 1.0) -> np.ndarray:
         """Probability that each intensity is exceeded within years: 1 − e^(−rate years).
 
         Earthquakes are a Poisson process: independent of each other, and of the time since the
@@ -192,9 +192,7 @@ class HazardCurve(Shown):
             deaggregate=lambda edges: self.integrate(pounding, edges)[0],
         )
 
-    def integrate(
-        self, fragility: Fragility, edges: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " 2"]]:
+    def integrate(self, fragility: Fragility, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """∫ P(pounding | im) |dλ(im)| over bands of intensity, exactly.
 
         Parameters
@@ -244,9 +242,7 @@ class HazardCurve(Shown):
         """
         return HazardIntensity(tuple(self.intensity.tolist()), tuple(self.annual_rate.tolist()))
 
-    def weights(
-        self, intensity: ArrayLike, drawn_from: Distribution | None = None
-    ) -> Float[np.ndarray, " n"]:
+    def weights(self, intensity: ArrayLike, drawn_from: Distribution | None = None) -> np.ndarray:
         """Weights that give a study's intensities the frequencies of the hazard.
 
         For ``Study.weighted``; the probabilities of the weighted study are those of an earthquake

@@ -28,6 +28,7 @@ class Series(NamedTuple):
     """A linear combination of displacements, closings and gaps at rest."""
 
     words: str
+    """What it is, in words."""
     row: Float[np.ndarray, " m"]
     """Factors of each mass's displacement, each link's closing and each link's gap at rest."""
 
@@ -51,22 +52,25 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
 
     def both(words: str, ends: Ends) -> list[Series]:
         row = elongation(ends, [*displacements])
-        return [Series(words, row), Series(words, -row)]
+        return [Series(words, row), Series(f"{words}, reversed", -row)]
 
     if demand == REQUIRED_GAP:
+        less = " less the gap at rest" if pounding else ""
         return tuple(
-            Series(f"link {k + 1}", closings[k] - pounding * gaps[k])
+            Series(f"closing of link {k + 1}{less}", closings[k] - pounding * gaps[k])
             for k in links
             if is_closable(system.links[k].gap)
         )
-    storeys = [(f"storey {r + 1}", ends) for r, ends in enumerate(system.topology.rods)]
+    rods = enumerate(system.topology.rods)
+    storeys = [(f"drift of storey {r + 1}", ends) for r, ends in rods]
     if demand == "peak_drift":
         return tuple(one for words, ends in storeys for one in both(words, ends))
     place = place_of(Demand, demand)
     if place is not None and place.field == "peak_drift":
         return tuple(both(*storeys[place.element]))
     if place is not None and place.field == "peak_x":
-        return tuple(both(f"mass {place.element + 1}", (place.element, GROUND)))
+        words = f"displacement of mass {place.element + 1}"
+        return tuple(both(words, (place.element, GROUND)))
     return ()
 
 

@@ -147,6 +147,10 @@ class LimitState:
         found, slope = self.programs.gradients(z, self.changes, instants, series)
         return found - self.level, slope
 
+    def sensitivities(self, z: Float[np.ndarray, "n d"]) -> dict[str, Float[np.ndarray, " n"]]:
+        """Derivatives of ``values`` by all parameters of the structures, by path."""
+        return self.programs.sensitivities(z, self.changes)
+
     @property
     def series(self) -> tuple[Series, ...]:
         """The series whose largest number over the run is the demand; none for other demands."""
@@ -161,7 +165,9 @@ class LimitState:
         """Demand (of pounding minus the smallest gap) and its time of a point z, traceable."""
         structures, ground = self._moved(z, changes)
         found = demand(structures, ground, self.grid, self.scheme)
-        return self._demanded(structures.system(), found), found.min_gap_time
+        demanded = self._demanded(structures.system(), found)
+        gaps = self.demand == REQUIRED_GAP
+        return demanded, found.min_gap_time if gaps else jnp.nan * demanded
 
     def at_instant(self, z: Any, changes: Mapping[str, Any], instant: Any, row: Any) -> Any:
         """The value of a series at an instant, traceable; see ``instants``."""
@@ -216,13 +222,15 @@ class _Programs:
         one = state.at_instant if self.series else whole
         self._gradients = in_chunks(jax.value_and_grad(one), self._size)
 
-        def sensitivity(z: Any, changes: Any) -> Any:
-            """The demand's derivatives by all parameters of the structures."""
+        def by_parameters(z: Any, changes: Any) -> Any:
             structures, _ = state.realized(z, changes)
-            known = {path: get(structures, path) for path in paths(structures)}
-            return jax.grad(lambda changes: whole(z, changes))(known)
+            # As arrays of the run's kind: a parameter may be a number or differ in its precision.
+            known = {
+                path: jnp.asarray(get(structures, path), z.dtype) for path in paths(structures)
+            }
+            return jax.grad(lambda known: whole(z, known))(known)
 
-        self._sensitivity = in_chunks(sensitivity, self._size)
+        self._sensitivities = in_chunks(by_parameters, self._size)
 
     def are_of(self, state: LimitState) -> bool:
         """Whether they serve another limit state."""
@@ -241,9 +249,9 @@ class _Programs:
         more = (instants, self._rows[series]) if self.series else ()
         return _filled_up(self._gradients, self._size, z, changes, *more)
 
-    def sensitivity(self, z: Any, changes: Any) -> dict[str, np.ndarray]:
+    def sensitivities(self, z: Any, changes: Any) -> dict[str, np.ndarray]:
         """Derivatives of the demand by all parameters, by path, of points z, shape (n, d)."""
-        return _filled_up(self._sensitivity, self._size, z, changes)
+        return _filled_up(self._sensitivities, self._size, z, changes)
 
 
 def _filled_up(run: Any, chunk: int, z: Any, changes: Mapping[str, float], *more: Any) -> Any:

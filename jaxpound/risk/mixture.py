@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr, logsumexp, ndtr
 
 from jaxpound.risk.design_points import DesignPoints
 from jaxpound.study.sampling import Points
@@ -50,7 +50,7 @@ class Mixture(NamedTuple):
         ``points`` are standard normal ones of d + 1 numbers.
         """
         normal = points(start, stop)
-        y, chance = normal[:, :-1], _uniform(normal[:, -1])
+        y, chance = normal[:, :-1], ndtr(normal[:, -1])
         ends = np.cumsum((1 - GUARD) * np.exp(self.log_weights))
         which = np.searchsorted(ends, chance)
         guard = which == len(ends)
@@ -74,9 +74,3 @@ class Mixture(NamedTuple):
     def thin(self, z: Float[np.ndarray, "n d"]) -> np.ndarray:
         """Where the density around the design points is thin, shape (n,)."""
         return self.log_ratios(z)[1] > -np.log(THIN)
-
-
-def _uniform(normal: np.ndarray) -> np.ndarray:
-    from scipy.special import ndtr
-
-    return np.asarray(ndtr(normal))

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from jaxpound._checks import require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.model.parameters import require_paths
 from jaxpound.model.system import Structures
 from jaxpound.risk.limit_state import LimitState
+from jaxpound.risk.slope import Slope, slopes_of, tail_of
 from jaxpound.study.statistics import Estimate
 
 
@@ -64,6 +67,13 @@ class RareEvent(Shown):
     alone; NaN without them."""
     warnings: tuple[str, ...] = ()
     """Why not to trust the estimate, in sentences."""
+    series: Int[np.ndarray, " k"] = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    """Of each design point the number of the series, in ``LimitState.series``."""
+    times: Float[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.zeros(0))
+    """Of each sample the time of its smallest gap; none of a method that does not keep them."""
+    thin: float = float("nan")
+    """Share of the estimate from where few samples are drawn: failures that no design point stands
+    for. NaN of a method without design points."""
 
     @property
     def beta(self) -> float:
@@ -89,6 +99,61 @@ class RareEvent(Shown):
             return Estimate(p, 0.0, math.nan, confidence)
         width = float(ndtri((1 + confidence) / 2)) * math.sqrt(math.log1p(cov**2))
         return Estimate(p, p * math.exp(-width), min(1.0, p * math.exp(width)), confidence)
+
+    @cached_property
+    def slopes(self) -> dict[str, Slope]:
+        """D ln P by every parameter of the structures, by path; NaN of those that are infinite.
+
+        From the samples near the limit state, which are run once more, with gradients. A parameter
+        that the scenarios draw is shifted in all of them. Slopes are 0 of what the demand does not
+        depend on: the gap at rest where the event is that another gap closes.
+
+        Raises
+        ------
+        ValueError
+            If fewer than 20 samples reach the limit state.
+
+        """
+        return slopes_of(self.limit_state, self.points, self.weights, self.values)
+
+    def slope(self, path: str) -> Slope:
+        """D ln P by a parameter of the structures, with its standard error; see ``slopes``.
+
+        Raises
+        ------
+        ValueError
+            If there is no such parameter; as ``slopes``.
+        """
+        require_paths("RareEvent.slope", self.limit_state.programs.nominal, [path])
+        return self.slopes[path]
+
+    @property
+    def decay(self) -> Slope:
+        """λ = −d ln P/db by the threshold b, with its standard error.
+
+        Raises
+        ------
+        ValueError
+            As ``slopes``.
+        """
+        tail = tail_of(self.weights, self.values)
+        return Slope(tail.decay, tail.error)
+
+    @property
+    def largest_share(self) -> float:
+        """The share of the estimate that a single sample makes."""
+        parts = np.where(self.values >= 0, self.weights, 0.0)
+        return float(parts.max() / parts.sum()) if parts.any() else math.nan
+
+    @property
+    def failures_by_instant(self) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """Times of the smallest gap where the event occurs, in order, and their shares of P.
+
+        Shares sum to 1; times are in 1/ω1.
+        """
+        hit = np.flatnonzero((self.values >= 0)[: len(self.times)])
+        rows = hit[np.argsort(self.times[hit], kind="stable")]
+        return self.times[rows], self.weights[rows] / max(self.weights[rows].sum(), 1e-300)
 
     @property
     def design_earthquakes(self) -> tuple[DesignEarthquake, ...]:

@@ -41,72 +41,72 @@ class Course(NamedTuple):
     scan: Callable[..., tuple[Any, Any]]
     """``scan_with_history`` of these steps."""
 
+    @staticmethod
+    def of(
+        structures: Structures,
+        ground: Ground,
+        grid: TimeGrid,
+        scheme: Scheme,
+        given: Any = None,
+        more_rules: Callable[[Any], list[Rule]] = lambda given: [],
+        slots: int = 0,
+    ) -> Course:
+        """The course of structures in a ground motion.
 
-def course(
-    structures: Structures,
-    ground: Ground,
-    grid: TimeGrid,
-    scheme: Scheme,
-    given: Any = None,
-    more_rules: Callable[[Any], list[Rule]] = lambda given: [],
-    slots: int = 0,
-) -> Course:
-    """The course of structures in a ground motion.
-
-    Parameters
-    ----------
-    structures, ground, grid, scheme
-        See ``simulate``; the ground motion is a pytree.
-    given
-        A pytree of further numbers that the run uses, or None.
-    more_rules
-        Rules of ``given``.
-    slots
-        Impacts of a link in a step that are recorded.
-    """
-    dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
-    structures, ground, given = jax.tree.map(
-        lambda x: jnp.asarray(x, dtype), (structures, ground, given)
-    )
-    # Before the batch is spread, so that samples of a record that all runs share are not copied.
-    series = excitation(ground, grid, scheme.order).series
-    structures, ground, given, series = spread((structures, ground, given, series))
-    system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
-    dt = grid.dt
-
-    # A run that breaks a rule starts from NaN, and so is NaN throughout.
-    valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
-    valid &= all_hold(more_rules(given)) & (courant(system, dt, scheme) < 1)
-    zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
-    constants = elements(system, dt, scheme.order, slots)
-    shaking = excitation(ground, grid, scheme.order)._replace(series=series)
-    # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
-    first = jax.tree.map(lambda x: x[0], shaking.series)
-    start = shaking.at(jnp.zeros((), dtype), first)[1]
-    before = (dt * start * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
-
-    def advance(state: State, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
-        time = m.astype(dtype) * dt
-        now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
-        a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
-        starts = m == 0
-        v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
-        return step(constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts)
-
-    def scan(advance: Any, carry: Any, *, segmented: bool = False) -> tuple[Any, Any]:
-        return scan_with_history(
-            advance,
-            carry,
-            grid.n_steps,
-            [rod.material.order for rod in system.rods],
-            scheme.history,
-            shaking.series,
-            segmented=segmented,
-            checkpoint=scheme.checkpoint,
-            looped=constants.is_long,
+        Parameters
+        ----------
+        structures, ground, grid, scheme
+            See ``simulate``; the ground motion is a pytree.
+        given
+            A pytree of further numbers that the run uses, or None.
+        more_rules
+            Rules of ``given``.
+        slots
+            Impacts of a link in a step that are recorded.
+        """
+        dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
+        structures, ground, given = jax.tree.map(
+            lambda x: jnp.asarray(x, dtype), (structures, ground, given)
         )
+        # Before the batch is spread: samples of a record that all runs share are not copied.
+        series = excitation(ground, grid, scheme.order).series
+        structures, ground, given, series = spread((structures, ground, given, series))
+        system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
+        dt = grid.dt
 
-    return Course(system, constants, zero, at_rest(system, zero), given, advance, scan)
+        # A run that breaks a rule starts from NaN, and so is NaN throughout.
+        valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
+        valid &= all_hold(more_rules(given)) & (courant(system, dt, scheme) < 1)
+        zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
+        constants = elements(system, dt, scheme.order, slots)
+        shaking = excitation(ground, grid, scheme.order)._replace(series=series)
+        # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
+        first = jax.tree.map(lambda x: x[0], shaking.series)
+        start = shaking.at(jnp.zeros((), dtype), first)[1]
+        before = (dt * start * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
+
+        def advance(state: State, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
+            time = m.astype(dtype) * dt
+            now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
+            a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
+            starts = m == 0
+            v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
+            return step(constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts)
+
+        def scan(advance: Any, carry: Any, *, segmented: bool = False) -> tuple[Any, Any]:
+            return scan_with_history(
+                advance,
+                carry,
+                grid.n_steps,
+                [rod.material.order for rod in system.rods],
+                scheme.history,
+                shaking.series,
+                segmented=segmented,
+                checkpoint=scheme.checkpoint,
+                looped=constants.is_long,
+            )
+
+        return Course(system, constants, zero, at_rest(system, zero), given, advance, scan)
 
 
 class Positions(NamedTuple):
@@ -133,7 +133,7 @@ def positions_at(
 def _positions_at(
     structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme, instant: jax.Array
 ) -> Positions:
-    run = course(structures, ground, grid, scheme)
+    run = Course.of(structures, ground, grid, scheme)
 
     def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
         state, kept = carry

@@ -33,7 +33,7 @@ from jaxpound.model.system import GROUND, Link, Structures, System, is_closable
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
-from jaxpound.simulation.course import course
+from jaxpound.simulation.course import Course
 from jaxpound.simulation.forces import is_deformed
 from jaxpound.simulation.passage import SLOTS, Impacts
 from jaxpound.simulation.scheme import Scheme, require_followed, require_stable, system_of
@@ -316,7 +316,7 @@ def _run(
 
     That is, of each link, what was tallied of it.
     """
-    run = course(
+    run = Course.of(
         structures, ground, grid, scheme, temperature, _temperature_rules, SLOTS if keep else 0
     )
     system, zero, temperature, n = run.system, run.zero, run.given, grid.n_steps

@@ -298,16 +298,22 @@ class Study(Columnar, Shown):
         ValueError
             If there is no such column, its numbers are not whole, or an argument breaks its rule.
         """
-        column = self[name]
-        good = np.isfinite(column)
-        if (column[good] % 1).any():
+        column = self.finite(name)
+        if (column % 1).any():
             raise ValueError(f"counts: the numbers of {name!r} must be whole")
-        column[~good] = np.nan
-
-        def of(k: float) -> Iterator[np.ndarray]:
-            return (np.where(np.isnan(x), np.nan, x == k) for x in [column])
-
-        return {int(k): self._share(of(k), confidence) for k in np.unique(column[good])}
+        found, which, often = np.unique(column, return_inverse=True, return_counts=True)
+        if self.weighting is None:
+            sums = [probability(int(m), column.size, confidence) for m in often]
+        else:
+            w = self.weights[np.isfinite(self[name])]
+            hit, square = np.bincount(which, w), np.bincount(which, w**2)
+            sums = [
+                Hits(w.size, w.sum(), (w**2).sum(), *x).estimate(
+                    self.weighting.normalised, confidence
+                )
+                for x in zip(hit, square, strict=True)
+            ]
+        return {int(k): estimate for k, estimate in zip(found, sums, strict=True)}
 
     @property
     def topology(self) -> Topology:

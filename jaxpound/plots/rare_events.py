@@ -1,0 +1,134 @@
+"""Figures of rare events: the likeliest earthquake that brings one about, and its probability."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxpound._checks import instance, is_whole
+from jaxpound.plots.runs import displacements, ground_motion
+from jaxpound.plots.style import (
+    COLOURS,
+    in_house_style,
+    label,
+    legend,
+    legend_above,
+    new_axes,
+    new_figure,
+    quantity_of,
+    shade,
+    unit_for,
+)
+from jaxpound.results.response import Response
+from jaxpound.risk.rare_event import RareEvent
+from jaxpound.simulation.run import simulate
+
+
+@in_house_style
+def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
+    """The likeliest earthquake that reaches the limit state, and the response to it, over time.
+
+    Below the ground acceleration is the series that reaches the threshold (a closing, drift or
+    displacement), at the instant that is marked; of a demand that has no instants, the
+    displacements. The figure is unknown to pyplot.
+
+    Parameters
+    ----------
+    event
+        The event, with design points.
+    number
+        Which of ``RareEvent.design_earthquakes``, the likeliest being 0.
+
+    Raises
+    ------
+    ValueError
+        If the event has no design earthquake of this number.
+    """
+    instance("design_earthquake", "event", event, RareEvent)
+    n = len(event.design_points)
+    if not (is_whole(number) and 0 <= number < n):
+        rule = f"from 0 to {n - 1}" if n else "of an event with design points; this one has none"
+        raise ValueError(f"design_earthquake: number = {number!r} must be {rule}")
+    state, found = event.limit_state, event.design_earthquakes[number]
+    response = simulate(found.structures, found.ground, state.grid, state.scheme)
+    figure = new_figure(1.0, 1.6)
+    above, below = figure.subplots(2, sharex=True)
+    ground_motion(response, above)
+    if not state.series:
+        displacements(response, below)
+        return figure
+    one, time = state.series[int(event.series[number])], np.asarray(response.time)
+    below.plot(time, _series(response, one.row), color=COLOURS["damper"], label=one.words)
+    below.axhline(state.level, color=COLOURS["limit"], linestyle="--", label="threshold")
+    for ax in (above, below):
+        ax.axvline(found.time, color=COLOURS["residual"], linewidth=0.7, zorder=1)
+    words = rf"$t$ = {found.time:.3g}, $\beta$ = {found.beta:.3g}"
+    below.plot(found.time, state.level, "o", color=COLOURS["limit"], markersize=4, label=words)
+    unit = unit_for("length", False, 0.0)[1]
+    label(below, f"time $t$ ({unit_for('time', False, 0.0)[1]})", f"{_kind(one.words)} ({unit})")
+    legend(below, columns=2)
+    above.set_xlabel("")
+    return figure
+
+
+def _kind(words: str) -> str:
+    """What a series is, without its number."""
+    return words.split(" of ")[0]
+
+
+def _series(response: Response, row: np.ndarray) -> np.ndarray:
+    """A series of ``LimitState.series`` over the instants of a response."""
+    gaps = [np.asarray(link.gap) for link in response.links]
+    at_rest = [np.full_like(gap, gap[0]) for gap in gaps]
+    known = [*(np.asarray(mass.x) for mass in response.masses)]
+    known += [rest - gap for rest, gap in zip(at_rest, gaps, strict=True)] + at_rest
+    used = np.flatnonzero(row)
+    return np.sum([row[i] * known[i] for i in used], axis=0)
+
+
+@in_house_style
+def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Axes:
+    """Probability over the threshold, with its 95 % interval and the values by FORM.
+
+    Parameters
+    ----------
+    events
+        Two or more of one demand, each at another threshold (``rare_event`` with ``start``).
+    ax
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two events with a threshold, or of different demands.
+    """
+    found = list(events)
+    for i, event in enumerate(found):
+        instance("probability_curve", f"events[{i}]", event, RareEvent)
+    states = [event.limit_state for event in found]
+    if len(found) < 2 or any(state.threshold is None for state in states):
+        raise ValueError("probability_curve: events must be two or more, each with a threshold")
+    if any(state.demand != states[0].demand for state in states):
+        raise ValueError("probability_curve: events must be of one demand")
+    ax = new_axes(ax)
+    found.sort(key=lambda event: event.limit_state.level)
+    at = np.array([event.limit_state.level for event in found])
+    estimates = np.array([event.estimate[:3] for event in found])
+    ax.fill_between(at, estimates[:, 1], estimates[:, 2], label="95 % interval", **shade("damper"))
+    ax.plot(at, estimates[:, 0], "o-", color=COLOURS["damper"], markersize=3, label="estimate")
+    form = np.array([event.form for event in found])
+    if np.isfinite(form).any():
+        ax.plot(at, form, "--", color=COLOURS["residual"], label="by FORM")
+    ax.set_yscale("log")
+    demand = states[0].demand
+    kind, words = quantity_of(demand) if isinstance(demand, str) else (None, "demand")
+    label(
+        ax,
+        f"{words} ({unit_for(kind, False, 0.0)[1]})" if kind else words,
+        "probability of exceedance",
+    )
+    legend_above(ax, 3)
+    return ax

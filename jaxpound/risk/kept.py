@@ -1,0 +1,128 @@
+"""The files of a search: its design points and its batches, so that a stopped one goes on.
+
+A folder as of ``monte_carlo``: a manifest that says which search it is, and one archive a batch of
+samples, written whole or not at all. Samples themselves are drawn again, by their numbers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._version import __version__
+from jaxpound.risk.design_points import DesignPoints
+from jaxpound.risk.limit_state import LimitState
+from jaxpound.study.archives import DamagedError, digest, opened, write_archive
+from jaxpound.study.sampling import key_numbers
+from jaxpound.study.store import Store, describe
+
+COLUMNS = ("values", "times")
+_POINTS = "design-points.npz"
+_VECTORS, _NUMBERS = ("z", "directions"), ("instants", "series")
+
+
+class Kept:
+    """The folder of a search, new or to be continued.
+
+    Parameters
+    ----------
+    folder
+        Made if it does not exist.
+    state
+        The limit state.
+    key
+        As ``rare_event``.
+    start
+        Design points from which the search starts; None or an array.
+    batch
+        Samples of a batch.
+    most
+        Runs at most; a later search may ask for more.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds something else, or another search: the message says what differs.
+    OSError
+        If the folder cannot be made or written to.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        state: LimitState,
+        key: Any,
+        start: np.ndarray | None,
+        batch: int,
+        most: int,
+    ) -> None:
+        kind, numbers = key_numbers("rare_event", key)
+        here = jnp.zeros(state.dimension)
+        self._type = here.dtype
+        program = jax.jit(lambda z: state.observed(z, state.changes)).trace(here)
+        identity = {
+            "versions": {"jaxpound": __version__, "jax": jax.__version__},
+            "precision": str(self._type),
+            "columns": list(COLUMNS),
+            "chunk_size": batch,
+            "key": {"kind": kind, "numbers": list(numbers)},
+            "threshold": describe(state.threshold),
+            "changes": describe(state.changes),
+            "scenarios": describe(state.scenarios),
+            "grid": describe(state.grid),
+            "scheme": describe(state.scheme),
+            "start": describe(start),
+            "program": digest(program.lower(lowering_platforms=("cpu",)).as_text().encode()),
+        }
+        # Plain batches have even numbers, those around design points odd ones.
+        samples = 2 * batch * (-(-most // batch) + 1)
+        self._store = Store.create(folder, identity, samples, {"notes": "a rare event"})
+        self._seal: dict[str, Any] = {"study": digest(repr(sorted(identity.items())).encode())}
+
+    def batch(
+        self, number: int, *, plain: bool, run: Callable[[], tuple[np.ndarray, np.ndarray]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Values and times of a batch: from its file, or of ``run``, which are then written."""
+        chunk = 2 * number + (not plain)
+        try:
+            held = self._store.read(chunk)
+        except DamagedError:
+            held = None
+        if held is None:
+            values, times = run()
+            whole = {"values": values, "times": times}
+            held = {name: np.asarray(x, self._type) for name, x in whole.items()}
+            self._store.write(chunk, held)
+        return held["values"], held["times"]
+
+    def design_points(self, search: Callable[[], DesignPoints]) -> DesignPoints:
+        """The design points: from their file, or of ``search``, which are then written."""
+        path = self._store.folder / _POINTS
+        try:
+            with opened(path) as archive:
+                about = archive.about
+                if about["study"] != self._seal["study"]:
+                    raise DamagedError("of another search")
+                k, d = about["shape"]
+                z, directions = (archive.read(name, (k, d), np.float64) for name in _VECTORS)
+                return DesignPoints(
+                    z=z,
+                    directions=directions,
+                    betas=archive.read("betas", (k,), np.float64),
+                    instants=archive.read("instants", (k,), np.int64),
+                    series=archive.read("series", (k,), np.int64),
+                    gradients=about["gradients"],
+                    failed=about["failed"],
+                )
+        except (DamagedError, FileNotFoundError):
+            found = search()
+        arrays = {name: np.asarray(getattr(found, name), float) for name in (*_VECTORS, "betas")}
+        arrays |= {name: np.asarray(getattr(found, name), np.int64) for name in _NUMBERS}
+        about = {"shape": list(found.z.shape), "gradients": found.gradients, "failed": found.failed}
+        write_archive(path, arrays, self._seal | about)
+        return found

@@ -1,0 +1,223 @@
+"""``rare_event``: the probability of a rare event from design points and samples around them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike
+from typing import Any
+
+import jax
+from jaxtyping import Array
+from tqdm.auto import tqdm
+
+from jaxpound._checks import count, hint, instance, not_negative, number, require_share
+from jaxpound.grid import TimeGrid
+from jaxpound.results.demand import Demand
+from jaxpound.risk.instants import REQUIRED_GAP
+from jaxpound.risk.kept import Kept
+from jaxpound.risk.limit_state import LimitState
+from jaxpound.risk.rare_event import RareEvent
+from jaxpound.risk.sampling import BATCH, normal_points
+from jaxpound.risk.search import COMMON, OWNER, Search
+from jaxpound.risk.subset import simulated
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.sampling import key_numbers
+from jaxpound.study.scenarios import ScenarioSet, parameter_names
+
+_METHODS = ("auto", "design points", "subset")
+_FEW = 30  # random numbers below which one or a few points do not stand for all failures
+_MOST_AROUND = 50_000  # runs around design points, by default
+
+
+def rare_event(
+    scenarios: ScenarioSet,
+    grid: TimeGrid,
+    gap: float | None = None,
+    *,
+    demand: str | Callable[[Demand], Array] = REQUIRED_GAP,
+    threshold: float | None = None,
+    scheme: Scheme = Scheme(),
+    cov: float = 0.1,
+    method: str = "auto",
+    key: int | jax.Array = 0,
+    start: RareEvent | None = None,
+    max_runs: int | None = None,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> RareEvent:
+    """Probability that random scenarios reach a limit state, however small it is.
+
+    The likeliest ground motions that reach it are sought by gradients, one for each of many
+    instants of the run, and samples are drawn around all of them. For a probability of 1e-6 that
+    takes some 1,500 runs, a third of them with gradients, where plain Monte Carlo takes 1e8.
+
+    Parameters
+    ----------
+    scenarios
+        Structures and ground motion as functions of standard normal numbers, smooth in them.
+    grid, scheme
+        See ``simulate``.
+    gap
+        The gap at rest ≥ 0 of all links, in units of g/ω1²: the event is that any link closes by
+        more. By default gaps are those of the structures.
+    demand, threshold
+        Another event: demand ≥ threshold. The demand is a scalar of ``Demand`` by its flat name
+        (``"peak_contact"``, ``"peak_drift_2"``), the largest of several (``"peak_drift"``), or a
+        function of a run's ``Demand`` that JAX can trace.
+    cov
+        The coefficient of variation of the estimate at which to stop, between 0 and 1.
+    method
+        "design points"; "subset", which is ``subset_simulation`` and needs neither gradients nor
+        design points, but many more runs; or "auto": subset simulation of scenarios that have
+        discrete coordinates or fewer than 30 numbers, where a few points do not stand for all ways
+        to fail, or where no gradient leads to the limit state, else design points. The result's
+        ``method`` says which and why.
+    key
+        A seed, or a key of ``jax.random``. Sample i depends on it and on i alone.
+    start
+        An event of the same scenarios at another threshold, or of other structures in the same
+        ground motions, from whose design points to start: a curve of probabilities, from the
+        likelier to the rarer, costs little.
+    max_runs
+        Runs at most, gradients aside; by default 50,000 around design points, and a million of
+        subset simulation.
+    store
+        A folder that keeps design points and finished batches: the same call goes on from there
+        after it was stopped, or to a smaller ``cov``, and ends as if it had not been interrupted.
+        Not of subset simulation.
+    progress
+        Whether to show a bar with the estimate and its coefficient of variation.
+
+    Returns
+    -------
+    RareEvent
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule or the demand does not depend on the scenarios' numbers; by
+        "design points" also if a coordinate of the scenarios is discrete or no gradient leads to
+        the limit state. If the store holds another search, with what differs.
+    OSError
+        If the store cannot be written to.
+
+    Notes
+    -----
+    A demand over a run is reached if it is reached at any instant. Displacements, drifts and
+    closings have a design point at each of some 20 instants a period (Koo, Der Kiureghian and
+    Fujimura 2005), found by the improved HLRF iteration. Samples come from normal densities around
+    those nearest to the origin, as Au and Beck (2001) draw them for linear structures, so that the
+    estimate is unbiased with friction too. Around one design point alone it would be far too low,
+    and would not tell. Other demands have design points of the whole run, from many starts.
+
+    The linearised limit states of all instants together give ``RareEvent.form`` without a run.
+
+    Where a demand is reached in more than some 4 % of all runs, plain Monte Carlo takes over.
+
+    Examples
+    --------
+    >>> hills = np.exp(-np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2)
+    >>> def ground(z):
+    ...     return jp.Record(0.2 * hills @ z, dt=0.1, time_unit="1/ω1")
+    >>> scenarios = jp.Scenarios(jp.paper.structures(), jp.CustomDraw(ground, 5))
+    >>> grid = jp.TimeGrid.until(8.0, dt=0.1)
+    >>> event = jp.rare_event(scenarios, grid, 0.4, method="design points", progress=False)
+    >>> 5e-6 < event.probability < 1e-5, event.cov <= 0.1
+    (True, True)
+    >>> earthquake = event.design_earthquakes[0]
+    >>> bool(jp.demand(earthquake.structures, earthquake.ground, grid).min_gap < 1 - 0.399)
+    True
+    """
+    threshold = threshold_of(OWNER, gap, demand, threshold)
+    programs = None
+    if start is not None:
+        instance(OWNER, "start", start, RareEvent)
+        programs = start.limit_state.programs
+    state = LimitState(scenarios, grid, scheme, demand, threshold, _programs=programs)
+    return event_of(
+        state,
+        cov=cov,
+        method=method,
+        key=key,
+        start=start,
+        max_runs=max_runs,
+        store=store,
+        progress=progress,
+    )
+
+
+def threshold_of(owner: str, gap: Any, demand: Any, threshold: Any) -> float | None:
+    """The threshold, which for gaps is the gap; a ``ValueError`` where both are given."""
+    if gap is None:
+        return threshold
+    if demand != REQUIRED_GAP or threshold is not None:
+        raise ValueError(f"{owner}: gap = {gap!r} must be None where another demand is given")
+    (gap,) = not_negative(owner, gap=number(owner, "gap", gap))
+    return float(gap)
+
+
+def event_of(
+    state: LimitState,
+    *,
+    cov: float = 0.1,
+    method: str = "auto",
+    key: int | jax.Array = 0,
+    start: RareEvent | None = None,
+    max_runs: int | None = None,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> RareEvent:
+    """``rare_event`` of a limit state."""
+    require_share(OWNER, "cov", number(OWNER, "cov", cov))
+    most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
+    _, numbers = key_numbers(OWNER, key)
+    if start is not None and start.limit_state.dimension != state.dimension:
+        rule = f"of scenarios of {state.dimension} numbers, as these are"
+        raise ValueError(f"{OWNER}: start of {start.limit_state.dimension} must be {rule}")
+
+    def by_subset(why: str) -> RareEvent:
+        if store is not None:
+            rule = "must be None for subset simulation, which keeps no files"
+            raise ValueError(f"{OWNER}: store = {str(store)!r} {rule}")
+        more = {} if max_runs is None else {"max_runs": max_runs}
+        return simulated(state, cov=cov, key=key, progress=progress, why=why, **more)
+
+    subset, why = _choice(state, method)
+    if subset:
+        return by_subset(why)
+    kept = None
+    if store is not None:
+        first = None if start is None else start.design_points
+        kept = Kept(store, state, key, first, BATCH, most)
+    with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
+        search = Search(state, cov, most, normal_points(key, state), kept, bar)
+        pilot = search.pilot() if start is None else None
+        if pilot is not None and pilot.probability > COMMON:
+            return search.plain(pilot)
+        found = search.points(numbers, start)
+        if len(found) or not found.failed:
+            return search.around(found, 0 if pilot is None else BATCH)
+    if method == "auto":
+        return by_subset("no gradient leads to the limit state: ")
+    raise ValueError(
+        f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
+        "reached it; use method = 'subset'"
+    )
+
+
+def _choice(state: LimitState, method: str) -> tuple[bool, str]:
+    """Whether to take subset simulation, and why; a ``ValueError`` where gradients cannot work."""
+    if method not in _METHODS:
+        raise ValueError(f"{OWNER}: method = {method!r}; {hint(method, _METHODS)}")
+    if method == "subset":
+        return True, ""
+    if indices := tuple(getattr(state.scenarios, "discrete", ())):
+        names = parameter_names(state.scenarios)
+        shown = ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))
+        if method == "auto":
+            return True, f"{shown} discrete: "
+        rule = "must not be discrete for design points, which need gradients"
+        raise ValueError(f"{OWNER}: scenarios: {shown} {rule}; use method = 'subset'")
+    if method == "auto" and state.dimension < _FEW:
+        return True, f"{state.dimension} random numbers, fewer than {_FEW}: "
+    return False, ""

@@ -1,0 +1,228 @@
+"""One search for a rare event by design points: pilot, points, samples, and doubts about them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from jaxpound.risk.design_points import DesignPoints, find_design_points
+from jaxpound.risk.kept import Kept
+from jaxpound.risk.limit_state import LimitState
+from jaxpound.risk.mixture import NEAR, Mixture
+from jaxpound.risk.rare_event import RareEvent
+from jaxpound.risk.sampling import BATCH, Samples, until_sure
+from jaxpound.study.sampling import Points
+
+OWNER = "rare_event"
+
+RAREST = 1e-12
+"""Below this the probability is only bounded."""
+
+COMMON = 0.04
+"""Share of plain runs above which plain Monte Carlo is as good."""
+
+_STRONGER = (3.0, 10.0)  # factors of z at which a demand that seems constant is looked at
+_THIN, _LARGEST, _OUTSIDE = 0.1, 0.1, 0.1  # shares of the estimate that are told
+
+
+@dataclasses.dataclass
+class Search:
+    """The state of a search."""
+
+    state: LimitState
+    cov: float
+    """The coefficient of variation wanted."""
+    most: int
+    """Runs at most."""
+    normal: Points
+    """Standard normal points of d + 1 numbers: the last chooses a part of the mixture."""
+    kept: Kept | None
+    """The folder of the search."""
+    bar: Any
+    """The progress bar."""
+
+    def pilot(self) -> Samples:
+        """The first batch of plain samples.
+
+        Raises
+        ------
+        ValueError
+            If the demand is no number, or the same in all runs however strong the motion.
+        """
+        found, state = self._batch(0, None), self.state
+        self.bar.update(BATCH)
+        good = found.values[np.isfinite(found.values)]
+        if not good.size:
+            rule = f"must be a number, but is none in {BATCH} random runs"
+            raise ValueError(f"{OWNER}: demand {rule}")
+        if not np.ptp(good) > 0:
+            stronger = [state.values(factor * found.z) for factor in _STRONGER]
+            if not np.ptp([found.values, *stronger]) > 0:
+                raise ValueError(
+                    f"{OWNER}: demand must depend on the random numbers of the scenarios, but is "
+                    f"{good[0] + state.level:.6g} in {3 * BATCH} random runs"
+                )
+        return found
+
+    def points(self, numbers: tuple[int, ...], start: RareEvent | None) -> DesignPoints:
+        """The design points, from those of another event or from random starts."""
+
+        def told(gradients: int, nearest: float) -> None:
+            found = f", nearest at {nearest:.3g}" if np.isfinite(nearest) else ""
+            self.bar.set_postfix_str(f"{gradients} gradients{found}")
+
+        def search() -> DesignPoints:
+            return find_design_points(self.state, numbers, _points_of(start), told)
+
+        return search() if self.kept is None else self.kept.design_points(search)
+
+    def plain(self, pilot: Samples) -> RareEvent:
+        """The event of plain samples, where it is not rare."""
+        sure = pilot.probability == 1
+        found, state = pilot if sure else self._samples(None, pilot), self.state
+        event = RareEvent(
+            probability=found.probability,
+            cov=found.cov,
+            runs=len(found),
+            gradients=0,
+            method="plain Monte Carlo: the event is not rare",
+            limit_state=state,
+            points=found.z,
+            weights=found.weights,
+            values=found.values,
+            design_points=np.zeros((0, state.dimension)),
+            instants=np.zeros(0),
+            times=found.times,
+        )
+        warnings = [*self._unsure(event)]
+        if sure:
+            least = 0.05 ** (1 / len(found))
+            warnings.append(
+                f"the limit state is reached in each of {len(found)} random runs: its probability "
+                f"is above {least:.4g} (95 %)"
+            )
+        return dataclasses.replace(event, warnings=tuple(warnings))
+
+    def around(self, found: DesignPoints, runs: int) -> RareEvent:
+        """The event of samples around design points."""
+        near, state = found.within(NEAR), self.state
+        event = RareEvent(
+            probability=RAREST,
+            cov=float("nan"),
+            runs=runs,
+            gradients=found.gradients,
+            method="design points, no samples",
+            limit_state=state,
+            points=np.zeros((0, state.dimension)),
+            weights=np.zeros(0),
+            values=np.zeros(0),
+            design_points=found.z,
+            instants=np.where(found.instants < 0, np.nan, found.instants * state.grid.dt),
+            series=found.series,
+            form=near.form(),
+        )
+        if ndtr(-found.betas).sum() < RAREST:
+            far = f"the nearest at {found.betas[0]:.3g}" if len(found) else "none found"
+            said = (
+                f"out of reach: the probability is below {RAREST:g}, by the design points ({far}); "
+                "the number is a bound and no estimate"
+            )
+            return dataclasses.replace(event, warnings=(said,))
+        mixture = Mixture.of(found)
+        samples = self._samples(mixture)
+        one = ", one an instant" if state.series else ""
+        thin = samples.parts[mixture.thin(samples.z)].sum() / max(samples.parts.sum(), 1e-300)
+        event = dataclasses.replace(
+            event,
+            probability=samples.probability,
+            cov=samples.cov,
+            runs=runs + len(samples),
+            method=f"importance sampling around {len(near)} design points{one}",
+            points=samples.z,
+            weights=samples.weights,
+            values=samples.values,
+            times=samples.times,
+            thin=float(thin),
+        )
+        warnings = (*self._unsure(event), *_doubtful(event, near))
+        return dataclasses.replace(event, warnings=warnings)
+
+    def _samples(self, mixture: Mixture | None, first: Samples | None = None) -> Samples:
+        """Samples, as many as are needed: plain ones, or of a mixture."""
+        batches = until_sure(lambda i: self._batch(i, mixture), self.cov, self.most, first)
+        for found in batches:
+            words = f"P = {found.probability:.3g}, c.o.v. {found.cov:.2g}"
+            self.bar.set_postfix_str(words)
+            self.bar.update(BATCH)
+        return found
+
+    def _batch(self, number: int, mixture: Mixture | None) -> Samples:
+        """A batch of samples by its number."""
+        ends = number * BATCH, (number + 1) * BATCH
+        if mixture is None:
+            z = self.normal(*ends)[:, :-1]
+            weights = np.ones(len(z))
+        else:
+            z = mixture.draw(self.normal, *ends)
+            weights = mixture.weights(z)
+
+        def run() -> tuple[np.ndarray, np.ndarray]:
+            return self.state.values_and_times(z)
+
+        if self.kept is None:
+            return Samples(z, weights, *run())
+        return Samples(z, weights, *self.kept.batch(number, plain=mixture is None, run=run))
+
+    def _unsure(self, event: RareEvent) -> Iterator[str]:
+        if event.cov > self.cov:
+            yield (
+                f"the coefficient of variation is {event.cov:.2g} after {event.runs:,} runs, above "
+                f"{self.cov:.2g}: raise max_runs = {self.most:,}"
+            )
+        failed = np.count_nonzero(~np.isfinite(event.values))
+        if failed:
+            yield f"{failed:,} of {len(event.values):,} runs failed and count as safe"
+
+
+def _points_of(event: RareEvent | None) -> DesignPoints | None:
+    """The design points of an event from which another search starts; None if it has none."""
+    if event is None or not len(event.design_points):
+        return None
+    instants = event.instants / event.limit_state.grid.dt
+    return DesignPoints(
+        z=event.design_points,
+        directions=np.zeros_like(event.design_points),
+        betas=np.linalg.norm(event.design_points, axis=1),
+        instants=np.where(np.isnan(instants), -1, np.round(instants)).astype(int),
+        series=event.series,
+        gradients=0,
+        failed=0,
+    )
+
+
+def _doubtful(event: RareEvent, near: DesignPoints) -> Iterator[str]:
+    """Signs that failures were missed."""
+    if event.thin > _THIN:
+        yield (
+            f"{event.thin:.0%} of the estimate comes from where few samples are drawn: there are "
+            "failures that no design point stands for; compare with subset_simulation"
+        )
+    if event.largest_share > _LARGEST:
+        yield (
+            f"a single sample makes {event.largest_share:.0%} of the estimate: ask for a smaller "
+            "cov, or compare with subset_simulation"
+        )
+    ends = near.instants * event.limit_state.grid.dt
+    if (event.values >= 0).any() and (near.instants >= 0).all():
+        times, shares = event.failures_by_instant
+        period = 2 * np.pi
+        outside = shares[(times < ends.min() - period / 2) | (times > ends.max() + period)].sum()
+        if outside > _OUTSIDE:
+            yield (
+                f"{outside:.0%} of the estimate comes from runs whose demand is largest at times "
+                "for which there is no design point; compare with subset_simulation"
+            )

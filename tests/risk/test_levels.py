@@ -1,0 +1,126 @@
+"""Subset simulation of limit states whose probabilities have closed forms."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtr, ndtri
+
+from jaxpound.risk.levels import descent, side_by_side
+
+
+def simulated(value, dimension, *, n=1000, p0=0.1, repeats=20, key=0):
+    rngs = [np.random.default_rng([key, r]) for r in range(repeats)]
+    return side_by_side(value, [descent(dimension, n, p0, rng) for rng in rngs])
+
+
+def linear(dimension, beta):
+    direction = np.linspace(1.0, 3.0, dimension)
+    direction /= np.linalg.norm(direction)
+    return lambda z: z @ direction - beta
+
+
+def probability(found):
+    """The estimate and its standard error, by the spread of the repeats."""
+    p = np.array([levels[-1].estimate for levels in found])
+    return p.mean(), p.std(ddof=1) / np.sqrt(len(p))
+
+
+@pytest.mark.parametrize("dimension", [2, 20, 200])
+@pytest.mark.parametrize("exact", [1e-2, 1e-4, 1e-7])
+def test_a_plane(dimension, exact):
+    estimate, error = probability(simulated(linear(dimension, -ndtri(exact)), dimension))
+    assert abs(estimate - exact) < 3 * error < exact
+
+
+def test_a_sphere():
+    """Every direction fails: |z|² of 10 numbers is chi-squared."""
+    from scipy.stats import chi2
+
+    estimate, error = probability(simulated(lambda z: (z**2).sum(axis=1) - 40.0, 10))
+    assert abs(estimate - chi2.sf(40.0, 10)) < 3 * error
+
+
+def test_a_number_of_which_only_the_sign_counts():
+    """A discrete number, and failures on both sides of it."""
+
+    def value(z):
+        return np.where(z[:, 0] < 0, z[:, 1], -z[:, 1]) - 3.5
+
+    found = simulated(value, 3)
+    estimate, error = probability(found)
+    assert abs(estimate - ndtr(-3.5)) < 3 * error
+    signs = [np.sign(levels[-1].points[:, 0]).mean() for levels in found]
+    assert abs(np.mean(signs)) < 0.3  # both sides are sampled
+
+
+def test_each_level_is_the_distribution_beyond_its_threshold():
+    beta = 3.719
+    for levels in simulated(linear(20, beta), 20, n=2000, repeats=4):
+        for level in levels[1:]:
+            exact = ndtr(-(beta + level.threshold))
+            assert level.probability == pytest.approx(exact, rel=1.0)
+            # Of a normal number above x the mean is φ(x) / Φ(−x).
+            x = beta + level.threshold
+            mean = np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi) / exact
+            assert level.values.mean() + beta == pytest.approx(mean, rel=0.05)
+            assert level.values.min() >= level.threshold
+
+
+def test_steps_are_adapted_to_the_acceptance_that_explores_most():
+    """Papaioannou et al. 2015 find 0.44, whatever the dimension and the level."""
+    for dimension in (5, 100):
+        found = simulated(linear(dimension, 4.75), dimension, repeats=10)
+        acceptance = [level.acceptance for levels in found for level in levels[1:]]
+        assert np.mean(acceptance) == pytest.approx(0.44, abs=0.04)
+
+
+def test_a_repeat_does_not_depend_on_the_others():
+    alone = simulated(linear(5, 4.0), 5, repeats=1)[0]
+    among = simulated(linear(5, 4.0), 5, repeats=3)[0]
+    assert [x.threshold for x in alone] == [x.threshold for x in among]
+
+
+def test_requests_of_all_repeats_are_one_batch():
+    sizes, reached = [], []
+    value = linear(10, 3.0)
+    rngs = [np.random.default_rng(r) for r in range(8)]
+    descents = [descent(10, 500, 0.1, rng) for rng in rngs]
+
+    def told(size, probabilities):
+        sizes.append(size)
+        reached.append(np.mean(probabilities))
+
+    found = side_by_side(value, descents, told)
+    assert sizes[0] == 8 * 500
+    assert set(sizes[1:10]) == {8 * 50}
+    # Where values are equal to the threshold, more than a share p0 is beyond it.
+    most = sum(500 + 450 * (len(levels) - 1) for levels in found)
+    assert 0.99 * most < sum(sizes) <= most
+    assert reached[0] == 1
+    assert reached[1] == pytest.approx(0.1)
+
+
+def test_a_share_that_divides_no_level_evenly():
+    for levels in simulated(linear(4, 3.0), 4, n=333, p0=0.13, repeats=4):
+        assert {len(level.values) for level in levels} == {333}
+
+
+def test_a_plateau_is_left_where_anything_lies_above_it():
+    """No force before the contact: most values are equal."""
+
+    def value(z):
+        return np.maximum(z[:, 0] - 2.0, 0.0) - 2.0  # the event is z_0 ≥ 4
+
+    estimate, error = probability(simulated(value, 2))
+    assert abs(estimate - ndtr(-4.0)) < 3 * error
+
+
+def test_no_level_leads_on_from_a_plateau():
+    found = simulated(lambda z: np.full(len(z), -1.0), 2, repeats=2)
+    assert [len(levels) for levels in found] == [1, 1]
+    assert probability(found)[0] == 0
+
+
+def test_what_never_happens_ends_at_the_floor():
+    found = simulated(linear(3, 40.0), 3, n=200, repeats=2)
+    assert all(levels[-1].probability < 1.1e-11 for levels in found)
+    assert all(levels[-1].estimate == 0 for levels in found)

@@ -1,0 +1,210 @@
+"""Rare events by subset simulation, against closed forms and plain Monte Carlo."""
+
+import dataclasses
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import ndtr, ndtri
+
+import jaxpound as jp
+from jaxpound.risk.subset import simulated
+
+GRID = jp.TimeGrid.until(8.0, dt=0.1)
+SLIDING = dataclasses.replace(jp.paper.structures(), friction=0.0)
+
+
+def wave(z):
+    """Its amplitude is normal, whatever the number of z."""
+    return jp.Ricker(z.sum() / jnp.sqrt(len(z)), [2.0], [1.5])
+
+
+@pytest.fixture(scope="module")
+def scaled():
+    """Without friction a peak is proportional to the amplitude of the ground: half-normal."""
+    scenarios = jp.Scenarios(SLIDING, jp.CustomDraw(wave, 4))
+    state = jp.LimitState(scenarios, GRID, demand="peak_x1", threshold=1.0)
+    of_one = float(state.value(jnp.full(4, 0.5))) + 1.0
+    return lambda beta: dataclasses.replace(state, threshold=beta * of_one)
+
+
+@pytest.fixture(scope="module")
+def trains():
+    """Three wavelets with random signs: twelve numbers, three of them discrete."""
+    ground = jp.RandomRicker(3, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3.8), jp.Uniform(1, 5))
+    scenarios = jp.Scenarios(jp.paper.structures(), ground)
+    return jp.LimitState(scenarios, GRID, threshold=0.62)
+
+
+def test_a_half_normal_peak(scaled):
+    for beta in (2.5, 4.0):
+        event = simulated(scaled(beta), progress=False)
+        exact = 2 * ndtr(-beta)
+        assert abs(event.probability - exact) < 3 * event.cov * exact
+        assert 0.01 < event.cov < 0.2
+        assert event.beta == pytest.approx(-float(ndtri(event.probability)))
+        assert not event.warnings
+        assert event.gradients == 0
+        assert np.isnan(event.form)
+        assert event.design_points.shape == (0, 4)
+
+
+def test_the_weighted_points_are_a_sample_of_the_whole_distribution(scaled):
+    event = simulated(scaled(4.0), progress=False)
+    assert len(event.points) == len(event.values) == len(event.weights) == event.runs
+    assert event.weights.mean() == pytest.approx(1.0)
+    assert np.mean(event.weights * (event.values >= 0)) == pytest.approx(event.probability)
+    unit = event.limit_state.level / 4.0
+    for beta in (1.0, 2.0, 3.0):
+        likelier = np.mean(event.weights * (event.values >= (beta - 4.0) * unit))
+        assert likelier == pytest.approx(2 * ndtr(-beta), rel=0.15)
+
+
+def test_trains_of_wavelets_with_random_signs_against_plain_monte_carlo(trains):
+    n = 20_000
+    values = trains.values(np.random.default_rng(1).standard_normal((n, trains.dimension)))
+    for more in (0.0, 0.15):  # 1e-2 and 1e-3, nearly
+        exact = np.mean(values >= more)
+        state = dataclasses.replace(trains, threshold=trains.level + more)
+        event = simulated(state, progress=False)
+        error = np.hypot(event.cov * exact, np.sqrt(exact / n))
+        assert 2e-4 < exact < 3e-2
+        assert abs(event.probability - exact) < 3 * error
+
+
+def test_the_wanted_coefficient_of_variation_is_reached_by_more_repeats(scaled):
+    few = simulated(scaled(3.0), n=200, repeats=4, progress=False)
+    many = simulated(scaled(3.0), n=200, repeats=4, cov=0.05, progress=False)
+    assert few.cov > 0.05 >= many.cov
+    assert many.runs > few.runs
+    assert "4 repeats" in few.method
+    bounded = simulated(scaled(3.0), n=200, repeats=4, cov=0.01, max_runs=8_000, progress=False)
+    assert bounded.runs <= 8_000
+    assert any("max_runs" in x for x in bounded.warnings)
+
+
+def test_the_stated_interval_covers():
+    """Of 60 studies with 95 % intervals at least 51 (85 %) hold the exact number."""
+    exact = ndtr(-3.5)
+    found = [simulated(Plane(3.5), n=400, key=k, progress=False) for k in range(60)]
+    inside = [x.estimate.low <= exact <= x.estimate.high for x in found]
+    assert sum(inside) >= 51
+    measured = np.std([x.probability for x in found], ddof=1) / exact
+    stated = np.mean([x.cov for x in found])
+    assert 1 / 1.5 < measured / stated < 1.5
+    assert np.mean([x.probability for x in found]) == pytest.approx(exact, rel=0.08)  # O(1/n)
+
+
+def test_an_event_that_always_occurs(scaled):
+    event = simulated(scaled(0.0), n=100, repeats=2, progress=False)
+    assert event.probability == 1
+    assert event.warnings == (
+        "the event occurs in each of 200 random runs: its probability is above 0.985133 (95 %)",
+    )
+
+
+def test_an_event_out_of_reach(scaled):
+    state = scaled(30.0)
+    event = simulated(state, n=100, repeats=2, progress=False)
+    assert event.probability == 1e-12
+    assert np.isnan(event.cov)
+    (warning,) = event.warnings
+    assert warning.startswith("out of reach: the probability is below 1e-12")
+    assert "is a bound and no estimate" in warning
+    nearest = float(re.search(r"stays ([\d.]+) below the threshold", warning)[1])
+    assert 0.6 * state.level < nearest < 0.85 * state.level  # 7 standard deviations of 30
+
+
+def test_a_demand_that_does_not_depend_on_the_random_numbers():
+    def still(z):
+        return jp.Ricker(0.0 * z[0], [2.0], [1.5])
+
+    scenarios = jp.Scenarios(SLIDING, jp.CustomDraw(still, 2))
+    with pytest.raises(ValueError, match="demand must depend on the random numbers"):
+        jp.subset_simulation(
+            scenarios, GRID, demand="peak_x1", threshold=0.1, n=100, repeats=2, progress=False
+        )
+
+
+class Plane:
+    """A limit state without a simulation, so that a study of studies takes a second."""
+
+    dimension = 10
+    level = 0.0
+
+    def __init__(self, beta):
+        self.beta = beta
+
+    def values(self, z):
+        return z.sum(axis=1) / np.sqrt(self.dimension) - self.beta
+
+
+def test_a_demand_that_is_constant_but_for_the_strongest_motions():
+    """No contact, no force: plain samples bound the probability, and no more is said."""
+
+    class Silent(Plane):
+        def values(self, z):
+            return np.maximum(super().values(z), -1.0)
+
+    event = simulated(Silent(9.0), n=100, repeats=2, progress=False)
+    assert event.probability == pytest.approx(0.015, rel=0.01)  # 1 − 0.05^(1/200)
+    assert "whose demands are all the same; the demand stays 1 below" in event.warnings[0]
+
+
+def test_runs_that_fail_count_as_safe_and_are_told():
+    class Failing(Plane):
+        def values(self, z):
+            return np.where(z[:, 0] > 1, np.nan, super().values(z))
+
+    event = simulated(Failing(2.5), progress=False)
+    assert 0.1 * ndtr(-2.5) < event.probability < ndtr(-2.5)
+    assert re.match(r"[\d,]+ of [\d,]+ runs failed and count as safe", event.warnings[0])
+
+    class Hopeless(Plane):
+        def values(self, z):
+            return np.full(len(z), np.nan)
+
+    with pytest.raises(ValueError, match="demand must be a number, but is none in 1000 random"):
+        simulated(Hopeless(2.5), progress=False)
+
+
+def test_warnings_of_an_estimate_that_hangs_on_a_few_repeats():
+    class Hidden(Plane):
+        """Failures that lie in a corner which the way up does not pass."""
+
+        def values(self, z):
+            return np.where(np.abs(z[:, 0]) > 3.6, 1.0, np.minimum(super().values(z), -1.0))
+
+    event = simulated(Hidden(5.0), n=100, repeats=10, progress=False)
+    assert any("repeats never reach" in x for x in event.warnings)
+    assert any("tells the order of magnitude" in x for x in event.warnings)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"n": 0}, "n = 0 must be a positive whole number"),
+        ({"n": 50}, "p0 n = 5 must be at least 10"),
+        ({"p0": 0.7}, "p0 = 0.7 must be at most 0.5"),
+        ({"p0": 1.0}, "p0 = 1 must be between 0 and 1"),
+        ({"repeats": 1}, "repeats = 1 must be at least 2"),
+        ({"cov": -0.1}, "cov = -0.1 must be positive"),
+        ({"key": -1}, "key = -1 must be from 0"),
+        ({"max_runs": 10**12}, "max_runs = 1,000,000,000,000 would take"),
+        ({"gap": 0.0}, "gap = 0 must be positive"),
+        ({"gap": 0.3, "demand": "peak_x1"}, "gap = 0.3 must be None"),
+        ({"demand": "peak_y", "threshold": 1.0}, "unknown demand 'peak_y'"),
+    ],
+)
+def test_arguments_that_break_a_rule(wrong, says):
+    scenarios = jp.Scenarios(SLIDING, jp.CustomDraw(wave, 4))
+    with pytest.raises(ValueError, match=says):
+        jp.subset_simulation(scenarios, GRID, **{"progress": False} | wrong)
+
+
+def test_the_progress_bar_shows_the_estimate(scaled, capsys):
+    simulated(scaled(3.0), n=200, repeats=4)
+    shown = capsys.readouterr().err
+    assert "P < 0.1" in shown
+    assert "c.o.v." in shown
