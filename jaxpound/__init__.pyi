@@ -62,6 +62,9 @@ from jaxpound.results.floors import floor_demands as floor_demands
 from jaxpound.results.response import Energy as Energy
 from jaxpound.results.response import Phase as Phase
 from jaxpound.results.response import Response as Response
+from jaxpound.risk.annual_rate import AnnualRate as AnnualRate
+from jaxpound.risk.annual_rate import Deaggregation as Deaggregation
+from jaxpound.risk.hazard import HazardCurve as HazardCurve
 from jaxpound.risk.limit_state import LimitState as LimitState
 from jaxpound.risk.rare_event import DesignEarthquake as DesignEarthquake
 from jaxpound.risk.rare_event import RareEvent as RareEvent

@@ -5,7 +5,14 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-EXTRAS = {"pandas": "tables", "pyarrow": "tables", "ipywidgets": "notebooks"}
+EXTRAS = {
+    "pandas": "tables",
+    "pyarrow": "tables",
+    "ipywidgets": "notebooks",
+    "blackjax": "reliability",
+    "openturns": "reliability",
+    "SALib": "reliability",
+}
 """The extra that installs a library."""
 
 

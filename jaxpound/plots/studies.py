@@ -33,8 +33,9 @@ from jaxpound.plots.style import (
 )
 from jaxpound.study.fragility import ANY_LINK, Fragility, grouped
 from jaxpound.study.sensitivity import Sensitivity
-from jaxpound.study.statistics import probability
+from jaxpound.study.statistics import Estimate, probability
 from jaxpound.study.study import Study
+from jaxpound.study.weighting import Hits
 
 _POINTS = 200  # of a curve
 _MOST_DOTS = 2000  # of a scatter diagram
@@ -54,11 +55,13 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     n = gaps.size
     low, high = np.quantile(gaps, [0.001, 1.0])
     low = min(low, 0.0)
-    counts, edges = np.histogram(gaps, np.linspace(low, high, 41))
-    width = np.diff(edges)
+    weights = _weights(study, "min_gap")
+    counts, edges = np.histogram(gaps, np.linspace(low, high, 41), weights=weights)
+    width, whole = np.diff(edges), n if weights is None else weights.sum()
     ax.bar(
-        edges[:-1], counts / (n * width), width, align="edge", color=COLOURS["damper"], alpha=0.6
-    )
+        edges[:-1], counts / (whole * width), width, align="edge", color=COLOURS["damper"],
+        alpha=0.6,
+    )  # fmt: skip
     ax.axvspan(low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
     ax.set_xlim(low, high)
     unit = _unit(study, "min_gap", "length")[1]
@@ -69,12 +72,15 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     if beyond:
         ax.plot([], [], " ", label=f"further left: {beyond:,} of {n:,}")
     known = "required_gap" in study.columns
-    if known and (still := np.mean(study.finite("required_gap") <= 0)) >= 0.01:
+    if known and (still := _share(study, study.finite("required_gap") <= 0)) >= 0.01:
         ax.plot([], [], " ", label=f"min = gap at rest: {100 * still:.0f} %")
     legend_above(ax, 2)
 
     right = ax.twinx()
-    right.plot(np.sort(gaps), np.arange(1, n + 1) / n, color="black")
+    reached = np.arange(1, n + 1)
+    if weights is not None:
+        reached = np.cumsum(weights[np.argsort(gaps)])
+    right.plot(np.sort(gaps), reached / whole, color="black")
     right.set_ylim(0, 1.05)
     right.set_yticks([0, 0.5, 1])
     label(right, "", "cumulative share")
@@ -91,8 +97,7 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
     ax = new_axes(ax)
     pounding = _pounding(study, gap)
     sizes = np.unique(np.geomspace(min(10, pounding.size), pounding.size, _POINTS).astype(int))
-    counts = np.cumsum(pounding)[sizes - 1]
-    estimates = [probability(int(k), int(n)) for k, n in zip(counts, sizes, strict=True)]
+    estimates = _estimates(study, pounding, sizes, _weights(study, "pga"))
     value, low, high = np.array([estimate[:3] for estimate in estimates]).T
     ax.fill_between(sizes, low, high, label="95 % interval", **shade("damper"))
     ax.plot(sizes, value, color=COLOURS["damper"], label="estimate")
@@ -111,11 +116,14 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     (``Study.separation``).
     """
     ax = new_axes(ax)
-    ranked = np.sort(study.finite("required_gap"))
-    n = ranked.size
+    order = np.argsort(study.finite("required_gap"))
+    ranked, n = study.finite("required_gap")[order], order.size
     more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # counts of exceedance
-    estimates = np.array([probability(int(k), n)[:3] for k in more])
-    gaps = ranked[n - more]
+    gaps, weights = ranked[n - more], _weights(study, "required_gap")
+    if weights is None:
+        estimates = np.array([probability(int(k), n)[:3] for k in more])
+    else:
+        estimates = np.array([study.pounding_probability(float(gap))[:3] for gap in gaps])
     colour = COLOURS["damper"]
     ax.plot(gaps, estimates[:, 0], color=colour, label="estimate")
     ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
@@ -179,7 +187,7 @@ def fragility(
             of_band = {"label": "95 % band"} if alone else {"alpha": _FAINT}
             ax.fill_between(at, low, high, **(shade(colour) | of_band))
     if isinstance(curve, Fragility):
-        _shares(ax, curve)
+        _data(ax, curve)
     elif few or ANY_LINK in curve:
         ax.fill_between([], [], [], label="95 % band", **shade("residual"))
     ax.set_xscale("log")
@@ -215,12 +223,9 @@ def _reach(curve: Fragility) -> tuple[float, float]:
     return min(least, curve.median / 4), max(most, curve.median * 2)
 
 
-def _shares(ax: Axes, curve: Fragility) -> None:
+def _data(ax: Axes, curve: Fragility) -> None:
     """The data of a curve: shares of pounding with their intervals."""
-    im, k, n = curve.intensity, curve.pounding, curve.trials
-    if not curve.stripes:
-        im, k, n = grouped(im, k, 12)
-    shares = np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
+    im, shares = _shares(curve)
     off = np.abs(shares[:, 1:].T - shares[:, 0])
     ax.errorbar(
         im, shares[:, 0], off, fmt="o", color="black", markersize=3, linewidth=0.7, label="data"
@@ -300,6 +305,42 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     ax.set_yticks(place, [parameter_name(name) for name in names])
     ax.legend(loc="lower right")
     return ax
+
+
+def _weights(study: Study, column: str) -> np.ndarray | None:
+    """Weights of the finite numbers of a column; None if all samples count the same."""
+    return None if study.weighting is None else study.weights[np.isfinite(study[column])]
+
+
+def _share(study: Study, hits: np.ndarray) -> float:
+    """Share of the samples with a required gap that are hits."""
+    return float(np.average(hits, weights=_weights(study, "required_gap")))
+
+
+def _estimates(
+    study: Study, hits: np.ndarray, sizes: np.ndarray, weights: np.ndarray | None
+) -> list[Estimate]:
+    """Probability of hits by the first samples, for every number of these."""
+    counts = np.cumsum(hits)[sizes - 1]
+    if study.weighting is None or weights is None:
+        return [probability(int(k), int(n)) for k, n in zip(counts, sizes, strict=True)]
+    each = (weights, weights**2, weights * hits, weights**2 * hits)
+    sums = np.stack([np.cumsum(x)[sizes - 1] for x in each], axis=1)
+    normalised = study.weighting.normalised
+    return [Hits(int(n), *x).estimate(normalised) for n, x in zip(sizes, sums, strict=True)]
+
+
+def _shares(curve: Fragility) -> tuple[np.ndarray, np.ndarray]:
+    """Intensities of the data, a cloud in twelve groups, and the shares of pounding at each."""
+    im, k, n = curve.intensity, curve.pounding, curve.trials
+    if curve.weights is not None and not curve.stripes:
+        parts = np.array_split(np.argsort(im), 12)
+        centre = [np.exp(np.average(np.log(im[x]), weights=curve.weights[x])) for x in parts]
+        found = [Hits.of(k[x] > 0, curve.weights[x]).estimate(True)[:3] for x in parts]
+        return np.array(centre), np.array(found)
+    if not curve.stripes:
+        im, k, n = grouped(im, k, 12)
+    return im, np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
 
 
 def _plain(column: str) -> str:

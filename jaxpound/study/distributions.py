@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from statistics import NormalDist
 from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import ndtr, ndtri
+from jaxtyping import ArrayLike
 
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Checked, parameter
@@ -110,6 +113,16 @@ class Uniform(Checked):
         inside = (share > 0) & (share < 1)
         outside = jnp.where(share <= 0, -jnp.inf, jnp.inf)
         return jnp.where(inside, ndtri(jnp.where(inside, share, 0.5)), outside)
+
+
+def density(distribution: Distribution, x: ArrayLike) -> np.ndarray:
+    """Probability density at numbers x, of their shape: φ(z) dz/dx; 0 outside the support."""
+    at = jnp.ravel(jnp.asarray(x, float))
+    z = jax.vmap(distribution.to_normal)(at)
+    slope = jax.vmap(jax.grad(distribution.to_normal))(at)
+    inside = np.isfinite(z)
+    found = np.exp(-(np.where(inside, z, 0.0) ** 2) / 2) / math.sqrt(2 * math.pi) * slope
+    return np.where(inside, found, 0.0).reshape(np.shape(x))
 
 
 RARE = 1e-6

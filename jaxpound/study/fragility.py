@@ -6,14 +6,15 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import ArrayLike
-from scipy.special import log_ndtr, ndtr
+from scipy.special import log_ndtr, ndtr, ndtri
 
-from jaxpound._checks import Rule, enforce, require_share
+from jaxpound._checks import Rule, enforce, real, require_share
 from jaxpound._tables import Shown, Table
 
 ANY_LINK = "any link"
 """Name of the curve of pounding at any of several links, beside those of "link 1" and so on."""
 
+_LEAST = 40.0  # −z from which Φ(z) is 0
 _CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many samples draws from
 
 
@@ -29,7 +30,8 @@ class Fragility(Shown):
     dispersion: float
     """β, standard deviation of ln im at pounding."""
     covariance: np.ndarray
-    """Asymptotic covariance of (ln θ, β), shape (2, 2), from the observed information."""
+    """Asymptotic covariance of (ln θ, β), shape (2, 2), from the observed information; with weights
+    that of White (1982), from the scatter of the scores too."""
     intensity: np.ndarray
     """Intensities of the data, shape (m,)."""
     pounding: np.ndarray
@@ -38,6 +40,8 @@ class Fragility(Shown):
     """Number of runs at each, shape (m,)."""
     stripes: bool
     """Whether the data are multiple stripes, with chosen intensities, and not a cloud."""
+    weights: np.ndarray | None = None
+    """Weights of the runs at each intensity, shape (m,); None if all count the same."""
 
     @property
     def median_error(self) -> float:
@@ -62,10 +66,11 @@ class Fragility(Shown):
         replicates: int = 500,
         seed: int = 0,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pointwise bootstrap band of ``probability``.
+        """Pointwise bootstrap band of ``probability``; with weights that of ``covariance``.
 
         Stripes are resampled within each intensity, a cloud as a whole (one of more than 2,000
-        samples after grouping neighbours into 2,000). Resamples without a fit are left out.
+        samples after grouping neighbours into 2,000). Resamples without a fit are left out. With
+        weights there is no resampling: ln(im / θ) / β is taken as normal, to first order.
 
         Parameters
         ----------
@@ -88,12 +93,20 @@ class Fragility(Shown):
             If confidence is not between 0 and 1, or no resample can be fitted.
         """
         require_share("band", "confidence", confidence)
+        at = np.asarray(intensity, float)
+        if self.weights is not None:
+            with np.errstate(divide="ignore"):
+                z = np.maximum(np.log(at / self.median) / self.dispersion, -_LEAST)
+            slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
+            error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
+            reach = ndtri((1 + confidence) / 2) * error
+            return ndtr(z - reach), ndtr(z + reach)
         random = np.random.default_rng(seed)
         im, k, n = self.intensity, self.pounding, self.trials
         if not self.stripes:
             im, k, n = grouped(im, k, _CELLS)
         start = np.array([-np.log(self.median) / self.dispersion, 1 / self.dispersion])
-        at, curves = np.asarray(intensity, float), []
+        curves = []
         for _ in range(replicates):
             if self.stripes:
                 k_drawn, n_drawn = random.binomial(n, k / n), n
@@ -114,6 +127,7 @@ class Fragility(Shown):
     def _tables(self) -> list[Table]:
         runs, pounding = int(self.trials.sum()), int(self.pounding.sum())
         where = f" at {len(self.intensity):,} intensities" if self.stripes else ""
+        where += " with weights" * (self.weights is not None)
         return [
             Table(
                 "Fragility P(pounding | im) = Φ(ln(im / θ) / β)",
@@ -129,7 +143,11 @@ class Fragility(Shown):
 
 
 def fit_fragility(
-    intensity: ArrayLike, pounding: ArrayLike, trials: ArrayLike | None = None
+    intensity: ArrayLike,
+    pounding: ArrayLike,
+    trials: ArrayLike | None = None,
+    *,
+    weights: ArrayLike | None = None,
 ) -> Fragility:
     """Fit of a lognormal fragility function by maximum likelihood (Baker 2015, eq. 11).
 
@@ -143,13 +161,20 @@ def fit_fragility(
         ``study["peak_contact"] > limit``. With trials (multiple stripes): how often.
     trials
         Number of runs at each intensity, shape (m,), at least 1.
+    weights
+        Weight ≥ 0 of each run at an intensity, shape (m,), of any scale, such as those of
+        importance samples: a run's share of the likelihood is raised to it. The covariance is then
+        not that of as many runs as the weights' sum, but White's (1982), of a likelihood that is
+        not the distribution's own: H⁻¹ S H⁻¹ with H the information and S the sum of the squares
+        of the scores.
 
     Raises
     ------
     ValueError
-        If shapes differ, an intensity is not positive and finite, or counts are not whole numbers
-        from 0 to trials. If the likelihood has no maximum: pounding always or never, at all
-        intensities above one and at none below, or not more often at higher intensities.
+        If shapes differ, an intensity is not positive and finite, counts are not whole numbers
+        from 0 to trials, or a weight is negative or not finite. If the likelihood has no maximum:
+        pounding always or never, at all intensities above one and at none below, or not more often
+        at higher intensities.
 
     Examples
     --------
@@ -176,14 +201,38 @@ def fit_fragility(
         ],
     )
     k, n = k.astype(int), n.astype(int)
-    if reason := _no_maximum(im, k, n):
+    w, counted = None, np.ones(im.shape, bool)
+    if weights is not None:
+        w = _weights(owner, weights, im)
+        counted = w > 0
+    z, each = np.log(im[counted]), 1 if w is None else w[counted]
+    hits, runs = k[counted], n[counted]
+    if reason := _no_maximum(im[counted], each * hits, each * runs):
         raise ValueError(f"{owner}: pounding must leave something to fit, but {reason}")
-    z = np.log(im)
-    (a, b), information = _maximise(z, k, n, np.array([-z.mean(), 1.0]))
+    start = np.array([-z.mean(), 1.0])
+    (a, b), information = _maximise(z, each * hits, each * runs, start)
+    spread = np.linalg.inv(information)
+    if w is not None:
+        rise, fall = _ratios(a + b * z)
+        squares = each**2 * (hits * rise**2 + (runs - hits) * fall**2)
+        x = np.stack([np.ones_like(z), z])
+        spread = spread @ (x * squares) @ x.T @ spread
     # From (a, b) of Φ(a + b ln im) to (ln θ, β) = (−a/b, 1/b).
     to = np.array([[-1 / b, a / b**2], [0.0, -1 / b**2]])
-    covariance = to @ np.linalg.inv(information) @ to.T
-    return Fragility(float(np.exp(-a / b)), float(1 / b), covariance, im, k, n, trials is not None)
+    median, dispersion = float(np.exp(-a / b)), float(1 / b)
+    stripes = trials is not None
+    return Fragility(median, dispersion, to @ spread @ to.T, im, k, n, stripes, w)
+
+
+def _weights(owner: str, weights: ArrayLike, im: np.ndarray) -> np.ndarray:
+    """Weights of mean 1."""
+    w = np.asarray(real(owner, "weights", weights), float)
+    if w.shape != im.shape:
+        raise ValueError(f"{owner}: weights {w.shape} must be {im.shape}, as intensity")
+    right = (w >= 0) & np.isfinite(w)
+    enforce(owner, [Rule("weights", w, right, "finite and not negative")])
+    enforce(owner, [Rule("sum of the weights", w.sum(), w.sum() > 0, "positive")])
+    return w / w.mean()
 
 
 def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
@@ -218,8 +267,7 @@ def _maximise(
     c, best = start, likelihood(start)
     for _ in range(100):
         eta = c @ x
-        density = -(eta**2) / 2 - np.log(2 * np.pi) / 2
-        rise, fall = np.exp(density - log_ndtr(eta)), np.exp(density - log_ndtr(-eta))
+        rise, fall = _ratios(eta)
         slope = x @ (k * rise - (n - k) * fall)
         weight = k * rise * (rise + eta) + (n - k) * fall * (fall - eta)
         information = (x * weight) @ x.T
@@ -231,6 +279,12 @@ def _maximise(
             share /= 2
         c, best = c + share * step, value
     return c, information
+
+
+def _ratios(eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """φ/Φ at η and at −η: derivatives of ln Φ(η), and of ln Φ(−η) with the other sign."""
+    density = -(eta**2) / 2 - np.log(2 * np.pi) / 2
+    return np.exp(density - log_ndtr(eta)), np.exp(density - log_ndtr(-eta))
 
 
 def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

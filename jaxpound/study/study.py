@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import ArrayLike
 
 from jaxpound._checks import instance, is_whole, not_negative, number, require_share
 from jaxpound._tables import Shown, Table
@@ -18,6 +19,7 @@ from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand, kind_of
 from jaxpound.results.elements import of_link, without_idle_dampers
+from jaxpound.study import weighting
 from jaxpound.study.archives import DamagedError
 from jaxpound.study.chunk import finished, total
 from jaxpound.study.demands import is_ours
@@ -31,6 +33,7 @@ from jaxpound.study.statistics import (
     quantile,
 )
 from jaxpound.study.store import Store
+from jaxpound.study.weighting import Hits, Weighting, correlation
 from jaxpound.units import Scales
 
 
@@ -71,6 +74,8 @@ class Study(Columnar, Shown):
     points: Callable[[], np.ndarray] | None = None
     """Function that computes the points z of the samples, shape (n, d), if scenarios are known."""
     scales: Scales | None = None
+    weighting: Weighting | None = None
+    """The weights of the samples; None if all count the same."""
 
     @staticmethod
     def open(folder: str | PathLike[str]) -> Study:
@@ -144,8 +149,74 @@ class Study(Columnar, Shown):
         return column[np.isfinite(column)]
 
     def moments(self, name: str) -> Moments:
-        """Number, mean, standard deviation and extremes of a column."""
-        return self._moments[self._known(name)].times(self._factor(name))
+        """Number, mean, standard deviation and extremes of a column.
+
+        With weights these are normalised (``weighting.moments``).
+        """
+        found = self._moments[self._known(name)]
+        if self.weighting is not None:
+            found = weighting.moments(
+                (x[good], w[good])
+                for x, w in self._weighed(self._parts(name))
+                for good in [np.isfinite(x)]
+            )
+        return found.times(self._factor(name))
+
+    def weighted(self, weights: str | ArrayLike, *, normalised: bool = True) -> Study:
+        """The same study with weights: importance samples, or stripes weighted by their hazard.
+
+        All its statistics, and what is made of them, then count every sample by its weight:
+        moments, quantiles, probabilities, required gaps, ``separation``, ``correlations``,
+        ``fragility``. ``study[name]`` and tables remain those of the samples. Intervals are those
+        of as many samples of one weight as would have the estimate's variance: Clopper and
+        Pearson's with the effective size of Korn and Graubard (1998) for a probability, Woodruff's
+        (1952) for a quantile; a fragility has the covariance of White (1982).
+
+        Parameters
+        ----------
+        weights
+            The name of a column, read with the others chunk by chunk, such as that of a measure:
+            ``monte_carlo(..., measures={"weight": f})``. Or the weights, shape (n,), in the order
+            of ``indices``. Not negative.
+        normalised
+            Whether probabilities are divided by the sum of the weights, which then may have any
+            scale; or, if False, by the number of samples that did not fail. The weights are then
+            ratios of densities, and the samples may be crowded where the event is: probabilities
+            are unbiased, and small ones far more accurate. Moments and fragilities are always
+            normalised.
+
+        Raises
+        ------
+        ValueError
+            If there is no such column, the weights are not (n,), one is negative or not finite, or
+            their sum is 0.
+        """
+        known = self._moments[self._known(weights)] if isinstance(weights, str) else None
+        runs = len(self) if known is None else len(self) - self.failed
+        by = weighting.checked("Study.weighted", weights, runs, known)
+        return dataclasses.replace(self, weighting=Weighting(by, bool(normalised)))
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights of the samples, shape (n,): ones if there are none; NaN of a run that failed."""
+        pairs = self._weighed(self._parts("pga"))
+        return np.concatenate([np.where(np.isnan(x), np.nan, w) for x, w in pairs])
+
+    def _weighed(self, parts: Iterable[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Every part of a column with the weights of its samples."""
+        if self.weighting is None:
+            return ((part, np.ones(len(part))) for part in parts)
+        return self.weighting.of(parts, self._parts)
+
+    def _share(self, hits: Iterable[np.ndarray], confidence: float) -> Estimate:
+        """Probability by the parts of a column that is 1 or 0, NaN where it is not known."""
+        found = Hits()
+        for x, w in self._weighed(hits):
+            good = ~np.isnan(x)
+            found += Hits.of(x[good] == 1, w[good])
+        if self.weighting is None:
+            return probability(int(found.hit), found.n, confidence)
+        return found.estimate(self.weighting.normalised, confidence)
 
     def in_si(self, scales: Scales) -> Study:
         """The same study in SI units."""
@@ -182,8 +253,16 @@ class Study(Columnar, Shown):
     # Statistics.
 
     def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:
-        """Quantile of a column, with its distribution-free interval (``statistics.quantile``)."""
-        return quantile(self.finite(name), share, confidence)
+        """Quantile of a column, with its distribution-free interval (``statistics.quantile``).
+
+        With weights, ``weighting.quantile``.
+        """
+        if self.weighting is None:
+            return quantile(self.finite(name), share, confidence)
+        column = self[name]
+        good = np.isfinite(column)
+        normalised = self.weighting.normalised
+        return weighting.quantile(column[good], self.weights[good], share, normalised, confidence)
 
     def exceedance(self, name: str, value: float, confidence: float = 0.95) -> Estimate:
         """Probability that a column exceeds a value, with Clopper and Pearson's interval.
@@ -195,10 +274,10 @@ class Study(Columnar, Shown):
         ValueError
             If there is no such column, or an argument breaks its rule.
         """
-        column = self[name]
+        parts, factor = self._parts(self._known(name)), self._factor(name)
         value = float(number("exceedance", "value", value))
-        known = column[~np.isnan(column)]
-        return probability(int(np.count_nonzero(known > value)), known.size, confidence)
+        over = (np.where(np.isnan(x), np.nan, x * factor > value) for x in parts)
+        return self._share(over, confidence)
 
     def counts(self, name: str = "n_impacts", confidence: float = 0.95) -> dict[int, Estimate]:
         """Distribution of a column of whole numbers, such as the number of impacts.
@@ -222,11 +301,19 @@ class Study(Columnar, Shown):
         column = self.finite(name)
         if (column % 1).any():
             raise ValueError(f"counts: the numbers of {name!r} must be whole")
-        found, often = np.unique(column, return_counts=True)
-        return {
-            int(k): probability(int(m), column.size, confidence)
-            for k, m in zip(found, often, strict=True)
-        }
+        found, which, often = np.unique(column, return_inverse=True, return_counts=True)
+        if self.weighting is None:
+            sums = [probability(int(m), column.size, confidence) for m in often]
+        else:
+            w = self.weights[np.isfinite(self[name])]
+            hit, square = np.bincount(which, w), np.bincount(which, w**2)
+            sums = [
+                Hits(w.size, w.sum(), (w**2).sum(), *x).estimate(
+                    self.weighting.normalised, confidence
+                )
+                for x in zip(hit, square, strict=True)
+            ]
+        return {int(k): estimate for k, estimate in zip(found, sums, strict=True)}
 
     @property
     def topology(self) -> Topology:
@@ -283,9 +370,7 @@ class Study(Columnar, Shown):
         ValueError
             As ``pounding``.
         """
-        parts = self._pounding("pounding_probability", gap, link)
-        pounding = sum(int(np.count_nonzero(x == 1)) for x in parts)
-        return probability(pounding, len(self) - self.failed, confidence)
+        return self._share(self._pounding("pounding_probability", gap, link), confidence)
 
     def fragility(
         self, intensity: str = "pga", gap: float | None = None, *, link: int | None = None
@@ -302,7 +387,8 @@ class Study(Columnar, Shown):
         """
         im, pounding = self[intensity], self.pounding(gap, link=link)
         good = ~np.isnan(pounding)
-        return fit_fragility(im[good], pounding[good] == 1)
+        weights = None if self.weighting is None else self.weights[good]
+        return fit_fragility(im[good], pounding[good] == 1, weights=weights)
 
     def _pounding(self, owner: str, gap: Any, link: Any) -> Iterator[np.ndarray]:
         """``pounding``, part by part."""
@@ -394,17 +480,15 @@ class Study(Columnar, Shown):
         """
         if kind not in ("rank", "linear"):
             raise ValueError(f"correlations: kind = {kind!r} must be 'rank' or 'linear'")
-        from scipy import stats  # only here: it takes a second to import
-
-        measure = stats.spearmanr if kind == "rank" else stats.pearsonr
         column = self._read(self._known(name))
         good = np.isfinite(column)
 
-        def correlation(x: np.ndarray) -> float:
-            constant = not (good.any() and np.ptp(x) and np.ptp(column[good]))
-            return float("nan") if constant else float(measure(x, column[good]).statistic)
-
-        return {name: correlation(x[good]) for name, x in self.parameters().items()}
+        y = column[good]
+        weights = None if self.weighting is None else self.weights[good]
+        return {
+            name: correlation(x[good], y, weights, ranks=kind == "rank")
+            for name, x in self.parameters().items()
+        }
 
     # Tables.
 
@@ -434,6 +518,7 @@ class Study(Columnar, Shown):
             m = self.moments(name)
             numbers = (m.mean, m.std, m.smallest, m.largest)
             rows.append((name, *numbers, unit(self._quantity(name), self.scales is not None)))
+        units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
         columns = ("", "mean", "standard deviation", "smallest", "largest", "unit")
         return [Table(title, columns, rows, digits=4)]

@@ -55,6 +55,7 @@ def test_how_many_keep_their_gap_at_rest_is_told(ax):
         moments=lambda column: moments,
         scales=SCALES,
         columns=(*columns,),
+        weighting=None,
     )
     plots.min_gap(few, ax)
     assert "min = gap at rest: 30 %" in [text.get_text() for text in ax.get_legend().texts]
@@ -210,3 +211,31 @@ def test_new_axes_are_pyplot_s(found):
     axes = plots.convergence(found)
     assert axes.figure.number in pyplot.get_fignums()
     pyplot.close("all")
+
+
+def test_weights_are_drawn(found, ax):
+    """Of weights that leave samples out, every figure is that of the others."""
+    those = np.arange(400) % 2 == 0
+    some = found.weighted(np.where(those, 3.0, 0.0))
+    plots.min_gap(some, ax)
+    area = sum(bar.get_width() * bar.get_height() for bar in ax.containers[0])
+    assert area == pytest.approx(1, abs=0.006)
+    share = next(other for other in ax.figure.axes if other is not ax).lines[0].get_ydata()
+    assert share[-1] == pytest.approx(1)
+    ax.figure.clear()
+    ax = ax.figure.add_subplot()
+    plots.convergence(some, ax, gap=0.3)
+    assert ax.lines[0].get_ydata()[-1] == pytest.approx(some.pounding_probability(0.3).value)
+    ax.clear()
+    plots.exceedance(some, ax)
+    gaps, shares = ax.lines[0].get_data()
+    assert shares[-5] == pytest.approx(np.mean(found["required_gap"][those] >= gaps[-5]))
+    curve = jp.fit_fragility(
+        found["pga"],
+        np.arange(400) % 7 < 4 * found["pga"] / found["pga"].max(),
+        weights=1.0 * those,
+    )
+    ax.clear()
+    plots.fragility(curve, ax)
+    _, share = ax.containers[0][0].get_data()
+    assert share.mean() == pytest.approx(curve.pounding[those].mean(), abs=0.04)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.optimize import minimize
 
 import jaxpound as jp
 
@@ -51,6 +52,24 @@ def test_stripes_are_the_cloud_of_their_runs():
     one, other = jp.fit_fragility(levels, k, n), jp.fit_fragility(im, pounding)
     assert one.median == pytest.approx(other.median, rel=1e-9)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6)
+
+
+def test_stripes_are_fitted_as_baker_s_own_program_fits_its_example():
+    """The data of the example of Baker's public program for his eq. (11), 40 motions a stripe.
+
+    The program maximises the binomial likelihood of (θ, β) by a simplex from (0.8, 0.4).
+    """
+    levels = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
+    collapses, motions = np.array([0, 0, 0, 4, 6, 13, 12, 16]), np.full(8, 40)
+
+    def unlikelihood(x):
+        p = stats.norm.cdf(np.log(levels), np.log(x[0]), x[1])
+        return -np.sum(stats.binom.logpmf(collapses, motions, p))
+
+    theirs = minimize(unlikelihood, [0.8, 0.4], method="Nelder-Mead", options={"xatol": 1e-9})
+    fit = jp.fit_fragility(levels, collapses, motions)
+    assert (fit.median, fit.dispersion) == pytest.approx(theirs.x, rel=1e-5)
+    assert (round(fit.median, 3), round(fit.dispersion, 3)) == (1.076, 0.429)
 
 
 def test_standard_errors_are_the_scatter_of_repetitions():

@@ -1,0 +1,365 @@
+"""Seismic hazard: how often per year an intensity is exceeded, and what follows for pounding."""
+
+from __future__ import annotations
+
+import dataclasses
+from os import PathLike
+
+import numpy as np
+from jaxtyping import ArrayLike
+from scipy.special import log_ndtr, ndtr
+
+from jaxpound._checks import Rule, enforce, instance, positive, require_share
+from jaxpound._tables import Shown, Table
+from jaxpound.risk.annual_rate import AnnualRate
+from jaxpound.risk.hazard_files import read_hazard
+from jaxpound.risk.hazard_gap import TRIED, gap_by_fragilities
+from jaxpound.risk.hazard_intensity import HazardIntensity
+from jaxpound.study.distributions import Distribution, density
+from jaxpound.study.fragility import Fragility
+from jaxpound.study.statistics import Estimate
+from jaxpound.study.study import Study
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class HazardCurve(Shown):
+    """Mean annual rates at which intensities of the shaking are exceeded at a site.
+
+    Between its points, and beyond both ends, ln rate is linear in ln intensity.
+
+    Parameters
+    ----------
+    intensity
+        Intensities im > 0, rising, shape (m,), m ≥ 2, in any unit: that of the intensities of the
+        fragility or the factors that it meets. Hazard analyses tell PGA and spectral acceleration
+        in g, as ``study["pga"]`` of a dimensionless study is.
+    annual_rate
+        Mean number of earthquakes a year that exceed each, shape (m,), positive and nowhere rising.
+    measure
+        Name of the measure of intensity, with its unit, for tables and figures.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or are not (m,) with m ≥ 2, a number is not positive and finite,
+        intensities do not rise, or rates rise.
+
+    Examples
+    --------
+    >>> hazard = jp.HazardCurve([0.1, 0.2, 0.4, 0.8], [1e-2, 3e-3, 6e-4, 8e-5], measure="PGA (g)")
+    >>> round(hazard.intensity_at(0.1, years=50), 3)  # exceeded with 10 % in 50 years
+    0.233
+    >>> curve = jp.fit_fragility([0.2, 0.4, 0.6, 0.8, 1.0], [1, 4, 9, 14, 18], trials=[20] * 5)
+    >>> rate = hazard.annual_rate_of(curve)
+    >>> round(rate.value, 6), round(rate.probability(years=50).value, 4)
+    (0.000484, 0.0239)
+    """
+
+    intensity: np.ndarray
+    annual_rate: np.ndarray
+    measure: str = "im"
+
+    def __post_init__(self) -> None:
+        owner = "HazardCurve"
+        im, rate = (np.array(x, float) for x in (self.intensity, self.annual_rate))
+        if im.ndim != 1 or im.size < 2 or rate.shape != im.shape:
+            shapes = f"intensity {im.shape} and annual_rate {rate.shape}"
+            raise ValueError(f"{owner}: {shapes} must be (m,), of one length m ≥ 2")
+        instance(owner, "measure", self.measure, str)
+        positive(owner, intensity=im, annual_rate=rate)
+        rises, falls = (np.r_[True, order] for order in (np.diff(im) > 0, np.diff(rate) <= 0))
+        enforce(
+            owner,
+            [
+                Rule("intensity", im, rises, "larger than the one before"),
+                Rule("annual_rate", rate, falls, "no larger than the one before: a hazard curve "
+                     "falls as the intensity grows"),
+            ],
+        )  # fmt: skip
+        object.__setattr__(self, "intensity", im)
+        object.__setattr__(self, "annual_rate", rate)
+
+    @staticmethod
+    def read(file: str | PathLike[str], site: int | str | None = None) -> HazardCurve:
+        """A hazard curve from a file of OpenQuake or of the USGS, as comma-separated values.
+
+        Of OpenQuake (``hazard_curve-mean-PGA_12.csv``) the probabilities p of exceedance within the
+        investigation time T become rates −ln(1 − p) / T. Of the USGS (the curves of nshmp-haz, a
+        line ``name,lon,lat`` and intensities above the sites) the numbers are taken for annual
+        rates, as that program writes them unless it is told to write probabilities. Points at
+        which the rate is zero or cannot be told (p = 1) are left out.
+
+        Parameters
+        ----------
+        file
+            Its path.
+        site
+            The row, from 0, or the site's name in a file of the USGS; needed if there are several.
+
+        Raises
+        ------
+        ValueError
+            If the file is neither, has no such site or several and none is chosen, or its numbers
+            are no hazard curve; with the file's name.
+        """
+        return HazardCurve(*read_hazard(file, site))
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Exponents k = −d ln rate / d ln im of the m − 1 pieces between the points."""
+        return -np.diff(np.log(self.annual_rate)) / np.diff(np.log(self.intensity))
+
+    def rate(self, intensity: ArrayLike) -> np.ndarray:
+        """Mean annual rate of exceeding intensities > 0, of their shape."""
+        (im,) = positive("HazardCurve.rate", intensity=intensity)
+        piece = self._piece(im)
+        return self.annual_rate[piece] * (im / self.intensity[piece]) ** -self.slope[piece]
+
+    def probability(self, years: float = 1.0) -> np.ndarray:
+        """Probability that each intensity is exceeded within years: 1 − e^(−rate years).
+
+        Earthquakes are a Poisson process: independent of each other, and of the time since the
+        last.
+        """
+        (years,) = positive("HazardCurve.probability", years=years)
+        return -np.expm1(-self.annual_rate * years)
+
+    def intensity_at(self, probability: float, years: float = 50.0) -> float:
+        """The intensity that is exceeded with this probability within years.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule, or the rate is not one of the curve: it is never told
+            from beyond the ends.
+        """
+        owner = "HazardCurve.intensity_at"
+        rate = rate_of(owner, probability, years)
+        most, least = self.annual_rate[0], self.annual_rate[-1]
+        if not least <= rate <= most:
+            told = f"has an annual rate of {rate:.4g}"
+            raise ValueError(
+                f"{owner}: probability = {probability:.4g} in {years:.4g} years {told}, which must "
+                f"be one of the curve's, {least:.4g} to {most:.4g}"
+            )
+        falling = np.log(self.annual_rate[::-1]), np.log(self.intensity[::-1])
+        return float(np.exp(np.interp(np.log(rate), *falling)))
+
+    def annual_rate_of(
+        self, pounding: Fragility | Estimate, confidence: float = 0.95
+    ) -> AnnualRate:
+        """Mean annual rate of pounding, λ = ∫ P(pounding | im) |dλ(im)|.
+
+        Parameters
+        ----------
+        pounding
+            A fragility: the integral over every piece of the curve is taken in closed form, so
+            that a curve that is one power law gives Cornell's λ(θ) e^(k² β² / 2) (Cornell et al.
+            2002), and the covariance of (ln θ, β) is carried through to first order (the delta
+            method). Beyond the curve's ends its end pieces are continued; the result tells how much
+            comes from there, and between which bounds it lies. Or an estimate of the probability of
+            pounding in an earthquake that exceeds the lowest intensity of the curve, such as
+            ``pounding_probability`` of a study whose intensities ``distribution`` draws: its
+            interval is scaled by that intensity's rate, and weaker earthquakes are left out.
+        confidence
+            Confidence level of the interval of a fragility's rate; an estimate keeps its own.
+
+        Raises
+        ------
+        ValueError
+            If pounding is neither, or confidence is not between 0 and 1.
+        """
+        owner = "HazardCurve.annual_rate_of"
+        require_share(owner, "confidence", confidence)
+        if isinstance(pounding, Estimate):
+            return AnnualRate.of_estimate(self.annual_rate[0], pounding)
+        instance(owner, "pounding", pounding, Fragility, Estimate)
+        ends = np.r_[0.0, self.intensity, np.inf]
+        parts, by_fragility = self.integrate(pounding, ends)
+        covariance = by_fragility @ pounding.covariance @ by_fragility
+        least, below = float(parts[1:-1].sum()), float(parts[0])
+        most = self.annual_rate[-1]  # if every earthquake beyond the end were one of pounding
+        low = least + most * float(pounding.probability(self.intensity[-1]))
+        return AnnualRate.of_fragility(
+            float(parts.sum()),
+            covariance,
+            confidence,
+            below=below,
+            above=float(parts[-1]),
+            bounds=(low, least + below + most),
+            ends=(float(self.intensity[0]), float(self.intensity[-1])),
+            measure=self.measure,
+            deaggregate=lambda edges: self.integrate(pounding, edges)[0],
+        )
+
+    def integrate(self, fragility: Fragility, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """∫ P(pounding | im) |dλ(im)| over bands of intensity, exactly.
+
+        Parameters
+        ----------
+        fragility
+            The lognormal P.
+        edges
+            Of the bands, shape (n,), rising; 0 and ∞ are allowed.
+
+        Returns
+        -------
+        The integral over each band, shape (n − 1,), and the derivatives of their sum by ln θ and β,
+        shape (2,).
+        """
+        # Pieces between edges and points of the curve: on each, λ is one power law.
+        inner = self.intensity[(self.intensity > edges[0]) & (self.intensity < edges[-1])]
+        at = np.unique(np.concatenate([edges, inner]))
+        piece = self._piece(at[:-1])
+        k, theta, beta = self.slope[piece], fragility.median, fragility.dispersion
+        with np.errstate(divide="ignore"):
+            u = np.log(at / theta)
+        z = np.stack([u[:-1], u[1:]]) / beta
+        start = np.log(self.annual_rate[piece]) + k * np.log(self.intensity[piece] / theta)
+        # ∫ λ dP = e^(start + k²β²/2) [Φ(z + kβ)], by completing the square.
+        under = np.exp(start + (k * beta) ** 2 / 2 + _log_between(*(z + k * beta)))
+        # At intensity 0 there is no pounding, and no earthquake exceeds ∞.
+        inside = np.isfinite(z)
+        rate = np.where(inside, np.exp(start - k * beta * np.where(inside, z, 0.0)), 0.0)
+        of_ends, slopes = ndtr(z) * rate, np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi) * rate
+        parts = np.maximum(under + of_ends[0] - of_ends[1], 0.0)
+        bands = np.add.reduceat(parts, np.searchsorted(at, edges[:-1]))
+        by_median = -np.sum(k * under)
+        by_dispersion = np.sum(k * (k * beta * under - slopes[0] + slopes[1]))
+        return bands, np.array([by_median, by_dispersion])
+
+    def distribution(self) -> HazardIntensity:
+        """The intensity of an earthquake that exceeds the curve's lowest intensity.
+
+        It draws the intensities of a study, as the factor of ``RandomRecord`` (of records that are
+        scaled to intensity 1) or the intensity of ``RandomRicker``. ``annual_rate_of`` and
+        ``required_gap`` turn the study's estimates into annual rates.
+
+        Raises
+        ------
+        ValueError
+            If the last two rates are equal, so that the curve does not tell how it goes on.
+        """
+        return HazardIntensity(tuple(self.intensity.tolist()), tuple(self.annual_rate.tolist()))
+
+    def weights(self, intensity: ArrayLike, drawn_from: Distribution | None = None) -> np.ndarray:
+        """Weights that give a study's intensities the frequencies of the hazard.
+
+        For ``Study.weighted``; the probabilities of the weighted study are those of an earthquake
+        that exceeds the curve's lowest intensity, as ``annual_rate_of`` takes them.
+
+        Parameters
+        ----------
+        intensity
+            The samples' intensities > 0, shape (n,).
+        drawn_from
+            The distribution that drew them: the weights are the ratio of both densities. By default
+            they are multiple stripes, a few intensities with many samples each: a stripe has the
+            share of the earthquakes nearer to it than to its neighbours, in ratio, spread over its
+            samples.
+
+        Raises
+        ------
+        ValueError
+            If an intensity is not positive, there are fewer than two stripes, or drawn_from is no
+            distribution.
+        """
+        owner = "HazardCurve.weights"
+        im = np.atleast_1d(np.asarray(positive(owner, intensity=intensity)[0], float))
+        if drawn_from is not None:
+            instance(owner, "drawn_from", drawn_from, Distribution)
+            return density(self.distribution(), im) / density(drawn_from, im)
+        stripes, which, often = np.unique(im, return_inverse=True, return_counts=True)
+        if stripes.size < 2:
+            raise ValueError(f"{owner}: intensity of {stripes.size} stripe must be of two or more")
+        inner = np.maximum(np.sqrt(stripes[1:] * stripes[:-1]), self.intensity[0])
+        exceeded = np.r_[self.annual_rate[0], self.rate(inner), 0.0]
+        return (-np.diff(exceeded) / exceeded[0] * im.size / often)[which]
+
+    def required_gap(
+        self,
+        study: Study,
+        probability: float = 0.02,
+        years: float = 50.0,
+        *,
+        intensity: str | None = None,
+        link: int | None = None,
+        confidence: float = 0.95,
+    ) -> Estimate:
+        """The gap at rest at which there is pounding with this probability within years.
+
+        Parameters
+        ----------
+        study
+            A study whose required gaps are known.
+        probability, years
+            The target; 2 % in 50 years by default.
+        intensity
+            None if the intensities of the study are those of the hazard, because ``distribution``
+            drew them or ``weights`` weigh them: the gap is a quantile of the study, with its
+            interval. Or the column of the study that measures the shaking, however it was drawn:
+            a fragility is fitted at every gap that is tried, until its annual rate is the wanted;
+            the interval is that of ln rate there over the slope of ln rate by ln gap.
+        link
+            A link by number, from 0; by default any of them.
+        confidence
+            Confidence level of the interval.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule, the target is more frequent than the curve's lowest
+            intensity, or no gap at which a fragility can be fitted has that rate.
+        """
+        owner = "HazardCurve.required_gap"
+        instance(owner, "study", study, Study)
+        target = rate_of(owner, probability, years)
+        if intensity is None:
+            share = target / self.annual_rate[0]
+            if share >= 1:
+                raise ValueError(
+                    f"{owner}: the annual rate of probability = {probability:.4g} in {years:.4g} "
+                    f"years, {target:.4g}, must be below the curve's largest rate, "
+                    f"{self.annual_rate[0]:.4g}"
+                )
+            return study.required_gap(float(share), confidence, link=link)
+        study.moments(intensity)  # a column that is not there is named
+        return gap_by_fragilities(
+            lambda gap: self.annual_rate_of(study.fragility(intensity, gap, link=link), confidence),
+            [study.required_gap(p, link=link).value for p in TRIED],
+            target,
+        )
+
+    def _piece(self, im: np.ndarray) -> np.ndarray:
+        """The piece between points that an intensity is in, or the one that is continued there."""
+        before = np.searchsorted(self.intensity, im, side="right") - 1
+        return np.clip(before, 0, self.intensity.size - 2)
+
+    def _tables(self) -> list[Table]:
+        rows = [
+            (f"{im:.4g}", rate, 1 / rate, f"{100 * -np.expm1(-50 * rate):.3g} %")
+            for im, rate in zip(self.intensity, self.annual_rate, strict=True)
+        ]
+        columns = (self.measure, "annual rate", "return period (years)", "in 50 years")
+        return [Table("Seismic hazard: rates of exceedance", columns, rows, digits=4)]
+
+
+def _log_between(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """ln(Φ(high) − Φ(low)), counted from the nearer tail."""
+    above = low > 0
+    low, high = np.where(above, -high, low), np.where(above, -low, high)
+    with np.errstate(divide="ignore"):
+        return log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
+
+
+def rate_of(owner: str, probability: float, years: float) -> float:
+    """Annual rate of an event of this probability within years: −ln(1 − p) / years.
+
+    Raises
+    ------
+    ValueError
+        If probability is not between 0 and 1, or years not positive; with the owner's name.
+    """
+    require_share(owner, "probability", probability)
+    (years,) = positive(owner, years=years)
+    return float(-np.log1p(-probability) / years)

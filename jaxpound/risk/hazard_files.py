@@ -1,0 +1,100 @@
+"""Hazard curves from the files of the programs that compute them."""
+
+from __future__ import annotations
+
+import csv
+import re
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from jaxpound._checks import did_you_mean, is_whole
+
+_PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}
+
+HazardPoints = tuple[np.ndarray, np.ndarray, str]
+"""Intensities, annual rates, and the measure's name."""
+
+
+def read_hazard(file: str | PathLike[str], site: int | str | None) -> HazardPoints:
+    """The points of a site's hazard curve, by a file of OpenQuake or of the USGS.
+
+    Raises
+    ------
+    ValueError
+        If the file is neither, or the site is not there or not chosen; with the file's name.
+    """
+    path = Path(file)
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    about = lines[0] if lines and lines[0].startswith("#") else ""
+    rows = [row for row in csv.reader(lines[bool(about) :]) if any(row)]
+    names = rows[0] if rows else []
+    probabilities = any(name.startswith("poe-") for name in names)
+    levels = [i for i, name in enumerate(names) if name not in _PLACES]
+    if not {"lon", "lat"} <= set(names) or len(levels) < 2 or len(rows) < 2:
+        rule = "a line of names, lon and lat and the intensities (OpenQuake: poe-0.1), above sites"
+        raise ValueError(f"HazardCurve.read: {path} must hold {rule}")
+    row = _site(path, names, rows[1:], site)
+    im = np.array([_number(path, names[i].removeprefix("poe-")) for i in levels])
+    value = np.array([_number(path, row[i]) for i in levels])
+    measure = _measure(path, about)
+    if not probabilities:
+        good = value > 0
+        return im[good], value[good], measure
+    years = _years(path, about)
+    if ((value < 0) | (value > 1)).any():
+        raise ValueError(f"HazardCurve.read: {path}: probabilities must be from 0 to 1")
+    good = (value > 0) & (value < 1)
+    return im[good], -np.log1p(-value[good]) / years, measure
+
+
+def _site(path: Path, names: list[str], rows: list[list[str]], site: int | str | None) -> list[str]:
+    owner, by_name = f"HazardCurve.read: {path}:", "name" in names
+    known = [row[names.index("name")] for row in rows] if by_name else []
+    if site is None:
+        if len(rows) > 1:
+            named = f": {', '.join(known[:6])}{', …' * (len(known) > 6)}" if known else ""
+            raise ValueError(f"{owner} site must be one of {len(rows)}, from 0{named}")
+        site = 0
+    if isinstance(site, str):
+        if site not in known:
+            asked = f"; {did_you_mean(site, known)}" if did_you_mean(site, known) else ""
+            raise ValueError(f"{owner} site = {site!r} must be a name in the file{asked}")
+        site = known.index(site)
+    if not (is_whole(site) and 0 <= site < len(rows)):
+        raise ValueError(f"{owner} site = {site!r} must be a row from 0 to {len(rows) - 1}")
+    if len(rows[site]) != len(names):
+        told = f"{len(rows[site])} numbers and names"
+        raise ValueError(f"{owner} site {site} with {told} must have one for each of {len(names)}")
+    return rows[site]
+
+
+def _number(path: Path, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"HazardCurve.read: {path}: {text!r} must be a number") from None
+
+
+def _years(path: Path, about: str) -> float:
+    found = re.search(r"investigation_time=([\d.eE+-]+)", about)
+    years = float(found[1]) if found else 0.0
+    if not years > 0:
+        rule = "must be told above the names (investigation_time=50.0), in years"
+        raise ValueError(f"HazardCurve.read: {path}: investigation_time {rule}")
+    return years
+
+
+def _measure(path: Path, about: str) -> str:
+    """The measure with its unit: told above the names, or by the folder of a file of the USGS."""
+    told = re.search(r"imt='([^']+)'", about)
+    if told is not None:
+        name = told[1]
+    else:
+        name = path.parent.name
+        if period := re.fullmatch(r"SA(\d+)P(\d+)", name):
+            name = f"SA({int(period[1])}.{period[2]})"
+    if name == "PGA" or re.fullmatch(r"SA\([\d.]+\)", name):
+        return f"{name} (g)"
+    return f"{name} (cm/s)" if name == "PGV" else "im" if told is None else name

@@ -1,0 +1,248 @@
+"""Annual rates of pounding: closed forms, quadrature, files of both programs, and a study."""
+
+import jax
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate, stats
+
+import jaxpound as jp
+from jaxpound.plots import hazards
+from jaxpound.study.distributions import Distribution, density
+
+mpl.use("Agg")
+
+COVARIANCE = np.array([[0.01, 0.002], [0.002, 0.02]])
+CURVE = jp.HazardCurve([0.1, 0.2, 0.21, 0.4, 0.8], [1e-2, 3e-3, 3e-3, 6e-4, 8e-5], "PGA (g)")
+
+
+def fragility(median, dispersion):
+    one = np.array([1])
+    return jp.Fragility(median, dispersion, COVARIANCE, np.array([median]), one, 2 * one, True)
+
+
+@given(st.floats(0.3, 5.0), st.floats(0.1, 2.0), st.floats(0.02, 0.9), st.integers(2, 9))
+def test_cornell_s_formula_is_exact(k, median, dispersion, points):
+    """For H(a) = k0 a^−k (Cornell et al. 2002): H(θ) exp(k² β² / 2)."""
+    im = np.geomspace(0.05, 3.0, points)
+    found = jp.HazardCurve(im, 1e-4 * im**-k).annual_rate_of(fragility(median, dispersion))
+    cornell = 1e-4 * median**-k * np.exp((k * dispersion) ** 2 / 2)
+    assert found.value == pytest.approx(cornell, rel=1e-11)
+    slope = np.array([-k, k**2 * dispersion])  # of ln λ by ln θ and β
+    assert found.cov == pytest.approx(np.sqrt(slope @ COVARIANCE @ slope), rel=1e-9)
+    low, high = found.bounds
+    assert low * (1 - 1e-12) <= found.value <= high * (1 + 1e-12)
+
+
+def test_the_integral_is_that_of_quadrature():
+    curve = fragility(0.5, 0.4)
+    found = CURVE.annual_rate_of(curve)
+
+    def part(low, high):
+        def integrand(x):
+            h = 1e-6
+            fall = (CURVE.rate(x * (1 - h)) - CURVE.rate(x * (1 + h))) / (2 * h * x)
+            return stats.norm.cdf(np.log(x / 0.5) / 0.4) * fall
+
+        return integrate.quad(integrand, low, high, epsrel=1e-9)[0]
+
+    within = sum(map(part, CURVE.intensity[:-1], CURVE.intensity[1:]))
+    assert found.value - found.below - found.above == pytest.approx(within, rel=1e-5)
+    assert found.above == pytest.approx(part(0.8, 50.0), rel=1e-5)
+    assert found.bounds[0] == pytest.approx(within + 8e-5 * curve.probability(0.8), rel=1e-5)
+    assert found.bounds[1] == pytest.approx(within + 8e-5 + found.below, rel=1e-5)
+    assert "14.3 % from above 0.8" in repr(found)
+
+
+def test_the_coefficient_of_variation_is_the_delta_method_s():
+    found, h, slope = CURVE.annual_rate_of(fragility(0.5, 0.4)), 1e-5, []
+    for up, down in (((0.5 * np.exp(h), 0.4), (0.5 * np.exp(-h), 0.4)), ((0.5, 0.4 + h),
+                     (0.5, 0.4 - h))):  # fmt: skip
+        rates = [CURVE.annual_rate_of(fragility(*at)).value for at in (up, down)]
+        slope.append((rates[0] - rates[1]) / (2 * h))
+    assert found.cov == pytest.approx(np.sqrt(slope @ COVARIANCE @ slope) / found.value, rel=1e-6)
+    z = stats.norm.ppf(0.975)
+    assert np.log([found.high / found.value, found.value / found.low]) == pytest.approx(
+        2 * [z * found.cov]
+    )
+
+
+def test_a_step_of_a_fragility_takes_the_curve_s_own_rate():
+    """With β → 0 there is pounding exactly above θ."""
+    for at in (0.07, 0.15, 0.205, 0.5, 1.5):
+        found = CURVE.annual_rate_of(fragility(at, 1e-6))
+        assert found.value == pytest.approx(float(CURVE.rate(at)), rel=1e-4)
+
+
+def test_deaggregation_adds_up():
+    rate = CURVE.annual_rate_of(fragility(0.5, 0.4))
+    whole = rate.deaggregation(np.r_[0.0, CURVE.intensity, np.inf])
+    assert whole.rate.sum() == pytest.approx(rate.value, rel=1e-12)
+    assert (whole.rate[0], whole.rate[-1]) == (rate.below, rate.above)
+    assert whole.rate[2] == 0  # no earthquake is between 0.2 and 0.21
+    split = rate.deaggregation([0.2, 0.3, 0.4, 0.6])
+    joint = rate.deaggregation([0.2, 0.4, 0.6])
+    assert split.rate[:2].sum() == pytest.approx(joint.rate[0], rel=1e-12)
+    usual = rate.deaggregation(bands=40)
+    assert 0.997 < usual.share.sum() < 1
+    assert 0.4 < usual.mean < 0.6
+    assert "outside these bands 0.2 %" in repr(rate.deaggregation())
+
+
+def test_probabilities_within_years_are_poisson_s():
+    rate = CURVE.annual_rate_of(fragility(0.5, 0.4))
+    assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
+    assert rate.return_period == pytest.approx(1 / rate.value)
+    assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
+    design = CURVE.intensity_at(0.02, 50.0)
+    assert float(CURVE.rate(design)) == pytest.approx(-np.log(0.98) / 50)
+
+
+def test_the_distribution_draws_by_the_hazard():
+    drawn = CURVE.distribution()
+    assert isinstance(drawn, Distribution)
+    z = np.linspace(-3, 6, 40)
+    im = drawn.from_normal(z)
+    np.testing.assert_allclose(CURVE.rate(np.asarray(im)), 1e-2 * stats.norm.sf(z), rtol=1e-12)
+    steep = (np.asarray(im) < 0.2) | (np.asarray(im) > 0.21)
+    np.testing.assert_allclose(drawn.to_normal(im)[steep], z[steep], atol=1e-9)
+    assert drawn.to_normal(0.05) == -np.inf
+    assert np.isfinite(jax.vmap(jax.grad(drawn.from_normal))(z)).all()
+    np.testing.assert_allclose(density(drawn, [0.05, 0.205]), 0, atol=1e-12)
+    u = np.log([np.geomspace(*ends, 2000) for ends in ((0.1, 0.2), (0.21, 100.0))])
+    assert np.trapezoid(density(drawn, np.exp(u)) * np.exp(u), u).sum() == pytest.approx(1, 1e-3)
+
+
+def test_weights_turn_other_intensities_into_those_of_the_hazard():
+    """λ by samples of another distribution, and by stripes, is that of the integral."""
+    curve = fragility(0.5, 0.4)
+    exact = CURVE.annual_rate_of(curve)
+    other = jp.LogNormal(0.4, 0.8)
+    im = np.asarray(other.from_normal(stats.norm.ppf((np.arange(40_000) + 0.5) / 40_000)))
+    weights = CURVE.weights(im, drawn_from=other)
+    assert weights.mean() == pytest.approx(1.0, abs=0.02)
+    assert 1e-2 * np.mean(weights * curve.probability(im)) == pytest.approx(
+        exact.value - exact.below, rel=0.01
+    )
+    stripes = np.repeat(np.geomspace(0.1, 5.0, 60), [3, 5] * 30)
+    weights = CURVE.weights(stripes)
+    assert weights.mean() == pytest.approx(1.0)
+    assert 1e-2 * np.mean(weights * curve.probability(stripes)) == pytest.approx(
+        exact.value - exact.below, rel=0.02
+    )
+    one, *_, last = (weights[stripes == x].sum() / weights.sum() for x in np.unique(stripes))
+    edge = np.sqrt(stripes[0] * stripes[3])
+    assert one == pytest.approx(1 - float(CURVE.rate(edge)) / 1e-2)
+    assert 0 < last < 1e-3
+
+
+# The format of OpenQuake's exporter; the numbers are the first site of its own test
+# classical/case_15, engine 3.7.
+OPENQUAKE = """\
+#,,,,,"generated_by='OpenQuake engine 3.7.0', kind='mean', investigation_time=50.0, imt='PGA'"
+lon,lat,depth,poe-0.0001000,poe-0.0500000,poe-0.1000000,poe-0.1500000,poe-0.2000000,poe-9.0000000
+-0.10000,0.00000,0.00000,1.000000E+00,6.135122E-01,5.289103E-01,4.375274E-01,3.509940E-01,0.0
+"""
+# Two sites of the example 3-sites-file of the USGS's nshmp-haz.
+USGS = """\
+name,lon,lat,0.005,0.103,0.145,0.203,0.284,0.397,0.556
+Oakland CA,-122.25,37.8,2.8528077e-03,1.286985e-03,5.740355e-04,1.745759e-04,3.254657e-05,9.5e-07,0
+San Jose CA,-121.9,37.35,2.8522064e-03,4.0021704e-06,0.0,0.0,0.0,0.0,0.0
+"""
+
+
+def test_files_of_openquake_are_read(tmp_path):
+    path = tmp_path / "hazard_curve-mean-PGA_12.csv"
+    path.write_text(OPENQUAKE)
+    found = jp.HazardCurve.read(path)
+    np.testing.assert_array_equal(found.intensity, [0.05, 0.1, 0.15, 0.2])
+    assert found.probability(50.0) == pytest.approx([0.6135122, 0.5289103, 0.4375274, 0.350994])
+    assert found.measure == "PGA (g)"
+
+
+def test_files_of_the_usgs_are_read(tmp_path):
+    path = tmp_path / "SA0P2" / "total.csv"
+    path.parent.mkdir()
+    path.write_text(USGS)
+    found = jp.HazardCurve.read(path, "Oakland CA")
+    assert found.intensity.tolist() == [0.005, 0.103, 0.145, 0.203, 0.284, 0.397]
+    assert found.annual_rate[1] == 1.286985e-3
+    assert found.measure == "SA(0.2) (g)"
+    assert jp.HazardCurve.read(path, 1).annual_rate[-1] == 4.0021704e-06
+
+
+@pytest.mark.parametrize(
+    ("text", "site", "message"),
+    [
+        (USGS, None, r"a\.csv: site must be one of 2, from 0: Oakland CA, San Jose CA"),
+        (USGS, "San Jos CA", "site = 'San Jos CA' must be .* did you mean 'San Jose CA'"),
+        (USGS, 2, "site = 2 must be a row from 0 to 1"),
+        (OPENQUAKE.replace("investigation_time", "time"), None, "investigation_time must be told"),
+        (OPENQUAKE.replace("5.289103E-01", "much"), None, "'much' must be a number"),
+        (OPENQUAKE.replace("5.289103E-01", "1.5"), None, "probabilities must be from 0 to 1"),
+        (OPENQUAKE.replace(",0.0\n", "\n"), None, "8 numbers and names must have one for each"),
+        (OPENQUAKE.replace("6.135122E-01", "0.4"), None, "annual_rate = .* a hazard curve falls"),
+        ("lon,lat\n1,2\n", None, "must hold a line of names, lon and lat and the intensities"),
+        ("", None, "must hold a line of names"),
+    ],
+)
+def test_files_that_are_no_hazard_curve_say_why(text, site, message, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        jp.HazardCurve.read(path, site)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3]), r"intensity \(2,\) and annual_rate \(1,\)"),
+        (lambda: jp.HazardCurve([0.1], [1e-3]), "one length m ≥ 2"),
+        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 2e-3]), r"annual_rate = 0.002 .*curve falls"),
+        (lambda: jp.HazardCurve([0.2, 0.1], [1e-3, 1e-4]), "intensity = 0.1 .* larger than"),
+        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 0.0]), "annual_rate = 0 .* must be positive"),
+        (lambda: CURVE.annual_rate_of(0.1), "pounding = 0.1 must be of type Fragility or Estimate"),
+        (lambda: CURVE.annual_rate_of(fragility(1, 1), 1.0), "confidence = 1 must be between"),
+        (lambda: CURVE.intensity_at(0.001), "must be one of the curve's, 8e-05 to 0.01"),
+        (lambda: CURVE.probability(-1.0), "years = -1 must be positive"),
+        (lambda: CURVE.weights([0.3, 0.3]), "intensity of 1 stripe must be of two"),
+        (lambda: CURVE.weights([0.3], 2.0), "drawn_from = 2.0 must be of type Distribution"),
+        (lambda: jp.HazardCurve([1, 2], [1e-3, 1e-3]).distribution(), "must be smaller than that"),
+        (lambda: CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).deaggregation(), "not of an est"),
+        (
+            lambda: CURVE.annual_rate_of(fragility(1, 1)).deaggregation([2, 1]),
+            "edges = 1 .* larger",
+        ),
+        (
+            lambda: CURVE.annual_rate_of(fragility(1, 1)).deaggregation([2]),
+            r"edges of shape \(1,\)",
+        ),
+    ],
+)
+def test_bad_values_are_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_an_estimate_s_interval_is_scaled():
+    found = CURVE.annual_rate_of(jp.Estimate(0.1, 0.08, 0.125, 0.9))
+    assert (found.value, found.low, found.high, found.confidence) == pytest.approx(
+        (1e-3, 8e-4, 1.25e-3, 0.9)
+    )
+    assert found.cov == pytest.approx(np.log(1.25) / stats.norm.ppf(0.95))
+    assert np.isnan(CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).cov)
+
+
+def test_the_figure_has_the_curve_above_its_deaggregation():
+    rate = CURVE.annual_rate_of(fragility(0.5, 0.4))
+    figure = hazards.pounding(CURVE, rate)
+    above, below = figure.axes
+    np.testing.assert_array_equal(above.lines[0].get_xdata(), CURVE.intensity)
+    np.testing.assert_array_equal(above.lines[0].get_ydata(), CURVE.annual_rate)
+    assert above.lines[2].get_ydata()[0] == pytest.approx(-np.log(0.98) / 50)
+    shares = [bar.get_height() for bar in below.containers[0]]
+    np.testing.assert_allclose(shares, 100 * rate.deaggregation().share)
+    assert above.get_xlim() == below.get_xlim()
+    assert below.get_xlabel() == "PGA (g)"
