@@ -117,7 +117,7 @@ class RareEvent(Shown):
 
     @cached_property
     def slopes(self) -> dict[str, Slope]:
-        """D ln P by every parameter of the structures, by path; NaN of those that are infinite.
+        """Derivatives of ln P by all parameters of the structures, by path; NaN of infinite ones.
 
         From the samples near the limit state, which are run once more, with gradients. A parameter
         that the scenarios draw is shifted in all of them. Slopes are 0 of what the demand does not
@@ -127,12 +127,11 @@ class RareEvent(Shown):
         ------
         ValueError
             If fewer than 20 samples reach the limit state.
-
         """
         return slopes_of(self.limit_state, self.points, self.weights, self.values, self.repeats)
 
     def slope(self, path: str) -> Slope:
-        """D ln P by a parameter of the structures, with its standard error; see ``slopes``.
+        """Derivative of ln P by a parameter, with its standard error; see ``slopes``.
 
         Raises
         ------

@@ -75,7 +75,7 @@ def slopes_of(
     values: np.ndarray,
     repeats: np.ndarray,
 ) -> dict[str, Slope]:
-    """D ln P by every parameter of the structures, by path, from one reverse pass a sample.
+    """Derivatives of ln P by all parameters of the structures, from one reverse pass a sample.
 
     Only samples near the limit state are run again.
     """

@@ -1,0 +1,63 @@
+"""Figures of rare events."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.plots import rare_events
+from jaxpound.plots.style import own_figure
+
+HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
+SCENARIOS = jp.Scenarios(
+    jp.paper.structures(),
+    jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5),
+)
+STATE = jp.LimitState(SCENARIOS, jp.TimeGrid.until(8.0, dt=0.1), threshold=0.2)
+
+
+def event(gap, probability, time=6.0):
+    return jp.RareEvent(
+        probability=probability,
+        cov=0.1,
+        runs=1000,
+        gradients=100,
+        method="made up",
+        limit_state=dataclasses.replace(STATE, threshold=gap),
+        points=np.zeros((0, 5)),
+        weights=np.zeros(0),
+        values=np.zeros(0),
+        design_points=np.array([[1.0, -2.0, 1.0, 1.0, -1.0]]),
+        instants=np.array([time]),
+        series=np.array([0]),
+        form=0.8 * probability,
+    )
+
+
+def test_a_design_earthquake():
+    figure = rare_events.design_earthquake(event(0.2, 1e-3))
+    above, below = figure.axes
+    earthquake = event(0.2, 1e-3).design_earthquakes[0]
+    response = jp.simulate(earthquake.structures, earthquake.ground, STATE.grid)
+    assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
+    assert below.lines[0].get_ydata() == pytest.approx(1 - np.asarray(response.links[0].gap))
+    assert [text.get_text() for text in below.get_legend().texts] == [
+        "closing of link 1",
+        "threshold",
+        r"$t$ = 6, $\beta$ = 2.83",
+    ]
+    with pytest.raises(ValueError, match="number = 1 must be from 0 to 0"):
+        rare_events.design_earthquake(event(0.2, 1e-3), 1)
+
+
+def test_a_curve_of_probabilities():
+    figure = own_figure(rare_events.probability_curve, [event(0.4, 1e-5), event(0.2, 1e-3)])
+    (ax,) = figure.axes
+    estimate, form = ax.lines
+    assert estimate.get_xdata().tolist() == [0.2, 0.4]
+    assert estimate.get_ydata().tolist() == [1e-3, 1e-5]
+    assert form.get_ydata() == pytest.approx([8e-4, 8e-6])
+    assert ax.get_xlabel() == r"required gap ($g/\omega_1^2$)"
+    with pytest.raises(ValueError, match="two or more"):
+        rare_events.probability_curve([event(0.4, 1e-5)])
