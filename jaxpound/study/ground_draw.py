@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from typing import Any
 
 from jaxtyping import Array, Float
@@ -91,7 +92,8 @@ class SumOfDraws(GroundDraw):
     parts: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parts", tuple(self.parts))
+        flat = (p.parts if isinstance(p, SumOfDraws) else (p,) for p in self.parts)
+        object.__setattr__(self, "parts", tuple(part for parts in flat for part in parts))
         if not any(isinstance(part, Draw) for part in self.parts):
             raise ValueError("SumOfDraws: parts must hold at least one that is drawn")
         for i, part in enumerate(self.parts):
@@ -138,7 +140,7 @@ class SumOfDraws(GroundDraw):
             for part, (start, end) in zip(self.parts, self._ends(), strict=True)
         ]
         names = [name for found in each for name in found]
-        repeated = {name for name in names if names.count(name) > 1} if len(each) > 1 else set()
+        repeated = {name for name, times in Counter(names).items() if times > 1}
         return {
             f"{name}_of_{i}" if name in repeated else name: value
             for i, found in enumerate(each, 1)

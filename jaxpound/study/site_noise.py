@@ -1,12 +1,12 @@
 """Random ground motions for an earthquake and a site, with the coefficients that were published.
 
-Rezaeian and Der Kiureghian (2010) fitted the six parameters of their model to 103 pairs of records,
-and made each a standard normal number ν_i by its distribution over all of them. Of ν they give the
-regression on mechanism, magnitude, distance and soil, its standard deviations between and within
-earthquakes, and the correlations of what it leaves. These numbers are those of the paper. The
-distributions are its figures' with the digits of the public implementation in the Southern
-California Earthquake Center's Broadband Platform (module ``rzz2015_gmpe``), where the location of
-ln I_a is that of ∫ u''² dt; here ln(π/2) is added to it, which gives the paper's.
+Rezaeian and Der Kiureghian (2010) fitted the six parameters of their model to records of the far
+field on firm ground, and made each a standard normal number ν by its distribution over all of them.
+Of ν they give the regression on mechanism, magnitude, distance and soil, its standard deviations
+between and within earthquakes, and the correlations of what it leaves: these numbers are theirs.
+The distributions have the digits of the public implementation in the Southern California Earthquake
+Center's Broadband Platform (module ``rzz2015_gmpe``). There ln I_a is that of ∫ u''² dt; here
+ln(π/2) is added, which gives mean and standard deviation of the paper's figure, −4.39 and 1.43.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ REGRESSIONS = {
     "frequency_slope": Regression((-2.489, 0.044, 2.408, 0.065, -0.081), 0.129, 0.953),
     "damping": Regression((-0.258, -0.477, 0.905, -0.289, 0.316), 0.682, 0.760),
 }
-"""By the parameter of ``NonstationaryNoise`` (paper, Table III)."""
+"""By the parameter of ``NonstationaryNoise``."""
 
 CORRELATIONS = (
     (1.00, -0.36, 0.01, -0.15, 0.13, -0.01),
@@ -69,7 +69,7 @@ CORRELATIONS = (
     (0.13, -0.16, -0.20, -0.20, 1.00, -0.01),
     (-0.01, -0.20, -0.22, 0.28, -0.01, 1.00),
 )
-"""Of the errors of ν, in the same order (paper, Table IV)."""
+"""Of the errors of ν, in the same order."""
 
 _FAR = 9.0  # |ν| up to which the distributions are told; the rest of 1e-19 is held there
 
@@ -86,12 +86,12 @@ class SiteBasedNoise(Checked, GroundDraw):
     Parameters
     ----------
     magnitude
-        Moment magnitude M > 0; the data have 6.0 to 7.7.
+        Moment magnitude M > 0.
     distance
-        Closest distance to the rupture, km, > 0; the data have 10 to 100.
+        Closest distance to the rupture, km, > 0; the data are from 10 on.
     vs30
-        Velocity of shear waves in the upper 30 m of the site, m/s, > 0; the data have 600 and more:
-        firm ground.
+        Velocity of shear waves in the upper 30 m of the site, m/s, > 0; the data are from firm
+        ground.
     fault
         "strike-slip" or "reverse".
     samples
@@ -108,8 +108,8 @@ class SiteBasedNoise(Checked, GroundDraw):
 
     Notes
     -----
-    Motions are horizontal and of the far field: without pulses. Beyond the data the regression is
-    not refused, but means little. Samples cost O(n log n), some 50 Fourier transforms of 2 n
+    Motions are horizontal and of the far field: without pulses. Elsewhere the regression is not
+    refused, but means little. Samples cost O(n log n), some 50 Fourier transforms of 2 n
     numbers for each motion: for n above 1,000 this, not the run, takes most of a study's time.
 
     Examples
