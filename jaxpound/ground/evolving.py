@@ -61,7 +61,7 @@ def modulation(t: Any, arias: Any, duration: Any, mid_time: Any) -> Any:
     return jnp.where(some, jnp.sqrt(2 / jnp.pi * arias * density), 0.0)
 
 
-def evolving(
+def evolving_noise(
     z: Float[Array, " n"], dt: Any, frequency: Any, slope: Any, mid_time: Any, damping: Any
 ) -> Float[Array, " n"]:
     """White noise through a filter of changing frequency, of unit variance at every instant.

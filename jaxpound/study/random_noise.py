@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from jaxpound._checks import Rule, count, enforce, finite, number, require_memory
 from jaxpound._fields import Checked, parameter, part
-from jaxpound.ground.evolving import evolving, high_passed, modulation
+from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, known_unit
 from jaxpound.ground.noise import Filter, filtered
 from jaxpound.ground.record import Record
@@ -206,7 +206,7 @@ class NonstationaryNoise(Checked, GroundDraw):
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, in g and seconds."""
         z = reals(z)
-        noise = evolving(
+        noise = evolving_noise(
             z, self.dt, self.frequency, self.frequency_slope, self.mid_time, self.damping
         )
         t = np.arange(self.samples, dtype=z.dtype) * self.dt

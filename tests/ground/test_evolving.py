@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import integrate, signal, stats
 
-from jaxpound.ground.evolving import evolving, high_passed, modulation
+from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
 
 N, DT = 400, 0.03
-MAP = jax.jit(jax.jacfwd(lambda z, *p: evolving(z, DT, *p)))
+MAP = jax.jit(jax.jacfwd(lambda z, *p: evolving_noise(z, DT, *p)))
 
 
 def direct(frequency, slope, mid_time, damping):
@@ -42,7 +42,7 @@ def test_evolving_noise_differentiates():
 
     @jax.jit
     def total(p):
-        return jnp.sum(evolving(z, DT, *p) ** 3)
+        return jnp.sum(evolving_noise(z, DT, *p) ** 3)
 
     point, h = jnp.array([5.0, -0.2, 4.0, 0.1]), 1e-5
     numeric = [(total(point + h * e) - total(point - h * e)) / (2 * h) for e in np.eye(4)]

@@ -202,9 +202,14 @@ def test_a_motion_of_a_site_is_its_noise_of_the_six_parameters():
     )
     names = list(jp.Scenarios(PAPER, jp.Scales(1.0, 7.0).to_dimensionless(SITE)).parameters(z))
     assert names[:7] == [*REGRESSIONS, "noise_1"]
+    draw = jax.jit(lambda z: jp.arias_intensity(SITE.draw(z)))
+    slope = jax.jit(jax.grad(draw))(z)
+    h = 1e-5 * np.eye(z.size)[1]
+    numeric = (draw(z + h) - draw(z - h)) / 2e-5
+    assert float(slope[1]) == pytest.approx(float(numeric), rel=1e-5)
     # Far from the mean, too, a draw is finite.
     for far in (-6.0, 6.0):
-        assert np.isfinite(SITE.draw(np.append(np.full(6, far), z[6:])).samples).all()
+        assert np.isfinite(draw(np.append(np.full(6, far), z[6:])))
 
 
 def test_random_pulses_have_their_distributions_and_numbers():
