@@ -170,6 +170,8 @@ class GroundMotion:
         return Sum((other, self))
 
     def __sub__(self, other: GroundLike) -> Sum:
+        if hasattr(other, "draw"):
+            return NotImplemented
         return Sum((self, Scaled(other, -1.0)))
 
     def __rsub__(self, other: GroundLike) -> Sum:

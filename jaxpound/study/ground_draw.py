@@ -24,8 +24,8 @@ from jaxpound.study.scenarios import Draw, discrete_coordinates, parameters
 class GroundDraw:
     """Base class of random ground motions: sums, scalings, another unit of time.
 
-    They are combined by ``a + b``, ``2 * a``, ``a * b`` and ``sum([a, b])``, where what is added
-    may also be a fixed ground motion, and what it is multiplied by a ``Distribution``.
+    They are combined by ``a + b``, ``a - b``, ``2 * a``, ``a / 2``, ``-a`` and ``sum([a, b])``;
+    one of the two that are added may be a fixed ground motion, and the factor a ``Distribution``.
     """
 
     __array_ufunc__ = None  # so that a NumPy factor on the left calls our ``__rmul__``
@@ -57,10 +57,22 @@ class GroundDraw:
             return self
         return SumOfDraws((other, self))
 
+    def __sub__(self, other: Draw | GroundLike) -> SumOfDraws:
+        return SumOfDraws((self, _negative(other)))
+
+    def __rsub__(self, other: Draw | GroundLike) -> SumOfDraws:
+        return SumOfDraws((other, -self))
+
     def __mul__(self, factor: Any) -> ScaledDraw:
         return ScaledDraw(self, factor)
 
     __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> ScaledDraw:
+        return ScaledDraw(self, 1 / number("ScaledDraw", "divisor", divisor))
+
+    def __neg__(self) -> ScaledDraw:
+        return ScaledDraw(self, -1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -254,6 +266,10 @@ class _Dimensionless(GroundDraw):
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         return parameters(self.ground, z)
+
+
+def _negative(ground: Draw | GroundLike) -> Any:
+    return ScaledDraw(ground, -1.0) if isinstance(ground, Draw) else -as_motion(ground)
 
 
 def _dimension(part: Any) -> int:
