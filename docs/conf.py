@@ -84,7 +84,8 @@ nitpick_ignore_regex = [
     # What only the package's own code meets, and unions with names of their own.
     (
         "py:class",
-        r"jaxpound\._.*|jaxpound\.simulation\.(batches|friction|history)\..*|GroundLike|Structures",
+        r"jaxpound\._.*|jaxpound\.simulation\.(batches|friction|history)\..*|GroundLike|Structures"
+        r"|jaxpound\.units\.Timed",
     ),
     ("py:class", r"jaxpound\.design\.design\.History"),
 ]

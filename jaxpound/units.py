@@ -13,7 +13,7 @@ import jax
 from jaxpound._checks import instance, is_traced, not_negative, number, positive
 from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, walk
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
+from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
@@ -33,6 +33,7 @@ from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 
+Timed = TypeVar("Timed", bound=Any)
 Law = TypeVar("Law", bound=ContactLaw | Newton | None)
 
 
@@ -163,20 +164,25 @@ class Scales:
         """
         return _in_other_units("Scales.contact_to_si", "law", law, self, operator.mul)
 
-    def to_dimensionless(self, record: Record) -> Record:
-        """A record in g and seconds as a record in g and units of 1/ω1.
+    def to_dimensionless(self, record: Timed) -> Timed:
+        """A ground motion in g and seconds as one in g and units of 1/ω1.
+
+        Parameters
+        ----------
+        record
+            A record, a pulse, a sum or scaling of them, or a random ground motion in seconds.
 
         Raises
         ------
         ValueError
-            If the record is in units of 1/ω1 already.
+            If it is in units of 1/ω1 already, or a part of it has no unit of time.
         """
         owner = "Scales.to_dimensionless"
-        instance(owner, "record", record, Record)
-        if record.time_unit != SECONDS:
-            rule = f"must be in seconds, but is in units of {record.time_unit} already"
-            raise ValueError(f"{owner}: record = {record!r} {rule}")
-        return Record(record.samples, record.dt * self.frequency, record.name, DIMENSIONLESS)
+        if not callable(getattr(record, "dimensionless", None)) or isinstance(record, type):
+            instance(owner, "record", record, Record)
+        for part in record.parts() if isinstance(record, GroundMotion) else [record]:
+            require_seconds(f"{owner}: record", part)
+        return record.dimensionless(self.frequency)
 
     @overload
     def to_si(self, result: Response) -> Response: ...

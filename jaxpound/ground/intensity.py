@@ -27,7 +27,7 @@ def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
     >>> round(float(jp.pga(jp.paper.ground(), jp.paper.grid())), 2)
     21.99
     """
-    return peak(_samples(ground, grid)[0])
+    return peak(samples_of(ground, grid)[0])
 
 
 def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) -> Float[Array, ""]:
@@ -41,7 +41,7 @@ def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) 
     >>> round(float(jp.pgv(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
     0.4903
     """
-    a, dt = _samples(ground, grid)
+    a, dt = samples_of(ground, grid)
     velocity = gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2)
     return peak(velocity)
 
@@ -59,7 +59,7 @@ def arias_intensity(
     >>> round(float(jp.arias_intensity(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
     0.3851
     """
-    a, dt = _samples(ground, grid)
+    a, dt = samples_of(ground, grid)
     return jnp.pi / 2 * gravity * trapezoid(a**2, dx=dt)
 
 
@@ -99,7 +99,7 @@ def spectral_acceleration(
         Rule("damping", damping, (damping >= 0) & (damping < 1), "at least 0 and below 1"),
     ]
     enforce(owner, rules)
-    a, h = _samples(ground, grid)
+    a, h = samples_of(ground, grid)
     if is_traced((period, h)) or np.min(period) < 4 * h:
         a, h = _between(a, 4), h / 4
     w = 2 * jnp.pi / period
@@ -176,7 +176,8 @@ def _between(a: jax.Array, parts: int) -> jax.Array:
     return jnp.append(lines.reshape(-1), a[-1])
 
 
-def _samples(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, Any]:
+def samples_of(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, Any]:
+    """Acceleration at the instants of a grid, or a record's samples, and their interval."""
     if grid is None and isinstance(ground, Record):
         return jnp.asarray(ground.samples), ground.dt
     if not isinstance(grid, TimeGrid):

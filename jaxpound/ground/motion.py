@@ -23,6 +23,16 @@ from jaxpound.grid import TimeGrid
 SECONDS, DIMENSIONLESS = "s", "1/ω1"
 """Units of time that a record may be in."""
 
+_TIME_UNITS = {SECONDS: SECONDS, DIMENSIONLESS: DIMENSIONLESS, "1/omega1": DIMENSIONLESS}
+
+
+def known_unit(owner: str, value: Any) -> str:
+    """A unit of time, "s" or "1/ω1" (also spelled "1/omega1"); a ``ValueError`` for others."""
+    if not (isinstance(value, str) and value in _TIME_UNITS):
+        rule = f"{SECONDS!r} or {DIMENSIONLESS!r}"
+        raise ValueError(f"{owner}: time_unit = {value!r} must be {rule}")
+    return _TIME_UNITS[value]
+
 
 @runtime_checkable
 class Ground(Protocol):
@@ -139,7 +149,19 @@ class GroundMotion:
         """Which part of it steps of ``dt`` do not resolve, in words, as far as it is known."""
         return []
 
+    def dimensionless(self, frequency: Any) -> GroundMotion:
+        """The motion, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s.
+
+        Raises
+        ------
+        ValueError
+            If a part of it is not in seconds, or has no unit of time.
+        """
+        raise ValueError(f"{self!r} must be in seconds, but has no unit of time")
+
     def __add__(self, other: GroundLike) -> Sum:
+        if hasattr(other, "draw"):  # a random motion, whose own sum it is
+            return NotImplemented
         return Sum((self, other))
 
     def __radd__(self, other: GroundLike | int) -> Any:
@@ -148,6 +170,8 @@ class GroundMotion:
         return Sum((other, self))
 
     def __sub__(self, other: GroundLike) -> Sum:
+        if hasattr(other, "draw"):
+            return NotImplemented
         return Sum((self, Scaled(other, -1.0)))
 
     def __rsub__(self, other: GroundLike) -> Sum:
@@ -228,6 +252,10 @@ class Sum(GroundMotion):
         """What steps of ``dt`` do not resolve in each part, in words."""
         return [said for ground in self._motions() for said in ground.unresolved(dt)]
 
+    def dimensionless(self, frequency: Any) -> Sum:
+        """The sum of the parts, each in units of 1/ω1."""
+        return Sum(tuple(ground.dimensionless(frequency) for ground in self._motions()))
+
     def _motions(self) -> list[GroundMotion]:
         return [as_motion(ground) for ground in self.grounds]
 
@@ -268,6 +296,10 @@ class Scaled(GroundMotion):
     def unresolved(self, dt: float) -> list[str]:
         """What steps of ``dt`` do not resolve of the ground motion, in words."""
         return as_motion(self.ground).unresolved(dt) if np.any(self.factor) else []
+
+    def dimensionless(self, frequency: Any) -> Scaled:
+        """The factor times the ground motion in units of 1/ω1."""
+        return Scaled(as_motion(self.ground).dimensionless(frequency), self.factor)
 
     def _times(self, pair: tuple[Any, Any]) -> tuple[Any, Any]:
         return self.factor * pair[0], self.factor * pair[1]
@@ -336,6 +368,14 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
 def records_in(ground: GroundLike) -> Iterator[GroundMotion]:
     """The parts of a ground motion that are records: in g, with a unit of time."""
     return (part for part in as_motion(ground).parts() if part.time_unit)
+
+
+def require_seconds(place: str, record: Any) -> None:
+    """A ``ValueError`` for a motion that is in units of 1/ω1 already."""
+    if record.time_unit != SECONDS:
+        unit = record.time_unit
+        found = f"is in units of {unit} already" if unit else "has no unit of time"
+        raise ValueError(f"{place} = {record!r} must be in seconds, but {found}")
 
 
 def require_dimensionless(place: str, ground: GroundLike) -> None:

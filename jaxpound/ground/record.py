@@ -21,14 +21,14 @@ from jaxpound.ground.motion import (
     Excitation,
     GroundMotion,
     instants,
+    known_unit,
     mean_acceleration,
+    require_seconds,
 )
 
 LOST_ENERGY = 0.01
 """Share of a record's energy (∫ u''² dt) that a time step may lose: it is 0.5 % of the root mean
 square."""
-
-_TIME_UNITS = {SECONDS: SECONDS, DIMENSIONLESS: DIMENSIONLESS, "1/omega1": DIMENSIONLESS}
 
 
 @pytree_dataclass
@@ -85,10 +85,7 @@ class Record(GroundMotion):
             raise ValueError(f"Record: name = {name!r} must be a string")
         object.__setattr__(self, "dt", number("Record", "dt", dt))
         object.__setattr__(self, "name", name)
-        if not (isinstance(time_unit, str) and time_unit in _TIME_UNITS):
-            rule = f"{SECONDS!r} or {DIMENSIONLESS!r}"
-            raise ValueError(f"Record: time_unit = {time_unit!r} must be {rule}")
-        object.__setattr__(self, "time_unit", _TIME_UNITS[time_unit])
+        object.__setattr__(self, "time_unit", known_unit("Record", time_unit))
         check(self)
 
     def more_rules(self, prefix: str) -> list[Rule]:
@@ -192,6 +189,11 @@ class Record(GroundMotion):
 
         samples = resample_poly(np.asarray(self.samples), ratio.numerator, ratio.denominator)
         return self._with(samples, dt)
+
+    def dimensionless(self, frequency: Any) -> Record:
+        """The record, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
+        require_seconds("Record.dimensionless: record", self)
+        return Record(self.samples, self.dt * frequency, self.name, DIMENSIONLESS)
 
     def _with(self, samples: Any, dt: Any) -> Record:
         """Other samples under the same name, in the same unit of time."""

@@ -11,8 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
-from jaxpound.ground.intensity import spectral_acceleration
-from jaxpound.ground.motion import SECONDS
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.intensity import samples_of, spectral_acceleration
+from jaxpound.ground.motion import SECONDS, GroundLike, records_in, require_ground
 from jaxpound.ground.record import Record
 from jaxpound.plots.style import (
     COLOURS,
@@ -26,23 +27,40 @@ from jaxpound.plots.style import (
 )
 
 
-def _unit(record: Record) -> str:
-    """The record's unit of time, as axes name it."""
-    return unit_for("time", record.time_unit == SECONDS, 0.0)[1]
+def _unit(record: GroundLike) -> str:
+    """The unit of time of a ground motion, as axes name it."""
+    in_seconds = any(part.time_unit == SECONDS for part in records_in(record))
+    return unit_for("time", in_seconds, 0.0)[1]
 
 
 @in_house_style
-def accelerogram(record: Record, ax: Axes | None = None) -> Axes:
-    """Acceleration of a record, in g, over time in the record's unit, with its peak."""
-    instance("accelerogram", "record", record, Record)
-    ax, a = new_axes(ax), np.asarray(record.samples)
-    time = float(record.dt) * np.arange(a.size)
+def accelerogram(record: GroundLike, ax: Axes | None = None, grid: TimeGrid | None = None) -> Axes:
+    """Acceleration of a ground motion, in g, over time in its own unit, with its peak.
+
+    Parameters
+    ----------
+    record
+        A record, such as one drawn by ``FilteredNoise``, or another ground motion.
+    ax
+        Where to draw.
+    grid
+        The instants drawn, in the motion's unit of time; by default a record's samples.
+
+    Raises
+    ------
+    ValueError
+        If it is no ground motion, or none but a record and there is no grid.
+    """
+    require_ground("accelerogram: record", record)
+    a, dt = map(np.asarray, samples_of(record, grid))
+    ax, time = new_axes(ax), float(dt) * np.arange(a.size)
+    unit = _unit(record)
     ax.plot(time, a, color=COLOURS["ground"])
     peak = np.abs(a).argmax()
-    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} {_unit(record)}"
+    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} {unit}"
     ax.plot(time[peak], a[peak], "o", color=COLOURS["ground"], markersize=4, label=words)
     ax.margins(x=0)
-    label(ax, f"time $t$ ({_unit(record)})", "ground acceleration $u''$ ($g$)")
+    label(ax, f"time $t$ ({unit})", "ground acceleration $u''$ ($g$)")
     legend(ax)
     return ax
 

@@ -1,6 +1,10 @@
 """Rare events: how improbable it is that a demand is reached, and by which earthquakes it is.
 
-``limit_state`` defines the event, ``rare_event`` is the result of every method. ``hazard`` is a
-site's hazard curve, ``hazard_files`` reads it and ``hazard_intensity`` draws from it;
-``annual_rate`` is what follows for pounding, and ``hazard_gap`` for the gap.
+``limit_state`` defines the event and ``rare_event`` is the result of every method. ``run`` begins a
+``search``: ``design_points`` at many ``instants``, a ``mixture`` around them, and ``sampling`` from
+it, ``kept`` in files. ``subset`` simulation goes through ``levels``. ``slope`` and ``reach`` lead
+from a probability to parameters of the structures.
+
+``hazard`` is a site's hazard curve, ``hazard_files`` reads it and ``hazard_intensity`` draws from
+it; ``annual_rate`` is what follows for pounding, and ``hazard_gap`` for the gap.
 """

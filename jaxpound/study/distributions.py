@@ -13,8 +13,9 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import ArrayLike
 
+from jaxpound._checks import require_share
 from jaxpound._extrema import larger, smaller
-from jaxpound._fields import Checked, parameter
+from jaxpound._fields import Checked, parameter, part
 
 
 @runtime_checkable
@@ -113,6 +114,72 @@ class Uniform(Checked):
         inside = (share > 0) & (share < 1)
         outside = jnp.where(share <= 0, -jnp.inf, jnp.inf)
         return jnp.where(inside, ndtri(jnp.where(inside, share, 0.5)), outside)
+
+
+@dataclasses.dataclass(frozen=True)
+class TwoSided(Checked):
+    """Numbers of either sign whose size has a given distribution, as one continuous function of z.
+
+    With probability ``negative`` the number is minus a draw from ``size``, else plus one. Unlike a
+    size and a sign drawn apart, both follow from one standard normal number, without a jump where
+    the sizes reach down to 0: a derivative by it is that of the number. (Near z = Φ⁻¹(negative),
+    where sizes of a ``LogNormal`` vanish, its slope is steep without bound; that of a ``Normal`` of
+    mean 0, or of a ``TwoSided`` ``Uniform`` from 0, is not.)
+
+    Parameters
+    ----------
+    size
+        Distribution of positive numbers.
+    negative
+        Probability of a negative sign, between 0 and 1, both excluded.
+
+    Raises
+    ------
+    ValueError
+        If size is not a distribution of positive numbers, or negative no such probability.
+
+    Examples
+    --------
+    >>> amplitude = jp.TwoSided(jp.LogNormal(median=0.1, sigma=0.5))
+    >>> [round(float(amplitude.from_normal(z)), 4) for z in (-0.6745, 0.6745, 2.0)]
+    [-0.1, 0.1, 0.2328]
+    """
+
+    size: Distribution = part(Distribution)
+    negative: float = parameter(words="probability", least=0, most=1, single=True, default=0.5)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_share("TwoSided", "negative", self.negative)
+        if not ndtr(self.size.to_normal(0.0)) == 0:
+            raise ValueError(f"TwoSided: size = {self.size!r} must have positive numbers only")
+
+    def from_normal(self, z: Any) -> Any:
+        """Minus or plus the size, whose probability of being exceeded falls away from the jump."""
+        z = jnp.asarray(z)
+        z = z.astype(jnp.result_type(float, z))
+        middle = ndtri(jnp.asarray(self.negative, z.dtype))
+        below = z < middle
+        whole = jnp.where(below, self.negative, 1 - self.negative)
+        beyond = ndtr(jnp.where(below, z, -z)) / whole  # probability of a larger size
+        if self.negative == 0.5:
+            smaller_sizes = jax.lax.erf(jnp.abs(z) / math.sqrt(2.0))
+        else:
+            smaller_sizes = jnp.abs(ndtr(z) - self.negative) / whole
+        tiny = jnp.finfo(z.dtype).tiny
+        lower = smaller_sizes < 0.5
+        low = ndtri(larger(jnp.where(lower, smaller_sizes, 0.5), tiny))
+        high = -ndtri(larger(jnp.where(lower, 0.5, beyond), tiny))
+        size = self.size.from_normal(jnp.where(lower, low, high))
+        return jnp.where(below, -size, size)
+
+    def to_normal(self, x: Any) -> Any:
+        """Inverse of ``from_normal``."""
+        x = jnp.asarray(x, float)
+        size = self.size.to_normal(jnp.abs(x))
+        beyond = ndtr(-size)
+        down, up = ndtri(self.negative * beyond), -ndtri((1 - self.negative) * beyond)
+        return jnp.where(x < 0, down, up)
 
 
 def density(distribution: Distribution, x: ArrayLike) -> np.ndarray:

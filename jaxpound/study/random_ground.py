@@ -19,7 +19,8 @@ from jaxpound.ground.motion import DIMENSIONLESS, require_dimensionless
 from jaxpound.ground.record import Record
 from jaxpound.ground.ricker import Ricker
 from jaxpound.model.parameters import SMALLEST
-from jaxpound.study.distributions import Distribution, truncated
+from jaxpound.study.distributions import Distribution, TwoSided, truncated
+from jaxpound.study.ground_draw import GroundDraw
 from jaxpound.study.scenarios import NUMBER_BYTES
 
 WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
@@ -27,7 +28,7 @@ WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
 
 
 @dataclasses.dataclass(frozen=True)
-class RandomRicker(Checked):
+class RandomRicker(Checked, GroundDraw):
     """A sum of random Ricker wavelets, independent of each other.
 
     Parameters
@@ -36,10 +37,13 @@ class RandomRicker(Checked):
         Number n of wavelets, at least 1.
     amplitude
         Distribution of each displacement amplitude, in g/ω1² (the scale of ``Ricker.amplitude``).
+        With a ``TwoSided`` one amplitude and sign follow from one number, without a jump between
+        the signs: methods that need the derivative by z can then follow them.
     periods, arrivals
         Distributions of each wavelet's period, truncated to positive values, and centre, in 1/ω1.
     negative
-        Probability, 0 to 1, that a wavelet has the opposite sign.
+        Probability, 0 to 1, that a wavelet has the opposite sign, by a number of z of its own, in
+        which that is a jump (``discrete``). By default ½, or 0 with ``TwoSided`` amplitudes.
     intensity
         Distribution of one factor for all wavelets of an earthquake; none by default. A wide one
         covers the range of intensities of a fragility curve.
@@ -49,18 +53,30 @@ class RandomRicker(Checked):
     ValueError
         If wavelets is not a positive whole number or too large for the memory, negative not a
         probability, or another argument not a distribution.
+
+    Examples
+    --------
+    >>> periods, arrivals = jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0)
+    >>> jumping = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), periods, arrivals)
+    >>> jumping.dimension, jumping.discrete
+    (20, (15, 16, 17, 18, 19))
+    >>> smooth = jp.RandomRicker(5, jp.TwoSided(jp.LogNormal(0.1, 0.5)), periods, arrivals)
+    >>> smooth.dimension, smooth.discrete
+    (15, ())
     """
 
     wavelets: int
     amplitude: Distribution = part(Distribution)
     periods: Distribution = part(Distribution)
     arrivals: Distribution = part(Distribution)
-    negative: float = parameter(words="probability", least=0, most=1, single=True, default=0.5)
+    negative: Any = parameter(words="probability", least=0, most=1, single=True, default=None)
     intensity: Distribution | None = part(Distribution, NoneType, default=None)
 
     def __post_init__(self) -> None:
         n = count("RandomRicker", "wavelets", self.wavelets)
         require_memory("RandomRicker", "wavelets", n, 4 * n * NUMBER_BYTES)
+        if self.negative is None:
+            object.__setattr__(self, "negative", 0.0 if self._two_sided else 0.5)
         super().__post_init__()
 
     @property
@@ -82,8 +98,18 @@ class RandomRicker(Checked):
         return named | ({} if self.intensity is None else {"intensity": values["intensity"]})
 
     @property
+    def discrete(self) -> tuple[int, ...]:
+        """Indices of the numbers that draw signs."""
+        n = self.wavelets
+        return tuple(range(3 * n, 4 * n)) if self._signed else ()
+
+    @property
     def _signed(self) -> bool:
         return 0 < self.negative < 1
+
+    @property
+    def _two_sided(self) -> bool:
+        return isinstance(self.amplitude, TwoSided)
 
     def _values(self, z: Any) -> dict[str, Any]:
         n = self.wavelets
@@ -103,7 +129,7 @@ class RandomRicker(Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class RandomRecord(Checked):
+class RandomRecord(Checked, GroundDraw):
     """One of several recorded accelerograms, scaled.
 
     Parameters
@@ -149,6 +175,11 @@ class RandomRecord(Checked):
     def dimension(self) -> int:
         """One number for the record, if there are several, and one for a random factor."""
         return (len(self.records) > 1) + (self.factor is not None)
+
+    @property
+    def discrete(self) -> tuple[int, ...]:
+        """Index of the number that draws the record, if there are several."""
+        return (0,) if len(self.records) > 1 else ()
 
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, scaled."""

@@ -17,8 +17,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import count, instance, require_memory
-from jaxpound.ground.motion import GroundLike, require_dimensionless, require_ground
+from jaxpound._checks import count, instance, is_whole, require_memory
+from jaxpound.ground.motion import (
+    DIMENSIONLESS,
+    SECONDS,
+    GroundLike,
+    require_dimensionless,
+    require_ground,
+)
 from jaxpound.model.system import Structures
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
 
@@ -32,7 +38,8 @@ class ScenarioSet(Protocol):
 
     A set may also have ``parameters(z)``, a dictionary of d numbers by name, one for each number of
     z, or ``names`` of the numbers of z: correlations and sensitivities refer to them. Without
-    either the names are z_1 to z_d.
+    either the names are z_1 to z_d. And it may have ``discrete``, the indices of those numbers of z
+    of which it is a step function, such as a sign: there it has no derivative.
     """
 
     @property
@@ -45,7 +52,10 @@ class ScenarioSet(Protocol):
 
 @runtime_checkable
 class Draw(Protocol):
-    """One part of a scenario, drawn at random: structures or a ground motion."""
+    """One part of a scenario, drawn at random: structures or a ground motion.
+
+    It may have the same other members as a ``ScenarioSet``.
+    """
 
     @property
     def dimension(self) -> int:
@@ -65,13 +75,14 @@ class Scenarios:
         ``AdjacentStructures`` or others, or a ``Draw`` of them (``UncertainStructures``,
         ``CustomDraw``).
     ground
-        A ground motion, or a ``Draw`` (``RandomRicker``, ``RandomRecord``, ``CustomDraw``).
+        A ground motion, or a ``Draw`` (``RandomRicker``, ``RandomRecord``, ``FilteredNoise``,
+        ``RandomPulse``, sums of them, ``CustomDraw``).
 
     Raises
     ------
     ValueError
-        If one is of another type or a record in seconds, both are fixed, or they have parameters
-        of the same name.
+        If one is of another type or a ground motion in seconds, both are fixed, or they have
+        parameters of the same name.
 
     Examples
     --------
@@ -92,7 +103,9 @@ class Scenarios:
 
     def __post_init__(self) -> None:
         instance("Scenarios", "structures", self.structures, Structures, Draw)
-        if not isinstance(self.ground, Draw):
+        if isinstance(self.ground, Draw):
+            require_dimensionless_draw("Scenarios: ground", self.ground)
+        else:
             require_ground("Scenarios: ground", self.ground)
             require_dimensionless("Scenarios: ground", self.ground)
         if not self.dimension:
@@ -103,6 +116,13 @@ class Scenarios:
     def dimension(self) -> int:
         """Number of standard normal numbers: first the structures', then the ground's."""
         return _dimension(self.structures) + _dimension(self.ground)
+
+    @property
+    def discrete(self) -> tuple[int, ...]:
+        """Indices of the numbers of which structures or ground motion are a step function."""
+        first = _dimension(self.structures)
+        others = (first + i for i in discrete_coordinates(self.ground))
+        return (*discrete_coordinates(self.structures), *others)
 
     def realize(self, z: Float[Array, " d"]) -> tuple[Structures, GroundLike]:
         """Structures and ground motion of z, shape (dimension,)."""
@@ -159,6 +179,23 @@ def _dimension(part: Any) -> int:
     return part.dimension if isinstance(part, Draw) else 0
 
 
+def require_dimensionless_draw(place: str, ground: Any) -> None:
+    """A ``ValueError`` for a random ground motion in seconds."""
+    if getattr(ground, "time_unit", None) == SECONDS:
+        raise ValueError(
+            f"{place}: {ground!r} must be in units of {DIMENSIONLESS}, as the structures are: "
+            "scales.to_dimensionless(ground) makes it so"
+        )
+
+
+def discrete_coordinates(drawn: Any) -> tuple[int, ...]:
+    """Indices of the numbers of z of which a scenario set, or a part, says it is a step function.
+
+    None of a set that says nothing, and of a fixed part.
+    """
+    return tuple(getattr(drawn, "discrete", ()))
+
+
 def parameters(drawn: Any, z: Float[Array, " d"], before: int = 0) -> dict[str, Any]:
     """Parameters by name of a scenario set, or of a part whose z follows ``before`` others."""
     if hasattr(drawn, "parameters"):
@@ -199,17 +236,21 @@ class CustomDraw:
         Length of z, at least 1.
     names
         A name for each z; by default z_1, z_2, ...
+    discrete
+        Indices of those z of which the function is a step function: there it has no derivative.
 
     Raises
     ------
     ValueError
         If function is not callable, dimension is not a positive whole number or too large for the
-        memory, or the names are not ``dimension`` different ones.
+        memory, the names are not ``dimension`` different ones, or an index in discrete is not one
+        of a z.
     """
 
     function: Callable[[Any], Any]
     dimension: int
     names: tuple[str, ...] = ()
+    discrete: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not callable(self.function):
@@ -222,6 +263,11 @@ class CustomDraw:
                 f"CustomDraw: names = {names} must be {self.dimension} names, each another"
             )
         object.__setattr__(self, "names", names)
+        discrete = tuple(self.discrete)
+        if not all(is_whole(i) and 0 <= i < self.dimension for i in discrete):
+            rule = f"indices from 0 to {self.dimension - 1}"
+            raise ValueError(f"CustomDraw: discrete = {discrete} must be {rule}")
+        object.__setattr__(self, "discrete", discrete)
 
     def draw(self, z: Float[Array, " d"]) -> Any:
         """The function's result at z."""

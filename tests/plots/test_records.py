@@ -27,6 +27,16 @@ def test_accelerogram_marks_the_peak():
     assert "($g$)" in ax.get_ylabel()
 
 
+def test_an_accelerogram_of_a_pulse_and_noise_is_drawn_on_a_grid():
+    noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 200, 0.02, time_unit="s")
+    motion = jp.Pulse(0.5, 1.0, 2.0, time_unit="s") + noise.draw(np.ones(200))
+    ax = record_plots.accelerogram(motion, Figure().add_subplot(), jp.TimeGrid(0.01, 500))
+    series = ax.lines[0]
+    np.testing.assert_allclose(series.get_xdata(), 0.01 * np.arange(501))
+    np.testing.assert_allclose(series.get_ydata(), motion.acceleration(series.get_xdata()))
+    assert "(s)" in ax.get_xlabel()
+
+
 def test_axes_say_the_record_s_unit_of_time():
     record = jp.Scales(mass=1e5, frequency=4.0).to_dimensionless(RECORD)
     time = record_plots.accelerogram(record, Figure().add_subplot()).get_xlabel()
@@ -43,7 +53,8 @@ def test_wrong_arguments_are_named():
         (lambda: record_plots.spectra(RECORD), "records = .* must be of type"),
         (lambda: record_plots.spectra({"a": 3}), r"records\['a'\] = 3 must be of type Record"),
         (lambda: record_plots.spectra({"a": RECORD}, periods=[0, 1]), "must be positive"),
-        (lambda: record_plots.accelerogram(jp.paper.ground()), "must be of type Record"),
+        (lambda: record_plots.accelerogram(jp.paper.ground()), "must be a TimeGrid for a Ricker"),
+        (lambda: record_plots.accelerogram(3), "record = 3 must have acceleration"),
     ):
         with pytest.raises(ValueError, match=message):
             call()

@@ -39,6 +39,46 @@ def test_truncation_is_the_conditional_distribution(ours, theirs, z, start, shar
     assert x == pytest.approx(theirs.ppf(p), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize("negative", [0.5, 0.2])
+def test_two_sided_numbers_have_sizes_and_signs_as_given(negative):
+    """An increasing function of z; sizes keep their distribution, both tails included."""
+    size = jp.LogNormal(0.2, 0.5)
+    both = jp.TwoSided(size, negative)
+    z = np.linspace(-7.5, 7.5, 301)
+    x = np.asarray(both.from_normal(z))
+    assert (np.diff(x) > 0).all()
+    theirs = stats.lognorm(0.5, scale=0.2)
+    share = np.where(x < 0, negative * theirs.sf(-x), negative + (1 - negative) * theirs.cdf(x))
+    inside = np.abs(z) < 5
+    np.testing.assert_allclose(share[inside], stats.norm.cdf(z[inside]), rtol=1e-9)
+    np.testing.assert_allclose(theirs.sf(x[-1]) * (1 - negative), stats.norm.sf(z[-1]), rtol=1e-9)
+    np.testing.assert_allclose(theirs.sf(-x[0]) * negative, stats.norm.cdf(z[0]), rtol=1e-9)
+    np.testing.assert_allclose(both.to_normal(x), z, rtol=1e-7, atol=1e-12)
+
+
+def test_two_sided_numbers_pass_zero_without_a_jump_and_with_finite_slopes():
+    both = jp.TwoSided(jp.LogNormal(0.2, 0.5))
+    assert abs(float(both.from_normal(1e-12)) - float(both.from_normal(-1e-12))) < 0.02
+    z = jnp.array([-9.0, -1e-3, 0.0, 1e-3, 9.0])
+    slopes = jax.jit(jax.vmap(jax.grad(both.from_normal)))(z)
+    assert np.isfinite(slopes).all()
+    h = 1e-6
+    numeric = (both.from_normal(z + h) - both.from_normal(z - h)) / (2 * h)
+    apart = np.array([0, 1, 3, 4])
+    np.testing.assert_allclose(slopes[apart], numeric[apart], rtol=1e-4)
+    uniform = jp.TwoSided(jp.Uniform(0.0, 1.0))  # flat through 0
+    np.testing.assert_allclose(
+        uniform.from_normal(z), 2 * stats.norm.cdf(np.asarray(z)) - 1, atol=1e-12
+    )
+    for make, message in (
+        (lambda: jp.TwoSided(jp.Normal(0.0, 1.0)), "size = .* must have positive numbers only"),
+        (lambda: jp.TwoSided(jp.LogNormal(1.0, 1.0), 1.0), "negative = 1 must be between 0 and 1"),
+        (lambda: jp.TwoSided(3), "size = 3 must be of type Distribution"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
 def test_truncation_keeps_both_tails():
     """Far out, where probabilities round to 0 or 1, and under derivatives."""
     normal = jp.Normal(0.0, 1.0)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound.study.scenarios import parameter_names, parameters
+from jaxpound.study.scenarios import discrete_coordinates, parameter_names, parameters
 
 PAPER = jp.paper.structures()
 PATHS = [
@@ -116,6 +116,37 @@ def test_a_certain_sign_takes_no_number(negative, sign):
         "amplitude_3",
         "period_1",
     ]
+
+
+def test_signed_amplitudes_are_one_number_without_a_jump():
+    size = RICKER.amplitude
+    signed = jp.RandomRicker(3, jp.TwoSided(size), RICKER.periods, RICKER.arrivals)
+    assert (signed.dimension, signed.discrete, signed.negative) == (9, (), 0.0)
+    z = np.array([-2.0, -0.1, 1.0, *np.zeros(6)])
+    expected = jp.TwoSided(size).from_normal(z[:3])
+    np.testing.assert_allclose(signed.draw(z).amplitude, expected)
+    assert (np.sign(expected) == [-1, -1, 1]).all()
+    other = dataclasses.replace(signed, negative=0.5)
+    assert (other.dimension, other.discrete) == (12, (9, 10, 11))
+
+
+def test_sets_say_which_of_their_numbers_are_discrete():
+    structures = jp.UncertainStructures(PAPER, {"friction": jp.LogNormal(0.25, 0.2)})
+    records = jp.RandomRecord(RECORDS, jp.LogNormal(1.0, 0.5))
+    custom = jp.CustomDraw(lambda z: RECORDS[0], 3, discrete=(1,))
+    for ground, expected in (
+        (RICKER, (10, 11, 12)),
+        (dataclasses.replace(RICKER, negative=0.0), ()),
+        (records, (1,)),
+        (dataclasses.replace(records, records=RECORDS[:1]), ()),
+        (custom, (2,)),
+        (jp.Ricker(0.1, 1.0, 1.0), ()),
+    ):
+        scenarios = jp.Scenarios(structures, ground)
+        assert scenarios.discrete == discrete_coordinates(scenarios) == expected
+    names = parameter_names(jp.Scenarios(structures, RICKER))
+    assert [names[i] for i in (10, 11, 12)] == ["sign_1", "sign_2", "sign_3"]
+    assert discrete_coordinates(object()) == ()
 
 
 def test_a_record_is_drawn_whole_and_scaled():
@@ -236,6 +267,7 @@ U = jp.Uniform(0.1, 1.0)
         (lambda: jp.CustomDraw(3, 1), "function = 3 must be a function of z"),
         (lambda: jp.CustomDraw(abs, 0), "dimension = 0 must be a positive whole number"),
         (lambda: jp.CustomDraw(abs, 2, ("a", "a")), "must be 2 names, each another"),
+        (lambda: jp.CustomDraw(abs, 2, discrete=(2,)), r"discrete = \(2,\) must be indices from 0"),
     ],
 )
 def test_bad_values_are_named(make, message):

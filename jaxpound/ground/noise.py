@@ -1,0 +1,185 @@
+"""White noise through a filter: the ground as an oscillator that the bedrock shakes."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+from scipy.fft import next_fast_len
+
+from jaxpound._checks import Rule
+from jaxpound._fields import like, parameter, pytree_dataclass
+
+
+@runtime_checkable
+class Filter(Protocol):
+    """What ``FilteredNoise`` needs of a filter: how it answers an impulse."""
+
+    def impulse_response(self, t: Any) -> Any:
+        """Output at t ≥ 0 for a unit impulse at t = 0, of the shape of ``t``."""
+
+
+@pytree_dataclass
+class KanaiTajimi:
+    r"""The filter of Kanai (1957) and Tajimi (1960): soil as an oscillator on shaking bedrock.
+
+    Its output is the absolute acceleration of an oscillator whose support is accelerated. The
+    transfer function is :math:`(ω_g^2 + 2 i ζ_g ω_g ω) / (ω_g^2 - ω^2 + 2 i ζ_g ω_g ω)`.
+
+    Parameters
+    ----------
+    frequency
+        ω_g > 0, circular frequency of the ground, in radians per unit of time.
+    damping
+        ζ_g, its damping ratio, between 0 and 1, both excluded.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule.
+
+    Examples
+    --------
+    >>> firm = jp.KanaiTajimi(frequency=15.6, damping=0.6)  # rad/s, for firm soil
+    >>> round(float(firm.gain(15.6)), 4)  # at its own frequency
+    1.3017
+    """
+
+    frequency: Any = parameter(r"\omega_g", words="frequency of the ground", above=0)
+    damping: Any = parameter(r"\zeta_g", words="damping ratio of the ground", above=0, most=1)
+
+    def more_rules(self, prefix: str) -> list[Rule]:
+        """The damping ratio is below 1: otherwise the ground does not vibrate."""
+        return [_below_one(f"{prefix}damping", self.damping)]
+
+    def impulse_response(self, t: ArrayLike) -> jax.Array:
+        """h(t) at t ≥ 0, of the shape of ``t``."""
+        w, zeta, t = self.frequency, self.damping, jnp.asarray(t)
+        damped = w * jnp.sqrt(1 - zeta**2)
+        sine = (w**2 - 2 * (zeta * w) ** 2) / damped
+        wave = 2 * zeta * w * jnp.cos(damped * t) + sine * jnp.sin(damped * t)
+        return jnp.exp(-zeta * w * t) * wave
+
+    def gain(self, frequency: ArrayLike) -> jax.Array:
+        """|H(ω)|, amplification of a harmonic vibration of circular frequency ω."""
+        share, zeta = jnp.asarray(frequency) / self.frequency, self.damping
+        through = (2 * zeta * share) ** 2
+        return jnp.sqrt((1 + through) / ((1 - share**2) ** 2 + through))
+
+
+@pytree_dataclass
+class CloughPenzien:
+    r"""Kanai and Tajimi's filter, then a second one that takes out the lowest frequencies.
+
+    Without it the ground's velocity and displacement drift. Clough and Penzien (1975) multiply the
+    transfer function of ``KanaiTajimi`` by
+    :math:`-ω^2 / (ω_f^2 - ω^2 + 2 i ζ_f ω_f ω)`.
+
+    Parameters
+    ----------
+    frequency, damping
+        ω_g and ζ_g, as of ``KanaiTajimi``.
+    high_pass
+        ω_f > 0, circular frequency of the second filter, below ω_g; usually a tenth of it.
+    high_pass_damping
+        ζ_f, its damping ratio, between 0 and 1, both excluded.
+
+    Raises
+    ------
+    ValueError
+        If a known value breaks its rule.
+
+    Examples
+    --------
+    >>> firm = jp.CloughPenzien(15.6, 0.6, high_pass=1.5, high_pass_damping=0.6)  # rad/s
+    >>> float(firm.gain(0.0)), round(float(firm.gain(15.6)), 3)
+    (0.0, 1.305)
+    """
+
+    frequency: Any = like(KanaiTajimi, "frequency")
+    damping: Any = like(KanaiTajimi, "damping")
+    high_pass: Any = parameter(r"\omega_f", words="frequency of the high-pass filter", above=0)
+    high_pass_damping: Any = parameter(
+        r"\zeta_f", words="damping ratio of the high-pass filter", above=0, most=1, default=0.6
+    )
+
+    def more_rules(self, prefix: str) -> list[Rule]:
+        """The second filter is below the first, and both vibrate."""
+        low = f"below frequency = {self.frequency}"
+        return [
+            Rule(f"{prefix}high_pass", self.high_pass, self.high_pass < self.frequency, low),
+            _below_one(f"{prefix}damping", self.damping),
+            _below_one(f"{prefix}high_pass_damping", self.high_pass_damping),
+        ]
+
+    def impulse_response(self, t: ArrayLike) -> jax.Array:
+        """h(t) at t ≥ 0, of the shape of ``t``, from the poles of the transfer function."""
+        t = jnp.asarray(t)
+        ground, second = self._poles()
+        through = 2 * self.damping * self.frequency, self.frequency**2
+
+        def part(pole: Any, other: Any) -> Any:
+            numerator = pole**2 * (through[0] * pole + through[1])
+            far = (pole - other) * (pole - jnp.conj(other))
+            residue = numerator / (2j * pole.imag * far)
+            wave = residue * jax.lax.complex(jnp.cos(pole.imag * t), jnp.sin(pole.imag * t))
+            return 2 * jnp.exp(pole.real * t) * wave.real
+
+        return part(ground, second) + part(second, ground)
+
+    def gain(self, frequency: ArrayLike) -> jax.Array:
+        """|H(ω)|, amplification of a harmonic vibration of circular frequency ω."""
+        ground = KanaiTajimi(self.frequency, self.damping).gain(frequency)
+        share, zeta = jnp.asarray(frequency) / self.high_pass, self.high_pass_damping
+        return ground * share**2 / jnp.sqrt((1 - share**2) ** 2 + (2 * zeta * share) ** 2)
+
+    def _poles(self) -> tuple[Any, Any]:
+        first = self.frequency, self.damping
+        pairs = first, (self.high_pass, self.high_pass_damping)
+        ground, second = (
+            jax.lax.complex(*jnp.broadcast_arrays(-zeta * w * 1.0, w * jnp.sqrt(1 - zeta**2)))
+            for w, zeta in pairs
+        )
+        return ground, second
+
+
+def _below_one(name: str, damping: Any) -> Rule:
+    return Rule(name, damping, damping < 1, "below 1")
+
+
+def causal(kernel: Any, x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Σ_{k ≤ j} kernel_{j−k} x_k, shape (n,), in O(n log n) by Fourier transforms."""
+    n = x.shape[-1]
+    size = next_fast_len(2 * n, real=True)
+    product = jnp.fft.rfft(kernel, size) * jnp.fft.rfft(x, size)
+    return jnp.fft.irfft(product, size)[:n].astype(x.dtype)
+
+
+def filtered(filter: Filter, z: Float[Array, " n"], dt: Any) -> Float[Array, " n"]:
+    """White noise z through a filter from rest, scaled to unit variance at every instant.
+
+    Parameters
+    ----------
+    filter
+        With its ``impulse_response``.
+    z
+        Independent standard normal numbers, shape (n,): impulses at the instants j·dt.
+    dt
+        Interval between them.
+
+    Returns
+    -------
+    Shape (n,), linear in z. Where the filter has not answered yet, at t = 0 of one whose impulse
+    response starts from zero, it is 0.
+    """
+    h = jnp.asarray(filter.impulse_response(np.arange(z.shape[-1], dtype=z.dtype) * dt), z.dtype)
+    return unit_variance(causal(h, z), jnp.cumsum(h**2))
+
+
+def unit_variance(x: Any, variance: Any) -> Any:
+    """Numbers over their standard deviations; 0 where the variance is."""
+    some = variance > 0
+    return jnp.where(some, x / jnp.sqrt(jnp.where(some, variance, 1.0)), 0.0)

@@ -1,0 +1,162 @@
+"""Filters, envelopes and pulses against their transfer functions, definitions and integrals."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import signal
+
+import jaxpound as jp
+from jaxpound.ground.noise import causal, filtered
+
+FILTERS = [
+    jp.KanaiTajimi(2.0, 0.6),
+    jp.KanaiTajimi(5.0, 0.1),
+    jp.CloughPenzien(2.0, 0.6, 0.2, 0.6),
+    jp.CloughPenzien(5.0, 0.3, 4.0, 0.2),
+]
+
+
+def of_systems(filter):
+    """The same transfer function by SciPy."""
+    w, zeta = filter.frequency, filter.damping
+    numerator, denominator = [2 * zeta * w, w**2], [1, 2 * zeta * w, w**2]
+    if isinstance(filter, jp.CloughPenzien):
+        w, zeta = filter.high_pass, filter.high_pass_damping
+        numerator = np.polymul(numerator, [1, 0, 0])
+        denominator = np.polymul(denominator, [1, 2 * zeta * w, w**2])
+    return signal.TransferFunction(numerator, denominator)
+
+
+@pytest.mark.parametrize("filter", FILTERS)
+def test_a_filter_has_its_transfer_function(filter):
+    system = of_systems(filter)
+    w = np.linspace(0.0, 20.0, 300)
+    np.testing.assert_allclose(filter.gain(w), np.abs(system.freqresp(w)[1]), rtol=1e-9, atol=1e-12)
+    t = np.linspace(0.0, 15.0, 400)
+    np.testing.assert_allclose(
+        filter.impulse_response(t), signal.impulse(system, T=t)[1], rtol=1e-6, atol=1e-8
+    )
+
+
+@pytest.mark.parametrize("filter", FILTERS[::2])
+def test_noise_has_the_filter_s_spectral_density(filter):
+    """Exactly, from the matrix of the map: its last row is the impulse response, reversed."""
+    n, dt = 4000, 0.02
+    row = jax.grad(lambda z: filtered(filter, z, dt)[-1])(jnp.zeros(n))[::-1]
+    w = np.linspace(0.05, 8.0, 60)
+    # In the sum the response jumps by its first value at t = 0; in the integral by half of it.
+    found = np.exp(-1j * np.outer(w, dt * np.arange(n))) @ row - row[0] / 2
+    gain = np.abs(found) / np.abs(found[20])
+    np.testing.assert_allclose(gain, filter.gain(w) / filter.gain(w[20]), rtol=2e-3)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_noise_has_unit_variance_from_the_first_instant_on(dtype):
+    map_ = jax.jacfwd(lambda z: filtered(FILTERS[2], z, dtype(0.04)))(jnp.zeros(300, dtype))
+    assert map_.dtype == dtype
+    tolerance = 1e-4 if dtype == np.float32 else 1e-12
+    np.testing.assert_allclose((map_**2).sum(1), 1.0, rtol=tolerance)
+    np.testing.assert_allclose(np.triu(map_, 1), 0.0, atol=tolerance)
+
+
+def test_causal_sums_are_those_of_a_convolution():
+    kernel, x = np.random.default_rng(0).normal(size=(2, 77))
+    np.testing.assert_allclose(causal(kernel, x), np.convolve(kernel, x)[:77], atol=1e-12)
+
+
+def test_envelopes():
+    t = np.array([-1.0, 0.0, 2.5, 5.0, 12.0])
+    gamma = jp.GammaEnvelope(peak=5.0, power=2.0)
+    expected = np.where(t > 0, (t / 5 * np.exp(1 - t / 5)) ** 2, 0.0)
+    np.testing.assert_allclose(gamma(t), expected, rtol=1e-12)
+    plateau = jp.PlateauEnvelope(rise=5.0, end=10.0, decay=0.4)
+    np.testing.assert_allclose(plateau(t), [0, 0, 0.25, 1, np.exp(-0.8)], rtol=1e-12)
+    for envelope in (gamma, plateau):  # both branches are differentiated
+        slopes = jax.grad(lambda e: jnp.sum(e(t)))(envelope)
+        assert np.isfinite(jax.tree.leaves(slopes)).all()
+
+
+PULSES = [
+    jp.Pulse(0.8, 1.5, 3.0, 0.4, 1.7),
+    jp.Pulse(-0.5, 2.0, 4.0, np.pi / 2, 1.0),
+    jp.Pulse(1.2, 0.9, 2.0, 0.0, 3.0, "s"),
+]
+
+
+@pytest.mark.parametrize("pulse", PULSES)
+def test_a_pulse_s_motions_are_derivatives_of_each_other(pulse):
+    end = pulse.cycles * pulse.period / 2
+    t = pulse.arrival + np.linspace(-1.3, 1.3, 53) * end
+    v, a = (jax.vmap(jax.grad(f))(t) for f in (pulse.displacement, pulse.velocity))
+    np.testing.assert_allclose(pulse.velocity(t), v, atol=1e-14)
+    np.testing.assert_allclose(pulse.acceleration(t), a, atol=1e-13)
+
+
+@pytest.mark.parametrize("pulse", PULSES)
+def test_a_pulse_is_at_rest_outside_and_continuous_at_its_ends(pulse):
+    end = pulse.cycles * pulse.period / 2
+    outside = pulse.arrival + end * np.array([-9.0, -1.0, 1.0, 9.0])
+    for motion in (pulse.velocity, pulse.acceleration):
+        np.testing.assert_allclose(motion(outside), 0.0, atol=1e-14)
+    assert float(pulse.displacement(outside[0])) == 0.0
+    slopes = jax.jacrev(lambda p: p.acceleration(outside))(pulse)
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(slopes))
+
+
+def test_a_pulse_is_that_of_mavroeidis_and_papageorgiou():
+    """Their eqs. for velocity and for the permanent displacement, in g and 1/ω1 and in SI."""
+    a, period, centre, nu, gamma = 0.8, 1.5, 3.0, 0.4, 1.7
+    f = 1 / period
+    t = centre + np.linspace(-0.99, 0.99, 41) * gamma / (2 * f)
+    s = 2 * np.pi * f * (t - centre)
+    v = a / 2 * (1 + np.cos(s / gamma)) * np.cos(s + nu)
+    left = a / (4 * np.pi * f) / (1 - gamma**2)
+    left *= np.sin(nu + np.pi * gamma) - np.sin(nu - np.pi * gamma)
+    for unit, g in (("1/ω1", 1.0), ("s", jp.STANDARD_GRAVITY)):
+        pulse = jp.Pulse(a, period, centre, nu, gamma, unit)
+        np.testing.assert_allclose(g * pulse.velocity(t), v, rtol=1e-12, atol=1e-14)
+        assert float(g * pulse.displacement(99.0)) == pytest.approx(left, rel=1e-12)
+
+
+def test_a_pulse_in_seconds_becomes_dimensionless_and_adds_up_with_records():
+    scales = jp.Scales(mass=5e5, frequency=7.0)
+    pulse, record = PULSES[2], jp.Record([0.0, 0.1, -0.2, 0.0], 0.5)
+    both = scales.to_dimensionless(0.5 * (pulse + record))
+    t = np.linspace(0.0, 5.0, 40)
+    expected = 0.5 * (pulse.acceleration(t) + record.acceleration(t))
+    np.testing.assert_allclose(both.acceleration(7 * t), expected, atol=1e-12)
+    with pytest.raises(ValueError, match="must be in the same unit of time"):
+        pulse + PULSES[0]
+    for motion, message in (
+        (both, "must be in seconds, but is in units of 1/ω1 already"),
+        (pulse + jp.Ricker(1, 1, 1), "must be in seconds, but has no unit of time"),
+        (lambda t: t, "must be of type Record"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            scales.to_dimensionless(motion)
+
+
+def test_a_pulse_says_when_steps_do_not_resolve_it():
+    assert not PULSES[0].unresolved(0.1)
+    assert "7.5 time steps long" in PULSES[0].unresolved(0.2)[0]
+    assert not (0 * PULSES[0]).unresolved(0.2)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: jp.KanaiTajimi(-2.0, 0.6), r"frequency = -2 must be positive"),
+        (lambda: jp.KanaiTajimi(2.0, 1.0), r"damping = 1 must be below 1"),
+        (lambda: jp.CloughPenzien(2.0, 0.6, 3.0), "high_pass = 3 must be below frequency = 2"),
+        (lambda: jp.CloughPenzien(2.0, 0.6, 0.2, 1.0), "high_pass_damping = 1 must be below 1"),
+        (lambda: jp.GammaEnvelope(0.0, 1.0), "peak = 0 must be positive"),
+        (lambda: jp.PlateauEnvelope(3.0, 2.0, 1.0), "end = 2 must be .*above rise = 3"),
+        (lambda: jp.Pulse(1.0, 0.0, 1.0), "period = 0 must be positive"),
+        (lambda: jp.Pulse(1.0, [1.0, 2.0], 1.0), r"period of shape \(2,\) must be one number"),
+        (lambda: jp.Pulse(1.0, 1.0, 1.0, time_unit="ms"), "time_unit = 'ms' must be 's' or"),
+    ],
+)
+def test_bad_values_are_named(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
