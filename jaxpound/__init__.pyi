@@ -34,6 +34,11 @@ from jaxpound.ground.plausibility import PlausibilityWarning as PlausibilityWarn
 from jaxpound.ground.reader import read_record as read_record
 from jaxpound.ground.record import Record as Record
 from jaxpound.ground.ricker import Ricker as Ricker
+from jaxpound.ground.scaling import ScaledSuite as ScaledSuite
+from jaxpound.ground.suite import RecordSuite as RecordSuite
+from jaxpound.ground.suite import read_suite as read_suite
+from jaxpound.ground.target import PeriodRange as PeriodRange
+from jaxpound.ground.target import TargetSpectrum as TargetSpectrum
 from jaxpound.model.building import Building as Building
 from jaxpound.model.contact import ContactLaw as ContactLaw
 from jaxpound.model.contact import Hertz as Hertz
@@ -62,6 +67,14 @@ from jaxpound.results.floors import floor_demands as floor_demands
 from jaxpound.results.response import Energy as Energy
 from jaxpound.results.response import Phase as Phase
 from jaxpound.results.response import Response as Response
+from jaxpound.risk.capacities import fit_capacities as fit_capacities
+from jaxpound.risk.cloud import Cloud as Cloud
+from jaxpound.risk.cloud import cloud_analysis as cloud_analysis
+from jaxpound.risk.cloud import fit_cloud as fit_cloud
+from jaxpound.risk.ida import IncrementalDynamicAnalysis as IncrementalDynamicAnalysis
+from jaxpound.risk.ida import incremental_dynamic_analysis as incremental_dynamic_analysis
+from jaxpound.risk.stripes import Stripes as Stripes
+from jaxpound.risk.stripes import multiple_stripes as multiple_stripes
 from jaxpound.simulation.batches import in_chunks as in_chunks
 from jaxpound.simulation.batches import use_cores as use_cores
 from jaxpound.simulation.buildings import simulate_buildings as simulate_buildings

@@ -32,6 +32,7 @@ WINGS = [
     {"units", "paper"},
     {"simulation"},
     {"study"},
+    {"risk"},
     {"design"},
     {"plots"},
     {""},  # the package itself: the public names, from wherever they are

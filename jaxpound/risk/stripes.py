@@ -1,0 +1,137 @@
+"""Multiple stripes: how often a demand is reached at each of several intensities."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike, Float, Int
+
+from jaxpound._tables import Shown, Table
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.suite import RecordSuite, as_suite
+from jaxpound.model.system import Structures
+from jaxpound.risk.shaking import levels
+from jaxpound.risk.suite_runs import REQUIRED_GAP, Asked, Demanded, SuiteRuns, demand_in_words
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.fragility import Fragility, fit_fragility
+from jaxpound.units import Scales
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Stripes(Shown):
+    """Demands of records at several intensities; ``multiple_stripes`` makes it."""
+
+    intensities: Float[np.ndarray, " k"]
+    demands: tuple[Float[np.ndarray, " n"], ...]
+    """Demands of the records at each intensity."""
+    threshold: float
+    demand: str = "demand"
+    """Name of the demand."""
+    measure: str = "intensity"
+    """The measure of intensity, with its unit."""
+    si: bool = False
+    """Whether demands are in SI units."""
+
+    @property
+    def pounding(self) -> Int[np.ndarray, " k"]:
+        """How many records reach the threshold at each intensity."""
+        return np.array([np.count_nonzero(one >= self.threshold) for one in self.demands])
+
+    @property
+    def trials(self) -> Int[np.ndarray, " k"]:
+        """Number of records at each intensity."""
+        return np.array([one.size for one in self.demands])
+
+    def fragility(self) -> Fragility:
+        """``fit_fragility`` of the counts (Baker 2015, eq. 11).
+
+        Raises
+        ------
+        ValueError
+            If the likelihood has no maximum, as ``fit_fragility`` says.
+        """
+        return fit_fragility(self.intensities, self.pounding, self.trials)
+
+    def _tables(self) -> list[Table]:
+        rows = [
+            (f"{im:.4g}", int(n), int(k), float(np.median(one)))
+            for im, n, k, one in zip(
+                self.intensities, self.trials, self.pounding, self.demands, strict=True
+            )
+        ]
+        words = demand_in_words(self.demand, self.si)
+        columns = (self.measure, "records", "reach the threshold", f"median {words}")
+        notes = [f"threshold {self.threshold:.4g}"]
+        return [Table("Multiple stripes", columns, rows, notes, digits=4)]
+
+
+def multiple_stripes(
+    structures: Structures,
+    records: Any,
+    grid: TimeGrid | None = None,
+    *,
+    intensities: ArrayLike,
+    measure: Any = "pga",
+    demand: Demanded = REQUIRED_GAP,
+    threshold: float | None = None,
+    scales: Scales | None = None,
+    scheme: Scheme = Scheme(),
+    strict: bool = False,
+) -> Stripes:
+    """The demands of records scaled to each of several intensities.
+
+    Parameters
+    ----------
+    records
+        A suite for all intensities, or a list with a suite for each of them: stronger shaking may
+        have other records.
+    intensities
+        Intensities > 0, rising, shape (k,).
+    structures, grid, measure, demand, threshold, scales, scheme, strict
+        As of ``incremental_dynamic_analysis``; ``measure`` is "pga" or a period where there are
+        several suites.
+
+    Returns
+    -------
+    Stripes
+        Its ``fragility()`` is fitted to the counts.
+
+    Raises
+    ------
+    ValueError
+        As ``incremental_dynamic_analysis``; if there is another number of suites than of
+        intensities.
+    """
+    owner = "multiple_stripes"
+    at = levels(owner, intensities)
+    several = isinstance(records, Sequence) and all(isinstance(x, RecordSuite) for x in records)
+    suites = [*records] if several else [as_suite(owner, records)] * at.size
+    if len(suites) != at.size:
+        raise ValueError(f"{owner}: {len(suites)} suites must be {at.size}, one an intensity")
+    together: dict[int, Any] = {}  # records that several suites share are kept once
+    for suite in suites:
+        together |= {id(record): record for record in suite}
+    numbers = {key: i for i, key in enumerate(together)}
+    which = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
+    highest = np.zeros(len(together))
+    for rows, level in zip(which, at, strict=True):
+        highest[rows] = level
+    asked = Asked(
+        structures,
+        tuple(together.values()),
+        grid,
+        measure,
+        demand,
+        threshold,
+        scales,
+        scheme,
+        strict,
+    )
+    runs = SuiteRuns.of(owner, asked, highest)
+    sizes = [rows.size for rows in which]
+    found = runs.demands(np.concatenate(which), np.repeat(at, sizes))
+    parts = np.split(found, np.cumsum(sizes)[:-1])
+    return Stripes(at, tuple(parts), runs.threshold, runs.demand, runs.intensity.words, runs.si)
