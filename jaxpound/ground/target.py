@@ -20,8 +20,8 @@ class PeriodRange(NamedTuple):
     --------
     >>> jp.PeriodRange.asce_7(0.9, 0.6)
     PeriodRange(low=0.12, high=1.8)
-    >>> jp.PeriodRange.en_1998(0.9)
-    PeriodRange(low=0.18000000000000002, high=1.8)
+    >>> jp.PeriodRange.en_1998(1.0)
+    PeriodRange(low=0.2, high=2.0)
     """
 
     low: float

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
+from jaxpound.plots import studies
 from jaxpound.plots.style import (
     COLOURS,
     in_house_style,
@@ -22,7 +23,7 @@ from jaxpound.plots.style import (
 from jaxpound.results.demand import in_words
 from jaxpound.risk.cloud import Cloud
 from jaxpound.risk.ida import FRACTILES, IncrementalDynamicAnalysis
-from jaxpound.risk.suite_runs import demand_kind
+from jaxpound.risk.suite_runs import OVERLAP, REQUIRED_GAP, demand_kind
 
 _STYLES = ("--", "-", "--")
 _DOTS = 40  # of a band's curve
@@ -61,6 +62,22 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     ax.set_ylim(0, im[-1])
     label(ax, words, in_symbols(analysis.measure))
     legend_above(ax, 3)
+    return ax
+
+
+@in_house_style
+def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes:
+    """Fragility of the capacities with its 95 % band, and their empirical distribution.
+
+    Raises
+    ------
+    ValueError
+        If it is no incremental dynamic analysis, or as ``IncrementalDynamicAnalysis.fragility``.
+    """
+    instance("fragility", "analysis", analysis, IncrementalDynamicAnalysis)
+    ax = studies.fragility(analysis.fragility(), ax, in_symbols(analysis.measure))
+    if analysis.demand not in (REQUIRED_GAP, OVERLAP):
+        ax.set_ylabel("probability of exceedance")
     return ax
 
 

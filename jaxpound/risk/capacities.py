@@ -58,7 +58,8 @@ class AsymptoticFragility(Fragility):
 
     def _tables(self) -> list[Table]:
         (table,) = super()._tables()
-        return [table._replace(notes=self._notes())]
+        title = table.title.replace("pounding", "threshold reached")
+        return [table._replace(title=title, notes=self._notes())]
 
     def _notes(self) -> list[str]:
         return [f"from {int(self.trials.max()):,} runs"]
@@ -118,9 +119,9 @@ def fit_capacities(capacities: ArrayLike, analysed: ArrayLike | None = None) -> 
     given = np.asarray(np.inf if analysed is None else analysed, float)
     limits = np.broadcast_to(given, known.shape)
     enforce(owner, [Rule("analysed", limits, limits > 0, "positive")])
-    z = np.sort(np.log(known[reached]))
-    n, m = known.size, z.size
-    if m < 2 or z[0] == z[-1]:
+    sure = np.sort(known[reached])
+    n, m = known.size, sure.size
+    if m < 2 or sure[0] == sure[-1]:
         what = "equal" if m > 1 else f"known of {m} of {n}"
         raise ValueError(f"{owner}: capacities must differ, of at least 2 records; they are {what}")
     y = np.where(reached, np.log(known), np.log(limits))
@@ -129,7 +130,7 @@ def fit_capacities(capacities: ArrayLike, analysed: ArrayLike | None = None) -> 
         float(np.exp(line.coefficients[0])),
         line.sigma,
         line.covariance,
-        np.exp(z),
+        sure,
         np.arange(1, m + 1),
         np.full(m, n),
         True,
