@@ -34,8 +34,8 @@ from jaxpound.ground.plausibility import PlausibilityWarning as PlausibilityWarn
 from jaxpound.ground.reader import read_record as read_record
 from jaxpound.ground.record import Record as Record
 from jaxpound.ground.ricker import Ricker as Ricker
-from jaxpound.ground.scaling import ScaledSuite as ScaledSuite
 from jaxpound.ground.suite import RecordSuite as RecordSuite
+from jaxpound.ground.suite import ScaledSuite as ScaledSuite
 from jaxpound.ground.suite import read_suite as read_suite
 from jaxpound.ground.target import PeriodRange as PeriodRange
 from jaxpound.ground.target import TargetSpectrum as TargetSpectrum

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, count, enforce, instance, is_traced, positive, real
 from jaxpound._tables import Shown, Table
@@ -18,7 +18,7 @@ from jaxpound.ground.intensity import spectra
 from jaxpound.ground.plausibility import tell
 from jaxpound.ground.reader import read_record
 from jaxpound.ground.record import Record
-from jaxpound.ground.scaling import OWNER, Bounds, ScaledSuite, fitted_factors, misfit, raised
+from jaxpound.ground.scaling import OWNER, Bounds, fitted_factors, misfit, raised
 from jaxpound.ground.target import PeriodRange, TargetSpectrum
 
 PERIODS = 100
@@ -90,8 +90,8 @@ class RecordSuite(Shown):
         return self.records[0].time_unit
 
     @property
-    def pgas(self) -> Float[np.ndarray, " n"]:
-        """Peak ground acceleration of each record, g."""
+    def pgas(self) -> np.ndarray:
+        """Peak ground acceleration of each record, g, shape (n,)."""
         return np.array([float(np.abs(record.samples).max()) for record in self.records])
 
     def __len__(self) -> int:
@@ -113,8 +113,8 @@ class RecordSuite(Shown):
         """The suite of some of the records, by their numbers from 0."""
         return RecordSuite(tuple(self.records[int(i)] for i in numbers))
 
-    def spectra(self, periods: ArrayLike, damping: float = 0.05) -> Float[np.ndarray, "n m"]:
-        """Spectral acceleration of each record, g, as ``spectral_acceleration`` finds it.
+    def spectra(self, periods: ArrayLike, damping: float = 0.05) -> np.ndarray:
+        """``spectral_acceleration`` of each record at each period, g, shape (n, m).
 
         Parameters
         ----------
@@ -258,6 +258,76 @@ class RecordSuite(Shown):
         ]
         columns = ("record", "samples", f"interval ({unit})", f"duration ({unit})", "PGA (g)")
         return [Table(f"{len(self)} records", columns, rows, digits=4)]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ScaledSuite(Shown):
+    """Records scaled to a target spectrum; ``RecordSuite.scaled_to`` makes it."""
+
+    suite: RecordSuite
+    """The scaled records."""
+    factors: np.ndarray
+    """Factor of each record, shape (n,)."""
+    target: TargetSpectrum
+    range: PeriodRange
+    """In which the spectra were to meet."""
+    periods: np.ndarray
+    """Periods at which they were compared, evenly spaced in the logarithm, shape (m,)."""
+    accelerations: np.ndarray
+    """Spectral acceleration of each scaled record at them, g, shape (n, m)."""
+    bounds: tuple[float, float]
+    """Of the factors."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Arithmetic mean of the scaled records' spectra, g, shape (m,): that of the codes."""
+        return np.asarray(self.accelerations.mean(axis=0))
+
+    @property
+    def misfits(self) -> np.ndarray:
+        """Root mean square of ln(record / target) over the periods, of each record, shape (n,)."""
+        return misfit(np.log(self.accelerations / self.target.at(self.periods)))
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of ln(mean spectrum / target) over the periods."""
+        return float(misfit(np.log(self.mean / self.target.at(self.periods))))
+
+    @property
+    def least_ratio(self) -> float:
+        """Smallest ratio of the mean spectrum to the target; codes ask for at least 0.9."""
+        return float((self.mean / self.target.at(self.periods)).min())
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of the records whose factor is at one of the bounds."""
+        low, high = self.bounds
+        at = (self.factors <= low * (1 + 1e-12)) | (self.factors >= high * (1 - 1e-12))
+        return tuple(name for name, held in zip(self.suite.names, at, strict=True) if held)
+
+    def findings(self) -> list[str]:
+        """That factors are at a bound, in words; none if all are within."""
+        if not self.at_bound:
+            return []
+        listed = ", ".join(self.at_bound)
+        low, high = self.bounds
+        return [f"factors of {listed} are at a bound, {low:g} or {high:g}: they fit less well"]
+
+    def _tables(self) -> list[Table]:
+        low, high = self.range
+        rows = [
+            (name, factor, off, "at a bound" if name in self.at_bound else "")
+            for name, factor, off in zip(self.suite.names, self.factors, self.misfits, strict=True)
+        ]
+        name = f" {self.target.name!r}" if self.target.name else ""
+        notes = [
+            f"misfit: root mean square of ln(spectrum / target), periods {low:.4g} to {high:.4g}",
+            f"mean of the suite: misfit {self.misfit:.4g}, at least {self.least_ratio:.4g} of the "
+            "target",
+            *self.findings(),
+        ]
+        columns = ("record", "factor", "misfit", "")
+        return [Table(f"Scaled to the target spectrum{name}", columns, rows, notes, digits=4)]
 
 
 def read_suite(

@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
 from jaxpound.ground.motion import SECONDS
-from jaxpound.ground.scaling import ScaledSuite
-from jaxpound.ground.suite import RecordSuite
+from jaxpound.ground.suite import RecordSuite, ScaledSuite
 from jaxpound.ground.target import PeriodRange, TargetSpectrum
 from jaxpound.plots.style import (
     COLOURS,

@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy.special import log_ndtr
 
 
-class Line(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Line:
     """y = x · coefficients + ε with a normal ε, and the covariance of coefficients and σ."""
 
-    coefficients: Float[np.ndarray, " p"]
+    coefficients: np.ndarray
+    """Shape (p,)."""
     sigma: float
-    covariance: Float[np.ndarray, "p+1 p+1"]
-    """Of the coefficients and, last, σ."""
+    """Standard deviation of ε."""
+    covariance: np.ndarray
+    """Of the coefficients and, last, σ; shape (p + 1, p + 1)."""
 
 
-def regression(
-    x: Float[np.ndarray, "n p"], y: Float[np.ndarray, " n"], censored: Bool[np.ndarray, " n"]
-) -> Line:
-    """A linear regression; where ``censored``, y is a lower bound.
+def regression(x: np.ndarray, y: np.ndarray, censored: np.ndarray) -> Line:
+    """A linear regression of y, shape (n,), on x, shape (n, p); if ``censored``, y is a bound.
 
     Without such bounds least squares, with σ² from n − p degrees of freedom. With them the maximum
     of the likelihood of Tobin (1958), by Newton's method in (1/σ, coefficients/σ), in which its
-    logarithm is concave (Olsen 1978). At least p + 1 numbers must be known.
+    logarithm is concave (Olsen 1978). At least p + 1 numbers must be known; where these lie on a
+    line exactly, σ is 0 whatever the bounds.
     """
     inner, outer = ~censored, censored
     start, *_ = np.linalg.lstsq(x[inner], y[inner], rcond=None)
     n, p = inner.sum(), x.shape[1]
     sigma = float(np.sqrt(np.sum((y[inner] - x[inner] @ start) ** 2) / (n - p)))
-    if not outer.any():
+    if not outer.any() or sigma == 0:
         covariance = np.zeros((p + 1, p + 1))
         covariance[:p, :p] = sigma**2 * np.linalg.inv(x.T @ x)
         covariance[p, p] = sigma**2 / (2 * (n - p))

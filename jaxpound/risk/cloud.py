@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, positive
 from jaxpound._tables import Shown, Table
@@ -17,6 +17,8 @@ from jaxpound.risk.censored import Line, regression
 from jaxpound.risk.suite_runs import REQUIRED_GAP, Asked, Demanded, SuiteRuns, demand_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
+
+_LEAST_SIGMA = 1e-9  # below it σ is the rounding of a power law
 
 
 class CloudFragility(AsymptoticFragility):
@@ -31,12 +33,12 @@ class CloudFragility(AsymptoticFragility):
 class Cloud(Shown):
     """Demands of records and their regression, ln demand = a + b ln im + ε, ε normal."""
 
-    intensity: Float[np.ndarray, " n"]
-    """Intensity of each record."""
-    demand: Float[np.ndarray, " n"]
-    """Demand of each record, or the bound that it is known to reach."""
-    censored: Bool[np.ndarray, " n"]
-    """Whether only a bound is known."""
+    intensity: np.ndarray
+    """Intensity of each record, shape (n,)."""
+    demand: np.ndarray
+    """Demand of each record, or the bound that it is known to reach, shape (n,)."""
+    censored: np.ndarray
+    """Whether only a bound is known, shape (n,)."""
     line: Line
     """a, b and the standard deviation σ of ε, with their covariance."""
     name: str = "demand"
@@ -165,6 +167,8 @@ def fit_cloud(intensity: ArrayLike, demand: ArrayLike, limit: ArrayLike | None =
         raise ValueError(f"{owner}: demand must hold {rule}")
     y = np.minimum(y, bound)
     line = regression(np.column_stack([np.ones_like(im), np.log(im)]), np.log(y), censored)
+    rule = "positive: demands that are a power of the intensity leave nothing to estimate"
+    enforce(owner, [Rule("dispersion σ", line.sigma, line.sigma > _LEAST_SIGMA, rule)])
     return Cloud(im, y, censored, line)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, hint, number
 from jaxpound._tables import Shown, Table
@@ -34,15 +34,15 @@ class IncrementalDynamicAnalysis(Shown):
 
     names: tuple[str, ...]
     """Of the records."""
-    unscaled: Float[np.ndarray, " n"]
-    """Intensity of each record as it is."""
-    intensities: Float[np.ndarray, " k"]
-    """To which all records were scaled."""
-    demands: Float[np.ndarray, "n k"]
-    """Demand of each record at each intensity."""
-    capacities: Float[np.ndarray, " n"]
-    """Intensity at which the demand of each record first reaches the threshold; infinite where it
-    does not up to the highest."""
+    unscaled: np.ndarray
+    """Intensity of each record as it is, shape (n,)."""
+    intensities: np.ndarray
+    """To which all records were scaled, shape (k,)."""
+    demands: np.ndarray
+    """Demand of each record at each intensity, shape (n, k)."""
+    capacities: np.ndarray
+    """Intensity at which each record first reaches the threshold, shape (n,); infinite where none
+    does."""
     threshold: float
     """In the unit of the demand."""
     demand: str
@@ -53,8 +53,8 @@ class IncrementalDynamicAnalysis(Shown):
     """Whether demands are in SI units."""
 
     @property
-    def factors(self) -> Float[np.ndarray, " n"]:
-        """Factor of each record, as it is, at which it first reaches the threshold."""
+    def factors(self) -> np.ndarray:
+        """Factor of each record, as it is, at which it first reaches the threshold, shape (n,)."""
         return self.capacities / self.unscaled
 
     @property
@@ -73,8 +73,11 @@ class IncrementalDynamicAnalysis(Shown):
         back = np.flatnonzero((after & ~reached).any(axis=1))
         return tuple(self.names[i] for i in back)
 
-    def fractiles(self, shares: Sequence[float] = FRACTILES) -> Float[np.ndarray, "m k"]:
-        """Demands that so large shares of the records do not exceed, at each intensity."""
+    def fractiles(self, shares: Sequence[float] = FRACTILES) -> np.ndarray:
+        """Demands that so many of the records do not exceed at each intensity, shape (m, k).
+
+        ``shares`` are m numbers from 0 to 1.
+        """
         return np.quantile(self.demands, shares, axis=0)
 
     def fragility(self) -> CapacityFragility:

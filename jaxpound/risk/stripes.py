@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Float, Int
+from jaxtyping import ArrayLike
 
 from jaxpound._tables import Shown, Table
 from jaxpound.grid import TimeGrid
@@ -24,9 +24,10 @@ from jaxpound.units import Scales
 class Stripes(Shown):
     """Demands of records at several intensities; ``multiple_stripes`` makes it."""
 
-    intensities: Float[np.ndarray, " k"]
-    demands: tuple[Float[np.ndarray, " n"], ...]
-    """Demands of the records at each intensity."""
+    intensities: np.ndarray
+    """Rising, shape (k,)."""
+    demands: tuple[np.ndarray, ...]
+    """Demands of the records at each intensity, k arrays of shape (n,)."""
     threshold: float
     demand: str = "demand"
     """Name of the demand."""
@@ -36,13 +37,13 @@ class Stripes(Shown):
     """Whether demands are in SI units."""
 
     @property
-    def pounding(self) -> Int[np.ndarray, " k"]:
-        """How many records reach the threshold at each intensity."""
+    def pounding(self) -> np.ndarray:
+        """How many records reach the threshold at each intensity, shape (k,)."""
         return np.array([np.count_nonzero(one >= self.threshold) for one in self.demands])
 
     @property
-    def trials(self) -> Int[np.ndarray, " k"]:
-        """Number of records at each intensity."""
+    def trials(self) -> np.ndarray:
+        """Number of records at each intensity, shape (k,)."""
         return np.array([one.size for one in self.demands])
 
     def fragility(self) -> Fragility:

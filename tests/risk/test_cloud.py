@@ -81,9 +81,11 @@ def test_records_as_they_are():
         (lambda: jp.fit_cloud([1.0] * 3, [1.0, 2.0, 3.0]), "of different intensity"),
         (lambda: jp.fit_cloud(IM, DEMAND, 1e-6), "below the limit"),
         (lambda: jp.fit_cloud(IM, DEMAND[:2]), r"intensity \(400,\) and demand \(2,\)"),
+        (lambda: jp.fit_cloud(IM, 0.1 * IM**2), "σ = .* must be positive: demands that are a"),
+        (lambda: jp.fit_cloud(IM, 0.1 * IM**2, 0.05), "σ = .* must be positive"),
         (lambda: jp.fit_cloud(IM, -DEMAND), "demand = .* must be positive"),
         (lambda: jp.fit_cloud(IM, DEMAND).fragility(), "threshold = None must be a number"),
-        (lambda: jp.fit_cloud(IM, 1 / IM).fragility(1.0), "slope b = -1 must be positive"),
+        (lambda: jp.fit_cloud(IM, 1 / DEMAND).fragility(1.0), "slope b = -1.* must be positive"),
     ],
 )
 def test_wrong_arguments(call, words):
