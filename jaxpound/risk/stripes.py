@@ -11,6 +11,7 @@ from jaxtyping import ArrayLike
 
 from jaxpound._tables import Shown, Table
 from jaxpound.grid import TimeGrid
+from jaxpound.ground.record import Record
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures
 from jaxpound.risk.shaking import levels
@@ -69,6 +70,24 @@ class Stripes(Shown):
         return [Table("Multiple stripes", columns, rows, notes, digits=4)]
 
 
+def _together(
+    suites: Sequence[RecordSuite], at: np.ndarray
+) -> tuple[tuple[Record, ...], list[np.ndarray]]:
+    """All records of several suites, those that they share once, and the numbers of each suite's.
+
+    A record may have the name of another one, as one that is scaled to several targets has.
+    """
+    numbers: dict[int, int] = {}
+    every: dict[str, Record] = {}
+    for suite, level in zip(suites, at, strict=True):
+        for record in suite:
+            if id(record) not in numbers:
+                numbers[id(record)] = len(every)
+                name = f"{record.name} at {level:g}" if record.name in every else record.name
+                every[name] = Record(record.samples, record.dt, name, record.time_unit)
+    return tuple(every.values()), [np.array([numbers[id(one)] for one in x]) for x in suites]
+
+
 def multiple_stripes(
     structures: Structures,
     records: Any,
@@ -112,25 +131,11 @@ def multiple_stripes(
     suites = [*records] if several else [as_suite(owner, records)] * at.size
     if len(suites) != at.size:
         raise ValueError(f"{owner}: {len(suites)} suites must be {at.size}, one an intensity")
-    together: dict[int, Any] = {}  # records that several suites share are kept once
-    for suite in suites:
-        together |= {id(record): record for record in suite}
-    numbers = {key: i for i, key in enumerate(together)}
-    which = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
-    highest = np.zeros(len(together))
+    every, which = _together(suites, at)
+    highest = np.zeros(len(every))
     for rows, level in zip(which, at, strict=True):
         highest[rows] = level
-    asked = Asked(
-        structures,
-        tuple(together.values()),
-        grid,
-        measure,
-        demand,
-        threshold,
-        scales,
-        scheme,
-        strict,
-    )
+    asked = Asked(structures, every, grid, measure, demand, threshold, scales, scheme, strict)
     runs = SuiteRuns.of(owner, asked, highest)
     sizes = [rows.size for rows in which]
     found = runs.demands(np.concatenate(which), np.repeat(at, sizes))

@@ -81,7 +81,9 @@ class SuiteRuns:
         system = system_of(owner, structures)
         instance(owner, "scheme", scheme, Scheme)
         shaking = dimensionless_suite(owner, suite, scales)
-        grid = asked.grid or grid_for(owner, structures, suite, scales, scheme)
+        grid = asked.grid
+        if grid is None:
+            grid = grid_for(owner, structures, suite, scales, scheme)
         instance(owner, "grid", grid, TimeGrid)
         require_stable(system, grid, scheme)
         name, limit = _limit(owner, structures, asked)

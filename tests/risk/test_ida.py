@@ -174,6 +174,12 @@ def test_wrong_arguments_are_named(changed, words):
         analysed(**changed)
 
 
+def test_runs_that_end_in_no_number_are_named():
+    words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
+    with pytest.raises(FloatingPointError, match=words):
+        analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
+
+
 def test_records_that_do_not_go_on_one_grid_are_named():
     fine = jp.Record(np.full(100, 0.1), 1e-5, "fine")
     long = jp.Record(np.full(100, 0.1), 1.0, "long")

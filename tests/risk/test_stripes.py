@@ -31,6 +31,9 @@ def test_each_intensity_may_have_its_own_records(linear):
     np.testing.assert_array_equal(found.trials, [3, 2, 3, 1])
     np.testing.assert_allclose(found.demands[1], linear.demands[[0, 2], 1], rtol=1e-12)
     np.testing.assert_allclose(found.demands[3], linear.demands[[1], 3], rtol=1e-12)
+    scaled = [SUITE, SUITE.scaled(2.0), SUITE.scaled(3.0), SUITE]  # of the same names
+    again = striped(scaled)
+    np.testing.assert_allclose(np.transpose(again.demands), linear.demands, rtol=1e-9)
     with pytest.raises(ValueError, match="2 suites must be 4, one an intensity"):
         striped(suites[:2])
 
