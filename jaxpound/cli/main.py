@@ -1,4 +1,4 @@
-"""Command line: ``jaxpound paper``, ``simulate``, ``montecarlo``, ``report`` and ``design``.
+"""Command line: ``jaxpound paper``, ``simulate``, ``montecarlo``, ``report``, ``design``, ``ida``.
 
 JAX, and what needs it, is imported only if the arguments are valid, matplotlib only to draw
 figures, so that help and error messages come at once.
@@ -71,6 +71,8 @@ def _command(name: str) -> Callable[[argparse.Namespace], None]:
             from jaxpound.cli.montecarlo import run
         case "report":
             from jaxpound.cli.report import run
+        case "ida":
+            from jaxpound.cli.ida import run
         case _:
             from jaxpound.cli.design import run
     return run
@@ -162,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"jaxpound {jp.__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_add_paper, _add_simulate, _add_montecarlo, _add_report, _add_design):
+    for add in _COMMANDS:
         add(commands)
     return parser
 
@@ -254,6 +256,23 @@ def _add_design(commands: Any) -> None:
     words = "keep the search's state there, and go on from it where it was stopped"
     _add_path(design, "--save", words)
     _add_strict(design)
+
+
+def _add_ida(commands: Any) -> None:
+    ida = _add_command(
+        commands,
+        "ida",
+        summary="an incremental dynamic analysis: records scaled up until buildings pound",
+        example="jaxpound ida --example-config > ida.toml\n  jaxpound ida ida.toml --out results",
+    )
+    _add_out(ida)
+    _add_path(ida, "config", "buildings, records and intensities", "CONFIG.toml")
+    _add_example(ida, "print an example analysis and exit")
+    _add_strict(ida)
+
+
+_COMMANDS = (_add_paper, _add_simulate, _add_montecarlo, _add_report, _add_design, _add_ida)
+"""In the order of the help."""
 
 
 def _add_command(commands: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:

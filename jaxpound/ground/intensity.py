@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.integrate import trapezoid
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, number
 from jaxpound._extrema import larger, peak
@@ -100,11 +102,50 @@ def spectral_acceleration(
     ]
     enforce(owner, rules)
     a, h = samples_of(ground, grid)
-    if is_traced((period, h)) or np.min(period) < 4 * h:
-        a, h = _between(a, 4), h / 4
+    parts = _SHORT_PARTS if is_traced((period, h)) or np.min(period) < _SHORT * h else 1
+    found = _pseudo_acceleration(_between(a, parts), h / parts, period, damping)
+    return jnp.where(all_hold(rules), found, jnp.nan)
+
+
+def spectra(
+    records: Sequence[Record], periods: ArrayLike, damping: float = 0.05
+) -> Float[np.ndarray, "n m"]:
+    """``spectral_acceleration`` of n records at m periods, by one program.
+
+    Records may be of different lengths and sample intervals; all are in one unit of time, as the
+    periods, shape (m,), are.
+    """
+    sizes = np.array([record.n_samples for record in records])
+    samples = np.stack(
+        [np.pad(record.samples, (0, sizes.max() - record.n_samples)) for record in records]
+    )
+    intervals = np.array([float(record.dt) for record in records])
+    at = np.asarray(periods, float)
+    parts = _SHORT_PARTS if at.min() < _SHORT * intervals.max() else 1
+    return np.asarray(_spectra(samples, intervals, sizes, at, damping, parts))
+
+
+@partial(jax.jit, static_argnames="parts")
+def _spectra(
+    samples: Any, intervals: Any, sizes: Any, periods: Any, damping: Any, parts: int
+) -> jax.Array:
+    def of_record(one: Any) -> jax.Array:
+        a, h, n = one
+        a, h, last = _between(a, parts), h / parts, (n - 1) * parts
+        return jax.vmap(lambda period: _pseudo_acceleration(a, h, period, damping, last))(periods)
+
+    # One after the other: the motions of all records would not fit into the memory.
+    return jax.lax.map(of_record, (samples, intervals, sizes))
+
+
+# Periods below so many sample intervals are found on so many parts of each.
+_SHORT, _SHORT_PARTS = 4, 4
+
+
+def _pseudo_acceleration(a: Any, h: Any, period: Any, damping: Any, last: Any = None) -> Any:
     w = 2 * jnp.pi / period
-    largest = _largest_displacement(_Oscillator(w, damping, w * jnp.sqrt(1 - damping**2), h), a)
-    return jnp.where(all_hold(rules), w**2 * largest, jnp.nan)
+    oscillator = _Oscillator(w, damping, w * jnp.sqrt(1 - damping**2), h)
+    return w**2 * _largest_displacement(oscillator, a, last)
 
 
 class _Oscillator(NamedTuple):
@@ -134,8 +175,11 @@ class _Oscillator(NamedTuple):
         return free_x + lag - (start + s * t) / w**2, free_v - s / w**2
 
 
-def _largest_displacement(oscillator: _Oscillator, a: jax.Array) -> jax.Array:
-    """Largest |x| from rest under a ground acceleration of straight lines between samples a."""
+def _largest_displacement(oscillator: _Oscillator, a: jax.Array, last: Any) -> jax.Array:
+    """Largest |x| from rest under a ground acceleration of straight lines between samples a.
+
+    What comes after sample ``last``, if it is given, is not counted.
+    """
     w, zeta, _, h = oscillator
     whole = oscillator.waves(h)
 
@@ -153,7 +197,8 @@ def _largest_displacement(oscillator: _Oscillator, a: jax.Array) -> jax.Array:
     place = jnp.where(turns, v0 / jnp.where(turns, v0 - v1, 1.0), 1.0)
     rise, run = place**2 * (3 - 2 * place), place * (1 - place) * h
     about = x0 + rise * (x1 - x0) + run * ((1 - place) * v0 - place * v1)
-    i = jnp.argmax(jnp.where(turns, jnp.abs(about), jnp.maximum(jnp.abs(x0), jnp.abs(x1))))
+    size = jnp.where(turns, jnp.abs(about), jnp.maximum(jnp.abs(x0), jnp.abs(x1)))
+    i = jnp.argmax(size if last is None else jnp.where(jnp.arange(x0.size) < last, size, -1.0))
     state, ends = (x0[i], v0[i]), (a[i], a[i + 1])
 
     def improved(t: Any) -> Any:

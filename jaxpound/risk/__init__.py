@@ -1,4 +1,4 @@
-"""Rare events: how improbable it is that a demand is reached, and by which earthquakes it is.
+"""Risk: how improbable it is that a demand is reached, and by which shaking it is.
 
 ``limit_state`` defines the event and ``rare_event`` is the result of every method. ``run`` begins a
 ``search``: ``design_points`` at many ``instants``, a ``mixture`` around them, and ``sampling`` from
@@ -7,4 +7,7 @@ from a probability to parameters of the structures.
 
 ``hazard`` is a site's hazard curve, ``hazard_files`` reads it and ``hazard_intensity`` draws from
 it; ``annual_rate`` is what follows for pounding, and ``hazard_gap`` for the gap.
+
+``ida`` scales the records of a suite until a demand is reached; ``stripes`` and ``cloud`` are the
+other two ways from records to a fragility; ``capacities`` fits one to capacities.
 """

@@ -1,0 +1,104 @@
+"""Figures of suites of records: axes in, axes out, in the common style."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jaxpound._checks import instance
+from jaxpound.ground.motion import SECONDS
+from jaxpound.ground.suite import RecordSuite, ScaledSuite
+from jaxpound.ground.target import PeriodRange, TargetSpectrum
+from jaxpound.plots.style import (
+    COLOURS,
+    in_house_style,
+    label,
+    legend_above,
+    new_axes,
+    ratio_ticks,
+    shade,
+    unit_for,
+)
+
+_POINTS = 100
+
+
+@in_house_style
+def spectra(
+    suite: RecordSuite | ScaledSuite,
+    ax: Axes | None = None,
+    target: TargetSpectrum | None = None,
+    periods: Sequence[float] | None = None,
+    damping: float = 0.05,
+) -> Axes:
+    """Spectra of a suite's records, their mean and a target, over the period, both logarithmic.
+
+    Parameters
+    ----------
+    suite
+        The records; of a ``ScaledSuite`` the scaled ones, with its target, whose range of periods
+        is shaded, and 90 % of it there, below which codes do not want the mean.
+    ax
+        Where to draw.
+    target
+        The target spectrum; by default that of a ``ScaledSuite``, else none.
+    periods
+        Natural periods > 0 in the records' unit of time; by default 100 over the target's range, or
+        half as low and twice as high as the range of a ``ScaledSuite``, but no lower than two
+        sample intervals.
+    damping
+        Damping ratio of the spectra; if there is a target, its.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of another type or breaks its rule.
+    """
+    instance("spectra", "suite", suite, RecordSuite, ScaledSuite)
+    records, span = (suite.suite, suite.range) if isinstance(suite, ScaledSuite) else (suite, None)
+    if isinstance(suite, ScaledSuite):
+        target = target or suite.target
+    ax = new_axes(ax)
+    at = _periods(records, target, span) if periods is None else np.asarray(periods, float)
+    found = records.spectra(at, damping if target is None else target.damping)
+    for i, one in enumerate(found):
+        name = f"{len(found)} records" if i == 0 else "_record"
+        ax.plot(at, one, color=COLOURS["residual"], alpha=0.5, linewidth=0.6, label=name)
+    ax.plot(at, found.mean(axis=0), color=COLOURS["damper"], label="their mean")
+    if target is not None:
+        inside = (at >= target.periods[0]) & (at <= target.periods[-1])
+        ax.plot(at[inside], target.at(at[inside]), color=COLOURS["ground"], label="target")
+        if span is not None:
+            within = np.geomspace(*span, _POINTS)
+            ax.plot(
+                within, 0.9 * target.at(within), ":", color=COLOURS["ground"], label="90 % of it"
+            )
+    if span is not None:
+        ax.axvspan(*span, label="period range", **(shade("stick") | {"alpha": 0.15}))
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(at[0], at[-1])
+    ratio_ticks(ax.xaxis)
+    ratio_ticks(ax.yaxis)
+    unit = unit_for("time", records.time_unit == SECONDS, 0.0)[1]
+    zeta = damping if target is None else target.damping
+    label(ax, f"natural period $T$ ({unit})", f"$S_a$ at {100 * zeta:.3g} % damping ($g$)")
+    lowest = found.mean(axis=0).min() if target is None else target.accelerations.min()
+    ax.set_ylim(bottom=lowest / 5)
+    legend_above(ax, 3)
+    return ax
+
+
+def _periods(
+    suite: RecordSuite, target: TargetSpectrum | None, span: PeriodRange | None
+) -> np.ndarray:
+    """The periods at which spectra are drawn."""
+    shortest = 2 * max(float(record.dt) for record in suite)
+    low, high = 0.05, 5.0
+    if span is not None:
+        low, high = span[0] / 2, 2 * span[1]
+    elif target is not None:
+        low, high = float(target.periods[target.periods > 0][0]), float(target.periods[-1])
+    return np.geomspace(max(low, min(shortest, high / 2)), high, _POINTS)

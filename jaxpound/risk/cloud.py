@@ -1,0 +1,214 @@
+"""Cloud analysis: demands of records as they are, regressed on their intensity."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from jaxpound._checks import Rule, enforce, positive
+from jaxpound._tables import Shown, Table
+from jaxpound.grid import TimeGrid
+from jaxpound.model.system import Structures
+from jaxpound.risk.capacities import AsymptoticFragility
+from jaxpound.risk.censored import Line, regression
+from jaxpound.risk.suite_runs import REQUIRED_GAP, Asked, Demanded, SuiteRuns, demand_in_words
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.units import Scales
+
+_LEAST_SIGMA = 1e-9  # below it σ is the rounding of a power law
+
+
+class CloudFragility(AsymptoticFragility):
+    """A ``Fragility`` from the regression of a cloud; its data are the cloud's."""
+
+    def _notes(self) -> list[str]:
+        n, k = len(self.intensity), int(self.pounding.sum())
+        return [f"from the regression of {n} demands, {k} of them at least the threshold"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Shown):
+    """Demands of records and their regression, ln demand = a + b ln im + ε, ε normal."""
+
+    intensity: np.ndarray
+    """Intensity of each record, shape (n,)."""
+    demand: np.ndarray
+    """Demand of each record, or the bound that it is known to reach, shape (n,)."""
+    censored: np.ndarray
+    """Whether only a bound is known, shape (n,)."""
+    line: Line
+    """a, b and the standard deviation σ of ε, with their covariance."""
+    name: str = "demand"
+    """Name of the demand."""
+    measure: str = "intensity"
+    """The measure of intensity, with its unit."""
+    si: bool = False
+    """Whether demands are in SI units."""
+    threshold: float | None = None
+    """That of the analysis, in the demand's unit, if there was one."""
+
+    @property
+    def intercept(self) -> float:
+        """a, the logarithm of the median demand at intensity 1."""
+        return float(self.line.coefficients[0])
+
+    @property
+    def slope(self) -> float:
+        """b; 1 where the demand is proportional to the intensity."""
+        return float(self.line.coefficients[1])
+
+    @property
+    def dispersion(self) -> float:
+        """σ, standard deviation of ln demand at an intensity."""
+        return self.line.sigma
+
+    def median(self, intensity: ArrayLike) -> np.ndarray:
+        """Median demand e^a im^b at intensities > 0, of their shape."""
+        return np.asarray(np.exp(self.intercept) * np.asarray(intensity, float) ** self.slope)
+
+    def fragility(self, threshold: float | None = None) -> CloudFragility:
+        """Probability that the demand reaches a threshold, over intensity.
+
+        θ = (threshold / e^a)^(1/b) and β = σ / b; their covariance follows from the regression's.
+
+        Parameters
+        ----------
+        threshold
+            In the demand's unit, > 0; by default that of the analysis.
+
+        Raises
+        ------
+        ValueError
+            If there is no threshold or it is not positive, or the demand does not grow with the
+            intensity.
+        """
+        owner = "Cloud.fragility"
+        threshold = self.threshold if threshold is None else threshold
+        if threshold is None:
+            raise ValueError(f"{owner}: threshold = None must be a number: the cloud has none")
+        positive(owner, threshold=threshold)
+        a, b, sigma = self.intercept, self.slope, self.dispersion
+        enforce(owner, [Rule("slope b", b, b > 0, "positive: the demand grows with intensity")])
+        log_median = (np.log(threshold) - a) / b
+        to = np.array([[-1 / b, -log_median / b, 0.0], [0.0, -sigma / b**2, 1 / b]])
+        return CloudFragility(
+            float(np.exp(log_median)),
+            sigma / b,
+            to @ self.line.covariance @ to.T,
+            self.intensity,
+            (self.demand >= threshold).astype(int),
+            np.ones(len(self.intensity), int),
+            False,
+        )
+
+    def _tables(self) -> list[Table]:
+        errors = np.sqrt(np.diag(self.line.covariance))
+        values = (self.intercept, self.slope, self.dispersion)
+        names = ("intercept a", "slope b", "dispersion σ")
+        n, bounds = len(self.intensity), int(self.censored.sum())
+        notes = [f"{demand_in_words(self.name, self.si)} of {n} records over {self.measure}"]
+        notes += [f"of {bounds} only a lower bound is known"] if bounds else []
+        rows = list(zip(names, values, map(float, errors), strict=True))
+        title = "Cloud: ln demand = a + b ln im + ε"
+        return [Table(title, ("", "value", "standard error"), rows, notes, digits=4)]
+
+
+def fit_cloud(intensity: ArrayLike, demand: ArrayLike, limit: ArrayLike | None = None) -> Cloud:
+    """Regression of the logarithm of a demand on that of intensity (Cornell et al. 2002).
+
+    Parameters
+    ----------
+    intensity
+        Intensities > 0, shape (n,), such as ``study["pga"]``.
+    demand
+        Demands > 0, shape (n,), such as ``study["required_gap"]``.
+    limit
+        Above it a demand is only known to be at least the limit, as where a run has no meaning
+        any more; a number or shape (n,). By default there is none.
+
+    Returns
+    -------
+    Cloud
+        Its ``fragility(threshold)`` is the probability of reaching a threshold.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, a number is not positive and finite, all intensities are equal, or fewer
+        than three demands are below the limit.
+
+    Examples
+    --------
+    >>> im, gaps = [0.1, 0.2, 0.4, 0.8], [0.01, 0.03, 0.05, 0.12]
+    >>> cloud = jp.fit_cloud(im, gaps)
+    >>> round(cloud.slope, 3), round(cloud.dispersion, 3)
+    (1.149, 0.17)
+    >>> curve = cloud.fragility(threshold=0.05)
+    >>> round(curve.median, 3), round(curve.dispersion, 3)
+    (0.371, 0.148)
+    """
+    owner = "fit_cloud"
+    known = positive(owner, intensity=intensity, demand=demand)
+    im, y = (np.asarray(x, float) for x in known)
+    if im.ndim != 1 or y.shape != im.shape:
+        raise ValueError(f"{owner}: intensity {im.shape} and demand {y.shape} must be (n,)")
+    bound = np.full(im.shape, np.inf)
+    if limit is not None:
+        (above,) = positive(owner, limit=limit)
+        if np.shape(above) not in ((), im.shape):
+            raise ValueError(f"{owner}: limit of shape {np.shape(above)} must be {im.shape}")
+        bound = np.broadcast_to(above, im.shape)
+    censored = y >= bound
+    if (~censored).sum() < 3 or np.ptp(im[~censored]) == 0:
+        rule = "those of at least 3 records of different intensity, below the limit"
+        raise ValueError(f"{owner}: demand must hold {rule}")
+    y = np.minimum(y, bound)
+    line = regression(np.column_stack([np.ones_like(im), np.log(im)]), np.log(y), censored)
+    rule = "positive: demands that are a power of the intensity leave nothing to estimate"
+    enforce(owner, [Rule("dispersion σ", line.sigma, line.sigma > _LEAST_SIGMA, rule)])
+    return Cloud(im, y, censored, line)
+
+
+def cloud_analysis(
+    structures: Structures,
+    records: Any,
+    grid: TimeGrid | None = None,
+    *,
+    measure: Any = "pga",
+    demand: Demanded = REQUIRED_GAP,
+    threshold: float | None = None,
+    limit: float | None = None,
+    scales: Scales | None = None,
+    scheme: Scheme = Scheme(),
+    strict: bool = False,
+) -> Cloud:
+    """The demand of each record as it is, and its regression on intensity.
+
+    Parameters
+    ----------
+    structures, records, grid, measure, demand, threshold, scales, scheme, strict
+        As of ``incremental_dynamic_analysis``.
+    limit
+        See ``fit_cloud``; in the demand's unit.
+
+    Returns
+    -------
+    Cloud
+
+    Raises
+    ------
+    ValueError
+        As ``incremental_dynamic_analysis`` and ``fit_cloud``.
+    """
+    asked = Asked(structures, records, grid, measure, demand, threshold, scales, scheme, strict)
+    runs = SuiteRuns.of("cloud_analysis", asked)
+    im = runs.intensity.unscaled
+    found = fit_cloud(im, runs.demands(np.arange(len(im)), im), limit)
+    reached = runs.threshold if runs.threshold > 0 else None
+    measured = runs.intensity.words
+    return dataclasses.replace(
+        found, name=runs.demand, measure=measured, si=runs.si, threshold=reached
+    )

@@ -1,0 +1,148 @@
+"""``jaxpound ida``: its configuration, its run, and what it writes."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.cli import ida
+from jaxpound.cli import main as cli
+from jaxpound.cli.files import example
+from jaxpound.cli.reading import File, entries
+from tests.cli.commands import edited, is_figure, number, refusal, run, tables
+from tests.ground.test_suite import SUITE, at2
+
+EXAMPLE = example("ida")
+SHORT = {
+    "gap": "gap = 0.02",
+    "friction_force": "friction_force = 0",
+    "code": "range = [0.2, 2.0]",
+    "factors": "factors = [0.1, 3.0]",
+    "intensities": "intensities = [0.02, 0.1, 0.4]",
+    "# duration": "duration = 6.0",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with three records in a folder of its own."""
+    made = tmp_path_factory.mktemp("ida")
+    (made / "records").mkdir()
+    for record in SUITE:
+        (made / "records" / f"{record.name}.AT2").write_text(at2(record.samples, record.dt))
+    return made
+
+
+@pytest.fixture(scope="module")
+def done(folder):
+    """The command's screen and its folder."""
+    (folder / "ida.toml").write_text(edited(EXAMPLE, SHORT))
+    return run("ida", folder / "ida.toml", "--out", folder / "out"), folder / "out"
+
+
+def test_the_examples_name_every_key_and_are_printed(capsys):
+    for form in ("pair", "row"):
+        with pytest.raises(SystemExit, match="0"):
+            cli.main(["ida", "--example-config", form])
+        text = example("ida", form)
+        assert capsys.readouterr().out == text
+        File("example", text).read(ida.Analysis)
+    for table in ("suite", "target", "ida"):
+        for key in entries(entries(ida.Analysis)[table]):
+            assert re.search(rf"(?m)^(# )?{key} = ", EXAMPLE), key
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_the_capacities_are_the_library_s(done, folder):
+    screen, out = done
+    left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+    pair, scales = jp.dimensionless(left, right, friction_force=0.0, gap=0.02)
+    target = jp.TargetSpectrum([0.0, 0.1, 0.5, 4.0], [0.3, 0.75, 0.75, 0.09375])
+    suite = jp.read_suite(folder / "records")
+    scaled = suite.scaled_to(target, (0.2, 2.0), (0.1, 3.0))
+    dt = 0.6 / 50
+    grid = scales.grid(6.0, 0.01 / np.ceil(0.01 / dt))
+    found = jp.incremental_dynamic_analysis(
+        *(pair, scaled.suite, grid),
+        intensities=np.array([0.02, 0.1, 0.4]),
+        measure=0.9,
+        scales=scales,
+    )
+    assert "required gap (m), threshold 0.02" in screen
+    answers = json.loads((out / "summary.json").read_text())
+    for name, capacity in zip(found.names, found.capacities, strict=True):
+        told = answers["capacities"][name]
+        assert told is None if np.isinf(capacity) else told == pytest.approx(capacity, rel=1e-9)
+    curve = found.fragility()
+    assert answers["fragility"]["median"] == pytest.approx(curve.median)
+    assert answers["target"]["at_bound"] == list(scaled.at_bound) == ["fast"]
+    np.testing.assert_allclose(answers["fractiles"]["0.5"], np.median(found.demands, axis=0))
+
+
+def test_what_is_written(done):
+    _, out = done
+    written = {path.name for path in out.iterdir()}
+    figures = {"ida", "fragility", "spectra"}
+    told = {"summary.json", "summary.md", "capacities.csv", "curves.csv"}
+    assert written == {f"{name}.png" for name in figures} | told
+    assert all(is_figure(out / f"{name}.png") for name in figures)
+    answers = json.loads((out / "summary.json").read_text())
+    with (out / "capacities.csv").open() as file:
+        rows = {row["record"]: row for row in csv.DictReader(file)}
+    with (out / "curves.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 9
+    of_scaling, of_analysis, of_curve = tables((out / "summary.md").read_text())
+    for name, capacity in answers["capacities"].items():
+        told = rows[name]["capacity"]
+        assert told == "" if capacity is None else float(told) == pytest.approx(capacity)
+    assert [row["record"] for row in of_analysis] == [*answers["capacities"]]
+    factors = answers["target"]["factors"]
+    for row in of_scaling:
+        assert number(row["factor"]) == pytest.approx(factors[row["record"]], rel=1e-3)
+    assert number(of_curve[0]["value"]) == pytest.approx(answers["fragility"]["median"], rel=1e-3)
+
+
+def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
+    short = {key: line for key, line in SHORT.items() if key not in ("code", "factors")}
+    head, tail = edited(EXAMPLE, short).split("[target]", 1)
+    text = re.sub(r"(?m)^period = 0.9 .*a natural.*$", "", head + tail[tail.index("[ida]") :])
+    file = File("ida.toml", text, folder)
+    given = file.read(ida.Analysis)
+    suite, scaled = ida.records(file, given)
+    assert (suite.names, scaled, given.ida.period) == (("fast", "medium", "slow"), None, None)
+    assert ida.analysed(file, given, suite).measure == "Sa(0.9 s) (g)"
+    for code in ("asce 7", "en 1998"):
+        changes = {"code": f'code = "{code}"', "factors": "factors = [0.01, 100]"}
+        file = File("ida.toml", edited(EXAMPLE, changes), folder)
+        _, scaled = ida.records(file, file.read(ida.Analysis))
+        assert scaled.range == pytest.approx((0.12, 1.8), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"folder": 'folder = "none"'}, "[suite] folder = .*none' must be a folder"),
+        ({"pattern": 'pattern = "*.csv"'}, r"[suite] pattern = '\*.csv' must fit a file in"),
+        ({"code": 'code = "asce"'}, '[target] code = "asce" must be one of "asce 7", "en 1998"'),
+        ({"code": ""}, "[target] must have the range of periods, by code or by range"),
+        ({"code": "range = [0.2, 5.0]"}, "[target] periods = .* must be within those of the targ"),
+        ({"factors": "factors = [2.0, 1.0]"}, "[target] factors = 1 must be at least the lower"),
+        ({"periods": "periods = [1.0, 0.5]"}, r"[target] periods \(2,\) and accelerations \(4,\)"),
+        ({"intensities": "intensities = [0.2, 0.1]"}, "[ida] intensities = 0.1 .* must be rising"),
+        ({"measure": 'measure = "pga"'}, '[ida] period must be given with measure = "sa" only'),
+        ({"demand": 'demand = "peak_x1"'}, "[ida] threshold = None must be a number: demand is"),
+        ({"demand": 'demand = "peak"\nthreshold = 1'}, "[ida] unknown demand 'peak'"),
+        ({"friction =": 'dt = 0.02\nfriction = "event-resolved"'}, r"[run] dt = 0\.02"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_wrong_input_is_named(changes, words, folder, capsys):
+    path = folder / "wrong.toml"
+    path.write_text(edited(EXAMPLE, changes))
+    told = refusal(capsys, "ida", path, "--out", folder / "nothing")
+    assert re.search(rf"wrong\.toml: {words.replace('[', chr(92) + '[', 1)}", told), told
+    assert not (folder / "nothing").exists()

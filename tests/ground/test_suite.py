@@ -1,0 +1,95 @@
+"""Suites: files of a folder, spectra of records of different lengths and steps."""
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+
+
+def burst(frequency, n=400, dt=0.02, size=0.2):
+    t = dt * np.arange(n)
+    return size * np.sin(frequency * t) * np.exp(-(((t - 3) / 1.5) ** 2))
+
+
+SUITE = jp.RecordSuite(
+    [
+        jp.Record(burst(4.0), 0.02, "slow"),
+        jp.Record(burst(7.0, n=900, dt=0.01), 0.01, "medium"),
+        jp.Record(burst(15.0, n=350) + 0.01, 0.02, "fast"),
+    ]
+)
+
+
+def at2(values, dt):
+    rows = [" ".join(f"{x: .7E}" for x in values[i : i + 5]) for i in range(0, len(values), 5)]
+    head = ["PEER STRONG MOTION DATABASE RECORD", "MADE UP", "ACCELERATION IN UNITS OF G"]
+    return "\n".join([*head, f"NPTS=  {len(values)}, DT= {dt:.5f} SEC", *rows, ""])
+
+
+def test_a_folder_is_read_in_the_order_of_names(tmp_path):
+    for record in SUITE:
+        (tmp_path / f"{record.name}.AT2").write_text(at2(record.samples, record.dt))
+    (tmp_path / "README.md").write_text("not a record")
+    (tmp_path / "older.at2").mkdir()
+    found = jp.read_suite(tmp_path)
+    assert found.names == ("fast", "medium", "slow")
+    for record in found:
+        np.testing.assert_allclose(record.samples, SUITE[record.name].samples, atol=1e-8)
+        assert record.dt == SUITE[record.name].dt
+    assert jp.read_suite(tmp_path, "*o*.at2").names == ("slow",)
+    (tmp_path / "pulse.csv").write_text("1.0\n2.0\n0.5\n")
+    (pulse,) = jp.read_suite(tmp_path, "*.csv", dt=0.1, units="m/s2")
+    np.testing.assert_allclose(pulse.samples * jp.STANDARD_GRAVITY, [1.0, 2.0, 0.5])
+
+
+def test_errors_name_the_file(tmp_path):
+    with pytest.raises(ValueError, match=r"folder = .*none' must be a folder"):
+        jp.read_suite(tmp_path / "none")
+    with pytest.raises(ValueError, match=r"must fit a file in .*: it is empty"):
+        jp.read_suite(tmp_path)
+    (tmp_path / "good.AT2").write_text(at2([0.1, 0.2, 0.1], 0.02))
+    (tmp_path / "short.AT2").write_text(at2([0.1, 0.2, 0.1], 0.02).replace("NPTS=  3", "NPTS=  4"))
+    with pytest.raises(ValueError, match=r"read_suite: .*short\.AT2"):
+        jp.read_suite(tmp_path)
+    with pytest.raises(ValueError, match=r"pattern = '\*\.csv' must fit .*: it has \*\.AT2$"):
+        jp.read_suite(tmp_path, "*.csv")
+    (tmp_path / "good.txt").write_text(at2([0.1, 0.2, 0.1], 0.02))
+    with pytest.raises(ValueError, match="name = 'good' must be that of one record only"):
+        jp.read_suite(tmp_path, "good*")
+
+
+def test_a_suite_is_of_records_that_go_together():
+    one = jp.Record([0.1, 0.2], 0.1)
+    for records, words in (
+        ((), "must hold at least one record"),
+        ((one, 3), r"records\[1\] = 3 must be of type Record"),
+        ((one, jp.Record([0.0, 0.0], 0.1, "still")), "'still'.* must move"),
+        ((one, jp.Record([0.1, 0.2], 0.1, "a", "1/ω1")), "'a'.* must be in the same unit of time"),
+        ((jp.Record([0.1, 0.2], 0.1, "record 2"), one), "name = 'record 2' must be that of one"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jp.RecordSuite(records)
+    suite = jp.RecordSuite((one, one))
+    assert suite.names == ("record 1", "record 2")
+    assert suite["record 2"] is suite[1]
+    with pytest.raises(ValueError, match="name = 'x' must be one of record 1, record 2"):
+        suite["x"]
+    assert "record 2" in repr(suite)
+
+
+@pytest.mark.parametrize("periods", [(0.1, 0.7, 2.5), (0.03, 0.2)])
+def test_spectra_are_those_of_each_record_alone(periods):
+    found = SUITE.spectra(periods, damping=0.02)
+    for record, row in zip(SUITE, found, strict=True):
+        for period, value in zip(periods, row, strict=True):
+            alone = jp.spectral_acceleration(record, period=period, damping=0.02)
+            # Of the shortest periods one by one only are found on parts of the intervals.
+            assert value == pytest.approx(float(alone), rel=1e-9)
+
+
+def test_scaled_records():
+    scaled = SUITE.scaled([2.0, 1.0, 0.5])
+    np.testing.assert_allclose(scaled.pgas, SUITE.pgas * [2.0, 1.0, 0.5])
+    np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
+    with pytest.raises(ValueError, match=r"factors of shape \(2,\) must be \(3,\)"):
+        SUITE.scaled([1.0, 2.0])

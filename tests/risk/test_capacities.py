@@ -1,0 +1,62 @@
+"""Fragility from capacities: moments, and the likelihood where some are not known."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxpound as jp
+
+RANDOM = np.random.default_rng(5)
+CAPACITIES = 0.6 * np.exp(0.4 * RANDOM.standard_normal(40))
+
+
+def test_moments_of_known_capacities():
+    curve = jp.fit_capacities(CAPACITIES)
+    z = np.log(CAPACITIES)
+    assert curve.median == pytest.approx(np.exp(z.mean()))
+    assert curve.dispersion == pytest.approx(z.std(ddof=1))
+    assert curve.median_error == pytest.approx(curve.median * z.std(ddof=1) / 40**0.5)
+    # Its data are the empirical distribution.
+    shares = curve.pounding / curve.trials
+    np.testing.assert_allclose(
+        shares, [(curve.intensity[i] >= CAPACITIES).mean() for i in range(40)]
+    )
+    assert "from 40 capacities" in repr(curve)
+
+
+def test_unknown_capacities_maximise_the_likelihood():
+    most = 0.7
+    seen = np.where(most >= CAPACITIES, CAPACITIES, np.inf)
+    curve = jp.fit_capacities(seen, most)
+    data = stats.CensoredData.right_censored(
+        np.log(np.minimum(CAPACITIES, most)), most < CAPACITIES
+    )
+    mean, spread = stats.norm.fit(data)
+    assert np.log(curve.median) == pytest.approx(mean, abs=1e-4)
+    assert curve.dispersion == pytest.approx(spread, rel=1e-3)
+    assert f"{np.isinf(seen).sum()} more above what was analysed" in repr(curve)
+
+
+def test_the_band_covers_the_truth():
+    at, inside = np.array([0.4, 0.6, 0.9]), []
+    truth = stats.norm.cdf(np.log(at / 0.6) / 0.4)
+    for seed in range(300):
+        curve = jp.fit_capacities(0.6 * np.exp(0.4 * RANDOM.standard_normal(40)))
+        low, high = curve.band(at, 0.9, seed=seed)
+        inside.append((low <= truth) & (truth <= high))
+    np.testing.assert_allclose(np.mean(inside, axis=0), 0.9, atol=0.06)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (([],), r"capacities of shape \(0,\)"),
+        (([0.1, -0.2],), "capacities = -0.2 .* must be positive"),
+        (([0.1, 0.2, np.inf],), "analysed = None must be given"),
+        (([0.1, np.inf], 0.4), "at least 2 records; they are known of 1 of 2"),
+        (([0.1, 0.1],), "they are equal"),
+    ],
+)
+def test_wrong_capacities(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        jp.fit_capacities(*arguments)

@@ -1,0 +1,189 @@
+"""Incremental dynamic analysis of linear buildings, whose demand is proportional to the factor."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.risk.crossings import Brackets, by_newton, by_sections
+from tests.ground.test_suite import SUITE
+
+LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+GAP = 0.02
+PAIR, SCALES = jp.dimensionless(LEFT, RIGHT, friction_force=0.0, gap=GAP)
+LADDER = [0.05, 0.1, 0.4, 0.8]
+
+
+def analysed(structures=PAIR, **changed):
+    how = {"scales": SCALES, "intensities": LADDER} | changed
+    return jp.incremental_dynamic_analysis(structures, how.pop("records", SUITE), **how)
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return analysed()
+
+
+def test_demands_of_linear_buildings_are_proportional(linear):
+    closing = linear.demands / linear.intensities
+    np.testing.assert_allclose(closing, closing[:, :1] * np.ones(4), rtol=1e-10)
+    np.testing.assert_allclose(linear.capacities, GAP / closing[:, 0], rtol=1e-10)
+    np.testing.assert_allclose(linear.unscaled, SUITE.pgas)
+    assert linear.threshold == pytest.approx(GAP)
+    assert linear.returning == ()
+
+
+def test_the_capacity_is_that_of_a_single_run(linear):
+    """Of buildings in SI units, by itself: the record scaled by its factor just closes the gap."""
+    record = SUITE.scaled(linear.factors)[0]
+    dt = float(SUITE[1].dt)  # the shortest of the suite is that of the common grid
+    single = jp.simulate_buildings(LEFT, RIGHT, record, friction_force=0.0, gap=GAP, dt=dt)
+    assert float(single.min_gap) == pytest.approx(0, abs=1e-6 * GAP)
+
+
+def test_newton_finds_the_same(linear):
+    np.testing.assert_allclose(analysed(refine="newton").capacities, linear.capacities, rtol=1e-10)
+
+
+def test_a_ladder_that_ends_below_leaves_capacities_open(linear):
+    most = float(np.sort(linear.capacities)[1] * 1.01)
+    found = analysed(intensities=[most / 4, most / 3, most / 2, most])
+    known = np.isfinite(found.capacities)
+    np.testing.assert_array_equal(known, linear.capacities <= most)
+    np.testing.assert_allclose(found.capacities[known], linear.capacities[known], rtol=1e-10)
+    assert f"above {most:.4g}" in repr(found)
+    censored = jp.fit_capacities(found.capacities, most)
+    assert found.fragility().median == censored.median > np.median(found.capacities[known])
+
+
+def test_any_measure_that_is_proportional(linear):
+    """The factor at which buildings pound does not depend on how intensity is measured."""
+    spectral = analysed(measure=0.9)
+    np.testing.assert_allclose(spectral.unscaled, SUITE.spectra([0.9])[:, 0])
+    factors = analysed(measure=np.ones(3), intensities=[0.5, 1.0, 2.0, 4.0])
+    for found in (spectral, factors):
+        np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-9)
+    np.testing.assert_allclose(factors.capacities, factors.factors)
+
+
+def test_a_gap_as_threshold_and_other_demands(linear):
+    half = analysed(threshold=GAP / 2)
+    np.testing.assert_allclose(half.capacities, linear.capacities / 2, rtol=1e-10)
+    peaks = analysed(demand="peak_x1", threshold=0.02)
+    own = analysed(demand=lambda demand: demand.masses[0].peak_x, threshold=0.02)
+    np.testing.assert_allclose(own.capacities, peaks.capacities, rtol=1e-10)
+    np.testing.assert_allclose(peaks.demands[:, 1], 2 * peaks.demands[:, 0], rtol=1e-9)
+
+
+def test_dimensionless_structures_and_records(linear):
+    records = [SCALES.to_dimensionless(record) for record in SUITE]
+    grid = jp.TimeGrid.until(float(records[1].duration), float(records[1].dt))
+    found = analysed(records=records, scales=None, grid=grid)
+    np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-3)  # of another duration
+    np.testing.assert_allclose(found.threshold, GAP / float(SCALES.length))
+
+
+def test_gaps_do_not_depend_on_a_law_of_contact(linear):
+    law = jp.Newton(0.65)
+    touching = analysed(dataclasses.replace(PAIR, contact=law))
+    np.testing.assert_allclose(touching.capacities, linear.capacities, rtol=1e-10)
+
+
+def test_fractiles_and_stripes(linear):
+    low, middle, high = linear.fractiles()
+    np.testing.assert_allclose(middle, np.median(linear.demands, axis=0))
+    assert (low < middle).all()
+    assert (middle < high).all()
+    stripes = linear.stripes
+    np.testing.assert_array_equal(stripes.trials, [3] * 4)
+    expected = (linear.capacities[:, None] <= linear.intensities).sum(axis=0)
+    np.testing.assert_array_equal(stripes.pounding, expected)
+
+
+def test_fragility_has_the_moments_of_the_capacities(linear):
+    curve, z = linear.fragility(), np.log(linear.capacities)
+    assert np.log(curve.median) == pytest.approx(z.mean())
+    assert curve.dispersion == pytest.approx(z.std(ddof=1))
+
+
+class Curves:
+    """Runs whose demands over intensity are known: a wave that falls below the threshold again."""
+
+    threshold = 1.0
+
+    def demands(self, which, intensities):
+        return self.slopes(which, intensities)[0]
+
+    def slopes(self, which, intensities):
+        phase = np.array([1.0, 1.3])[which]
+        return (
+            intensities + 0.8 * np.sin(phase * intensities),
+            1 + 0.8 * phase * np.cos(phase * intensities),
+        )
+
+
+@pytest.mark.parametrize("method", [by_sections, by_newton])
+@pytest.mark.parametrize("batch", [1, 2, 40])
+def test_the_first_crossing_is_refined(method, batch):
+    runs, ladder = Curves(), np.array([0.0, 0.5, 1.0, 2.0, 4.0])
+    excess = runs.demands(np.repeat([0, 1], 5), np.tile(ladder, 2)).reshape(2, -1) - 1.0
+    found = method(runs, Brackets.of(ladder, excess), 1e-6, batch)
+    fine = np.linspace(0, 2, 200_001)
+    for record, capacity in enumerate(found):
+        values = runs.demands(np.full(fine.size, record), fine)
+        assert capacity == pytest.approx(fine[np.argmax(values >= 1.0)], abs=2e-5)
+
+
+def test_records_that_return_are_named():
+    demands = np.array([[0.5, 1.2, 0.9, 1.5], [0.2, 0.4, 1.1, 1.3]])
+    found = jp.IncrementalDynamicAnalysis(
+        *(("wave", "line"), np.ones(2), np.arange(1.0, 5.0), demands, np.array([1.7, 2.9])),
+        *(1.0, "demand", "PGA (g)", False),
+    )
+    assert found.returning == ("wave",)
+    assert "below it again at higher intensities: wave" in repr(found)
+
+
+def test_strong_records_are_warned_of():
+    with pytest.warns(jp.PlausibilityWarning, match=r"'slow' times .* has a PGA of 6 g"):
+        analysed(records=[SUITE[0]], intensities=[0.1, 6.0])
+    with pytest.raises(ValueError, match="PGA of 6 g"):
+        analysed(intensities=[0.1, 6.0], strict=True)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"intensities": [0.2, 0.1]}, r"intensities = 0.1 \(at index \[1\]\) must be rising"),
+        ({"intensities": [0.0]}, "intensities = 0 .* must be positive"),
+        ({"refine": "newtn"}, "unknown refine = 'newtn'; did you mean 'newton'"),
+        ({"tolerance": 0}, "tolerance = 0 must be"),
+        ({"measure": "sa"}, "measure = 'sa' must be 'pga', a natural period"),
+        ({"measure": [1.0]}, r"measure of shape \(1,\) must be a number for each of 3 records"),
+        ({"demand": "peak_x1"}, "threshold = None must be a number: demand is 'peak_x1'"),
+        ({"demand": "peak_x9", "threshold": 1.0}, "unknown demand 'peak_x9'"),
+        ({"threshold": 0.0}, "threshold = 0 must be above 0, what the demand is without shaking"),
+        ({"scales": None}, "scales = None must be given for records in s"),
+        ({"records": "folder"}, "records = 'folder' must be a RecordSuite or records|Record"),
+    ],
+)
+def test_wrong_arguments_are_named(changed, words):
+    with pytest.raises(ValueError, match=f"^(incremental_dynamic_analysis|RecordSuite): .*{words}"):
+        analysed(**changed)
+
+
+def test_runs_that_end_in_no_number_are_named():
+    words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
+    with pytest.raises(FloatingPointError, match=words):
+        analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
+
+
+def test_records_that_do_not_go_on_one_grid_are_named():
+    fine = jp.Record(np.full(100, 0.1), 1e-5, "fine")
+    long = jp.Record(np.full(100, 0.1), 1.0, "long")
+    with pytest.raises(ValueError, match=r"'fine', the finest, and 'long', .* 1,000,000 steps"):
+        analysed(records=[fine, long])
+    with pytest.raises(ValueError, match=r"grid = None must be a TimeGrid: .* only for buildings"):
+        analysed(PAIR.system())

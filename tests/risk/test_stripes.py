@@ -1,0 +1,45 @@
+"""Multiple stripes: counts, and suites of their own by intensity."""
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from tests.ground.test_suite import SUITE
+from tests.risk.test_ida import LADDER, PAIR, SCALES, analysed
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return analysed()
+
+
+def striped(records, **changed):
+    how = {"scales": SCALES, "intensities": LADDER} | changed
+    return jp.multiple_stripes(PAIR, records, **how)
+
+
+def test_stripes_of_one_suite_are_those_of_the_incremental_analysis(linear):
+    found = striped(SUITE)
+    np.testing.assert_allclose(np.transpose(found.demands), linear.demands, rtol=1e-12)
+    np.testing.assert_array_equal(found.pounding, linear.stripes.pounding)
+    assert "required gap (m)" in repr(found)
+
+
+def test_each_intensity_may_have_its_own_records(linear):
+    suites = [SUITE, SUITE.chosen([0, 2]), SUITE, SUITE.chosen([1])]
+    found = striped(suites)
+    np.testing.assert_array_equal(found.trials, [3, 2, 3, 1])
+    np.testing.assert_allclose(found.demands[1], linear.demands[[0, 2], 1], rtol=1e-12)
+    np.testing.assert_allclose(found.demands[3], linear.demands[[1], 3], rtol=1e-12)
+    scaled = [SUITE, SUITE.scaled(2.0), SUITE.scaled(3.0), SUITE]  # of the same names
+    again = striped(scaled)
+    np.testing.assert_allclose(np.transpose(again.demands), linear.demands, rtol=1e-9)
+    with pytest.raises(ValueError, match="2 suites must be 4, one an intensity"):
+        striped(suites[:2])
+
+
+def test_the_fragility_is_that_of_the_counts():
+    demands = [np.linspace(0, level, 20) for level in (0.5, 1.2, 2.0, 4.0)]
+    stripes = jp.Stripes(np.array([0.1, 0.2, 0.4, 0.8]), tuple(demands), 1.0)
+    curve = jp.fit_fragility(stripes.intensities, stripes.pounding, stripes.trials)
+    assert stripes.fragility().median == curve.median
