@@ -80,12 +80,13 @@ nitpick_ignore_regex = [
         r"(collections|concurrent|jax|jaxlib|jaxtyping|matplotlib|numpy|optax|os|pandas|pathlib"
         r"|typing)\..*",
     ),
-    ("py:class", "ArrayLike|Axes|GradientTransformation|PathLike"),
+    ("py:class", "ArrayLike|Axes|GradientTransformation|PathLike|ndarray"),
+    ("py:class", r"'[\w ]+'"),  # shapes of arrays
     # What only the package's own code meets, and unions with names of their own.
     (
         "py:class",
         r"jaxpound\._.*|jaxpound\.simulation\.(batches|friction|history)\..*|GroundLike|Structures"
-        r"|jaxpound\.units\.Timed",
+        r"|jaxpound\.units\.Timed|jaxpound\..*\._\w+",
     ),
     ("py:class", r"jaxpound\.design\.design\.History"),
 ]
