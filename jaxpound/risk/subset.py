@@ -336,6 +336,6 @@ def _warnings(found: Sequence[list[Level]], cov: float | None, max_runs: int) ->
             )
         elif scale < _SMALL_SCALE:
             yield (
-                f"at level {number + 1} the chains move by {scale:.2g} of the spread of their "
-                "starts, and stay near these: take more samples a level (n)"
+                f"at level {number + 1} the chains move by {scale:.2g} standard deviations a step, "
+                "and stay near their starts: take more samples a level (n)"
             )
