@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 import jaxpound as jp
+from jaxpound.simulation import course
 from jaxpound.simulation import run as simulation
 from jaxpound.simulation import scheme as discretisation
 from tests.reference import convergence_order, load, paper_algorithm
@@ -606,7 +607,7 @@ def test_the_stability_limit_is_where_stepping_starts_to_diverge(scheme, monkeyp
     push = jp.Ricker(0.01, 2.0, 1.0)
     below = jp.simulate(structures, push, jp.TimeGrid(0.99 * limit, 2000), scheme)
     assert np.abs(below.x2[-100:]).max() < 0.01
-    for module in (simulation, discretisation):
+    for module in (course, discretisation):
         monkeypatch.setattr(module, "courant", lambda *_: 0.0)
     try:
         above = jp.simulate(structures, push, jp.TimeGrid(1.01 * limit, 2000), scheme)
