@@ -29,7 +29,7 @@ class Series(NamedTuple):
 
     words: str
     """What it is, in words."""
-    row: Float[np.ndarray, " m"]
+    row: np.ndarray
     """Factors of each mass's displacement, each link's closing and each link's gap at rest."""
 
 

@@ -81,7 +81,7 @@ class LimitState:
     demand: str | Callable[[Demand], Array] = REQUIRED_GAP
     threshold: float | None = None
     changes: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    _programs: _Programs | None = dataclasses.field(default=None, repr=False)
+    _programs: Any = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         instance(OWNER, "scenarios", self.scenarios, ScenarioSet)
@@ -113,35 +113,32 @@ class LimitState:
         return 0.0 if self.threshold is None else self.threshold
 
     @property
-    def programs(self) -> _Programs:
+    def programs(self) -> Any:
         """Compiled programs, the same for all thresholds and values of ``changes``."""
-        assert self._programs is not None
         return self._programs
 
     def value(self, z: Float[Array, " d"]) -> Float[Array, ""]:
         """The demand less the threshold, traceable: the event is value ≥ 0."""
         return self.observed(z, self.changes)[0] - self.level
 
-    def values(self, z: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
-        """``value`` of many points, in chunks of one size, so that one program runs them all."""
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """``value`` of points, shape (n, d), in chunks of one size: one program runs them all."""
         return self.values_and_times(z)[0]
 
-    def values_and_times(
-        self, z: Float[np.ndarray, "n d"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """``values``, and the times of the smallest gap; NaN for other demands than gaps."""
+    def values_and_times(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``values``, and the times of the smallest gap; NaN for other demands, shape (n,) each."""
         demanded, times = self.programs.observed(z, self.changes)
         return demanded - self.level, times
 
     def gradients(
-        self, z: Float[np.ndarray, "n d"], instants: np.ndarray, series: np.ndarray
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n d"]]:
+        self, z: np.ndarray, instants: np.ndarray, series: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Values at one instant each, and their gradients by z.
 
         Parameters
         ----------
         z
-            Points.
+            Points, shape (n, d).
         instants, series
             For each the number of the instant, and of the series in ``series``. If there are no
             series they are not used, and the value is that of the whole run.
@@ -149,8 +146,8 @@ class LimitState:
         found, slope = self.programs.gradients(z, self.changes, instants, series)
         return found - self.level, slope
 
-    def sensitivities(self, z: Float[np.ndarray, "n d"]) -> dict[str, Float[np.ndarray, " n"]]:
-        """Derivatives of ``values`` by all parameters of the structures, by path."""
+    def sensitivities(self, z: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of ``values`` by all parameters of the structures, by path, shape (n,)."""
         return self.programs.sensitivities(z, self.changes)
 
     @property

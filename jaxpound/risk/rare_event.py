@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from jaxpound._checks import require_share
@@ -39,8 +38,8 @@ class DesignEarthquake(NamedTuple):
     """Its distance |z| from the origin, the reliability index of the instant."""
     time: float
     """The instant, in 1/ω1; NaN where the demand is not of one."""
-    z: Float[np.ndarray, " d"]
-    """Its standard normal numbers."""
+    z: np.ndarray
+    """Its standard normal numbers, shape (d,)."""
     structures: Structures
     ground: Any
 
@@ -63,27 +62,27 @@ class RareEvent(Shown):
     method: str
     """How it was found, in words."""
     limit_state: LimitState
-    points: Float[np.ndarray, "n d"]
-    """Samples, standard normal numbers."""
-    weights: Float[np.ndarray, " n"]
-    """Their weights."""
-    values: Float[np.ndarray, " n"]
-    """``LimitState.values`` of the samples: at least 0 where the event occurs."""
-    design_points: Float[np.ndarray, "k d"]
+    points: np.ndarray
+    """Samples, standard normal numbers, shape (n, d)."""
+    weights: np.ndarray
+    """Their weights, shape (n,)."""
+    values: np.ndarray
+    """``LimitState.values`` of the samples, shape (n,): at least 0 where the event occurs."""
+    design_points: np.ndarray
     """Points nearest to the origin at which the limit state is reached, one an instant, the nearest
-    first; none (k = 0) of a method without them."""
-    instants: Float[np.ndarray, " k"]
-    """The instants of the design points, in 1/ω1; NaN where the demand is not of one."""
+    first, shape (k, d); none (k = 0) of a method without them."""
+    instants: np.ndarray
+    """Their instants in 1/ω1, shape (k,); NaN where the demand is not of one."""
     form: float = float("nan")
     """Probability by the first-order reliability method over the whole run, from the design points
     alone; NaN without them."""
     warnings: tuple[str, ...] = ()
     """Why not to trust the estimate, in sentences."""
-    series: Int[np.ndarray, " k"] = dataclasses.field(default_factory=lambda: np.zeros(0, int))
-    """Of each design point the number of the series, in ``LimitState.series``."""
-    times: Float[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.zeros(0))
-    """Of each sample the time of its smallest gap; none of a method that does not keep them."""
-    repeats: Int[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    series: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    """Of each design point the number of the series, in ``LimitState.series``, shape (k,)."""
+    times: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    """Of each sample the time of its smallest gap, shape (n,); none of a method without them."""
+    repeats: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     """Of each sample the number of the repeat that it belongs to: samples of one repeat are
     correlated. None where all are independent."""
     thin: float = float("nan")
@@ -160,7 +159,7 @@ class RareEvent(Shown):
         return float(parts.max() / parts.sum()) if parts.any() else math.nan
 
     @property
-    def failures_by_instant(self) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    def failures_by_instant(self) -> tuple[np.ndarray, np.ndarray]:
         """Times of the smallest gap where the event occurs, in order, and their shares of P.
 
         Shares sum to 1; times are in 1/ω1.
