@@ -22,8 +22,9 @@ from jaxpound.plots.style import (
 )
 from jaxpound.results.demand import in_words
 from jaxpound.risk.cloud import Cloud
+from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP
 from jaxpound.risk.ida import FRACTILES, IncrementalDynamicAnalysis
-from jaxpound.risk.suite_runs import OVERLAP, REQUIRED_GAP, demand_kind
+from jaxpound.risk.suite_runs import demand_kind
 
 _STYLES = ("--", "-", "--")
 _DOTS = 40  # of a band's curve

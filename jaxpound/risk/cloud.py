@@ -14,7 +14,8 @@ from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures
 from jaxpound.risk.capacities import AsymptoticFragility
 from jaxpound.risk.censored import Line, regression
-from jaxpound.risk.suite_runs import REQUIRED_GAP, Asked, Demanded, SuiteRuns, demand_in_words
+from jaxpound.risk.demanded import REQUIRED_GAP, Demanded
+from jaxpound.risk.suite_runs import Asked, SuiteRuns, demand_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
 

@@ -15,9 +15,10 @@ from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures
 from jaxpound.risk.capacities import CapacityFragility, fit_capacities
 from jaxpound.risk.crossings import REFINEMENTS, Brackets
+from jaxpound.risk.demanded import REQUIRED_GAP, Demanded
 from jaxpound.risk.shaking import levels
 from jaxpound.risk.stripes import Stripes
-from jaxpound.risk.suite_runs import REQUIRED_GAP, Asked, Demanded, SuiteRuns, demand_in_words
+from jaxpound.risk.suite_runs import Asked, SuiteRuns, demand_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
 

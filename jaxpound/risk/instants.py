@@ -16,9 +16,9 @@ from jaxtyping import Array, Float
 from jaxpound.model.system import GROUND, Ends, System, elongation, is_closable
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import place_of
+from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.simulation.course import Positions
 
-REQUIRED_GAP = "required_gap"
 _PERIOD = 2 * np.pi  # of structure 1, in 1/ω1
 _PER_PERIOD = 20
 _MOST = 256

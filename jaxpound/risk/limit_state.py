@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from functools import reduce
 from typing import Any
 
 import jax
@@ -13,18 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, enforce, finite, hint, instance, not_negative, number
-from jaxpound._extrema import larger
+from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, put, require_paths
-from jaxpound.model.system import Structures, System, is_closable
+from jaxpound.model.system import Structures, System
 from jaxpound.results.demand import Demand
-from jaxpound.risk.instants import REQUIRED_GAP, Series, measured, series_of
+from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP, demand_named, passing_through
+from jaxpound.risk.instants import Series, measured, series_of
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.course import positions_at
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.demands import over_all
 from jaxpound.study.scenarios import ScenarioSet
 
 OWNER = "LimitState"
@@ -178,26 +175,14 @@ class LimitState:
         """The scenario that is run: of gaps without laws of contact."""
         structures, ground = self.realized(z, changes)
         if self.demand == REQUIRED_GAP:
-            system = structures.system()
-            if any(link.contact is not None for link in system.links):
-                links = tuple(replace(link, contact=None) for link in system.links)
-                structures = replace(system, links=links)
+            structures = passing_through(structures)
         return structures, ground
 
     def _demanded(self, system: System, found: Demand) -> Any:
         if callable(self.demand):
             return jnp.asarray(self.demand(found))
-        if self.demand == REQUIRED_GAP:
-            closable = [k for k, link in enumerate(system.links) if is_closable(link.gap)]
-            if not closable:
-                raise ValueError(f"{OWNER}: structures must have a link whose gap is finite")
-            if self.threshold is None:
-                return -found.min_gap
-            return reduce(larger, [system.links[k].gap - found.links[k].min_gap for k in closable])
-        known = found.scalars() | over_all(system, found)
-        if self.demand not in known:
-            raise ValueError(f"{OWNER}: unknown demand {self.demand!r}; {hint(self.demand, known)}")
-        return known[self.demand]
+        pounding = self.demand == REQUIRED_GAP and self.threshold is None
+        return demand_named(OWNER, system, found, OVERLAP if pounding else self.demand)
 
 
 def threshold_of(owner: str, gap: Any, demand: Any, threshold: Any) -> float | None:

@@ -16,7 +16,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, interval, name, put, require_paths
 from jaxpound.model.system import Structures
 from jaxpound.results.demand import Demand
-from jaxpound.risk.instants import REQUIRED_GAP
+from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.limit_state import LimitState, threshold_of
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.risk.run import event_of

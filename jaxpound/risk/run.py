@@ -13,7 +13,7 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, hint, instance, number, require_share
 from jaxpound.grid import TimeGrid
 from jaxpound.results.demand import Demand
-from jaxpound.risk.instants import REQUIRED_GAP
+from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.kept import Kept
 from jaxpound.risk.limit_state import LimitState, threshold_of
 from jaxpound.risk.rare_event import RareEvent

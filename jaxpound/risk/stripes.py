@@ -14,8 +14,9 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.record import Record
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures
+from jaxpound.risk.demanded import REQUIRED_GAP, Demanded
 from jaxpound.risk.shaking import levels
-from jaxpound.risk.suite_runs import REQUIRED_GAP, Asked, Demanded, SuiteRuns, demand_in_words
+from jaxpound.risk.suite_runs import Asked, SuiteRuns, demand_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility, fit_fragility
 from jaxpound.units import Scales

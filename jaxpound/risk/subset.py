@@ -21,7 +21,7 @@ from jaxpound._checks import (
 )
 from jaxpound.grid import TimeGrid
 from jaxpound.results.demand import Demand
-from jaxpound.risk.instants import REQUIRED_GAP
+from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.levels import Level, descent, side_by_side
 from jaxpound.risk.limit_state import LimitState, require_dependence, threshold_of
 from jaxpound.risk.rare_event import RAREST, RareEvent, always

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import replace
-from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -13,28 +11,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxpound._checks import hint, instance, number, require_memory
-from jaxpound._extrema import larger
+from jaxpound._checks import instance, number, require_memory
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import DIMENSIONLESS, unresolved
 from jaxpound.ground.plausibility import MOST_PGA, tell
 from jaxpound.ground.record import Record
 from jaxpound.ground.suite import RecordSuite, as_suite
-from jaxpound.model.system import Structures, System, is_closable
+from jaxpound.model.system import Structures, is_closable
 from jaxpound.quantities import unit
-from jaxpound.results.demand import Demand, in_words, kind_of
+from jaxpound.results.demand import in_words, kind_of
+from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP, Demanded, demand_named, passing_through
 from jaxpound.risk.shaking import Intensity, dimensionless_suite, grid_for
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, require_stable, system_of
-from jaxpound.study.demands import over_all, rest_gap
+from jaxpound.study.demands import rest_gap
 from jaxpound.units import Scales
-
-REQUIRED_GAP = "required_gap"
-OVERLAP = "overlap"
-"""Name of the demand in pounding where links differ in their gaps: the largest of −ξ."""
-
-Demanded = str | Callable[[Demand], Any]
 
 
 class Asked(NamedTuple):
@@ -88,8 +80,7 @@ class SuiteRuns:
         require_stable(system, grid, scheme)
         name, limit = _limit(owner, structures, asked)
         if name in (REQUIRED_GAP, OVERLAP):
-            links = tuple(replace(link, contact=None) for link in system.links)
-            structures = replace(system, links=links)
+            structures = passing_through(structures)
         intensity = Intensity.of(owner, suite, asked.measure)
         factors = np.ones(len(suite)) if highest is None else highest / intensity.unscaled
         findings = [said for record in shaking for said in unresolved(record, grid.dt)]
@@ -192,7 +183,7 @@ def _demanded(
         found = demand(structures, factor * shaking.record(which), grid, scheme)
         if callable(wanted):
             return jnp.asarray(wanted(scales.to_si(found) if scales else found))
-        return _named(owner, system, found, wanted) * _unit(wanted, scales)
+        return demand_named(owner, system, found, wanted) * _unit(wanted, scales)
 
     return value
 
@@ -211,19 +202,6 @@ def demand_in_words(name: str, si: bool) -> str:
 def _unit(name: str, scales: Scales | None) -> Any:
     kind = demand_kind(name)
     return scales.units[kind] if scales and kind else 1.0
-
-
-def _named(owner: str, system: System, found: Demand, name: str) -> Any:
-    """A demand by its name, dimensionless."""
-    if name == OVERLAP:
-        return -found.min_gap
-    if name == REQUIRED_GAP:
-        closable = [k for k, link in enumerate(system.links) if is_closable(link.gap)]
-        return reduce(larger, [system.links[k].gap - found.links[k].min_gap for k in closable])
-    known = found.scalars() | over_all(system, found)
-    if name not in known:
-        raise ValueError(f"{owner}: unknown demand {name!r}; {hint(name, known)}")
-    return known[name]
 
 
 def _too_strong(suite: RecordSuite, factors: Any) -> list[str]:
