@@ -511,7 +511,7 @@ def test_an_error_in_a_worker_reaches_the_caller_and_stops_the_rest(tmp_path):
         ({"key": jax.random.key(3, impl="rbg")}, "key of kind rbg must be of kind threefry2x32"),
         ({"chunk_size": 0}, "chunk_size = 0 must be a positive whole number"),
         ({"notes": {1, 2}}, "notes must be what JSON can hold"),
-        ({"key": jnp.asarray(3)}, "must be a whole number or a key"),
+        ({"key": jnp.asarray(3.0)}, "must be a whole number or a key"),
         ({"key": jax.random.split(jax.random.key(0))}, "must be a whole number or a key"),
         ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
         ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
