@@ -106,6 +106,18 @@ class Stored(Table):
     link: Annotated[int, between(1, 2**31)] | None = None
     gap_probabilities: _Shares | None = None
 
+    def opened(self, file: File) -> jp.Study:
+        """The study; a ``ValueError`` if it has no such column or link."""
+        study = jp.Study.open(file.folder / self.store)
+        study.moments(self.intensity)
+        if self.link is not None:
+            rule = f"one of the study's links, from 1 to {study.n_links}"
+            if self.link > study.n_links:
+                raise ValueError(f"link = {self.link} must be {rule}")
+            if not study.finite(f"min_gap_{self.link}" if study.n_links > 1 else "min_gap").size:
+                raise ValueError(f"link = {self.link} must be a link with a gap")
+        return study
+
     @property
     def number(self) -> int | None:
         """The link, from 0."""
@@ -186,8 +198,7 @@ def combined(file: File, given: Lifetime) -> Found:
     else:
         stored, place = given.study, f"{file.name}: [study]"
         with named(place):
-            study = jp.Study.open(file.folder / stored.store)
-            study.moments(stored.intensity)  # a column that is not there is named
+            study = stored.opened(file)
         factor = _factor(f"{file.name}: [hazard] unit", given.hazard.unit, study, stored.intensity)
         with named(place):
             curve = study.fragility(stored.intensity, stored.gap, link=stored.number)

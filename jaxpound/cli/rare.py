@@ -23,7 +23,7 @@ from jaxpound.cli.tables import Gap, Stated, drawn
 from jaxpound.model.parameters import get
 from jaxpound.model.system import is_closable
 from jaxpound.risk.instants import REQUIRED_GAP
-from jaxpound.risk.run import event_of
+from jaxpound.risk.run import choice, event_of
 
 # --- the configuration --------------------------------------------------------------------------
 
@@ -91,6 +91,11 @@ def run(args: argparse.Namespace) -> None:
     given = file.read(Rare)
     wanted = None if given.design is None else _path(file, given, given.design)
     state = limit_state(file, given)
+    with named(f"{file.name}: [search]"):
+        by_subset, why = choice(state, given.search.method)
+    if by_subset and args.store is not None:
+        rule = f"must not be given: {why}subset simulation is taken, which keeps no files"
+        raise ValueError(f"argument --store {rule}")
     make_folder(args.out)
     with noted(given.structures):
         found = searched(file, given, state, args.store)

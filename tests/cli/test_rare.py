@@ -160,6 +160,14 @@ def test_other_earthquakes_and_uncertain_buildings():
     assert (found.dimension, found.scenarios.discrete) == (36, ())
 
 
+def test_a_search_that_keeps_no_files(tmp_path, capsys):
+    path = tmp_path / "rare.toml"
+    path.write_text(edited(EXAMPLE, {"method": 'method = "subset"'}))
+    told = refusal(capsys, "rare", path, "--out", tmp_path / "out", "--store", tmp_path / "store")
+    assert "argument --store must not be given: subset simulation is taken" in told
+    assert [*tmp_path.iterdir()] == [path]
+
+
 def test_a_row_and_another_demand():
     file = File("rare.toml", ROW)
     given = file.read(rare.Rare)
