@@ -304,7 +304,7 @@ def page(found: Found, figures: Mapping[str, Any]) -> str:
     """One page."""
     lines = ["# Pounding in a lifetime", "", f"jaxpound {jp.__version__}.", ""]
     for part in tables(found):
-        notes = " ".join(part.notes)
+        notes = ". ".join(part.notes).replace(",. ", ", ")  # a note may go on in the next
         table = part if any(part.columns) else part._replace(columns=("quantity", "value"))
         lines += [f"## {part.title}", "", table.markdown(), ""]
         lines += [f"{notes[0].upper()}{notes[1:]}.", ""] if notes else []

@@ -90,8 +90,11 @@ def _series(response: Response, row: np.ndarray) -> np.ndarray:
     """A series of ``LimitState.series`` over the instants of a response."""
     gaps = [np.asarray(link.gap) for link in response.links]
     at_rest = [np.full_like(gap, gap[0]) for gap in gaps]
-    known = [*(np.asarray(mass.x) for mass in response.masses)]
-    known += [rest - gap for rest, gap in zip(at_rest, gaps, strict=True)] + at_rest
+    closings = [
+        rest - gap if np.isfinite(gap[0]) else np.zeros_like(gap)
+        for rest, gap in zip(at_rest, gaps, strict=True)
+    ]
+    known = [*(np.asarray(mass.x) for mass in response.masses), *closings, *at_rest]
     used = np.flatnonzero(row)
     return np.sum([row[i] * known[i] for i in used], axis=0)
 

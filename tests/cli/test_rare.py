@@ -172,7 +172,7 @@ def test_a_row_and_another_demand():
     file = File("rare.toml", ROW)
     given = file.read(rare.Rare)
     state = rare.limit_state(file, given)
-    assert state.threshold * float(given.scales.length) == pytest.approx(0.05)
+    assert state.threshold * float(given.scales.length) == pytest.approx(0.04)
     noise = jp.FilteredNoise(
         jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2),
         samples=501,
