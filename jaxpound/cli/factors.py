@@ -11,8 +11,9 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.cli.pair import UNITS
-from jaxpound.cli.parameters import Parameters, by_path
-from jaxpound.cli.reading import Range, Table, between, named
+from jaxpound.cli.parameters import Parameters, by_path, parameters_of
+from jaxpound.cli.reading import File, Range, Table, between, named
+from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import Stated
 from jaxpound.model.parameters import get, put
 from jaxpound.model.system import Structures
@@ -69,6 +70,24 @@ def uncertain_structures(
         return jp.UncertainStructures(
             known.nominal, _multiples(place, stated, known.nominal), correlation
         )
+
+
+def random_scenarios(
+    file: File,
+    given: Structured,
+    ground: Any,
+    uncertain: Mapping[str, Stated],
+    correlation: float | None = None,
+) -> jp.Scenarios:
+    """The structures of a file under a random ground motion, with what is uncertain of them."""
+    structures: Any = given.structures
+    if uncertain:
+        place = f"{file.name}: [uncertain]"
+        structures = uncertain_structures(place, uncertain, parameters_of(given.form), correlation)
+    elif not ground.dimension:
+        rule = "[uncertain], a factor on the record, or several records"
+        raise ValueError(f"{file.name}: nothing is random; it must have {rule}")
+    return jp.Scenarios(structures, ground)
 
 
 def design_space(place: str, table: Mapping[str, Bounds], known: Parameters) -> jp.DesignSpace:

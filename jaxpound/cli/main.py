@@ -1,4 +1,4 @@
-"""Command line: ``jaxpound paper``, ``simulate``, ``montecarlo``, ``report``, ``design``, ``ida``.
+"""Command line: ``jaxpound`` and its commands, such as ``jaxpound simulate``.
 
 JAX, and what needs it, is imported only if the arguments are valid, matplotlib only to draw
 figures, so that help and error messages come at once.
@@ -73,6 +73,10 @@ def _command(name: str) -> Callable[[argparse.Namespace], None]:
             from jaxpound.cli.report import run
         case "ida":
             from jaxpound.cli.ida import run
+        case "rare":
+            from jaxpound.cli.rare import run
+        case "hazard":
+            from jaxpound.cli.hazard import run
         case _:
             from jaxpound.cli.design import run
     return run
@@ -100,6 +104,8 @@ def _kept(args: argparse.Namespace) -> str:
         if any(store.glob("chunk-*.npz")):
             return f"finished chunks are kept in {store}, and {again}"
         return "no chunk was finished"
+    if store and given.get("command") == "rare" and any(store.rglob("*.npz")):
+        return f"finished batches are kept in {store}, and {again}"
     if save and save.exists():
         return f"the search is kept in {save}, and {again}"
     if out and out.is_dir():
@@ -140,15 +146,16 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _PrintExample(argparse.Action):
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
-        super().__init__(
-            option_strings, argparse.SUPPRESS, nargs="?", const=FORMS[0], choices=FORMS, help=help
-        )
+    def __init__(
+        self, option_strings: Sequence[str], dest: str, help: str, forms: Sequence[str] = FORMS
+    ) -> None:
+        several: dict[str, Any] = {"nargs": "?", "choices": forms} if forms[1:] else {"nargs": 0}
+        super().__init__(option_strings, argparse.SUPPRESS, const=forms[0], help=help, **several)
 
     def __call__(
         self, parser: argparse.ArgumentParser, _: argparse.Namespace, form: Any, *__: Any
     ) -> NoReturn:
-        print(example(parser.prog.split()[-1], form), end="")
+        print(example(parser.prog.split()[-1], form or self.const), end="")
         parser.exit()
 
 
@@ -271,7 +278,45 @@ def _add_ida(commands: Any) -> None:
     _add_strict(ida)
 
 
-_COMMANDS = (_add_paper, _add_simulate, _add_montecarlo, _add_report, _add_design, _add_ida)
+def _add_rare(commands: Any) -> None:
+    rare = _add_command(
+        commands,
+        "rare",
+        summary="the probability of a rare event, however small, and its likeliest earthquake",
+        example="jaxpound rare --example-config > rare.toml\n"
+        "  jaxpound rare rare.toml --out results",
+    )
+    _add_out(rare)
+    _add_path(rare, "config", "buildings, random earthquakes and the event", "CONFIG.toml")
+    _add_example(rare, "print an example and exit")
+    words = "keep design points and finished batches there; a stopped search goes on"
+    _add_path(rare, "--store", words, "DIR")
+
+
+def _add_hazard(commands: Any) -> None:
+    hazard = _add_command(
+        commands,
+        "hazard",
+        summary="how often buildings pound in years, from a hazard curve and a fragility",
+        example="jaxpound hazard --example-config > hazard.toml\n"
+        "  jaxpound hazard hazard.toml --out results",
+    )
+    _add_out(hazard)
+    _add_path(hazard, "config", "the hazard, and a fragility or a study", "CONFIG.toml")
+    words = "print an example and exit"
+    hazard.add_argument("--example-config", action=_PrintExample, forms=FORMS[:1], help=words)
+
+
+_COMMANDS = (
+    _add_paper,
+    _add_simulate,
+    _add_montecarlo,
+    _add_report,
+    _add_design,
+    _add_ida,
+    _add_rare,
+    _add_hazard,
+)
 """In the order of the help."""
 
 

@@ -14,9 +14,8 @@ import jax.numpy as jnp
 from msgspec import field
 
 import jaxpound as jp
-from jaxpound.cli.factors import FACTOR, uncertain_structures
+from jaxpound.cli.factors import FACTOR, random_scenarios
 from jaxpound.cli.notes import noted
-from jaxpound.cli.parameters import parameters_of
 from jaxpound.cli.reading import Count, File, Seed, Table, between
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Stated, drawn
@@ -97,16 +96,8 @@ def prepared(file: File, given: Study) -> tuple[jp.Scenarios, jp.TimeGrid]:
     records = given.records(file)
     ground = given.motion(file, records)
     grid = given.grid(file, records)
-    structures: Any = given.structures
-    if given.uncertain:
-        place = f"{file.name}: [uncertain]"
-        structures = uncertain_structures(
-            place, given.uncertain, parameters_of(given.form), given.study.correlation
-        )
-    elif not ground.dimension:
-        rule = "[uncertain], a factor on the record, or several records"
-        raise ValueError(f"{file.name}: nothing is random; it must have {rule}")
-    return jp.Scenarios(structures, ground), grid
+    correlation = given.study.correlation
+    return random_scenarios(file, given, ground, given.uncertain, correlation), grid
 
 
 def _measures(given: Study, grid: jp.TimeGrid) -> dict[str, Any]:

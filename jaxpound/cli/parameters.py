@@ -57,6 +57,9 @@ class Parameters(Protocol):
     def require_periods(self, place: str, path: str, at: Any) -> None:
         """A ``ValueError`` for a building with an implausible period."""
 
+    def unit_of(self, path: str) -> str:
+        """The unit of a parameter in a file."""
+
 
 def parameters_of(form: Pair | Row) -> Parameters:
     """Those of a file."""
@@ -153,6 +156,12 @@ class PairParameters:
         if building := self._buildings(place, at).get(table):
             period = ranges(Building)["period"]
             period.require(f"{place} {table} natural period", building.natural_period)
+
+    def unit_of(self, path: str) -> str:
+        """As ``Parameters.unit_of``: that of the number in ``si``."""
+        if path.endswith("_ratio"):
+            return ""
+        return _STANDS_FOR[path][1].unit or unit(about(self.nominal, path).kind, si=True)
 
     def _buildings(self, place: str, at: jp.AdjacentStructures) -> dict[str, jp.Building]:
         mass = self.scales.mass

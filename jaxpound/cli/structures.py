@@ -12,6 +12,7 @@ from jaxpound.cli.row import FloorLink, Row, RowBuilding
 from jaxpound.cli.tables import Contact, Earthquakes, Gap, Run, read_records
 from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
 from jaxpound.simulation.scheme import require_followed
+from jaxpound.study.ground_draw import GroundDraw
 
 _OF_PAIR = {
     "gap": "the key 'gap'",
@@ -98,7 +99,7 @@ class Shaken(Structured, kw_only=True):
         place = f"{file.name}: [earthquakes] records"
         return read_records(place, file, table.records or [], table.units)
 
-    def motion(self, file: File, records: Sequence[jp.Record]) -> jp.RandomRicker | jp.RandomRecord:
+    def motion(self, file: File, records: Sequence[jp.Record]) -> GroundDraw:
         """The random ground motion of the dimensionless system."""
         with named(f"{file.name}: [earthquakes]"):
             return self.earthquakes.motion(records, self.scales)

@@ -21,6 +21,7 @@ from jaxpound.cli.reading import (
     says,
 )
 from jaxpound.study.distributions import RARE, reach
+from jaxpound.study.ground_draw import GroundDraw
 
 # The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
 # to catch a wrong unit or a typing error.
@@ -186,9 +187,7 @@ class Earthquakes(Table):
             if isinstance(stated := given.get(key), Stated):
                 stated.require(key, allowed)
 
-    def motion(
-        self, records: Sequence[jp.Record], scales: jp.Scales
-    ) -> jp.RandomRicker | jp.RandomRecord:
+    def motion(self, records: Sequence[jp.Record], scales: jp.Scales) -> GroundDraw:
         """The random ground motion; ``records`` are those that the file names."""
         length, time = float(scales.length), float(scales.time)
         if records:

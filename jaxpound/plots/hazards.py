@@ -44,13 +44,13 @@ def hazard_curve(hazard: HazardCurve, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
-def deaggregation(rate: AnnualRate, ax: Axes | None = None) -> Axes:
+def deaggregation(rate: AnnualRate, ax: Axes | None = None, *, bands: int = 20) -> Axes:
     """Share of the annual rate of pounding by bands of intensity, of one ratio each.
 
     The intensities beyond the ends of the hazard curve, where it is continued, are shaded.
     """
     ax = new_axes(ax)
-    found = rate.deaggregation()
+    found = rate.deaggregation(bands=bands)
     low, high = found.edges[[0, -1]]
     share = 100 * found.share
     ax.bar(
@@ -76,7 +76,7 @@ def deaggregation(rate: AnnualRate, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
-def pounding(hazard: HazardCurve, rate: AnnualRate) -> Figure:
+def pounding(hazard: HazardCurve, rate: AnnualRate, *, bands: int = 20) -> Figure:
     """A hazard curve, and below it from which of its intensities the annual rate comes.
 
     The figure is unknown to pyplot.
@@ -84,7 +84,7 @@ def pounding(hazard: HazardCurve, rate: AnnualRate) -> Figure:
     figure = new_figure(1.0, 1.6)
     above, below = figure.subplots(2, sharex=True)
     hazard_curve(hazard, above)
-    deaggregation(rate, below)
+    deaggregation(rate, below, bands=bands)
     low, high = below.get_xlim()
     above.set_xlim(min(low, hazard.intensity[0]), max(high, hazard.intensity[-1]))
     if np.divide(*above.get_xlim()[::-1]) > _WIDE:

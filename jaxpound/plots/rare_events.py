@@ -25,10 +25,11 @@ from jaxpound.plots.style import (
 from jaxpound.results.response import Response
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.simulation.run import simulate
+from jaxpound.units import Scales
 
 
 @in_house_style
-def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
+def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | None = None) -> Figure:
     """The likeliest earthquake that reaches the limit state, and the response to it, over time.
 
     Below the ground acceleration is the series that reaches the threshold (a closing, drift or
@@ -41,6 +42,8 @@ def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
         The event, with design points.
     number
         Which of ``RareEvent.design_earthquakes``, the likeliest being 0.
+    scales
+        For a figure in SI units; without, it is dimensionless.
 
     Raises
     ------
@@ -54,6 +57,10 @@ def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
         raise ValueError(f"design_earthquake: number = {number!r} must be {rule}")
     state, found = event.limit_state, event.design_earthquakes[number]
     response = simulate(found.structures, found.ground, state.grid, state.scheme)
+    at, level = found.time, state.level
+    if scales is not None:
+        response = scales.to_si(response)
+        at, level = at * float(scales.time), level * float(scales.length)
     figure = new_figure(1.0, 1.6)
     above, below = figure.subplots(2, sharex=True)
     ground_motion(response, above)
@@ -62,13 +69,13 @@ def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
         return figure
     one, time = state.series[int(event.series[number])], np.asarray(response.time)
     below.plot(time, _series(response, one.row), color=COLOURS["damper"], label=one.words)
-    below.axhline(state.level, color=COLOURS["limit"], linestyle="--", label="threshold")
+    below.axhline(level, color=COLOURS["limit"], linestyle="--", label="threshold")
     for ax in (above, below):
-        ax.axvline(found.time, color=COLOURS["residual"], linewidth=0.7, zorder=1)
-    words = rf"$t$ = {found.time:.3g}, $\beta$ = {found.beta:.3g}"
-    below.plot(found.time, state.level, "o", color=COLOURS["limit"], markersize=4, label=words)
-    unit = unit_for("length", False, 0.0)[1]
-    label(below, f"time $t$ ({unit_for('time', False, 0.0)[1]})", f"{_kind(one.words)} ({unit})")
+        ax.axvline(at, color=COLOURS["residual"], linewidth=0.7, zorder=1)
+    words = rf"$t$ = {at:.3g}{' s' if response.si else ''}, $\beta$ = {found.beta:.3g}"
+    below.plot(at, level, "o", color=COLOURS["limit"], markersize=4, label=words)
+    time_unit, unit = (unit_for(kind, response.si, 0.0)[1] for kind in ("time", "length"))
+    label(below, f"time $t$ ({time_unit})", f"{_kind(one.words)} ({unit})")
     legend(below, columns=2)
     above.set_xlabel("")
     return figure
@@ -83,14 +90,19 @@ def _series(response: Response, row: np.ndarray) -> np.ndarray:
     """A series of ``LimitState.series`` over the instants of a response."""
     gaps = [np.asarray(link.gap) for link in response.links]
     at_rest = [np.full_like(gap, gap[0]) for gap in gaps]
-    known = [*(np.asarray(mass.x) for mass in response.masses)]
-    known += [rest - gap for rest, gap in zip(at_rest, gaps, strict=True)] + at_rest
+    closings = [
+        rest - gap if np.isfinite(gap[0]) else np.zeros_like(gap)
+        for rest, gap in zip(at_rest, gaps, strict=True)
+    ]
+    known = [*(np.asarray(mass.x) for mass in response.masses), *closings, *at_rest]
     used = np.flatnonzero(row)
     return np.sum([row[i] * known[i] for i in used], axis=0)
 
 
 @in_house_style
-def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Axes:
+def probability_curve(
+    events: Sequence[RareEvent], ax: Axes | None = None, *, scales: Scales | None = None
+) -> Axes:
     """Probability over the threshold, with its 95 % interval and the values by FORM.
 
     Parameters
@@ -99,6 +111,8 @@ def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Ax
         Two or more of one demand, each at another threshold (``rare_event`` with ``start``).
     ax
         Where to draw.
+    scales
+        For thresholds in SI units; without, they are dimensionless.
 
     Raises
     ------
@@ -115,7 +129,12 @@ def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Ax
         raise ValueError("probability_curve: events must be of one demand")
     ax = new_axes(ax)
     found.sort(key=lambda event: event.limit_state.level)
-    at = np.array([event.limit_state.level for event in found])
+    demand, si = states[0].demand, scales is not None
+    kind, words = quantity_of(demand) if isinstance(demand, str) else (None, "demand")
+    unit = float(scales.units[kind]) if scales is not None and kind else 1.0
+    at = np.array([event.limit_state.level for event in found]) * unit
+    factor, written = unit_for(kind, si, float(at.max())) if kind else (1.0, "")
+    at = at * factor
     estimates = np.array([event.estimate[:3] for event in found])
     ax.fill_between(at, estimates[:, 1], estimates[:, 2], label="95 % interval", **shade("damper"))
     ax.plot(at, estimates[:, 0], "o-", color=COLOURS["damper"], markersize=3, label="estimate")
@@ -123,12 +142,6 @@ def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Ax
     if np.isfinite(form).any():
         ax.plot(at, form, "--", color=COLOURS["residual"], label="by FORM")
     ax.set_yscale("log")
-    demand = states[0].demand
-    kind, words = quantity_of(demand) if isinstance(demand, str) else (None, "demand")
-    label(
-        ax,
-        f"{words} ({unit_for(kind, False, 0.0)[1]})" if kind else words,
-        "probability of exceedance",
-    )
+    label(ax, f"{words} ({written})" if kind else words, "probability of exceedance")
     legend_above(ax, 3)
     return ax

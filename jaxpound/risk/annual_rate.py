@@ -119,12 +119,12 @@ class AnnualRate(Shown):
         first, last = np.searchsorted(share, [_LEFT_OUT, 1 - _LEFT_OUT])
         return np.geomspace(fine[max(first, 1)], fine[min(last + 1, fine.size - 2)], n + 1)
 
-    def _tables(self) -> list[Table]:
+    def _tables(self, years: float = 50.0) -> list[Table]:
         told = Estimate(self.value, self.low, self.high, self.confidence)
         rows = [
             ("annual rate", str(told)),
             ("return period", f"{self.return_period:,.4g} years"),
-            ("probability in 50 years", str(self.probability(50.0))),
+            (f"probability in {years:g} years", str(self.probability(years))),
         ]
         notes = [] if np.isnan(self.cov) else [f"c.o.v. of the rate {100 * self.cov:.3g} %"]
         if self.below + self.above > _TOLD * self.value:

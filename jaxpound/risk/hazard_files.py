@@ -17,8 +17,10 @@ HazardPoints = tuple[np.ndarray, np.ndarray, str]
 """Intensities, annual rates, and the measure's name."""
 
 
-def read_hazard(file: str | PathLike[str], site: int | str | None) -> HazardPoints:
+def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 0) -> HazardPoints:
     """The points of a site's hazard curve, by a file of OpenQuake or of the USGS.
+
+    Rows of sites are counted from ``first``.
 
     Raises
     ------
@@ -35,7 +37,7 @@ def read_hazard(file: str | PathLike[str], site: int | str | None) -> HazardPoin
     if not {"lon", "lat"} <= set(names) or len(levels) < 2 or len(rows) < 2:
         rule = "a line of names, lon and lat and the intensities (OpenQuake: poe-0.1), above sites"
         raise ValueError(f"HazardCurve.read: {path} must hold {rule}")
-    row = _site(path, names, rows[1:], site)
+    row = _site(path, names, rows[1:], site, first)
     im = np.array([_number(path, names[i].removeprefix("poe-")) for i in levels])
     value = np.array([_number(path, row[i]) for i in levels])
     measure = _measure(path, about)
@@ -49,25 +51,29 @@ def read_hazard(file: str | PathLike[str], site: int | str | None) -> HazardPoin
     return im[good], -np.log1p(-value[good]) / years, measure
 
 
-def _site(path: Path, names: list[str], rows: list[list[str]], site: int | str | None) -> list[str]:
+def _site(
+    path: Path, names: list[str], rows: list[list[str]], site: int | str | None, first: int
+) -> list[str]:
     owner, by_name = f"HazardCurve.read: {path}:", "name" in names
     known = [row[names.index("name")] for row in rows] if by_name else []
     if site is None:
         if len(rows) > 1:
             named = f": {', '.join(known[:6])}{', …' * (len(known) > 6)}" if known else ""
-            raise ValueError(f"{owner} site must be one of {len(rows)}, from 0{named}")
-        site = 0
+            raise ValueError(f"{owner} site must be one of {len(rows)}, from {first}{named}")
+        site = first
     if isinstance(site, str):
         if site not in known:
             asked = f"; {did_you_mean(site, known)}" if did_you_mean(site, known) else ""
             raise ValueError(f"{owner} site = {site!r} must be a name in the file{asked}")
-        site = known.index(site)
-    if not (is_whole(site) and 0 <= site < len(rows)):
-        raise ValueError(f"{owner} site = {site!r} must be a row from 0 to {len(rows) - 1}")
-    if len(rows[site]) != len(names):
-        told = f"{len(rows[site])} numbers and names"
+        site = first + known.index(site)
+    if not (is_whole(site) and first <= site < first + len(rows)):
+        rule = f"must be a row from {first} to {first + len(rows) - 1}"
+        raise ValueError(f"{owner} site = {site!r} {rule}")
+    row = rows[site - first]
+    if len(row) != len(names):
+        told = f"{len(row)} numbers and names"
         raise ValueError(f"{owner} site {site} with {told} must have one for each of {len(names)}")
-    return rows[site]
+    return row
 
 
 def _number(path: Path, text: str) -> float:

@@ -172,7 +172,7 @@ def event_of(
         more = {} if max_runs is None else {"max_runs": max_runs}
         return simulated(state, cov=cov, key=key, progress=progress, why=why, **more)
 
-    subset, why = _choice(state, method)
+    subset, why = choice(state, method)
     if subset:
         return by_subset(why)
     kept = None
@@ -197,7 +197,7 @@ def event_of(
     )
 
 
-def _choice(state: LimitState, method: str) -> tuple[bool, str]:
+def choice(state: LimitState, method: str) -> tuple[bool, str]:
     """Whether to take subset simulation, and why; a ``ValueError`` where gradients cannot work."""
     if method not in _METHODS:
         raise ValueError(f"{OWNER}: method = {method!r}; {hint(method, _METHODS)}")

@@ -58,7 +58,23 @@ def test_an_output_folder_that_cannot_be_made(command, below, pulse, tmp_path, c
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["paper"], ["simulate"], ["montecarlo"], ["report"], ["design"]]
+    "arguments",
+    [
+        [],
+        *(
+            [x]
+            for x in [
+                "paper",
+                "simulate",
+                "montecarlo",
+                "report",
+                "design",
+                "ida",
+                "rare",
+                "hazard",
+            ]
+        ),
+    ],
 )
 def test_help_has_an_example(arguments, capsys):
     with pytest.raises(SystemExit, match="0"):

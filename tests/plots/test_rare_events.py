@@ -47,6 +47,13 @@ def test_a_design_earthquake():
         "threshold",
         r"$t$ = 6, $\beta$ = 2.83",
     ]
+    scales = jp.Scales(mass=1e5, frequency=5.0)
+    figure = rare_events.design_earthquake(event(0.2, 1e-3), scales=scales)
+    _, below = figure.axes
+    closing = (1 - np.asarray(response.links[0].gap)) * float(scales.length)
+    assert below.lines[0].get_ydata() == pytest.approx(closing)
+    assert below.lines[0].get_xdata()[-1] == pytest.approx(8.0 / 5.0)
+    assert (below.get_xlabel(), below.get_ylabel()) == ("time $t$ (s)", "closing (m)")
     with pytest.raises(ValueError, match="number = 1 must be from 0 to 0"):
         rare_events.design_earthquake(event(0.2, 1e-3), 1)
 
@@ -59,5 +66,10 @@ def test_a_curve_of_probabilities():
     assert estimate.get_ydata().tolist() == [1e-3, 1e-5]
     assert form.get_ydata() == pytest.approx([8e-4, 8e-6])
     assert ax.get_xlabel() == r"required gap ($g/\omega_1^2$)"
+    scales = jp.Scales(mass=1e5, frequency=5.0)
+    ax = rare_events.probability_curve([event(0.4, 1e-5), event(0.2, 1e-3)], ax, scales=scales)
+    metres = np.array([0.2, 0.4]) * float(scales.length)
+    assert ax.lines[-2].get_xdata() == pytest.approx(metres)
+    assert ax.get_xlabel() == "required gap (m)"
     with pytest.raises(ValueError, match="two or more"):
         rare_events.probability_curve([event(0.4, 1e-5)])

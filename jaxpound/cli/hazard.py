@@ -1,0 +1,330 @@
+"""``jaxpound hazard``: how often buildings pound, from a hazard curve and a fragility."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import io
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Annotated, Any
+
+import numpy as np
+
+import jaxpound as jp
+from jaxpound._tables import Table as Shown
+from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.reading import Count, File, Table, between, named, says
+from jaxpound.cli.tables import Gap
+from jaxpound.ground.formats.units import UNITS
+from jaxpound.results.demand import unit_of
+from jaxpound.risk.hazard_files import read_hazard
+from jaxpound.study.statistics import Estimate
+
+# --- the configuration --------------------------------------------------------------------------
+
+_Numbers = Annotated[list[float], says("a list of two numbers or more", min_length=2)]
+_VELOCITIES = {"m/s": 1.0, "cm/s": 0.01}
+_KNOWN_UNITS = {"g": UNITS, "m/s²": UNITS, "m/s": _VELOCITIES}
+"""The units, in SI, that a hazard may have by the unit of the study's column."""
+
+_Site = Annotated[
+    Annotated[int, between(1, 2**31)] | str,
+    says("the row of a site, from 1, or its name"),
+]
+_Shares = Annotated[
+    list[Annotated[float, between(1e-9, 0.999, "", "a probability")]],
+    says("a list of probabilities", min_length=1),
+]
+_Positive = between(1e-12, 1e12, "", "of the hazard's intensities")
+_Dispersion = between(1e-3, 10, "", "a standard deviation of the logarithm")
+
+
+class Curve(Table):
+    """The hazard curve, by its points or by a file."""
+
+    intensity: _Numbers | None = None
+    annual_rate: _Numbers | None = None
+    measure: str | None = None
+    unit: str | None = None
+    file: str | None = None
+    site: _Site | None = None
+
+    def __post_init__(self) -> None:
+        points = [key for key in ("intensity", "annual_rate") if getattr(self, key) is not None]
+        if self.file is not None and points:
+            raise ValueError(f"{points[0]} must not be given beside file")
+        if self.file is None and len(points) < 2:
+            raise ValueError("must have intensity and annual_rate, or file")
+        if self.site is not None and self.file is None:
+            raise ValueError("site must be given with file only")
+        allowed = [*UNITS, *_VELOCITIES]
+        if self.unit is not None and self.unit not in allowed:
+            raise ValueError(f'unit = "{self.unit}" must be one of {", ".join(allowed)}')
+
+    def model(self, file: File) -> jp.HazardCurve:
+        """The library's ``HazardCurve``."""
+        if self.file is not None:
+            found = jp.HazardCurve(*read_hazard(file.folder / self.file, self.site, first=1))
+        else:
+            assert self.intensity is not None
+            assert self.annual_rate is not None
+            found = jp.HazardCurve(np.array(self.intensity), np.array(self.annual_rate))
+        return found if self.measure is None else dataclasses.replace(found, measure=self.measure)
+
+
+class Stated(Table):
+    """A fragility in numbers."""
+
+    median: Annotated[float, _Positive]
+    dispersion: Annotated[float, _Dispersion]
+    median_error: Annotated[float, between(0, 1e12, "", "a standard error")] | None = None
+    dispersion_error: Annotated[float, between(0, 10, "", "a standard error")] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.median_error is None) != (self.dispersion_error is None):
+            raise ValueError("must have median_error and dispersion_error, both or none")
+
+    def model(self) -> jp.Fragility:
+        """The library's ``Fragility``, without data."""
+        errors = [np.nan, np.nan]
+        if self.median_error is not None and self.dispersion_error is not None:
+            errors = [self.median_error / self.median, self.dispersion_error]
+        none = np.zeros(0)
+        covariance = np.diag(np.square(errors))
+        return jp.Fragility(self.median, self.dispersion, covariance, none, none, none, True)
+
+
+class Stored(Table):
+    """A study to whose runs a fragility is fitted."""
+
+    store: str
+    intensity: str = "pga"
+    gap: Gap | None = None
+    link: Annotated[int, between(1, 2**31)] | None = None
+    gap_probabilities: _Shares | None = None
+
+    def opened(self, file: File) -> jp.Study:
+        """The study; a ``ValueError`` if it has no such column or link."""
+        study = jp.Study.open(file.folder / self.store)
+        study.moments(self.intensity)
+        if self.link is not None:
+            rule = f"one of the study's links, from 1 to {study.n_links}"
+            if self.link > study.n_links:
+                raise ValueError(f"link = {self.link} must be {rule}")
+            if not study.finite(f"min_gap_{self.link}" if study.n_links > 1 else "min_gap").size:
+                raise ValueError(f"link = {self.link} must be a link with a gap")
+        return study
+
+    @property
+    def number(self) -> int | None:
+        """The link, from 0."""
+        return None if self.link is None else self.link - 1
+
+
+class Results(Table):
+    """What is told."""
+
+    years: Annotated[float, between(1e-3, 1e6, "years", "of a building's life")] = 50.0
+    bands: Annotated[int, Count] = 20
+    confidence: Annotated[float, between(0.01, 0.9999, "", "of an interval")] = 0.95
+
+
+class Lifetime(Table):
+    """The configuration of ``jaxpound hazard``."""
+
+    hazard: Curve
+    fragility: Stated | None = None
+    study: Stored | None = None
+    results: Results = Results()
+
+    def __post_init__(self) -> None:
+        if (self.fragility is None) == (self.study is None):
+            raise ValueError("must have the table [fragility] or the table [study], one of them")
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What follows from hazard and fragility."""
+
+    hazard: jp.HazardCurve
+    fragility: jp.Fragility
+    rate: jp.AnnualRate
+    gaps: Mapping[float, Estimate]
+    """Required gaps by their probabilities within the years."""
+    results: Results
+
+    @property
+    def deaggregation(self) -> jp.Deaggregation:
+        """The rate by bands of intensity."""
+        return self.rate.deaggregation(bands=self.results.bands)
+
+
+# --- the command --------------------------------------------------------------------------------
+
+
+def run(args: argparse.Namespace) -> None:
+    """Run the command."""
+    file = File.opened(args.config, "hazard")
+    given = file.read(Lifetime)
+    found = combined(file, given)
+    make_folder(args.out)
+    for table in tables(found):
+        print(table.text())
+
+    from jaxpound.plots import hazards, studies
+    from jaxpound.plots.style import figure
+
+    figures = {"hazard": hazards.pounding(found.hazard, found.rate, bands=found.results.bands)}
+    if found.fragility.intensity.size:
+        draw: Callable[..., Any] = partial(studies.fragility, intensity=found.hazard.measure)
+        figures["fragility"] = figure(draw, found.fragility)
+    write_json(args.out / "summary.json", summary(file, found))
+    write_text(args.out / "summary.md", page(found, figures))
+    write_text(args.out / "deaggregation.csv", _csv(found.deaggregation))
+    write_figures(figures, args.out, args.pdf)
+
+
+def combined(file: File, given: Lifetime) -> Found:
+    """The annual rate of pounding, and the gaps that are asked for."""
+    with named(f"{file.name}: [hazard]"):
+        hazard = given.hazard.model(file)
+    results, gaps = given.results, {}
+    if given.study is None:
+        assert given.fragility is not None
+        curve = given.fragility.model()
+    else:
+        stored, place = given.study, f"{file.name}: [study]"
+        with named(place):
+            study = stored.opened(file)
+        factor = _factor(f"{file.name}: [hazard] unit", given.hazard.unit, study, stored.intensity)
+        with named(place):
+            curve = study.fragility(stored.intensity, stored.gap, link=stored.number)
+            measured = dataclasses.replace(hazard, intensity=hazard.intensity * factor)
+            for share in stored.gap_probabilities or ():
+                gaps[share] = measured.required_gap(
+                    study,
+                    share,
+                    results.years,
+                    intensity=stored.intensity,
+                    link=stored.number,
+                    confidence=results.confidence,
+                )
+        curve = dataclasses.replace(
+            curve, median=curve.median / factor, intensity=curve.intensity / factor
+        )
+    rate = hazard.annual_rate_of(curve, results.confidence)
+    return Found(hazard, curve, rate, gaps, results)
+
+
+def _factor(place: str, unit: str | None, study: jp.Study, column: str) -> float:
+    """The unit of the hazard's intensities in that of a study's column."""
+    own = unit_of(column, study.scales is not None)
+    if own not in _KNOWN_UNITS:
+        if unit is not None:
+            rule = f"must not be given: the unit of the study's column {column} is not known"
+            raise ValueError(f'{place} = "{unit}" {rule}')
+        return 1.0
+    allowed = _KNOWN_UNITS[own]
+    unit = unit or next(iter(allowed))
+    if unit not in allowed:
+        rule = f"must be one of {', '.join(allowed)}, as the study's column {column} has {own}"
+        raise ValueError(f'{place} = "{unit}" {rule}')
+    return allowed[unit] / allowed[own.replace("²", "2")]
+
+
+# --- the report ---------------------------------------------------------------------------------
+
+
+def summary(file: File, found: Found) -> dict[str, Any]:
+    """The rate in numbers, for JSON."""
+    rate, curve, years = found.rate, found.fragility, found.results.years
+    answers: dict[str, Any] = known(
+        {
+            "jaxpound": jp.__version__,
+            "configuration": tomllib.loads(file.text),
+            "measure": found.hazard.measure,
+            "hazard": {
+                "intensity": found.hazard.intensity.tolist(),
+                "annual_rate": found.hazard.annual_rate.tolist(),
+            },
+            "fragility": {
+                "median": curve.median,
+                "median_error": curve.median_error,
+                "dispersion": curve.dispersion,
+                "dispersion_error": curve.dispersion_error,
+            },
+            "confidence": found.results.confidence,
+            "annual_rate": {
+                "value": rate.value,
+                "low": rate.low,
+                "high": rate.high,
+                "cov": rate.cov,
+                "from_below_the_curve": rate.below,
+                "from_above_the_curve": rate.above,
+                "bounds": list(rate.bounds),
+            },
+            "return_period_years": rate.return_period,
+            "years": years,
+            "probability": _interval(rate.probability(years)),
+            "required_gap": {f"{p:g}": _interval(gap) for p, gap in found.gaps.items()},
+            "mean_intensity_at_pounding": found.deaggregation.mean,
+        }
+    )
+    return answers
+
+
+def _interval(found: Estimate) -> dict[str, float]:
+    return {"value": found.value, "low": found.low, "high": found.high}
+
+
+def tables(found: Found) -> list[Shown]:
+    """The results for people."""
+    rate, curve, years = found.rate, found.fragility, found.results.years
+    (of_rate,) = rate._tables(years)
+    numbers = [
+        ("median", _with_error(curve.median, curve.median_error)),
+        ("dispersion", _with_error(curve.dispersion, curve.dispersion_error)),
+    ]
+    parts = [of_rate, Shown(f"Fragility by {found.hazard.measure}", (), numbers)]
+    if found.gaps:
+        rows = [(f"{100 * p:g} %", str(gap)) for p, gap in found.gaps.items()]
+        columns = (f"closes within {years:g} years with probability", "required gap (m)")
+        parts.append(Shown("Required gap", columns, rows))
+    return [*parts, *found.deaggregation._tables()]
+
+
+def _with_error(value: float, error: float) -> str:
+    return f"{value:.4g} ± {error:.2g}" if np.isfinite(error) else f"{value:.4g}"
+
+
+def page(found: Found, figures: Mapping[str, Any]) -> str:
+    """One page."""
+    lines = ["# Pounding in a lifetime", "", f"jaxpound {jp.__version__}.", ""]
+    for part in tables(found):
+        notes = ". ".join(part.notes).replace(",. ", ", ")  # a note may go on in the next
+        table = part if any(part.columns) else part._replace(columns=("quantity", "value"))
+        lines += [f"## {part.title}", "", table.markdown(), ""]
+        lines += [f"{notes[0].upper()}{notes[1:]}.", ""] if notes else []
+    lines += [
+        "Earthquakes with pounding are taken for a Poisson process. The interval is that of the "
+        "fragility; the hazard curve is taken as known.",
+        "",
+        *(f"![{name}]({name}.png)" for name in figures),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _csv(found: jp.Deaggregation) -> str:
+    """The rate by bands of intensity."""
+    text = io.StringIO()
+    rows: Sequence[Any] = list(
+        zip(*(x.tolist() for x in (found.edges[:-1], found.edges[1:], found.rate, found.share)),
+            strict=True)
+    )  # fmt: skip
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([("from", "to", "annual_rate", "share"), *rows])
+    return text.getvalue()

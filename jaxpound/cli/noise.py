@@ -1,0 +1,126 @@
+"""Random earthquakes as filtered white noise, beside sums of wavelets and records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+import jax.numpy as jnp
+from msgspec.structs import asdict
+
+import jaxpound as jp
+from jaxpound.cli.reading import Range, Table, between, named, says
+from jaxpound.cli.tables import Duration, Earthquakes, Stated
+from jaxpound.study.ground_draw import GroundDraw
+
+_Instant = Annotated[float, between(1e-3, 3600, "s", "from the start of the noise")]
+_Frequency = Annotated[float, between(0.01, 100, "Hz", "of soil: soft has 0.5 Hz, rock 10 Hz")]
+_Damping = Annotated[float, between(0.01, 0.99, "", "of the critical damping")]
+_STRENGTH = Range(0, 10, "g", "the standard deviation of the acceleration at its strongest")
+_OF_SOIL = ("frequency", "damping", "acceleration", "duration")
+_NEEDED = {"kanai-tajimi": _OF_SOIL, "clough-penzien": (*_OF_SOIL, "high_pass")}
+_SAMPLES_IN_A_PERIOD = 20
+_OF_GAMMA, _OF_PLATEAU = ("peak", "power"), ("rise", "end", "decay")
+
+
+class Envelope(Table):
+    """How the noise grows and fades: a gamma function, or a rise, a plateau and a decay."""
+
+    peak: _Instant | None = None
+    power: Annotated[float, between(1e-3, 1e3, "", "the larger, the shorter")] | None = None
+    rise: _Instant | None = None
+    end: _Instant | None = None
+    decay: Annotated[float, between(1e-3, 1e3, "1/s", "of the exponential decay")] | None = None
+
+    def __post_init__(self) -> None:
+        if self._given().keys() not in ({*_OF_GAMMA}, {*_OF_PLATEAU}):
+            ways = f"{', '.join(_OF_GAMMA)}, or {', '.join(_OF_PLATEAU)}"
+            raise ValueError(f"must have {ways}")
+        self.model()
+
+    def _given(self) -> dict[str, float]:
+        return {key: x for key, x in asdict(self).items() if x is not None}
+
+    def model(self) -> jp.GammaEnvelope | jp.PlateauEnvelope:
+        """The library's envelope, in seconds."""
+        kind: Any = jp.GammaEnvelope if self.peak is not None else jp.PlateauEnvelope
+        with named("", {"rise": "s", "end": "s"}):
+            return kind(**self._given())
+
+
+class Shaking(Earthquakes):
+    """Random earthquakes: filtered white noise, sums of wavelets, or records."""
+
+    filter: Literal["kanai-tajimi", "clough-penzien"] | None = None
+    frequency: _Frequency | None = None
+    damping: _Damping | None = None
+    high_pass: _Frequency | None = None
+    high_pass_damping: _Damping | None = None
+    duration: Annotated[float, Duration] | None = None
+    dt: Annotated[float, between(1e-4, 10, "s", "an interval of samples")] | None = None
+    acceleration: (
+        Annotated[
+            float | Stated,
+            says("a standard deviation in g, or its distribution, {lognormal = [median, sigma]}"),
+        ]
+        | None
+    ) = None
+    envelope: Envelope | None = None
+
+    def __post_init__(self) -> None:
+        given = [key for key, x in asdict(self).items() if x is not None]
+        own = {*Shaking.__struct_fields__} - {*Earthquakes.__struct_fields__}
+        here, how = ({*own}, "with") if self.filter else ({*given} - own, "without")
+        if wrong := [key for key in given if key not in here]:
+            raise ValueError(f"{wrong[0]} must not be given {how} filter")
+        if self.filter is None:
+            super().__post_init__()
+            return
+        if missing := [key for key in _NEEDED[self.filter] if key not in given]:
+            raise ValueError(f"lacks the key {missing[0]!r}")
+        for key in ("high_pass", "high_pass_damping"):
+            if self.filter == "kanai-tajimi" and key in given:
+                raise ValueError(f'{key} must be given with filter = "clough-penzien" only')
+        if isinstance(self.acceleration, Stated):
+            self.acceleration.require("acceleration", _STRENGTH)
+        else:
+            _STRENGTH.require("acceleration", self.acceleration)
+        assert self.frequency
+        if self.high_pass is not None and self.high_pass >= self.frequency:
+            rule = f"must be below frequency = {self.frequency:g} Hz"
+            raise ValueError(f"high_pass = {self.high_pass:g} Hz {rule}")
+
+    def shapes(self, records: Sequence[jp.Record]) -> list[jp.Record]:
+        """Records for which a time grid must be fine and long enough; none of wavelets."""
+        if self.filter is None:
+            return [*records]
+        noise = self._noise()
+        return [noise.draw(jnp.zeros(noise.dimension))]
+
+    def motion(self, records: Sequence[jp.Record], scales: jp.Scales) -> GroundDraw:
+        """The random ground motion of the dimensionless system."""
+        if self.filter is None:
+            return super().motion(records, scales)
+        return scales.to_dimensionless(self._noise())
+
+    def _noise(self) -> jp.FilteredNoise:
+        """The noise in seconds."""
+        assert self.frequency
+        assert self.damping
+        assert self.duration
+        ground = 2 * math.pi * self.frequency, self.damping
+        filter: Any = jp.KanaiTajimi(*ground)
+        if self.high_pass is not None:
+            share = {"high_pass_damping": self.high_pass_damping} if self.high_pass_damping else {}
+            filter = jp.CloughPenzien(*ground, high_pass=2 * math.pi * self.high_pass, **share)
+        dt = self.dt or 1 / (_SAMPLES_IN_A_PERIOD * self.frequency)
+        strength = self.acceleration
+        return jp.FilteredNoise(
+            filter,
+            samples=max(2, math.ceil(self.duration / dt * (1 - 1e-9)) + 1),
+            dt=dt,
+            envelope=self.envelope.model() if self.envelope else None,
+            intensity=strength.times(1.0) if isinstance(strength, Stated) else strength,
+            time_unit="s",
+        )

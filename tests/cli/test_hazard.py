@@ -1,0 +1,195 @@
+"""``jaxpound hazard``: its configuration, and what it writes."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jaxpound as jp
+from jaxpound.cli import hazard
+from jaxpound.cli import main as cli
+from jaxpound.cli.files import example
+from jaxpound.cli.reading import File, entries
+from jaxpound.quantities import STANDARD_GRAVITY
+from tests.cli.commands import edited, is_figure, number, refusal, run, tables
+
+EXAMPLE = example("hazard")
+OPENQUAKE = """\
+#,,,,,"generated_by='OpenQuake engine 3.7.0', kind='mean', investigation_time=50.0, imt='PGA'"
+lon,lat,depth,poe-0.1000000,poe-0.2000000,poe-0.4000000
+13.4,46.0,0.0,0.5,0.2,0.05
+13.5,46.0,0.0,0.4,0.1,0.02
+"""
+STUDY = """
+[study]
+store = "study"
+intensity = "pga"
+gap = 0.04
+link = 1
+gap_probabilities = [0.1, 0.02]
+"""
+
+
+def of_file(site):
+    """The example with a file in the place of points."""
+    at = f"site = {site}\n" if site else ""
+    return re.sub(
+        r"(?s)intensity = .*?measure[^\n]*", f'file = "curve.csv"\n{at}', EXAMPLE, count=1
+    )
+
+
+def of_study(more=""):
+    """The example with a study in the place of a fragility."""
+    head, tail = EXAMPLE.split("[fragility]", 1)
+    return f"{head}{STUDY}{more}\n{tail[tail.index('[results]') :]}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a small study and a file of hazard."""
+    made = tmp_path_factory.mktemp("hazard")
+    changes = {
+        "samples": "samples = 400",
+        "duration": "duration = 8.0",
+        "# dt = 0.01": "dt = 0.03",
+        "intensity": "intensity = {lognormal = [0.5, 0.6]}",
+    }
+    (made / "study.toml").write_text(edited(example("montecarlo"), changes))
+    run("montecarlo", made / "study.toml", "--store", made / "study")
+    (made / "curve.csv").write_text(OPENQUAKE)
+    return made
+
+
+def told(folder, text):
+    """The command's screen and its answers."""
+    (folder / "hazard.toml").write_text(text)
+    screen = run("hazard", folder / "hazard.toml", "--out", folder / "out")
+    return screen, json.loads((folder / "out" / "summary.json").read_text())
+
+
+def test_the_example_names_every_key_and_is_printed(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["hazard", "--example-config"])
+    assert capsys.readouterr().out == EXAMPLE
+    File("example", EXAMPLE).read(hazard.Lifetime)
+    for table in entries(hazard.Lifetime):
+        for key in entries(entries(hazard.Lifetime)[table]):
+            assert re.search(rf"(?m)^(# )?{key} = ", EXAMPLE), key
+
+
+def test_a_power_law_gives_cornell_s_rate(tmp_path):
+    """λ(θ) e^(k² β² / 2), its interval from the errors by d ln λ/d ln θ = −k, d ln λ/dβ = k² β."""
+    changes = {
+        "intensity": "intensity = [0.1, 1.0]",
+        "annual_rate": "annual_rate = [1e-2, 1e-5]",
+        "years": "years = 30.0",
+    }
+    screen, answers = told(tmp_path, edited(EXAMPLE, changes))
+    rate = 1e-5 * 0.6**-3 * np.exp(9 * 0.4**2 / 2)
+    cov = np.hypot(3 * 0.05 / 0.6, 9 * 0.4 * 0.05)
+    assert answers["annual_rate"]["value"] == pytest.approx(rate, rel=1e-9)
+    assert answers["annual_rate"]["cov"] == pytest.approx(cov, rel=1e-9)
+    assert answers["annual_rate"]["high"] == pytest.approx(rate * np.exp(1.96 * cov), rel=1e-4)
+    assert answers["return_period_years"] == pytest.approx(1 / rate)
+    assert answers["probability"]["value"] == pytest.approx(-np.expm1(-30 * rate))
+    assert "probability in 30 years" in screen
+
+
+def test_what_is_written(tmp_path):
+    screen, answers = told(tmp_path, EXAMPLE)
+    out = tmp_path / "out"
+    names = {"hazard.png", "summary.json", "summary.md", "deaggregation.csv"}
+    assert {path.name for path in out.iterdir()} == names
+    assert imread(out / "hazard.png").shape[1] == 1062
+    assert answers["required_gap"] == {}
+    with (out / "deaggregation.csv").open() as file:
+        rows = [{key: float(x) for key, x in row.items()} for row in csv.DictReader(file)]
+    assert len(rows) == 20
+    total = answers["annual_rate"]["value"]
+    assert sum(row["annual_rate"] for row in rows) == pytest.approx(total, rel=2e-3)
+    centre = max(rows, key=lambda row: row["share"])
+    assert centre["from"] < answers["mean_intensity_at_pounding"] < 1.2 * centre["to"]
+    of_rate, of_curve, of_bands = tables((out / "summary.md").read_text())
+    assert of_rate[0]["value"] in screen
+    assert of_curve[0]["value"] == "0.6 ± 0.05"
+    assert number(of_bands[0]["annual rate"]) == pytest.approx(rows[0]["annual_rate"], rel=1e-3)
+
+
+def test_without_errors_there_is_no_interval(tmp_path):
+    text = edited(EXAMPLE, {"median_error": "", "dispersion_error": ""})
+    screen, answers = told(tmp_path, text)
+    assert "(no 95% interval)" in screen
+    assert answers["annual_rate"]["low"] is None
+    assert answers["annual_rate"]["value"] > 0
+
+
+def test_a_file_of_openquake(folder):
+    for site, share in ((1, 0.2), (2, 0.1)):
+        _, answers = told(folder, of_file(site))
+        assert answers["measure"] == "PGA (g)"
+        assert answers["hazard"]["annual_rate"][1] == pytest.approx(-np.log1p(-share) / 50)
+
+
+def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
+    screen, answers = told(folder, of_study())
+    study = jp.Study.open(folder / "study")
+    curve = jp.fit_fragility(study["pga"] / STANDARD_GRAVITY, study.pounding(0.04) == 1)
+    given = answers["hazard"]
+    points = [np.array(given[key]) for key in ("intensity", "annual_rate")]
+    rate = jp.HazardCurve(*points).annual_rate_of(curve)
+    assert answers["fragility"]["median"] == pytest.approx(curve.median, rel=1e-6)
+    assert answers["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
+    assert answers["annual_rate"]["high"] == pytest.approx(rate.high, rel=1e-6)
+    assert is_figure(folder / "out" / "fragility.png")
+    # At the required gap the rate is that of its probability.
+    for share, gap in answers["required_gap"].items():
+        at = jp.fit_fragility(study["pga"] / STANDARD_GRAVITY, study.pounding(gap["value"]) == 1)
+        found = jp.HazardCurve(*points).annual_rate_of(at).probability(50.0)
+        assert found.value == pytest.approx(float(share), rel=0.05)
+        assert gap["low"] < gap["value"] < gap["high"]
+    assert "required gap (m)" in screen
+    # The same hazard in other units is the same.
+    gal = (100 * STANDARD_GRAVITY * np.array(given["intensity"])).tolist()
+    other = re.sub(r"(?m)^intensity = \[.*$", f"intensity = {gal}", of_study())
+    _, again = told(folder, other.replace("# unit =", "unit ='gal' #"))
+    assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2]"}), "[hazard] intensity (6,) and"),
+        (
+            edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2, 3, 4, 5, 6]"}),
+            "[hazard] annual_rate = 2 ",
+        ),
+        (edited(EXAMPLE, {"annual_rate": ""}), "[hazard] must have intensity and annual_rate, or"),
+        (edited(EXAMPLE, {"measure": 'file = "x"'}), "[hazard] intensity must not be given beside"),
+        (edited(EXAMPLE, {"# unit": "unit = 'x'"}), '[hazard] unit = "x" must be one of g, m/s2'),
+        (edited(EXAMPLE, {"median =": "median = 0"}), "[fragility] median = 0 must be between"),
+        (edited(EXAMPLE, {"median_error": ""}), "[fragility] must have median_error and"),
+        (EXAMPLE + STUDY, "must have the table [fragility] or the table [study], one of them"),
+        (of_file(""), "curve.csv: site must be one of 2, from 1"),
+        (of_file(3), "curve.csv: site = 3 must be a row from 1 to 2"),
+        (of_study().replace('"pga"', '"pgx"'), "[study] column 'pgx' must be one of"),
+        (
+            of_study().replace("link = 1", "link = 3"),
+            "[study] link = 3 must be one of the study's links",
+        ),
+        (of_study().replace("# unit =", "unit = 'cm/s' #"), '[hazard] unit = "cm/s" must be one'),
+        (of_study().replace('"study"', '"none"'), "none"),
+        (
+            of_study().replace("0.1, 0.02", "0.99"),
+            "[study] the target, 0.0921 a year, must be the rate of pounding at a gap",
+        ),
+    ],
+)
+def test_wrong_input_is_named(text, words, folder, capsys):
+    path = folder / "wrong.toml"
+    path.write_text(text)
+    line = refusal(capsys, "hazard", path, "--out", folder / "nothing")
+    assert words in line
+    assert not (folder / "nothing").exists()

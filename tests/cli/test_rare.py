@@ -1,0 +1,234 @@
+"""``jaxpound rare``: its configuration, its run, and what it writes."""
+
+import csv
+import json
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jaxpound as jp
+from jaxpound.cli import main as cli
+from jaxpound.cli import rare
+from jaxpound.cli.files import example
+from jaxpound.cli.reading import File, entries
+from tests.cli.commands import edited, number, refusal, run, tables
+
+EXAMPLE, ROW = example("rare"), example("rare", "row")
+SHORT = {
+    "frequency": "frequency = 1.0",
+    "duration": "duration = 6.0",
+    "# gap =": "gap = 0.09",
+    "thresholds": "thresholds = [0.07, 0.09]",
+    "cov": "cov = 0.2",
+    "# dt = 0.01": "dt = 0.03",
+}
+DESIGN = """
+[design]
+parameter = "friction"
+probability = 0.02
+tolerance = 0.3
+"""
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """The command's screen, its configuration and its folders."""
+    folder = tmp_path_factory.mktemp("rare")
+    path = folder / "rare.toml"
+    path.write_text(edited(EXAMPLE, SHORT) + DESIGN)
+    arguments = ["rare", path, "--out", folder / "out", "--store", folder / "store"]
+    return run(*arguments), arguments, folder
+
+
+@pytest.fixture(scope="module")
+def by_hand():
+    """The same scenarios from the library, in units of the dimensionless system."""
+    left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+    pair, scales = jp.dimensionless(left, right, friction_force=200e3, gap=0.2)
+    second = float(scales.frequency)
+    noise = jp.FilteredNoise(
+        jp.KanaiTajimi(2 * np.pi / second, 0.6),
+        samples=121,
+        dt=0.05 * second,
+        envelope=jp.GammaEnvelope(3.0 * second, 2.0),
+        intensity=0.08,
+    )
+    return jp.Scenarios(pair, noise), scales.grid(6.0, 0.025), scales
+
+
+def test_the_examples_name_every_key_and_are_printed(capsys):
+    for form in ("pair", "row"):
+        with pytest.raises(SystemExit, match="0"):
+            cli.main(["rare", "--example-config", form])
+        text = example("rare", form)
+        assert capsys.readouterr().out == text
+        File("example", text).read(rare.Rare)
+    commented = re.sub(r"(?m)^# ", "", EXAMPLE)
+    for table in ("earthquakes", "limit", "search", "design"):
+        of_records = {"records", "units", "factor", "weights", "intensity"}
+        for key in {*entries(entries(rare.Rare)[table])} - of_records:
+            assert re.search(rf"(?m)^{key} = ", commented), key
+
+
+def test_the_probability_is_that_of_plain_runs(done, by_hand):
+    screen, _, folder = done
+    answers = json.loads((folder / "out" / "summary.json").read_text())
+    scenarios, grid, scales = by_hand
+    state = jp.LimitState(scenarios, grid, threshold=0.09 / float(scales.length))
+    plain = state.values(np.random.default_rng(0).normal(size=(4096, scenarios.dimension)))
+    share = float((plain >= 0).mean())
+    assert 5e-3 < share < 0.04
+    allowed = 3 * np.hypot(answers["cov"], ((1 - share) / share / plain.size) ** 0.5)
+    assert answers["probability"] == pytest.approx(share, rel=allowed)
+    assert answers["random_numbers"] == 121
+    assert "Rare event: required gap of 0.09 m or more" in screen
+    # The motion that is written closes the gap by no less, at its instant.
+    z = answers["design_earthquakes"]
+    assert z[0]["reliability_index"] == min(x["reliability_index"] for x in z)
+    record = jp.read_record(folder / "out" / "design_earthquake.csv", units="g")
+    pair, _ = scenarios.realize(jnp.zeros(scenarios.dimension))
+    response = scales.to_si(jp.simulate(pair, scales.to_dimensionless(record), grid))
+    closing = 0.2 - np.asarray(response.links[0].gap)
+    at = np.argmin(np.abs(np.asarray(response.time) - z[0]["time_s"]))
+    assert closing[at] == pytest.approx(0.09, rel=0.02)
+
+
+def test_what_is_written(done):
+    _, _, folder = done
+    out = folder / "out"
+    figures = {"design_earthquake.png", "probability.png"}
+    told = {"summary.json", "summary.md", "curve.csv", "design_earthquake.csv"}
+    assert {path.name for path in out.iterdir()} == figures | told
+    assert all(imread(out / name).shape[1] == 1062 for name in figures)
+    answers = json.loads((out / "summary.json").read_text())
+    with (out / "curve.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["threshold"]) for row in rows] == pytest.approx([0.07, 0.09])
+    assert float(rows[0]["probability"]) > float(rows[1]["probability"])
+    assert float(rows[1]["probability"]) == answers["probability"]
+    _, of_curve, of_design = tables((out / "summary.md").read_text())
+    for row, written in zip(of_curve, rows, strict=True):
+        assert number(row["probability"]) == pytest.approx(float(written["probability"]), rel=1e-3)
+    assert len(of_design) == len(answers["design"]["steps"])
+
+
+def test_the_parameter_is_told_in_newtons(done):
+    _, _, folder = done
+    design = json.loads((folder / "out" / "summary.json").read_text())["design"]
+    first, last = design["steps"][0], design["steps"][-1]
+    assert (design["parameter"], design["unit"], design["before"]) == ("friction", "N", 200e3)
+    assert first["value"] == pytest.approx(200e3)
+    assert last["value"] == design["value"]
+    assert last["probability"] == pytest.approx(0.02, rel=0.3)
+    # More friction, fewer poundings: the slope is that between the steps.
+    slope = np.log(last["probability"] / first["probability"]) / (last["value"] - first["value"])
+    assert slope < 0
+    assert first["slope_of_ln_probability"] == pytest.approx(slope, rel=0.5)
+
+
+def test_a_stopped_search_goes_on(done, monkeypatch):
+    _, arguments, folder = done
+    (folder / "rare.toml").write_text(edited(EXAMPLE, SHORT))
+    before = (folder / "out" / "curve.csv").read_text()
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "gradients", None)  # from the files alone
+        patch.setattr(jp.LimitState, "values_and_times", None)
+        run(*arguments)
+    assert (folder / "out" / "curve.csv").read_text() == before
+
+
+def test_other_earthquakes_and_uncertain_buildings():
+    def state(text):
+        file = File("rare.toml", text)
+        return rare.limit_state(file, file.read(rare.Rare))
+
+    plateau = {"envelope": "envelope = {rise = 1.0, end = 4.0, decay = 1.0}"}
+    random = {"acceleration": "acceleration = {lognormal = [0.08, 0.4]}"}
+    uncertain = "\n[uncertain]\nfriction = {lognormal = [1.0, 0.2]}\n"
+    found = state(edited(EXAMPLE, SHORT | plateau | random) + uncertain)
+    names = found.scenarios.parameters(jnp.zeros(found.dimension))
+    assert found.dimension == 123  # 121 samples, their intensity, the friction
+    assert {"friction", "intensity", "noise_121"} <= {*names}
+    head, tail = EXAMPLE.split("[earthquakes]", 1)
+    wavelets = re.sub("(?m)^# ", "", re.search(r"(?s)# \[earthquakes\]\n(.*?)\n\n", tail)[1])
+    run_of = tail[tail.index("# Uncertain") :].replace("# duration =", "duration =")
+    found = state(f"{head}[earthquakes]\n{wavelets}\n\n{run_of}")
+    assert (found.dimension, found.scenarios.discrete) == (36, ())
+
+
+def test_a_search_that_keeps_no_files(tmp_path, capsys):
+    path = tmp_path / "rare.toml"
+    path.write_text(edited(EXAMPLE, {"method": 'method = "subset"'}))
+    told = refusal(capsys, "rare", path, "--out", tmp_path / "out", "--store", tmp_path / "store")
+    assert "argument --store must not be given: subset simulation is taken" in told
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_a_row_and_another_demand():
+    file = File("rare.toml", ROW)
+    given = file.read(rare.Rare)
+    state = rare.limit_state(file, given)
+    assert state.threshold * float(given.scales.length) == pytest.approx(0.04)
+    noise = jp.FilteredNoise(
+        jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2),
+        samples=501,
+        dt=0.02,
+        envelope=jp.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8),
+        intensity=0.1,
+        time_unit="s",
+    )
+    z = jnp.sin(jnp.arange(501.0))
+    drawn = state.scenarios.realize(z)[1]
+    assert drawn.samples == pytest.approx(noise.draw(z).samples)
+    assert float(drawn.dt * given.scales.time) == pytest.approx(0.02)
+    assert len(state.series) == 10  # the drifts of five storeys, to both sides
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"frequency": ""}, "[earthquakes] lacks the key 'frequency'"),
+        ({"frequency": "frequency = 900"}, "[earthquakes] frequency = 900 Hz must be between"),
+        ({"filter": ""}, "[earthquakes] frequency must not be given without filter"),
+        ({"filter": 'filter = "kanai"'}, '[earthquakes] filter = "kanai" must be one of'),
+        ({"# high_pass =": "high_pass = 1"}, "[earthquakes] high_pass must be given with filter"),
+        ({"acceleration": "acceleration = 20"}, "[earthquakes] acceleration = 20 g must be betw"),
+        (
+            {"acceleration": "acceleration = {normal = [0.1, 0.1]}"},
+            "[earthquakes] acceleration = {normal = [0.1, 0.1]} reaches -0.37",
+        ),
+        ({"acceleration": 'acceleration = "g"'}, '[earthquakes] acceleration = "g" must be a st'),
+        ({"acceleration": "wavelets = 4"}, "[earthquakes] wavelets must not be given with filter"),
+        ({"envelope": "envelope = {peak = 3.0}"}, "[earthquakes] envelope must have peak, power"),
+        (
+            {"envelope": "envelope = {rise = 4.0, end = 2.0, decay = 1.0}"},
+            "[earthquakes] envelope end = 2 s must be finite and above rise = 4 s",
+        ),
+        ({"# gap =": "gap = -1"}, "[limit] gap = -1 m must be between 0 and 10 m"),
+        ({"# threshold =": "threshold = 1"}, "[limit] threshold must be given with demand"),
+        ({"# demand": 'demand = "peak_x1"'}, "[limit] lacks the key 'threshold'"),
+        ({"# demand": 'demand = "peak_y"\nthreshold = 1'}, "[limit] unknown demand 'peak_y'"),
+        ({"thresholds": "thresholds = [0.1, -0.1]"}, "[limit] thresholds: -0.1 must be positive"),
+        ({"cov": "cov = 2"}, "[search] cov = 2 must be between 0.001 and 0.99"),
+        ({"method": 'method = "form"'}, '[search] method = "form" must be one of "auto"'),
+        (
+            {"# [design]": '[design]\nprobability = 0.1\nparameter = "fiction"'},
+            "[design] parameter: has an unknown key 'fiction'; did you mean 'friction'",
+        ),
+        (
+            {"# [design]": '[design]\nparameter = "friction"\nprobability = 2'},
+            "[design] probability = 2 must be between 1e-12 and 0.5",
+        ),
+        ({"# dt = 0.01": "dt = 2.0"}, "[run] dt = 2"),
+    ],
+)
+def test_wrong_input_is_named(changes, words, tmp_path, capsys):
+    path = tmp_path / "wrong.toml"
+    path.write_text(edited(EXAMPLE, changes))
+    told = refusal(capsys, "rare", path, "--out", tmp_path / "nothing")
+    assert f"wrong.toml: {words}" in told
+    assert not (tmp_path / "nothing").exists()
