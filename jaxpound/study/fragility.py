@@ -164,8 +164,8 @@ def fit_fragility(
     weights
         Weight ≥ 0 of each run at an intensity, shape (m,), of any scale, such as those of
         importance samples: a run's share of the likelihood is raised to it. The covariance is then
-        not that of as many runs as the weights' sum, but that of White (1982), of a likelihood that is
-        not the distribution's own: H⁻¹ S H⁻¹ with H the information and S the sum of the squares
+        not that of as many runs as the weights' sum, but that of White (1982), of a likelihood that
+        is not the distribution's own: H⁻¹ S H⁻¹ with H the information and S the sum of the squares
         of the scores.
 
     Raises

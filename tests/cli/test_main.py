@@ -215,7 +215,9 @@ def test_an_interrupted_study_keeps_its_finished_chunks(tmp_path):
         said = process.stderr.read()
         assert process.wait(60) == 130
     again = "the same command goes on from there"
-    assert said == f"jaxpound: interrupted; finished chunks are kept in {folder}, and {again}\n"
+    # On a busy machine a note before it says that compilation takes long.
+    told = f"jaxpound: interrupted; finished chunks are kept in {folder}, and {again}"
+    assert said.splitlines()[-1] == told
     store = Store(folder)
     found = [chunk for chunk in store.chunks() if store.has(chunk)]
     assert 2 <= len(found) < len(store.chunks())
