@@ -169,8 +169,8 @@ class Study(Columnar, Shown):
         moments, quantiles, probabilities, required gaps, ``separation``, ``correlations``,
         ``fragility``. ``study[name]`` and tables remain those of the samples. Intervals are those
         of as many samples of one weight as would have the estimate's variance: Clopper and
-        Pearson's with the effective size of Korn and Graubard (1998) for a probability, Woodruff's
-        (1952) for a quantile; a fragility has the covariance of White (1982).
+        Pearson's with the effective size of Korn and Graubard (1998) for a probability, that of
+        Woodruff (1952) for a quantile; a fragility has the covariance of White (1982).
 
         Parameters
         ----------
