@@ -67,7 +67,7 @@ def wavelets(dt):
     """A record, in g, of three wavelets, at steps of dt seconds."""
     t = dt * np.arange(round(END / dt) + 1)
     ground = jp.Ricker([0.02, -0.03, 0.02], [0.4, 0.6, 0.9], [2.0, 3.5, 5.0])
-    return np.asarray(jax.vmap(ground.acceleration)(t)) / 9.80665
+    return np.asarray(jax.vmap(ground.acceleration)(t)) / jp.STANDARD_GRAVITY
 
 
 def assemble(ops, buildings, links, record, stiffness):
@@ -109,7 +109,9 @@ def assemble(ops, buildings, links, record, stiffness):
             ops.uniaxialMaterial("ElasticPP", slip, stiff, float(link.friction) / stiff)
             element(*ends, slip)
     samples = np.asarray(record.samples).tolist()
-    ops.timeSeries("Path", 1, "-dt", float(record.dt), "-values", *samples, "-factor", 9.80665)
+    ops.timeSeries(
+        "Path", 1, "-dt", float(record.dt), "-values", *samples, "-factor", jp.STANDARD_GRAVITY
+    )
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
     return [node for nodes in floors for node in nodes]
 

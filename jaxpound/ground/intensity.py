@@ -16,7 +16,7 @@ from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, number
 from jaxpound._extrema import larger, peak
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike, sampled
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, stacked
 
 
 def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
@@ -116,10 +116,7 @@ def spectra(
     periods, shape (m,), are.
     """
     sizes = np.array([record.n_samples for record in records])
-    samples = np.stack(
-        [np.pad(record.samples, (0, sizes.max() - record.n_samples)) for record in records]
-    )
-    intervals = np.array([float(record.dt) for record in records])
+    samples, intervals = stacked(records)
     at = np.asarray(periods, float)
     parts = _SHORT_PARTS if at.min() < _SHORT * intervals.max() else 1
     return np.asarray(_spectra(samples, intervals, sizes, at, damping, parts))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -9,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.signal import detrend
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
 from jaxpound._extrema import larger, smaller
@@ -227,3 +228,13 @@ class Record(GroundMotion):
             f"duration {float(self.duration):.6g} {unit}, "
             f"peak {float(abs(self.samples).max()):.4g} g)"
         )
+
+
+def stacked(records: Sequence[Record]) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
+    """Samples of n records and their intervals, as arrays.
+
+    Zeros at the end change nothing: after a record the ground is at rest.
+    """
+    longest = max(record.n_samples for record in records)
+    samples = [np.pad(record.samples, (0, longest - record.n_samples)) for record in records]
+    return np.stack(samples), np.array([float(record.dt) for record in records])

@@ -22,7 +22,7 @@ from jaxpound.risk.search import COMMON, OWNER, Search
 from jaxpound.risk.subset import simulated
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.sampling import key_numbers
-from jaxpound.study.scenarios import ScenarioSet, parameter_names
+from jaxpound.study.scenarios import ScenarioSet, discrete_coordinates, parameter_names
 
 _METHODS = ("auto", "design points", "subset")
 _FEW = 30  # random numbers below which one or a few points do not stand for all failures
@@ -203,7 +203,7 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
         raise ValueError(f"{OWNER}: method = {method!r}; {hint(method, _METHODS)}")
     if method == "subset":
         return True, ""
-    if indices := tuple(getattr(state.scenarios, "discrete", ())):
+    if indices := discrete_coordinates(state.scenarios):
         names = parameter_names(state.scenarios)
         shown = ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))
         if method == "auto":

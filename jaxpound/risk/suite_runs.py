@@ -15,7 +15,7 @@ from jaxpound._checks import instance, number, require_memory
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import DIMENSIONLESS, unresolved
 from jaxpound.ground.plausibility import MOST_PGA, tell
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, is_closable
 from jaxpound.quantities import unit
@@ -157,9 +157,7 @@ class _Shaking(NamedTuple):
     @classmethod
     def of(cls, suite: RecordSuite) -> _Shaking:
         """Of dimensionless records."""
-        longest = max(record.n_samples for record in suite)
-        samples = [np.pad(record.samples, (0, longest - record.n_samples)) for record in suite]
-        return cls(np.stack(samples), np.array([float(record.dt) for record in suite]))
+        return cls(*stacked([*suite]))
 
     def record(self, which: Any) -> Record:
         """A record by its number, which may be traced."""

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from jaxpound._checks import count, instance, require_memory
 from jaxpound._fields import Checked, parameter, part
 from jaxpound.ground.motion import DIMENSIONLESS, require_dimensionless
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.ricker import Ricker
 from jaxpound.model.parameters import SMALLEST
 from jaxpound.study.distributions import Distribution, TwoSided, truncated
@@ -184,13 +184,10 @@ class RandomRecord(Checked, GroundDraw):
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, scaled."""
         which, factor = self._values(z)
-        # Zeros at the end change nothing: after a record the ground is at rest.
-        longest = max(record.n_samples for record in self.records)
-        samples = np.stack([np.pad(r.samples, (0, longest - r.n_samples)) for r in self.records])
-        dts = np.array([float(record.dt) for record in self.records])
+        samples, intervals = stacked(self.records)
         return Record(
             factor * jnp.asarray(samples, z.dtype)[which],
-            jnp.asarray(dts, z.dtype)[which],
+            jnp.asarray(intervals, z.dtype)[which],
             time_unit=DIMENSIONLESS,
         )
 
