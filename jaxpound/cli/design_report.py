@@ -54,6 +54,7 @@ def summary(
                 price: {
                     "unit": unit_of(price, si),
                     **vars(limit),
+                    "cov": design.events[price].cov if price in design.events else None,
                     "reached": design.prices[price],
                     "multiplier": design.multipliers[price],
                 }
@@ -198,12 +199,20 @@ def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | No
                 in_words(price, topology),
                 x["unit"],
                 _over(x["over"]),
-                most,
-                reached,
-                f"{reached / most:.1%}",
+                x["at_most"],
+                x["reached"],
+                f"{x['reached'] / x['at_most']:.1%}",
+            )
+            if x["probability"] is None
+            else (
+                _rarely(price, x, topology),
+                "",
+                "a random earthquake",
+                f"{x['probability']:.3g}",
+                f"{x['reached']:.3g}",
+                f"{x['reached'] / x['probability']:.1%}",
             )
             for price, x in answers["limits"].items()
-            for most, reached in [(x["at_most"], x["reached"])]
         ]
         columns = ("limit", "unit", "of", "at most", "reached", "reached / at most")
         lines += ["", Lines.of(columns, rows).markdown()]
@@ -218,6 +227,14 @@ def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | No
         lines += ["", Lines.of(("recorded earthquake", "unit", *ends), rows).markdown()]
     lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
     return "\n".join(lines)
+
+
+def _rarely(price: str, limit: Mapping[str, Any], topology: Topology | None) -> str:
+    """An event whose probability is limited, in words."""
+    if limit["at_most"] is None:
+        return "probability of pounding"
+    words = f"{in_words(price, topology)} >= {limit['at_most']:g} {limit['unit']}"
+    return f"probability of {words}"
 
 
 def _sentence(

@@ -92,11 +92,11 @@ class Shaking(Earthquakes):
             raise ValueError(f"high_pass = {self.high_pass:g} Hz {rule}")
 
     def shapes(self, records: Sequence[jp.Record]) -> list[jp.Record]:
-        """Records for which a time grid must be fine and long enough; none of wavelets."""
+        """These records and one of the noise: a time grid must be fine and long enough for them."""
         if self.filter is None:
             return [*records]
         noise = self._noise()
-        return [noise.draw(jnp.zeros(noise.dimension))]
+        return [*records, noise.draw(jnp.zeros(noise.dimension))]
 
     def motion(self, records: Sequence[jp.Record], scales: jp.Scales) -> GroundDraw:
         """The random ground motion of the dimensionless system."""

@@ -16,6 +16,8 @@ from jaxpound.design.goals import Goal
 from jaxpound.design.prices import prices_of
 from jaxpound.model.system import Structures, is_closable
 from jaxpound.results.demand import kind_of, known_of
+from jaxpound.risk.demanded import REQUIRED_GAP
+from jaxpound.risk.rare_event import RAREST
 
 _GOALS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "mean gap": (jp.MeanGap, ()),
@@ -74,10 +76,14 @@ class Objective(Table):
 
 
 class AtMost(Table):
-    """An upper bound of a demand, and the statistic over the earthquakes that it limits."""
+    """An upper bound of a demand, and the statistic over the earthquakes that it limits.
 
-    at_most: float
+    Or the probability with which it may be reached in a random earthquake.
+    """
+
+    at_most: float | None = None
     over: _Over = "worst"
+    probability: Annotated[float, between(RAREST, 0.5, "", "in one earthquake")] | None = None
 
 
 class Weighted(Table):
@@ -87,7 +93,10 @@ class Weighted(Table):
     over: _Over = "mean"
 
 
-_AtMost = Annotated[float | AtMost, says(f"a number, or {{at_most = ..., over = {_SHARE}}}")]
+_AtMost = Annotated[
+    float | AtMost,
+    says(f"a number, {{at_most = ..., over = {_SHARE}}} or {{at_most = ..., probability = ...}}"),
+]
 _Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
 Limits = dict[str, _AtMost]
 Penalties = dict[str, _Weighted]
@@ -137,13 +146,17 @@ def priced(
     for table, kind, prices in stated:
         for price, x in prices.items():
             place = f"{name}: [{table}] {price}"
-            _require_price(f"{name}: [{table}]", price, allowed, laws)
-            number, *over = [x] if isinstance(x, float) else astuple(x)
+            rare = isinstance(x, AtMost) and x.probability is not None
+            gaps = [REQUIRED_GAP] if rare else []
+            _require_price(f"{name}: [{table}]", price, [*allowed, *gaps], laws)
+            number, *more = [x] if isinstance(x, float) else astuple(x)
             within = _LIMITS[kind_of(price) or ""] if table == "limits" else _PENALTY
-            within.require(place, number)
+            if number is not None:
+                within.require(place, number)
             with named(f"{place}:"):
-                made[table][price] = kind(number, *over)
-    return jp.Objective(objective.function(), **made)
+                made[table][price] = kind(number, *more)
+    with named(f"{name}: [objective]"):
+        return jp.Objective(objective.function(), **made)
 
 
 def _require_price(

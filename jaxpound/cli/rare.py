@@ -13,7 +13,6 @@ from msgspec import field
 import jaxpound as jp
 from jaxpound.cli.factors import FACTOR, random_scenarios
 from jaxpound.cli.files import make_folder
-from jaxpound.cli.noise import Shaking
 from jaxpound.cli.notes import noted
 from jaxpound.cli.parameters import Parameters, by_path, parameters_of
 from jaxpound.cli.rare_report import Found, Target, kind_of_demand, write_report
@@ -75,7 +74,6 @@ class Wanted(Table):
 class Rare(Shaken, kw_only=True):
     """The configuration of ``jaxpound rare``."""
 
-    earthquakes: Shaking
     uncertain: dict[str, Annotated[Stated, drawn(*FACTOR)]] = field(default_factory=dict)
     limit: Limit = Limit()
     search: Search = Search()
@@ -109,7 +107,7 @@ def limit_state(file: File, given: Rare) -> jp.LimitState:
     """The event, dimensionless."""
     records = given.records(file)
     ground = given.motion(file, records)
-    grid = given.grid(file, given.earthquakes.shapes(records))
+    grid = given.grid(file, records)
     scenarios = random_scenarios(file, given, ground, given.uncertain)
     limit, place = given.limit, f"{file.name}: [limit]"
     demand = limit.demand or REQUIRED_GAP

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import jaxpound as jp
+from jaxpound.cli.noise import Shaking
 from jaxpound.cli.pair import Building, Damper, Pair
 from jaxpound.cli.reading import File, Range, Table, named
 from jaxpound.cli.row import FloorLink, Row, RowBuilding
-from jaxpound.cli.tables import Contact, Earthquakes, Gap, Run, read_records
+from jaxpound.cli.tables import Contact, Gap, Run, read_records
 from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
 from jaxpound.simulation.scheme import require_followed
 from jaxpound.study.ground_draw import GroundDraw
@@ -91,7 +92,7 @@ class Structured(Table, dict=True):
 class Shaken(Structured, kw_only=True):
     """Buildings under random earthquakes."""
 
-    earthquakes: Earthquakes
+    earthquakes: Shaking
 
     def records(self, file: File) -> list[jp.Record]:
         """The records from which earthquakes are drawn; none if these are sums of wavelets."""
@@ -107,6 +108,7 @@ class Shaken(Structured, kw_only=True):
     def grid(self, file: File, records: Sequence[jp.Record]) -> jp.TimeGrid:
         """The dimensionless time grid, fine and long enough for records."""
         place, scales = f"{file.name}: [run]", self.scales
+        records = self.earthquakes.shapes(records)
         limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
         shortest = min((float(record.dt) for record in records), default=float("inf"))
         periods = natural_periods(self.structures, scales)

@@ -13,12 +13,13 @@ from jaxpound._checks import Rule, count, enforce, instance, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Objective
-from jaxpound.design.problem import DesignProblem
+from jaxpound.design.problem import DesignProblem, LogRatios
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.system import Topology
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
 from jaxpound.results.elements import without_idle_dampers
+from jaxpound.risk.rare_event import RareEvent
 from jaxpound.study.statistics import Estimate
 
 _REPLICATES = 500  # of the bootstrap
@@ -151,7 +152,8 @@ class Comparison(Shown):
 class Landscape(NamedTuple):
     """Objective and violation over two variables, shape (n, n) each.
 
-    The violation is the largest relative excess over a limit, negative within all limits.
+    The violation is the largest relative excess over a limit, negative within all limits. Limited
+    probabilities are by value and slopes of their logarithms at the design.
     """
 
     x: str
@@ -170,7 +172,7 @@ class History(NamedTuple):
     violation: np.ndarray
     """Largest relative excess over a limit, shape (k, s)."""
     prices: np.ndarray
-    """Limited demands, shape (k, s, m)."""
+    """Limited demands, shape (k, s, m); probabilities as the search approximates them."""
     shares: np.ndarray
     """Scaled variables (0 to 1 between the bounds), shape (k, s, d)."""
     alive: np.ndarray
@@ -188,7 +190,9 @@ class Design(Shown):
     objective: float
     """Goal less penalties on the ensemble that it was made for."""
     prices: dict[str, float]
-    """Limited demands, by name."""
+    """Limited demands, by name; of a limit with a probability that which was estimated."""
+    events: dict[str, RareEvent]
+    """The rare events whose probabilities are limited, at the design, by the demand's name."""
     objective_function: Objective
     history: History
     winner: int
@@ -211,6 +215,7 @@ class Design(Shown):
     """The same on earthquakes that it was not made for."""
     _first: np.ndarray
     _problem: DesignProblem
+    _log_ratios: LogRatios
 
     @property
     def space(self) -> DesignSpace:
@@ -280,8 +285,9 @@ class Design(Shown):
         found = [problem.evaluate(scaled, problem.ensemble) for scaled in at.reshape(n * n, -1)]
         function = self.objective_function
         objective = np.array([float(function.value(columns)) for columns in found])
-        limits = np.array([limit.at_most for limit in function.limits.values()])
-        prices = np.array([function.prices(columns) for columns in found])
+        limits = np.array([limit.bound for limit in function.limits.values()])
+        flat = zip(at.reshape(n * n, -1), found, strict=True)
+        prices = np.array([problem.limited(*one, self._log_ratios) for one in flat])
         violation = (prices / limits - 1).max(axis=1, initial=-1.0)
         values = self.space.numbers(at)
         return Landscape(
@@ -325,7 +331,9 @@ class Design(Shown):
         ]
         if limits := self.objective_function.limits:
             rows = [
-                (price, self.prices[price], limit.at_most, unit_of(price, si))
+                (limit.event(price), self.prices[price], limit.most, "")
+                if price in self.events
+                else (price, self.prices[price], limit.most, unit_of(price, si))
                 for price, limit in limits.items()
             ]
             tables.append(Table("limits", ("", "reached", "at most", "unit"), rows))

@@ -49,6 +49,8 @@ class Ensemble:
     """The ground motions; every array has a leading axis of n."""
     uncertain: Mapping[str, np.ndarray]
     """Parameters of the structures that differ from earthquake to earthquake, by path, (n,)."""
+    scenarios: ScenarioSet | None = None
+    """The random scenarios that it was drawn from; None if it was not."""
     _more: Callable[[int], Ensemble] | None = None
 
     @staticmethod
@@ -139,7 +141,7 @@ class Ensemble:
         def more(m: int) -> Ensemble:
             return Ensemble.drawn(scenarios, m, key, sampling=sampling, start=start + n)
 
-        return Ensemble(grounds, uncertain, more)
+        return Ensemble(grounds, uncertain, scenarios, more)
 
     def fresh(self, n: int) -> Ensemble | None:
         """The next n scenarios after those of a drawn ensemble; None if it was not drawn."""
@@ -155,7 +157,7 @@ class Ensemble:
         """
         self._require_certain()
         both = Ensemble.of([*self, *grounds], grid)
-        return dataclasses.replace(both, _more=self._more)
+        return dataclasses.replace(both, scenarios=self.scenarios, _more=self._more)
 
     def __add__(self, other: Ensemble) -> Ensemble:
         """Both ensembles together; neither may have uncertain structures."""

@@ -144,11 +144,11 @@ class AugmentedLagrangian:
 
         def lagrangian_at(scaled: Any) -> Any:  # for line-search optimisers
             rows = self._rows(iteration, data.key)
-            return lagrangian(*self.problem.values(jnp.clip(scaled, 0, 1), data, rows))
+            return lagrangian(*self.problem.values(jnp.clip(scaled, *data.box), data, rows))
 
         value = lagrangian(here.objective, here.limited)
         alive = state.alive & jnp.isfinite(value) & jnp.isfinite(gradient).all()
-        slope = jnp.where(at_active_bound(state.scaled, gradient), 0.0, gradient)
+        slope = jnp.where(at_active_bound(state.scaled, gradient, data.box), 0.0, gradient)
         steps, memory = self.optimiser.update(
             slope, state.optimiser, state.scaled, value=value, grad=slope, value_fn=lagrangian_at
         )
@@ -156,7 +156,7 @@ class AugmentedLagrangian:
         lagging = here.violation > jnp.maximum(10 * data.tolerance, state.violation / 2)
         heavier = jnp.minimum(jnp.where(lagging, 2 * weight, weight), _LARGEST_WEIGHT)
         following = State(
-            scaled=jnp.clip(state.scaled + steps, 0, 1),
+            scaled=jnp.clip(state.scaled + steps, *data.box),
             optimiser=memory,
             multipliers=jnp.where(due, raised(here.limited), multipliers),
             weight=jnp.where(due, heavier, weight),
@@ -184,6 +184,9 @@ def _given(state: State) -> tuple[Any, ...]:
     return state.scaled, np.ones_like(state.weight), state.multipliers, state.weight
 
 
-def at_active_bound(scaled: Any, gradient: Any, within: float = 0.0) -> Any:
+def at_active_bound(scaled: Any, gradient: Any, box: Any, within: float = 0.0) -> Any:
     """Variables at an active bound: the descent direction points out of the box."""
-    return ((scaled <= within) & (gradient > 0)) | ((scaled >= 1 - within) & (gradient < 0))
+    low, high = box
+    return ((scaled <= low + within) & (gradient > 0)) | (
+        (scaled >= high - within) & (gradient < 0)
+    )

@@ -9,41 +9,90 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jaxpound._checks import Rule, enforce, finite, instance, number, positive
+from jaxpound._checks import Rule, enforce, finite, instance, number, positive, require_share
 from jaxpound.design.goals import Goal, LeastDemand, MeanGap, OfGaps
 from jaxpound.design.prices import gathered, require_over, require_price
+from jaxpound.risk.demanded import REQUIRED_GAP
 
 
 @dataclasses.dataclass(frozen=True)
 class Limit:
-    """An upper bound on a demand.
+    """An upper bound on a demand, or on the probability that it is reached.
 
     Parameters
     ----------
     at_most
-        Upper bound > 0 of the limited demand, in its unit.
+        Upper bound > 0 of the limited demand, in its unit. It may be left out only of the required
+        gap with a probability, which is then that of pounding: that any link closes its own gap.
     over
         Statistic over the earthquakes: "worst", "mean", or a share between 0 and 1 for the mean of
-        the worst (``CVaR``).
+        the worst (``CVaR``). Not with a probability.
+    probability
+        Largest probability, between 0 and 1, with which the demand reaches ``at_most`` in a random
+        earthquake, however rare: it is found by ``rare_event``, not from the ensemble.
 
     Raises
     ------
     ValueError
-        If at_most is not positive and finite or over is something else.
+        If at_most is not positive and finite or missing, over is something else or given with a
+        probability, or the probability is not between 0 and 1.
 
     Examples
     --------
     >>> jp.Limit(0.4, over="mean")
-    Limit(at_most=0.4, over='mean')
+    Limit(at_most=0.4, over='mean', probability=None)
+    >>> rarely = {"required_gap": jp.Limit(0.645, probability=1e-6)}  # a limit of an Objective
     """
 
-    at_most: float
+    at_most: float | None = None
     over: str | float = "worst"
+    probability: float | None = None
 
     def __post_init__(self) -> None:
-        positive("Limit", at_most=number("Limit", "at_most", self.at_most))
+        if self.at_most is not None:
+            positive("Limit", at_most=number("Limit", "at_most", self.at_most))
+        elif self.probability is None:
+            raise ValueError("Limit: at_most = None must be a number where there is no probability")
         require_over("Limit", self.over)
+        if self.probability is not None:
+            p = number("Limit", "probability", self.probability)
+            require_share("Limit", "probability", p)
+            if self.over != "worst":
+                rule = "must be left out with a probability, which is of a single earthquake"
+                raise ValueError(f"Limit: over = {self.over!r} {rule}")
+
+    def event(self, demand: str) -> str:
+        """The event whose probability is limited, in words."""
+        if self.at_most is None:
+            return "P(pounding)"
+        return f"P({demand} >= {self.at_most:.6g})"
+
+    @property
+    def most(self) -> float:
+        """The largest probability, or else the largest demand."""
+        most = self.at_most if self.probability is None else self.probability
+        assert most is not None
+        return most
+
+    @property
+    def bound(self) -> float:
+        """The largest limited number: ``at_most``; of a probability 1 (see ``limited``)."""
+        return 1.0 if self.probability is not None or self.at_most is None else self.at_most
+
+    def limited(self, reached: Any) -> Any:
+        """The limited number of what is reached: a demand itself, and 1 + ln(P/p) of a probability.
+
+        It is the logarithm of a probability that is nearly linear in a design.
+        """
+        return reached if self.probability is None else 1 + np.log(reached / self.probability)
+
+    def reached(self, limited: Any) -> Any:
+        """Inverse of ``limited``."""
+        if self.probability is None:
+            return limited
+        return self.probability * np.exp(np.minimum(limited - 1, -np.log(self.probability)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +137,8 @@ class Objective:
     penalties
         By penalised demand: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
     limits
-        By limited demand: ``{"peak_f1": Limit(0.4, over="mean")}``; a number limits the worst.
+        By limited demand: ``{"peak_f1": Limit(0.4, over="mean")}``; a number limits the worst. With
+        a probability also of ``required_gap``, the largest closing of any link.
 
     Raises
     ------
@@ -113,12 +163,17 @@ class Objective:
     --------
     >>> budget = jp.Objective(jp.MeanGap(), limits={"total_damper_force": 0.5, "peak_drift": 0.2})
     >>> budget.limits["total_damper_force"]
-    Limit(at_most=0.5, over='worst')
+    Limit(at_most=0.5, over='worst', probability=None)
     >>> objective = jp.Objective(jp.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
     >>> objective.penalties
     {'peak_f1': Penalty(weight=0.6, over='mean')}
     >>> objective.limits
-    {'damper_force': Limit(at_most=0.3, over='worst')}
+    {'damper_force': Limit(at_most=0.3, over='worst', probability=None)}
+
+    The least damper with which a gap of 0.645 is exceeded once in a million earthquakes:
+
+    >>> seldom = {"required_gap": jp.Limit(0.645, probability=1e-6)}
+    >>> objective = jp.Objective(jp.LeastDemand("damper_force"), limits=seldom)
     """
 
     goal: Goal | LeastDemand = MeanGap()
@@ -133,15 +188,17 @@ class Objective:
         for name, kind in (("penalties", Penalty), ("limits", Limit)):
             given = getattr(self, name)
             instance("Objective", name, given, Mapping)
-            for price in given:
-                require_price("Objective", price, f" in {name}")
             made: Any = {}
             for price, x in given.items():
+                if price != REQUIRED_GAP or kind is Penalty:
+                    require_price("Objective", price, f" in {name}")
                 try:
                     made[price] = x if isinstance(x, kind) else kind(x)
                 except ValueError as error:
                     what = re.sub(r"^\w+: \w+", f"Objective: {name}: {price}", str(error))
                     raise ValueError(what) from error
+                if kind is Limit:
+                    _require_meaning(price, made[price])
             object.__setattr__(self, name, made)
 
     @property
@@ -176,7 +233,35 @@ class Objective:
             total = total - penalty.weight * gathered(demands[price], penalty.over)
         return total
 
-    def prices(self, demands: Mapping[str, Any]) -> jax.Array:
-        """The limited demands, in the order of the limits, shape (m,)."""
-        found = [gathered(demands[price], limit.over) for price, limit in self.limits.items()]
+    @property
+    def rare(self) -> tuple[str, ...]:
+        """Demands whose probability is limited, by name, in the order of the limits."""
+        return tuple(name for name, x in self.limits.items() if x.probability is not None)
+
+    def prices(self, demands: Mapping[str, Any], rare: Any = ()) -> jax.Array:
+        """The limited numbers, in the order of the limits, shape (m,).
+
+        Parameters
+        ----------
+        demands
+            Columns of demands by name.
+        rare
+            ``Limit.limited`` of the limited probabilities, in their order.
+        """
+        probable = iter(rare)
+        found = [
+            gathered(demands[price], limit.over) if limit.probability is None else next(probable)
+            for price, limit in self.limits.items()
+        ]
         return jnp.stack(found) if found else jnp.zeros(0, next(iter(demands.values())).dtype)
+
+
+def _require_meaning(name: str, limit: Limit) -> None:
+    """A ``ValueError`` for a limit that lacks what its demand needs."""
+    if name == REQUIRED_GAP:
+        if limit.probability is None:
+            rule = "must have a probability; of gaps over an ensemble there are goals"
+            raise ValueError(f"Objective: limits: {name} = {limit.at_most!r} {rule}")
+    elif limit.at_most is None:
+        rule = f"must be given: only of {REQUIRED_GAP} it is that of the structures"
+        raise ValueError(f"Objective: limits: {name}: at_most = None {rule}")

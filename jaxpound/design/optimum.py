@@ -54,9 +54,10 @@ class FirstOrderConditions:
         Counted are all runs with a gradient, also of the copies that fill the search's program.
         """
         limits, size = np.asarray(self.data.limits, np.float64), float(self.data.size)
+        low, high = np.asarray(self.data.box, np.float64)
 
         def at(scaled: np.ndarray) -> FirstOrder:
-            return self.at(np.clip(scaled, 0.0, 1.0).astype(own.scaled.dtype))
+            return self.at(np.clip(scaled, low, high).astype(own.scaled.dtype))
 
         def double(x: Any, otherwise: float = 0.0) -> np.ndarray:  # SciPy needs float64
             return np.nan_to_num(np.asarray(x, np.float64), nan=otherwise)
@@ -70,7 +71,7 @@ class FirstOrderConditions:
             lambda x: float(double(-at(x).point.objective / size, _FAR)),
             double(own.scaled),
             jac=lambda x: double(at(x).goal),
-            bounds=[(0.0, 1.0)] * own.scaled.size,
+            bounds=[*zip(low, high, strict=True)],
             constraints=[constraint] if limits.size else (),
             method="SLSQP",
             options={"maxiter": _STEPS, "ftol": 1e-10},
@@ -97,8 +98,9 @@ class FirstOrderConditions:
         _, goal, slopes = self.at(point.scaled)
         holding = point.limited / np.asarray(self.data.limits) - 1 > -_NEAR_LIMIT
         multipliers, gradient = np.zeros(holding.size), goal
+        box = np.asarray(self.data.box)
         for _ in range(3):  # which bounds are active depends on the multipliers
-            free = ~at_active_bound(point.scaled, gradient, AT_BOUND)
+            free = ~at_active_bound(point.scaled, gradient, box, AT_BOUND)
             if holding.any():
                 multipliers[holding] = nnls(slopes[holding][:, free].T, -goal[free])[0]
             gradient = goal + multipliers @ slopes

@@ -35,9 +35,25 @@ class ProblemData(NamedTuple):
     grounds: Any
     uncertain: Any
     limits: Any  # (m,)
+    rare: Any  # ``LogRatios`` of the limited probabilities
+    box: Any  # smallest and largest scaled variables, (2, d)
     size: Any  # order of magnitude of the objective, in its unit
     tolerance: Any  # the largest violation that counts as feasible
     key: Any  # random key of the minibatches
+
+
+class LogRatios(NamedTuple):
+    """ln(P/p) of k probabilities with limits p, as quadratic functions of a design."""
+
+    scaled: Any  # the design at which values and slopes are known, (d,)
+    values: Any  # (k,)
+    slopes: Any  # by the scaled variables, (k, d)
+    curvatures: Any  # (k, d, d)
+
+    def at(self, scaled: Any) -> Any:
+        """Each at a design, (k,)."""
+        step = scaled - self.scaled
+        return self.values + (self.slopes + self.curvatures @ step / 2) @ step
 
 
 class Point(NamedTuple):
@@ -45,7 +61,7 @@ class Point(NamedTuple):
 
     scaled: Any  # the scaled variables, (d,)
     objective: Any  # goal less penalties
-    limited: Any  # the limited demands, (m,)
+    limited: Any  # the limited numbers, ``Limit.limited``, (m,)
     violation: Any  # largest relative excess over a limit
     infeasible: Any  # whether the violation is above its tolerance
     merit: Any  # to be minimised: the violation if infeasible, else minus the objective over size
@@ -73,7 +89,7 @@ class DesignProblem:
         self.space.require_certain(OWNER, self.ensemble.uncertain)
         for name in ("penalties", "limits"):
             for price in getattr(self.objective, name):
-                if price not in self.prices:
+                if price not in (*self.prices, *self.objective.rare):
                     rule = f"must be one of {', '.join(self.prices)}"
                     raise ValueError(f"{OWNER}: objective: {price!r} in {name} {rule}")
         goal = self.objective.goal
@@ -154,7 +170,11 @@ class DesignProblem:
             return self.demands(self.space.structures(scaled, others), ground)
 
         found = jax.vmap(run)(*earthquakes)
-        return self.objective.value(found), self.objective.prices(found)
+        return self.objective.value(found), self.limited(scaled, found, data.rare)
+
+    def limited(self, scaled: Any, columns: Mapping[str, Any], rare: LogRatios) -> Any:
+        """The limited numbers of a design with these columns of demands, (m,)."""
+        return self.objective.prices(columns, list(1 + rare.at(scaled)))
 
     def evaluate(self, scaled: np.ndarray, ensemble: Ensemble) -> dict[str, np.ndarray]:
         """Columns of demands at a design, shape (n,) each; one program for all designs."""
@@ -181,11 +201,15 @@ class DesignProblem:
 
         ``limits`` replace bounds of the objective's limits.
         """
-        own = {name: limit.at_most for name, limit in self.objective.limits.items()}
+        own = {name: limit.bound for name, limit in self.objective.limits.items()}
+        d, k = self.space.dimension, len(self.objective.rare)
+        nowhere = LogRatios(*(jnp.zeros(shape) for shape in ((d,), (k,), (k, d), (k, d, d))))
         return ProblemData(
             grounds=jax.tree.map(jnp.asarray, self.ensemble.grounds),
             uncertain={path: jnp.asarray(x) for path, x in self.ensemble.uncertain.items()},
             limits=jnp.asarray([*{**own, **(limits or {})}.values()], float),
+            rare=nowhere,
+            box=jnp.stack([jnp.zeros(d), jnp.ones(d)]),
             size=jnp.asarray(self.objective.size(before), float),
             tolerance=jnp.asarray(tolerance, float),
             key=jax.random.key(key, impl="threefry2x32"),
@@ -196,7 +220,7 @@ class DesignProblem:
         found = []
         for one in scaled:
             columns = self.evaluate(one, self.ensemble)
-            values = self.objective.value(columns), self.objective.prices(columns)
+            values = self.objective.value(columns), self.limited(one, columns, data.rare)
             found.append(jax.device_get(point(one, *values, data)))
         return jax.tree.map(lambda *x: np.stack(x), *found)
 

@@ -15,17 +15,13 @@ from jaxpound._checks import Rule, count, enforce, require_memory
 from jaxpound.design.design import Comparison, Design, History
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AugmentedLagrangian, at_active_bound
-from jaxpound.design.objective import Objective
-from jaxpound.design.optimum import AT_BOUND, FirstOrderConditions
-from jaxpound.design.problem import OWNER, DesignProblem, best_start
-from jaxpound.design.search import (
-    STOPPED_BY_CALLBACK,
-    Descent,
-    Iterate,
-    Progress,
-    SearchOptions,
-)
-from jaxpound.design.space import DesignSpace, spread_shares, start_shares
+from jaxpound.design.objective import Limit, Objective
+from jaxpound.design.optimum import AT_BOUND
+from jaxpound.design.problem import OWNER, DesignProblem
+from jaxpound.design.rare_limits import limit_states
+from jaxpound.design.rounds import searched, searched_in_rounds
+from jaxpound.design.search import Iterate, Progress, SearchOptions
+from jaxpound.design.space import DesignSpace, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many, tell
 from jaxpound.model.structures import AdjacentStructures
@@ -198,6 +194,7 @@ class Designer:
         each = problem.space.dimension + batch * len(problem.prices)
         size = options.starts * each * jnp.zeros(()).dtype.itemsize
         require_memory(OWNER, "starts", options.starts, size)
+        self.states = limit_states(problem)
         first = first_of(n, problem.grid)
         grounds = jax.tree.map(lambda x: x[:first], problem.ensemble.grounds)
         tell(OWNER, of_many(grounds, problem.grid, in_g=problem.scales is not None), strict)
@@ -230,50 +227,47 @@ class Designer:
         )
         tell(OWNER, findings, self.strict)
         data = problem.data(before, options.limit_tolerance, options.key, limits)
-        descent = Descent(self.lagrangian, options, data)
-        begun = spread_shares(first, options.starts, options.key)
-        best, history, stopped = descent.run(begun)
-
-        winner = best_start(best, history[-1].alive)
-        own = jax.tree.map(lambda x: x[winner], best)
-        conditions, runs = FirstOrderConditions(self.lagrangian, data, options.starts), 0
-        whole = self.lagrangian.per_epoch == 1
-        if options.polish and whole and stopped != STOPPED_BY_CALLBACK:
-            own, runs = conditions.polished(own)
-        bounds, limited = np.asarray(data.limits), [*problem.objective.limits]
+        posed = self.lagrangian, options, data, first
+        found = searched_in_rounds(*posed, self.states) if self.states else searched(*posed)
+        own, history, limits_of = found.own, found.history, problem.objective.limits
+        bounds, events = np.asarray(data.limits), found.rare.events
+        prices = {
+            name: float(x) if limit.probability is None else events[name].probability
+            for (name, limit), x in zip(limits_of.items(), own.limited, strict=True)
+        }
         if own.infeasible:
-            worst = int(np.argmax(own.limited / bounds))
-            raise InfeasibleError(
-                f"{OWNER}: limits must leave a design, but the closest that was found, in "
-                f"{len(history)} iterations, has {limited[worst]} = {own.limited[worst]:.6g}, "
-                f"{own.violation:.2%} above its limit {bounds[worst]:.6g}"
-            )
+            n = f"{len(history)} iterations"
+            said = _excess(prices, dict(zip(limits_of, bounds.tolist(), strict=True)), limits_of)
+            rule = f"limits must leave a design, but the closest that was found, in {n}, has {said}"
+            raise InfeasibleError(f"{OWNER}: {rule}")
         si = problem.scales is not None
         function = _limited(problem.objective, bounds.tolist())
-        multipliers, slope = conditions.multipliers(own)
-        active = at_active_bound(own.scaled, slope, AT_BOUND)
+        multipliers, slope = found.conditions.multipliers(own)
+        active = at_active_bound(own.scaled, slope, np.asarray(data.box), AT_BOUND)
         after = problem.evaluate(own.scaled, problem.ensemble)
         size, names = float(data.size), problem.space.names
         design = Design(
             structures=jax.tree.map(float, problem.space.structures(jnp.asarray(own.scaled))),
             shares=np.asarray(own.scaled),
             objective=float(own.objective),
-            prices=dict(zip(limited, own.limited.tolist(), strict=True)),
+            prices=prices,
+            events=events,
             objective_function=function,
-            history=_history(history),
-            winner=winner,
+            history=_history(history, [*limits_of.values()]),
+            winner=found.winner,
             active_bounds={
                 names[i]: "low" if own.scaled[i] < 0.5 else "high" for i in np.flatnonzero(active)
             },
             gradient=dict(zip(names, (-size * slope).tolist(), strict=True)),
-            multipliers=dict(zip(limited, (size * multipliers).tolist(), strict=True)),
+            multipliers=dict(zip(limits_of, (size * multipliers).tolist(), strict=True)),
             limit_tolerance=options.limit_tolerance,
-            stopped=stopped,
-            simulations=(len(history) * options.starts + runs) * self.lagrangian.batch,
+            stopped=found.stopped,
+            simulations=(len(history) * options.starts + found.polishing) * self.lagrangian.batch,
             trained=Comparison(before, after, function, si, topology),
             fresh=None,
             _first=first,
             _problem=problem,
+            _log_ratios=found.rare.log_ratios,
         )
         return design if fresh is None else replace(design, fresh=design.compare(fresh))
 
@@ -287,22 +281,36 @@ class Designer:
         return fresh
 
 
+def _excess(
+    reached: Mapping[str, float], bounds: Mapping[str, float], limits: Mapping[str, Limit]
+) -> str:
+    """The limit that is exceeded most, in words."""
+    rare = {name: limit for name, limit in limits.items() if limit.probability is not None}
+    most = {**bounds, **{name: limit.most for name, limit in rare.items()}}
+    worst = max(reached, key=lambda name: reached[name] / most[name])
+    if worst in rare:
+        return f"{rare[worst].event(worst)} = {reached[worst]:.4g}, above its limit {most[worst]:g}"
+    excess = reached[worst] / most[worst] - 1
+    return f"{worst} = {reached[worst]:.6g}, {excess:.2%} above its limit {most[worst]:.6g}"
+
+
 def _limited(objective: Objective, bounds: Sequence[float]) -> Objective:
     """An objective with other bounds, without those limits that bound nothing."""
     limits = {
-        name: replace(limit, at_most=bound)
+        name: limit if limit.probability is not None else replace(limit, at_most=bound)
         for (name, limit), bound in zip(objective.limits.items(), bounds, strict=True)
         if bound < NO_LIMIT
     }
     return replace(objective, limits=limits)
 
 
-def _history(met: Sequence[Iterate]) -> History:
+def _history(met: Sequence[Iterate], limits: Sequence[Limit]) -> History:
     here = jax.tree.map(lambda *rows: np.array(rows), *[one.here for one in met])
+    reached = [limit.reached(here.limited[..., i]) for i, limit in enumerate(limits)]
     return History(
         objective=here.objective,
         violation=here.violation,
-        prices=here.limited,
+        prices=np.stack(reached, axis=-1) if limits else here.limited,
         shares=here.scaled,
         alive=np.array([one.alive for one in met]),
     )

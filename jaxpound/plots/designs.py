@@ -131,7 +131,7 @@ def _violation_with_the_design(
     places = np.meshgrid(even(drawn.y, y), even(drawn.x, x), indexing="ij")
     violation = between(tuple(places))
     limits = design.objective_function.limits
-    own = max(design.prices[name] / limit.at_most - 1 for name, limit in limits.items())
+    own = max(one.limited(design.prices[name]) / one.bound - 1 for name, one in limits.items())
     violation[np.searchsorted(y, y_own), np.searchsorted(x, x_own)] = own
     return x, y, violation
 

@@ -224,6 +224,15 @@ def assert_page_says(page, answers, buildings):
             "[limits] peak_f1 = -1 N must be between 1e-06 and 1e+12 N",
         ),
         ({"peak_f1": 'peak_f1 = {at_most = 1.0, over = "x"}'}, "peak_f1: over = 'x' must be"),
+        ({"peak_f1": "required_gap = 0.1"}, "[limits] has an unknown key 'required_gap'"),
+        (
+            {"peak_f1": "required_gap = {probability = 2.0}"},
+            "probability = 2.0 must be between 1e-12 and 0.5",
+        ),
+        (
+            {"peak_f1": "peak_f1 = {probability = 1e-3}"},
+            "[objective] limits: peak_f1: at_most = None must be given",
+        ),
         (
             {"peak_f1": "peak_contact = 1e6"},
             "[limits] peak_contact must not be given without a law of [contact]",
@@ -311,6 +320,42 @@ def test_a_design_with_contact(write):
     assert (row["before"], row["after"]) == (pytest.approx(8e8), pytest.approx(4e8))
     assert (gap["quantity"], gap["unit"]) == ("gap at rest", "m")
     assert (gap["before"], gap["after"]) == (pytest.approx(0.10), pytest.approx(0.30))
+
+
+def test_a_limit_on_the_probability_of_pounding(write, tmp_path):
+    """In white noise through the soil."""
+    noise = (
+        'filter = "kanai-tajimi"\nfrequency = 1.5\ndamping = 0.6\nacceleration = 0.08\n'
+        "duration = 6.0\ndt = 0.05\nenvelope = {peak = 3.0, power = 2.0}"
+    )
+    changes = {
+        **SMALL,
+        "fresh = 1000": "fresh = 0",
+        "wavelets": noise,
+        "amplitude": "",
+        "periods": "",
+        "arrivals": "",
+        "negative": "",
+        "peak_f1": "required_gap = {at_most = 0.05, probability = 0.01}",
+        '"rod_1.tau_x"': "",
+        '"rod_1.tau_f"': "",
+        '"rod_2.tau_x"': "",
+        '"rod_2.tau_f"': "",
+        "damper_force": "",
+        "goal": 'goal = "least demand"',
+        "# demand": 'demand = "damper_force"',
+        "# dt": "dt = 0.03",
+    }
+    path, out = write(changes), tmp_path / "out"
+    printed = run("design", path, "--out", out)
+    answers = json.loads((out / "summary.json").read_text())
+    limit = answers["limits"]["required_gap"]
+    assert limit["probability"] == 0.01
+    assert 0 < limit["reached"] <= 0.011
+    assert limit["cov"] <= 0.034
+    assert "P(required_gap >= " in printed
+    page = (out / "summary.md").read_text()
+    assert "probability of required gap >= 0.05 m" in page
 
 
 def test_records_join_the_random_earthquakes(write, tmp_path):

@@ -45,7 +45,7 @@ def test_the_example_names_every_key_and_is_printed(capsys):
     assert capsys.readouterr().out == EXAMPLE
     for table in ("earthquakes", "study", "run"):
         for key in entries(entries(montecarlo.Study)[table]):
-            texts = EXAMPLE + example("montecarlo", "row")
+            texts = EXAMPLE + example("montecarlo", "row") + example("rare")
             assert re.search(rf"(?m)^(# )?{key} = ", texts) or key == "smoothing_velocity", key
 
 

@@ -1,0 +1,197 @@
+"""Limits on the probability of rare events: designs against plain Monte Carlo and known ones."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.design.problem import LogRatios
+from jaxpound.design.rounds import _curved
+from jaxpound.design.run import InfeasibleError
+from tests.risk import case_w
+
+N, DT = 60, 0.15
+GRID = jp.TimeGrid.until(9.0, dt=DT)
+PAPER = jp.paper.structures()
+TIMES = DT * np.arange(N)
+SMOOTH = np.exp(-0.5 * (np.subtract.outer(TIMES, TIMES) / 0.3) ** 2)
+SMOOTH *= 0.12 * np.sin(0.4 * TIMES)[:, None]
+
+
+def ground(z):
+    return jp.Record(jnp.asarray(SMOOTH, z.dtype) @ z, DT, time_unit="1/ω1")
+
+
+RODS = jp.UncertainStructures(PAPER, {"rod_1.tau_x": jp.LogNormal(PAPER.rod_1.tau_x, 0.2)})
+SCENARIOS = jp.Scenarios(RODS, jp.CustomDraw(ground, N))
+ENSEMBLE = jp.Ensemble.drawn(SCENARIOS, 4)
+SPACE = jp.DesignSpace(PAPER, {"friction": (0.05, 1.0), "initial_gap": (0.02, 2.0)})
+SHORT = {"starts": 2, "iterations": 60, "fresh": None, "progress": False}
+
+
+def objective(**limit):
+    """The narrowest gap; dampers have a price."""
+    return jp.Objective(jp.GapAtRest(), {"damper_force": 0.5}, {"required_gap": jp.Limit(**limit)})
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory):
+    """The cheapest gap and damper that pound once in five hundred earthquakes, and its file."""
+    save = tmp_path_factory.mktemp("narrow") / "search.npz"
+    wanted = objective(probability=2e-3)
+    return jp.design_damper(SPACE, ENSEMBLE, GRID, objective=wanted, save=save, **SHORT), save
+
+
+def test_the_design_pounds_as_seldom_as_wanted(narrow):
+    design, _ = narrow
+    reached = design.prices["required_gap"]
+    assert reached == design.events["required_gap"].probability
+    assert reached == pytest.approx(2e-3, rel=0.1)
+    random = dataclasses.replace(RODS, nominal=design.structures)
+    study = jp.monte_carlo(
+        jp.Scenarios(random, jp.CustomDraw(ground, N)), 60_000, GRID, key=7, progress=False
+    )
+    share = np.mean(study["min_gap"] <= 0)
+    assert share == pytest.approx(reached, abs=4 * np.sqrt(share / 60_000) + 0.05 * reached)
+
+
+def test_the_design_meets_first_order_conditions_of_the_event(narrow):
+    """The prices of gap and friction are in the ratio of the slopes of ln P."""
+    design, _ = narrow
+    event = design.events["required_gap"]
+    assert 0.05 < design.values["friction"] < 1.0
+    gap, friction = event.slope("initial_gap"), event.slope("friction")
+    error = abs(friction.error / gap.value) + abs(friction.value * gap.error / gap.value**2)
+    assert friction.value / gap.value == pytest.approx(0.5, abs=0.05 + 3 * error)
+    assert design.multipliers["required_gap"] == pytest.approx(-1 / gap.value, rel=0.15)
+    assert "P(pounding)" in str(design)
+    assert "round" in design.stopped
+
+
+def test_a_stopped_search_goes_on(narrow, monkeypatch):
+    design, save = narrow
+
+    def run(*_):
+        raise AssertionError("an estimate that is kept needs no run")
+
+    monkeypatch.setattr(jp.LimitState, "values_and_times", run)
+    again = jp.design_damper(
+        SPACE, ENSEMBLE, GRID, objective=objective(probability=2e-3), save=save, **SHORT
+    )
+    assert again.values == design.values
+    assert again.prices == design.prices
+
+
+def test_a_landscape_knows_the_probability_at_the_design(narrow):
+    design, _ = narrow
+    log_ratio = np.log(design.prices["required_gap"] / 2e-3)
+    drawn = design.landscape("friction", "initial_gap", n=5)
+    assert np.isfinite(drawn.violation).all()
+    near = np.abs(drawn.x_values - design.values["friction"]) + np.abs(
+        drawn.y_values - design.values["initial_gap"]
+    )
+    place = np.unravel_index(near.argmin(), near.shape)
+    assert drawn.violation.min() < log_ratio < drawn.violation.max()
+    assert drawn.violation[place] == pytest.approx(
+        float(
+            design._log_ratios.at(
+                SPACE.shares(
+                    dict(
+                        zip(
+                            SPACE.names,
+                            [
+                                drawn.x_values[place]
+                                if name == "friction"
+                                else drawn.y_values[place]
+                                for name in SPACE.names
+                            ],
+                            strict=True,
+                        )
+                    )
+                )
+            )[0]
+        )
+    )
+
+
+def test_the_least_damper_for_one_in_ten_millions():
+    """Known from Newton's method on independent samples: a friction of 0.3075."""
+    seldom = {"required_gap": jp.Limit(0.645, probability=1e-7)}
+    design = jp.design_damper(
+        jp.DesignSpace(PAPER, {"friction": (0.05, 1.0)}),
+        jp.Ensemble.drawn(case_w.SCENARIOS, 2),
+        case_w.GRID,
+        objective=jp.Objective(jp.LeastDemand("damper_force"), limits=seldom),
+        **SHORT,
+    )
+    assert design.values["friction"] == pytest.approx(0.3075, abs=0.004)
+    assert design.multipliers["required_gap"] == pytest.approx(-1 / case_w.SLOPE, rel=0.1)
+
+
+def test_units_of_a_limit():
+    scales = jp.Scales(mass=1e5, frequency=5.0)
+    dimensionless = objective(at_most=0.5, probability=1e-3)
+    in_metres = objective(at_most=0.5 * float(scales.length), probability=1e-3)
+    space = jp.DesignSpace(PAPER, {"friction": (0.24, 0.26)})
+    few = {**SHORT, "starts": 1, "iterations": 20}
+    one = jp.design_damper(space, ENSEMBLE, GRID, objective=dimensionless, **few)
+    other = jp.design_damper(space, ENSEMBLE, GRID, objective=in_metres, scales=scales, **few)
+    assert other.events["required_gap"].limit_state.threshold == pytest.approx(0.5)
+    assert other.values == pytest.approx(one.values)
+    assert other.prices == pytest.approx(one.prices)
+
+
+def test_no_design_is_rare_enough():
+    space = jp.DesignSpace(PAPER, {"friction": (0.2, 0.3)})
+    few = {**SHORT, "starts": 1, "iterations": 10}
+    with pytest.raises(InfeasibleError, match=r"P\(required_gap >= 0\.2\) = .*above its limit"):
+        jp.design_damper(
+            space, ENSEMBLE, GRID, objective=objective(at_most=0.2, probability=1e-9), **few
+        )
+
+
+@pytest.mark.parametrize(
+    ("wanted", "ensemble", "message"),
+    [
+        (
+            {"required_gap": jp.Limit(0.5, probability=1e-3)},
+            jp.Ensemble.of([jp.paper.ground()], GRID),
+            "required_gap: a probability needs an ensemble that is drawn",
+        ),
+        (
+            {"required_gap": jp.Limit(0.5, probability=1e-13)},
+            ENSEMBLE,
+            "required_gap: probability = 1e-13 must be at least 1e-12",
+        ),
+        (
+            {"damper_force": jp.Limit(0.5, probability=1e-3)},
+            ENSEMBLE,
+            "damper_force: LimitState: unknown demand 'damper_force'",
+        ),
+    ],
+)
+def test_limits_that_cannot_be_estimated(wanted, ensemble, message):
+    with pytest.raises(ValueError, match=message):
+        jp.design_damper(
+            SPACE, ensemble, GRID, objective=jp.Objective(jp.GapAtRest(), limits=wanted), **SHORT
+        )
+
+
+def test_curvatures_make_slopes_those_of_both_designs():
+    hessian = np.array([[[4.0, 1.0], [1.0, 3.0]]])
+    places = np.array([[0.0, 0.0], [0.3, 0.1], [0.2, 0.5]])
+    slopes = np.einsum("kij,nj->nki", hessian, places)
+    none = np.zeros((1, 2, 2))
+    at = [
+        LogRatios(place, np.zeros(1), slope, none)
+        for place, slope in zip(places, slopes, strict=True)
+    ]
+    curvature = _curved(at[0], at[1])
+    np.testing.assert_allclose(curvature[0] @ (places[1] - places[0]), (slopes[1] - slopes[0])[0])
+    assert np.linalg.eigvalsh(curvature[0]).min() > -1e-12
+    # A concave function is taken as linear, and so are designs that are nearly the same.
+    concave = at[1]._replace(slopes=-slopes[1])
+    assert not _curved(at[0], concave).any()
+    assert not _curved(at[0], at[0]._replace(scaled=places[0] + 1e-3, slopes=slopes[1])).any()
