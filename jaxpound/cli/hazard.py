@@ -321,10 +321,9 @@ def page(found: Found, figures: Mapping[str, Any]) -> str:
 def _csv(found: jp.Deaggregation) -> str:
     """The rate by bands of intensity."""
     text = io.StringIO()
-    rows: Sequence[Any] = list(
-        zip(*(x.tolist() for x in (found.edges[:-1], found.edges[1:], found.rate, found.share)),
-            strict=True)
-    )  # fmt: skip
+    cov = [x if np.isfinite(x) else "" for x in found.cov]
+    numbers = (found.edges[:-1], found.edges[1:], found.rate, found.share)
+    rows: Sequence[Any] = list(zip(*(x.tolist() for x in numbers), cov, strict=True))
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([("from", "to", "annual_rate", "share"), *rows])
+    writer.writerows([("from", "to", "annual_rate", "share", "cov"), *rows])
     return text.getvalue()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -42,6 +43,7 @@ class Fragility(Shown):
     """Whether the data are multiple stripes, with chosen intensities, and not a cloud."""
     weights: np.ndarray | None = None
     """Weights of the runs at each intensity, shape (m,); None if all count the same."""
+    _of_counts: ClassVar[bool] = True  # fitted to them, which can then be resampled
 
     @property
     def median_error(self) -> float:
@@ -66,11 +68,12 @@ class Fragility(Shown):
         replicates: int = 500,
         seed: int = 0,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pointwise bootstrap band of ``probability``; with weights that of ``covariance``.
+        """Pointwise band of ``probability``: by bootstrap, or else by ``covariance``.
 
         Stripes are resampled within each intensity, a cloud as a whole (one of more than 2,000
-        samples after grouping neighbours into 2,000). Resamples without a fit are left out. With
-        weights there is no resampling: ln(im / θ) / β is taken as normal, to first order.
+        samples after grouping neighbours into 2,000). Resamples without a fit are left out. There
+        is no resampling of runs with weights, nor of a curve that was not fitted to counts (of
+        capacities, of a regression): ln(im / θ) / β is taken as normal, to first order.
 
         Parameters
         ----------
@@ -94,13 +97,8 @@ class Fragility(Shown):
         """
         require_share("band", "confidence", confidence)
         at = np.asarray(intensity, float)
-        if self.weights is not None:
-            with np.errstate(divide="ignore"):
-                z = np.maximum(np.log(at / self.median) / self.dispersion, -_LEAST)
-            slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
-            error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
-            reach = ndtri((1 + confidence) / 2) * error
-            return ndtr(z - reach), ndtr(z + reach)
+        if self.weights is not None or not self._of_counts:
+            return self._first_order(at, confidence)
         random = np.random.default_rng(seed)
         im, k, n = self.intensity, self.pounding, self.trials
         if not self.stripes:
@@ -123,6 +121,15 @@ class Fragility(Shown):
         tail = (1 - confidence) / 2
         low, high = np.quantile(curves, [tail, 1 - tail], axis=0)
         return low, high
+
+    def _first_order(self, at: np.ndarray, confidence: float) -> tuple[np.ndarray, np.ndarray]:
+        """``band`` by the covariance."""
+        with np.errstate(divide="ignore"):
+            z = np.maximum(np.log(at / self.median) / self.dispersion, -_LEAST)
+        slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
+        error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
+        reach = ndtri((1 + confidence) / 2) * error
+        return ndtr(z - reach), ndtr(z + reach)
 
     def _tables(self) -> list[Table]:
         runs, pounding = int(self.trials.sum()), int(self.pounding.sum())

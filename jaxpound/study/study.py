@@ -208,15 +208,25 @@ class Study(Columnar, Shown):
             return ((part, np.ones(len(part))) for part in parts)
         return self.weighting.of(parts, self._parts)
 
-    def _share(self, hits: Iterable[np.ndarray], confidence: float) -> Estimate:
-        """Probability by the parts of a column that is 1 or 0, NaN where it is not known."""
+    @property
+    def normalised(self) -> bool:
+        """Whether probabilities are divided by the sum of the weights (``weighted``)."""
+        return self.weighting is None or self.weighting.normalised
+
+    def _sums(self, hits: Iterable[np.ndarray]) -> Hits:
+        """Of the parts of a column that is 1 or 0, NaN where it is not known."""
         found = Hits()
         for x, w in self._weighed(hits):
             good = ~np.isnan(x)
             found += Hits.of(x[good] == 1, w[good])
+        return found
+
+    def _share(self, hits: Iterable[np.ndarray], confidence: float) -> Estimate:
+        """Probability by the parts of a column that is 1 or 0, NaN where it is not known."""
+        found = self._sums(hits)
         if self.weighting is None:
             return probability(int(found.hit), found.n, confidence)
-        return found.estimate(self.weighting.normalised, confidence)
+        return found.estimate(self.normalised, confidence)
 
     def in_si(self, scales: Scales) -> Study:
         """The same study in SI units."""
@@ -261,8 +271,8 @@ class Study(Columnar, Shown):
             return quantile(self.finite(name), share, confidence)
         column = self[name]
         good = np.isfinite(column)
-        normalised = self.weighting.normalised
-        return weighting.quantile(column[good], self.weights[good], share, normalised, confidence)
+        weights = self.weights[good]
+        return weighting.quantile(column[good], weights, share, self.normalised, confidence)
 
     def exceedance(self, name: str, value: float, confidence: float = 0.95) -> Estimate:
         """Probability that a column exceeds a value, with Clopper and Pearson's interval.
@@ -308,9 +318,7 @@ class Study(Columnar, Shown):
             w = self.weights[np.isfinite(self[name])]
             hit, square = np.bincount(which, w), np.bincount(which, w**2)
             sums = [
-                Hits(w.size, w.sum(), (w**2).sum(), *x).estimate(
-                    self.weighting.normalised, confidence
-                )
+                Hits(w.size, w.sum(), (w**2).sum(), *x).estimate(self.normalised, confidence)
                 for x in zip(hit, square, strict=True)
             ]
         return {int(k): estimate for k, estimate in zip(found, sums, strict=True)}
@@ -371,6 +379,18 @@ class Study(Columnar, Shown):
             As ``pounding``.
         """
         return self._share(self._pounding("pounding_probability", gap, link), confidence)
+
+    def pounding_cov(self, gap: float | None = None, *, link: int | None = None) -> float:
+        """Coefficient of variation of ``pounding_probability``, to first order; NaN if it is 0.
+
+        Raises
+        ------
+        ValueError
+            As ``pounding``.
+        """
+        sums = self._sums(self._pounding("pounding_cov", gap, link))
+        p = sums.share(self.normalised)
+        return float(sums.variance(p, self.normalised) ** 0.5 / p) if p else float("nan")
 
     def fragility(
         self, intensity: str = "pga", gap: float | None = None, *, link: int | None = None

@@ -111,6 +111,7 @@ def test_what_is_written(tmp_path):
     total = answers["annual_rate"]["value"]
     assert sum(row["annual_rate"] for row in rows) == pytest.approx(total, rel=2e-3)
     centre = max(rows, key=lambda row: row["share"])
+    assert 0.05 < centre["cov"] < 0.5
     assert centre["from"] < answers["mean_intensity_at_pounding"] < 1.2 * centre["to"]
     of_rate, of_curve, of_bands = tables((out / "summary.md").read_text())
     assert of_rate[0]["value"] in screen
@@ -123,6 +124,7 @@ def test_without_errors_there_is_no_interval(tmp_path):
     screen, answers = told(tmp_path, text)
     assert "(no 95% interval)" in screen
     assert answers["annual_rate"]["low"] is None
+    assert (tmp_path / "out" / "deaggregation.csv").read_text().splitlines()[1].endswith(",")
     assert answers["annual_rate"]["value"] > 0
 
 
