@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from jaxpound._checks import Rule, enforce, real, require_share
+from jaxpound._checks import Rule, count, enforce, real, require_share
 from jaxpound._tables import Shown, Table
 
 ANY_LINK = "any link"
@@ -56,9 +56,16 @@ class Fragility(Shown):
         return float(self.covariance[1, 1] ** 0.5)
 
     def probability(self, intensity: ArrayLike) -> np.ndarray:
-        """Probability of pounding at intensities ≥ 0, of their shape."""
+        """Probability of pounding at intensities ≥ 0, of their shape.
+
+        Raises
+        ------
+        ValueError
+            If an intensity is negative or not a number.
+        """
+        im = _not_negative("Fragility.probability", intensity)
         with np.errstate(divide="ignore"):
-            z = np.log(np.asarray(intensity, float) / self.median) / self.dispersion
+            z = np.log(im / self.median) / self.dispersion
         return ndtr(z)
 
     def band(
@@ -93,10 +100,11 @@ class Fragility(Shown):
         Raises
         ------
         ValueError
-            If confidence is not between 0 and 1, or no resample can be fitted.
+            If an argument breaks its rule, or no resample can be fitted.
         """
         require_share("band", "confidence", confidence)
-        at = np.asarray(intensity, float)
+        at = _not_negative("band", intensity)
+        count("band", "replicates", replicates)
         if self.weights is not None or not self._of_counts:
             return self._first_order(at, confidence)
         random = np.random.default_rng(seed)
@@ -167,7 +175,7 @@ def fit_fragility(
         ``study["required_gap"] >= gap``, or pounding that exceeds a limit, such as
         ``study["peak_contact"] > limit``. With trials (multiple stripes): how often.
     trials
-        Number of runs at each intensity, shape (m,), at least 1.
+        Number of runs at each intensity, at least 1; shape (m,), or one number for all.
     weights
         Weight ≥ 0 of each run at an intensity, shape (m,), of any scale, such as those of
         importance samples: a run's share of the likelihood is raised to it. The covariance is then
@@ -193,8 +201,11 @@ def fit_fragility(
     0.379
     """
     owner = "fit_fragility"
-    im, k = np.asarray(intensity, float), np.asarray(pounding)
-    n = np.ones(im.shape, int) if trials is None else np.asarray(trials)
+    im, k = np.asarray(real(owner, "intensity", intensity), float), np.asarray(pounding)
+    if k.dtype != bool:
+        k = np.asarray(real(owner, "pounding", pounding))
+    n = np.asarray(1 if trials is None else real(owner, "trials", trials))
+    n = np.full(im.shape, n) if n.ndim == 0 else n
     if im.ndim != 1 or not im.size or k.shape != im.shape or n.shape != im.shape:
         raise ValueError(
             f"{owner}: intensity {im.shape}, pounding {k.shape} and trials {n.shape} must be (m,)"
@@ -229,6 +240,13 @@ def fit_fragility(
     median, dispersion = float(np.exp(-a / b)), float(1 / b)
     stripes = trials is not None
     return Fragility(median, dispersion, to @ spread @ to.T, im, k, n, stripes, w)
+
+
+def _not_negative(owner: str, intensity: ArrayLike) -> np.ndarray:
+    """Intensities, of which ∞ is one, too."""
+    im = np.asarray(real(owner, "intensity", intensity), float)
+    enforce(owner, [Rule("intensity", im, im >= 0, "not negative")])
+    return im
 
 
 def _weights(owner: str, weights: ArrayLike, im: np.ndarray) -> np.ndarray:

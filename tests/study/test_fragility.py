@@ -91,6 +91,14 @@ def test_the_bootstrap_band_covers_the_truth(draw):
     assert 0.8 < np.mean(covered) < 0.97
 
 
+def test_one_number_of_trials_is_that_of_all_stripes():
+    levels, k, n = stripes()
+    assert (n == n[0]).all()
+    one, each = jp.fit_fragility(levels, k, int(n[0])), jp.fit_fragility(levels, k, n)
+    assert (one.median, one.stripes) == (each.median, True)
+    np.testing.assert_array_equal(one.trials, each.trials)
+
+
 def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
     """In groups of neighbours, 50 samples each."""
     fit = jp.fit_fragility(*cloud(100_000))
@@ -108,6 +116,10 @@ def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
         (lambda: jp.fit_fragility([0.0, 1.0], [0, 1]), "intensity = 0 .* must be positive"),
         (lambda: jp.fit_fragility([1.0, 2.0], [0, 3], [2, 2]), "pounding = 3 .* must be from 0 to"),
         (lambda: jp.fit_fragility([1.0, 2.0], [0, 0], [2, 0]), "trials = 0 .* must be whole"),
+        (lambda: jp.fit_fragility("im", [0, 1]), "fit_fragility: intensity = 'im' must be a real"),
+        (lambda: jp.fit_fragility([1.0, 2.0], ["no", "yes"]), "pounding = .* must be a real"),
+        (lambda: jp.fit_fragility(*stripes()).probability(-1.0), "intensity = -1 must be not neg"),
+        (lambda: jp.fit_fragility(*stripes()).band([1.0], replicates=0), "replicates = 0 must be"),
         (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it is there never"),
         (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it is there always"),
         (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]), "always above im = 2 and never"),
