@@ -150,7 +150,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
 def fragility(
     curve: Fragility | Mapping[str, Fragility], ax: Axes | None = None, intensity: str = "im"
 ) -> Axes:
-    """Fragility curve with its 95 % bootstrap band and the data; or several curves by name.
+    """Fragility curve with its 95 % band and the data; or several curves by name.
 
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
     their intervals. Of several curves the data are left out; that named "any link" is black and

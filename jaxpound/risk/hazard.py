@@ -252,7 +252,7 @@ class HazardCurve(Shown):
         Parameters
         ----------
         intensity
-            The samples' intensities > 0, shape (n,).
+            The samples' intensities > 0, shape (n,); NaN, of runs that failed, has a weight of NaN.
         drawn_from
             The distribution that drew them: the weights are the ratio of both densities. By default
             they are multiple stripes, a few intensities with many samples each: a stripe has the
@@ -266,7 +266,12 @@ class HazardCurve(Shown):
             than two stripes, or drawn_from is no distribution.
         """
         owner = "HazardCurve.weights"
-        im = np.atleast_1d(np.asarray(positive(owner, intensity=intensity)[0], float))
+        im = np.atleast_1d(np.asarray(real(owner, "intensity", intensity), float))
+        if (failed := np.isnan(im)).any():
+            found = np.full(im.shape, np.nan)
+            found[~failed] = self.weights(im[~failed], drawn_from)
+            return found
+        positive(owner, intensity=im)
         if drawn_from is not None:
             instance(owner, "drawn_from", drawn_from, Distribution)
             drawn = density(drawn_from, im)

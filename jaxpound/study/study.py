@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import instance, is_whole, not_negative, number, require_share
+from jaxpound._checks import instance, is_whole, not_negative, number, real, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Topology
@@ -177,7 +177,7 @@ class Study(Columnar, Shown):
         weights
             The name of a column, read with the others chunk by chunk, such as that of a measure:
             ``monte_carlo(..., measures={"weight": f})``. Or the weights, shape (n,), in the order
-            of ``indices``. Not negative.
+            of ``indices``. Not negative; of runs that failed any number or NaN.
         normalised
             Whether probabilities are divided by the sum of the weights, which then may have any
             scale; or, if False, by the number of samples that did not fail. The weights are then
@@ -193,6 +193,10 @@ class Study(Columnar, Shown):
         """
         known = self._moments[self._known(weights)] if isinstance(weights, str) else None
         runs = len(self) if known is None else len(self) - self.failed
+        if known is None and self.failed:
+            weights = np.asarray(real("Study.weighted", "weights", weights))
+            if weights.shape == (runs,):
+                weights = np.where(np.isnan(self._read("pga")), 0.0, weights)
         by = weighting.checked("Study.weighted", weights, runs, known)
         return dataclasses.replace(self, weighting=Weighting(by, bool(normalised)))
 
