@@ -92,9 +92,7 @@ class Stated(Table):
         errors = [np.nan, np.nan]
         if self.median_error is not None and self.dispersion_error is not None:
             errors = [self.median_error / self.median, self.dispersion_error]
-        none = np.zeros(0)
-        covariance = np.diag(np.square(errors))
-        return jp.Fragility(self.median, self.dispersion, covariance, none, none, none, True)
+        return jp.Fragility(self.median, self.dispersion, np.diag(np.square(errors)))
 
 
 class Stored(Table):

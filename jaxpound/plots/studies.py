@@ -184,10 +184,13 @@ def fragility(
         ax.plot(at, one.probability(at), line, color=COLOURS.get(colour, colour), label=words)
         if words == ANY_LINK or few:
             low, high = one.band(at, replicates=200)
+            if np.isnan(low).all():  # of a curve whose errors are not known
+                continue
             of_band = {"label": "95 % band"} if alone else {"alpha": _FAINT}
             ax.fill_between(at, low, high, **(shade(colour) | of_band))
     if isinstance(curve, Fragility):
-        _data(ax, curve)
+        if curve.intensity.size:
+            _data(ax, curve)
     elif few or ANY_LINK in curve:
         ax.fill_between([], [], [], label="95 % band", **shade("residual"))
     ax.set_xscale("log")
@@ -219,8 +222,10 @@ def _named(curves: Mapping[str, Fragility]) -> list[tuple[str, str, Fragility]]:
 
 def _reach(curve: Fragility) -> tuple[float, float]:
     """The intensities between which a curve is drawn."""
-    least, most = curve.intensity.min(), curve.intensity.max()
-    return min(least, curve.median / 4), max(most, curve.median * 2)
+    least, most = curve.median / 4, curve.median * 2
+    if not curve.intensity.size:
+        return least, most
+    return min(least, curve.intensity.min()), max(most, curve.intensity.max())
 
 
 def _data(ax: Axes, curve: Fragility) -> None:

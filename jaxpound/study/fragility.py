@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from jaxpound._checks import Rule, count, enforce, real, require_share
+from jaxpound._checks import Rule, count, enforce, number, positive, real, require_share
 from jaxpound._tables import Shown, Table
 
 ANY_LINK = "any link"
@@ -23,27 +23,53 @@ _CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many sam
 class Fragility(Shown):
     """A lognormal fragility function, P(pounding | im) = Φ(ln(im / θ) / β) (Baker 2015, eq. 1).
 
-    ``fit_fragility`` makes one; it keeps the data, for the bootstrap and for figures.
+    ``fit_fragility`` makes one; it keeps the data, for the bootstrap and for figures. One that is
+    known in numbers, of a handbook, is ``Fragility(median, dispersion)``.
+
+    Raises
+    ------
+    ValueError
+        If median or dispersion is not one number, positive and finite, or the covariance not of
+        shape (2, 2).
+
+    Examples
+    --------
+    >>> curve = jp.Fragility(median=0.6, dispersion=0.4)
+    >>> round(float(curve.probability(0.4)), 3)
+    0.155
+    >>> hazard = jp.HazardCurve([0.1, 1.0], [1e-2, 1e-5])
+    >>> round(hazard.annual_rate_of(curve).value, 7)  # 1e-5 θ^-3 e^((3 β)² / 2)
+    9.51e-05
     """
 
     median: float
     """θ, the intensity at which pounding has probability one half, in the intensity's unit."""
     dispersion: float
     """β, standard deviation of ln im at pounding."""
-    covariance: np.ndarray
+    covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.full((2, 2), np.nan))
     """Asymptotic covariance of (ln θ, β), shape (2, 2), from the observed information; with weights
-    that of White (1982), from the scatter of the scores too."""
-    intensity: np.ndarray
-    """Intensities of the data, shape (m,)."""
-    pounding: np.ndarray
+    that of White (1982), from the scatter of the scores too. NaN where it is not known."""
+    intensity: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    """Intensities of the data, shape (m,); none (m = 0) of a curve that is known in numbers."""
+    pounding: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     """How often there was pounding at each, shape (m,)."""
-    trials: np.ndarray
+    trials: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     """Number of runs at each, shape (m,)."""
-    stripes: bool
+    stripes: bool = True
     """Whether the data are multiple stripes, with chosen intensities, and not a cloud."""
     weights: np.ndarray | None = None
     """Weights of the runs at each intensity, shape (m,); None if all count the same."""
     _of_counts: ClassVar[bool] = True  # fitted to them, which can then be resampled
+
+    def __post_init__(self) -> None:
+        owner = type(self).__name__
+        for name in ("median", "dispersion"):
+            (value,) = positive(owner, **{name: number(owner, name, getattr(self, name))})
+            object.__setattr__(self, name, float(value))
+        covariance = np.asarray(real(owner, "covariance", self.covariance), float)
+        if covariance.shape != (2, 2):
+            raise ValueError(f"{owner}: covariance of shape {covariance.shape} must be (2, 2)")
+        object.__setattr__(self, "covariance", covariance)
 
     @property
     def median_error(self) -> float:
@@ -80,7 +106,7 @@ class Fragility(Shown):
         Stripes are resampled within each intensity, a cloud as a whole (one of more than 2,000
         samples after grouping neighbours into 2,000). Resamples without a fit are left out. There
         is no resampling of runs with weights, nor of a curve that was not fitted to counts (of
-        capacities, of a regression): ln(im / θ) / β is taken as normal, to first order.
+        capacities, of a regression, of numbers): ln(im / θ) / β is taken as normal, to first order.
 
         Parameters
         ----------
@@ -105,7 +131,7 @@ class Fragility(Shown):
         require_share("band", "confidence", confidence)
         at = _not_negative("band", intensity)
         count("band", "replicates", replicates)
-        if self.weights is not None or not self._of_counts:
+        if self.weights is not None or not (self._of_counts and self.intensity.size):
             return self._first_order(at, confidence)
         random = np.random.default_rng(seed)
         im, k, n = self.intensity, self.pounding, self.trials
@@ -122,8 +148,8 @@ class Fragility(Shown):
                 n_drawn = k_drawn + rest
             if not _no_maximum(im, k_drawn, n_drawn):
                 (a, b), _ = _maximise(np.log(im), k_drawn, n_drawn, start)
-                drawn = dataclasses.replace(self, median=np.exp(-a / b), dispersion=1 / b)
-                curves.append(drawn.probability(at))
+                with np.errstate(divide="ignore"):
+                    curves.append(ndtr(a + b * np.log(at)))
         if not curves:
             raise ValueError(f"band: none of {replicates} bootstrap samples can be fitted")
         tail = (1 - confidence) / 2
@@ -151,7 +177,7 @@ class Fragility(Shown):
                     ("median θ", self.median, self.median_error, "that of im"),
                     ("dispersion β", self.dispersion, self.dispersion_error, ""),
                 ],
-                [f"fitted to {runs:,} runs{where}, {pounding:,} with pounding"],
+                [f"fitted to {runs:,} runs{where}, {pounding:,} with pounding"] if runs else [],
                 digits=4,
             )
         ]

@@ -19,8 +19,7 @@ CURVE = jp.HazardCurve([0.1, 0.2, 0.21, 0.4, 0.8], [1e-2, 3e-3, 3e-3, 6e-4, 8e-5
 
 
 def fragility(median, dispersion):
-    one = np.array([1])
-    return jp.Fragility(median, dispersion, COVARIANCE, np.array([median]), one, 2 * one, True)
+    return jp.Fragility(median, dispersion, COVARIANCE)
 
 
 @given(st.floats(0.3, 5.0), st.floats(0.1, 2.0), st.floats(0.02, 0.9), st.integers(2, 9))
