@@ -200,7 +200,9 @@ def combined(file: File, given: Lifetime) -> Found:
         factor = _factor(f"{file.name}: [hazard] unit", given.hazard.unit, study, stored.intensity)
         with named(place):
             curve = study.fragility(stored.intensity, stored.gap, link=stored.number)
-            measured = dataclasses.replace(hazard, intensity=hazard.intensity * factor)
+            measured = jp.HazardCurve(
+                hazard.intensity * factor, hazard.annual_rate, stored.intensity
+            )
             for share in stored.gap_probabilities or ():
                 gaps[share] = measured.required_gap(
                     study,

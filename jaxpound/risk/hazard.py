@@ -23,6 +23,7 @@ from jaxpound.study.statistics import Estimate
 from jaxpound.study.study import Study
 
 _ROUNDING = 1e-9
+_UNITS = ("g", "m/s²", "cm/s²", "m/s", "cm/s", "g/ω1")  # in which hazards and studies tell motions
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -317,7 +318,8 @@ class HazardCurve(Shown):
         ------
         ValueError
             If an argument breaks its rule, the target is more frequent than the curve's lowest
-            intensity, or no gap at which a fragility can be fitted has that rate.
+            intensity, or no gap at which a fragility can be fitted has that rate; if the name of
+            the curve's measure tells another unit than that of the column.
         """
         owner = "HazardCurve.required_gap"
         instance(owner, "study", study, Study)
@@ -332,12 +334,21 @@ class HazardCurve(Shown):
                     f"{self.annual_rate[0]:.4g}"
                 )
             return study.required_gap(float(share), confidence, link=link)
-        study.moments(intensity)  # a column that is not there is named
+        self._require_unit(owner, intensity, study.unit(intensity))
         return gap_by_fragilities(
             lambda gap: self.annual_rate_of(study.fragility(intensity, gap, link=link), confidence),
             [study.required_gap(p, link=link).value for p in TRIED],
             target,
         )
+
+    def _require_unit(self, owner: str, column: str, unit: str) -> None:
+        """A ``ValueError`` if the measure's name ends with another unit of motion than this."""
+        told = self.measure.rpartition("(")[2].rstrip(")").replace("2", "²")
+        if unit and told in _UNITS and told != unit:
+            raise ValueError(
+                f"{owner}: measure = {self.measure!r} must be in the unit of the study's column "
+                f"{column!r}, {unit}: convert the curve's intensities and name them so"
+            )
 
     def piece(self, im: np.ndarray) -> np.ndarray:
         """The piece between points that an intensity is in, or the one that is continued there."""

@@ -10,10 +10,8 @@ import jax
 import numpy as np
 
 from jaxpound._checks import Rule, enforce, hint, real
-from jaxpound.quantities import unit
-from jaxpound.results.demand import in_words, kind_of
+from jaxpound.results.demand import in_words
 from jaxpound.risk.rare_event import RareEvent
-from jaxpound.study.demands import is_ours
 from jaxpound.study.scenarios import parameter_names, parameters
 from jaxpound.study.study import Study
 from jaxpound.study.weighting import Hits
@@ -76,9 +74,8 @@ def of_study(
     def by(owner: str, intensity: Any) -> SamplesRate:
         name = "pga" if intensity is None else intensity
         if isinstance(name, str) and name in study.columns:
-            measure, x = in_words(name), study[name]
-            of = unit(kind_of(name) if is_ours(name) else None, study.scales is not None)
-            measure += f" ({of})" if of else ""
+            of = study.unit(name)
+            measure, x = in_words(name) + f" ({of})" * bool(of), study[name]
         elif isinstance(name, str):
             known = study.parameters()
             measure, x = name, _named(owner, name, known, [*study.columns, *known])

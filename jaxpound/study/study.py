@@ -541,7 +541,7 @@ class Study(Columnar, Shown):
         for name in self.told():
             m = self.moments(name)
             numbers = (m.mean, m.std, m.smallest, m.largest)
-            rows.append((name, *numbers, unit(self._quantity(name), self.scales is not None)))
+            rows.append((name, *numbers, self.unit(name)))
         units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
         columns = ("", "mean", "standard deviation", "smallest", "largest", "unit")
@@ -551,6 +551,10 @@ class Study(Columnar, Shown):
         if name not in self._moments:
             raise ValueError(f"Study: column {name!r} must be one of {', '.join(self._moments)}")
         return name
+
+    def unit(self, name: str) -> str:
+        """Unit of a column; empty for pure numbers and for users' columns."""
+        return unit(self._quantity(self._known(name)), self.scales is not None)
 
     def _quantity(self, name: str) -> str | None:
         """Kind of quantity of a column; None for pure numbers and for users' columns."""

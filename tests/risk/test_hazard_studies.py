@@ -208,6 +208,19 @@ def test_gaps_that_cannot_be_told_say_why(found, more, message):
         HAZARD.required_gap(found, **more)
 
 
+def test_a_curve_in_g_is_not_taken_for_a_column_in_si(found):
+    in_si = found.in_si(jp.Scales(mass=1e5, frequency=6.0))
+    assert (found.unit("pga"), in_si.unit("pga"), in_si.unit("pounds")) == ("g", "m/s²", "")
+    in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s2"))
+    for hazard, other, unit_of in ((in_g, in_si, "m/s²"), (in_m, found, "g")):
+        message = rf"measure = 'PGA \(.*\)' must be in the unit of .* 'pga', {unit_of}: convert"
+        with pytest.raises(ValueError, match=message):
+            hazard.required_gap(other, intensity="pga")
+    for hazard, other in ((in_g, found), (in_m, in_si)):  # of which no fragility can be fitted
+        with pytest.raises(ValueError, match="must be the rate of pounding at a gap"):
+            hazard.required_gap(other, intensity="pga")
+
+
 def test_records_of_intensity_one_are_scaled_by_the_hazard():
     record = jp.Record(np.array([0.0, 1.0, -0.4, 0.0]), 0.5, time_unit="1/ω1")
     ground = jp.RandomRecord((record,), factor=DRAWN)
