@@ -64,6 +64,8 @@ class AnnualRate(Shown):
     """The curve's lowest and highest intensity."""
     measure: str = "im"
     """Name of the measure of intensity, with its unit."""
+    warnings: tuple[str, ...] = ()
+    """Of a rare event: why not to trust its probability, in sentences."""
     _source: Source | None = None
 
     @staticmethod
@@ -75,7 +77,7 @@ class AnnualRate(Shown):
 
     @staticmethod
     def of_estimate(
-        rate: float, estimate: Estimate, cov: float | None = None, source: Source | None = None
+        rate: float, estimate: Estimate, cov: float | None = None, **more: Any
     ) -> AnnualRate:
         """Of the rate of earthquakes and the probability of pounding in one.
 
@@ -86,7 +88,7 @@ class AnnualRate(Shown):
             z, cov = ndtri((1 + confidence) / 2), float("nan")
             if 0 < low < high < np.inf:
                 cov = float(np.log(high / low) / (2 * z))
-        return AnnualRate(rate * value, rate * low, rate * high, confidence, cov, _source=source)
+        return AnnualRate(rate * value, rate * low, rate * high, confidence, cov, **more)
 
     @property
     def return_period(self) -> float:
@@ -168,7 +170,7 @@ class AnnualRate(Shown):
                 "where the hazard curve is continued: it lies between "
                 f"{self.bounds[0]:.4g} and {self.bounds[1]:.4g}",
             ]
-        return [Table("Mean annual rate of pounding", (), rows, notes)]
+        return [Table("Mean annual rate of pounding", (), rows, [*notes, *self.warnings])]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)

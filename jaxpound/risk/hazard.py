@@ -206,10 +206,11 @@ class HazardCurve(Shown):
         if isinstance(pounding, Study):
             estimate = pounding.pounding_probability(gap, confidence, link=link)
             cov, by = pounding.pounding_cov(gap, link=link), of_study(often, pounding, gap, link)
-            return AnnualRate.of_estimate(often, estimate, cov, by)
+            return AnnualRate.of_estimate(often, estimate, cov, _source=by)
         if isinstance(pounding, RareEvent):
             estimate, by = pounding.interval(confidence), of_event(often, pounding)
-            return AnnualRate.of_estimate(often, estimate, pounding.cov, by)
+            told = pounding.warnings
+            return AnnualRate.of_estimate(often, estimate, pounding.cov, warnings=told, _source=by)
         if isinstance(pounding, Estimate):
             return AnnualRate.of_estimate(often, pounding)
         ends = np.r_[0.0, self.intensity, np.inf]

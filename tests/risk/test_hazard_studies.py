@@ -105,6 +105,8 @@ def test_a_rare_event_s_rate_and_its_intensities(event):
     rate = HAZARD.annual_rate_of(event, 0.9)
     assert (rate.value, rate.cov, rate.confidence) == (2e-2 * event.probability, event.cov, 0.9)
     assert abs(rate.value - 2.5e-4) < 3.5 * rate.cov * rate.value
+    doubted = dataclasses.replace(event, warnings=("one repeat makes most of the estimate",))
+    assert "one repeat makes most" in repr(HAZARD.annual_rate_of(doubted))
     amplitude = np.asarray(DRAWN.from_normal(event.points[:, 0]))
     whole = rate.deaggregation([0.7, np.inf], intensity=amplitude)
     assert whole.rate[0] == pytest.approx(rate.value)
