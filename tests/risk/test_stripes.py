@@ -38,6 +38,11 @@ def test_each_intensity_may_have_its_own_records(linear):
     scaled = [SUITE, SUITE.scaled(2.0), SUITE.scaled(3.0), SUITE]  # of the same names
     again = striped(scaled)
     np.testing.assert_allclose(np.transpose(again.demands), linear.demands, rtol=1e-9)
+    near = [0.1, 0.1 + 1e-9, 0.1 + 2e-9]  # at which records of one name have one name again
+    others = striped([SUITE, SUITE.chosen([0]).scaled(2.0), SUITE.chosen([0, 1]).scaled(3.0)],
+                     intensities=near)  # fmt: skip
+    for rows, found in zip((slice(None), [0], [0, 1]), others.demands, strict=True):
+        np.testing.assert_allclose(found, linear.demands[rows, 1], rtol=1e-6)
     with pytest.raises(ValueError, match="2 suites must be 4, one an intensity"):
         striped(suites[:2])
 
