@@ -40,7 +40,7 @@ class SamplesRate:
 
     def edges(self, bands: int) -> np.ndarray:
         """Edges of bands that hold all samples that pound."""
-        those = self.intensity[self.hits & np.isfinite(self.intensity)]
+        those = self.intensity[self.hits]
         return np.geomspace(those.min() / (1 + _WIDER), those.max() * (1 + _WIDER), bands + 1)
 
     def parts(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,4 +128,5 @@ def _numbers(owner: str, value: Any, n: int) -> np.ndarray:
 def _require_positive(owner: str, x: np.ndarray) -> None:
     if not x.size:
         raise ValueError(f"{owner}: a sample must pound, for its intensity to be told")
-    enforce(owner, [Rule("intensity", x, x > 0, "positive in samples that pound")])
+    right = (x > 0) & np.isfinite(x)
+    enforce(owner, [Rule("intensity", x, right, "positive and finite in samples that pound")])

@@ -129,7 +129,7 @@ def test_the_figure_of_a_study_shares_the_axis_of_one_measure_only(found, closin
     ("intensity", "message"),
     [
         ("amplitud", "unknown intensity = 'amplitud'; allowed: .*pga"),
-        ("min_gap", "intensity = -.* must be positive in samples that pound"),
+        ("min_gap", "intensity = -.* must be positive and finite in samples that pound"),
         ([1.0, 2.0], r"intensity of shape \(2,\) must be \(2000,\)"),
     ],
 )
