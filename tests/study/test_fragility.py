@@ -91,6 +91,16 @@ def test_the_bootstrap_band_covers_the_truth(draw):
     assert 0.8 < np.mean(covered) < 0.97
 
 
+def test_the_band_by_the_covariance_covers_the_truth_with_little_data():
+    at = np.array([0.2, 0.4, 0.8])
+    truth = stats.norm.cdf(np.log(at / THETA) / BETA)
+    covered = []
+    for seed in range(200):
+        low, high = jp.fit_fragility(*cloud(60, seed)).band(at, 0.9, replicates=None)
+        covered.append((low <= truth) & (truth <= high))
+    assert 0.86 < np.mean(covered) < 0.97
+
+
 def test_a_curve_in_numbers_needs_no_data():
     curve = jp.Fragility(0.6, 0.4)
     np.testing.assert_allclose(
