@@ -1,4 +1,4 @@
-"""``jaxpound hazard``: how often buildings pound, from a hazard curve and a fragility."""
+"""``jaxpound hazard``: how often buildings pound, from a hazard curve and a fragility or study."""
 
 from __future__ import annotations
 
@@ -92,19 +92,18 @@ class Stated(Table):
         errors = [np.nan, np.nan]
         if self.median_error is not None and self.dispersion_error is not None:
             errors = [self.median_error / self.median, self.dispersion_error]
-        none = np.zeros(0)
-        covariance = np.diag(np.square(errors))
-        return jp.Fragility(self.median, self.dispersion, covariance, none, none, none, True)
+        return jp.Fragility(self.median, self.dispersion, np.diag(np.square(errors)))
 
 
 class Stored(Table):
-    """A study to whose runs a fragility is fitted."""
+    """A study to whose runs a fragility is fitted, or whose earthquakes the hazard has drawn."""
 
     store: str
     intensity: str = "pga"
     gap: Gap | None = None
     link: Annotated[int, between(1, 2**31)] | None = None
     gap_probabilities: _Shares | None = None
+    drawn: bool = False
 
     def opened(self, file: File) -> jp.Study:
         """The study; a ``ValueError`` if it has no such column or link."""
@@ -150,16 +149,19 @@ class Found:
     """What follows from hazard and fragility."""
 
     hazard: jp.HazardCurve
-    fragility: jp.Fragility
+    fragility: jp.Fragility | None
+    """None if the hazard has drawn the study's earthquakes."""
     rate: jp.AnnualRate
     gaps: Mapping[float, Estimate]
     """Required gaps by their probabilities within the years."""
     results: Results
+    column: str | None = None
+    """Without a fragility the study's column that measures the shaking."""
 
     @property
     def deaggregation(self) -> jp.Deaggregation:
         """The rate by bands of intensity."""
-        return self.rate.deaggregation(bands=self.results.bands)
+        return self.rate.deaggregation(bands=self.results.bands, intensity=self.column)
 
 
 # --- the command --------------------------------------------------------------------------------
@@ -177,8 +179,9 @@ def run(args: argparse.Namespace) -> None:
     from jaxpound.plots import hazards, studies
     from jaxpound.plots.style import figure
 
-    figures = {"hazard": hazards.pounding(found.hazard, found.rate, bands=found.results.bands)}
-    if found.fragility.intensity.size:
+    by: Any = {"bands": found.results.bands, "intensity": found.column}
+    figures = {"hazard": hazards.pounding(found.hazard, found.rate, **by)}
+    if found.fragility is not None and found.fragility.intensity.size:
         draw: Callable[..., Any] = partial(studies.fragility, intensity=found.hazard.measure)
         figures["fragility"] = figure(draw, found.fragility)
     write_json(args.out / "summary.json", summary(file, found))
@@ -199,10 +202,16 @@ def combined(file: File, given: Lifetime) -> Found:
         stored, place = given.study, f"{file.name}: [study]"
         with named(place):
             study = stored.opened(file)
+            if stored.drawn:
+                if given.hazard.unit is not None:
+                    raise ValueError("drawn = true must not be given beside [hazard] unit")
+                return straight(hazard, stored, study, results)
         factor = _factor(f"{file.name}: [hazard] unit", given.hazard.unit, study, stored.intensity)
         with named(place):
             curve = study.fragility(stored.intensity, stored.gap, link=stored.number)
-            measured = dataclasses.replace(hazard, intensity=hazard.intensity * factor)
+            measured = jp.HazardCurve(
+                hazard.intensity * factor, hazard.annual_rate, stored.intensity
+            )
             for share in stored.gap_probabilities or ():
                 gaps[share] = measured.required_gap(
                     study,
@@ -217,6 +226,19 @@ def combined(file: File, given: Lifetime) -> Found:
         )
     rate = hazard.annual_rate_of(curve, results.confidence)
     return Found(hazard, curve, rate, gaps, results)
+
+
+def straight(hazard: jp.HazardCurve, stored: Stored, study: jp.Study, results: Results) -> Found:
+    """The same by a study whose earthquakes the hazard has drawn."""
+    link, confidence = stored.number, results.confidence
+    rate = hazard.annual_rate_of(study, confidence, gap=stored.gap, link=link)
+    if not rate.value:
+        raise ValueError("store must hold runs with pounding, for its rate to be told")
+    gaps = {
+        share: hazard.required_gap(study, share, results.years, link=link, confidence=confidence)
+        for share in stored.gap_probabilities or ()
+    }
+    return Found(hazard, None, rate, gaps, results, stored.intensity)
 
 
 def _factor(place: str, unit: str | None, study: jp.Study, column: str) -> float:
@@ -250,7 +272,8 @@ def summary(file: File, found: Found) -> dict[str, Any]:
                 "intensity": found.hazard.intensity.tolist(),
                 "annual_rate": found.hazard.annual_rate.tolist(),
             },
-            "fragility": {
+            "fragility": curve
+            and {
                 "median": curve.median,
                 "median_error": curve.median_error,
                 "dispersion": curve.dispersion,
@@ -284,11 +307,13 @@ def tables(found: Found) -> list[Shown]:
     """The results for people."""
     rate, curve, years = found.rate, found.fragility, found.results.years
     (of_rate,) = rate._tables(years)
-    numbers = [
-        ("median", _with_error(curve.median, curve.median_error)),
-        ("dispersion", _with_error(curve.dispersion, curve.dispersion_error)),
-    ]
-    parts = [of_rate, Shown(f"Fragility by {found.hazard.measure}", (), numbers)]
+    parts = [of_rate]
+    if curve is not None:
+        numbers = [
+            ("median", _with_error(curve.median, curve.median_error)),
+            ("dispersion", _with_error(curve.dispersion, curve.dispersion_error)),
+        ]
+        parts.append(Shown(f"Fragility by {found.hazard.measure}", (), numbers))
     if found.gaps:
         rows = [(f"{100 * p:g} %", str(gap)) for p, gap in found.gaps.items()]
         columns = (f"closes within {years:g} years with probability", "required gap (m)")
@@ -302,6 +327,7 @@ def _with_error(value: float, error: float) -> str:
 
 def page(found: Found, figures: Mapping[str, Any]) -> str:
     """One page."""
+    what = "probability in an earthquake" if found.fragility is None else "fragility"
     lines = ["# Pounding in a lifetime", "", f"jaxpound {jp.__version__}.", ""]
     for part in tables(found):
         notes = ". ".join(part.notes).replace(",. ", ", ")  # a note may go on in the next
@@ -310,7 +336,7 @@ def page(found: Found, figures: Mapping[str, Any]) -> str:
         lines += [f"{notes[0].upper()}{notes[1:]}.", ""] if notes else []
     lines += [
         "Earthquakes with pounding are taken for a Poisson process. The interval is that of the "
-        "fragility; the hazard curve is taken as known.",
+        f"{what}; the hazard curve is taken as known.",
         "",
         *(f"![{name}]({name}.png)" for name in figures),
         "",
@@ -321,10 +347,9 @@ def page(found: Found, figures: Mapping[str, Any]) -> str:
 def _csv(found: jp.Deaggregation) -> str:
     """The rate by bands of intensity."""
     text = io.StringIO()
-    rows: Sequence[Any] = list(
-        zip(*(x.tolist() for x in (found.edges[:-1], found.edges[1:], found.rate, found.share)),
-            strict=True)
-    )  # fmt: skip
+    cov = [x if np.isfinite(x) else "" for x in found.cov]
+    numbers = (found.edges[:-1], found.edges[1:], found.rate, found.share)
+    rows: Sequence[Any] = list(zip(*(x.tolist() for x in numbers), cov, strict=True))
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([("from", "to", "annual_rate", "share"), *rows])
+    writer.writerows([("from", "to", "annual_rate", "share", "cov"), *rows])
     return text.getvalue()

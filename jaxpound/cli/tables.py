@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from msgspec import Meta
 from msgspec.structs import asdict
 
@@ -20,7 +21,7 @@ from jaxpound.cli.reading import (
     ranges,
     says,
 )
-from jaxpound.study.distributions import RARE, reach
+from jaxpound.study.distributions import RARE, Distribution, reach
 from jaxpound.study.ground_draw import GroundDraw
 
 # The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
@@ -103,7 +104,10 @@ class Run(Table):
 
 # --- what is random -----------------------------------------------------------------------------
 
-_FORMS = "{normal = [mean, std]}, {lognormal = [median, sigma]} or {uniform = [low, high]}"
+_FORMS = (
+    "{normal = [mean, std]}, {lognormal = [median, sigma]}, {uniform = [low, high]} or "
+    "{hazard = [[intensity, annual rate], ...]}"
+)
 _Two = Annotated[
     tuple[Annotated[float, between(-1e300, 1e300)], Annotated[float, between(-1e300, 1e300)]],
     says("two finite numbers"),
@@ -111,22 +115,29 @@ _Two = Annotated[
 
 
 class Stated(Table):
-    """A distribution by its name and two numbers."""
+    """A distribution by its name and two numbers, or by the points of a hazard curve."""
 
     normal: _Two | None = None
     lognormal: _Two | None = None
     uniform: _Two | None = None
+    hazard: Annotated[list[_Two], says("pairs [intensity, annual rate]", min_length=2)] | None = (
+        None
+    )
 
     def __post_init__(self) -> None:
         if len([x for x in asdict(self).values() if x is not None]) != 1:
             raise ValueError("it must be one of them")
 
     def __str__(self) -> str:
-        ((kind, (a, b)),) = ((kind, x) for kind, x in asdict(self).items() if x is not None)
-        return f"{{{kind} = [{a:.8g}, {b:.8g}]}}"
+        ((kind, x),) = ((kind, x) for kind, x in asdict(self).items() if x is not None)
+        told = "[" + ", ".join(_pair(*pair) for pair in x) + "]" if self.hazard else _pair(*x)
+        return f"{{{kind} = {told}}}"
 
-    def times(self, factor: float) -> jp.Normal | jp.LogNormal | jp.Uniform:
+    def times(self, factor: float) -> Distribution:
         """The distribution of the variable times a factor."""
+        if self.hazard:
+            intensity, annual_rate = np.transpose(self.hazard)
+            return jp.HazardCurve(factor * intensity, annual_rate).distribution()
         if self.lognormal:
             median, sigma = self.lognormal
             return jp.LogNormal(factor * median, sigma)
@@ -136,7 +147,7 @@ class Stated(Table):
 
     def require(self, place: str, allowed: Range) -> None:
         """A ``ValueError`` if it is no distribution, or some of its draws would be out of range."""
-        names = ("mean", "std", "median", "low", "high")
+        names = ("mean", "std", "median", "low", "high", "intensity")
         with named(f"{place}:", dict.fromkeys(names, allowed.unit)):
             found = self.times(1.0)
         for end in reach(found):
@@ -144,6 +155,10 @@ class Stated(Table):
                 often = "" if self.uniform else f" once in {1 / RARE:,.0f} draws"
                 what = f"{place} = {self} reaches {allowed.told(f'{end:.4g}')}{often}; it"
                 raise ValueError(f"{what} must stay {allowed.rule}")
+
+
+def _pair(a: float, b: float) -> str:
+    return f"[{a:.8g}, {b:.8g}]"
 
 
 def drawn(low: float, high: float, unit: str, why: str) -> Meta:

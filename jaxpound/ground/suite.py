@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import reprlib
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -12,7 +13,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import Rule, count, enforce, instance, is_traced, positive, real
+from jaxpound._checks import (
+    Rule,
+    count,
+    enforce,
+    instance,
+    is_traced,
+    is_whole,
+    number,
+    positive,
+)
 from jaxpound._tables import Shown, Table
 from jaxpound.ground.intensity import spectra
 from jaxpound.ground.plausibility import tell
@@ -59,7 +69,8 @@ class RecordSuite(Shown):
         owner = "RecordSuite"
         given = self.records
         if not isinstance(given, Sequence) or not given:
-            raise ValueError(f"{owner}: records = {given!r} must hold at least one record")
+            shown = reprlib.repr(given)
+            raise ValueError(f"{owner}: records = {shown} must hold at least one record, in a list")
         for i, record in enumerate(given):
             instance(owner, f"records[{i}]", record, Record)
             if is_traced(record) or np.ndim(record.samples) != 1:
@@ -109,9 +120,21 @@ class RecordSuite(Shown):
             return self.records[self.names.index(which)]
         return self.records[which]
 
-    def chosen(self, numbers: Sequence[int] | np.ndarray) -> RecordSuite:
-        """The suite of some of the records, by their numbers from 0."""
-        return RecordSuite(tuple(self.records[int(i)] for i in numbers))
+    def chosen(self, which: Sequence[int | str] | np.ndarray) -> RecordSuite:
+        """The suite of some of the records, by their numbers from 0 or their names.
+
+        Raises
+        ------
+        ValueError
+            If there is no such record, none is chosen, or one twice.
+        """
+        n, records = len(self), []
+        for one in which:
+            if not isinstance(one, str) and not (is_whole(one) and -n <= one < n):
+                rule = f"a record's number, from 0 to {n - 1}, or its name"
+                raise ValueError(f"RecordSuite.chosen: {one!r} must be {rule}")
+            records.append(self[one])
+        return RecordSuite(tuple(records))
 
     def spectra(self, periods: ArrayLike, damping: float = 0.05) -> np.ndarray:
         """``spectral_acceleration`` of each record at each period, g, shape (n, m).
@@ -130,7 +153,7 @@ class RecordSuite(Shown):
         """
         owner = "RecordSuite.spectra"
         (known,) = positive(owner, periods=periods)
-        at, zeta = np.asarray(known, float), np.asarray(real(owner, "damping", damping))
+        at, zeta = np.asarray(known, float), np.asarray(number(owner, "damping", damping))
         if at.ndim != 1 or not at.size:
             raise ValueError(f"{owner}: periods of shape {at.shape} must be (m,) with m ≥ 1")
         enforce(owner, [Rule("damping", zeta, (zeta >= 0) & (zeta < 1), "at least 0 and below 1")])
@@ -211,7 +234,7 @@ class RecordSuite(Shown):
         if best is not None and count(OWNER, "best", best) > len(self):
             raise ValueError(f"{OWNER}: best = {best} must be at most {len(self)}, all records")
         if least is not None:
-            positive(OWNER, least=least)
+            positive(OWNER, least=number(OWNER, "least", least))
         self._require_usable(span)
         at = np.geomspace(*span, PERIODS)
         try:
@@ -392,5 +415,6 @@ def as_suite(owner: str, records: Any) -> RecordSuite:
     if isinstance(records, RecordSuite):
         return records
     if not isinstance(records, Sequence):
-        raise ValueError(f"{owner}: records = {records!r} must be a RecordSuite or records")
+        shown = reprlib.repr(records)
+        raise ValueError(f"{owner}: records = {shown} must be a RecordSuite or a list of records")
     return RecordSuite(tuple(records))

@@ -50,7 +50,8 @@ class PeriodRange(NamedTuple):
         """
         low, high = _ends("PeriodRange.asce_7", periods)
         if shortest is not None:
-            (least,) = positive("PeriodRange.asce_7", shortest=shortest)
+            owner = "PeriodRange.asce_7"
+            (least,) = positive(owner, shortest=number(owner, "shortest", shortest))
             return cls(min(0.2 * low, float(least)), 2.0 * high)
         return cls(0.2 * low, 2.0 * high)
 
@@ -60,7 +61,8 @@ class PeriodRange(NamedTuple):
 
         The mean spectrum of all records, with 5 % of damping, must not be below 90 % of the elastic
         response spectrum there; the clause asks for at least 3 records, whose mean peak must reach
-        a_g S. For several buildings the range covers that of each.
+        a_g S. It is written for artificial accelerograms; clause 3.2.3.1.3 applies it to recorded
+        ones. For several buildings the range covers that of each.
 
         Parameters
         ----------
@@ -78,7 +80,7 @@ class PeriodRange(NamedTuple):
     @classmethod
     def of(cls, owner: str, value: Any) -> PeriodRange:
         """A pair of numbers as a range; a ``ValueError`` for anything else."""
-        if not isinstance(value, Sequence) or len(value) != 2:
+        if np.shape(value) != (2,):
             raise ValueError(f"{owner}: periods = {value!r} must be a range (low, high)")
         low, high = positive(owner, **{f"periods[{i}]": x for i, x in enumerate(value)})
         enforce(owner, [Rule("periods", high, high > low, f"above the lower end, {low:g}")])
@@ -160,7 +162,8 @@ class TargetSpectrum(Shown):
         ValueError
             If a period lies outside those of the target.
         """
-        owner, at = "TargetSpectrum.at", np.asarray(periods, float)
+        owner = "TargetSpectrum.at"
+        at = np.asarray(real(owner, "periods", periods), float)
         low, high = self.periods[0], self.periods[-1]
         # A range may end at the target's own end but for its rounding.
         inside = (at >= low * (1 - 1e-9)) & (at <= high * (1 + 1e-9))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
+from jaxtyping import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
@@ -17,7 +20,7 @@ from jaxpound.plots.style import (
     ratio_ticks,
     shade,
 )
-from jaxpound.risk.annual_rate import AnnualRate
+from jaxpound.risk.annual_rate import AnnualRate, Deaggregation
 from jaxpound.risk.hazard import HazardCurve, rate_of
 
 _WIDE = 300  # ratio of intensities from which ticks at powers of ten are enough
@@ -44,13 +47,25 @@ def hazard_curve(hazard: HazardCurve, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
-def deaggregation(rate: AnnualRate, ax: Axes | None = None, *, bands: int = 20) -> Axes:
+def deaggregation(
+    rate: AnnualRate,
+    ax: Axes | None = None,
+    *,
+    bands: int = 20,
+    intensity: str | ArrayLike | None = None,
+) -> Axes:
     """Share of the annual rate of pounding by bands of intensity, of one ratio each.
 
+    Lines are ± one standard deviation of each share, as far as the fragility or the samples leave
+    it open; of a study or a rare event ``intensity`` says by what (``AnnualRate.deaggregation``).
     The intensities beyond the ends of the hazard curve, where it is continued, are shaded.
     """
+    return _bars(rate, rate.deaggregation(bands=bands, intensity=intensity), ax)
+
+
+def _bars(rate: AnnualRate, found: Deaggregation, ax: Axes | None) -> Axes:
+    """``deaggregation``."""
     ax = new_axes(ax)
-    found = rate.deaggregation(bands=bands)
     low, high = found.edges[[0, -1]]
     share = 100 * found.share
     ax.bar(
@@ -63,6 +78,15 @@ def deaggregation(rate: AnnualRate, ax: Axes | None = None, *, bands: int = 20) 
         linewidth=0.4,
         label=rf"pounding, $\lambda = {_scientific(rate.value)}$ per year",
     )
+    known = np.isfinite(found.cov)
+    if known.any():
+        centre = np.sqrt(found.edges[1:] * found.edges[:-1])[known]
+        spread = (share * found.cov)[known]
+        off = np.minimum(spread, share[known]), spread
+        words = "± standard deviation"
+        ax.errorbar(
+            centre, share[known], off, fmt="none", color="black", linewidth=0.7, label=words
+        )
     beyond = [(low, rate.ends[0]), (rate.ends[1], high)]
     for i, (start, end) in enumerate(x for x in beyond if x[0] < x[1]):
         words = "_" if i else "beyond the hazard curve"
@@ -76,20 +100,32 @@ def deaggregation(rate: AnnualRate, ax: Axes | None = None, *, bands: int = 20) 
 
 
 @in_house_style
-def pounding(hazard: HazardCurve, rate: AnnualRate, *, bands: int = 20) -> Figure:
+def pounding(
+    hazard: HazardCurve,
+    rate: AnnualRate,
+    *,
+    bands: int = 20,
+    intensity: str | ArrayLike | None = None,
+) -> Figure:
     """A hazard curve, and below it from which of its intensities the annual rate comes.
 
-    The figure is unknown to pyplot.
+    ``intensity``, of a study or a rare event, is as of ``deaggregation``: numbers are taken to be
+    of the curve's measure and unit, and share its axis. The figure is unknown to pyplot.
     """
+    found = rate.deaggregation(bands=bands, intensity=intensity)
+    if intensity is not None and not isinstance(intensity, str):
+        found = dataclasses.replace(found, measure=hazard.measure)
+    shared = found.measure == hazard.measure
     figure = new_figure(1.0, 1.6)
-    above, below = figure.subplots(2, sharex=True)
+    above, below = figure.subplots(2, sharex=shared)
     hazard_curve(hazard, above)
-    deaggregation(rate, below, bands=bands)
-    low, high = below.get_xlim()
-    above.set_xlim(min(low, hazard.intensity[0]), max(high, hazard.intensity[-1]))
-    if np.divide(*above.get_xlim()[::-1]) > _WIDE:
-        below.xaxis.set_major_locator(LogLocator())
-    above.set_xlabel("")
+    _bars(rate, found, below)
+    if shared:
+        low, high = below.get_xlim()
+        above.set_xlim(min(low, hazard.intensity[0]), max(high, hazard.intensity[-1]))
+        if np.divide(*above.get_xlim()[::-1]) > _WIDE:
+            below.xaxis.set_major_locator(LogLocator())
+        above.set_xlabel("")
     return figure
 
 

@@ -150,7 +150,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
 def fragility(
     curve: Fragility | Mapping[str, Fragility], ax: Axes | None = None, intensity: str = "im"
 ) -> Axes:
-    """Fragility curve with its 95 % bootstrap band and the data; or several curves by name.
+    """Fragility curve with its 95 % band and the data; or several curves by name.
 
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
     their intervals. Of several curves the data are left out; that named "any link" is black and
@@ -184,10 +184,13 @@ def fragility(
         ax.plot(at, one.probability(at), line, color=COLOURS.get(colour, colour), label=words)
         if words == ANY_LINK or few:
             low, high = one.band(at, replicates=200)
+            if np.isnan(low).all():  # of a curve whose errors are not known
+                continue
             of_band = {"label": "95 % band"} if alone else {"alpha": _FAINT}
             ax.fill_between(at, low, high, **(shade(colour) | of_band))
     if isinstance(curve, Fragility):
-        _data(ax, curve)
+        if curve.intensity.size:
+            _data(ax, curve)
     elif few or ANY_LINK in curve:
         ax.fill_between([], [], [], label="95 % band", **shade("residual"))
     ax.set_xscale("log")
@@ -219,8 +222,10 @@ def _named(curves: Mapping[str, Fragility]) -> list[tuple[str, str, Fragility]]:
 
 def _reach(curve: Fragility) -> tuple[float, float]:
     """The intensities between which a curve is drawn."""
-    least, most = curve.intensity.min(), curve.intensity.max()
-    return min(least, curve.median / 4), max(most, curve.median * 2)
+    least, most = curve.median / 4, curve.median * 2
+    if not curve.intensity.size:
+        return least, most
+    return min(least, curve.intensity.min()), max(most, curve.intensity.max())
 
 
 def _data(ax: Axes, curve: Fragility) -> None:

@@ -4,19 +4,37 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import ndtri
 
-from jaxpound._checks import Rule, count, enforce, positive
+from jaxpound._checks import Rule, count, enforce, number, positive, real
 from jaxpound._tables import Shown, Table
 from jaxpound.study.statistics import Estimate
 
-Deaggregate = Callable[[np.ndarray], np.ndarray]
 
-_LEFT_OUT = 1e-3  # share of the rate beyond either end of a deaggregation's own bands
+class ByIntensity(Protocol):
+    """A rate by bands of intensity."""
+
+    @property
+    def measure(self) -> str:
+        """Name of the intensity, with its unit."""
+
+    def edges(self, bands: int) -> np.ndarray:
+        """Edges of so many bands of one ratio that hold nearly all of the rate."""
+
+    def parts(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rate from each band between edges, and its coefficient of variation."""
+
+
+Source = Callable[[str, Any], ByIntensity]
+"""Of an owner, for messages, and the intensity that ``AnnualRate.deaggregation`` is given."""
+
+LEFT_OUT = 1e-3
+"""Share of the rate beyond either end of a deaggregation's own bands."""
+
 _TOLD = 0.01  # share of the rate from beyond the hazard curve that a table tells
 
 
@@ -24,8 +42,8 @@ _TOLD = 0.01  # share of the rate from beyond the hazard curve that a table tell
 class AnnualRate(Shown):
     """Mean annual rate λ of pounding; ``HazardCurve.annual_rate_of`` makes it.
 
-    The interval and the coefficient of variation are those of the fragility or of the estimate of
-    the probability; the hazard curve is taken as known.
+    The interval and the coefficient of variation are those of the fragility, or of the estimate of
+    the probability in an earthquake; the hazard curve is taken as known.
     """
 
     value: float
@@ -46,26 +64,31 @@ class AnnualRate(Shown):
     """The curve's lowest and highest intensity."""
     measure: str = "im"
     """Name of the measure of intensity, with its unit."""
-    _deaggregate: Deaggregate | None = None
+    warnings: tuple[str, ...] = ()
+    """Of a rare event: why not to trust its probability, in sentences."""
+    _source: Source | None = None
 
     @staticmethod
     def of_fragility(value: float, variance: float, confidence: float, **more: Any) -> AnnualRate:
         """Of an integral and its variance to first order; ln λ is taken as normal."""
         cov = variance**0.5 / value if value else float("nan")
         factor = float(np.exp(ndtri((1 + confidence) / 2) * cov))
-        deaggregate = more.pop("deaggregate")
-        return AnnualRate(
-            value, value / factor, value * factor, confidence, cov, _deaggregate=deaggregate, **more
-        )
+        return AnnualRate(value, value / factor, value * factor, confidence, cov, **more)
 
     @staticmethod
-    def of_estimate(rate: float, estimate: Estimate) -> AnnualRate:
-        """Of the rate of earthquakes and the probability of pounding in one."""
+    def of_estimate(
+        rate: float, estimate: Estimate, cov: float | None = None, **more: Any
+    ) -> AnnualRate:
+        """Of the rate of earthquakes and the probability of pounding in one.
+
+        Without its c.o.v. that of a lognormal law with this interval is told.
+        """
         value, low, high, confidence = estimate
-        z, cov = ndtri((1 + confidence) / 2), float("nan")
-        if 0 < low < high < np.inf:
-            cov = float(np.log(high / low) / (2 * z))
-        return AnnualRate(rate * value, rate * low, rate * high, confidence, cov)
+        if cov is None:
+            z, cov = ndtri((1 + confidence) / 2), float("nan")
+            if 0 < low < high < np.inf:
+                cov = float(np.log(high / low) / (2 * z))
+        return AnnualRate(rate * value, rate * low, rate * high, confidence, cov, **more)
 
     @property
     def return_period(self) -> float:
@@ -76,48 +99,60 @@ class AnnualRate(Shown):
         """Probability of pounding within years, 1 − e^(−λ years), with its interval.
 
         Earthquakes with pounding are a Poisson process.
+
+        Raises
+        ------
+        ValueError
+            If years is not one positive number.
         """
-        (years,) = positive("AnnualRate.probability", years=years)
+        owner = "AnnualRate.probability"
+        (years,) = positive(owner, years=number(owner, "years", years))
         rates = (self.value, self.low, self.high)
         value, low, high = (float(-np.expm1(-rate * years)) for rate in rates)
         return Estimate(value, low, high, self.confidence)
 
-    def deaggregation(self, edges: ArrayLike | None = None, *, bands: int = 20) -> Deaggregation:
+    def deaggregation(
+        self,
+        edges: ArrayLike | None = None,
+        *,
+        bands: int = 20,
+        intensity: str | ArrayLike | None = None,
+    ) -> Deaggregation:
         """From which intensities the rate comes.
 
         Parameters
         ----------
         edges
-            Edges of the bands of intensity, shape (n,), rising, ≥ 0; ∞ is allowed. By default bands
-            of one ratio that hold all but 0.1 % of the rate at either end.
+            Edges of the bands, shape (n,), rising, ≥ 0; ∞ is allowed. By default bands of one ratio
+            that hold all but 0.1 % of the rate at either end; of samples, all that pound.
         bands
             Number of bands, if there are no edges.
+        intensity
+            Of a study: a column (by default "pga"), a parameter that its scenarios draw, or a
+            number for each sample, shape (n,). Of a ``RareEvent``: a parameter or a number for each
+            sample. None for a fragility, which has its own.
 
         Raises
         ------
         ValueError
-            If edges are not so, bands is not a positive whole number, or the rate is not of a
-            fragility: an estimate does not tell the intensities.
+            If edges or intensity are not so, or bands is not a positive whole number; if the rate
+            is 0, or that of an estimate alone, which does not tell the intensities.
         """
         owner = "AnnualRate.deaggregation"
-        if self._deaggregate is None:
-            raise ValueError(f"{owner}: the rate must be of a fragility, not of an estimate")
-        at = (
-            self._bands(count(owner, "bands", bands)) if edges is None else np.asarray(edges, float)
-        )
+        n = count(owner, "bands", bands)
+        if self._source is None:
+            rule = "of a fragility, a study or a rare event, not of an estimate"
+            raise ValueError(f"{owner}: the rate must be {rule}")
+        if not self.value > 0:
+            raise ValueError(f"{owner}: the rate, {self.value:g} a year, must be positive")
+        by = self._source(owner, intensity)
+        at = by.edges(n) if edges is None else np.asarray(real(owner, "edges", edges), float)
         if at.ndim != 1 or at.size < 2:
             raise ValueError(f"{owner}: edges of shape {at.shape} must be (n,), n ≥ 2")
         rises = np.r_[at[0] >= 0, np.diff(at) > 0]
         enforce(owner, [Rule("edges", at, rises, "at least 0 and larger than the one before")])
-        return Deaggregation(at, self._deaggregate(at), self.value, self.measure)
-
-    def _bands(self, n: int) -> np.ndarray:
-        assert self._deaggregate is not None
-        low, high = self.ends
-        fine = np.r_[0.0, np.geomspace(low / 1e3, high * 1e3, 2000), np.inf]
-        share = np.cumsum(self._deaggregate(fine)) / self.value
-        first, last = np.searchsorted(share, [_LEFT_OUT, 1 - _LEFT_OUT])
-        return np.geomspace(fine[max(first, 1)], fine[min(last + 1, fine.size - 2)], n + 1)
+        rate, cov = by.parts(at)
+        return Deaggregation(at, rate, self.value, by.measure, cov)
 
     def _tables(self, years: float = 50.0) -> list[Table]:
         told = Estimate(self.value, self.low, self.high, self.confidence)
@@ -135,7 +170,7 @@ class AnnualRate(Shown):
                 "where the hazard curve is continued: it lies between "
                 f"{self.bounds[0]:.4g} and {self.bounds[1]:.4g}",
             ]
-        return [Table("Mean annual rate of pounding", (), rows, notes)]
+        return [Table("Mean annual rate of pounding", (), rows, [*notes, *self.warnings])]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -150,6 +185,8 @@ class Deaggregation(Shown):
     """The annual rate over all intensities."""
     measure: str
     """Name of the measure of intensity, with its unit."""
+    cov: np.ndarray
+    """Coefficient of variation of the rate of each band, shape (n − 1,); NaN where not known."""
 
     @property
     def share(self) -> np.ndarray:
@@ -158,19 +195,25 @@ class Deaggregation(Shown):
 
     @property
     def mean(self) -> float:
-        """Geometric mean of the intensity at pounding, of the bands that are neither 0 nor ∞."""
-        good = (self.edges[:-1] > 0) & np.isfinite(self.edges[1:])
+        """Geometric mean of the intensity at pounding, of the bands that end neither at 0 nor ∞.
+
+        NaN if there is no pounding in such bands.
+        """
+        good = (self.edges[:-1] > 0) & np.isfinite(self.edges[1:]) & (self.rate > 0)
+        if not good.any():
+            return float("nan")
         centre = np.log(self.edges[:-1][good] * self.edges[1:][good]) / 2
         return float(np.exp(np.average(centre, weights=self.rate[good])))
 
     def _tables(self) -> list[Table]:
+        told = [f"{100 * cov:.3g} %" if np.isfinite(cov) else "-" for cov in self.cov]
         rows = [
-            (f"{low:.4g}", f"{high:.4g}", rate, f"{100 * share:.3g} %")
-            for low, high, rate, share in zip(
-                self.edges[:-1], self.edges[1:], self.rate, self.share, strict=True
+            (f"{low:.4g}", f"{high:.4g}", rate, f"{100 * share:.3g} %", cov)
+            for low, high, rate, share, cov in zip(
+                self.edges[:-1], self.edges[1:], self.rate, self.share, told, strict=True
             )
         ]
         rest = 1 - float(self.share.sum())
-        notes = [f"outside these bands {100 * rest:.2g} %"] if rest > _LEFT_OUT / 10 else []
-        columns = (f"{self.measure} from", "to", "annual rate", "share")
+        notes = [f"outside these bands {100 * rest:.2g} %"] if rest > LEFT_OUT / 10 else []
+        columns = (f"{self.measure} from", "to", "annual rate", "share", "c.o.v. of the rate")
         return [Table("Pounding by intensity", columns, rows, notes, digits=4)]

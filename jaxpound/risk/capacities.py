@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import ArrayLike
-from scipy.special import ndtr
 
-from jaxpound._checks import Rule, enforce, require_share
+from jaxpound._checks import Rule, enforce, real
 from jaxpound._tables import Table
 from jaxpound.risk.censored import regression
 from jaxpound.study.fragility import Fragility
@@ -15,46 +14,7 @@ from jaxpound.study.fragility import Fragility
 class AsymptoticFragility(Fragility):
     """A ``Fragility`` that was not fitted to counts: its band follows from its covariance."""
 
-    def band(
-        self,
-        intensity: ArrayLike,
-        confidence: float = 0.95,
-        replicates: int = 500,
-        seed: int = 0,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Pointwise band of ``probability``, of draws from the normal law of (ln θ, ln β).
-
-        Parameters
-        ----------
-        intensity
-            Shape (k,).
-        confidence
-            Between 0 and 1.
-        replicates
-            Number of draws.
-        seed
-            Seed of the draws.
-
-        Returns
-        -------
-        Lower and upper limit, shape (k,) each.
-
-        Raises
-        ------
-        ValueError
-            If confidence is not between 0 and 1.
-        """
-        require_share("band", "confidence", confidence)
-        to = np.diag([1.0, 1 / self.dispersion])  # from (ln θ, β) to (ln θ, ln β)
-        drawn = np.random.default_rng(seed).multivariate_normal(
-            np.log([self.median, self.dispersion]), to @ self.covariance @ to, size=replicates
-        )
-        with np.errstate(divide="ignore"):
-            z = np.log(np.asarray(intensity, float))
-        curves = ndtr((z - drawn[:, :1]) / np.exp(drawn[:, 1:]))
-        tail = (1 - confidence) / 2
-        low, high = np.quantile(curves, [tail, 1 - tail], axis=0)
-        return low, high
+    _of_counts = False
 
     def _tables(self) -> list[Table]:
         (table,) = super()._tables()
@@ -96,8 +56,8 @@ def fit_capacities(capacities: ArrayLike, analysed: ArrayLike | None = None) -> 
     Raises
     ------
     ValueError
-        If shapes differ, a value is not positive, ``analysed`` is missing where it is needed, or
-        fewer than two capacities are known, or all are equal.
+        If shapes differ, a value is not positive, ``analysed`` is missing or infinite where it is
+        needed, or fewer than two capacities are known, or all are equal.
 
     Examples
     --------
@@ -109,16 +69,20 @@ def fit_capacities(capacities: ArrayLike, analysed: ArrayLike | None = None) -> 
     (0.313, 0.402)
     """
     owner = "fit_capacities"
-    known = np.asarray(capacities, float)
+    known = np.asarray(real(owner, "capacities", capacities), float)
     if known.ndim != 1 or not known.size:
         raise ValueError(f"{owner}: capacities of shape {known.shape} must be (n,) with n ≥ 1")
     enforce(owner, [Rule("capacities", known, known > 0, "positive")])
     reached = np.isfinite(known)
     if not reached.all() and analysed is None:
         raise ValueError(f"{owner}: analysed = None must be given where a capacity is infinite")
-    given = np.asarray(np.inf if analysed is None else analysed, float)
+    given = np.asarray(np.inf if analysed is None else real(owner, "analysed", analysed), float)
+    if given.shape not in ((), known.shape):
+        raise ValueError(f"{owner}: analysed of shape {given.shape} must be {known.shape}")
     limits = np.broadcast_to(given, known.shape)
-    enforce(owner, [Rule("analysed", limits, limits > 0, "positive")])
+    right = (limits > 0) & (reached | np.isfinite(limits))
+    rule = "positive, and finite where a capacity is not"
+    enforce(owner, [Rule("analysed", limits, right, rule)])
     sure = np.sort(known[reached])
     n, m = known.size, sure.size
     if m < 2 or sure[0] == sure[-1]:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import Rule, enforce, positive
+from jaxpound._checks import Rule, enforce, number, positive
 from jaxpound._tables import Shown, Table
 from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures
 from jaxpound.risk.capacities import AsymptoticFragility
 from jaxpound.risk.censored import Line, regression
-from jaxpound.risk.demanded import REQUIRED_GAP, Demanded
+from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP, Demanded
 from jaxpound.risk.suite_runs import Asked, SuiteRuns, demand_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
@@ -68,7 +68,8 @@ class Cloud(Shown):
 
     def median(self, intensity: ArrayLike) -> np.ndarray:
         """Median demand e^a im^b at intensities > 0, of their shape."""
-        return np.asarray(np.exp(self.intercept) * np.asarray(intensity, float) ** self.slope)
+        (im,) = positive("Cloud.median", intensity=intensity)
+        return np.asarray(np.exp(self.intercept) * np.asarray(im, float) ** self.slope)
 
     def fragility(self, threshold: float | None = None) -> CloudFragility:
         """Probability that the demand reaches a threshold, over intensity.
@@ -90,7 +91,7 @@ class Cloud(Shown):
         threshold = self.threshold if threshold is None else threshold
         if threshold is None:
             raise ValueError(f"{owner}: threshold = None must be a number: the cloud has none")
-        positive(owner, threshold=threshold)
+        positive(owner, threshold=number(owner, "threshold", threshold))
         a, b, sigma = self.intercept, self.slope, self.dispersion
         enforce(owner, [Rule("slope b", b, b > 0, "positive: the demand grows with intensity")])
         log_median = (np.log(threshold) - a) / b
@@ -191,7 +192,8 @@ def cloud_analysis(
     Parameters
     ----------
     structures, records, grid, measure, demand, threshold, scales, scheme, strict
-        As of ``incremental_dynamic_analysis``.
+        As of ``incremental_dynamic_analysis``; ``threshold`` > 0, and needed where the gaps at rest
+        of several links differ.
     limit
         See ``fit_cloud``; in the demand's unit.
 
@@ -204,11 +206,17 @@ def cloud_analysis(
     ValueError
         As ``incremental_dynamic_analysis`` and ``fit_cloud``.
     """
+    owner = "cloud_analysis"
+    if threshold is not None:
+        positive(owner, threshold=number(owner, "threshold", threshold))
     asked = Asked(structures, records, grid, measure, demand, threshold, scales, scheme, strict)
-    runs = SuiteRuns.of("cloud_analysis", asked)
+    runs = SuiteRuns.of(owner, asked)
+    if runs.demand == OVERLAP:
+        rule = "a gap: those at rest of the links differ, and overlaps have no logarithm"
+        raise ValueError(f"{owner}: threshold = None must be {rule}")
     im = runs.intensity.unscaled
     found = fit_cloud(im, runs.demands(np.arange(len(im)), im), limit)
-    reached = runs.threshold if runs.threshold > 0 else None
+    reached = runs.threshold if runs.threshold > 0 else None  # the gap at rest may be 0
     measured = runs.intensity.words
     return dataclasses.replace(
         found, name=runs.demand, measure=measured, si=runs.si, threshold=reached

@@ -7,18 +7,23 @@ from os import PathLike
 
 import numpy as np
 from jaxtyping import ArrayLike
-from scipy.special import log_ndtr, ndtr
 
-from jaxpound._checks import Rule, enforce, instance, positive, require_share
+from jaxpound._checks import Rule, enforce, instance, number, positive, real, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.risk.annual_rate import AnnualRate
+from jaxpound.risk.fragility_rate import FragilityRate, integral
 from jaxpound.risk.hazard_files import read_hazard
 from jaxpound.risk.hazard_gap import TRIED, gap_by_fragilities
 from jaxpound.risk.hazard_intensity import HazardIntensity
+from jaxpound.risk.rare_event import RareEvent
+from jaxpound.risk.samples_rate import of_event, of_study
 from jaxpound.study.distributions import Distribution, density
 from jaxpound.study.fragility import Fragility
 from jaxpound.study.statistics import Estimate
 from jaxpound.study.study import Study
+
+_ROUNDING = 1e-9
+_UNITS = ("g", "m/s²", "cm/s²", "m/s", "cm/s", "g/ω1")  # in which hazards and studies tell motions
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -61,7 +66,8 @@ class HazardCurve(Shown):
 
     def __post_init__(self) -> None:
         owner = "HazardCurve"
-        im, rate = (np.array(x, float) for x in (self.intensity, self.annual_rate))
+        given = {key: getattr(self, key) for key in ("intensity", "annual_rate")}
+        im, rate = (np.array(real(owner, key, x), float) for key, x in given.items())
         if im.ndim != 1 or im.size < 2 or rate.shape != im.shape:
             shapes = f"intensity {im.shape} and annual_rate {rate.shape}"
             raise ValueError(f"{owner}: {shapes} must be (m,), of one length m ≥ 2")
@@ -102,7 +108,11 @@ class HazardCurve(Shown):
             If the file is neither, has no such site or several and none is chosen, or its numbers
             are no hazard curve; with the file's name.
         """
-        return HazardCurve(*read_hazard(file, site))
+        intensity, annual_rate, measure = read_hazard(file, site)
+        try:
+            return HazardCurve(intensity, annual_rate, measure)
+        except ValueError as error:
+            raise ValueError(f"HazardCurve.read: {file}: {str(error).partition(': ')[2]}") from None
 
     @property
     def slope(self) -> np.ndarray:
@@ -112,7 +122,7 @@ class HazardCurve(Shown):
     def rate(self, intensity: ArrayLike) -> np.ndarray:
         """Mean annual rate of exceeding intensities > 0, of their shape."""
         (im,) = positive("HazardCurve.rate", intensity=intensity)
-        piece = self._piece(im)
+        piece = self.piece(im)
         return self.annual_rate[piece] * (im / self.intensity[piece]) ** -self.slope[piece]
 
     def probability(self, years: float = 1.0) -> np.ndarray:
@@ -120,8 +130,14 @@ class HazardCurve(Shown):
 
         Earthquakes are a Poisson process: independent of each other, and of the time since the
         last.
+
+        Raises
+        ------
+        ValueError
+            If years is not one positive number.
         """
-        (years,) = positive("HazardCurve.probability", years=years)
+        owner = "HazardCurve.probability"
+        (years,) = positive(owner, years=number(owner, "years", years))
         return -np.expm1(-self.annual_rate * years)
 
     def intensity_at(self, probability: float, years: float = 50.0) -> float:
@@ -136,7 +152,8 @@ class HazardCurve(Shown):
         owner = "HazardCurve.intensity_at"
         rate = rate_of(owner, probability, years)
         most, least = self.annual_rate[0], self.annual_rate[-1]
-        if not least <= rate <= most:
+        # A rate may be that of an end but for its rounding.
+        if not least * (1 - _ROUNDING) <= rate <= most * (1 + _ROUNDING):
             told = f"has an annual rate of {rate:.4g}"
             raise ValueError(
                 f"{owner}: probability = {probability:.4g} in {years:.4g} years {told}, which must "
@@ -146,7 +163,12 @@ class HazardCurve(Shown):
         return float(np.exp(np.interp(np.log(rate), *falling)))
 
     def annual_rate_of(
-        self, pounding: Fragility | Estimate, confidence: float = 0.95
+        self,
+        pounding: Fragility | Study | RareEvent | Estimate,
+        confidence: float = 0.95,
+        *,
+        gap: float | None = None,
+        link: int | None = None,
     ) -> AnnualRate:
         """Mean annual rate of pounding, λ = ∫ P(pounding | im) |dλ(im)|.
 
@@ -157,76 +179,57 @@ class HazardCurve(Shown):
             that a curve that is one power law gives Cornell's λ(θ) e^(k² β² / 2) (Cornell et al.
             2002), and the covariance of (ln θ, β) is carried through to first order (the delta
             method). Beyond the curve's ends its end pieces are continued; the result tells how much
-            comes from there, and between which bounds it lies. Or an estimate of the probability of
-            pounding in an earthquake that exceeds the lowest intensity of the curve, such as
-            ``pounding_probability`` of a study whose intensities ``distribution`` draws: its
-            interval is scaled by that intensity's rate, and weaker earthquakes are left out.
+            comes from there, and between which bounds it lies.
+
+            Or what tells the probability of pounding in an earthquake that exceeds the lowest
+            intensity of the curve, which is multiplied by that intensity's rate; weaker earthquakes
+            are left out. That is a study, or a ``RareEvent``, whose intensities ``distribution``
+            draws or, in a study, ``weights`` weigh; or an estimate alone, such as
+            ``pounding_probability`` of such a study.
         confidence
-            Confidence level of the interval of a fragility's rate; an estimate keeps its own.
+            Confidence level of the interval; an estimate alone keeps its own.
+        gap, link
+            Of a study: see ``Study.pounding_probability``.
 
         Raises
         ------
         ValueError
-            If pounding is neither, or confidence is not between 0 and 1.
+            If pounding is none of these, or an argument breaks its rule.
         """
         owner = "HazardCurve.annual_rate_of"
         require_share(owner, "confidence", confidence)
+        instance(owner, "pounding", pounding, Fragility, Estimate, Study, RareEvent)
+        if not isinstance(pounding, Study) and (gap is not None or link is not None):
+            name, value = ("link", link) if gap is None else ("gap", gap)
+            raise ValueError(f"{owner}: {name} = {value!r} must be None: pounding is not a study")
+        often = float(self.annual_rate[0])
+        if isinstance(pounding, Study):
+            estimate = pounding.pounding_probability(gap, confidence, link=link)
+            cov, by = pounding.pounding_cov(gap, link=link), of_study(often, pounding, gap, link)
+            return AnnualRate.of_estimate(often, estimate, cov, _source=by)
+        if isinstance(pounding, RareEvent):
+            estimate, by = pounding.interval(confidence), of_event(often, pounding)
+            told = pounding.warnings
+            return AnnualRate.of_estimate(often, estimate, pounding.cov, warnings=told, _source=by)
         if isinstance(pounding, Estimate):
-            return AnnualRate.of_estimate(self.annual_rate[0], pounding)
-        instance(owner, "pounding", pounding, Fragility, Estimate)
+            return AnnualRate.of_estimate(often, pounding)
         ends = np.r_[0.0, self.intensity, np.inf]
-        parts, by_fragility = self.integrate(pounding, ends)
-        covariance = by_fragility @ pounding.covariance @ by_fragility
+        parts, slopes = integral(self, pounding, ends)
+        by_fragility = slopes.sum(axis=0)
         least, below = float(parts[1:-1].sum()), float(parts[0])
         most = self.annual_rate[-1]  # if every earthquake beyond the end were one of pounding
         low = least + most * float(pounding.probability(self.intensity[-1]))
         return AnnualRate.of_fragility(
             float(parts.sum()),
-            covariance,
+            by_fragility @ pounding.covariance @ by_fragility,
             confidence,
             below=below,
             above=float(parts[-1]),
             bounds=(low, least + below + most),
             ends=(float(self.intensity[0]), float(self.intensity[-1])),
             measure=self.measure,
-            deaggregate=lambda edges: self.integrate(pounding, edges)[0],
+            _source=FragilityRate(self, pounding),
         )
-
-    def integrate(self, fragility: Fragility, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """∫ P(pounding | im) |dλ(im)| over bands of intensity, exactly.
-
-        Parameters
-        ----------
-        fragility
-            The lognormal P.
-        edges
-            Of the bands, shape (n,), rising; 0 and ∞ are allowed.
-
-        Returns
-        -------
-        The integral over each band, shape (n − 1,), and the derivatives of their sum by ln θ and β,
-        shape (2,).
-        """
-        # Pieces between edges and points of the curve: on each, λ is one power law.
-        inner = self.intensity[(self.intensity > edges[0]) & (self.intensity < edges[-1])]
-        at = np.unique(np.concatenate([edges, inner]))
-        piece = self._piece(at[:-1])
-        k, theta, beta = self.slope[piece], fragility.median, fragility.dispersion
-        with np.errstate(divide="ignore"):
-            u = np.log(at / theta)
-        z = np.stack([u[:-1], u[1:]]) / beta
-        start = np.log(self.annual_rate[piece]) + k * np.log(self.intensity[piece] / theta)
-        # ∫ λ dP = e^(start + k²β²/2) [Φ(z + kβ)], by completing the square.
-        under = np.exp(start + (k * beta) ** 2 / 2 + _log_between(*(z + k * beta)))
-        # At intensity 0 there is no pounding, and no earthquake exceeds ∞.
-        inside = np.isfinite(z)
-        rate = np.where(inside, np.exp(start - k * beta * np.where(inside, z, 0.0)), 0.0)
-        of_ends, slopes = ndtr(z) * rate, np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi) * rate
-        parts = np.maximum(under + of_ends[0] - of_ends[1], 0.0)
-        bands = np.add.reduceat(parts, np.searchsorted(at, edges[:-1]))
-        by_median = -np.sum(k * under)
-        by_dispersion = np.sum(k * (k * beta * under - slopes[0] + slopes[1]))
-        return bands, np.array([by_median, by_dispersion])
 
     def distribution(self) -> HazardIntensity:
         """The intensity of an earthquake that exceeds the curve's lowest intensity.
@@ -251,7 +254,7 @@ class HazardCurve(Shown):
         Parameters
         ----------
         intensity
-            The samples' intensities > 0, shape (n,).
+            The samples' intensities > 0, shape (n,); NaN, of runs that failed, has a weight of NaN.
         drawn_from
             The distribution that drew them: the weights are the ratio of both densities. By default
             they are multiple stripes, a few intensities with many samples each: a stripe has the
@@ -261,14 +264,21 @@ class HazardCurve(Shown):
         Raises
         ------
         ValueError
-            If an intensity is not positive, there are fewer than two stripes, or drawn_from is no
-            distribution.
+            If an intensity is not positive, or cannot be drawn from drawn_from; there are fewer
+            than two stripes, or drawn_from is no distribution.
         """
         owner = "HazardCurve.weights"
-        im = np.atleast_1d(np.asarray(positive(owner, intensity=intensity)[0], float))
+        im = np.atleast_1d(np.asarray(real(owner, "intensity", intensity), float))
+        if (failed := np.isnan(im)).any():
+            found = np.full(im.shape, np.nan)
+            found[~failed] = self.weights(im[~failed], drawn_from)
+            return found
+        positive(owner, intensity=im)
         if drawn_from is not None:
             instance(owner, "drawn_from", drawn_from, Distribution)
-            return density(self.distribution(), im) / density(drawn_from, im)
+            drawn = density(drawn_from, im)
+            enforce(owner, [Rule("intensity", im, drawn > 0, "one that drawn_from can draw")])
+            return density(self.distribution(), im) / drawn
         stripes, which, often = np.unique(im, return_inverse=True, return_counts=True)
         if stripes.size < 2:
             raise ValueError(f"{owner}: intensity of {stripes.size} stripe must be of two or more")
@@ -309,10 +319,12 @@ class HazardCurve(Shown):
         ------
         ValueError
             If an argument breaks its rule, the target is more frequent than the curve's lowest
-            intensity, or no gap at which a fragility can be fitted has that rate.
+            intensity, or no gap at which a fragility can be fitted has that rate; if the name of
+            the curve's measure tells another unit than that of the column.
         """
         owner = "HazardCurve.required_gap"
         instance(owner, "study", study, Study)
+        require_share(owner, "confidence", confidence)
         target = rate_of(owner, probability, years)
         if intensity is None:
             share = target / self.annual_rate[0]
@@ -323,14 +335,23 @@ class HazardCurve(Shown):
                     f"{self.annual_rate[0]:.4g}"
                 )
             return study.required_gap(float(share), confidence, link=link)
-        study.moments(intensity)  # a column that is not there is named
+        self._require_unit(owner, intensity, study.unit(intensity))
         return gap_by_fragilities(
             lambda gap: self.annual_rate_of(study.fragility(intensity, gap, link=link), confidence),
             [study.required_gap(p, link=link).value for p in TRIED],
             target,
         )
 
-    def _piece(self, im: np.ndarray) -> np.ndarray:
+    def _require_unit(self, owner: str, column: str, unit: str) -> None:
+        """A ``ValueError`` if the measure's name ends with another unit of motion than this."""
+        told = self.measure.rpartition("(")[2].rstrip(")").replace("2", "²")
+        if unit and told in _UNITS and told != unit:
+            raise ValueError(
+                f"{owner}: measure = {self.measure!r} must be in the unit of the study's column "
+                f"{column!r}, {unit}: convert the curve's intensities and name them so"
+            )
+
+    def piece(self, im: np.ndarray) -> np.ndarray:
         """The piece between points that an intensity is in, or the one that is continued there."""
         before = np.searchsorted(self.intensity, im, side="right") - 1
         return np.clip(before, 0, self.intensity.size - 2)
@@ -344,14 +365,6 @@ class HazardCurve(Shown):
         return [Table("Seismic hazard: rates of exceedance", columns, rows, digits=4)]
 
 
-def _log_between(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """ln(Φ(high) − Φ(low)), counted from the nearer tail."""
-    above = low > 0
-    low, high = np.where(above, -high, low), np.where(above, -low, high)
-    with np.errstate(divide="ignore"):
-        return log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
-
-
 def rate_of(owner: str, probability: float, years: float) -> float:
     """Annual rate of an event of this probability within years: −ln(1 − p) / years.
 
@@ -361,5 +374,5 @@ def rate_of(owner: str, probability: float, years: float) -> float:
         If probability is not between 0 and 1, or years not positive; with the owner's name.
     """
     require_share(owner, "probability", probability)
-    (years,) = positive(owner, years=years)
+    (years,) = positive(owner, years=number(owner, "years", years))
     return float(-np.log1p(-probability) / years)

@@ -41,14 +41,17 @@ def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 
     im = np.array([_number(path, names[i].removeprefix("poe-")) for i in levels])
     value = np.array([_number(path, row[i]) for i in levels])
     measure = _measure(path, about)
-    if not probabilities:
-        good = value > 0
-        return im[good], value[good], measure
-    years = _years(path, about)
-    if ((value < 0) | (value > 1)).any():
-        raise ValueError(f"HazardCurve.read: {path}: probabilities must be from 0 to 1")
-    good = (value > 0) & (value < 1)
-    return im[good], -np.log1p(-value[good]) / years, measure
+    good = value > 0
+    if probabilities:
+        years = _years(path, about)
+        if ((value < 0) | (value > 1)).any():
+            raise ValueError(f"HazardCurve.read: {path}: probabilities must be from 0 to 1")
+        good &= value < 1
+        value = -np.log1p(-np.where(good, value, 0.0)) / years
+    if good.sum() < 2:
+        rule = "two intensities or more whose rate is told and above 0"
+        raise ValueError(f"HazardCurve.read: {path}: the site must have {rule}")
+    return im[good], value[good], measure
 
 
 def _site(

@@ -85,6 +85,8 @@ def _together(
             if id(record) not in numbers:
                 numbers[id(record)] = len(every)
                 name = f"{record.name} at {level:g}" if record.name in every else record.name
+                while name in every:
+                    name += ", another"
                 every[name] = Record(record.samples, record.dt, name, record.time_unit)
     return tuple(every.values()), [np.array([numbers[id(one)] for one in x]) for x in suites]
 

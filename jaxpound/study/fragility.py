@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from jaxpound._checks import Rule, enforce, real, require_share
+from jaxpound._checks import Rule, count, enforce, number, positive, real, require_share
 from jaxpound._tables import Shown, Table
 
 ANY_LINK = "any link"
@@ -22,26 +23,53 @@ _CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many sam
 class Fragility(Shown):
     """A lognormal fragility function, P(pounding | im) = Φ(ln(im / θ) / β) (Baker 2015, eq. 1).
 
-    ``fit_fragility`` makes one; it keeps the data, for the bootstrap and for figures.
+    ``fit_fragility`` makes one; it keeps the data, for the bootstrap and for figures. One that is
+    known in numbers, of a handbook, is ``Fragility(median, dispersion)``.
+
+    Raises
+    ------
+    ValueError
+        If median or dispersion is not one number, positive and finite, or the covariance not of
+        shape (2, 2).
+
+    Examples
+    --------
+    >>> curve = jp.Fragility(median=0.6, dispersion=0.4)
+    >>> round(float(curve.probability(0.4)), 3)
+    0.155
+    >>> hazard = jp.HazardCurve([0.1, 1.0], [1e-2, 1e-5])
+    >>> round(hazard.annual_rate_of(curve).value, 7)  # 1e-5 θ^-3 e^((3 β)² / 2)
+    9.51e-05
     """
 
     median: float
     """θ, the intensity at which pounding has probability one half, in the intensity's unit."""
     dispersion: float
     """β, standard deviation of ln im at pounding."""
-    covariance: np.ndarray
+    covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.full((2, 2), np.nan))
     """Asymptotic covariance of (ln θ, β), shape (2, 2), from the observed information; with weights
-    that of White (1982), from the scatter of the scores too."""
-    intensity: np.ndarray
-    """Intensities of the data, shape (m,)."""
-    pounding: np.ndarray
+    that of White (1982), from the scatter of the scores too. NaN where it is not known."""
+    intensity: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    """Intensities of the data, shape (m,); none (m = 0) of a curve that is known in numbers."""
+    pounding: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     """How often there was pounding at each, shape (m,)."""
-    trials: np.ndarray
+    trials: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     """Number of runs at each, shape (m,)."""
-    stripes: bool
+    stripes: bool = True
     """Whether the data are multiple stripes, with chosen intensities, and not a cloud."""
     weights: np.ndarray | None = None
     """Weights of the runs at each intensity, shape (m,); None if all count the same."""
+    _of_counts: ClassVar[bool] = True  # fitted to them, which can then be resampled
+
+    def __post_init__(self) -> None:
+        owner = type(self).__name__
+        for name in ("median", "dispersion"):
+            (value,) = positive(owner, **{name: number(owner, name, getattr(self, name))})
+            object.__setattr__(self, name, float(value))
+        covariance = np.asarray(real(owner, "covariance", self.covariance), float)
+        if covariance.shape != (2, 2):
+            raise ValueError(f"{owner}: covariance of shape {covariance.shape} must be (2, 2)")
+        object.__setattr__(self, "covariance", covariance)
 
     @property
     def median_error(self) -> float:
@@ -54,23 +82,31 @@ class Fragility(Shown):
         return float(self.covariance[1, 1] ** 0.5)
 
     def probability(self, intensity: ArrayLike) -> np.ndarray:
-        """Probability of pounding at intensities ≥ 0, of their shape."""
+        """Probability of pounding at intensities ≥ 0, of their shape.
+
+        Raises
+        ------
+        ValueError
+            If an intensity is negative or not a number.
+        """
+        im = _not_negative("Fragility.probability", intensity)
         with np.errstate(divide="ignore"):
-            z = np.log(np.asarray(intensity, float) / self.median) / self.dispersion
+            z = np.log(im / self.median) / self.dispersion
         return ndtr(z)
 
     def band(
         self,
         intensity: ArrayLike,
         confidence: float = 0.95,
-        replicates: int = 500,
+        replicates: int | None = 500,
         seed: int = 0,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pointwise bootstrap band of ``probability``; with weights that of ``covariance``.
+        """Pointwise band of ``probability``: by bootstrap, or else by ``covariance``.
 
         Stripes are resampled within each intensity, a cloud as a whole (one of more than 2,000
-        samples after grouping neighbours into 2,000). Resamples without a fit are left out. With
-        weights there is no resampling: ln(im / θ) / β is taken as normal, to first order.
+        samples after grouping neighbours into 2,000). Resamples without a fit are left out. There
+        is no resampling of runs with weights, nor of a curve that was not fitted to counts (of
+        capacities, of a regression, of numbers): ln(im / θ) / β is taken as normal, to first order.
 
         Parameters
         ----------
@@ -79,7 +115,9 @@ class Fragility(Shown):
         confidence
             Between 0 and 1.
         replicates
-            Number of bootstrap samples.
+            Number of bootstrap samples; None takes the covariance instead. The bootstrap is too
+            narrow with little data: of clouds of 40 runs its 95 % band holds the truth in 76 to
+            91 %, that of the covariance in 95 to 98 %; of 300 runs both hold it in 90 % or more.
         seed
             Seed of the resampling.
 
@@ -90,17 +128,14 @@ class Fragility(Shown):
         Raises
         ------
         ValueError
-            If confidence is not between 0 and 1, or no resample can be fitted.
+            If an argument breaks its rule, or no resample can be fitted.
         """
         require_share("band", "confidence", confidence)
-        at = np.asarray(intensity, float)
-        if self.weights is not None:
-            with np.errstate(divide="ignore"):
-                z = np.maximum(np.log(at / self.median) / self.dispersion, -_LEAST)
-            slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
-            error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
-            reach = ndtri((1 + confidence) / 2) * error
-            return ndtr(z - reach), ndtr(z + reach)
+        at = _not_negative("band", intensity)
+        resampled = self._of_counts and self.weights is None and self.intensity.size
+        if replicates is None or not resampled:
+            return self._first_order(at, confidence)
+        count("band", "replicates", replicates)
         random = np.random.default_rng(seed)
         im, k, n = self.intensity, self.pounding, self.trials
         if not self.stripes:
@@ -116,13 +151,22 @@ class Fragility(Shown):
                 n_drawn = k_drawn + rest
             if not _no_maximum(im, k_drawn, n_drawn):
                 (a, b), _ = _maximise(np.log(im), k_drawn, n_drawn, start)
-                drawn = dataclasses.replace(self, median=np.exp(-a / b), dispersion=1 / b)
-                curves.append(drawn.probability(at))
+                with np.errstate(divide="ignore"):
+                    curves.append(ndtr(a + b * np.log(at)))
         if not curves:
             raise ValueError(f"band: none of {replicates} bootstrap samples can be fitted")
         tail = (1 - confidence) / 2
         low, high = np.quantile(curves, [tail, 1 - tail], axis=0)
         return low, high
+
+    def _first_order(self, at: np.ndarray, confidence: float) -> tuple[np.ndarray, np.ndarray]:
+        """``band`` by the covariance."""
+        with np.errstate(divide="ignore"):
+            z = np.maximum(np.log(at / self.median) / self.dispersion, -_LEAST)
+        slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
+        error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
+        reach = ndtri((1 + confidence) / 2) * error
+        return ndtr(z - reach), ndtr(z + reach)
 
     def _tables(self) -> list[Table]:
         runs, pounding = int(self.trials.sum()), int(self.pounding.sum())
@@ -136,7 +180,7 @@ class Fragility(Shown):
                     ("median θ", self.median, self.median_error, "that of im"),
                     ("dispersion β", self.dispersion, self.dispersion_error, ""),
                 ],
-                [f"fitted to {runs:,} runs{where}, {pounding:,} with pounding"],
+                [f"fitted to {runs:,} runs{where}, {pounding:,} with pounding"] if runs else [],
                 digits=4,
             )
         ]
@@ -160,7 +204,7 @@ def fit_fragility(
         ``study["required_gap"] >= gap``, or pounding that exceeds a limit, such as
         ``study["peak_contact"] > limit``. With trials (multiple stripes): how often.
     trials
-        Number of runs at each intensity, shape (m,), at least 1.
+        Number of runs at each intensity, at least 1; shape (m,), or one number for all.
     weights
         Weight ≥ 0 of each run at an intensity, shape (m,), of any scale, such as those of
         importance samples: a run's share of the likelihood is raised to it. The covariance is then
@@ -186,8 +230,11 @@ def fit_fragility(
     0.379
     """
     owner = "fit_fragility"
-    im, k = np.asarray(intensity, float), np.asarray(pounding)
-    n = np.ones(im.shape, int) if trials is None else np.asarray(trials)
+    im, k = np.asarray(real(owner, "intensity", intensity), float), np.asarray(pounding)
+    if k.dtype != bool:
+        k = np.asarray(real(owner, "pounding", pounding))
+    n = np.asarray(1 if trials is None else real(owner, "trials", trials))
+    n = np.full(im.shape, n) if n.ndim == 0 else n
     if im.ndim != 1 or not im.size or k.shape != im.shape or n.shape != im.shape:
         raise ValueError(
             f"{owner}: intensity {im.shape}, pounding {k.shape} and trials {n.shape} must be (m,)"
@@ -222,6 +269,13 @@ def fit_fragility(
     median, dispersion = float(np.exp(-a / b)), float(1 / b)
     stripes = trials is not None
     return Fragility(median, dispersion, to @ spread @ to.T, im, k, n, stripes, w)
+
+
+def _not_negative(owner: str, intensity: ArrayLike) -> np.ndarray:
+    """Intensities, of which ∞ is one, too."""
+    im = np.asarray(real(owner, "intensity", intensity), float)
+    enforce(owner, [Rule("intensity", im, im >= 0, "not negative")])
+    return im
 
 
 def _weights(owner: str, weights: ArrayLike, im: np.ndarray) -> np.ndarray:

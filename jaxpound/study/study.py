@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import instance, is_whole, not_negative, number, require_share
+from jaxpound._checks import instance, is_whole, not_negative, number, real, require_share
 from jaxpound._tables import Shown, Table
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Topology
@@ -177,7 +177,7 @@ class Study(Columnar, Shown):
         weights
             The name of a column, read with the others chunk by chunk, such as that of a measure:
             ``monte_carlo(..., measures={"weight": f})``. Or the weights, shape (n,), in the order
-            of ``indices``. Not negative.
+            of ``indices``. Not negative; of runs that failed any number or NaN.
         normalised
             Whether probabilities are divided by the sum of the weights, which then may have any
             scale; or, if False, by the number of samples that did not fail. The weights are then
@@ -193,6 +193,10 @@ class Study(Columnar, Shown):
         """
         known = self._moments[self._known(weights)] if isinstance(weights, str) else None
         runs = len(self) if known is None else len(self) - self.failed
+        if known is None and self.failed:
+            weights = np.asarray(real("Study.weighted", "weights", weights))
+            if weights.shape == (runs,):
+                weights = np.where(np.isnan(self._read("pga")), 0.0, weights)
         by = weighting.checked("Study.weighted", weights, runs, known)
         return dataclasses.replace(self, weighting=Weighting(by, bool(normalised)))
 
@@ -208,15 +212,25 @@ class Study(Columnar, Shown):
             return ((part, np.ones(len(part))) for part in parts)
         return self.weighting.of(parts, self._parts)
 
-    def _share(self, hits: Iterable[np.ndarray], confidence: float) -> Estimate:
-        """Probability by the parts of a column that is 1 or 0, NaN where it is not known."""
+    @property
+    def normalised(self) -> bool:
+        """Whether probabilities are divided by the sum of the weights (``weighted``)."""
+        return self.weighting is None or self.weighting.normalised
+
+    def _sums(self, hits: Iterable[np.ndarray]) -> Hits:
+        """Of the parts of a column that is 1 or 0, NaN where it is not known."""
         found = Hits()
         for x, w in self._weighed(hits):
             good = ~np.isnan(x)
             found += Hits.of(x[good] == 1, w[good])
+        return found
+
+    def _share(self, hits: Iterable[np.ndarray], confidence: float) -> Estimate:
+        """Probability by the parts of a column that is 1 or 0, NaN where it is not known."""
+        found = self._sums(hits)
         if self.weighting is None:
             return probability(int(found.hit), found.n, confidence)
-        return found.estimate(self.weighting.normalised, confidence)
+        return found.estimate(self.normalised, confidence)
 
     def in_si(self, scales: Scales) -> Study:
         """The same study in SI units."""
@@ -261,8 +275,8 @@ class Study(Columnar, Shown):
             return quantile(self.finite(name), share, confidence)
         column = self[name]
         good = np.isfinite(column)
-        normalised = self.weighting.normalised
-        return weighting.quantile(column[good], self.weights[good], share, normalised, confidence)
+        weights = self.weights[good]
+        return weighting.quantile(column[good], weights, share, self.normalised, confidence)
 
     def exceedance(self, name: str, value: float, confidence: float = 0.95) -> Estimate:
         """Probability that a column exceeds a value, with Clopper and Pearson's interval.
@@ -308,9 +322,7 @@ class Study(Columnar, Shown):
             w = self.weights[np.isfinite(self[name])]
             hit, square = np.bincount(which, w), np.bincount(which, w**2)
             sums = [
-                Hits(w.size, w.sum(), (w**2).sum(), *x).estimate(
-                    self.weighting.normalised, confidence
-                )
+                Hits(w.size, w.sum(), (w**2).sum(), *x).estimate(self.normalised, confidence)
                 for x in zip(hit, square, strict=True)
             ]
         return {int(k): estimate for k, estimate in zip(found, sums, strict=True)}
@@ -371,6 +383,18 @@ class Study(Columnar, Shown):
             As ``pounding``.
         """
         return self._share(self._pounding("pounding_probability", gap, link), confidence)
+
+    def pounding_cov(self, gap: float | None = None, *, link: int | None = None) -> float:
+        """Coefficient of variation of ``pounding_probability``, to first order; NaN if it is 0.
+
+        Raises
+        ------
+        ValueError
+            As ``pounding``.
+        """
+        sums = self._sums(self._pounding("pounding_cov", gap, link))
+        p = sums.share(self.normalised)
+        return float(sums.variance(p, self.normalised) ** 0.5 / p) if p else float("nan")
 
     def fragility(
         self, intensity: str = "pga", gap: float | None = None, *, link: int | None = None
@@ -517,7 +541,7 @@ class Study(Columnar, Shown):
         for name in self.told():
             m = self.moments(name)
             numbers = (m.mean, m.std, m.smallest, m.largest)
-            rows.append((name, *numbers, unit(self._quantity(name), self.scales is not None)))
+            rows.append((name, *numbers, self.unit(name)))
         units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
         columns = ("", "mean", "standard deviation", "smallest", "largest", "unit")
@@ -527,6 +551,10 @@ class Study(Columnar, Shown):
         if name not in self._moments:
             raise ValueError(f"Study: column {name!r} must be one of {', '.join(self._moments)}")
         return name
+
+    def unit(self, name: str) -> str:
+        """Unit of a column; empty for pure numbers and for users' columns."""
+        return unit(self._quantity(self._known(name)), self.scales is not None)
 
     def _quantity(self, name: str) -> str | None:
         """Kind of quantity of a column; None for pure numbers and for users' columns."""

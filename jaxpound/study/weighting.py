@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -91,18 +91,23 @@ class Hits(NamedTuple):
         """Estimate of the hits' probability."""
         return float(self.hit / (self.weight if normalised else self.n))
 
+    def variance(self, p: Any, normalised: bool) -> Any:
+        """Variance of an estimate p of the probability, to first order.
+
+        Of a ratio of sums if normalised (Owen 2013, section 9.2), else of a mean.
+        """
+        if normalised:
+            missed = self.square - self.hit_square
+            return ((1 - p) ** 2 * self.hit_square + p**2 * missed) / self.weight**2
+        return np.maximum(self.hit_square / self.n**2 - p**2 / self.n, 0.0)
+
     def size(self, p: float, normalised: bool) -> float:
         """Samples of one weight with the variance that an estimate p of the probability has.
 
-        p (1 − p) over the variance to first order (Korn and Graubard 1998): of a ratio of sums if
-        normalised (Owen 2013, section 9.2), else of a mean. Where that is not known, because no
+        p (1 − p) over the variance (Korn and Graubard 1998). Where that is not known, because no
         sample is a hit or all are, (Σ w)² / Σ w² (Kish 1965).
         """
-        missed = self.square - self.hit_square
-        if normalised:
-            square = ((1 - p) ** 2 * self.hit_square + p**2 * missed) / self.weight**2
-        else:
-            square = max(self.hit_square / self.n**2 - p**2 / self.n, 0.0)
+        square = self.variance(p, normalised)
         if not (0 < p < 1 and square > 0):
             return float(self.weight**2 / self.square)
         return float(p * (1 - p) / square)

@@ -63,6 +63,26 @@ def folder(tmp_path_factory):
     return made
 
 
+CURVE = [[0.05, 3e-2], [0.1, 1e-2], [0.2, 3e-3], [0.4, 6e-4], [0.8, 8e-5], [1.6, 6e-6]]
+"""That of the example."""
+
+
+@pytest.fixture(scope="module")
+def drawn(folder):
+    """The folder, with a study whose intensities the example's hazard has drawn."""
+    text = (folder / "study.toml").read_text()
+    curve = f"intensity = {{hazard = {CURVE}}}"
+    (folder / "drawn.toml").write_text(edited(text, {"intensity": curve}))
+    run("montecarlo", folder / "drawn.toml", "--store", folder / "drawn")
+    return folder
+
+
+def of_drawn(more=""):
+    """The example with a study that the hazard has drawn."""
+    study = STUDY.replace('"study"', '"drawn"').replace("0.04", "0.005").replace("0.02]", "0.05]")
+    return of_study().replace(STUDY, f"{study}drawn = true\n{more}")
+
+
 def told(folder, text):
     """The command's screen and its answers."""
     (folder / "hazard.toml").write_text(text)
@@ -111,6 +131,7 @@ def test_what_is_written(tmp_path):
     total = answers["annual_rate"]["value"]
     assert sum(row["annual_rate"] for row in rows) == pytest.approx(total, rel=2e-3)
     centre = max(rows, key=lambda row: row["share"])
+    assert 0.05 < centre["cov"] < 0.5
     assert centre["from"] < answers["mean_intensity_at_pounding"] < 1.2 * centre["to"]
     of_rate, of_curve, of_bands = tables((out / "summary.md").read_text())
     assert of_rate[0]["value"] in screen
@@ -123,6 +144,7 @@ def test_without_errors_there_is_no_interval(tmp_path):
     screen, answers = told(tmp_path, text)
     assert "(no 95% interval)" in screen
     assert answers["annual_rate"]["low"] is None
+    assert (tmp_path / "out" / "deaggregation.csv").read_text().splitlines()[1].endswith(",")
     assert answers["annual_rate"]["value"] > 0
 
 
@@ -158,9 +180,41 @@ def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
     assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
 
 
+def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
+    screen, answers = told(drawn, of_drawn())
+    study, points = jp.Study.open(drawn / "drawn"), np.transpose(CURVE)
+    rate = jp.HazardCurve(*points).annual_rate_of(study, gap=0.005)
+    assert 0.02 < rate.value / 3e-2 < 0.9
+    for key in ("value", "low", "high", "cov"):
+        assert answers["annual_rate"][key] == pytest.approx(getattr(rate, key))
+    assert answers["fragility"] is None
+    for share, gap in answers["required_gap"].items():
+        found = study.required_gap(-np.log1p(-float(share)) / 50 / 3e-2)
+        assert gap["value"] == pytest.approx(found.value)
+    assert "peak ground acceleration (m/s²) from" in screen
+    assert imread(drawn / "out" / "hazard.png").shape[1] == 1062
+    with (drawn / "out" / "deaggregation.csv").open() as file:
+        total = sum(float(row["annual_rate"]) for row in csv.DictReader(file))
+    assert total == pytest.approx(rate.value)
+    page = (drawn / "out" / "summary.md").read_text()
+    assert "The interval is that of the probability in an earthquake" in page
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (
+            of_drawn().replace("gap = 0.005", "gap = 9.0"),
+            "[study] store must hold runs with pounding",
+        ),
+        (
+            of_drawn().replace("# unit =", "unit = 'g' #"),
+            "[study] drawn = true must not be given beside [hazard] unit",
+        ),
+        (
+            of_drawn().replace("0.05]", "0.99]"),
+            "[study] the annual rate of probability = 0.99 in 50",
+        ),
         (edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2]"}), "[hazard] intensity (6,) and"),
         (
             edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2, 3, 4, 5, 6]"}),
@@ -187,7 +241,8 @@ def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
         ),
     ],
 )
-def test_wrong_input_is_named(text, words, folder, capsys):
+def test_wrong_input_is_named(text, words, drawn, capsys):
+    folder = drawn
     path = folder / "wrong.toml"
     path.write_text(text)
     line = refusal(capsys, "hazard", path, "--out", folder / "nothing")

@@ -203,6 +203,14 @@ def test_what_is_wrong_is_named_with_its_place(write, changes, message, capsys, 
         ),
         ({"arrivals": "arrivals = {uniform = [-1, 2]}"}, "reaches -1 s; it must stay between 0"),
         (
+            {"intensity": "intensity = {hazard = [[0.1, 1e-3], [0.2, 2e-3]]}"},
+            "[earthquakes] intensity: annual_rate = 0.002 (at index [1]) must be no larger than",
+        ),
+        (
+            {"intensity": "intensity = {hazard = [[0.1, 1e-3], [0.2, 9e-4]]}"},
+            "[earthquakes] intensity = {hazard = [[0.1, 0.001], [0.2, 0.0009]]} reaches 2.",
+        ),
+        (
             {"intensity": "intensity = {lognormal = [1.0, 21.0]}"},
             "[earthquakes] intensity = {lognormal = [1, 21]} reaches 2.25e+43 once in",
         ),

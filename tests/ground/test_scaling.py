@@ -84,6 +84,8 @@ def test_a_target_between_its_ordinates():
     ):
         with pytest.raises(ValueError, match=words):
             jp.TargetSpectrum(periods, accelerations)
+    with pytest.raises(ValueError, match=r"TargetSpectrum\.at: periods = 'long' must be a real"):
+        TARGET.at("long")
     with pytest.raises(ValueError, match="damping = 1 must be at least 0 and below 1"):
         jp.TargetSpectrum([0.1, 0.2], [1.0, 1.0], damping=1)
 
@@ -111,3 +113,10 @@ def test_wrong_bounds():
     ):
         with pytest.raises(ValueError, match=words):
             scaled(factors)
+    with pytest.raises(ValueError, match=r"least of shape \(2,\) must be one number"):
+        SUITE.scaled_to(TARGET, (0.2, 1.0), least=[0.9, 0.9])
+
+
+def test_a_range_may_be_an_array():
+    found = SUITE.scaled_to(TARGET, np.array([0.2, 1.0]), (1e-3, 1e3))
+    assert found.range == jp.PeriodRange(0.2, 1.0)

@@ -74,6 +74,15 @@ def test_a_suite_is_of_records_that_go_together():
     assert suite["record 2"] is suite[1]
     with pytest.raises(ValueError, match="name = 'x' must be one of record 1, record 2"):
         suite["x"]
+    assert suite.chosen(["record 2"]).names == suite.chosen(np.array([-1])).names == ("record 2",)
+    for which, words in (
+        ([2], "chosen: 2 must be a record's number, from 0 to 1, or its name"),
+        ([0.5], "chosen: 0.5 must be"),
+        (["x"], "name = 'x' must be one of"),
+        ([], "must hold at least one record"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            suite.chosen(which)
     assert "record 2" in repr(suite)
 
 
@@ -91,5 +100,7 @@ def test_scaled_records():
     scaled = SUITE.scaled([2.0, 1.0, 0.5])
     np.testing.assert_allclose(scaled.pgas, SUITE.pgas * [2.0, 1.0, 0.5])
     np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
+    with pytest.raises(ValueError, match=r"damping of shape \(2,\) must be one number"):
+        SUITE.spectra([0.5], damping=[0.02, 0.05])
     with pytest.raises(ValueError, match=r"factors of shape \(2,\) must be \(3,\)"):
         SUITE.scaled([1.0, 2.0])

@@ -116,6 +116,17 @@ def curves(n):
     return links | {"any link": jp.fit_fragility(pga, [1, 4, 15, 20], runs)}
 
 
+def test_a_fragility_in_numbers_is_a_curve_alone(ax):
+    curve = jp.Fragility(0.6, 0.4)
+    plots.fragility(curve, ax)
+    (line,) = ax.lines
+    np.testing.assert_allclose(line.get_ydata(), curve.probability(line.get_xdata()))
+    assert not ax.containers
+    assert not ax.collections
+    plots.fragility(jp.Fragility(0.6, 0.4, np.diag([0.01, 0.01])), ax)
+    assert len(ax.collections) == 1
+
+
 def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
     drawn = curves(3)
     plots.fragility(drawn, ax, "PGA ($g$)")

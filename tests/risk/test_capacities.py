@@ -37,14 +37,16 @@ def test_unknown_capacities_maximise_the_likelihood():
     assert f"{np.isinf(seen).sum()} more above what was analysed" in repr(curve)
 
 
-def test_the_band_covers_the_truth():
-    at, inside = np.array([0.4, 0.6, 0.9]), []
+@pytest.mark.parametrize("n", [7, 11, 40])
+def test_the_band_covers_the_truth(n):
+    """Of suites as small as codes allow, too."""
+    at, inside = np.array([0.25, 0.4, 0.6, 0.9, 1.4]), []
     truth = stats.norm.cdf(np.log(at / 0.6) / 0.4)
-    for seed in range(300):
-        curve = jp.fit_capacities(0.6 * np.exp(0.4 * RANDOM.standard_normal(40)))
-        low, high = curve.band(at, 0.9, seed=seed)
+    for _ in range(600):
+        curve = jp.fit_capacities(0.6 * np.exp(0.4 * RANDOM.standard_normal(n)))
+        low, high = curve.band(at, 0.95)
         inside.append((low <= truth) & (truth <= high))
-    np.testing.assert_allclose(np.mean(inside, axis=0), 0.9, atol=0.06)
+    np.testing.assert_allclose(np.mean(inside, axis=0), 0.95, atol=0.03)
 
 
 @pytest.mark.parametrize(
@@ -53,6 +55,9 @@ def test_the_band_covers_the_truth():
         (([],), r"capacities of shape \(0,\)"),
         (([0.1, -0.2],), "capacities = -0.2 .* must be positive"),
         (([0.1, 0.2, np.inf],), "analysed = None must be given"),
+        (([0.1, 0.2, np.inf], np.inf), "analysed = inf .* positive, and finite where a capacity"),
+        (([0.1, 0.2, np.inf], [0.4, 0.4]), r"analysed of shape \(2,\) must be \(3,\)"),
+        (("ab",), "capacities = 'ab' must be a real number"),
         (([0.1, np.inf], 0.4), "at least 2 records; they are known of 1 of 2"),
         (([0.1, 0.1],), "they are equal"),
     ],

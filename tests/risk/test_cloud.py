@@ -7,6 +7,7 @@ from scipy import optimize, stats
 import jaxpound as jp
 from tests.ground.test_suite import SUITE
 from tests.risk.test_ida import GAP, PAIR, SCALES
+from tests.risk.test_stripes import ROW, ROW_SCALES
 
 RANDOM = np.random.default_rng(3)
 IM = np.exp(RANDOM.uniform(-2, 0.5, 400))
@@ -85,6 +86,13 @@ def test_records_as_they_are():
         (lambda: jp.fit_cloud(IM, 0.1 * IM**2, 0.05), "σ = .* must be positive"),
         (lambda: jp.fit_cloud(IM, -DEMAND), "demand = .* must be positive"),
         (lambda: jp.fit_cloud(IM, DEMAND).fragility(), "threshold = None must be a number"),
+        (lambda: jp.fit_cloud(IM, DEMAND).fragility([0.1, 0.2]), r"threshold of shape \(2,\) must"),
+        (lambda: jp.fit_cloud(IM, DEMAND).median(-1.0), "Cloud.median: intensity = -1 must be pos"),
+        (lambda: jp.cloud_analysis(PAIR, SUITE, scales=SCALES, threshold=0), "threshold = 0 must"),
+        (
+            lambda: jp.cloud_analysis(ROW, SUITE, scales=ROW_SCALES),
+            "threshold = None must be a gap: those at rest of the links differ",
+        ),
         (lambda: jp.fit_cloud(IM, 1 / DEMAND).fragility(1.0), "slope b = -1.* must be positive"),
     ],
 )

@@ -19,8 +19,7 @@ CURVE = jp.HazardCurve([0.1, 0.2, 0.21, 0.4, 0.8], [1e-2, 3e-3, 3e-3, 6e-4, 8e-5
 
 
 def fragility(median, dispersion):
-    one = np.array([1])
-    return jp.Fragility(median, dispersion, COVARIANCE, np.array([median]), one, 2 * one, True)
+    return jp.Fragility(median, dispersion, COVARIANCE)
 
 
 @given(st.floats(0.3, 5.0), st.floats(0.1, 2.0), st.floats(0.02, 0.9), st.integers(2, 9))
@@ -89,6 +88,39 @@ def test_deaggregation_adds_up():
     assert 0.997 < usual.share.sum() < 1
     assert 0.4 < usual.mean < 0.6
     assert "outside these bands 0.2 %" in repr(rate.deaggregation())
+
+
+def test_the_variation_of_a_band_is_the_delta_method_s():
+    edges, h = np.array([0.0, 0.15, 0.205, 0.5, np.inf]), 1e-5
+    found = CURVE.annual_rate_of(fragility(0.5, 0.4)).deaggregation(edges)
+    slope = []
+    for up, down in (((0.5 * np.exp(h), 0.4), (0.5 * np.exp(-h), 0.4)), ((0.5, 0.4 + h),
+                     (0.5, 0.4 - h))):  # fmt: skip
+        rates = [
+            CURVE.annual_rate_of(fragility(*at)).deaggregation(edges).rate for at in (up, down)
+        ]
+        slope.append((rates[0] - rates[1]) / (2 * h))
+    variance = np.einsum("ib,ij,jb->b", slope, COVARIANCE, slope)
+    np.testing.assert_allclose(found.cov, np.sqrt(variance) / found.rate, rtol=1e-5)
+
+
+@pytest.mark.parametrize("median", [1e-6, 1e-3, 0.3, 30.0, 1e6])
+def test_the_usual_bands_hold_the_rate_wherever_it_comes_from(median):
+    found = CURVE.annual_rate_of(fragility(median, 0.4)).deaggregation(bands=60)
+    assert 0.997 < found.share.sum() < 1
+    k = CURVE.slope[0 if median < 0.1 else -1]
+    if not 0.05 < median < 1.6:  # within one power law the intensity at pounding has this mean
+        assert found.mean == pytest.approx(median * np.exp(1 / k - k * 0.4**2), rel=0.1)
+
+
+def test_a_band_without_end_has_no_mean():
+    assert np.isnan(CURVE.annual_rate_of(fragility(0.5, 0.4)).deaggregation([0.0, np.inf]).mean)
+
+
+def test_every_point_of_a_curve_is_found_again():
+    for years in (1.0, 50.0, 475.0):
+        found = [CURVE.intensity_at(p, years) for p in CURVE.probability(years)[[0, 3, 4]]]
+        assert found == pytest.approx(CURVE.intensity[[0, 3, 4]])
 
 
 def test_probabilities_within_years_are_poisson_s():
@@ -184,6 +216,16 @@ def test_files_of_the_usgs_are_read(tmp_path):
         (OPENQUAKE.replace("5.289103E-01", "1.5"), None, "probabilities must be from 0 to 1"),
         (OPENQUAKE.replace(",0.0\n", "\n"), None, "8 numbers and names must have one for each"),
         (OPENQUAKE.replace("6.135122E-01", "0.4"), None, "annual_rate = .* a hazard curve falls"),
+        (
+            USGS.replace("4.0021704e-06", "0"),
+            "San Jose CA",
+            r"a\.csv: the site must have two intensities or more",
+        ),
+        (
+            USGS.replace("5.740355e-04", "5"),
+            0,
+            r"HazardCurve\.read: .*a\.csv: annual_rate = 5 .* curve falls",
+        ),
         ("lon,lat\n1,2\n", None, "must hold a line of names, lon and lat and the intensities"),
         ("", None, "must hold a line of names"),
     ],
@@ -200,6 +242,7 @@ def test_files_that_are_no_hazard_curve_say_why(text, site, message, tmp_path):
     [
         (lambda: jp.HazardCurve([0.1, 0.2], [1e-3]), r"intensity \(2,\) and annual_rate \(1,\)"),
         (lambda: jp.HazardCurve([0.1], [1e-3]), "one length m ≥ 2"),
+        (lambda: jp.HazardCurve("abc", [1e-3]), "HazardCurve: intensity = 'abc' must be a real"),
         (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 2e-3]), r"annual_rate = 0.002 .*curve falls"),
         (lambda: jp.HazardCurve([0.2, 0.1], [1e-3, 1e-4]), "intensity = 0.1 .* larger than"),
         (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 0.0]), "annual_rate = 0 .* must be positive"),
@@ -208,12 +251,27 @@ def test_files_that_are_no_hazard_curve_say_why(text, site, message, tmp_path):
         (lambda: CURVE.intensity_at(0.001), "must be one of the curve's, 8e-05 to 0.01"),
         (lambda: CURVE.probability(-1.0), "years = -1 must be positive"),
         (lambda: CURVE.weights([0.3, 0.3]), "intensity of 1 stripe must be of two"),
+        (lambda: CURVE.probability([1.0, 50.0]), r"years of shape \(2,\) must be one number"),
+        (
+            lambda: CURVE.annual_rate_of(fragility(1, 1)).probability([1, 50]),
+            "AnnualRate.probability: years of shape",
+        ),
+        (lambda: CURVE.annual_rate_of(fragility(1, 1), gap=0.1), "gap = 0.1 must be None: pound"),
+        (lambda: CURVE.weights([0.3, 5.0], jp.Uniform(0, 1)), "intensity = 5 .* can draw"),
         (lambda: CURVE.weights([0.3], 2.0), "drawn_from = 2.0 must be of type Distribution"),
         (lambda: jp.HazardCurve([1, 2], [1e-3, 1e-3]).distribution(), "must be smaller than that"),
         (lambda: CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).deaggregation(), "not of an est"),
         (
             lambda: CURVE.annual_rate_of(fragility(1, 1)).deaggregation([2, 1]),
             "edges = 1 .* larger",
+        ),
+        (
+            lambda: CURVE.annual_rate_of(fragility(1, 1)).deaggregation(intensity="pga"),
+            "intensity must be None: a fragility has its own",
+        ),
+        (
+            lambda: CURVE.annual_rate_of(fragility(1e300, 0.1)).deaggregation(),
+            "the rate, 0 a year, must be positive",
         ),
         (
             lambda: CURVE.annual_rate_of(fragility(1, 1)).deaggregation([2]),
@@ -246,3 +304,8 @@ def test_the_figure_has_the_curve_above_its_deaggregation():
     np.testing.assert_allclose(shares, 100 * rate.deaggregation().share)
     assert above.get_xlim() == below.get_xlim()
     assert below.get_xlabel() == "PGA (g)"
+    bands = rate.deaggregation()
+    lines = below.containers[1].lines[2][0].get_segments()
+    top = [line[1, 1] for line in lines]
+    np.testing.assert_allclose(top, 100 * bands.share * (1 + bands.cov))
+    figure.draw_without_rendering()

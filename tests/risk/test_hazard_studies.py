@@ -3,12 +3,16 @@
 import dataclasses
 
 import jax.numpy as jnp
+import matplotlib as mpl
 import numpy as np
 import pytest
 from scipy import stats
 
 import jaxpound as jp
-from tests.study.test_run import MEDIAN, SIGMA, SLIDING, linear, study, unit
+from jaxpound.plots import hazards
+from tests.study.test_run import GRID, MEDIAN, SIGMA, SLIDING, linear, study, unit
+
+mpl.use("Agg")
 
 HAZARD = jp.HazardCurve([0.1, 0.2, 0.4, 0.8, 1.6], [2e-2, 7e-3, 1.6e-3, 2.5e-4, 3e-5])
 DRAWN = HAZARD.distribution()
@@ -35,6 +39,115 @@ def test_the_rate_of_pounding_is_that_of_the_intensity_that_closes_the_gap(found
     for at in (0.15, 0.4, 0.9):
         rate = HAZARD.annual_rate_of(found.pounding_probability(at * closing, 0.999))
         assert rate.low < float(HAZARD.rate(at)) < rate.high < 10 * rate.low
+
+
+EDGES = [0.0, 0.3, 0.4, 0.55, 0.8, np.inf]
+
+
+def expected(least):
+    """Rates of amplitudes within EDGES that are at least so much."""
+    above = np.append(HAZARD.rate(np.maximum(EDGES[1:-1], least)), 0.0)
+    return np.r_[float(HAZARD.rate(least)), above[:-1]] - above
+
+
+def test_a_study_tells_from_which_intensities_its_rate_comes(found, closing):
+    rate = HAZARD.annual_rate_of(found, gap=0.35 * closing)
+    same = found.pounding_probability(0.35 * closing)
+    assert [rate.value, rate.low, rate.high] == pytest.approx(2e-2 * np.array(same[:3]))
+    n = len(found)
+    assert rate.cov == pytest.approx(np.sqrt((1 - same.value) / same.value / n))
+    amplitude = found["pga"] / unit().pga
+    by = rate.deaggregation(EDGES, intensity=amplitude)
+    exact = expected(0.35)
+    assert exact[0] == by.rate[0] == 0
+    assert np.isnan(by.cov[0])
+    assert (np.abs(by.rate - exact) <= 3.5 * by.cov * by.rate)[1:].all()
+    p = by.rate[1:] / 2e-2
+    np.testing.assert_allclose(by.cov[1:], np.sqrt((1 - p) / p / n))
+    assert by.rate.sum() == pytest.approx(rate.value)
+    usual = rate.deaggregation(bands=5)
+    assert usual.share.sum() == pytest.approx(1.0)
+    assert usual.edges[0] == pytest.approx(found["pga"][amplitude >= 0.35].min(), rel=1e-5)
+    assert "peak ground acceleration (g) from" in repr(usual)
+
+
+def test_a_weighted_study_does_too_more_sharply(found, closing):
+    other = linear()
+    amplitude = other["pga"] / unit().pga
+    weights = HAZARD.weights(amplitude, drawn_from=jp.LogNormal(MEDIAN, SIGMA))
+    for normalised in (True, False):
+        weighted = other.weighted(weights, normalised=normalised)
+        rate = HAZARD.annual_rate_of(weighted, gap=0.35 * closing)
+        by = rate.deaggregation(EDGES, intensity=amplitude)
+        exact = expected(0.35)
+        assert (np.abs(by.rate - exact) <= 3.5 * by.cov * by.rate)[1:].all()
+        assert (by.cov[1:] < 0.25).all()
+        assert abs(rate.value - exact.sum()) < 3.5 * rate.cov * rate.value
+        assert by.rate.sum() == pytest.approx(rate.value)
+
+
+@pytest.fixture(scope="module")
+def event():
+    """The amplitude .8 or more, by subset simulation: a share of 1.25 %."""
+    state = jp.LimitState(SCENARIOS, GRID, threshold=float(0.8 * (1.0 - unit().min_gap)))
+    sample = np.random.default_rng(0).normal(size=(5, 2000, 1))
+    values = state.values(sample.reshape(-1, 1))
+    p = (values >= 0).reshape(5, -1).mean(axis=1)
+    cov = p.std(ddof=1) / 5**0.5 / p.mean()
+    return jp.RareEvent(
+        *(p.mean(), cov, values.size, 0, "plain", state, sample.reshape(-1, 1)),
+        *(np.ones(values.size), values, np.zeros((0, 1)), np.zeros(0)),
+        repeats=np.repeat(np.arange(5), 2000),
+    )
+
+
+def test_a_rare_event_s_rate_and_its_intensities(event):
+    rate = HAZARD.annual_rate_of(event, 0.9)
+    assert (rate.value, rate.cov, rate.confidence) == (2e-2 * event.probability, event.cov, 0.9)
+    assert abs(rate.value - 2.5e-4) < 3.5 * rate.cov * rate.value
+    doubted = dataclasses.replace(event, warnings=("one repeat makes most of the estimate",))
+    assert "one repeat makes most" in repr(HAZARD.annual_rate_of(doubted))
+    amplitude = np.asarray(DRAWN.from_normal(event.points[:, 0]))
+    whole = rate.deaggregation([0.7, np.inf], intensity=amplitude)
+    assert whole.rate[0] == pytest.approx(rate.value)
+    assert whole.cov[0] == pytest.approx(rate.cov)  # by the spread of repeats, too
+    by = rate.deaggregation([0.8, 1.6, np.inf], intensity=amplitude)
+    assert (np.abs(by.rate - [2.2e-4, 3e-5]) < 4 * by.cov * by.rate).all()
+
+
+def test_the_figure_of_a_study_shares_the_axis_of_one_measure_only(found, closing):
+    rate = HAZARD.annual_rate_of(found, gap=0.35 * closing)
+    above, below = hazards.pounding(HAZARD, rate, bands=6).axes
+    assert (above.get_xlabel(), below.get_xlabel()) == ("im", "peak ground acceleration (g)")
+    amplitude = found["pga"] / unit().pga
+    above, below = hazards.pounding(HAZARD, rate, bands=6, intensity=amplitude).axes
+    assert (above.get_xlabel(), below.get_xlabel()) == ("", "im")
+    assert above.get_xlim() == below.get_xlim()
+
+
+@pytest.mark.parametrize(
+    ("intensity", "message"),
+    [
+        ("amplitud", "unknown intensity = 'amplitud'; allowed: .*pga"),
+        ("min_gap", "intensity = -.* must be positive and finite in samples that pound"),
+        ([1.0, 2.0], r"intensity of shape \(2,\) must be \(2000,\)"),
+    ],
+)
+def test_intensities_that_are_none_are_named(found, closing, intensity, message):
+    rate = HAZARD.annual_rate_of(found, gap=0.3 * closing)
+    with pytest.raises(ValueError, match=message):
+        rate.deaggregation(intensity=intensity)
+
+
+def test_rates_without_intensities_say_so(found, event):
+    with pytest.raises(ValueError, match="the rate, 0 a year, must be positive"):
+        HAZARD.annual_rate_of(found, gap=1e6).deaggregation()
+    with pytest.raises(ValueError, match="intensity = None must be a parameter, z_1, or a number"):
+        HAZARD.annual_rate_of(event).deaggregation()
+    with pytest.raises(ValueError, match="gap = -1 must be finite and not negative"):
+        HAZARD.annual_rate_of(found, gap=-1.0)
+    with pytest.raises(ValueError, match="link = 0 must be None: pounding is not a study"):
+        HAZARD.annual_rate_of(event, link=0)
 
 
 def test_the_gap_for_two_per_cent_in_fifty_years_is_that_of_its_intensity(found, closing):
@@ -86,6 +199,8 @@ def test_the_gap_by_fragilities_is_that_of_their_closed_form(found):
         ({"probability": 0.9}, "annual rate of probability = 0.9 in 50 years, 0.046.* below"),
         ({"probability": 0.0}, "probability = 0 must be between 0 and 1"),
         ({"years": 0.0}, "years = 0 must be positive"),
+        ({"confidence": 2.0, "intensity": "pga"}, "confidence = 2 must be between 0 and 1"),
+        ({"years": [50, 100]}, r"years of shape \(2,\) must be one number"),
         ({"intensity": "pgo"}, "'pgo' must be one of"),
         ({"intensity": "pga"}, "must be the rate of pounding at a gap at which .* none"),
     ],
@@ -93,6 +208,19 @@ def test_the_gap_by_fragilities_is_that_of_their_closed_form(found):
 def test_gaps_that_cannot_be_told_say_why(found, more, message):
     with pytest.raises(ValueError, match=message):
         HAZARD.required_gap(found, **more)
+
+
+def test_a_curve_in_g_is_not_taken_for_a_column_in_si(found):
+    in_si = found.in_si(jp.Scales(mass=1e5, frequency=6.0))
+    assert (found.unit("pga"), in_si.unit("pga"), in_si.unit("pounds")) == ("g", "m/s²", "")
+    in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s2"))
+    for hazard, other, unit_of in ((in_g, in_si, "m/s²"), (in_m, found, "g")):
+        message = rf"measure = 'PGA \(.*\)' must be in the unit of .* 'pga', {unit_of}: convert"
+        with pytest.raises(ValueError, match=message):
+            hazard.required_gap(other, intensity="pga")
+    for hazard, other in ((in_g, found), (in_m, in_si)):  # of which no fragility can be fitted
+        with pytest.raises(ValueError, match="must be the rate of pounding at a gap"):
+            hazard.required_gap(other, intensity="pga")
 
 
 def test_records_of_intensity_one_are_scaled_by_the_hazard():

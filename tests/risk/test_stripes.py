@@ -5,7 +5,11 @@ import pytest
 
 import jaxpound as jp
 from tests.ground.test_suite import SUITE
-from tests.risk.test_ida import LADDER, PAIR, SCALES, analysed
+from tests.risk.test_ida import LADDER, LEFT, PAIR, RIGHT, SCALES, analysed
+
+ROW, ROW_SCALES = jp.dimensionless_row(
+    (LEFT, RIGHT, LEFT), [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
+)
 
 
 @pytest.fixture(scope="module")
@@ -13,9 +17,9 @@ def linear():
     return analysed()
 
 
-def striped(records, **changed):
+def striped(records, structures=PAIR, **changed):
     how = {"scales": SCALES, "intensities": LADDER} | changed
-    return jp.multiple_stripes(PAIR, records, **how)
+    return jp.multiple_stripes(structures, records, **how)
 
 
 def test_stripes_of_one_suite_are_those_of_the_incremental_analysis(linear):
@@ -34,8 +38,23 @@ def test_each_intensity_may_have_its_own_records(linear):
     scaled = [SUITE, SUITE.scaled(2.0), SUITE.scaled(3.0), SUITE]  # of the same names
     again = striped(scaled)
     np.testing.assert_allclose(np.transpose(again.demands), linear.demands, rtol=1e-9)
+    near = [0.1, 0.1 + 1e-9, 0.1 + 2e-9]  # at which records of one name have one name again
+    others = striped([SUITE, SUITE.chosen([0]).scaled(2.0), SUITE.chosen([0, 1]).scaled(3.0)],
+                     intensities=near)  # fmt: skip
+    for rows, found in zip((slice(None), [0], [0, 1]), others.demands, strict=True):
+        np.testing.assert_allclose(found, linear.demands[rows, 1], rtol=1e-6)
     with pytest.raises(ValueError, match="2 suites must be 4, one an intensity"):
         striped(suites[:2])
+
+
+def test_pounding_where_gaps_differ_is_an_overlap_of_any_link():
+    """Without dampers; the second link is too wide to matter."""
+    found = striped(SUITE, intensities=[0.05, 0.4], scales=ROW_SCALES, structures=ROW)
+    weak, strong = (np.asarray(one) + 0.02 for one in found.demands)  # what the first link closes
+    np.testing.assert_allclose(strong, 8 * weak, rtol=1e-9)
+    np.testing.assert_array_equal(found.pounding, [(weak >= 0.02).sum(), (strong >= 0.02).sum()])
+    assert (found.threshold, found.demand) == (0.0, "overlap")
+    assert "median overlap (m)" in repr(found)
 
 
 def test_the_fragility_is_that_of_the_counts():

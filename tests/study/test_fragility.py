@@ -91,6 +91,39 @@ def test_the_bootstrap_band_covers_the_truth(draw):
     assert 0.8 < np.mean(covered) < 0.97
 
 
+def test_the_band_by_the_covariance_covers_the_truth_with_little_data():
+    at = np.array([0.2, 0.4, 0.8])
+    truth = stats.norm.cdf(np.log(at / THETA) / BETA)
+    covered = []
+    for seed in range(200):
+        low, high = jp.fit_fragility(*cloud(60, seed)).band(at, 0.9, replicates=None)
+        covered.append((low <= truth) & (truth <= high))
+    assert 0.86 < np.mean(covered) < 0.97
+
+
+def test_a_curve_in_numbers_needs_no_data():
+    curve = jp.Fragility(0.6, 0.4)
+    np.testing.assert_allclose(
+        curve.probability([0.0, 0.4, np.inf]), [0, stats.norm.cdf(np.log(0.4 / 0.6) / 0.4), 1]
+    )
+    assert "fitted" not in repr(curve)
+    assert np.isnan(curve.band([0.4])).all()
+    known = jp.Fragility(0.6, 0.4, np.diag([0.01, 0.0]))
+    z = np.log([0.4 / 0.6])
+    low, high = known.band([0.4], 0.9)
+    reach = stats.norm.ppf(0.95) * 0.1
+    np.testing.assert_allclose(low, stats.norm.cdf((z - reach) / 0.4))
+    np.testing.assert_allclose(high, stats.norm.cdf((z + reach) / 0.4))
+
+
+def test_one_number_of_trials_is_that_of_all_stripes():
+    levels, k, n = stripes()
+    assert (n == n[0]).all()
+    one, each = jp.fit_fragility(levels, k, int(n[0])), jp.fit_fragility(levels, k, n)
+    assert (one.median, one.stripes) == (each.median, True)
+    np.testing.assert_array_equal(one.trials, each.trials)
+
+
 def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
     """In groups of neighbours, 50 samples each."""
     fit = jp.fit_fragility(*cloud(100_000))
@@ -108,6 +141,14 @@ def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
         (lambda: jp.fit_fragility([0.0, 1.0], [0, 1]), "intensity = 0 .* must be positive"),
         (lambda: jp.fit_fragility([1.0, 2.0], [0, 3], [2, 2]), "pounding = 3 .* must be from 0 to"),
         (lambda: jp.fit_fragility([1.0, 2.0], [0, 0], [2, 0]), "trials = 0 .* must be whole"),
+        (lambda: jp.Fragility(-0.6, 0.4), "Fragility: median = -0.6 must be positive"),
+        (lambda: jp.Fragility(0.6, 0.0), "Fragility: dispersion = 0 must be positive"),
+        (lambda: jp.Fragility(0.6, [0.4, 0.5]), r"dispersion of shape \(2,\) must be one number"),
+        (lambda: jp.Fragility(0.6, 0.4, [0.1, 0.1]), r"covariance of shape \(2,\) must be \(2, 2"),
+        (lambda: jp.fit_fragility("im", [0, 1]), "fit_fragility: intensity = 'im' must be a real"),
+        (lambda: jp.fit_fragility([1.0, 2.0], ["no", "yes"]), "pounding = .* must be a real"),
+        (lambda: jp.fit_fragility(*stripes()).probability(-1.0), "intensity = -1 must be not neg"),
+        (lambda: jp.fit_fragility(*stripes()).band([1.0], replicates=0), "replicates = 0 must be"),
         (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it is there never"),
         (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it is there always"),
         (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]), "always above im = 2 and never"),

@@ -191,6 +191,25 @@ def test_a_study_with_weights_needs_no_more_memory():
     assert found[1].value == pytest.approx(w[w >= 1].sum() / w.sum())
 
 
+def test_weights_of_runs_that_failed_do_not_matter():
+    found = linear()
+    parts = {name: np.array(found[name]) for name in found.columns}
+    for column in parts.values():
+        column[:3] = np.nan
+    moments = {name: Moments.of(x[~np.isnan(x)]) for name, x in parts.items()}
+    some = dataclasses.replace(found, _parts=lambda name: (parts[name],), _moments=moments)
+    hazard = jp.HazardCurve([1e-3, 10.0], [1.0, 1e-4])
+    weights = hazard.weights(some["pga"], jp.LogNormal(MEDIAN * float(unit().pga), SIGMA))
+    assert np.isnan(weights[:3]).all()
+    there = some.weighted(weights)
+    np.testing.assert_array_equal(there.weights, weights)
+    rest = np.where(np.isnan(weights), 0.0, weights)
+    of = found.weighted(rest).pounding_probability(0.5)
+    assert there.pounding_probability(0.5) == pytest.approx(of)
+    with pytest.raises(ValueError, match=r"weights = nan .* must be finite and not negative"):
+        some.weighted(np.full(len(some), np.nan))
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
