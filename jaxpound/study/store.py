@@ -15,7 +15,8 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,9 @@ _MOST = 2**31  # samples
 _WRITTEN_OUT = 16  # entries of an array that a description writes out
 _SAMPLES = re.compile(r"samples-([1-9]\d{0,9})")
 _PARTIAL = re.compile(r"chunk-(\d{6,10})-([1-9]\d{0,9})\.npz")
+_FULL = re.compile(r"chunk-(\d{6,10})\.npz")
 _TRIES = 3
+_SHOWN = 6  # damaged chunks that a warning names
 _LARGEST_MANIFEST = 2**28  # bytes; a file of any size would fill the memory
 
 
@@ -170,9 +173,35 @@ class Store:
             raise damage
         return None
 
+    def undamaged(
+        self, chunks: Iterable[int], then: str, stacklevel: int = 3
+    ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """Those of the given chunks that are there and undamaged, with their columns.
+
+        At the end a warning names the damaged ones, and says what becomes of them (``then``).
+        """
+        damaged = []
+        for chunk in chunks:
+            try:
+                columns = self.read(chunk)
+            except DamagedError as error:
+                damaged.append(str(error))
+                continue
+            if columns is not None:
+                yield chunk, columns
+        if damaged:
+            more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
+            said = f"{'; '.join(damaged[:_SHOWN])}{more}; {then}"
+            warnings.warn(f"store {self.folder}: {said}", stacklevel=stacklevel)
+
     def has(self, chunk: int) -> bool:
         """Whether there is a file for a chunk."""
         return bool(self._held(chunk))
+
+    def full(self) -> list[int]:
+        """Numbers of the chunks that have a file of the whole size, in order."""
+        found = [_FULL.fullmatch(path.name) for path in self.folder.iterdir()]
+        return sorted(int(match[1]) for match in found if match)
 
     def sweep(self) -> None:
         """Remove half-written files of killed processes, and chunks that longer ones replace."""
