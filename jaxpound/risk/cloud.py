@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -185,12 +186,14 @@ def cloud_analysis(
     scales: Scales | None = None,
     scheme: Scheme = Scheme(),
     strict: bool = False,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> Cloud:
     """The demand of each record as it is, and its regression on intensity.
 
     Parameters
     ----------
-    structures, records, grid, measure, demand, threshold, scales, scheme, strict
+    structures, records, grid, measure, demand, threshold, scales, scheme, strict, store, progress
         As of ``incremental_dynamic_analysis``.
     limit
         See ``fit_cloud``; in the demand's unit.
@@ -204,10 +207,15 @@ def cloud_analysis(
     ValueError
         As ``incremental_dynamic_analysis`` and ``fit_cloud``.
     """
-    asked = Asked(structures, records, grid, measure, demand, threshold, scales, scheme, strict)
+    asked = Asked(
+        *(structures, records, grid, measure, demand, threshold, scales, scheme, strict),
+        *(store, progress),
+    )
     runs = SuiteRuns.of("cloud_analysis", asked)
     im = runs.intensity.unscaled
-    found = fit_cloud(im, runs.demands(np.arange(len(im)), im), limit)
+    with runs.bar:
+        demands = runs.demands(np.arange(len(im)), im)
+    found = fit_cloud(im, demands, limit)
     reached = runs.threshold if runs.threshold > 0 else None
     measured = runs.intensity.words
     return dataclasses.replace(
