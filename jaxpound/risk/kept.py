@@ -79,10 +79,12 @@ class Kept:
         program, described = of_limit_state(state, key)
         self._type = jnp.zeros(()).dtype
         start = describe(start)
-        known = identity("design points", COLUMNS, batch, program, **described, start=start)
+        known = identity(
+            "a search by design points", COLUMNS, batch, program, **described, start=start
+        )
         # Plain batches have even numbers, those around design points odd ones.
         samples = 2 * batch * (-(-most // batch) + 1)
-        self._store = Store.create(folder, known, samples, {"notes": "a rare event"})
+        self._store = Store.create(folder, known, samples, {"notes": known["search"]})
         self._seal: dict[str, Any] = {"study": digest(repr(sorted(known.items())).encode())}
 
     def batch(

@@ -17,9 +17,7 @@ import numpy as np
 
 from jaxpound._version import __version__
 from jaxpound.study.archives import digest
-from jaxpound.study.store import Store
-
-_MOST = 2**31  # rows
+from jaxpound.study.store import MOST, Store
 
 
 def identity(
@@ -44,7 +42,7 @@ def identity(
     """
     function, arguments = program
     lowered = jax.jit(function).trace(*arguments).lower(lowering_platforms=("cpu",))
-    versions = {"jaxpound": __version__, "jax": jax.__version__, "numpy": np.__version__}
+    versions = {"jaxpound": __version__, "jax": jax.__version__}
     return {
         "search": search,
         "versions": versions,
@@ -76,7 +74,7 @@ class Ledger:
 
     def __init__(self, folder: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
         size: int = identity["chunk_size"]
-        most = _MOST // size * size
+        most = MOST // size * size
         self._store = store = Store.create(folder, identity, most, {"notes": identity["search"]})
         self._type = np.dtype(identity["precision"])
         there, names = store.full(), store.columns

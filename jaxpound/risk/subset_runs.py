@@ -63,9 +63,9 @@ class SubsetRuns:
         self._held: dict[Place, np.ndarray] = {}
         if store is not None:
             program, described = of_limit_state(state, key)
-            how = described | {"n": n, "p0": float(p0)}
+            how = described | {"n": n, "p0": float(p0), "numpy": np.__version__}  # it draws
             self._ledger = Ledger(
-                store, identity("subset simulation", _COLUMNS, self._part, program, **how)
+                store, identity("a subset simulation", _COLUMNS, self._part, program, **how)
             )
             self._held = _by_place(self._ledger.rows)
 

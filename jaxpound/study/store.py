@@ -37,7 +37,8 @@ from jaxpound.study.archives import (
 
 MANIFEST = "manifest.json"
 _FORMAT = 2
-_MOST = 2**31  # samples
+MOST = 2**31
+"""Samples of a store at most."""
 _WRITTEN_OUT = 16  # entries of an array that a description writes out
 _SAMPLES = re.compile(r"samples-([1-9]\d{0,9})")
 _PARTIAL = re.compile(r"chunk-(\d{6,10})-([1-9]\d{0,9})\.npz")
@@ -227,8 +228,8 @@ class Store:
         for path in self.folder.iterdir():
             if match := _SAMPLES.fullmatch(path.name):
                 found[path] = n = int(match[1])
-                if n > _MOST:
-                    raise ValueError(f"store {self.folder}: {path.name} must be at most {_MOST}")
+                if n > MOST:
+                    raise ValueError(f"store {self.folder}: {path.name} must be at most {MOST}")
         return found
 
     def _path(self, chunk: int, rows: int) -> Path:
@@ -289,8 +290,8 @@ def _check_identity(owner: str, identity: Any) -> None:
     """A ``ValueError`` if an identity lacks an entry that reading a chunk needs."""
     given = identity if isinstance(identity, dict) else {}
     size, names, precision = (given.get(k) for k in ("chunk_size", "columns", "precision"))
-    if not (type(size) is int and 1 <= size <= _MOST):
-        raise ValueError(f"{owner}: chunk_size = {_short(size)} must be from 1 to {_MOST:,}")
+    if not (type(size) is int and 1 <= size <= MOST):
+        raise ValueError(f"{owner}: chunk_size = {_short(size)} must be from 1 to {MOST:,}")
     if not (isinstance(names, list) and names):
         raise ValueError(f"{owner}: columns = {_short(names)} must be names")
     for name in names:

@@ -317,8 +317,12 @@ def test_another_search_is_refused(scaled, tmp_path):
         with pytest.raises(ValueError, match=f"holds another study: {words}"):
             simulated(state, **options | changed)
     more = {"method": "design points", "store": options["store"], "progress": False}
-    with pytest.raises(ValueError, match="search is 'subset simulation' there and 'design points'"):
-        event_of(dataclasses.replace(scaled(2.0)), **more)
+    with pytest.raises(
+        ValueError, match="search is 'a subset simulation' there and 'a search by design"
+    ):
+        event_of(scaled(2.0), **more)
+    with pytest.raises(ValueError, match="must hold a study, but holds a subset simulation"):
+        jp.Study.open(options["store"])
 
 
 def test_a_search_that_falls_back_on_subset_simulation_goes_on(tmp_path, monkeypatch):
