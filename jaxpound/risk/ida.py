@@ -213,7 +213,7 @@ def incremental_dynamic_analysis(
     >>> burst = [0.1 * np.sin(w * t) * np.exp(-((t - 3) ** 2)) for w in (7.0, 9.0, 11.0)]
     >>> suite = jp.RecordSuite([jp.Record(a, dt=0.02) for a in burst])
     >>> found = jp.incremental_dynamic_analysis(
-    ...     pair, suite, scales=scales, intensities=[0.1, 0.2, 0.4, 0.8]
+    ...     pair, suite, scales=scales, intensities=[0.1, 0.2, 0.4, 0.8], progress=False
     ... )
     >>> [round(float(x), 3) for x in found.capacities]  # g
     [0.061, 0.066, 0.108]

@@ -83,7 +83,7 @@ def rare_event(
         Runs at most, gradients aside; by default 50,000 around design points, and a million of
         subset simulation.
     store
-        A folder that keeps design points and finished batches: the same call goes on from there
+        A folder that keeps design points and finished runs: the same call goes on from there
         after it was stopped, or to a smaller ``cov``, and ends as if it had not been interrupted.
     progress
         Whether to show a bar with the estimate and its coefficient of variation.
