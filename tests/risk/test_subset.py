@@ -335,7 +335,7 @@ def test_a_search_that_falls_back_on_subset_simulation_goes_on(tmp_path, monkeyp
     state = jp.LimitState(scenarios, GRID, demand="peak_x1", threshold=0.25)
     options = {"store": tmp_path / "search", "progress": False, "cov": 0.3}
     first = event_of(state, **options)
-    assert first.method.startswith("no gradient leads to the limit state: subset simulation")
+    assert "to the limit state: subset simulation" in first.method
     with monkeypatch.context() as patch:
         for name in ("values", "values_and_times", "gradients"):
             patch.setattr(jp.LimitState, name, None)
