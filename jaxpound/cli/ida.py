@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -93,7 +95,7 @@ def run(args: argparse.Namespace) -> None:
     file = File.opened(args.config, "ida")
     given = file.read(Analysis)
     suite, scaled = records(file, given, args.strict)
-    found = analysed(file, given, suite, args.strict)
+    found = analysed(file, given, suite, args.strict, args.store)
     make_folder(args.out)
     curve, why = _fragility(found)
     answers = summary(file, given, suite, scaled, found, curve)
@@ -130,7 +132,11 @@ def records(
 
 
 def analysed(
-    file: File, given: Analysis, suite: jp.RecordSuite, strict: bool = False
+    file: File,
+    given: Analysis,
+    suite: jp.RecordSuite,
+    strict: bool = False,
+    store: Path | None = None,
 ) -> jp.IncrementalDynamicAnalysis:
     """The analysis of the buildings under these records."""
     how, place = given.ida, f"{file.name}: [run]"
@@ -152,6 +158,8 @@ def analysed(
             scales=given.scales,
             scheme=given.scheme,
             strict=strict,
+            store=store,
+            progress=sys.stderr.isatty(),
         )
 
 

@@ -104,8 +104,8 @@ def _kept(args: argparse.Namespace) -> str:
         if any(store.glob("chunk-*.npz")):
             return f"finished chunks are kept in {store}, and {again}"
         return "no chunk was finished"
-    if store and given.get("command") == "rare" and any(store.rglob("*.npz")):
-        return f"finished batches are kept in {store}, and {again}"
+    if store and given.get("command") in ("rare", "ida") and any(store.rglob("*.npz")):
+        return f"finished runs are kept in {store}, and {again}"
     if save and save.exists():
         return f"the search is kept in {save}, and {again}"
     if out and out.is_dir():
@@ -275,6 +275,7 @@ def _add_ida(commands: Any) -> None:
     _add_out(ida)
     _add_path(ida, "config", "buildings, records and intensities", "CONFIG.toml")
     _add_example(ida, "print an example analysis and exit")
+    _add_path(ida, "--store", "keep finished runs there; a stopped analysis goes on", "DIR")
     _add_strict(ida)
 
 
@@ -289,7 +290,7 @@ def _add_rare(commands: Any) -> None:
     _add_out(rare)
     _add_path(rare, "config", "buildings, random earthquakes and the event", "CONFIG.toml")
     _add_example(rare, "print an example and exit")
-    words = "keep design points and finished batches there; a stopped search goes on"
+    words = "keep design points and finished runs there; a stopped search goes on"
     _add_path(rare, "--store", words, "DIR")
 
 

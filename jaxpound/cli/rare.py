@@ -90,10 +90,7 @@ def run(args: argparse.Namespace) -> None:
     wanted = None if given.design is None else _path(file, given, given.design)
     state = limit_state(file, given)
     with named(f"{file.name}: [search]"):
-        by_subset, why = choice(state, given.search.method)
-    if by_subset and args.store is not None:
-        rule = f"must not be given: {why}subset simulation is taken, which keeps no files"
-        raise ValueError(f"argument --store {rule}")
+        choice(state, given.search.method)  # before a folder is made
     make_folder(args.out)
     with noted(given.structures):
         found = searched(file, given, state, args.store)

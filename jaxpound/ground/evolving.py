@@ -92,21 +92,16 @@ def evolving_noise(
     falls = w < lowest
     w = larger(w, jnp.full_like(w, lowest))
     across = jnp.sqrt(1 - jnp.asarray(damping, z.dtype) ** 2)
-    size = w / across  # of the response to an impulse; its square has half of that of 1 − cos
-    inputs = jnp.stack([size * z, size**2 / 2, size**2 / 2])
-    decay = damping * jnp.asarray([1.0, 2.0, 2.0], z.dtype)
-    turn = across * jnp.asarray([1.0, 0.0, 2.0], z.dtype)
-
-    def both(v: Any, decay: Any, turn: Any) -> Any:
-        changing = _oscillations(jnp.where(falls, 0.0, v), tau, w, decay, turn, centre, rate, NODES)
-        held = jnp.full_like(w, lowest)
-        return changing + _oscillations(
-            jnp.where(falls, v, 0.0), tau, held, decay, turn, lowest, 0.0, 1
-        )
-
-    wave, whole, double = jax.vmap(both)(inputs, decay, turn)
+    size, s = w / across, tau - tau[0]
+    inputs = jnp.stack([size * z, size**2])  # to the responses, and to their squares
+    changing, held = jnp.where(falls[None], 0.0, inputs), jnp.where(falls[None], inputs, 0.0)
+    around = _turned(across * rate * tau**2 / 2)
+    phase = _turned(across * (centre * s - rate * s**2 / 2))
+    total = _responses(changing, s, w, damping, around, phase)
+    low = jnp.exp(-damping * lowest * s) * jnp.sin(across * lowest * s)
+    noise, variance = total + jax.vmap(causal)(jnp.stack([low, low**2]), held)
     first = np.arange(n) == 0  # when no impulse has moved it yet
-    return unit_variance(wave.imag, jnp.where(first, 0.0, whole.real - double.real))
+    return unit_variance(noise, jnp.where(first, 0.0, variance))
 
 
 def high_passed(x: Float[Array, " n"], dt: Any, corner: Any) -> Float[Array, " n"]:
@@ -120,37 +115,55 @@ def high_passed(x: Float[Array, " n"], dt: Any, corner: Any) -> Float[Array, " n
     return causal((lag[2:] - 2 * lag[1:-1] + lag[:-2]) / dt, x)
 
 
-def _oscillations(
-    v: Any, tau: Any, w: Any, decay: Any, turn: Any, centre: Any, rate: Any, nodes: int
-) -> Any:
-    """Σ_{k ≤ i} v_k exp((i turn − decay) w_k (τ_i − τ_k)), shape (n,), where w = centre + rate τ.
+def _responses(
+    v: Float[Array, "2 n"], s: Any, w: Any, damping: Any, around: Any, phase: Any
+) -> Float[Array, "2 n"]:
+    """Sums over k ≤ i of v_k h and of v_k h², where h = e^(−ζ w_k s) sin(√(1 − ζ²) w_k s).
 
-    Where v is 0, w may be anything positive.
+    The square is half of 1 less a cosine, times the square of the decay: a sum that oscillates
+    twice as fast, and one that does not. Where v is 0, w may be anything positive.
+
+    Parameters
+    ----------
+    v
+        Inputs to both, shape (2, n).
+    s, w
+        Times from the first one, and frequencies of the impulses, shape (n,).
+    damping
+        ζ.
+    around, phase
+        The factors of modulus 1 of the oscillation: one of i and k, and one of s.
     """
     n = v.shape[-1]
-    size, s = next_fast_len(2 * n), tau - tau[0]
+    size = next_fast_len(2 * n)
     x = jnp.log(w)
     middle, half = (x.max() + x.min()) / 2, (x.max() - x.min()) / 2
     some = half > 1e-6
     u = jnp.where(some, (x - middle) / jnp.where(some, half, 1.0), 0.0)
-    places = np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
-    polynomials = _chebyshev(places, nodes) * np.where(np.arange(nodes) == 0, 1, 2)[:, None] / nodes
-    shares = jnp.asarray(polynomials.T, v.dtype) @ jnp.stack(_chebyshev_list(u, nodes))
-    around = _turned(1.0, turn * rate * tau**2 / 2)
-    inputs, phase = v * jnp.conj(around), turn * (centre * s - rate * s**2 / 2)
+    k = np.arange(NODES)
+    places = np.cos(np.pi * (k + 0.5) / NODES)
+    polynomials = _chebyshev(places, NODES) * np.where(k == 0, 1, 2)[:, None] / NODES
+    shares = jnp.asarray(polynomials.T, w.dtype) @ jnp.stack(_chebyshev_list(u, NODES))
+    squared = v[1] / 2
+    waves = jnp.stack([v[0] * jnp.conj(around), squared * jnp.conj(around) ** 2])
+    turns = jnp.stack([phase, phase**2])
 
-    def add(total: Any, node: Any) -> tuple[Any, None]:
+    def add(totals: Any, node: Any) -> tuple[Any, None]:
         place, share = node
-        response = _turned(jnp.exp(-decay * jnp.exp(middle + half * place) * s), phase)
-        return total + jnp.fft.fft(response, size) * jnp.fft.fft(share * inputs, size), None
+        decay = jnp.exp(-damping * jnp.exp(middle + half * place) * s)
+        decays = jnp.stack([decay, decay**2])
+        turning = jnp.fft.fft(decays * turns, size) * jnp.fft.fft(share[None] * waves, size)
+        real = jnp.fft.rfft(jnp.stack([decays[1], share * squared]), size)
+        return (totals[0] + turning, totals[1] + real[0] * real[1]), None
 
-    start = jnp.zeros(size, inputs.dtype)
-    total, _ = jax.lax.scan(add, start, (jnp.asarray(places, v.dtype), shares))
-    return around * jnp.fft.ifft(total)[:n]
+    start = jnp.zeros((2, size), waves.dtype), jnp.zeros(size // 2 + 1, waves.dtype)
+    (turning, plain), _ = jax.lax.scan(add, start, (jnp.asarray(places, w.dtype), shares))
+    wave, double = jnp.fft.ifft(turning)[:, :n] * jnp.stack([around, around**2])
+    return jnp.stack([wave.imag, jnp.fft.irfft(plain, size)[:n].astype(w.dtype) - double.real])
 
 
-def _turned(radius: Any, angle: Any) -> Any:
-    return jax.lax.complex(radius * jnp.cos(angle), radius * jnp.sin(angle))
+def _turned(angle: Any) -> Any:
+    return jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
 
 def _chebyshev(x: np.ndarray, n: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -186,12 +187,14 @@ def cloud_analysis(
     scales: Scales | None = None,
     scheme: Scheme = Scheme(),
     strict: bool = False,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> Cloud:
     """The demand of each record as it is, and its regression on intensity.
 
     Parameters
     ----------
-    structures, records, grid, measure, demand, threshold, scales, scheme, strict
+    structures, records, grid, measure, demand, threshold, scales, scheme, strict, store, progress
         As of ``incremental_dynamic_analysis``; ``threshold`` > 0, and needed where the gaps at rest
         of several links differ.
     limit
@@ -209,13 +212,18 @@ def cloud_analysis(
     owner = "cloud_analysis"
     if threshold is not None:
         positive(owner, threshold=number(owner, "threshold", threshold))
-    asked = Asked(structures, records, grid, measure, demand, threshold, scales, scheme, strict)
+    asked = Asked(
+        *(structures, records, grid, measure, demand, threshold, scales, scheme, strict),
+        *(store, progress),
+    )
     runs = SuiteRuns.of(owner, asked)
     if runs.demand == OVERLAP:
         rule = "a gap: those at rest of the links differ, and overlaps have no logarithm"
         raise ValueError(f"{owner}: threshold = None must be {rule}")
     im = runs.intensity.unscaled
-    found = fit_cloud(im, runs.demands(np.arange(len(im)), im), limit)
+    with runs.bar:
+        demands = runs.demands(np.arange(len(im)), im)
+    found = fit_cloud(im, demands, limit)
     reached = runs.threshold if runs.threshold > 0 else None  # the gap at rest may be 0
     measured = runs.intensity.words
     return dataclasses.replace(

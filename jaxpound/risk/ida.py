@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -126,6 +127,8 @@ def incremental_dynamic_analysis(
     scales: Scales | None = None,
     scheme: Scheme = Scheme(),
     strict: bool = False,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> IncrementalDynamicAnalysis:
     """Demands of records that are scaled up step by step (Vamvatsikos and Cornell 2002).
 
@@ -171,6 +174,14 @@ def incremental_dynamic_analysis(
         The discretisation.
     strict
         Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
+    store
+        A folder that keeps finished runs, by record and factor: the same call goes on from there
+        after it was stopped, and ends as if it had not been interrupted. So does one with other
+        intensities, another measure, threshold, ``refine`` or ``tolerance``, which runs only what
+        is missing. Damaged files are named in a warning, and their runs made anew.
+    progress
+        Whether to show a progress bar with the runs done, and in the refinement with the number of
+        records done and the widest bracket.
 
     Returns
     -------
@@ -182,9 +193,11 @@ def incremental_dynamic_analysis(
     ValueError
         If an argument breaks its rule; if records are not in the structures' unit of time, or
         together need too many steps; if the demand is unknown, or a record reaches the threshold
-        without shaking.
+        without shaking. If the store holds another analysis, with what differs.
     FloatingPointError
         If a run ends in numbers that are not finite; the message names record and intensity.
+    OSError
+        If the store cannot be written to.
 
     Warns
     -----
@@ -200,7 +213,7 @@ def incremental_dynamic_analysis(
     >>> burst = [0.1 * np.sin(w * t) * np.exp(-((t - 3) ** 2)) for w in (7.0, 9.0, 11.0)]
     >>> suite = jp.RecordSuite([jp.Record(a, dt=0.02) for a in burst])
     >>> found = jp.incremental_dynamic_analysis(
-    ...     pair, suite, scales=scales, intensities=[0.1, 0.2, 0.4, 0.8]
+    ...     pair, suite, scales=scales, intensities=[0.1, 0.2, 0.4, 0.8], progress=False
     ... )
     >>> [round(float(x), 3) for x in found.capacities]  # g
     [0.061, 0.066, 0.108]
@@ -215,15 +228,27 @@ def incremental_dynamic_analysis(
     tolerance = float(number(owner, "tolerance", tolerance))
     rule = "from 1e-9 to below 1"
     enforce(owner, [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, rule)])
-    asked = Asked(structures, records, grid, measure, demand, threshold, scales, scheme, strict)
+    asked = Asked(
+        *(structures, records, grid, measure, demand, threshold, scales, scheme, strict),
+        *(store, progress),
+    )
     runs = SuiteRuns.of(owner, asked, ladder[-1])
     n, rungs = len(runs.suite), np.append(0.0, ladder)
-    found = runs.demands(np.repeat(np.arange(n), rungs.size), np.tile(rungs, n)).reshape(n, -1)
-    excess = found - runs.threshold
-    if (excess[:, 0] >= 0).any():
-        rule = f"above {found[:, 0].max():.6g}, what the demand is without shaking"
-        raise ValueError(f"{owner}: threshold = {runs.threshold:.6g} must be {rule}")
-    capacities = REFINEMENTS[refine](runs, Brackets.of(rungs, excess), tolerance, found.size)
+    with runs.bar:
+        found = runs.demands(np.repeat(np.arange(n), rungs.size), np.tile(rungs, n)).reshape(n, -1)
+        excess = found - runs.threshold
+        if (excess[:, 0] >= 0).any():
+            rule = f"above {found[:, 0].max():.6g}, what the demand is without shaking"
+            raise ValueError(f"{owner}: threshold = {runs.threshold:.6g} must be {rule}")
+        brackets = Brackets.of(rungs, excess)
+
+        def told(which: np.ndarray) -> None:
+            done, widest = n - np.unique(which).size, brackets.width()[which].max()
+            runs.bar.set_postfix_str(f"{done} of {n} records, brackets within {widest:.2g}")
+
+        telling = dataclasses.replace(runs, told=told)
+        capacities = REFINEMENTS[refine](telling, brackets, tolerance, found.size)
+        runs.bar.set_postfix_str(f"{n} of {n} records")
     return IncrementalDynamicAnalysis(
         runs.suite.names,
         runs.intensity.unscaled,

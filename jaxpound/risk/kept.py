@@ -7,15 +7,15 @@ samples, written whole or not at all. Samples themselves are drawn again, by the
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._version import __version__
 from jaxpound.risk.design_points import DesignPoints
+from jaxpound.risk.ledger import identity
 from jaxpound.risk.limit_state import LimitState
 from jaxpound.study.archives import DamagedError, digest, opened, write_archive
 from jaxpound.study.sampling import key_numbers
@@ -24,6 +24,21 @@ from jaxpound.study.store import Store, describe
 COLUMNS = ("values", "times")
 _POINTS = "design-points.npz"
 _VECTORS, _NUMBERS = ("z", "directions"), ("instants", "series")
+
+
+def of_limit_state(state: LimitState, key: Any) -> tuple[Any, dict[str, Any]]:
+    """The program of a limit state, and what else determines a search, for ``identity``."""
+    kind, numbers = key_numbers("rare_event", key)
+    described = {
+        "key": {"kind": kind, "numbers": list(numbers)},
+        "demand": describe(state.demand),
+        "threshold": describe(state.threshold),
+        "changes": describe(state.changes),
+        "scenarios": describe(state.scenarios),
+        "grid": describe(state.grid),
+        "scheme": describe(state.scheme),
+    }
+    return (lambda z: state.observed(z, state.changes), (jnp.zeros(state.dimension),)), described
 
 
 class Kept:
@@ -61,28 +76,16 @@ class Kept:
         batch: int,
         most: int,
     ) -> None:
-        kind, numbers = key_numbers("rare_event", key)
-        here = jnp.zeros(state.dimension)
-        self._type = here.dtype
-        program = jax.jit(lambda z: state.observed(z, state.changes)).trace(here)
-        identity = {
-            "versions": {"jaxpound": __version__, "jax": jax.__version__},
-            "precision": str(self._type),
-            "columns": list(COLUMNS),
-            "chunk_size": batch,
-            "key": {"kind": kind, "numbers": list(numbers)},
-            "threshold": describe(state.threshold),
-            "changes": describe(state.changes),
-            "scenarios": describe(state.scenarios),
-            "grid": describe(state.grid),
-            "scheme": describe(state.scheme),
-            "start": describe(start),
-            "program": digest(program.lower(lowering_platforms=("cpu",)).as_text().encode()),
-        }
+        program, described = of_limit_state(state, key)
+        self._type = jnp.zeros(()).dtype
+        start = describe(start)
+        known = identity(
+            "a search by design points", COLUMNS, batch, program, **described, start=start
+        )
         # Plain batches have even numbers, those around design points odd ones.
         samples = 2 * batch * (-(-most // batch) + 1)
-        self._store = Store.create(folder, identity, samples, {"notes": "a rare event"})
-        self._seal: dict[str, Any] = {"study": digest(repr(sorted(identity.items())).encode())}
+        self._store = Store.create(folder, known, samples, {"notes": known["search"]})
+        self._seal: dict[str, Any] = {"study": digest(repr(sorted(known.items())).encode())}
 
     def batch(
         self, number: int, *, plain: bool, run: Callable[[], tuple[np.ndarray, np.ndarray]]
@@ -91,7 +94,8 @@ class Kept:
         chunk = 2 * number + (not plain)
         try:
             held = self._store.read(chunk)
-        except DamagedError:
+        except DamagedError as error:
+            self._tell(error)
             held = None
         if held is None:
             values, times = run()
@@ -119,10 +123,17 @@ class Kept:
                     gradients=about["gradients"],
                     failed=about["failed"],
                 )
-        except (DamagedError, FileNotFoundError):
+        except DamagedError as error:
+            self._tell(DamagedError(f"{_POINTS} is damaged ({error})"))
+            found = search()
+        except FileNotFoundError:
             found = search()
         arrays = {name: np.asarray(getattr(found, name), float) for name in (*_VECTORS, "betas")}
         arrays |= {name: np.asarray(getattr(found, name), np.int64) for name in _NUMBERS}
         about = {"shape": list(found.z.shape), "gradients": found.gradients, "failed": found.failed}
         write_archive(path, arrays, self._seal | about)
         return found
+
+    def _tell(self, damage: DamagedError) -> None:
+        """Warn of a damaged file."""
+        warnings.warn(f"store {self._store.folder}: {damage}; it is made anew", stacklevel=3)

@@ -13,7 +13,7 @@ a v between two samples and n = 400 it is 5 % too high at 2e-4.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -101,31 +101,39 @@ def _conditional(
     return Level(threshold, probability, *every, acceptance, scale)
 
 
+Place = tuple[int, int]
+"""Number of a repeat, and that of one of its requests."""
+
+
 def side_by_side(
-    values: Callable[[np.ndarray], np.ndarray],
-    descents: Sequence[Descent],
-    told: Callable[[int, list[float]], None] = lambda runs, reached: None,
+    values: Callable[[Mapping[Place, np.ndarray]], Mapping[Place, np.ndarray]],
+    descents: Mapping[int, Descent],
+    told: Callable[[list[float]], None] = lambda reached: None,
 ) -> list[list[Level]]:
     """The levels of several repeats, whose requests are run together in one batch after another.
 
-    ``told`` is called after each batch with its size and the probability that each repeat has
-    reached.
+    Parameters
+    ----------
+    values
+        The values of points, by the place of the request.
+    descents
+        The repeats by number.
+    told
+        Called after each batch with the probability that each repeat has reached.
     """
-    levels: list[list[Level]] = [[] for _ in descents]
-    reached = [1.0] * len(descents)
-    asked = {i: next(repeat) for i, repeat in enumerate(descents)}
+    levels: dict[int, list[Level]] = {}
+    reached = dict.fromkeys(descents, 1.0)
+    asked = {(repeat, 0): next(descent) for repeat, descent in descents.items()}
     while asked:
-        batch = np.concatenate([request.points for request in asked.values()])
-        found = values(batch)
-        told(len(batch), reached)
-        ends = np.cumsum([len(request.points) for request in asked.values()])
-        parts = zip([*asked], np.split(found, ends[:-1]), strict=True)
-        asked = {}
-        for i, part in parts:
+        found = values({place: request.points for place, request in asked.items()})
+        told([*reached.values()])
+        before, asked = asked, {}
+        for repeat, number in before:
             try:
-                asked[i] = descents[i].send(part)
-                reached[i] = asked[i].probability
+                request = descents[repeat].send(found[repeat, number])
+                asked[repeat, number + 1] = request
+                reached[repeat] = request.probability
             except StopIteration as end:
-                levels[i] = end.value
-                reached[i] = levels[i][-1].estimate
-    return levels
+                levels[repeat] = end.value
+                reached[repeat] = end.value[-1].estimate
+    return [levels[repeat] for repeat in descents]

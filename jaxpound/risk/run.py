@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from os import PathLike
+from pathlib import Path
 
 import jax
 from jaxtyping import Array
@@ -82,9 +83,8 @@ def rare_event(
         Runs at most, gradients aside; by default 50,000 around design points, and a million of
         subset simulation.
     store
-        A folder that keeps design points and finished batches: the same call goes on from there
+        A folder that keeps design points and finished runs: the same call goes on from there
         after it was stopped, or to a smaller ``cov``, and ends as if it had not been interrupted.
-        Not of subset simulation.
     progress
         Whether to show a bar with the estimate and its coefficient of variation.
 
@@ -165,16 +165,13 @@ def event_of(
         rule = f"of scenarios of {state.dimension} numbers, as these are"
         raise ValueError(f"{OWNER}: start of {start.limit_state.dimension} must be {rule}")
 
-    def by_subset(why: str) -> RareEvent:
-        if store is not None:
-            rule = "must be None for subset simulation, which keeps no files"
-            raise ValueError(f"{OWNER}: store = {str(store)!r} {rule}")
+    def by_subset(why: str, folder: str | PathLike[str] | None) -> RareEvent:
         more = {} if max_runs is None else {"max_runs": max_runs}
-        return simulated(state, cov=cov, key=key, progress=progress, why=why, **more)
+        return simulated(state, cov=cov, key=key, store=folder, progress=progress, why=why, **more)
 
     subset, why = choice(state, method)
     if subset:
-        return by_subset(why)
+        return by_subset(why, store)
     kept = None
     if store is not None:
         first = None if start is None else start.design_points
@@ -188,7 +185,8 @@ def event_of(
         if len(found) or not found.failed:
             return search.around(found, 0 if pilot is None else BATCH)
     if method == "auto":
-        event = by_subset("no gradient leads to the limit state: ")
+        folder = None if store is None else Path(store) / "subset"
+        event = by_subset("no gradient leads to the limit state: ", folder)
         runs, gradients = event.runs + BATCH * (pilot is not None), found.gradients
         return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,8 @@ def multiple_stripes(
     scales: Scales | None = None,
     scheme: Scheme = Scheme(),
     strict: bool = False,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> Stripes:
     """The demands of records scaled to each of several intensities.
 
@@ -113,7 +116,7 @@ def multiple_stripes(
         have other records.
     intensities
         Intensities > 0, rising, shape (k,).
-    structures, grid, measure, demand, threshold, scales, scheme, strict
+    structures, grid, measure, demand, threshold, scales, scheme, strict, store, progress
         As of ``incremental_dynamic_analysis``; ``measure`` is "pga" or a period where there are
         several suites.
 
@@ -138,9 +141,13 @@ def multiple_stripes(
     highest = np.zeros(len(every))
     for rows, level in zip(which, at, strict=True):
         highest[rows] = level
-    asked = Asked(structures, every, grid, measure, demand, threshold, scales, scheme, strict)
+    asked = Asked(
+        *(structures, every, grid, measure, demand, threshold, scales, scheme, strict),
+        *(store, progress),
+    )
     runs = SuiteRuns.of(owner, asked, highest)
     sizes = [rows.size for rows in which]
-    found = runs.demands(np.concatenate(which), np.repeat(at, sizes))
+    with runs.bar:
+        found = runs.demands(np.concatenate(which), np.repeat(at, sizes))
     parts = np.split(found, np.cumsum(sizes)[:-1])
     return Stripes(at, tuple(parts), runs.threshold, runs.demand, runs.intensity.words, runs.si)

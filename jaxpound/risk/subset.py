@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from os import PathLike
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +26,7 @@ from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.levels import Level, descent, side_by_side
 from jaxpound.risk.limit_state import LimitState, require_dependence, threshold_of
 from jaxpound.risk.rare_event import RAREST, RareEvent, always
+from jaxpound.risk.subset_runs import SubsetRuns
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.sampling import key_numbers
 from jaxpound.study.scenarios import ScenarioSet
@@ -59,6 +61,7 @@ def subset_simulation(
     cov: float | None = None,
     max_runs: int = _MAX_RUNS,
     key: int | jax.Array = 0,
+    store: str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> RareEvent:
     """Probability of a rare event by subset simulation with adaptive conditional sampling.
@@ -98,6 +101,11 @@ def subset_simulation(
         Number of runs beyond which no repeats are added.
     key
         A seed, or a key of ``jax.random``.
+    store
+        A folder that keeps the values of finished runs: the same call goes on from there after it
+        was stopped, or to a smaller ``cov`` or more ``repeats``, and ends as if it had not been
+        interrupted. At most some 2,000 runs (n, if that is more) are lost. Damaged files are named
+        in a warning, and their runs made anew.
     progress
         Whether to show a progress bar with the current estimate.
 
@@ -114,7 +122,10 @@ def subset_simulation(
     ------
     ValueError
         If an argument breaks its rule, memory has no room for ``max_runs`` points, or the demand
-        does not depend on the scenarios' numbers.
+        does not depend on the scenarios' numbers. If the store holds another search, with what
+        differs.
+    OSError
+        If the store cannot be written to.
 
     Examples
     --------
@@ -135,6 +146,7 @@ def subset_simulation(
         cov=cov,
         max_runs=max_runs,
         key=key,
+        store=store,
         progress=progress,
     )
 
@@ -148,6 +160,7 @@ def simulated(
     cov: float | None = None,
     max_runs: int = _MAX_RUNS,
     key: int | jax.Array = 0,
+    store: str | PathLike[str] | None = None,
     progress: bool = True,
     why: str = "",
 ) -> RareEvent:
@@ -155,30 +168,23 @@ def simulated(
     n, repeats, max_runs = _checked(state, n, p0, repeats, cov, max_runs)
     _, numbers = key_numbers(OWNER, key)
     found: list[list[Level]] = []
-    runs = failed = 0
     with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
+        runs = SubsetRuns(state, bar, store, key=key, n=n, p0=p0)
 
-        def values(z: np.ndarray) -> np.ndarray:
-            nonlocal runs, failed
-            given = np.asarray(state.values(z), float)
-            wrong = np.isnan(given)
-            runs, failed = runs + len(z), failed + int(wrong.sum())
-            return np.where(wrong, -np.inf, given)
-
-        def told(more: int, reached: list[float]) -> None:
+        def told(reached: list[float]) -> None:
             bar.set_postfix_str(_so_far(found) if found else f"P < {np.mean(reached):.2g}")
-            bar.update(more)
 
         wanted = repeats
         while wanted > 0:
             numbered = range(len(found), len(found) + wanted)
-            random = [np.random.default_rng([*numbers, r]) for r in numbered]
-            new = [descent(state.dimension, n, p0, rng) for rng in random]
-            found = found + side_by_side(values, new, told)
+            random = {r: np.random.default_rng([*numbers, r]) for r in numbered}
+            new = {r: descent(state.dimension, n, p0, rng) for r, rng in random.items()}
+            found = found + side_by_side(runs, new, told)
             if all(len(levels) == 1 for levels in found):
                 require_dependence(OWNER, state, found[0][0].points, found[0][0].values)
             bar.set_postfix_str(_so_far(found))
-            wanted = min(_more_repeats(found, cov), (max_runs - runs) * len(found) // runs)
+            room = (max_runs - runs.count) * len(found) // runs.count
+            wanted = min(_more_repeats(found, cov), room)
     depths = sorted(map(len, found))
     levels = f"{depths[0]} to {depths[-1]} levels"
     if depths[0] == depths[-1]:
@@ -188,13 +194,13 @@ def simulated(
         f"samples a level, p0 = {p0:.3g}, {levels}; c.o.v. by repeats"
     )
     bound, warnings = _bound(found, round(p0 * n))
-    if failed:
-        warnings.append(f"{failed:,} of {runs:,} runs failed and count as safe")
+    if runs.failed:
+        warnings.append(f"{runs.failed:,} of {runs.count:,} runs failed and count as safe")
     sample = _sample(found)
     return RareEvent(
         probability=_probability(found) if bound is None else bound,
         cov=_cov(found),
-        runs=runs,
+        runs=runs.count,
         gradients=0,
         method=f"{why}{method}",
         limit_state=state,

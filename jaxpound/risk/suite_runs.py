@@ -1,15 +1,21 @@
-"""Runs of structures under the records of a suite, each record times a factor."""
+"""Runs of structures under the records of a suite, each record times a factor.
+
+What has been run is known by record and factor, and kept in a store if there is one: an analysis
+that was stopped asks again for what it needs, and only what it has not had yet is run.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from os import PathLike
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
+from tqdm.auto import tqdm
 
 from jaxpound._checks import instance, number, require_memory
 from jaxpound.grid import TimeGrid
@@ -21,11 +27,13 @@ from jaxpound.model.system import Structures, is_closable
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, kind_of
 from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP, Demanded, demand_named, passing_through
+from jaxpound.risk.ledger import Ledger, identity
 from jaxpound.risk.shaking import Intensity, dimensionless_suite, grid_for
-from jaxpound.simulation.batches import in_chunks
+from jaxpound.simulation.batches import in_chunks, runs_at_a_time
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, require_stable, system_of
 from jaxpound.study.demands import rest_gap
+from jaxpound.study.store import describe
 from jaxpound.units import Scales
 
 
@@ -41,11 +49,20 @@ class Asked(NamedTuple):
     scales: Scales | None
     scheme: Scheme
     strict: bool
+    store: str | PathLike[str] | None = None
+    progress: bool = True
+
+
+_COLUMNS = ("record", "factor", "demand", "slope", "has_slope")
+_ROWS = 256  # of a file
+
+_Pair = tuple[int, float]
+"""Number of a record, and its factor."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SuiteRuns:
-    """Compiled runs for batches of records and factors of any size.
+    """Compiled runs for batches of records and factors of any size, with a progress bar.
 
     ``demands`` and ``slopes`` take the number of a record and the intensity to which it is scaled.
     """
@@ -59,8 +76,13 @@ class SuiteRuns:
     threshold: float
     """In SI units if there are scales."""
     si: bool
-    _values: Callable[..., Any] = dataclasses.field(repr=False)
-    _with_slopes: Callable[..., Any] = dataclasses.field(repr=False)
+    bar: Any = dataclasses.field(repr=False)
+    """A context manager."""
+    _programs: tuple[Callable[..., Any], Callable[..., Any]] = dataclasses.field(repr=False)
+    _held: tuple[dict[_Pair, Any], dict[_Pair, Any]] = dataclasses.field(repr=False)
+    _ledger: Ledger | None = dataclasses.field(repr=False)
+    told: Callable[[Int[np.ndarray, " m"]], None] = lambda which: None
+    """Called with the numbers of the records before each batch."""
 
     @classmethod
     def of(cls, owner: str, asked: Asked, highest: Any = None) -> SuiteRuns:
@@ -87,14 +109,31 @@ class SuiteRuns:
         tell(owner, findings + _too_strong(suite, factors), asked.strict)
         require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
         wanted = asked.demand if callable(asked.demand) else name
-        value = _demanded(owner, structures, _Shaking.of(shaking), grid, scheme, wanted, scales)
+        records = _Shaking.of(shaking)
+        value = _demanded(owner, structures, records, grid, scheme, wanted, scales)
         jax.eval_shape(value, 0, 1.0)
 
         def with_slope(which: Any, factor: Any) -> Any:
             return jax.jvp(lambda f: value(which, f), (factor,), (jnp.ones_like(factor),))
 
-        runs = in_chunks(value), in_chunks(with_slope)
-        return cls(owner, suite, intensity, name, limit, scales is not None, *runs)
+        ledger: Ledger | None = None
+        held: tuple[dict[_Pair, Any], dict[_Pair, Any]] = {}, {}
+        if asked.store is not None:
+            what = {
+                "demand": name,
+                "records": describe(records),
+                "structures": describe(structures),
+                "scales": describe(scales),
+                "grid": describe(grid),
+                "scheme": describe(scheme),
+            }
+            known = identity("runs of a suite", _COLUMNS, _ROWS, (value, (0, 1.0)), **what)
+            ledger = Ledger(asked.store, known)
+            held = _by_pair(ledger.rows)
+        programs = in_chunks(value, _part()), in_chunks(with_slope, _part())
+        bar = tqdm(unit=" runs", disable=not asked.progress)
+        si = scales is not None
+        return cls(owner, suite, intensity, name, limit, si, bar, programs, held, ledger)
 
     def demands(
         self, which: Int[np.ndarray, " m"], intensities: Float[np.ndarray, " m"]
@@ -106,16 +145,43 @@ class SuiteRuns:
         FloatingPointError
             If a run ends in numbers that are not finite.
         """
-        found = self._values(which, intensities / self.intensity.unscaled[which])
+        found = self._known(which, intensities, slopes=False)[:, 0]
         return self._finite(which, intensities, found)
 
     def slopes(
         self, which: Int[np.ndarray, " m"], intensities: Float[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
         """``demands``, and their derivatives by the intensity."""
-        unit = self.intensity.unscaled[which]
-        found, slope = self._with_slopes(which, intensities / unit)
-        return self._finite(which, intensities, found), slope / unit
+        found, slope = self._known(which, intensities, slopes=True).T
+        return self._finite(which, intensities, found), slope / self.intensity.unscaled[which]
+
+    def _known(self, which: Any, intensities: Any, slopes: bool) -> Float[np.ndarray, "m 2"]:
+        """Demands and, if asked for, derivatives by the factor, NaN else; run if need be.
+
+        What is run at once is the same whatever is held: then so are the programs, and their
+        rounding.
+        """
+        self.told(which)
+        factors = np.asarray(intensities / self.intensity.unscaled[which], jnp.zeros(()).dtype)
+        self.bar.total = (self.bar.total or 0) + len(which)
+        pairs = [*zip(which.tolist(), factors.tolist(), strict=True)]
+        held, size = self._held[slopes], min(len(pairs), _part())
+        for start in range(0, len(pairs), size):
+            part = pairs[start : start + size]
+            missing = np.array([i for i, pair in enumerate(part, start) if pair not in held], int)
+            if missing.size:
+                filled = np.pad(missing, (0, size - missing.size), mode="edge")
+                found = self._programs[slopes](which[filled], factors[filled])
+                both = np.transpose(found if slopes else (found, np.full(size, np.nan)))
+                self._keep([pairs[i] for i in missing], both[: missing.size], slopes)
+            self.bar.update(len(part))
+        return np.array([held[pair] for pair in pairs], float)
+
+    def _keep(self, pairs: list[_Pair], found: Float[np.ndarray, "m 2"], slopes: bool) -> None:
+        if self._ledger is not None:
+            rows = (*np.transpose(pairs), *found.T, np.full(len(pairs), float(slopes)))
+            self._ledger.add(dict(zip(_COLUMNS, rows, strict=True)))
+        self._held[slopes].update(zip(pairs, found, strict=True))
 
     def _finite(self, which: Any, intensities: Any, found: Any) -> Any:
         if not (good := np.isfinite(found)).all():
@@ -123,6 +189,20 @@ class SuiteRuns:
             place = f"{self.owner}: {self.suite.names[which[i]]!r} at {intensities[i]:.6g}"
             raise FloatingPointError(f"{place}: {self.demand} must be finite, but is {found[i]}")
         return found
+
+
+def _part() -> int:
+    """Runs after which a file is written."""
+    return runs_at_a_time() // 4
+
+
+def _by_pair(rows: Mapping[str, np.ndarray]) -> tuple[dict[_Pair, Any], dict[_Pair, Any]]:
+    """Demand and slope by record and factor, of runs without and with slopes."""
+    held: tuple[dict[_Pair, Any], dict[_Pair, Any]] = {}, {}
+    records, factors, *found, slopes = (rows[name].tolist() for name in _COLUMNS)
+    for record, factor, *both, has_slope in zip(records, factors, *found, slopes, strict=True):
+        held[int(has_slope)][int(record), factor] = both
+    return held
 
 
 def _limit(owner: str, structures: Structures, asked: Asked) -> tuple[str, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -38,7 +37,6 @@ Measure = Callable[[Any, Any], Any]
 Columns = dict[str, np.ndarray]
 
 _PROGRAMS: dict[tuple[str, str], Callable[[np.ndarray], Any]] = {}
-_SHOWN = 6  # damaged chunks that a warning names
 _MOST_PROGRAMS = 8  # compiled programs that a process keeps, two for each study
 
 
@@ -237,22 +235,9 @@ def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[st
 
     At the end a warning names the damaged ones.
     """
-    damaged = []
-    for chunk in chunks:
-        try:
-            columns = store.read(chunk)
-        except DamagedError as error:
-            damaged.append(str(error))
-            continue
-        if columns is not None:
-            yield chunk, moments(columns)
-    if damaged:
-        more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
-        warnings.warn(
-            f"store {store.folder}: {'; '.join(damaged[:_SHOWN])}{more}; what is damaged is left "
-            "out until monte_carlo makes it anew",
-            stacklevel=4,
-        )
+    then = "what is damaged is left out until monte_carlo makes it anew"
+    for chunk, columns in store.undamaged(chunks, then, stacklevel=5):
+        yield chunk, moments(columns)
 
 
 def total(parts: Iterable[Mapping[str, Moments]]) -> dict[str, Moments]:

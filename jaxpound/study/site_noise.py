@@ -109,7 +109,7 @@ class SiteBasedNoise(Checked, GroundDraw):
     Notes
     -----
     Motions are horizontal and of the far field: without pulses. Elsewhere the regression is not
-    refused, but means little. Samples cost O(n log n), some 50 Fourier transforms of 2 n
+    refused, but means little. Samples cost O(n log n), some 80 Fourier transforms of 2 n
     numbers for each motion: for n above 1,000 this, not the run, takes most of a study's time.
 
     Examples

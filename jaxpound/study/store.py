@@ -15,7 +15,8 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +37,14 @@ from jaxpound.study.archives import (
 
 MANIFEST = "manifest.json"
 _FORMAT = 2
-_MOST = 2**31  # samples
+MOST = 2**31
+"""Samples of a store at most."""
 _WRITTEN_OUT = 16  # entries of an array that a description writes out
 _SAMPLES = re.compile(r"samples-([1-9]\d{0,9})")
 _PARTIAL = re.compile(r"chunk-(\d{6,10})-([1-9]\d{0,9})\.npz")
+_FULL = re.compile(r"chunk-(\d{6,10})\.npz")
 _TRIES = 3
+_SHOWN = 6  # damaged chunks that a warning names
 _LARGEST_MANIFEST = 2**28  # bytes; a file of any size would fill the memory
 
 
@@ -170,9 +174,35 @@ class Store:
             raise damage
         return None
 
+    def undamaged(
+        self, chunks: Iterable[int], then: str, stacklevel: int = 3
+    ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """Those of the given chunks that are there and undamaged, with their columns.
+
+        At the end a warning names the damaged ones, and says what becomes of them (``then``).
+        """
+        damaged = []
+        for chunk in chunks:
+            try:
+                columns = self.read(chunk)
+            except DamagedError as error:
+                damaged.append(str(error))
+                continue
+            if columns is not None:
+                yield chunk, columns
+        if damaged:
+            more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
+            said = f"{'; '.join(damaged[:_SHOWN])}{more}; {then}"
+            warnings.warn(f"store {self.folder}: {said}", stacklevel=stacklevel)
+
     def has(self, chunk: int) -> bool:
         """Whether there is a file for a chunk."""
         return bool(self._held(chunk))
+
+    def full(self) -> list[int]:
+        """Numbers of the chunks that have a file of the whole size, in order."""
+        found = [_FULL.fullmatch(path.name) for path in self.folder.iterdir()]
+        return sorted(int(match[1]) for match in found if match)
 
     def sweep(self) -> None:
         """Remove half-written files of killed processes, and chunks that longer ones replace."""
@@ -198,8 +228,8 @@ class Store:
         for path in self.folder.iterdir():
             if match := _SAMPLES.fullmatch(path.name):
                 found[path] = n = int(match[1])
-                if n > _MOST:
-                    raise ValueError(f"store {self.folder}: {path.name} must be at most {_MOST}")
+                if n > MOST:
+                    raise ValueError(f"store {self.folder}: {path.name} must be at most {MOST}")
         return found
 
     def _path(self, chunk: int, rows: int) -> Path:
@@ -260,8 +290,8 @@ def _check_identity(owner: str, identity: Any) -> None:
     """A ``ValueError`` if an identity lacks an entry that reading a chunk needs."""
     given = identity if isinstance(identity, dict) else {}
     size, names, precision = (given.get(k) for k in ("chunk_size", "columns", "precision"))
-    if not (type(size) is int and 1 <= size <= _MOST):
-        raise ValueError(f"{owner}: chunk_size = {_short(size)} must be from 1 to {_MOST:,}")
+    if not (type(size) is int and 1 <= size <= MOST):
+        raise ValueError(f"{owner}: chunk_size = {_short(size)} must be from 1 to {MOST:,}")
     if not (isinstance(names, list) and names):
         raise ValueError(f"{owner}: columns = {_short(names)} must be names")
     for name in names:

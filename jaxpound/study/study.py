@@ -89,6 +89,8 @@ class Study(Columnar, Shown):
             If the folder holds no study, or no chunk of it is finished.
         """
         store = Store(folder)
+        if other := store.manifest["identity"].get("search"):
+            raise ValueError(f"store {folder} must hold a study, but holds {other}")
         found = dict(finished(store, store.chunks()))
         if not found:
             raise ValueError(f"store {folder} must hold at least one finished chunk")

@@ -1,5 +1,6 @@
 """``jaxpound ida``: its configuration, its run, and what it writes."""
 
+import argparse
 import csv
 import json
 import re
@@ -11,7 +12,9 @@ import jaxpound as jp
 from jaxpound.cli import ida
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
+from jaxpound.cli.main import _kept
 from jaxpound.cli.reading import File, entries
+from jaxpound.risk.suite_runs import SuiteRuns
 from tests.cli.commands import edited, is_figure, number, refusal, run, tables
 from tests.ground.test_suite import SUITE, at2
 
@@ -81,6 +84,29 @@ def test_the_capacities_are_the_library_s(done, folder):
     assert answers["fragility"]["median"] == pytest.approx(curve.median)
     assert answers["target"]["at_bound"] == list(scaled.at_bound) == ["fast"]
     np.testing.assert_allclose(answers["fractiles"]["0.5"], np.median(found.demands, axis=0))
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
+    arguments = ["ida", folder / "ida.toml", "--out", folder / "again", "--store", folder / "store"]
+    demands = SuiteRuns.demands
+
+    def stopping(self, which, intensities):
+        if any((folder / "store").glob("chunk-*.npz")):
+            raise KeyboardInterrupt
+        return demands(self, which, intensities)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SuiteRuns, "demands", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            run(*arguments)
+    told = _kept(argparse.Namespace(command="ida", store=folder / "store", out=folder / "again"))
+    assert told.startswith(f"finished runs are kept in {folder / 'store'}, and the same command")
+    for _ in range(2):  # the second time from the files alone
+        assert run(*arguments) == done[0].replace(str(done[1]), str(folder / "again"))
+        monkeypatch.setattr("jaxpound.risk.suite_runs.in_chunks", lambda *_: None)
+    for name in ("capacities.csv", "curves.csv"):
+        assert (folder / "again" / name).read_text() == (done[1] / name).read_text()
 
 
 def test_what_is_written(done):

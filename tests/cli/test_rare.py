@@ -160,12 +160,34 @@ def test_other_earthquakes_and_uncertain_buildings():
     assert (found.dimension, found.scenarios.discrete) == (36, ())
 
 
-def test_a_search_that_keeps_no_files(tmp_path, capsys):
-    path = tmp_path / "rare.toml"
-    path.write_text(edited(EXAMPLE, {"method": 'method = "subset"'}))
-    told = refusal(capsys, "rare", path, "--out", tmp_path / "out", "--store", tmp_path / "store")
-    assert "argument --store must not be given: subset simulation is taken" in told
-    assert [*tmp_path.iterdir()] == [path]
+def test_a_stopped_subset_simulation_goes_on(tmp_path, monkeypatch):
+    path, store = tmp_path / "rare.toml", tmp_path / "store"
+    subset = {"method": 'method = "subset"', "# gap =": "gap = 0.07", "thresholds": ""}
+    path.write_text(edited(EXAMPLE, SHORT | subset))
+    made, values = [], jp.LimitState.values
+
+    def run_once(most):
+        """The summary after a run that is interrupted after so many batches."""
+
+        def counted(self, z):
+            if len(made) == most:
+                raise KeyboardInterrupt
+            made.append(len(z))
+            return values(self, z)
+
+        made.clear()
+        with monkeypatch.context() as patch:
+            patch.setattr(jp.LimitState, "values", counted)
+            run("rare", path, "--out", tmp_path / "out", "--store", store)
+        return json.loads((tmp_path / "out" / "summary.json").read_text())
+
+    with pytest.raises(KeyboardInterrupt):
+        run_once(3)
+    assert len([*store.rglob("chunk-*.npz")]) == 3
+    told = run_once(None)
+    assert sum(made) + 3 * 2000 == told["runs"] >= 20_000
+    assert run_once(0) == told
+    assert "subset simulation" in told["method"]
 
 
 def test_a_row_and_another_demand():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.risk import suite_runs
 from jaxpound.risk.crossings import Brackets, by_newton, by_sections
 from tests.ground.test_suite import SUITE
 
@@ -151,6 +152,89 @@ def test_strong_records_are_warned_of():
         analysed(records=[SUITE[0]], intensities=[0.1, 6.0])
     with pytest.raises(ValueError, match="PGA of 6 g"):
         analysed(intensities=[0.1, 6.0], strict=True)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Sizes of the batches that are run; stopped by an interrupt where ``most`` is reached."""
+    sizes, in_chunks = [], suite_runs.in_chunks
+
+    def counting(function, size):
+        program = in_chunks(function, size)
+
+        def run(*args):
+            if len(sizes) == counting.most:
+                raise KeyboardInterrupt
+            sizes.append(len(args[0]))
+            return program(*args)
+
+        return run
+
+    counting.most, sizes_of = None, sizes
+    monkeypatch.setattr(suite_runs, "in_chunks", counting)
+    monkeypatch.setattr(suite_runs, "_part", lambda: 8)
+    return counting, sizes_of
+
+
+def assert_same(found, expected):
+    np.testing.assert_array_equal(found.demands, expected.demands)
+    np.testing.assert_array_equal(found.capacities, expected.capacities)
+
+
+@pytest.mark.parametrize("refine", ["bisection", "newton"])
+def test_a_stopped_analysis_goes_on(refine, counted, tmp_path):
+    """Stopped within the ladder and after it."""
+    counting, sizes = counted
+    how = {"refine": refine, "progress": False}
+    whole, needed = analysed(**how), len(sizes)
+    assert needed > 2
+    for _ in range(2):
+        counting.most = len(sizes) + 1
+        with pytest.raises(KeyboardInterrupt):
+            analysed(**how, store=tmp_path / "ida")
+    counting.most = len(sizes) + needed - 2  # what is left
+    assert_same(analysed(**how, store=tmp_path / "ida"), whole)
+    assert len(sizes) == counting.most
+    assert_same(analysed(**how, store=tmp_path / "ida"), whole)  # from its files alone
+
+
+def test_a_store_serves_other_questions_of_the_same_runs(counted, tmp_path):
+    counting, sizes = counted
+    store = tmp_path / "ida"
+    first = analysed(store=store, progress=False)
+    counting.most = len(sizes)
+    assert_same(analysed(store=store, progress=False, measure=SUITE.pgas), first)
+    strip = jp.multiple_stripes(
+        PAIR, SUITE, intensities=LADDER, scales=SCALES, store=store, progress=False
+    )
+    np.testing.assert_array_equal(strip.demands, first.demands.T)
+    for changed, words in (
+        ({"demand": "peak_x1", "threshold": 0.02}, "demand is 'required_gap' there and 'peak_x1'"),
+        ({"records": SUITE.scaled([1.0, 1.0, 2.0])}, "records.* there and .* here"),
+        ({"structures": dataclasses.replace(PAIR, friction=0.1)}, "structures.friction is 0.0 th"),
+    ):
+        with pytest.raises(ValueError, match=f"holds another study: .*{words}"):
+            analysed(store=store, progress=False, **changed)
+
+
+def test_damaged_files_are_told_and_made_anew(linear, counted, tmp_path):
+    _, sizes = counted
+    store = tmp_path / "ida"
+    whole = analysed(store=store, progress=False)
+    files, done = sorted(store.glob("chunk-*.npz")), len(sizes)
+    files[1].write_bytes(b"damaged")
+    with pytest.warns(UserWarning, match=r"ida: chunk 1 is damaged .*; its runs are made anew"):
+        assert_same(analysed(store=store, progress=False), whole)
+    assert len(sizes) == done + 1
+    assert sorted(store.glob("chunk-*.npz")) == files
+    assert_same(analysed(store=store, progress=False), whole)
+
+
+def test_the_progress_bar_shows_records_and_brackets(capsys):
+    analysed()
+    shown = capsys.readouterr().err
+    assert "0 of 3 records, brackets within 0." in shown
+    assert "3 of 3 records" in shown
 
 
 @pytest.mark.parametrize(

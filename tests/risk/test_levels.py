@@ -8,8 +8,14 @@ from jaxpound.risk.levels import descent, side_by_side
 
 
 def simulated(value, dimension, *, n=1000, p0=0.1, repeats=20, key=0):
-    rngs = [np.random.default_rng([key, r]) for r in range(repeats)]
-    return side_by_side(value, [descent(dimension, n, p0, rng) for rng in rngs])
+    rngs = {r: np.random.default_rng([key, r]) for r in range(repeats)}
+    descents = {r: descent(dimension, n, p0, rng) for r, rng in rngs.items()}
+    return side_by_side(each(value), descents)
+
+
+def each(value):
+    """The values of all requests, by their places."""
+    return lambda asked: {place: value(z) for place, z in asked.items()}
 
 
 def linear(dimension, beta):
@@ -89,15 +95,14 @@ def test_a_repeat_does_not_depend_on_the_others():
 
 def test_requests_of_all_repeats_are_one_batch():
     sizes, reached = [], []
-    value = linear(10, 3.0)
     rngs = [np.random.default_rng(r) for r in range(8)]
-    descents = [descent(10, 500, 0.1, rng) for rng in rngs]
+    descents = {r: descent(10, 500, 0.1, rng) for r, rng in enumerate(rngs)}
 
-    def told(size, probabilities):
-        sizes.append(size)
-        reached.append(np.mean(probabilities))
+    def values(asked):
+        sizes.append(sum(map(len, asked.values())))
+        return each(linear(10, 3.0))(asked)
 
-    found = side_by_side(value, descents, told)
+    found = side_by_side(values, descents, lambda p: reached.append(np.mean(p)))
     assert sizes[0] == 8 * 500
     assert set(sizes[1:10]) == {8 * 50}
     # Of samples equal to the threshold none goes on: fewer seeds, and more runs.

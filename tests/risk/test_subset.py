@@ -2,6 +2,10 @@
 
 import dataclasses
 import re
+import signal
+import subprocess
+import sys
+import time
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +13,7 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import jaxpound as jp
+from jaxpound.risk.run import event_of
 from jaxpound.risk.subset import simulated
 
 GRID = jp.TimeGrid.until(8.0, dt=0.1)
@@ -222,3 +227,151 @@ def test_the_progress_bar_shows_the_estimate(scaled, capsys):
     shown = capsys.readouterr().err
     assert "P < 0.1" in shown
     assert "c.o.v." in shown
+
+
+STORED = {"n": 300, "repeats": 10, "key": 3, "progress": False}  # two parts at the first level
+
+
+def stopped(monkeypatch, after, state, **options):
+    """Stop a search by an interrupt in one of its batches."""
+    made, run = [], jp.LimitState.values
+
+    def stopping(self, z):
+        if len(made) == after:
+            raise KeyboardInterrupt
+        made.append(len(z))
+        return run(self, z)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "values", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            simulated(state, **options)
+    return sum(made)
+
+
+def without_runs(monkeypatch, state, **options):
+    """A search that finds all it needs in its store."""
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "values", None)
+        return simulated(state, **options)
+
+
+def assert_same(found, expected):
+    for name in ("points", "weights", "values", "repeats"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    for name in ("probability", "cov", "runs", "method", "warnings"):
+        assert getattr(found, name) == getattr(expected, name)
+
+
+@pytest.fixture(scope="module")
+def whole(scaled):
+    return simulated(scaled(3.0), **STORED)
+
+
+def test_a_stopped_search_goes_on(scaled, whole, tmp_path, monkeypatch):
+    """Stopped within the first level, and within others; all that was done is kept."""
+    state, options = scaled(3.0), STORED | {"store": tmp_path / "search"}
+    ran = stopped(monkeypatch, 1, state, **options) + stopped(monkeypatch, 9, state, **options)
+    counted, run = [], jp.LimitState.values
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "values", lambda s, z: counted.append(len(z)) or run(s, z))
+        assert_same(simulated(state, **options), whole)
+    assert ran + sum(counted) == whole.runs
+    assert_same(without_runs(monkeypatch, state, **options), whole)
+
+
+def test_a_store_grows_to_more_repeats_and_a_smaller_cov(scaled, whole, tmp_path, monkeypatch):
+    state, options = scaled(3.0), STORED | {"store": tmp_path / "search"}
+    few = simulated(state, **options | {"repeats": 4})
+    assert_same(simulated(state, **options), whole)
+    assert_same(without_runs(monkeypatch, state, **options | {"repeats": 4}), few)
+    finer = {"cov": 0.6 * whole.cov}
+    found = simulated(state, **options, **finer)
+    assert found.runs > 2 * whole.runs
+    assert_same(found, simulated(state, **STORED, **finer))
+    assert_same(without_runs(monkeypatch, state, **options), whole)
+
+
+def test_damaged_files_are_told_and_made_anew(scaled, whole, tmp_path, monkeypatch):
+    state, folder = scaled(3.0), tmp_path / "search"
+    simulated(state, **STORED, store=folder)
+    files = sorted(folder.glob("chunk-*.npz"))
+    for path in (files[1], files[4]):
+        path.write_bytes(path.read_bytes()[:-9])
+    words = r"store .*search: chunk 1 is damaged .*; chunk 4 is .*; its runs are made anew"
+    with pytest.warns(UserWarning, match=words):
+        assert_same(simulated(state, **STORED, store=folder), whole)
+    assert_same(without_runs(monkeypatch, state, **STORED, store=folder), whole)
+    assert sorted(folder.glob("chunk-*.npz")) == files
+
+
+def test_another_search_is_refused(scaled, tmp_path):
+    options = STORED | {"store": tmp_path / "search", "n": 100, "repeats": 2}
+    simulated(scaled(2.0), **options)
+    for state, changed, words in (
+        (scaled(2.5), {}, r"threshold is .* there and .* here"),
+        (scaled(2.0), {"n": 200}, "n is 100 there and 200 here"),
+        (scaled(2.0), {"p0": 0.2}, r"p0 is 0\.1 there and 0\.2 here"),
+        (scaled(2.0), {"key": 4}, "key.numbers is .* there and .* here"),
+    ):
+        with pytest.raises(ValueError, match=f"holds another study: {words}"):
+            simulated(state, **options | changed)
+    more = {"method": "design points", "store": options["store"], "progress": False}
+    with pytest.raises(
+        ValueError, match="search is 'a subset simulation' there and 'a search by design"
+    ):
+        event_of(scaled(2.0), **more)
+    with pytest.raises(ValueError, match="must hold a study, but holds a subset simulation"):
+        jp.Study.open(options["store"])
+
+
+def test_a_search_that_falls_back_on_subset_simulation_goes_on(tmp_path, monkeypatch):
+    """Its gradients are zero: nothing leads to the limit state, and that is kept too."""
+
+    def rounded(z):
+        return jp.Ricker(0.05 * jnp.round(z.sum()) / jnp.sqrt(30), [2.0], [1.5])
+
+    scenarios = jp.Scenarios(SLIDING, jp.CustomDraw(rounded, 30))
+    state = jp.LimitState(scenarios, GRID, demand="peak_x1", threshold=0.25)
+    options = {"store": tmp_path / "search", "progress": False, "cov": 0.3}
+    first = event_of(state, **options)
+    assert "to the limit state: subset simulation" in first.method
+    with monkeypatch.context() as patch:
+        for name in ("values", "values_and_times", "gradients"):
+            patch.setattr(jp.LimitState, name, None)
+        assert_same(event_of(state, **options), first)
+    for name in ("design-points.npz", "chunk-000000.npz"):
+        (options["store"] / name).write_bytes(b"damaged")
+    with (
+        pytest.warns(UserWarning, match=r"search: design-points.npz is damaged .* made anew"),
+        pytest.warns(UserWarning, match=r"search: chunk 0 is damaged .* made anew"),
+    ):
+        assert_same(event_of(state, **options), first)
+
+
+KILLED = """
+import sys
+import jax
+jax.config.update("jax_enable_x64", True)
+import jaxpound as jp
+from tests.risk.test_subset import GRID, SLIDING, wave
+scenarios = jp.Scenarios(SLIDING, jp.CustomDraw(wave, 4))
+event = {"demand": "peak_x1", "threshold": float(sys.argv[2])}
+jp.subset_simulation(
+    scenarios, GRID, **event, n=300, repeats=10, key=3, store=sys.argv[1], progress=False
+)
+"""
+
+
+def test_a_search_killed_at_any_moment_goes_on(scaled, whole, tmp_path, monkeypatch):
+    """SIGKILL while a part is run or written."""
+    state, folder = scaled(3.0), tmp_path / "search"
+    command = [sys.executable, "-c", KILLED, str(folder), repr(state.threshold)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as worker:
+        while worker.poll() is None and len([*folder.glob("chunk-*.npz")]) < 3:
+            time.sleep(0.001)
+        worker.kill()
+        _, errors = worker.communicate()
+    assert worker.returncode == -signal.SIGKILL, errors
+    assert_same(simulated(state, **STORED, store=folder), whole)
+    assert not [*folder.glob("*.part")]
