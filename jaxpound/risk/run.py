@@ -75,12 +75,12 @@ def rare_event(
     key
         A seed, or a key of ``jax.random``. Sample i depends on it and on i alone.
     start
-        An event of the same scenarios at another threshold, or of other structures in the same
-        ground motions, from whose design points to start: a curve of probabilities, from the
-        likelier to the rarer, costs little.
+        An event of the same demand at another threshold, or of other structures in the same ground
+        motions, from whose design points, if it has any, to start: a curve of probabilities, from
+        the likelier to the rarer, costs little.
     max_runs
         Runs at most, gradients aside; by default 50,000 around design points, and a million of
-        subset simulation.
+        subset simulation. They come in batches of 256, two at least.
     store
         A folder that keeps design points and finished batches: the same call goes on from there
         after it was stopped, or to a smaller ``cov``, and ends as if it had not been interrupted.
@@ -161,9 +161,7 @@ def event_of(
     require_share(OWNER, "cov", number(OWNER, "cov", cov))
     most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
     _, numbers = key_numbers(OWNER, key)
-    if start is not None and start.limit_state.dimension != state.dimension:
-        rule = f"of scenarios of {state.dimension} numbers, as these are"
-        raise ValueError(f"{OWNER}: start of {start.limit_state.dimension} must be {rule}")
+    start = _start(state, start)
 
     def by_subset(why: str) -> RareEvent:
         if store is not None:
@@ -181,10 +179,14 @@ def event_of(
         kept = Kept(store, state, key, first, BATCH, most)
     with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
         search = Search(state, cov, most, normal_points(key, state), kept, bar)
-        pilot = search.pilot() if start is None else None
-        if pilot is not None and pilot.probability > COMMON:
-            return search.plain(pilot)
-        found = search.points(numbers, start)
+        pilot = None
+        found = None if start is None else search.points(numbers, start)
+        if found is None or not len(found) or found.form() > COMMON / 2:
+            pilot = search.pilot()
+            if pilot.probability > COMMON:
+                return search.plain(pilot, 0 if found is None else found.gradients)
+        if found is None:
+            found = search.points(numbers, None)
         if len(found) or not found.failed:
             return search.around(found, 0 if pilot is None else BATCH)
     if method == "auto":
@@ -195,6 +197,21 @@ def event_of(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
         "reached it; use method = 'subset'"
     )
+
+
+def _start(state: LimitState, event: RareEvent | None) -> RareEvent | None:
+    """An event to start from; None without design points, a ``ValueError`` if of another kind."""
+    if event is None:
+        return None
+    before = event.limit_state
+    if before.dimension != state.dimension:
+        rule = f"of scenarios of {state.dimension} numbers, as these are"
+        raise ValueError(f"{OWNER}: start of {before.dimension} must be {rule}")
+    named = isinstance(state.demand, str) or isinstance(before.demand, str)
+    if (named and before.demand != state.demand) or len(before.series) != len(state.series):
+        rule = f"must be of {state.demand!r}, as this event is"
+        raise ValueError(f"{OWNER}: start of the demand {before.demand!r} {rule}")
+    return event if len(event.design_points) else None
 
 
 def choice(state: LimitState, method: str) -> tuple[bool, str]:
