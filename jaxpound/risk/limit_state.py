@@ -119,11 +119,20 @@ class LimitState:
         return self.observed(z, self.changes)[0] - self.level
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """``value`` of points, shape (n, d), in chunks of one size: one program runs them all."""
+        """``value`` of points, shape (n, d), in chunks of one size: one program runs them all.
+
+        Raises
+        ------
+        ValueError
+            If there is no point, or it has another number of coordinates.
+        """
         return self.values_and_times(z)[0]
 
     def values_and_times(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``values``, and the times of the smallest gap; NaN for other demands, shape (n,) each."""
+        if np.ndim(z) != 2 or not len(z) or np.shape(z)[1] != self.dimension:
+            rule = f"must be of shape (n, {self.dimension}), n at least 1"
+            raise ValueError(f"{OWNER}.values: z of shape {np.shape(z)} {rule}")
         demanded, times = self.programs.observed(z, self.changes)
         return demanded - self.level, times
 
