@@ -31,6 +31,7 @@ _SHORTER = 0.4  # factor of a step that did not help
 _SHORTEST = 0.05  # below this a step is taken whether it helps or not
 _ON = 2e-3  # distance from the limit state and, next,
 _ALONG = 0.06  # from the line along the gradient at which a point is found, as shares of |z|
+_STEEPER = 5.0  # slope, as a multiple of the usual one, that is told from a jump
 _HOPELESS = 1.0  # beyond FAR: too far for a point on its way
 _STILL = 20.0  # times FARTHEST: too far for one that has no gradient yet
 _ALIKE = 0.98  # cosine above which the points of two starts are one
@@ -129,6 +130,11 @@ class _Search:
         size = np.linalg.norm(self.slope, axis=1)
         return np.where(size == 0, 1.0, size)
 
+    def usual_steepness(self) -> float:
+        """The median length of the gradients that are not 0."""
+        moved = self.slope.any(axis=1)
+        return float(np.median(self.steepness[moved])) if moved.any() else np.inf
+
     def planes(self) -> tuple[np.ndarray, np.ndarray]:
         """Normals of the linearised limit states, and their distances from the origin."""
         steep = self.steepness
@@ -165,6 +171,8 @@ class _Search:
         size = np.maximum(length, 1)
         off = np.linalg.norm(z - along * _dots(along, z)[:, None], axis=1) <= _ALONG * size
         on = np.abs(self.value[own]) <= _ON * size * self.steepness[own]
+        # Where it is steep in passing, a point may be near the plane and far from the limit state.
+        on &= np.abs(self.value[own]) <= _STEEPER * _ON * size * self.usual_steepness()
         self.done[own] = on & off & ~still
 
     def give_up(self) -> None:

@@ -70,7 +70,7 @@ def rare_event(
         "design points"; "subset", which is ``subset_simulation`` and needs neither gradients nor
         design points, but many more runs; or "auto": subset simulation of scenarios that have
         discrete coordinates or fewer than 30 numbers, where a few points do not stand for all ways
-        to fail, or where no gradient leads to the limit state, else design points. The result's
+        to fail, or where few gradients lead to the limit state, else design points. The result's
         ``method`` says which and why.
     key
         A seed, or a key of ``jax.random``. Sample i depends on it and on i alone.
@@ -187,10 +187,12 @@ def event_of(
                 return search.plain(pilot, 0 if found is None else found.gradients)
         if found is None:
             found = search.points(numbers, None)
-        if len(found) or not found.failed:
+        # Where most searches fail, the points of the others stand for few of the failures.
+        enough = found.failed <= len(found) if method == "auto" else len(found) or not found.failed
+        if enough:
             return search.around(found, 0 if pilot is None else BATCH)
     if method == "auto":
-        event = by_subset("no gradient leads to the limit state: ")
+        event = by_subset(f"{'few' if len(found) else 'no'} gradients lead to the limit state: ")
         runs, gradients = event.runs + BATCH * (pilot is not None), found.gradients
         return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(

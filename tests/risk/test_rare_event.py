@@ -90,6 +90,23 @@ class Stuck:
         return values, np.where(slips[:, None], ways, 0.0)
 
 
+class Steep(Stuck):
+    """A plane; at every third instant a steep slope far from the limit state."""
+
+    @staticmethod
+    def gradients(z, instants, series):
+        wrong = instants % 3 == 0
+        slopes = np.where(wrong, 1e4, 1.0)[:, None] * np.eye(1, 40)
+        return np.where(wrong, 0.0, z[:, 0]) - 3, slopes
+
+
+def test_a_steep_slope_is_no_way_to_the_limit_state():
+    found = find_design_points(Steep, 0)
+    assert len(found) > 10
+    assert (found.instants % 3 > 0).all()
+    assert found.betas == pytest.approx(3)
+
+
 @pytest.mark.parametrize("key", range(3))
 def test_motions_that_open_lead_to_those_that_close(key):
     """Slopes are 0 around the origin, and behind it they lead back into where they are."""
