@@ -310,6 +310,12 @@ def test_bad_input():
     refuses("z_4 must not be discrete for design points", Chosen(), SHORT, 1.0, **by)
 
 
+@pytest.mark.parametrize("shape", [(5,), (0, 5), (2, 4)])
+def test_points_of_another_shape(shape):
+    with pytest.raises(ValueError, match=r"z of shape .* must be of shape \(n, 5\), n at least 1"):
+        jp.LimitState(FEW, SHORT, threshold=0.3).values(np.zeros(shape))
+
+
 class Chosen:
     """Scenarios that say which of their numbers are discrete."""
 
@@ -336,5 +342,9 @@ def test_the_friction_for_a_probability():
     assert found.event.probability == pytest.approx(1e-4, rel=0.3)
     assert found.structures.friction == found.value == found.event.limit_state.changes["friction"]
     assert len(found.steps) <= 6
+    # A closing does not depend on the gap at rest: where P is right already, any gap is.
+    p = found.steps[0].probability
+    any_gap = jp.reach_probability("initial_gap", p, FEW, SHORT, 0.3, tolerance=0.3, progress=False)
+    assert (any_gap.value, any_gap.error) == (1.0, np.inf)
     with pytest.raises(ValueError, match="unknown path"):
         jp.reach_probability("fiction", 1e-5, FEW, SHORT, 0.3, progress=False)
