@@ -165,7 +165,7 @@ def event_of(
 
     def by_subset(why: str) -> RareEvent:
         if store is not None:
-            rule = "must be None for subset simulation, which keeps no files"
+            rule = f"must be None: {why}subset simulation is taken, which keeps no files"
             raise ValueError(f"{OWNER}: store = {str(store)!r} {rule}")
         more = {} if max_runs is None else {"max_runs": max_runs}
         return simulated(state, cov=cov, key=key, progress=progress, why=why, **more)
