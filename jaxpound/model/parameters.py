@@ -184,6 +184,8 @@ def _found(
     table: Mapping[str, tuple[Parameter, Any]], path: str, owner: str = "parameters"
 ) -> tuple[Parameter, Any]:
     """The entry of a path; for a class ``*`` stands for any index."""
+    if not isinstance(path, str):
+        raise ValueError(f"{owner}: path = {path!r} must be the name of a parameter")
     for there in (path, re.sub(r"\.\d+\b", ".*", path)):
         if there in table:
             return table[there]

@@ -31,7 +31,9 @@ _SHORTER = 0.4  # factor of a step that did not help
 _SHORTEST = 0.05  # below this a step is taken whether it helps or not
 _ON = 2e-3  # distance from the limit state and, next,
 _ALONG = 0.06  # from the line along the gradient at which a point is found, as shares of |z|
+_STEEPER = 5.0  # slope, as a multiple of the usual one, that is told from a jump
 _HOPELESS = 1.0  # beyond FAR: too far for a point on its way
+_STILL = 20.0  # times FARTHEST: too far for one that has no gradient yet
 _ALIKE = 0.98  # cosine above which the points of two starts are one
 
 
@@ -128,6 +130,11 @@ class _Search:
         size = np.linalg.norm(self.slope, axis=1)
         return np.where(size == 0, 1.0, size)
 
+    def usual_steepness(self) -> float:
+        """The median length of the gradients that are not 0."""
+        moved = self.slope.any(axis=1)
+        return float(np.median(self.steepness[moved])) if moved.any() else np.inf
+
     def planes(self) -> tuple[np.ndarray, np.ndarray]:
         """Normals of the linearised limit states, and their distances from the origin."""
         steep = self.steepness
@@ -156,19 +163,26 @@ class _Search:
         z, length = self.z[own], np.linalg.norm(self.z[own], axis=1)
         # Where the damper sticks throughout, say, only a stronger motion can tell.
         still = (self.slope[own] == 0).all(axis=1)
+        # Behind the origin of a motion that is safe: the opposite one is nearer to the limit.
+        betas = np.where(self.value[own] < 0, np.abs(betas), betas)
         target = np.where(still[:, None], 2 * z, along * betas[:, None])
         self.direction[own] = target - z
         self.price[own] = 2 * np.maximum(length, np.abs(betas)) / self.steepness[own]
         size = np.maximum(length, 1)
         off = np.linalg.norm(z - along * _dots(along, z)[:, None], axis=1) <= _ALONG * size
         on = np.abs(self.value[own]) <= _ON * size * self.steepness[own]
+        # Where it is steep in passing, a point may be near the plane and far from the limit state.
+        on &= np.abs(self.value[own]) <= _STEEPER * _ON * size * self.usual_steepness()
         self.done[own] = on & off & ~still
 
     def give_up(self) -> None:
         """Leave those that head for points too far to matter."""
         far = min(self.nearest() + FAR + _HOPELESS, FARTHEST)
         heads = np.linalg.norm(self.z + self.direction, axis=1)
-        self.lost |= ~self.done & (np.minimum(heads, np.linalg.norm(self.z, axis=1)) > far)
+        least = np.minimum(heads, np.linalg.norm(self.z, axis=1))
+        # What makes the damper slip in a random direction is farther than the design point.
+        still = (self.slope == 0).all(axis=1)
+        self.lost |= ~self.done & (least > np.where(still, _STILL * FARTHEST, far))
 
     def rescue(self, instants: np.ndarray, series: np.ndarray) -> None:
         """Start those without a point again from the point of an instant next to theirs."""
@@ -204,16 +218,24 @@ def find_design_points(
         Seed of the starts, as NumPy takes it.
     start
         Design points of another threshold or other structures from which to start, each at its own
-        instant; by default instants all over the run start from random points.
+        instant; the instants next to theirs start from what these lead to. By default instants all
+        over the run start from random points.
     told
         Called with the number of gradients so far and the smallest distance found.
     """
+    instants, series = _places(state)
     if start is None:
-        instants, series = _places(state)
         z = _SPREAD * np.random.default_rng(key).standard_normal((len(instants), state.dimension))
+        search = _Search.of(z)
+    elif not state.series:
+        search, instants, series = _Search.of(np.array(start.z)), start.instants, start.series
     else:
-        z, instants, series = np.array(start.z), start.instants, start.series
-    search, gradients = _Search.of(z), 0
+        rows = _nearest_places(start, instants, series)
+        z = np.zeros((len(instants), state.dimension))
+        z[rows[::-1]] = start.z[::-1]  # of two at one place the nearer
+        search = _Search.of(z)
+        search.lost[np.setdiff1d(np.arange(len(z)), rows)] = True
+    gradients = 0
 
     def go_on(iterations: int) -> None:
         nonlocal gradients
@@ -241,6 +263,13 @@ def _places(state: LimitState) -> tuple[np.ndarray, np.ndarray]:
         return np.full(_STARTS, -1), np.zeros(_STARTS, int)
     instants = chosen_instants(state.grid.n_steps, state.grid.dt, n_series)
     return np.tile(instants, n_series), np.repeat(np.arange(n_series), len(instants))
+
+
+def _nearest_places(start: DesignPoints, instants: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Of each design point the number of the place, of its own series, that is nearest to it."""
+    apart = np.abs(np.subtract.outer(start.instants, instants)).astype(float)
+    apart[start.series[:, None] != series] = np.inf
+    return apart.argmin(axis=1)
 
 
 def _kept(

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number
+from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number, real
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, put, require_paths
 from jaxpound.model.system import Structures, System
@@ -42,7 +42,7 @@ class LimitState:
     demand
         The flat name of a scalar of ``Demand`` (``"peak_contact"``, ``"peak_drift_2"``), of one
         over all storeys (``"peak_drift"``), ``"required_gap"``, the largest closing of any link, or
-        a function of a run's ``Demand`` that JAX can trace.
+        a function of a run's ``Demand`` that JAX can trace, which gives one number.
     threshold
         The event is demand ≥ threshold, in the demand's dimensionless unit. None, for the required
         gap only: the event is pounding, that any link closes its own gap at rest.
@@ -119,11 +119,20 @@ class LimitState:
         return self.observed(z, self.changes)[0] - self.level
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """``value`` of points, shape (n, d), in chunks of one size: one program runs them all."""
+        """``value`` of points, shape (n, d), in chunks of one size: one program runs them all.
+
+        Raises
+        ------
+        ValueError
+            If there is no point, or it has another number of coordinates.
+        """
         return self.values_and_times(z)[0]
 
     def values_and_times(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``values``, and the times of the smallest gap; NaN for other demands, shape (n,) each."""
+        if np.ndim(z) != 2 or not len(z) or np.shape(z)[1] != self.dimension:
+            rule = f"must be of shape (n, {self.dimension}), n at least 1"
+            raise ValueError(f"{OWNER}.values: z of shape {np.shape(z)} {rule}")
         demanded, times = self.programs.observed(z, self.changes)
         return demanded - self.level, times
 
@@ -180,7 +189,8 @@ class LimitState:
 
     def _demanded(self, system: System, found: Demand) -> Any:
         if callable(self.demand):
-            return jnp.asarray(self.demand(found))
+            known = jnp.asarray(real(OWNER, "demand", self.demand(found)))
+            return known.astype(jnp.result_type(float, known))
         pounding = self.demand == REQUIRED_GAP and self.threshold is None
         return demand_named(OWNER, system, found, OVERLAP if pounding else self.demand)
 
@@ -226,7 +236,9 @@ class _Programs:
         self._of = state
         here = jnp.zeros(state.dimension)
         self.nominal, _ = state.scenarios.realize(here)
-        jax.eval_shape(lambda z: state.observed(z, {}), here)
+        shape, _ = jax.eval_shape(lambda z: state.observed(z, {}), here)
+        if shape.shape:
+            raise ValueError(f"{OWNER}: demand of shape {shape.shape} must be one number")
         cores = len(jax.local_devices())
         self._chunk = cores * _RUNS
         self._observed = in_chunks(state.observed, self._chunk)

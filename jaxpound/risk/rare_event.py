@@ -102,6 +102,8 @@ class RareEvent(Shown):
     def interval(self, confidence: float = 0.95) -> Estimate:
         """The probability with its interval: ln P normal with a variance of ln(1 + c.o.v.²).
 
+        Up to a probability that is a bound, whose c.o.v. is NaN, the interval is from 0.
+
         Raises
         ------
         ValueError
@@ -110,7 +112,7 @@ class RareEvent(Shown):
         require_share("RareEvent.interval", "confidence", confidence)
         p, cov = self.probability, self.cov
         if not (p > 0 and math.isfinite(cov)):
-            return Estimate(p, 0.0, math.nan, confidence)
+            return Estimate(p, 0.0, p if math.isnan(cov) else math.nan, confidence)
         width = float(ndtri((1 + confidence) / 2)) * math.sqrt(math.log1p(cov**2))
         return Estimate(p, p * math.exp(-width), min(1.0, p * math.exp(width)), confidence)
 

@@ -50,7 +50,8 @@ class Reached(Shown):
     value: float
     """Its value."""
     error: float
-    """Standard error of the value, from that of the estimated probability."""
+    """Standard error of the value, from that of the estimated probability; infinite where this does
+    not depend on it."""
     target: float
     """The wanted probability."""
     event: RareEvent
@@ -182,7 +183,7 @@ def reach_probability(
     return Reached(
         path=path,
         value=value,
-        error=abs(event.cov / slope.value),
+        error=abs(event.cov / slope.value) if slope.value else math.inf,
         target=float(probability),
         event=event,
         structures=put(nominal, {path: value}),

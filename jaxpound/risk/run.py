@@ -71,17 +71,17 @@ def rare_event(
         "design points"; "subset", which is ``subset_simulation`` and needs neither gradients nor
         design points, but many more runs; or "auto": subset simulation of scenarios that have
         discrete coordinates or fewer than 30 numbers, where a few points do not stand for all ways
-        to fail, or where no gradient leads to the limit state, else design points. The result's
+        to fail, or where few gradients lead to the limit state, else design points. The result's
         ``method`` says which and why.
     key
         A seed, or a key of ``jax.random``. Sample i depends on it and on i alone.
     start
-        An event of the same scenarios at another threshold, or of other structures in the same
-        ground motions, from whose design points to start: a curve of probabilities, from the
-        likelier to the rarer, costs little.
+        An event of the same demand at another threshold, or of other structures in the same ground
+        motions, from whose design points, if it has any, to start: a curve of probabilities, from
+        the likelier to the rarer, costs little.
     max_runs
         Runs at most, gradients aside; by default 50,000 around design points, and a million of
-        subset simulation.
+        subset simulation. They come in batches of 256, two at least.
     store
         A folder that keeps design points and finished runs: the same call goes on from there
         after it was stopped, or to a smaller ``cov``, and ends as if it had not been interrupted.
@@ -161,9 +161,7 @@ def event_of(
     require_share(OWNER, "cov", number(OWNER, "cov", cov))
     most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
     _, numbers = key_numbers(OWNER, key)
-    if start is not None and start.limit_state.dimension != state.dimension:
-        rule = f"of scenarios of {state.dimension} numbers, as these are"
-        raise ValueError(f"{OWNER}: start of {start.limit_state.dimension} must be {rule}")
+    start = _start(state, start)
 
     def by_subset(why: str, folder: str | PathLike[str] | None) -> RareEvent:
         more = {} if max_runs is None else {"max_runs": max_runs}
@@ -178,21 +176,43 @@ def event_of(
         kept = Kept(store, state, key, first, BATCH, most)
     with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
         search = Search(state, cov, most, normal_points(key, state), kept, bar)
-        pilot = search.pilot() if start is None else None
-        if pilot is not None and pilot.probability > COMMON:
-            return search.plain(pilot)
-        found = search.points(numbers, start)
-        if len(found) or not found.failed:
+        pilot = None
+        found = None if start is None else search.points(numbers, start)
+        if found is None or not len(found) or found.form() > COMMON / 2:
+            pilot = search.pilot()
+            if pilot.probability > COMMON:
+                return search.plain(pilot, 0 if found is None else found.gradients)
+        if found is None:
+            found = search.points(numbers, None)
+        # Where most searches fail, the points of the others stand for few of the failures.
+        enough = found.failed <= len(found) if method == "auto" else len(found) or not found.failed
+        if enough:
             return search.around(found, 0 if pilot is None else BATCH)
     if method == "auto":
         folder = None if store is None else Path(store) / "subset"
-        event = by_subset("no gradient leads to the limit state: ", folder)
+        why = f"{'few' if len(found) else 'no'} gradients lead to the limit state: "
+        event = by_subset(why, folder)
         runs, gradients = event.runs + BATCH * (pilot is not None), found.gradients
         return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
         "reached it; use method = 'subset'"
     )
+
+
+def _start(state: LimitState, event: RareEvent | None) -> RareEvent | None:
+    """An event to start from; None without design points, a ``ValueError`` if of another kind."""
+    if event is None:
+        return None
+    before = event.limit_state
+    if before.dimension != state.dimension:
+        rule = f"of scenarios of {state.dimension} numbers, as these are"
+        raise ValueError(f"{OWNER}: start of {before.dimension} must be {rule}")
+    named = isinstance(state.demand, str) or isinstance(before.demand, str)
+    if (named and before.demand != state.demand) or len(before.series) != len(state.series):
+        rule = f"must be of {state.demand!r}, as this event is"
+        raise ValueError(f"{OWNER}: start of the demand {before.demand!r} {rule}")
+    return event if len(event.design_points) else None
 
 
 def choice(state: LimitState, method: str) -> tuple[bool, str]:

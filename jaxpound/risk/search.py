@@ -62,19 +62,26 @@ class Search:
             self.bar.set_postfix_str(f"{gradients} gradients{found}")
 
         def search() -> DesignPoints:
-            return find_design_points(self.state, numbers, _points_of(start), told)
+            state, before = self.state, 0
+            if start is not None:
+                found = find_design_points(state, numbers, _points_of(start, state), told)
+                if len(found):
+                    return found
+                before = found.gradients
+            found = find_design_points(state, numbers, None, told)
+            return DesignPoints(*found[:5], before + found.gradients, found.failed)
 
         return search() if self.kept is None else self.kept.design_points(search)
 
-    def plain(self, pilot: Samples) -> RareEvent:
+    def plain(self, pilot: Samples, gradients: int) -> RareEvent:
         """The event of plain samples, where it is not rare."""
         sure = pilot.probability == 1
-        found, state = pilot if sure else self._samples(None, pilot), self.state
+        found, state = pilot if sure else self._samples(None, self.most, pilot), self.state
         event = RareEvent(
             probability=found.probability,
             cov=found.cov,
             runs=len(found),
-            gradients=0,
+            gradients=gradients,
             method="plain Monte Carlo: the event is not rare",
             limit_state=state,
             points=found.z,
@@ -115,7 +122,7 @@ class Search:
             )
             return dataclasses.replace(event, warnings=(said,))
         mixture = Mixture.of(found)
-        samples = self._samples(mixture)
+        samples = self._samples(mixture, self.most - runs)
         one = ", one an instant" if state.series else ""
         thin = samples.parts[mixture.thin(samples.z)].sum() / max(samples.parts.sum(), 1e-300)
         event = dataclasses.replace(
@@ -133,9 +140,9 @@ class Search:
         warnings = (*self._unsure(event), *_doubtful(event, near))
         return dataclasses.replace(event, warnings=warnings)
 
-    def _samples(self, mixture: Mixture | None, first: Samples | None = None) -> Samples:
+    def _samples(self, mixture: Mixture | None, most: int, first: Samples | None = None) -> Samples:
         """Samples, as many as are needed: plain ones, or of a mixture."""
-        batches = until_sure(lambda i: self._batch(i, mixture), self.cov, self.most, first)
+        batches = until_sure(lambda i: self._batch(i, mixture), self.cov, most, first)
         for found in batches:
             words = f"P = {found.probability:.3g}, c.o.v. {found.cov:.2g}"
             self.bar.set_postfix_str(words)
@@ -170,11 +177,9 @@ class Search:
             yield f"{failed:,} of {len(event.values):,} runs failed and count as safe"
 
 
-def _points_of(event: RareEvent | None) -> DesignPoints | None:
-    """The design points of an event from which another search starts; None if it has none."""
-    if event is None or not len(event.design_points):
-        return None
-    instants = event.instants / event.limit_state.grid.dt
+def _points_of(event: RareEvent, state: LimitState) -> DesignPoints:
+    """The design points of an event from which the search of another limit state starts."""
+    instants = event.instants / state.grid.dt
     return DesignPoints(
         z=event.design_points,
         directions=np.zeros_like(event.design_points),

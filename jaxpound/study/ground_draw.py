@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxtyping import Array, Float
 
-from jaxpound._checks import instance, number
+from jaxpound._checks import Rule, enforce, finite, instance, number
 from jaxpound.ground.motion import (
     DIMENSIONLESS,
     GroundLike,
@@ -69,7 +69,9 @@ class GroundDraw:
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: Any) -> ScaledDraw:
-        return ScaledDraw(self, 1 / number("ScaledDraw", "divisor", divisor))
+        divisor = number("ScaledDraw", "divisor", divisor)
+        enforce("ScaledDraw", [Rule("divisor", divisor, divisor != 0, "no zero")])
+        return ScaledDraw(self, 1 / divisor)
 
     def __neg__(self) -> ScaledDraw:
         return ScaledDraw(self, -1.0)
@@ -192,7 +194,7 @@ class ScaledDraw(GroundDraw):
     Raises
     ------
     ValueError
-        If ground is not a draw, or the factor neither a number nor a distribution.
+        If ground is not a draw, or the factor neither a finite number nor a distribution.
 
     Examples
     --------
@@ -207,7 +209,9 @@ class ScaledDraw(GroundDraw):
     def __post_init__(self) -> None:
         instance("ScaledDraw", "ground", self.ground, Draw)
         if not isinstance(self.factor, Distribution):
-            object.__setattr__(self, "factor", number("ScaledDraw", "factor", self.factor))
+            factor = number("ScaledDraw", "factor", self.factor)
+            enforce("ScaledDraw", [Rule("factor", factor, finite(factor), "finite")])
+            object.__setattr__(self, "factor", factor)
 
     @property
     def time_unit(self) -> str | None:  # type: ignore[override]

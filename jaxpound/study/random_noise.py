@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, count, enforce, finite, number, require_memory
+from jaxpound._checks import Rule, count, enforce, finite, number, real, require_memory
 from jaxpound._fields import Checked, parameter, part
 from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, known_unit
@@ -90,8 +90,9 @@ class FilteredNoise(Checked, GroundDraw):
     def __post_init__(self) -> None:
         owner = "FilteredNoise"
         object.__setattr__(self, "samples", known_samples(owner, self.samples))
-        if not (self.envelope is None or callable(self.envelope)):
-            raise ValueError(f"{owner}: envelope = {self.envelope!r} must be a function of t")
+        envelope = self.envelope
+        if isinstance(envelope, type) or not (envelope is None or callable(envelope)):
+            raise ValueError(f"{owner}: envelope = {envelope!r} must be a function of t")
         if not isinstance(self.intensity, Distribution):
             intensity = number(owner, "intensity", self.intensity)
             holds = (intensity >= 0) & finite(intensity)
@@ -107,7 +108,7 @@ class FilteredNoise(Checked, GroundDraw):
 
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z."""
-        z = reals(z)
+        z = reals("FilteredNoise", z, self.dimension)
         samples = filtered(self.filter, z[: self.samples], self.dt)
         if self.envelope is not None:
             samples = samples * self.envelope(np.arange(self.samples, dtype=z.dtype) * self.dt)
@@ -205,7 +206,7 @@ class NonstationaryNoise(Checked, GroundDraw):
 
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, in g and seconds."""
-        z = reals(z)
+        z = reals("NonstationaryNoise", z, self.dimension)
         noise = evolving_noise(
             z, self.dt, self.frequency, self.frequency_slope, self.mid_time, self.damping
         )
@@ -225,9 +226,17 @@ def numbered(z: Any) -> dict[str, Any]:
     return {f"noise_{i + 1}": x for i, x in enumerate(z)}
 
 
-def reals(z: Any) -> Array:
-    """Standard normal numbers as an array of floats, which keep their precision."""
-    z = jnp.asarray(z)
+def reals(owner: str, z: Any, dimension: int) -> Array:
+    """Standard normal numbers as an array of floats, which keep their precision.
+
+    Raises
+    ------
+    ValueError
+        If they are of another shape than (dimension,).
+    """
+    z = jnp.asarray(real(owner, "z", z))
+    if z.shape != (dimension,):
+        raise ValueError(f"{owner}: z of shape {z.shape} must be of shape ({dimension},)")
     return z.astype(jnp.result_type(float, z))
 
 

@@ -155,7 +155,7 @@ class SiteBasedNoise(Checked, GroundDraw):
 
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, in g and seconds."""
-        z = reals(z)
+        z = reals("SiteBasedNoise", z, self.dimension)
         return self.noise(z[: len(REGRESSIONS)]).draw(z[len(REGRESSIONS) :])
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
@@ -163,7 +163,7 @@ class SiteBasedNoise(Checked, GroundDraw):
         return self._drawn(z[: len(REGRESSIONS)]) | numbered(z[len(REGRESSIONS) :])
 
     def _drawn(self, z: Any) -> dict[str, Any]:
-        z = reals(z)
+        z = reals("SiteBasedNoise", z, len(REGRESSIONS))
         scales = np.array([math.hypot(r.between, r.within) for r in REGRESSIONS.values()])
         factor = scales[:, None] * np.linalg.cholesky(np.array(CORRELATIONS))
         nu = self._means() + jnp.asarray(factor, z.dtype) @ z

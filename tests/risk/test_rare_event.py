@@ -1,5 +1,7 @@
 """Rare events against closed forms and reference probabilities."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -46,6 +48,79 @@ def test_a_warm_start_needs_few_gradients(events):
     cold, *warm = events.values()
     assert cold.gradients > 500
     assert max(event.gradients for event in warm) < 250
+
+
+def test_a_start_from_a_rarer_event(events):
+    """Into an event that is common, or certain: plain Monte Carlo takes over, as without it."""
+    common, sure = (
+        event_of(case_w.state(gap), key=1, start=events[0.27], progress=False) for gap in (0.1, 0.0)
+    )
+    assert common.method.startswith("plain Monte Carlo")
+    assert common.gradients > 0
+    assert (sure.probability, sure.cov) == (1.0, 0.0)
+    # An event without design points is no start.
+    again = event_of(case_w.state(0.1), key=1, start=common, progress=False)
+    assert (again.probability, again.gradients) == (common.probability, 0)
+
+
+def test_a_start_from_few_instants(events):
+    """Each neighbour of an instant with a point is sought from it: a curve loses none for good."""
+    event = events[0.645]
+    few = {name: getattr(event, name)[:2] for name in ("design_points", "instants", "series")}
+    again = event_of(
+        event.limit_state, start=dataclasses.replace(event, **few), max_runs=10, progress=False
+    )
+    assert len(again.instants) > 3
+    assert set(event.instants[:2]) < set(again.instants)
+
+
+class Stuck:
+    """A limit state of closings that are 0 within 4 of the origin, and linear beyond."""
+
+    dimension, series = 40, ("closing",)
+    grid = jp.TimeGrid.until(8.0, dt=0.1)
+
+    @staticmethod
+    def gradients(z, instants, series):
+        ways = np.sin(0.02 * instants[:, None] * np.arange(1, 41))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        along = (z * ways).sum(axis=1)
+        slips = np.abs(along) > 4
+        values = np.where(slips, along - 4 * np.sign(along), 0.0) - 1
+        return values, np.where(slips[:, None], ways, 0.0)
+
+
+class Steep(Stuck):
+    """A plane; at every third instant a steep slope far from the limit state."""
+
+    @staticmethod
+    def gradients(z, instants, series):
+        wrong = instants % 3 == 0
+        slopes = np.where(wrong, 1e4, 1.0)[:, None] * np.eye(1, 40)
+        return np.where(wrong, 0.0, z[:, 0]) - 3, slopes
+
+
+def test_a_steep_slope_is_no_way_to_the_limit_state():
+    found = find_design_points(Steep, 0)
+    assert len(found) > 10
+    assert (found.instants % 3 > 0).all()
+    assert found.betas == pytest.approx(3)
+
+
+@pytest.mark.parametrize("key", range(3))
+def test_motions_that_open_lead_to_those_that_close(key):
+    """Slopes are 0 around the origin, and behind it they lead back into where they are."""
+    found = find_design_points(Stuck, key)
+    assert len(found) == 26
+    assert found.betas == pytest.approx(5)
+
+
+def test_max_runs_counts_all(events):
+    state = case_w.state(0.47)
+    for most, runs in ((10, 512), (1000, 768)):
+        event = event_of(state, cov=0.01, max_runs=most, progress=False)
+        assert event.runs == runs
+        assert f"raise max_runs = {most:,}" in event.warnings[0]
 
 
 def test_samples_depend_on_key_and_number_alone(events):
@@ -111,6 +186,8 @@ def test_the_slope_of_a_probability_of_a_millionth():
     assert event.slopes["initial_gap"].value == 0
     with pytest.raises(ValueError, match="unknown path 'fiction'; did you mean 'friction'"):
         event.slope("fiction")
+    with pytest.raises(ValueError, match="path = 3 must be the name of a parameter"):
+        event.slope(3)
 
 
 @pytest.fixture(scope="module")
@@ -180,6 +257,8 @@ def test_a_demand_as_a_series_and_as_a_function():
         for demand in ("peak_x1", lambda found: found.masses[0].peak_x)
     )
     assert by_name.probability < 1e-2
+    with pytest.raises(ValueError, match="start of the demand 'peak_x1' must be of 'required_gap'"):
+        jp.rare_event(FEW, SHORT, 0.5, start=by_name, progress=False)
     assert np.isfinite(by_name.instants).all()
     assert np.isnan(by_function.instants).all()
     apart = np.log(by_name.probability / by_function.probability)
@@ -192,11 +271,18 @@ def test_events_that_are_not_rare():
     assert "in each of 256 random runs" in sure.warnings[0]
     out = jp.rare_event(FEW, SHORT, gap=50.0, method="design points", progress=False)
     assert out.probability == 1e-12
+    assert out.estimate[:3] == (1e-12, 0.0, 1e-12)
     assert "out of reach" in out.warnings[0]
     assert "out of reach" in repr(out)
 
 
 def test_bad_input():
+    def two(found):
+        return np.ones(2) * found.pga
+
+    def none(found):
+        return None
+
     def refuses(match, *args, **kwargs):
         with pytest.raises(ValueError, match=match):
             jp.rare_event(*args, progress=False, **kwargs)
@@ -218,8 +304,16 @@ def test_bad_input():
         jp.CustomDraw(lambda z: jp.Record(0 * HILLS @ z, 0.1, time_unit="1/ω1"), 5),
     )
     by = {"method": "design points"}
+    refuses("demand of shape \\(2,\\) must be one number", FEW, SHORT, demand=two, threshold=1.0)
+    refuses("demand = None must be a real number", FEW, SHORT, demand=none, threshold=1.0)
     refuses("demand must depend on the random numbers", still, SHORT, 1.0, **by)
     refuses("z_4 must not be discrete for design points", Chosen(), SHORT, 1.0, **by)
+
+
+@pytest.mark.parametrize("shape", [(5,), (0, 5), (2, 4)])
+def test_points_of_another_shape(shape):
+    with pytest.raises(ValueError, match=r"z of shape .* must be of shape \(n, 5\), n at least 1"):
+        jp.LimitState(FEW, SHORT, threshold=0.3).values(np.zeros(shape))
 
 
 class Chosen:
@@ -229,7 +323,9 @@ class Chosen:
     realize = staticmethod(FEW.realize)
 
 
-def test_which_method_and_why():
+def test_which_method_and_why(tmp_path):
+    with pytest.raises(ValueError, match="must be None: z_4 discrete: subset simulation is taken"):
+        jp.rare_event(Chosen(), SHORT, 0.1, store=tmp_path, progress=False)
     discrete, few = (
         event_of(jp.LimitState(scenarios, SHORT, threshold=0.1), cov=0.5, progress=False)
         for scenarios in (Chosen(), FEW)
@@ -248,5 +344,9 @@ def test_the_friction_for_a_probability():
     assert found.event.probability == pytest.approx(1e-4, rel=0.3)
     assert found.structures.friction == found.value == found.event.limit_state.changes["friction"]
     assert len(found.steps) <= 6
+    # A closing does not depend on the gap at rest: where P is right already, any gap is.
+    p = found.steps[0].probability
+    any_gap = jp.reach_probability("initial_gap", p, FEW, SHORT, 0.3, tolerance=0.3, progress=False)
+    assert (any_gap.value, any_gap.error) == (1.0, np.inf)
     with pytest.raises(ValueError, match="unknown path"):
         jp.reach_probability("fiction", 1e-5, FEW, SHORT, 0.3, progress=False)

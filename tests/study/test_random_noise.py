@@ -285,6 +285,11 @@ def test_motions_in_seconds_become_dimensionless():
         (lambda: SMALL + 3, r"parts\[1\] = 3 must have acceleration"),
         (lambda: SMALL + GIVEN, "must be in the same unit of time, but are in 1/ω1 and s"),
         (lambda: SMALL * "2", "factor = '2' must be a real number"),
+        (lambda: SMALL * np.nan, "factor = nan must be finite"),
+        (lambda: SMALL / 0, "divisor = 0 must be no zero"),
+        (lambda: SMALL.draw(np.zeros(3)), r"FilteredNoise: z of shape \(3,\) must be of shape"),
+        (lambda: SITE.draw(np.zeros((2, 3))), r"SiteBasedNoise: z of shape \(2, 3\) must be of"),
+        (partial(dataclasses.replace, SMALL, envelope=jp.GammaEnvelope), "must be a function of t"),
         (lambda: jp.Scenarios(PAPER, GIVEN), "must be in units of 1/ω1, as the structures are"),
         (
             lambda: jp.Scales(1.0, 7.0).to_dimensionless(SMALL),
