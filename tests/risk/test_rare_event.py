@@ -323,9 +323,7 @@ class Chosen:
     realize = staticmethod(FEW.realize)
 
 
-def test_which_method_and_why(tmp_path):
-    with pytest.raises(ValueError, match="must be None: z_4 discrete: subset simulation is taken"):
-        jp.rare_event(Chosen(), SHORT, 0.1, store=tmp_path, progress=False)
+def test_which_method_and_why():
     discrete, few = (
         event_of(jp.LimitState(scenarios, SHORT, threshold=0.1), cov=0.5, progress=False)
         for scenarios in (Chosen(), FEW)
