@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
@@ -85,6 +86,8 @@ class Course(NamedTuple):
         structures, ground, given, initial, series = spread(
             (structures, ground, given, initial, series)
         )
+        # Where structures are constants of the program, XLA would fold all that follows from them.
+        structures = lax.optimization_barrier(structures)
         system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
         dt = grid.dt
 

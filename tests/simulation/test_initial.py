@@ -171,7 +171,10 @@ def test_demand_batches_and_precisions():
 @pytest.mark.parametrize(
     ("initial", "message"),
     [
-        (jp.InitialState((0.1,)), "initial: displacements of 1 numbers must be one number for each"),
+        (
+            jp.InitialState((0.1,)),
+            "initial: displacements of 1 numbers must be one number for each",
+        ),
         (jp.InitialState((), (0.1,) * 3), "initial: velocities of 3 numbers must be"),
         (jp.InitialState((0.2, 0.0)), "initial: gap of link 0 = 0 must be open, and stay so"),
         (jp.InitialState((0.1, 0.0), (9.0, 0.0)), "initial: gap of link 0 = 0.1 must be open"),
