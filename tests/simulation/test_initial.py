@@ -183,7 +183,7 @@ def test_demand_batches_and_precisions():
 def test_states_that_no_run_can_start_from(initial, message):
     with pytest.raises(ValueError, match=message):
         jp.demand(struck(LAW), STILL, jp.TimeGrid(0.02, 10), initial=initial)
-    with pytest.raises(ValueError, match="InitialState: displacements.0 = nan must be finite"):
+    with pytest.raises(ValueError, match=r"InitialState: displacements\.0 = nan must be finite"):
         jp.InitialState((np.nan, 0.0))
 
 
