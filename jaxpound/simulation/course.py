@@ -21,6 +21,7 @@ from jaxpound.ground.motion import Ground, GroundLike, as_pytree, excitation
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System
 from jaxpound.simulation.batches import spread
+from jaxpound.simulation.extrapolation import extrapolated
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.stepping import (
@@ -155,11 +156,22 @@ def positions_at(
     For many derivatives: no series are kept and nothing else is observed. The input is not checked
     (``demand`` does it); an invalid run gives NaN.
     """
-    return _positions_at(structures, as_pytree(ground, grid), grid, scheme, jnp.asarray(instant))
+    ground = as_pytree(ground, scheme.finest(grid))
+    return _positions_at(structures, ground, grid, scheme, jnp.asarray(instant))
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
 def _positions_at(
+    structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme, instant: jax.Array
+) -> Positions:
+    found = _positions(structures, ground, grid, scheme, instant)
+    if not scheme.extrapolated:
+        return found
+    finer = _positions(structures, ground, grid.halved, scheme, 2 * instant)
+    return extrapolated(found, finer)
+
+
+def _positions(
     structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme, instant: jax.Array
 ) -> Positions:
     run = Course.of(structures, ground, grid, scheme)

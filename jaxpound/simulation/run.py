@@ -35,6 +35,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.course import Course
+from jaxpound.simulation.extrapolation import extrapolated, extrapolated_response
 from jaxpound.simulation.forces import is_deformed
 from jaxpound.simulation.passage import SLOTS, Impacts
 from jaxpound.simulation.scheme import Scheme, require_followed, require_stable, system_of
@@ -243,7 +244,7 @@ def _prepare(
         instance(owner, "initial", initial, InitialState)
         enforce("initial", rules(initial))
         enforce("initial", initial_rules(initial, system, grid.dt))
-    traceable = as_pytree(ground, grid)
+    traceable = as_pytree(ground, scheme.finest(grid))
     if not is_traced((structures, traceable)):
         tell(owner, unresolved(ground, grid.dt), strict)
     return traceable
@@ -383,12 +384,31 @@ def _demand(
     initial: InitialState | None,
     only: tuple[str, ...] | None,
 ) -> Demand:
-    found = _run(structures, ground, grid, scheme, temperature, initial, keep=False)[1]
+    def at(grid: TimeGrid) -> Demand:
+        return _run(structures, ground, grid, scheme, temperature, initial, keep=False)[1]
+
+    found = at(grid)
+    if scheme.extrapolated:
+        found = extrapolated(found, at(grid.halved))
     return found if only is None else found.only(only)
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
 def _simulate(
+    structures: Structures,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    initial: InitialState | None,
+) -> Response:
+    found = _response(structures, ground, grid, scheme, initial)
+    if not scheme.extrapolated:
+        return found
+    finer = _response(structures, ground, grid.halved, scheme, initial)
+    return extrapolated_response(found, finer)
+
+
+def _response(
     structures: Structures,
     ground: Ground,
     grid: TimeGrid,
@@ -429,7 +449,8 @@ def _simulate(
             for k, link in enumerate(system.links)
         ),
         demand=scalars,
-        method=f"{scheme.friction}, order {scheme.order}, {scheme.history}",
+        method=f"{scheme.friction}, order {scheme.order}, {scheme.history}"
+        + scheme.extrapolated * ", extrapolated",
     )
 
 
