@@ -52,6 +52,7 @@ from jaxpound.model.contact import Jankowski as Jankowski
 from jaxpound.model.contact import KelvinVoigt as KelvinVoigt
 from jaxpound.model.contact import Newton as Newton
 from jaxpound.model.contact import contact_stiffness as contact_stiffness
+from jaxpound.model.initial import InitialState as InitialState
 from jaxpound.model.rod import ZenerRod as ZenerRod
 from jaxpound.model.row import FloorLink as FloorLink
 from jaxpound.model.row import Row as Row

@@ -64,6 +64,11 @@ class TimeGrid:
         """The last instant, n_steps·dt."""
         return self.n_steps * self.dt
 
+    @property
+    def halved(self) -> TimeGrid:
+        """The grid of half the step, until the same instant."""
+        return TimeGrid(self.dt / 2, 2 * self.n_steps)
+
     def times(self) -> np.ndarray:
         """All instants, shape (n_steps+1,)."""
         return self.dt * np.arange(self.n_steps + 1)

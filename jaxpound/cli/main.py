@@ -20,6 +20,7 @@ from typing import Any, NoReturn
 import jaxpound as jp
 from jaxpound import _interruption as interruption
 from jaxpound.cli.files import FORMS, example
+from jaxpound.cli.programs import keep_programs
 
 _NOBODY_READS = 128 + 13  # exit status of a process that a closed pipe has ended
 
@@ -36,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         try:
             _parser().parse_args(argv, args)
+            if argv is None:
+                keep_programs()
             _run(args)
         finally:
             interruption.remove_empty_folders()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxpound._checks import hint
 from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
 from jaxpound.model.places import mass_places, rod_places
@@ -261,6 +264,42 @@ class Demand(ByElement, Columnar, Shown):
         except TypeError as error:
             raise ValueError(f"Demand.of_columns: columns must be complete: {error}") from error
 
+    def only(self, names: Iterable[str]) -> Demand:
+        """The scalars with these flat names; all others are None.
+
+        ``min_gap`` and ``min_gap_time`` of several links are of all of them.
+
+        Raises
+        ------
+        ValueError
+            If a name is none of a scalar that the demand has.
+        """
+        kept: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in self._elements}
+        own: dict[str, Any] = {}
+        known = [name for _, of in self.columns() for name in of]
+        known = [name for name in known if getattr(self, name) is not None]
+        over_links = ["min_gap", "min_gap_time"] if len(self.links) > 1 else []
+        for name in names:
+            if name in over_links:
+                fields = dict.fromkeys(["min_gap", name])
+                for k, link in enumerate(self.links):
+                    kept["links"].setdefault(k, {}).update({x: getattr(link, x) for x in fields})
+                continue
+            if name not in known:
+                raise ValueError(f"only: unknown {name!r}; {hint(name, [*over_links, *known])}")
+            place = place_of(type(self), name)
+            assert place is not None
+            if place.group:
+                kept[place.group].setdefault(place.element, {})[place.field] = getattr(self, name)
+            else:
+                own[place.field] = getattr(self, name)
+        groups = {}
+        for group, kind in self._elements.items():
+            none = dict.fromkeys(field.name for field in dataclasses.fields(kind))
+            items = range(len(getattr(self, group)))
+            groups[group] = tuple(kind(**none | kept[group].get(i, {})) for i in items)
+        return Demand(**groups, **({"pga": None, "pgv": None} | own), si=self.si)
+
     @property
     def min_gap(self) -> Any:
         """Smallest gap of all links; infinite where there is no link."""
@@ -273,24 +312,29 @@ class Demand(ByElement, Columnar, Shown):
 
     def _closest(self) -> tuple[Any, Any]:
         if not self.links:
-            return jnp.full_like(self.pga, jnp.inf), jnp.full_like(self.pga, jnp.nan)
+            return jnp.full(self.batch, jnp.inf), jnp.full(self.batch, jnp.nan)
+        if any(link.min_gap is None for link in self.links):
+            return None, None
         gap, time = self.links[0].min_gap, self.links[0].min_gap_time
         for link in self.links[1:]:
             lower = jnp.asarray(link.min_gap) < gap
             gap = jnp.where(lower, link.min_gap, gap)
-            time = jnp.where(lower, link.min_gap_time, time)
+            if time is not None:
+                time = jnp.where(lower, link.min_gap_time, time)
         return gap, time
 
     @property
     def pounds(self) -> Any:
         """1.0 where a gap closes (min_gap ≤ 0), else 0.0; NaN where the run is invalid."""
+        if self.min_gap is None:
+            return None
         gap = jnp.asarray(self.min_gap)
         return jnp.where(jnp.isnan(gap), jnp.nan, (gap <= 0).astype(gap.dtype))
 
     @property
     def batch(self) -> tuple[int, ...]:
         """Shape of the batch; () for a single run."""
-        return np.shape(self.pga)
+        return np.shape(next(iter(jax.tree.leaves(self)), 0.0))
 
     def scalars(self) -> dict[str, Any]:
         """All of them by flat name, with ``pounds``: a row of a table, or the columns of a batch.
@@ -303,8 +347,8 @@ class Demand(ByElement, Columnar, Shown):
             values = {"min_gap": self.min_gap, "min_gap_time": self.min_gap_time}
         for _, names in self.columns():
             values |= {name: getattr(self, name) for name in names}
+        values |= {"pounds": self.pounds} if self.links else {}
         known = {name: value for name, value in values.items() if value is not None}
-        known |= {"pounds": self.pounds} if self.links else {}
         if not are_known(self) or any(map(jnp.ndim, known.values())):
             return known
         return {name: float(value) for name, value in known.items()}
@@ -332,14 +376,16 @@ class Demand(ByElement, Columnar, Shown):
         if not are_known(self):
             return Table(f"{title} ({about}, traced: not known before the program runs)")
         scalars = self.scalars()
-        good = np.isfinite(self.pga)
+        good = ~np.isnan(next(iter(scalars.values()), 0.0))
         if not batch:
             if not good:
                 return Table(f"{title} ({about}): an invalid run, every result is NaN")
             numbers = [(name, x, unit_of(name, self.si)) for name, x in scalars.items()]
             return Table(f"{title} ({about})", (), rows or numbers, digits=8)
-        pounding = int(np.count_nonzero(scalars.pop("pounds") == 1))
-        notes = [f"pounding in {pounding:,} of {good.sum():,} valid runs"]
+        pounds, notes = scalars.pop("pounds", None), []
+        if pounds is not None:
+            share = f"{int(np.count_nonzero(pounds == 1)):,} of {good.sum():,}"
+            notes.append(f"pounding in {share} valid runs")
         if not good.all():
             notes.append(f"{(~good).sum():,} invalid, with NaN for every result")
         ranges = [

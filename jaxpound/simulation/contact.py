@@ -108,6 +108,7 @@ class GroupStep:
     rise: jax.Array  # A_m − A_{m−1}
     time: jax.Array
     starts: jax.Array  # whether t_m = 0
+    halfway: bool = dataclasses.field(metadata={"static": True})  # a run starts in mid-step
     dt: float = dataclasses.field(metadata={"static": True})  # h
     slots: int = dataclasses.field(metadata={"static": True})  # impacts of a link to be recorded
 
@@ -177,7 +178,7 @@ def follow(group: Coupling, before: GroupStep) -> tuple[Passed, jax.Array]:
         laws=group.laws,
         under_way=_at(-before.time, state.under_way),
     )
-    start = jnp.where(before.starts, h / 2, 0.0).astype(before.velocity.dtype)
+    start = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
     modes = Modes(state.mode, state.counts, state.fastest, start)
     passed = flow(h, before.slots, needed, given, modes)
     # A single link that came near but did not touch has its closed form.
@@ -194,7 +195,7 @@ def _at(shift: jax.Array, contact: UnderWay) -> UnderWay:
 def mean_sample(passed: Passed, before: GroupStep) -> jax.Array:
     """The closings that the rods are given for t_m after a step that was followed."""
     kink = passed.velocity - before.velocity
-    # A run starts at rest: its first sample is as it is.
+    # The first sample of a run is as it is.
     return jnp.where(before.starts, before.closing, passed.mean - before.dt / 24 * kink)
 
 

@@ -11,17 +11,28 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_pytree, excitation
+from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System
 from jaxpound.simulation.batches import spread
+from jaxpound.simulation.extrapolation import extrapolated
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
-from jaxpound.simulation.stepping import Elements, State, at_rest, elements, of_all_masses, step
+from jaxpound.simulation.stepping import (
+    Elements,
+    State,
+    at_rest,
+    elements,
+    moved,
+    of_all_masses,
+    step,
+)
 
 
 class Course(NamedTuple):
@@ -50,6 +61,7 @@ class Course(NamedTuple):
         given: Any = None,
         more_rules: Callable[[Any], list[Rule]] = lambda given: [],
         slots: int = 0,
+        initial: InitialState | None = None,
     ) -> Course:
         """The course of structures in a ground motion.
 
@@ -63,22 +75,33 @@ class Course(NamedTuple):
             Rules of ``given``.
         slots
             Impacts of a link in a step that are recorded.
+        initial
+            The state at t = 0; None at rest.
         """
         dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
-        structures, ground, given = jax.tree.map(
-            lambda x: jnp.asarray(x, dtype), (structures, ground, given)
+        structures, ground, given, initial = jax.tree.map(
+            lambda x: jnp.asarray(x, dtype), (structures, ground, given, initial)
         )
         # Before the batch is spread: samples of a record that all runs share are not copied.
         series = excitation(ground, grid, scheme.order).series
-        structures, ground, given, series = spread((structures, ground, given, series))
+        structures, ground, given, initial, series = spread(
+            (structures, ground, given, initial, series)
+        )
+        # Where structures are constants of the program, XLA would fold all that follows from them.
+        structures = lax.optimization_barrier(structures)
         system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
         dt = grid.dt
 
         # A run that breaks a rule starts from NaN, and so is NaN throughout.
         valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
         valid &= all_hold(more_rules(given)) & is_stable(system, dt, scheme)
+        valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
-        constants = elements(system, dt, scheme.order, slots)
+        begin, displaced = at_rest(system, zero), None
+        if initial is not None:
+            displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
+            begin = moved(system, begin, displaced, velocities)
+        constants = elements(system, dt, scheme.order, slots, displaced)
         shaking = excitation(ground, grid, scheme.order)._replace(series=series)
         # Velocity at −h/2, such that the first kick leaves (h/2) × acceleration, or nothing.
         first = jax.tree.map(lambda x: x[0], shaking.series)
@@ -90,6 +113,13 @@ class Course(NamedTuple):
             now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
             starts = m == 0
+            if initial is not None:
+                # Idle steps before the first leave all as it is.
+                held, new = state, step(constants, state, sums, time, (a, mean), dt, scheme, starts)
+                state, c = jax.tree.map(
+                    lambda old, new: jnp.where(m < 0, old, new), (held, [zero] * len(sums)), new[:2]
+                )
+                return state, c, new[2]
             v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
             return step(constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts)
 
@@ -106,7 +136,7 @@ class Course(NamedTuple):
                 looped=constants.is_long,
             )
 
-        return Course(system, constants, zero, at_rest(system, zero), given, advance, scan)
+        return Course(system, constants, zero, begin, given, advance, scan)
 
 
 class Positions(NamedTuple):
@@ -126,11 +156,22 @@ def positions_at(
     For many derivatives: no series are kept and nothing else is observed. The input is not checked
     (``demand`` does it); an invalid run gives NaN.
     """
-    return _positions_at(structures, as_pytree(ground, grid), grid, scheme, jnp.asarray(instant))
+    ground = as_pytree(ground, scheme.finest(grid))
+    return _positions_at(structures, ground, grid, scheme, jnp.asarray(instant))
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
 def _positions_at(
+    structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme, instant: jax.Array
+) -> Positions:
+    found = _positions(structures, ground, grid, scheme, instant)
+    if not scheme.extrapolated:
+        return found
+    finer = _positions(structures, ground, grid.halved, scheme, 2 * instant)
+    return extrapolated(found, finer)
+
+
+def _positions(
     structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme, instant: jax.Array
 ) -> Positions:
     run = Course.of(structures, ground, grid, scheme)

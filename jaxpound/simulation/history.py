@@ -7,6 +7,7 @@ with an error bound that is known before a run.
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -278,13 +279,19 @@ def _modes_for(n_steps: int, tolerance: float) -> int:
         errors = _weight_errors(orders, n_steps, modes, j)
         return all(bool((spacing @ error <= 0.98 * tolerance).all()) for error in errors)
 
-    few, many = 1, _MOST_MODES
-    if not enough(many):
-        raise ValueError(
-            f"ModalHistory: tolerance = {tolerance} cannot be kept over n_steps = {n_steps} "
-            f"with {_MOST_MODES} modes"
-        )
-    while many - few > 1:
-        middle = (few + many) // 2
-        few, many = (few, middle) if enough(middle) else (middle, many)
-    return many
+    # Every count that is tried takes a fit: from one that is right within one or two on.
+    digits, log_steps = -math.log10(tolerance), math.log(n_steps)
+    guess = round(-2.4 + 1.27 * log_steps + (0.29 + 0.227 * log_steps) * digits)
+    modes = min(max(guess, 1), _MOST_MODES)
+    if enough(modes):
+        while modes > 1 and enough(modes - 1):
+            modes -= 1
+        return modes
+    while modes < _MOST_MODES:
+        modes += 1
+        if enough(modes):
+            return modes
+    raise ValueError(
+        f"ModalHistory: tolerance = {tolerance} cannot be kept over n_steps = {n_steps} "
+        f"with {_MOST_MODES} modes"
+    )

@@ -7,7 +7,7 @@ where ``step`` moves it and ``Tally`` observes it, to a ``Demand`` or a ``Respon
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -29,11 +29,13 @@ from jaxpound.ground.motion import (
 )
 from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep
 from jaxpound.model.contact import Newton
+from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import GROUND, Link, Structures, System, is_closable
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.course import Course
+from jaxpound.simulation.extrapolation import extrapolated, extrapolated_response
 from jaxpound.simulation.forces import is_deformed
 from jaxpound.simulation.passage import SLOTS, Impacts
 from jaxpound.simulation.scheme import Scheme, require_followed, require_stable, system_of
@@ -47,6 +49,7 @@ def simulate(
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
     *,
+    initial: InitialState | None = None,
     strict: bool = False,
 ) -> Response:
     """Response of structures to a ground motion, at every instant of the grid.
@@ -55,7 +58,7 @@ def simulate(
     ----------
     structures
         ``AdjacentStructures`` (eq. 9), a ``System`` of any number of masses, rods and links, or
-        any other pytree with ``system()``; dimensionless, at rest at t = 0.
+        any other pytree with ``system()``; dimensionless.
     ground
         A ground motion in units of g over time in units of 1/ω1: ``Ricker``, ``Record``, sums and
         scalings of them, any object with ``acceleration(t)`` or any function of t. One that is not
@@ -64,6 +67,8 @@ def simulate(
         The instants.
     scheme
         The discretisation; the default is second-order accurate through stick and slip.
+    initial
+        Displacements and velocities at t = 0; by default all is at rest.
     strict
         Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
@@ -104,7 +109,7 @@ def simulate(
     >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
     [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
-    response = respond("simulate", structures, ground, grid, scheme, strict)
+    response = respond("simulate", structures, ground, grid, scheme, strict, initial)
     _look("simulate", structures, ground, response.demand, strict)
     return response
 
@@ -116,10 +121,11 @@ def respond(
     grid: TimeGrid,
     scheme: Scheme,
     strict: bool,
+    initial: InitialState | None = None,
 ) -> Response:
     """``simulate`` for the function ``owner``, which itself checks that results are plausible."""
-    shaking = _prepare(owner, structures, ground, grid, scheme, strict)
-    return _finished(_simulate(structures, shaking, grid, scheme))
+    shaking = _prepare(owner, structures, ground, grid, scheme, strict, initial)
+    return _finished(_simulate(structures, shaking, grid, scheme, initial))
 
 
 def demand(
@@ -129,6 +135,8 @@ def demand(
     scheme: Scheme = Scheme(),
     *,
     temperature: ArrayLike | None = None,
+    initial: InitialState | None = None,
+    only: Sequence[str] | None = None,
     strict: bool = False,
 ) -> Demand:
     """Scalars of a run, ``simulate(...).demand``, accumulated in O(modes) memory.
@@ -146,7 +154,10 @@ def demand(
         the mean of e^(−ξ/T) over the run's instants: smooth in every parameter, and between the
         smallest ξ of them (T → 0) and their mean (T → ∞). It is never below the smallest, and
         nearer to the mean the longer the run goes on after the shaking.
-    strict
+    only
+        Flat names of the scalars that are wanted, such as ``("min_gap", "peak_f1")``: all others
+        are None, and a batch takes as little as half the time. By default all.
+    initial, strict
         See ``simulate``.
 
     Returns
@@ -156,14 +167,15 @@ def demand(
     Raises
     ------
     ValueError
-        As in ``simulate``, and if temperature is not positive and finite.
+        As in ``simulate``; if temperature is not positive and finite, or ``only`` holds something
+        else than names of scalars.
     FloatingPointError
         As in ``simulate``.
 
     Warns
     -----
     PlausibilityWarning
-        As in ``simulate``.
+        As in ``simulate``; of results only if all scalars are asked for.
 
     Examples
     --------
@@ -174,7 +186,7 @@ def demand(
     >>> float(demand.pounds)
     0.0
     """
-    shaking = _prepare("demand", structures, ground, grid, scheme, strict)
+    shaking = _prepare("demand", structures, ground, grid, scheme, strict, initial)
     if temperature is not None:
         temperature = number("demand", "temperature", temperature)
         if not structures.system().links:
@@ -182,9 +194,18 @@ def demand(
                 f"demand: temperature = {temperature} must be of gaps: there is no link"
             )
         enforce("demand", _temperature_rules(temperature))
-    found = _finished(_demand(structures, shaking, grid, scheme, temperature))
-    _look("demand", structures, ground, found, strict)
+    wanted = None if only is None else _names(only)
+    found = _finished(_demand(structures, shaking, grid, scheme, temperature, initial, wanted))
+    if wanted is None:
+        _look("demand", structures, ground, found, strict)
     return found
+
+
+def _names(only: Any) -> tuple[str, ...]:
+    """The names of the scalars that are wanted; a ``ValueError`` for anything else."""
+    if isinstance(only, str) or not all(isinstance(name, str) for name in only) or not only:
+        raise ValueError(f"demand: only = {only!r} must hold names of scalars")
+    return tuple(only)
 
 
 def _temperature_rules(temperature: Any) -> list[Rule]:
@@ -201,6 +222,7 @@ def _prepare(
     grid: TimeGrid,
     scheme: Scheme,
     strict: bool,
+    initial: InitialState | None,
 ) -> Ground:
     """Refuse known invalid input; put the ground motion in a form that can be traced."""
     system = system_of("run", structures)
@@ -218,7 +240,11 @@ def _prepare(
     enforce("structures", found)
     require_stable(system, grid, scheme)
     require_followed(system, scheme)
-    traceable = as_pytree(ground, grid)
+    if initial is not None:
+        instance(owner, "initial", initial, InitialState)
+        enforce("initial", rules(initial))
+        enforce("initial", initial_rules(initial, system, grid.dt))
+    traceable = as_pytree(ground, scheme.finest(grid))
     if not is_traced((structures, traceable)):
         tell(owner, unresolved(ground, grid.dt), strict)
     return traceable
@@ -310,6 +336,7 @@ def _run(
     grid: TimeGrid,
     scheme: Scheme,
     temperature: ArrayLike | None,
+    initial: InitialState | None,
     keep: bool,
 ) -> tuple[System, Demand, _Kept | None, tuple[ContactTally | None, ...]]:
     """The system in the run's dtype, the scalars, the series if they are to be kept, and contact.
@@ -317,7 +344,14 @@ def _run(
     That is, of each link, what was tallied of it.
     """
     run = Course.of(
-        structures, ground, grid, scheme, temperature, _temperature_rules, SLOTS if keep else 0
+        structures,
+        ground,
+        grid,
+        scheme,
+        temperature,
+        _temperature_rules,
+        SLOTS if keep else 0,
+        initial,
     )
     system, zero, temperature, n = run.system, run.zero, run.given, grid.n_steps
 
@@ -327,7 +361,8 @@ def _run(
         tally = tally.observe(now, run.constants, grid.dt, m == n, temperature)
         return (state, tally), c, _Kept.of(now, tally) if keep else None
 
-    start = run.start, Tally.start(system, zero, temperature is not None)
+    closings = [link.closing for link in run.start.links]
+    start = run.start, Tally.start(system, zero, temperature is not None, closings)
     (state, tally), kept = run.scan(advance, start, segmented=keep)
     scalars = tally.demand(system, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
@@ -339,20 +374,48 @@ def _run(
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, contacts)))
 
 
-@partial(jax.jit, static_argnames=("grid", "scheme"))
+@partial(jax.jit, static_argnames=("grid", "scheme", "only"))
 def _demand(
     structures: Structures,
     ground: Ground,
     grid: TimeGrid,
     scheme: Scheme,
     temperature: ArrayLike | None,
+    initial: InitialState | None,
+    only: tuple[str, ...] | None,
 ) -> Demand:
-    return _run(structures, ground, grid, scheme, temperature, keep=False)[1]
+    def at(grid: TimeGrid) -> Demand:
+        return _run(structures, ground, grid, scheme, temperature, initial, keep=False)[1]
+
+    found = at(grid)
+    if scheme.extrapolated:
+        found = extrapolated(found, at(grid.halved))
+    return found if only is None else found.only(only)
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme"))
-def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Scheme) -> Response:
-    system, scalars, kept, ends = _run(structures, ground, grid, scheme, None, keep=True)
+def _simulate(
+    structures: Structures,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    initial: InitialState | None,
+) -> Response:
+    found = _response(structures, ground, grid, scheme, initial)
+    if not scheme.extrapolated:
+        return found
+    finer = _response(structures, ground, grid.halved, scheme, initial)
+    return extrapolated_response(found, finer)
+
+
+def _response(
+    structures: Structures,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    initial: InitialState | None,
+) -> Response:
+    system, scalars, kept, ends = _run(structures, ground, grid, scheme, None, initial, keep=True)
     assert kept is not None
     topology, rest = system.topology, 0 * kept.forces[0]
     # Series that follow from others are not stored by the scan; those of an invalid run are NaN.
@@ -361,7 +424,7 @@ def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Sc
         y.astype(rest.dtype) for y in velocity_and_bulge(ground, time, grid.dt)
     )
     # A free mass's velocity is the mean of those half a step away. The ground's mean there exceeds
-    # the ground velocity now by the bulge, which is added; but the run starts at rest.
+    # the ground velocity now by the bulge, which is added; but not as the run starts.
     bulge = bulge.at[0].set(0)
     v = of_all_masses(
         topology,
@@ -386,7 +449,8 @@ def _simulate(structures: Structures, ground: Ground, grid: TimeGrid, scheme: Sc
             for k, link in enumerate(system.links)
         ),
         demand=scalars,
-        method=f"{scheme.friction}, order {scheme.order}, {scheme.history}",
+        method=f"{scheme.friction}, order {scheme.order}, {scheme.history}"
+        + scheme.extrapolated * ", extrapolated",
     )
 
 

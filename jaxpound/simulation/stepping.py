@@ -60,6 +60,7 @@ class Elements(NamedTuple):
     frictions: tuple[jax.Array, ...]
     couplings: tuple[Coupling | None, ...]  # by group of links, of those that are followed
     slots: int  # impacts of a link in a step that are recorded
+    relaxed: tuple[jax.Array, ...] | None  # elongations at which the rods start; None at rest
 
     @property
     def is_long(self) -> bool:
@@ -110,8 +111,13 @@ class Instant(NamedTuple):
     links: tuple[LinkInstant, ...]
 
 
-def elements(system: System, dt: float, order: int, slots: int) -> Elements:
-    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each."""
+def elements(
+    system: System, dt: float, order: int, slots: int, displaced: Sequence[Any] | None = None
+) -> Elements:
+    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each.
+
+    ``displaced`` are the displacements of all masses from which it starts; None for one at rest.
+    """
     topology, inverse = system.topology, tuple(1 / m for m in system.masses)
     return Elements(
         topology=topology,
@@ -125,6 +131,9 @@ def elements(system: System, dt: float, order: int, slots: int) -> Elements:
             for group in link_groups(topology)
         ),
         slots=slots,
+        relaxed=None
+        if displaced is None
+        else tuple(elongation(ends, displaced) for ends in topology.rods),
     )
 
 
@@ -140,6 +149,26 @@ def at_rest(system: System, zero: jax.Array) -> State:
         links |= {k: LinkState(zero, zero, zero, zero, contact) for k in group.links}
     in_order = tuple(links[k] for k in range(len(links)))
     return State(free, free, (zero,) * len(topology.rods), in_order)
+
+
+def moved(system: System, rest: State, x: Sequence[jax.Array], v: Sequence[jax.Array]) -> State:
+    """The state at t = 0 of masses that are displaced by x and move with v, (n_masses,) each."""
+    links = []
+    for link, ends in zip(rest.links, system.topology.links, strict=True):
+        closing, contact = elongation(ends, x), link.contact
+        links.append(
+            link._replace(
+                closing=closing,
+                velocity=elongation(ends, v),
+                contact=None if contact is None else contact._replace(half=closing),
+            )
+        )
+    free = [old is not None for old in rest.x]
+    return rest._replace(
+        x=tuple(new if own else None for own, new in zip(free, x, strict=True)),
+        v=tuple(new if own else None for own, new in zip(free, v, strict=True)),
+        links=tuple(links),
+    )
 
 
 def of_all_masses(
@@ -171,19 +200,27 @@ def step(
 
     ``sums`` are the rods' history sums S_m; ``ground`` is u'' at t_m and its mean over the step
     from t_m − h/2 to t_m + h/2; ``starts`` says that t_m = 0.
+
+    A run that does not start at rest has its velocities at t = 0 itself there, and its first kick
+    is of half a step: of a whole one with half the shaking and twice the masses.
     """
-    topology, inverse = system.topology, system.inverse_masses
     acceleration, shaking = ground
+    share: Any = 1.0
+    if begins := system.relaxed is not None:
+        share = jnp.where(starts, 0.5, 1.0).astype(time.dtype)
+        system, shaking = _heavier(system, share), share * shaking
+    topology, inverse = system.topology, system.inverse_masses
     x = of_all_masses(topology, state.x, [link.closing for link in state.links])
 
     # Rods at t_m.
+    relaxed = system.relaxed or (0,) * len(topology.rods)
     passed = [
-        rod_step(law, excess, total, elongation(ends, x))
-        for law, excess, total, ends in zip(
-            system.rods, state.excess, sums, topology.rods, strict=True
+        rod_step(law, excess, total, elongation(ends, x) - rest if begins else elongation(ends, x))
+        for law, excess, total, ends, rest in zip(
+            system.rods, state.excess, sums, topology.rods, relaxed, strict=True
         )
     ]
-    forces = tuple(force for force, _, _ in passed)
+    forces = _forces(system, passed)
     loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
 
     # Links over the step from t_m − h/2 to t_m + h/2.
@@ -203,7 +240,7 @@ def step(
     contacts: list[ContactState | None] = [None] * len(now)
     if flows:
         passed = _given_mean_samples(system, passed, flows)
-        forces = tuple(force for force, _, _ in passed)
+        forces = _forces(system, passed)
         loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
         pulls = [_pull(ends, loads, inverse, shaking) for ends in topology.links]
     for one in flows:
@@ -215,12 +252,21 @@ def step(
             now[k] = closing[j]
             contacts[k], motions[k] = jax.tree.map(lambda y, j=j: y[j], (contact, motion))
 
-    free = [
+    if begins:
+        for k, link in enumerate(state.links):
+            now[k] = jnp.where(starts, link.closing, now[k])
+            motions[k] = _begun(motions[k], link, starts)
+            contacts[k] = _begun_contact(contacts[k], link, motions[k], starts, dt)
+        pulls = [pull / share for pull in pulls]
+
+    free: list[_Free | None] = [
         None
         if state.x[mass] is None
         else _kick_and_drift(system, state, mass, loads[mass], shaking, motions, now, dt)
         for mass in range(topology.n_masses)
     ]
+    if begins:
+        free = [_begun_free(one, v, starts) for one, v in zip(free, state.v, strict=True)]
     after = State(
         x=tuple(None if one is None else one.x for one in free),
         v=tuple(None if one is None else one.v for one in free),
@@ -247,6 +293,53 @@ def step(
         ),
     )
     return after, [c for _, _, c in passed], instant
+
+
+def _heavier(system: Elements, share: jax.Array) -> Elements:
+    """All masses divided by a share."""
+    return system._replace(
+        inverse_masses=tuple(share * inverse for inverse in system.inverse_masses),
+        couplings=tuple(
+            None if one is None else one._replace(delassus=share * one.delassus)
+            for one in system.couplings
+        ),
+    )
+
+
+def _forces(system: Elements, passed: Sequence[tuple[jax.Array, ...]]) -> tuple[jax.Array, ...]:
+    """The rods' forces, to which those of relaxed rods are added."""
+    if system.relaxed is None:
+        return tuple(force for force, _, _ in passed)
+    return tuple(
+        force + law.modulus * rest
+        for (force, _, _), law, rest in zip(passed, system.rods, system.relaxed, strict=True)
+    )
+
+
+def _begun(motion: LinkMotion, link: LinkState, starts: jax.Array) -> LinkMotion:
+    """Motion of a link whose run does not start at rest: nothing turns before t = 0."""
+    return motion._replace(
+        velocity_now=jnp.where(starts, link.velocity, motion.velocity_now),
+        jump=jnp.where(starts, 0.0, motion.jump),
+        turns=motion.turns & ~starts,
+        turn_time=jnp.where(starts, 0.0, motion.turn_time),
+        turn=jnp.where(starts, 0.0, motion.turn),
+        change_time=jnp.where(starts, 0.0, motion.change_time),
+    )
+
+
+def _begun_free(one: _Free | None, v: Any, starts: jax.Array) -> _Free | None:
+    return one and one._replace(v_now=jnp.where(starts, v, one.v_now))
+
+
+def _begun_contact(
+    contact: ContactState | None, link: LinkState, motion: LinkMotion, starts: jax.Array, dt: float
+) -> ContactState | None:
+    """State of contact after the first half step of such a run."""
+    if contact is None:
+        return None
+    half = link.closing + dt / 4 * (link.velocity + motion.velocity)
+    return contact._replace(half=jnp.where(starts, half, contact.half))
 
 
 class _Free(NamedTuple):
@@ -355,7 +448,8 @@ def _before(
     links = [state.links[k] for k in group.links]
     pull = jnp.stack([pulls[k] for k in group.links])
     last = jnp.stack([link.pull for link in links])
-    bound = group.root == GROUND
+    begins = system.relaxed is not None
+    bound = group.root == GROUND or begins
     before = GroupStep(
         closing=jnp.stack([link.closing for link in links]),
         velocity=jnp.stack([link.velocity for link in links]),
@@ -364,6 +458,7 @@ def _before(
         rise=pull - (jnp.where(starts, pull, last) if bound else last),
         time=time,
         starts=starts,
+        halfway=not begins,
         dt=dt,
         slots=system.slots,
     )
@@ -373,7 +468,7 @@ def _before(
         plain = jax.tree.map(lambda y: y[None], plain)
     else:
         plain = plain_motion(coupled, before)
-        plain = _from_rest(plain, starts, scheme) if bound else plain
+        plain = _from_rest(plain, starts, scheme) if bound and not begins else plain
     return _Step(group, coupled, before, plain)
 
 
@@ -388,13 +483,14 @@ def _slide(
 ) -> LinkMotion:
     """Motion of a link that shares no mass, without contact."""
     ends, inverse = system.topology.links[k], system.inverse_masses
-    bound = GROUND in ends
+    begins = system.relaxed is not None
+    bound = GROUND in ends or begins
     rise = pull - (jnp.where(starts, pull, link.pull) if bound else link.pull)
     whole, friction = _inverse_mass(ends, inverse), system.frictions[k]
     motion = scheme.friction.slide(
         LinkStep(link.velocity, link.phase, pull, rise, whole, friction, dt)
     )
-    return _from_rest(motion, starts, scheme) if bound else motion
+    return _from_rest(motion, starts, scheme) if bound and not begins else motion
 
 
 def _shared(system: Elements, group: int, mass: int, changes: Sequence[jax.Array]) -> jax.Array:

@@ -271,6 +271,7 @@ def _displaced(
     now: Instant,
     system: Elements,
     links: tuple[LinkTally, ...],
+    smooth: Any,
 ) -> Peak:
     """The peak of x_i − x_j, or of x_i where j is the ground: at an impact the path has a kink."""
     here, speed = elongation(ends, x), elongation(ends, v)
@@ -289,8 +290,8 @@ def _displaced(
             drift = late * (speed - share * link.velocity)
             reached.append(jnp.where(met, here + drift + share * link.motion.turn, here))
     if not kinks:
-        return peak.observe(here)
-    return peak.observe(here, ~jnp.stack(kinks).any()).reaching(*reached)
+        return peak.observe(here, smooth)
+    return peak.observe(here, smooth & ~jnp.stack(kinks).any()).reaching(*reached)
 
 
 class Tally(NamedTuple):
@@ -304,16 +305,23 @@ class Tally(NamedTuple):
     links: tuple[LinkTally, ...]
 
     @staticmethod
-    def start(system: System, zero: jax.Array, soft: bool) -> Tally:
-        """Nothing has happened yet; ``soft`` asks for the soft minimum of the gaps as well."""
+    def start(system: System, zero: jax.Array, soft: bool, closings: Sequence[jax.Array]) -> Tally:
+        """Nothing has happened yet; ``soft`` asks for the soft minimum of the gaps as well.
+
+        ``closings`` are those of all links before the run.
+        """
         topology, peak = system.topology, Peak(zero, zero, zero)
         softly = LogMeanExp(zero, zero, zero) if soft else None
         apart = UnderWay(*(zero,) * 4)
         start = (*(zero,) * 3, zero + jnp.inf, *(zero,) * 6, zero + 3, zero + 3, zero, zero)
         never = ContactTally(*start, apart)
         links = tuple(
-            LinkTally(*(zero,) * 7, softly, None if link.contact is None else never)
-            for link in system.links
+            LinkTally(
+                *(closing, closing, zero, closing, zero, zero, zero),
+                softly,
+                None if link.contact is None else never,
+            )
+            for link, closing in zip(system.links, closings, strict=True)
         )
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
@@ -327,7 +335,24 @@ class Tally(NamedTuple):
     def observe(
         self, now: Instant, system: Elements, dt: float, last: jax.Array, temperature: Any
     ) -> Tally:
-        """Take one instant into account; ``last`` tells whether the run ends with it."""
+        """Take one instant into account; ``last`` tells whether the run ends with it.
+
+        A run that does not start at rest has nothing before t = 0, and no parabola through it.
+        """
+        if system.relaxed is None:
+            return self._observed(now, system, dt, last, temperature, True)
+        found = self._observed(now, system, dt, last, temperature, now.time > dt)
+        return jax.tree.map(lambda old, new: jnp.where(now.time < 0, old, new), self, found)
+
+    def _observed(
+        self,
+        now: Instant,
+        system: Elements,
+        dt: float,
+        last: jax.Array,
+        temperature: Any,
+        smooth: Any,
+    ) -> Tally:
         # Weights of the trapezoidal rule: half a step for the first instant and the last.
         share = jnp.where(last | (now.time <= 0), dt / 2, dt).astype(now.forces[0].dtype)
         turns = [link.motion.turns & (~last | (link.motion.turn_time <= 0)) for link in now.links]
@@ -340,17 +365,18 @@ class Tally(NamedTuple):
         v = of_all_masses(topology, now.v, [link.velocity for link in now.links])
 
         def observed(peak: Peak, ends: Ends) -> Peak:
-            return _displaced(peak, ends, x, v, now, system, links)
+            return _displaced(peak, ends, x, v, now, system, links, smooth)
 
         return Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
             x=tuple(observed(peak, (mass, GROUND)) for mass, peak in enumerate(self.x)),
             acceleration=tuple(
-                self._acceleration(mass, now, system, turns, links, dt)
+                self._acceleration(mass, now, system, turns, links, dt, smooth)
                 for mass in range(topology.n_masses)
             ),
             forces=tuple(
-                peak.observe(force) for peak, force in zip(self.forces, now.forces, strict=True)
+                peak.observe(force, smooth)
+                for peak, force in zip(self.forces, now.forces, strict=True)
             ),
             drifts=tuple(
                 None if peak is None else observed(peak, ends)
@@ -367,6 +393,7 @@ class Tally(NamedTuple):
         turns: list[jax.Array],
         links: tuple[LinkTally, ...],
         dt: float,
+        smooth: Any,
     ) -> Peak:
         """A mass's peak acceleration: it jumps with the friction of the mass's link."""
         topology, inverse = system.topology, system.inverse_masses[mass]
@@ -378,10 +405,10 @@ class Tally(NamedTuple):
             if mass in ends
         }
         if not signs:
-            return peak.observe(load * inverse)
+            return peak.observe(load * inverse, smooth)
         totals = {k: sign * _total_force(now.links[k].motion) for k, sign in signs.items()}
         others = sum(totals.values())
-        smooth = jnp.stack([links[k].calm >= 3 for k in signs]).all()
+        smooth &= jnp.stack([links[k].calm >= 3 for k in signs]).all()
         reached = []
         for k, sign in signs.items():
             motion, seen = now.links[k].motion, now.links[k].motion.contact

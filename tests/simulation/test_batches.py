@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -196,3 +197,14 @@ def test_chunks_inside_a_transformation_are_refused_by_name():
         jp.in_chunks(lambda x: jax.random.key(0))(np.ones(3))
     with pytest.raises(ValueError, match="in_chunks: function = 3 must be a function"):
         jp.in_chunks(3)
+
+
+def test_structures_that_a_batch_closes_over_are_not_folded_into_its_program():
+    """XLA would compute what follows from them while it compiles, for the whole batch."""
+    grid, n = jp.TimeGrid.until(5.0, dt=0.05), 777
+
+    def smallest(amplitude):
+        return jp.demand(jp.paper.structures(), amplitude * jp.paper.ground(), grid).min_gap
+
+    program = jax.jit(jax.vmap(smallest)).lower(np.linspace(0.05, 0.3, n)).compile().as_text()
+    assert not re.search(rf"\[[\d,]*{n}[\d,]*\]\S* constant\(", program)

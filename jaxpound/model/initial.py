@@ -1,0 +1,84 @@
+"""Where masses are at the start of a run, and how fast they move."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from jaxpound._checks import Rule
+from jaxpound._fields import check, parameter, pytree_dataclass
+from jaxpound.model.system import System, as_tuple, elongation
+
+
+@pytree_dataclass
+class InitialState:
+    """Displacements and velocities of all masses at t = 0, relative to the ground.
+
+    The rods have been held at these displacements for ever: they start relaxed, with the forces K e
+    of their elongations e and without memory of how they came there. Blocks are then let go. (Rods
+    that were pulled there quickly would pull back harder at first, as their forces relax: simulate
+    the pulling for that.)
+
+    Parameters
+    ----------
+    displacements
+        One number a mass, in units of g/ω1²; () for 0 throughout.
+    velocities
+        One number a mass, in units of g/ω1; () for 0 throughout.
+
+    Raises
+    ------
+    ValueError
+        If a known value is not finite.
+
+    Examples
+    --------
+    Free vibration of two blocks of which one was pulled aside:
+
+    >>> still = jp.Ricker(0.0, [1.0], [0.0])
+    >>> aside = jp.InitialState(displacements=(0.3, 0.0))
+    >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
+    >>> response = jp.simulate(jp.paper.structures(), still, grid, initial=aside)
+    >>> float(response.x1[0]), bool(abs(response.x1[-1]) < 0.1)
+    (0.3, True)
+    """
+
+    displacements: tuple[Any, ...] = parameter(
+        "x_0", "length", "initial displacement", each=True, default=()
+    )
+    velocities: tuple[Any, ...] = parameter(
+        "v_0", "velocity", "initial velocity", each=True, default=()
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("displacements", "velocities"):
+            object.__setattr__(self, name, as_tuple("InitialState", name, getattr(self, name)))
+        check(self)
+
+    def of(self, system: System) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Displacements and velocities of a system's masses.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many as masses.
+        """
+        n = len(system.masses)
+        for name in ("displacements", "velocities"):
+            given = getattr(self, name)
+            if len(given) not in (0, n):
+                rule = f"one number for each of {n} masses, or ()"
+                raise ValueError(f"initial: {name} of {len(given)} numbers must be {rule}")
+        return self.displacements or (0.0,) * n, self.velocities or (0.0,) * n
+
+
+def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule]:
+    """What a state must be for a run with steps of ``dt``: links with a contact law are open."""
+    x, v = initial.of(system)
+    found = []
+    for k, link in enumerate(system.links):
+        if link.contact is not None:
+            left = link.gap - elongation(link.ends, x)
+            holds = left > dt * elongation(link.ends, v)
+            says = "open, and stay so for a step: a law of contact starts apart"
+            found.append(Rule(f"gap of link {k}", left, holds, says))
+    return found
