@@ -81,12 +81,13 @@ def picture(stem: str, code: str, number: int = 1) -> Picture:
 
 
 def title_and_purpose(stem: str) -> tuple[str, str]:
-    """What a notebook is called, and the first sentence of what it is for."""
+    """What a notebook is called, and what it is for: its question, or the first sentence."""
     text = read(NOTEBOOKS / f"{stem}.ipynb").cells[0].source
     title, purpose = (re.search(x, text, re.M) for x in (r"^# (.+)$", r"\*\*Purpose:\*\* (.+)"))
     assert title
     assert purpose
-    first = re.split(r"(?<=[.?]) (?=[A-Z])", purpose[1])[0]
+    asked, mark, _ = purpose[1].rpartition("?")
+    first = asked + mark or re.split(r"(?<=[.]) (?=[A-Z])", purpose[1])[0]
     return title[1], first[0].upper() + first[1:]
 
 

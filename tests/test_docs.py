@@ -4,6 +4,7 @@ import doctest
 import importlib.util
 import pkgutil
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,12 +118,19 @@ def test_the_site_s_measured_tables_are_the_readme_s():
 def test_the_examples_of_the_questions_are_right():
     page = DOCS / "faq.md"
     names = {"jp": jp, "jax": jax, "replace": replace}
-    parser, text = doctest.DocTestParser(), page.read_text(encoding="utf-8")
-    examples = parser.get_doctest(text, names, page.name, str(page), 0)
+    text = re.sub(r"^```.*", "", page.read_text(encoding="utf-8"), flags=re.M)
+    examples = doctest.DocTestParser().get_doctest(text, names, page.name, str(page), 0)
     assert len(examples.examples) > 4
     runner = doctest.DocTestRunner()
     runner.run(examples)
     assert not runner.failures
+
+
+def test_every_extra_is_said_to_be_for_something():
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        extras = tomllib.load(file)["project"]["optional-dependencies"]
+    page = (DOCS / "installation.md").read_text(encoding="utf-8").partition("## Extras")[2]
+    assert {*re.findall(r"^\| `(\w+)` \|", page, re.M)} == {*extras}
 
 
 @pytest.fixture(scope="module")
