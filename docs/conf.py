@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import nbformat
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from sphinx.ext import autosummary
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(HERE)]
 
 import jaxpound  # noqa: E402
 from jaxpound.cli import main as cli  # noqa: E402
@@ -35,12 +34,16 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx.ext.mathjax",
     "myst_nb",
+    "from_notebooks",
+    "tables_of_columns",
 ]
 exclude_patterns = ["_build", "_templates", "jupyter_execute"]
 templates_path = ["_templates"]
 
 html_theme = "furo"
 html_title = f"jaxpound {version}"
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]
 smartquotes_action = "D"  # dashes only: x1'' is a second derivative
 
 # Committed outputs are shown as they are: a notebook may take minutes and need a network.
@@ -90,42 +93,6 @@ nitpick_ignore_regex = [
     ),
     ("py:class", r"jaxpound\.design\.design\.History"),
 ]
-
-NOTEBOOKS = ROOT / "notebooks"
-PAGES = {  # what a file at the repository's top is among the pages
-    ROOT / "README.md": HERE / "index.md",
-    ROOT / "CHANGELOG.md": HERE / "changelog.md",
-    ROOT / "CONTRIBUTING.md": HERE / "contributing.md",
-}
-_LINK = re.compile(r"(\]\(\s*<?|\bsrc=\")(?![a-zA-Z][\w+.-]*:|[#/])([^)\s>\"#]+)")
-
-
-def bring_notebooks(app: Any) -> None:
-    """Copy the notebooks among the pages, where their relative links must lead to the same files.
-
-    Copies, as symbolic links are not to be had on every platform.
-    """
-    folder = HERE / "notebooks"
-    wanted = sorted(NOTEBOOKS.glob("*.ipynb"))
-    for old in folder.glob("*.ipynb") if folder.exists() else ():
-        if NOTEBOOKS / old.name not in wanted:
-            old.unlink()
-
-    def moved(link: re.Match[str]) -> str:
-        target = Path(os.path.normpath(NOTEBOOKS / link[2]))
-        if target in wanted or not target.exists():
-            return link[0]
-        return link[1] + Path(os.path.relpath(PAGES.get(target, target), folder)).as_posix()
-
-    for path in wanted:
-        notebook = nbformat.read(path, as_version=4)
-        for cell in notebook.cells:
-            if cell.cell_type == "markdown":
-                cell.source = _LINK.sub(moved, cell.source)
-        text, copy = nbformat.writes(notebook), folder / path.name
-        folder.mkdir(exist_ok=True)
-        if not copy.exists() or copy.read_text(encoding="utf-8") != text:
-            copy.write_text(text, encoding="utf-8")
 
 
 class CommandHelp(Directive):
@@ -190,7 +157,6 @@ def plain_types(app: Any, domain: str, objtype: str, content: Any) -> None:
 def setup(app: Any) -> None:
     """Connect the above."""
     app.add_directive("command-help", CommandHelp)
-    app.connect("builder-inited", bring_notebooks, priority=1)
     app.connect("autodoc-process-docstring", keep_as_written, priority=400)
     app.connect("autodoc-process-docstring", finish, priority=600)
     app.connect("autodoc-process-signature", result_signature)

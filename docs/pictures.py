@@ -1,13 +1,17 @@
 """The pictures of the README and of these pages: python docs/pictures.py.
 
 The paper's structures at a gap of 0.7, without and with a damper, as an animation; the drawing of
-the system; the paper's case over time; how a pair that pounds becomes chaotic. Names of pictures as
-arguments make only these.
+the system; the paper's case over time; how a pair that pounds becomes chaotic; what the guides
+draw. Names of pictures as arguments make only these.
 """
 
+import re
 import sys
+from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import jax
 import numpy as np
@@ -103,7 +107,18 @@ def chaos() -> None:
     print("impacts", one.demand.n_impacts, "growth at the end", float(grown.end))
 
 
-PICTURES = {draw.__name__: draw for draw in (animation, system, paper_case, chaos)}
+def guides() -> None:
+    """The figures of the guides in ``how_to``, by the programs that they show."""
+    for name in ("sweep", "paper_figure"):
+        page = HERE / "how_to" / f"{name}.md"
+        code = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+        made: dict[str, Any] = {}
+        with TemporaryDirectory() as folder, chdir(folder):
+            exec("".join(code), made)
+        made["figure"].savefig(page.with_suffix(".png"), dpi=150)
+
+
+PICTURES = {draw.__name__: draw for draw in (animation, system, paper_case, chaos, guides)}
 
 
 def main() -> None:

@@ -1,9 +1,14 @@
 """The documentation's own rules, without building it: nothing public and no page is left out."""
 
+import doctest
+import importlib.util
 import pkgutil
 import re
+import tomllib
+from dataclasses import replace
 from pathlib import Path
 
+import jax
 import pytest
 
 import jaxpound as jp
@@ -108,6 +113,58 @@ def test_the_site_s_measured_tables_are_the_readme_s():
     for row in rows:
         numbers = re.findall(r"[−\d.]+e-\d", row)
         assert any(numbers == re.findall(r"[−\d.]+e-\d", line) for line in readme.splitlines()), row
+
+
+def test_the_examples_of_the_questions_are_right():
+    page = DOCS / "faq.md"
+    names = {"jp": jp, "jax": jax, "replace": replace}
+    text = re.sub(r"^```.*", "", page.read_text(encoding="utf-8"), flags=re.M)
+    examples = doctest.DocTestParser().get_doctest(text, names, page.name, str(page), 0)
+    assert len(examples.examples) > 4
+    runner = doctest.DocTestRunner()
+    runner.run(examples)
+    assert not runner.failures
+
+
+def test_every_extra_is_said_to_be_for_something():
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        extras = tomllib.load(file)["project"]["optional-dependencies"]
+    page = (DOCS / "installation.md").read_text(encoding="utf-8").partition("## Extras")[2]
+    assert {*re.findall(r"^\| `(\w+)` \|", page, re.M)} == {*extras}
+
+
+@pytest.fixture(scope="module")
+def from_notebooks():
+    """The extension that takes pictures from the notebooks."""
+    pytest.importorskip("sphinx")
+    spec = importlib.util.spec_from_file_location("from_notebooks", DOCS / "from_notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_pictures_of_gallery_and_list_are_in_the_notebooks(from_notebooks):
+    for directive, page in (("gallery", "gallery.md"), ("notebook-list", "notebooks.md")):
+        lines = entries(directive, DOCS / page)
+        assert lines
+        for source, code, *_ in (line.split(" | ") for line in lines):
+            stem, _, number = source.partition(" ")
+            if stem == from_notebooks.SCRIPT:
+                assert (DOCS / code).exists()
+            else:
+                assert from_notebooks.picture(stem, code, int(number or 1)).heading
+
+
+def test_every_notebook_is_in_the_list():
+    listed = [line.partition(" | ")[0] for line in entries("notebook-list", DOCS / "notebooks.md")]
+    assert listed == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
+
+
+def test_terms_of_the_glossary_are_in_order_and_said_once():
+    body = (DOCS / "glossary.md").read_text(encoding="utf-8").partition("{glossary}")[2]
+    terms = re.findall(r"^(\S.*)$", body.partition("\n```")[0], re.M)
+    assert len(terms) > 30
+    assert terms == sorted(set(terms), key=str.lower)
 
 
 def bibliography():

@@ -11,15 +11,19 @@ import numpy as np
 from matplotlib.image import imread
 
 from jaxpound.cli import main as cli
+from tests.cli.described import compare_folder
 
 # A pulse of 0.6 s, then rest: 101 samples at .02 s.
 PULSE = np.where(np.arange(101) < 30, 0.4 * np.sin(np.pi * np.arange(101) / 15), 0.0)
 
 
 def run(*arguments: object) -> str:
-    """What a command that must succeed prints."""
+    """What a command that must succeed prints; its files must be as docs/files.md says."""
     with contextlib.redirect_stdout(io.StringIO()) as screen:
         assert cli.main([str(argument) for argument in arguments]) == 0
+    command, *options = map(str, arguments)
+    folder = "--store" if command == "montecarlo" else "--out"
+    compare_folder(command, Path(options[options.index(folder) + 1]))
     return screen.getvalue()
 
 

@@ -213,12 +213,13 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path):
     np.savetxt(record, PULSE * 980.665)
     changes = {"series": 'series = "none"', "# duration": "duration = 0.5", "# dt": "dt = 0.02"}
     arguments = ["--record", record, "--units", "gal", "--dt", 0.02, "--config", write(changes)]
-    run("simulate", *arguments, "--out", tmp_path)
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    out = tmp_path / "out"
+    run("simulate", *arguments, "--out", out)
+    summary = json.loads((out / "summary.json").read_text())
     assert summary["record"]["pga_g"] == pytest.approx(np.abs(PULSE).max(), rel=1e-6)
     assert summary["run"]["steps"] == 25
     assert summary["run"]["dt_s"] == pytest.approx(0.02)
-    assert not list(tmp_path.glob("series.*"))
+    assert not list(out.glob("series.*"))
 
 
 # --- configuration ------------------------------------------------------------------------------
