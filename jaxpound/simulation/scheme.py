@@ -40,9 +40,10 @@ class Scheme:
     extrapolated
         Whether every run is made at dt and at dt/2 as well, and the errors of second order cancel
         (Richardson 1911): positions, velocities, rods' forces and all scalars are (4 y(dt/2) −
-        y(dt))/3, so are their derivatives; forces and phases of links are those at dt. It takes
-        three times as long, and pays from relative errors of some 1e-4 downwards. Only for second
-        order without contact laws.
+        y(dt))/3; forces and phases of links are those at dt. It takes three times as long, and pays
+        from relative errors of some 1e-4 downwards. Derivatives stay of second order: how they
+        change as an event crosses an instant does not cancel. Only for schemes of second order and
+        links without contact laws.
 
     Examples
     --------
@@ -71,13 +72,9 @@ class Scheme:
         for name in ("checkpoint", "extrapolated"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"Scheme: {name} = {getattr(self, name)!r} must be True or False")
-        second = (
-            self.order == 2 and self.start == "rest" and not isinstance(self.friction, Switching)
-        )
-        if self.extrapolated and not second:
-            rule = (
-                'must be of a scheme of second order: order 2, start "rest", no Switching friction'
-            )
+        second = self.order == 2 and self.start == "rest"
+        if self.extrapolated and not (second and not isinstance(self.friction, Switching)):
+            rule = 'must have order 2, start "rest" and another friction than Switching()'
             raise ValueError(f"Scheme: extrapolated = True {rule}")
 
     def finest(self, grid: TimeGrid) -> TimeGrid:
