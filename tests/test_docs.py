@@ -11,6 +11,7 @@ from jaxpound.cli import main as cli
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+PACKAGE = Path(jp.__file__).parent
 MADE = ("_build", "generated", "jupyter_execute", "notebooks")  # by a build
 PAGES = sorted(
     page for page in DOCS.rglob("*.md") if not set(MADE) & set(page.relative_to(DOCS).parts[:-1])
@@ -47,7 +48,7 @@ def test_every_entry_of_the_reference_is_there():
 
 
 def test_every_module_of_figures_is_in_the_reference():
-    modules = {path.stem for path in (ROOT / "jaxpound" / "plots").glob("[a-z]*.py")}
+    modules = {path.stem for path in (PACKAGE / "plots").glob("[a-z]*.py")}
     modules -= {"curves", "style", "panels", "sliders"}  # what figures are made of
     assert {f"jaxpound.plots.{module}" for module in modules} <= set(reference())
 
@@ -121,7 +122,7 @@ def test_every_source_that_is_named_is_in_the_bibliography():
     named = re.compile(
         rf"({name}(?:, {name})*(?: and {name})?)(?: et al\.)? \(?((?:18|19|20)\d\d)[);,]"
     )
-    modules = sorted((ROOT / "jaxpound").rglob("*.py"))
+    modules = sorted(PACKAGE.rglob("*.py"))
     pages = [page for page in PAGES if page.stem not in ("bibliography", "changelog")]
     found = [
         (path.name, *source)
@@ -140,7 +141,7 @@ def test_every_source_that_is_named_is_in_the_bibliography():
 
 def test_the_paper_s_title_is_the_same_everywhere():
     title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
-    places = [ROOT / "CITATION.cff", ROOT / "jaxpound" / "paper.py"]
+    places = [ROOT / "CITATION.cff", PACKAGE / "paper.py"]
     places += [DOCS / "model.md", DOCS / "bibliography.md"]
     for place in places:
         text = " ".join(place.read_text(encoding="utf-8").split())

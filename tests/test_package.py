@@ -19,7 +19,7 @@ import jaxpound as jp
 from jaxpound._extras import EXTRAS
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "jaxpound"
+PACKAGE = Path(jp.__file__).parent  # the clone's or, where a release is checked, the wheel's
 
 # From the ground up; a module imports only from its own wing and from below. What is no folder is
 # named by its modules.
