@@ -19,7 +19,7 @@ import jaxpound as jp
 from jaxpound._extras import EXTRAS
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "jaxpound"
+PACKAGE = Path(jp.__file__).parent  # the clone's or, where a release is checked, the wheel's
 
 # From the ground up; a module imports only from its own wing and from below. What is no folder is
 # named by its modules.
@@ -226,5 +226,15 @@ def test_readme_and_ci_agree_on_the_test_command():
 def test_versions_agree():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert "version" in project["project"]["dynamic"]
-    assert f"version: {jp.__version__}" in (ROOT / "CITATION.cff").read_text()
-    assert f"## {jp.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (.*)$", citation, re.M) == [jp.__version__]
+    (released,) = re.findall(r"^date-released: (.*)$", citation, re.M)
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (.*)$\n\n(.*)\.$", changes, re.M)[0] == (jp.__version__, released)
+
+
+def test_types_are_marked_and_versions_of_python_are_named():
+    assert (PACKAGE / "py.typed").exists()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    named = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
+    assert f">={named[0]}" == project["requires-python"]

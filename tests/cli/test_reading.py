@@ -194,7 +194,7 @@ def numbers(kind):
 def test_every_number_of_a_configuration_has_a_range():
     """But those of limits and penalties, whose ranges depend on what is limited.
 
-    The acceleration of noise has that of its distribution.
+    The strength of noise, a number or a distribution, is held to its range by its table.
     """
     without = {
         "earthquakes": [inspect.FloatType],

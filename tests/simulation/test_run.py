@@ -366,7 +366,7 @@ def test_demand_is_the_simulation_s():
             strict=True,
         ):
             seen = float(np.abs(series).max())  # the grid may miss the top, by a little
-            assert seen <= float(getattr(scalars, f"peak_{name}")) < 1.01 * seen, name
+            assert seen * (1 - 1e-12) <= float(getattr(scalars, f"peak_{name}")) < 1.01 * seen, name
         work = np.trapezoid(run.friction * run.slip_velocity, run.time)
         assert float(scalars.friction_work) == pytest.approx(work, rel=5e-3)
         distance = np.trapezoid(np.abs(run.slip_velocity), run.time)
