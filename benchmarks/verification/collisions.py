@@ -108,7 +108,7 @@ def case(steps: Sequence[float] = STEPS, groups: Sequence[tuple[str, ...]] = TOG
         "collide, free of rods and ground motion: nine contact laws, each with restitutions of "
         "0.2, 0.4, 0.65 and 0.9, the worst of which is told. Contact is followed within a step, so "
         "that errors do not depend on it.",
-        "A five-stage Radau integration of the collision by each law's formula, to nine digits. "
+        "An independent integration of the collision by each law's formula (five-stage Radau). "
         "In closed form: how long contact lasts by Hertz's theory and by a spring and dashpot.",
         errors=tuple(errors),
         numbers=tuple(numbers),

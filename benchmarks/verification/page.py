@@ -19,20 +19,21 @@ INTRODUCTION = """\
 
 Every case here is a problem whose solution is known from elsewhere: in closed form, by an inverse
 Laplace transform, by an event-driven solver that shares nothing with jaxpound, by another program
-or from a book. Each states the problem, the source of truth, the errors at shrinking time steps,
-the order that they fit (2 is the default scheme's) and the wall time of one run, once compiled.
-This page is written by one command, from a clone:
+or from a book. Each states the problem, the source of truth, the errors at shrinking time steps h,
+the order that they fit (2 is the default scheme's) and the wall time, once compiled, of the run or
+of the small batch of runs compared, from the longest step to the shortest. This page is written by
+one command, from a clone:
 
 ```sh
 pip install -e ".[test,bench]"
 python -m benchmarks.verification
 ```
 
-It takes some twenty minutes, most of it compilation; `python -m benchmarks.verification rods
-rows` runs only some cases, `--list` names them. The exit status is 1 if an error exceeds its
-bound or an order falls short. Smaller versions of the cases are among the package's tests
-(`tests/verification`). Errors do not depend on the machine; times do, and are of one that other
-work shared.
+It takes some twenty minutes, most of it compilation; `python -m benchmarks.verification rods rows`
+runs only some cases, and `--list` names them. The exit status is 1 if an error exceeds its bound or
+an order falls short. Smaller versions of the cases are among the package's tests
+(`tests/verification`). Errors do not depend on the machine; times do, and are those of a machine
+that was busy with other work.
 
 """
 
@@ -41,9 +42,9 @@ PEERS = """\
 
 ![Error against wall time of one run, of jaxpound and of OpenSees](verification.png)
 
-Points of a line are runs at shrinking steps; lower and further left is better. A run of a batch
-is one of {lanes} earthquakes at once over both cores, with scalars as its result; OpenSees runs
-on one core.
+Points of a line are runs at shrinking steps; lower and further left is better. A run of a batch is
+one of {lanes} earthquakes in one call. The result of the paper's case and of the batch is the
+smallest gap; the other runs of jaxpound keep all series, OpenSees the displacements compared.
 
 ## Peers
 
@@ -77,7 +78,9 @@ def keep(name: str, case: Case) -> None:
 
 
 def _duration(seconds: float) -> str:
-    return f"{1e3 * seconds:.2g} ms" if seconds < 0.0995 else f"{seconds:.2g} s"
+    if seconds < 0.0995:
+        return f"{1e3 * seconds:.2g} ms"
+    return f"{seconds:.2g} s" if seconds < 9.95 else f"{seconds:.0f} s"
 
 
 def _table(parts: list[Errors]) -> list[str]:
@@ -85,7 +88,7 @@ def _table(parts: list[Errors]) -> list[str]:
     steps = [f"h = {step:g}" for step in parts[0].steps]
     with_order = any(part.fitted_order is not None for part in parts)
     with_time = any(part.seconds for part in parts)
-    heads = ["error of", *steps, *["order"] * with_order, *["one run"] * with_time]
+    heads = ["error of", *steps, *["order"] * with_order, *["time"] * with_time]
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for part in parts:
         cells = [part.quantity, *(f"{error:.1e}" for error in part.errors)]
