@@ -1,0 +1,1 @@
+"""Benchmarks and the verification suite; ``benchmarks/README.md`` says what each is."""

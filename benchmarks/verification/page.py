@@ -1,0 +1,135 @@
+"""The page of the documentation, its tables and its figure, from the results on file."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from pathlib import Path
+
+import msgspec
+
+from benchmarks.verification import figure
+from benchmarks.verification.case import Case, Errors
+from benchmarks.verification.cases import CASES
+
+RESULTS = Path(__file__).parent / "results.json"
+DOCS = Path(__file__).parents[2] / "docs"
+
+INTRODUCTION = """\
+# Verification
+
+Every case here is a problem whose solution is known from elsewhere: in closed form, by an inverse
+Laplace transform, by an event-driven solver that shares nothing with jaxpound, by another program
+or from a book. Each states the problem, the source of truth, the errors at shrinking time steps h,
+the order that they fit (2 is the default scheme's) and the wall time, once compiled, of the run or
+of the small batch of runs compared, from the longest step to the shortest. This page is written by
+one command, from a clone:
+
+```sh
+pip install -e ".[test,bench]"
+python -m benchmarks.verification
+```
+
+It takes some twenty minutes, most of it compilation; `python -m benchmarks.verification rods rows`
+runs only some cases, and `--list` names them. The exit status is 1 if an error exceeds its bound or
+an order falls short. Smaller versions of the cases are among the package's tests
+(`tests/verification`). Errors do not depend on the machine; times do, and are those of a machine
+that was busy with other work.
+
+"""
+
+PEERS = """\
+## Accuracy against time
+
+![Error against wall time of one run, of jaxpound and of OpenSees](verification.png)
+
+Points of a line are runs at shrinking steps; lower and further left is better. A run of a batch is
+one of {lanes} earthquakes in one call. The result of the paper's case and of the batch is the
+smallest gap; the other runs of jaxpound keep all series, OpenSees the displacements compared.
+
+## Peers
+
+**OpenSees.** `pip install -e ".[bench]"` brings
+[OpenSeesPy](https://openseespydoc.readthedocs.io), which needs a BLAS library;
+`benchmarks/README.md` says what to do where it does not find one. Without it the suite skips that
+case and says so. More steps, friction springs and integrators: `python benchmarks/opensees.py`
+and `python benchmarks/opensees_rows.py`.
+
+**Siconos.** [Siconos](https://github.com/siconos/siconos) solves the same inclusions (unilateral
+contact, impacts, Coulomb's friction) by event-capturing time stepping, and could model the pair
+with each rod as its relaxation spectrum. It is not on the Python package index, so that no extra
+of this package can bring it: Debian and Ubuntu have it (`apt install python3-siconos`, for the
+system's Python), and its developers provide images for Docker. It is not compared here: this page
+shows only what was run.
+"""
+
+
+def results() -> dict[str, Case]:
+    """Cases on file, in the order of the suite."""
+    if not RESULTS.exists():
+        return {}
+    found = msgspec.json.decode(RESULTS.read_bytes(), type=dict[str, Case])
+    return {name: found[name] for name in CASES if name in found}
+
+
+def keep(name: str, case: Case) -> None:
+    """Put a case on file."""
+    text = msgspec.json.encode({**results(), name: case})
+    RESULTS.write_bytes(msgspec.json.format(text) + b"\n")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 0.0995:
+        return f"{1e3 * seconds:.2g} ms"
+    return f"{seconds:.2g} s" if seconds < 9.95 else f"{seconds:.0f} s"
+
+
+def _table(parts: list[Errors]) -> list[str]:
+    """Errors at the same steps."""
+    steps = [f"h = {step:g}" for step in parts[0].steps]
+    with_order = any(part.fitted_order is not None for part in parts)
+    with_time = any(part.seconds for part in parts)
+    heads = ["error of", *steps, *["order"] * with_order, *["time"] * with_time]
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for part in parts:
+        cells = [part.quantity, *(f"{error:.1e}" for error in part.errors)]
+        if with_order:
+            cells.append("" if part.fitted_order is None else f"{part.fitted_order:.2f}")
+        if with_time:
+            ends = sorted({_duration(part.seconds[i]) for i in (0, -1)} if part.seconds else ())
+            both = [_duration(part.seconds[i]) for i in (0, -1)] if len(ends) > 1 else ends
+            cells.append(" to ".join(both))
+        lines.append("| " + " | ".join(cells) + " |")
+    return [*lines, ""]
+
+
+def section(case: Case) -> str:
+    """A case as a section of the page."""
+    lines = [f"## {case.title}", "", f"*Problem.* {case.problem}", ""]
+    lines += [f"*Source of truth.* {case.source}", ""]
+    for _, parts in groupby(case.errors, key=lambda part: part.steps):
+        lines += _table(list(parts))
+    if case.numbers:
+        lines += ["| | jaxpound | known | allowed difference |", "|---|---|---|---|"]
+        lines += [
+            f"| {x.quantity} | {x.found:.5g} | {x.known:.5g} | {x.within:.1g} |"
+            for x in case.numbers
+        ]
+        lines.append("")
+    lines += [f"The whole case: {_duration(case.seconds)} with compilation ({case.made}).", ""]
+    return "\n".join(lines)
+
+
+def text(cases: dict[str, Case]) -> str:
+    """The whole page."""
+    from benchmarks.verification.opensees_peer import LANES
+
+    sections = "\n".join(section(case) for case in cases.values())
+    return INTRODUCTION + sections + "\n" + PEERS.format(lanes=LANES)
+
+
+def write() -> None:
+    """The page and its figure."""
+    cases = results()
+    (DOCS / "verification.md").write_text(text(cases), encoding="utf-8")
+    curves = [curve for case in cases.values() for curve in case.curves]
+    figure.accuracy_against_time(curves).savefig(DOCS / "verification.png", dpi=150)

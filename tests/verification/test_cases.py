@@ -1,0 +1,70 @@
+"""Small versions of the cases of ``python -m benchmarks.verification``."""
+
+import dataclasses
+import math
+
+import pytest
+
+from benchmarks.verification import (
+    collisions,
+    coulomb_decay,
+    den_hartog,
+    el_centro,
+    energy,
+    gradients,
+    opensees_peer,
+    paper_case,
+    rare_events,
+    rods,
+    rows,
+)
+from benchmarks.verification.case import Case, Errors, Number
+
+COARSE = (0.02, 0.01)
+SMALL = {
+    "rods": lambda: rods.case((0.05, 0.025)),
+    "el_centro": lambda: el_centro.case(COARSE),
+    "den_hartog": lambda: den_hartog.case((0.04, 0.02)),
+    "coulomb_decay": lambda: coulomb_decay.case((0.05, 0.025)),
+    "collisions": lambda: collisions.case((0.05,), [("newton",)]),
+    "paper_case": lambda: paper_case.case(COARSE, ["default"]),
+    "rows": lambda: rows.case((0.01,), ["row3_kelvin"]),
+    "energy": lambda: energy.case((0.01,), ["row3_kelvin"]),
+    "gradients": lambda: gradients.case((0.04,), contact=False),
+    "rare_events": lambda: rare_events.case((0.47,)),
+}
+"""Rows and energy share the program, and rare events that of other tests."""
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_errors_and_orders_are_within_their_bounds(name):
+    case = SMALL[name]()
+    assert not case.skipped
+    assert case.errors or case.numbers
+    assert case.faults() == []
+
+
+def test_a_case_without_its_peer_says_so(monkeypatch):
+    monkeypatch.setattr(opensees_peer, "find_spec", lambda name: None)
+    case = opensees_peer.case()
+    assert (case.errors, case.faults()) == ((), [])
+    assert case.skipped == 'openseespy and numba not installed: pip install -e ".[bench]"'
+
+
+def test_what_does_not_hold_is_named():
+    errors = Errors("x", (0.2, 0.1), (0.04, 0.01), constant=1.1)
+    number = Number("peak", 2.674, 2.67, within=0.005)
+    case = Case("title", "problem", "source", (errors,), (number,))
+    assert case.faults() == []
+    assert errors.fitted_order == pytest.approx(2)
+    assert dataclasses.replace(errors, constant=0.9).faults() == [
+        "x: error 4.0e-02 at step 0.2, above 3.6e-02",
+        "x: error 1.0e-02 at step 0.1, above 9.0e-03",
+    ]
+    (fault,) = dataclasses.replace(errors, errors=(0.02, 0.01)).faults()
+    assert fault == "x: order 1.00 instead of 2"
+    (fault,) = dataclasses.replace(number, known=2.66).faults()
+    assert fault == "peak: 2.674, not 2.66 ± 0.005"
+    lost = dataclasses.replace(errors, errors=(math.nan, 0.01))
+    assert "error nan" in lost.faults()[0]
+    assert dataclasses.replace(number, found=math.nan).faults()

@@ -1,0 +1,83 @@
+"""The page of the documentation and the command that writes it."""
+
+import pytest
+
+from benchmarks.verification import command, figure, page
+from benchmarks.verification.case import Case, Curve, Errors, Number
+from benchmarks.verification.cases import CASES
+
+CASE = Case(
+    "A title",
+    "A problem.",
+    "A source.",
+    errors=(
+        Errors("x", (0.2, 0.1), (0.04, 0.01), 1.1, 2.0, (0.01, 0.02)),
+        Errors("v", (0.1,), (0.02,), 2.1),
+    ),
+    numbers=(Number("peak", 2.674, 2.67, 0.005),),
+    curves=(Curve("A panel", "OpenSees, one run", (0.04, 0.01), (0.01, 0.02)),),
+    seconds=3.0,
+    made="by hand",
+)
+
+
+def test_the_page_is_made_of_the_results_on_file():
+    cases = page.results()
+    assert [*cases] == [*CASES]
+    assert (page.DOCS / "verification.md").read_text(encoding="utf-8") == page.text(cases)
+    assert [case.faults() for case in cases.values() if case.faults()] == []
+
+
+def test_a_section_has_problem_source_errors_order_and_time():
+    section = page.section(CASE)
+    assert "| error of | h = 0.2 | h = 0.1 | order | time |" in section
+    assert "| x | 4.0e-02 | 1.0e-02 | 2.00 | 10 ms to 20 ms |" in section
+    assert "| error of | h = 0.1 |\n|---|---|\n| v | 2.0e-02 |" in section
+    assert "| peak | 2.674 | 2.67 | 0.005 |" in section
+    for part in ("## A title", "A problem.", "A source.", "The whole case: 3 s"):
+        assert part in section
+
+
+def test_the_figure_has_a_panel_for_each_problem():
+    drawing = figure.accuracy_against_time(CASE.curves)
+    (ax,) = drawing.axes
+    assert ax.get_title() == "A panel"
+    (line,) = ax.lines
+    assert list(line.get_xdata()) == [10.0, 20.0]
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """Results and page in another folder; the only case there is ``CASE``."""
+    monkeypatch.setattr(page, "RESULTS", tmp_path / "results.json")
+    monkeypatch.setattr(page, "DOCS", tmp_path)
+    for cases in (page.CASES, command.CASES):
+        monkeypatch.setitem(cases, "rods", lambda: CASE)
+    return tmp_path
+
+
+def test_the_command_writes_what_holds(elsewhere, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["verification", "rods"])
+    assert command.main() == 0
+    (kept,) = page.results().values()
+    assert kept.errors == CASE.errors
+    assert kept.made.startswith("20")
+    assert "## A title" in (elsewhere / "verification.md").read_text(encoding="utf-8")
+    assert (elsewhere / "verification.png").stat().st_size > 5000
+    assert "order 2.00" in capsys.readouterr().out
+
+
+def test_the_command_names_what_does_not_hold(elsewhere, monkeypatch, capsys):
+    wrong = Case("A title", "A problem.", "A source.", numbers=(Number("peak", 3.0, 2.0, 0.1),))
+    monkeypatch.setitem(command.CASES, "rods", lambda: wrong)
+    monkeypatch.setattr("sys.argv", ["verification", "rods"])
+    assert command.main() == 1
+    assert "FAILS: peak: 3, not 2 ± 0.1" in capsys.readouterr().out
+    assert page.results() == {}
+
+
+def test_an_unknown_case_is_refused(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["verification", "beams"])
+    with pytest.raises(SystemExit):
+        command.main()
+    assert "no case beams: there are rods, el_centro" in capsys.readouterr().err
