@@ -114,7 +114,9 @@ def searched_in_rounds(
         at, here, moved = new, _with(there, curvatures), step
         if found.stopped == STOPPED_BY_CALLBACK or (size <= _SETTLED and found.own.infeasible):
             break
-        if kept and (size <= _SETTLED or _optimal(lagrangian, data, found, options.starts)):
+        conditions = _conditions(lagrangian, data, found, options.starts)
+        if kept and (size <= _SETTLED or _is_optimal(conditions, new)):
+            best = found
             break
     final = found if best is None else best
     return final._replace(
@@ -122,20 +124,27 @@ def searched_in_rounds(
         history=history,
         polishing=polishing,
         stopped=f"{found.stopped} of round {number + 1}",
-        conditions=FirstOrderConditions(
-            lagrangian, final.conditions.data._replace(box=data.box), options.starts
-        ),
+        conditions=_conditions(lagrangian, data, final, options.starts),
     )
 
 
-def _optimal(lagrangian: AugmentedLagrangian, data: ProblemData, found: Found, starts: int) -> bool:
-    """Whether a design meets first-order conditions, by the slopes of probabilities there."""
-    rare, near = found.rare.log_ratios, TOLERANCE / 2
-    active = rare._replace(values=np.where(np.abs(rare.values) <= near, 0.0, rare.values))
-    conditions = FirstOrderConditions(lagrangian, data._replace(rare=active), starts)
-    here = conditions.at(found.own.scaled)
+def _conditions(
+    lagrangian: AugmentedLagrangian, data: ProblemData, found: Found, starts: int
+) -> FirstOrderConditions:
+    """First-order conditions by the slopes of probabilities at a design.
+
+    A probability within half of the tolerance of its limit is at its limit.
+    """
+    rare = found.rare.log_ratios
+    near = np.abs(rare.values) <= TOLERANCE / 2
+    active = rare._replace(values=np.where(near, 0.0, rare.values))
+    return FirstOrderConditions(lagrangian, data._replace(rare=active), starts)
+
+
+def _is_optimal(conditions: FirstOrderConditions, scaled: np.ndarray) -> bool:
+    here, box = conditions.at(scaled), np.asarray(conditions.data.box)
     _, slope = conditions.multipliers(here.point)
-    free = ~at_active_bound(found.own.scaled, slope, np.asarray(data.box), AT_BOUND)
+    free = ~at_active_bound(scaled, slope, box, AT_BOUND)
     return bool(np.linalg.norm(slope[free]) <= _OPTIMAL * np.linalg.norm(here.goal))
 
 

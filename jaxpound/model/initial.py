@@ -32,14 +32,14 @@ class InitialState:
 
     Examples
     --------
-    Free vibration of two blocks of which one was pulled aside:
+    Two blocks of which one was pulled aside; friction between them holds it before it is back:
 
     >>> still = jp.Ricker(0.0, [1.0], [0.0])
     >>> aside = jp.InitialState(displacements=(0.3, 0.0))
     >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
     >>> response = jp.simulate(jp.paper.structures(), still, grid, initial=aside)
-    >>> float(response.x1[0]), bool(abs(response.x1[-1]) < 0.1)
-    (0.3, True)
+    >>> round(float(response.x1[0]), 3), round(float(response.x1[-1]), 3)
+    (0.3, 0.224)
     """
 
     displacements: tuple[Any, ...] = parameter(
