@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import dataclasses
 import sys
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -94,7 +95,8 @@ def run(args: argparse.Namespace) -> None:
     print(design)
     write_text(args.out / "design.toml", file.text)
     write_text(args.out / "buildings.toml", _buildings(given, task, design))
-    write_json(args.out / "summary.json", answers)
+    made_by = {"jaxpound": jp.__version__, "configuration": tomllib.loads(file.text)}
+    write_json(args.out / "summary.json", made_by | answers)
 
     from jaxpound.plots import designs as plots
     from jaxpound.plots.style import figure
