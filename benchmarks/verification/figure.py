@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from benchmarks.verification.case import Curve
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_figure
@@ -35,6 +37,9 @@ def accuracy_against_time(curves: Sequence[Curve]) -> Figure:
         ax.set_title(panel)
         label(ax, "wall time of one run, ms", "largest error" if i == 0 else "")
         low, high = ax.get_ylim()
-        ax.set_ylim(low, high * (high / low) ** 0.35)
+        ax.set_ylim(low, high * (high / low) ** 0.5)
+        ends = np.log10(ax.dataLim.intervalx)
+        ax.set_xlim(10 ** np.floor(ends[0]), 10 ** np.ceil(ends[1]))
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.legend(loc="upper right", handlelength=1.4)
     return drawing

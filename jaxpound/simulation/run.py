@@ -156,7 +156,7 @@ def demand(
         nearer to the mean the longer the run goes on after the shaking.
     only
         Flat names of the scalars that are wanted, such as ``("min_gap", "peak_f1")``: all others
-        are None, and a batch takes as little as half the time. By default all.
+        are None, and a batch of pairs takes some 0.7 of the time. By default all.
     initial, strict
         See ``simulate``.
 
