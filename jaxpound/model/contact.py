@@ -409,7 +409,11 @@ class _Pressed:
         return may_pull(self.law)
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:
-        pressed = jnp.where(penetration > 0, penetration, 0.0)
+        # At touch, where rounding may leave δ a little below 0, the derivative is that of contact.
+        limits = jnp.finfo(jnp.result_type(penetration, float))
+        least = jnp.sqrt(limits.tiny)
+        lifted = penetration + lax.stop_gradient(larger(least - penetration, 0.0))
+        pressed = jnp.where(penetration > -(limits.eps**0.75), lifted, 0.0)
         return self.law.force(pressed, speed, touch_speed)
 
 

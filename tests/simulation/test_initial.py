@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from tests.simulation.pairs import OneOf
 
 STILL = jp.Ricker(0.0, [1.0], [0.0])
 ELASTIC = jp.ZenerRod(order=1.0, tau_f=0.1, tau_x=0.1)
@@ -129,6 +130,17 @@ def test_a_collision_of_two_equal_blocks(contact, within):
     second = (1 + e) / 2 * speed * np.sin(since)
     np.testing.assert_allclose(found.masses[0].x[late], first, atol=within)
     np.testing.assert_allclose(found.masses[1].x[late], second, atol=within)
+
+
+def test_a_force_that_jumps_at_touch_has_its_peak_in_a_law_of_ones_own_too():
+    """Strong damping: the force jumps, rises a little and falls."""
+    law, grid = jp.KelvinVoigt(stiffness=1000.0, restitution=0.2), jp.TimeGrid.until(1.0, dt=0.05)
+    push = jp.InitialState((), (0.5, 0.0))
+    built_in, own = (
+        jp.demand(struck(one), STILL, grid, initial=push) for one in (law, OneOf(0.0, (law,)))
+    )
+    assert own.peak_contact == pytest.approx(float(built_in.peak_contact), rel=1e-9)
+    assert own.contact_work == pytest.approx(float(built_in.contact_work), rel=1e-3)
 
 
 def test_a_row_with_friction_converges():
