@@ -94,6 +94,10 @@ class Scales:
             "hertz stiffness": self.force / self.length**1.5,
         }
 
+    def unit_of(self, kind: str | None) -> Any:
+        """The unit of a kind of quantity; 1 for pure numbers, which have none (None)."""
+        return self.units[kind] if kind else 1.0
+
     def grid(self, duration: float, dt: float) -> TimeGrid:
         """The dimensionless time grid for a duration and a step in seconds.
 

@@ -6,7 +6,6 @@ import argparse
 import contextlib
 import dataclasses
 import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -95,8 +94,7 @@ def run(args: argparse.Namespace) -> None:
     print(design)
     write_text(args.out / "design.toml", file.text)
     write_text(args.out / "buildings.toml", _buildings(given, task, design))
-    made_by = {"jaxpound": jp.__version__, "configuration": tomllib.loads(file.text)}
-    write_json(args.out / "summary.json", made_by | answers)
+    write_json(args.out / "summary.json", file.origin | answers)
 
     from jaxpound.plots import designs as plots
     from jaxpound.plots.style import figure

@@ -6,7 +6,6 @@ import argparse
 import csv
 import dataclasses
 import io
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any
@@ -17,6 +16,7 @@ import jaxpound as jp
 from jaxpound._tables import Table as Shown
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.cli.reading import Count, File, Table, between, named, says
+from jaxpound.cli.results import of_fragility
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.formats.units import UNITS
 from jaxpound.results.demand import unit_of
@@ -265,20 +265,13 @@ def summary(file: File, found: Found) -> dict[str, Any]:
     rate, curve, years = found.rate, found.fragility, found.results.years
     answers: dict[str, Any] = known(
         {
-            "jaxpound": jp.__version__,
-            "configuration": tomllib.loads(file.text),
+            **file.origin,
             "measure": found.hazard.measure,
             "hazard": {
                 "intensity": found.hazard.intensity.tolist(),
                 "annual_rate": found.hazard.annual_rate.tolist(),
             },
-            "fragility": curve
-            and {
-                "median": curve.median,
-                "median_error": curve.median_error,
-                "dispersion": curve.dispersion,
-                "dispersion_error": curve.dispersion_error,
-            },
+            "fragility": of_fragility(curve),
             "confidence": found.results.confidence,
             "annual_rate": {
                 "value": rate.value,

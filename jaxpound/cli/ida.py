@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +15,7 @@ from jaxpound._tables import Table as Shown
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.cli.notes import noted
 from jaxpound.cli.reading import Count, File, Table, between, named, says
+from jaxpound.cli.results import of_fragility
 from jaxpound.cli.structures import Structured
 from jaxpound.risk.suite_runs import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
@@ -199,8 +199,7 @@ def summary(
         }
     answers: dict[str, Any] = known(
         {
-            "jaxpound": jp.__version__,
-            "configuration": tomllib.loads(file.text),
+            **file.origin,
             "target": of_target,
             "measure": found.measure,
             "demand": demand_in_words(found.demand, found.si),
@@ -212,13 +211,7 @@ def summary(
             "capacities": dict(zip(found.names, map(float, found.capacities), strict=True)),
             "factors": dict(zip(found.names, map(float, found.factors), strict=True)),
             "returning": list(found.returning),
-            "fragility": curve
-            and {
-                "median": curve.median,
-                "median_error": curve.median_error,
-                "dispersion": curve.dispersion,
-                "dispersion_error": curve.dispersion_error,
-            },
+            "fragility": of_fragility(curve),
         }
     )
     return answers

@@ -251,16 +251,14 @@ def _add_report(commands: Any) -> None:
 
 
 def _add_design(commands: Any) -> None:
-    design = _add_command(
+    design = _add_configured(
         commands,
         "design",
-        summary="dampers and rods that keep buildings apart, chosen by gradients within limits",
-        example="jaxpound design --example-config > design.toml\n"
-        "  jaxpound design design.toml --record elcentro.at2 --out results",
+        "dampers and rods that keep buildings apart, chosen by gradients within limits",
+        config="what may be chosen",
+        prints="an example design",
+        more="--record elcentro.at2 ",
     )
-    _add_out(design)
-    _add_path(design, "config", "what may be chosen", "CONFIG.toml")
-    _add_example(design, "print an example design and exit")
     words = "an accelerogram in g that joins the random earthquakes; may be given several times"
     _add_path(design, "--record", words, action="append", default=[])
     words = "keep the search's state there, and go on from it where it was stopped"
@@ -269,46 +267,38 @@ def _add_design(commands: Any) -> None:
 
 
 def _add_ida(commands: Any) -> None:
-    ida = _add_command(
+    ida = _add_configured(
         commands,
         "ida",
-        summary="an incremental dynamic analysis: records scaled up until buildings pound",
-        example="jaxpound ida --example-config > ida.toml\n  jaxpound ida ida.toml --out results",
+        "an incremental dynamic analysis: records scaled up until buildings pound",
+        config="buildings, records and intensities",
+        prints="an example analysis",
     )
-    _add_out(ida)
-    _add_path(ida, "config", "buildings, records and intensities", "CONFIG.toml")
-    _add_example(ida, "print an example analysis and exit")
     _add_path(ida, "--store", "keep finished runs there; a stopped analysis goes on", "DIR")
     _add_strict(ida)
 
 
 def _add_rare(commands: Any) -> None:
-    rare = _add_command(
+    rare = _add_configured(
         commands,
         "rare",
-        summary="the probability of a rare event, however small, and its likeliest earthquake",
-        example="jaxpound rare --example-config > rare.toml\n"
-        "  jaxpound rare rare.toml --out results",
+        "the probability of a rare event, however small, and its likeliest earthquake",
+        config="buildings, random earthquakes and the event",
+        prints="an example",
     )
-    _add_out(rare)
-    _add_path(rare, "config", "buildings, random earthquakes and the event", "CONFIG.toml")
-    _add_example(rare, "print an example and exit")
     words = "keep design points and finished runs there; a stopped search goes on"
     _add_path(rare, "--store", words, "DIR")
 
 
 def _add_hazard(commands: Any) -> None:
-    hazard = _add_command(
+    _add_configured(
         commands,
         "hazard",
-        summary="how often buildings pound in years, from a hazard curve and a fragility",
-        example="jaxpound hazard --example-config > hazard.toml\n"
-        "  jaxpound hazard hazard.toml --out results",
+        "how often buildings pound in years, from a hazard curve and a fragility",
+        config="the hazard, and a fragility or a study",
+        prints="an example",
+        forms=FORMS[:1],
     )
-    _add_out(hazard)
-    _add_path(hazard, "config", "the hazard, and a fragility or a study", "CONFIG.toml")
-    words = "print an example and exit"
-    hazard.add_argument("--example-config", action=_PrintExample, forms=FORMS[:1], help=words)
 
 
 _COMMANDS = (
@@ -336,6 +326,33 @@ def _add_command(commands: Any, name: str, summary: str, example: str) -> argpar
     return command
 
 
+def _add_configured(
+    commands: Any,
+    name: str,
+    summary: str,
+    *,
+    config: str,
+    prints: str,
+    more: str = "",
+    forms: Sequence[str] = FORMS,
+) -> argparse.ArgumentParser:
+    """A command that reads a configuration, of which it prints an example, and fills a folder.
+
+    ``more`` is what its example of use has beside these.
+    """
+    command = _add_command(
+        commands,
+        name,
+        summary,
+        example=f"jaxpound {name} --example-config > {name}.toml\n"
+        f"  jaxpound {name} {name}.toml {more}--out results",
+    )
+    _add_out(command)
+    _add_path(command, "config", config, "CONFIG.toml")
+    _add_example(command, f"print {prints} and exit", forms)
+    return command
+
+
 def _add_out(command: argparse.ArgumentParser) -> None:
     words = "folder for the results; made if needed, files of the same names are replaced"
     _add_path(command, "--out", words, required=True, metavar="DIR")
@@ -343,9 +360,12 @@ def _add_out(command: argparse.ArgumentParser) -> None:
     command.add_argument("--pdf", action="store_true", help=words)
 
 
-def _add_example(command: argparse.ArgumentParser, words: str) -> None:
-    words += ": of two buildings (pair, the default), or of several storeys and buildings (row)"
-    command.add_argument("--example-config", action=_PrintExample, help=words)
+def _add_example(
+    command: argparse.ArgumentParser, words: str, forms: Sequence[str] = FORMS
+) -> None:
+    if forms[1:]:
+        words += ": of two buildings (pair, the default), or of several storeys and buildings (row)"
+    command.add_argument("--example-config", action=_PrintExample, forms=forms, help=words)
 
 
 def _add_strict(command: argparse.ArgumentParser) -> None:

@@ -123,8 +123,7 @@ def limit_state(file: File, given: Rare) -> jp.LimitState:
 
 def _at(state: jp.LimitState, given: Rare, level: float | None) -> jp.LimitState:
     """The same event at a threshold in SI units."""
-    kind = kind_of_demand(state)
-    unit = float(given.scales.units[kind]) if kind else 1.0
+    unit = float(given.scales.unit_of(kind_of_demand(state)))
     return dataclasses.replace(state, threshold=None if level is None else level / unit)
 
 

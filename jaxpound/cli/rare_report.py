@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,8 +47,7 @@ class Found:
     @property
     def unit(self) -> float:
         """The unit of the demand in SI."""
-        kind = kind_of_demand(self.event.limit_state)
-        return float(self.scales.units[kind]) if kind else 1.0
+        return float(self.scales.unit_of(kind_of_demand(self.event.limit_state)))
 
     def threshold(self, event: jp.RareEvent) -> float | None:
         """The threshold of an event in SI units."""
@@ -102,8 +100,7 @@ def summary(file: File, found: Found) -> dict[str, Any]:
     times, shares = event.failures_by_instant
     answers: dict[str, Any] = known(
         {
-            "jaxpound": jp.__version__,
-            "configuration": tomllib.loads(file.text),
+            **file.origin,
             "event": event_in_words(found),
             "demand": str(event.limit_state.demand),
             "unit": unit(kind_of_demand(event.limit_state), si=True),

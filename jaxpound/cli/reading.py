@@ -21,6 +21,7 @@ import msgspec
 from msgspec import inspect
 
 from jaxpound._checks import did_you_mean
+from jaxpound._version import __version__
 from jaxpound.cli.files import example
 
 _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
@@ -178,6 +179,11 @@ class File:
             return File(str(path), content.decode("utf-8"), path.parent)
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: must be text in UTF-8 ({error})") from error
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What a summary begins with: the version, and what the file holds."""
+        return {"jaxpound": __version__, "configuration": tomllib.loads(self.text)}
 
     def read(self, kind: type[T]) -> T:
         """What the file holds.

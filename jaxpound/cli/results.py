@@ -1,4 +1,4 @@
-"""What ``jaxpound simulate`` tells of every run: gaps, contact, energy."""
+"""What commands tell of results: of a run its gaps, contact and energy; of a fragility its fit."""
 
 from __future__ import annotations
 
@@ -33,6 +33,12 @@ def of_run(response: jp.Response) -> dict[str, Any]:
         "kinetic_energy_J": at_end["kinetic"],
         "energy_residual_over_input": relative_residual(response),
     }
+
+
+def of_fragility(curve: jp.Fragility | None) -> dict[str, float] | None:
+    """The parameters of a fragility, with their standard errors."""
+    names = ("median", "median_error", "dispersion", "dispersion_error")
+    return None if curve is None else {name: getattr(curve, name) for name in names}
 
 
 def first_contact(response: jp.Response, link: int) -> float | None:

@@ -79,7 +79,7 @@ class Limit:
     @property
     def bound(self) -> float:
         """The largest limited number: ``at_most``; of a probability 1 (see ``limited``)."""
-        return 1.0 if self.probability is not None or self.at_most is None else self.at_most
+        return self.most if self.probability is None else 1.0
 
     def limited(self, reached: Any) -> Any:
         """The limited number of what is reached: a demand itself, and 1 + ln(P/p) of a probability.

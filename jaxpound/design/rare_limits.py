@@ -89,9 +89,9 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
         enforce(
             place, [Rule("probability", limit.most, limit.most >= RAREST, f"at least {RAREST:g}")]
         )
-        at_most, kind = limit.at_most, kind_of(name)
-        if at_most is not None and problem.scales is not None and kind:
-            at_most /= float(problem.scales.units[kind])
+        at_most = limit.at_most
+        if at_most is not None and problem.scales is not None:
+            at_most /= float(problem.scales.unit_of(kind_of(name)))
         scenarios = OfDesign(ensemble.scenarios, nominal, tuple(ensemble.uncertain))
         try:
             states[name] = LimitState(scenarios, problem.grid, problem.scheme, name, at_most)

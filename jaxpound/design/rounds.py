@@ -98,7 +98,8 @@ def searched_in_rounds(
         new = found.own.scaled
         there, step = rare.at(new), new - at
         size = float(np.abs(step).max())
-        found = found._replace(rare=there)
+        conditions = _conditions(lagrangian, data, there.log_ratios, options.starts)
+        found = found._replace(rare=there, conditions=conditions)
         kept = _kept(found)
         if kept and (best is None or found.own.objective > best.own.objective):
             best = found
@@ -114,7 +115,6 @@ def searched_in_rounds(
         at, here, moved = new, _with(there, curvatures), step
         if found.stopped == STOPPED_BY_CALLBACK or (size <= _SETTLED and found.own.infeasible):
             break
-        conditions = _conditions(lagrangian, data, found, options.starts)
         if kept and (size <= _SETTLED or _is_optimal(conditions, new)):
             best = found
             break
@@ -124,18 +124,16 @@ def searched_in_rounds(
         history=history,
         polishing=polishing,
         stopped=f"{found.stopped} of round {number + 1}",
-        conditions=_conditions(lagrangian, data, final, options.starts),
     )
 
 
 def _conditions(
-    lagrangian: AugmentedLagrangian, data: ProblemData, found: Found, starts: int
+    lagrangian: AugmentedLagrangian, data: ProblemData, rare: LogRatios, starts: int
 ) -> FirstOrderConditions:
     """First-order conditions by the slopes of probabilities at a design.
 
     A probability within half of the tolerance of its limit is at its limit.
     """
-    rare = found.rare.log_ratios
     near = np.abs(rare.values) <= TOLERANCE / 2
     active = rare._replace(values=np.where(near, 0.0, rare.values))
     return FirstOrderConditions(lagrangian, data._replace(rare=active), starts)

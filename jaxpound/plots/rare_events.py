@@ -131,7 +131,7 @@ def probability_curve(
     found.sort(key=lambda event: event.limit_state.level)
     demand, si = states[0].demand, scales is not None
     kind, words = quantity_of(demand) if isinstance(demand, str) else (None, "demand")
-    unit = float(scales.units[kind]) if scales is not None and kind else 1.0
+    unit = 1.0 if scales is None else float(scales.unit_of(kind))
     at = np.array([event.limit_state.level for event in found]) * unit
     factor, written = unit_for(kind, si, float(at.max())) if kind else (1.0, "")
     at = at * factor

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import hint
-from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
+from jaxpound._fields import Quantity, part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, Table
 from jaxpound.model.places import mass_places, rod_places
 from jaxpound.model.system import Topology, is_storey
@@ -274,31 +274,32 @@ class Demand(ByElement, Columnar, Shown):
         ValueError
             If a name is none of a scalar that the demand has.
         """
-        kept: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in self._elements}
-        own: dict[str, Any] = {}
         known = [name for _, of in self.columns() for name in of]
         known = [name for name in known if getattr(self, name) is not None]
         over_links = ["min_gap", "min_gap_time"] if len(self.links) > 1 else []
+        wanted: set[tuple[str, int, str]] = set()
         for name in names:
-            if name in over_links:
-                fields = dict.fromkeys(["min_gap", name])
-                for k, link in enumerate(self.links):
-                    kept["links"].setdefault(k, {}).update({x: getattr(link, x) for x in fields})
-                continue
-            if name not in known:
-                raise ValueError(f"only: unknown {name!r}; {hint(name, [*over_links, *known])}")
-            place = place_of(type(self), name)
-            assert place is not None
-            if place.group:
-                kept[place.group].setdefault(place.element, {})[place.field] = getattr(self, name)
+            if name in over_links:  # which link is the closest, the gaps tell
+                wanted |= {
+                    ("links", k, x) for k in range(len(self.links)) for x in ("min_gap", name)
+                }
+            elif name in known and (place := place_of(type(self), name)):
+                wanted.add((place.group, place.element, place.field))
             else:
-                own[place.field] = getattr(self, name)
-        groups = {}
-        for group, kind in self._elements.items():
-            none = dict.fromkeys(field.name for field in dataclasses.fields(kind))
-            items = range(len(getattr(self, group)))
-            groups[group] = tuple(kind(**none | kept[group].get(i, {})) for i in items)
-        return Demand(**groups, **({"pga": None, "pgv": None} | own), si=self.si)
+                raise ValueError(f"only: unknown {name!r}; {hint(name, [*over_links, *known])}")
+
+        def left(group: str, i: int, item: Any, fields: Iterable[str]) -> Any:
+            unwanted = {name: None for name in fields if (group, i, name) not in wanted}
+            return dataclasses.replace(item, **unwanted)
+
+        elements = {
+            group: tuple(
+                left(group, i, item, quantities(kind))
+                for i, item in enumerate(getattr(self, group))
+            )
+            for group, kind in self._elements.items()
+        }
+        return dataclasses.replace(left("", 0, self, quantities(type(self))), **elements)
 
     @property
     def min_gap(self) -> Any:

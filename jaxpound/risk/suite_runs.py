@@ -278,8 +278,7 @@ def demand_in_words(name: str, si: bool) -> str:
 
 
 def _unit(name: str, scales: Scales | None) -> Any:
-    kind = demand_kind(name)
-    return scales.units[kind] if scales and kind else 1.0
+    return scales.unit_of(demand_kind(name)) if scales else 1.0
 
 
 def _too_strong(suite: RecordSuite, factors: Any) -> list[str]:

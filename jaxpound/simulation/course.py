@@ -113,15 +113,16 @@ class Course(NamedTuple):
             now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
             starts = m == 0
-            if initial is not None:
-                # Idle steps before the first leave all as it is.
-                held, new = state, step(constants, state, sums, time, (a, mean), dt, scheme, starts)
-                state, c = jax.tree.map(
-                    lambda old, new: jnp.where(m < 0, old, new), (held, [zero] * len(sums)), new[:2]
-                )
-                return state, c, new[2]
-            v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
-            return step(constants, state._replace(v=v), sums, time, (a, mean), dt, scheme, starts)
+            if initial is None:
+                v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
+                state = state._replace(v=v)
+            after = step(constants, state, sums, time, (a, mean), dt, scheme, starts)
+            if initial is None:
+                return after
+            # Idle steps before the first leave all as it is.
+            idle = state, [zero] * len(sums)
+            kept = jax.tree.map(lambda old, new: jnp.where(m < 0, old, new), idle, after[:2])
+            return *kept, after[2]
 
         def scan(advance: Any, carry: Any, *, segmented: bool = False) -> tuple[Any, Any]:
             return scan_with_history(

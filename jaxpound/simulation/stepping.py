@@ -213,11 +213,11 @@ def step(
     x = of_all_masses(topology, state.x, [link.closing for link in state.links])
 
     # Rods at t_m.
-    relaxed = system.relaxed or (0,) * len(topology.rods)
+    stretched = _stretched(system, x)
     passed = [
-        rod_step(law, excess, total, elongation(ends, x) - rest if begins else elongation(ends, x))
-        for law, excess, total, ends, rest in zip(
-            system.rods, state.excess, sums, topology.rods, relaxed, strict=True
+        rod_step(law, excess, total, length)
+        for law, excess, total, length in zip(
+            system.rods, state.excess, sums, stretched, strict=True
         )
     ]
     forces = _forces(system, passed)
@@ -304,6 +304,14 @@ def _heavier(system: Elements, share: jax.Array) -> Elements:
             for one in system.couplings
         ),
     )
+
+
+def _stretched(system: Elements, x: Sequence[Any]) -> list[Any]:
+    """The rods' elongations, from which those of relaxed rods are taken."""
+    found = [elongation(ends, x) for ends in system.topology.rods]
+    if system.relaxed is None:
+        return found
+    return [length - rest for length, rest in zip(found, system.relaxed, strict=True)]
 
 
 def _forces(system: Elements, passed: Sequence[tuple[jax.Array, ...]]) -> tuple[jax.Array, ...]:

@@ -564,5 +564,4 @@ class Study(Columnar, Shown):
 
     def _factor(self, name: str) -> float:
         """Factor from a column to SI units; 1 for pure numbers and for users' columns."""
-        kind = self._quantity(name)
-        return 1.0 if self.scales is None or kind is None else float(self.scales.units[kind])
+        return 1.0 if self.scales is None else float(self.scales.unit_of(self._quantity(name)))

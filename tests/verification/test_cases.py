@@ -2,36 +2,28 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import pytest
 
 from benchmarks.verification import (
-    collisions,
-    coulomb_decay,
-    den_hartog,
-    el_centro,
-    energy,
-    gradients,
     opensees_peer,
-    paper_case,
-    rare_events,
-    rods,
-    rows,
 )
 from benchmarks.verification.case import Case, Errors, Number
+from benchmarks.verification.cases import CASES
 
 COARSE = (0.02, 0.01)
 SMALL = {
-    "rods": lambda: rods.case((0.05, 0.025)),
-    "el_centro": lambda: el_centro.case(COARSE),
-    "den_hartog": lambda: den_hartog.case((0.04, 0.02)),
-    "coulomb_decay": lambda: coulomb_decay.case((0.05, 0.025)),
-    "collisions": lambda: collisions.case((0.05,), [("newton",)]),
-    "paper_case": lambda: paper_case.case(COARSE, ["default"]),
-    "rows": lambda: rows.case((0.01,), ["row3_kelvin"]),
-    "energy": lambda: energy.case((0.01,), ["row3_kelvin"]),
-    "gradients": lambda: gradients.case((0.04,), contact=False),
-    "rare_events": lambda: rare_events.case((0.47,)),
+    "rods": partial(CASES["rods"], (0.05, 0.025)),
+    "el_centro": partial(CASES["el_centro"], COARSE),
+    "den_hartog": partial(CASES["den_hartog"], (0.04, 0.02)),
+    "coulomb_decay": partial(CASES["coulomb_decay"], (0.05, 0.025)),
+    "collisions": partial(CASES["collisions"], (0.05,), [("newton",)]),
+    "paper_case": partial(CASES["paper_case"], COARSE, ["default"]),
+    "rows": partial(CASES["rows"], (0.01,), ["row3_kelvin"]),
+    "energy": partial(CASES["energy"], (0.01,), ["row3_kelvin"]),
+    "gradients": partial(CASES["gradients"], (0.04,), contact=False),
+    "rare_events": partial(CASES["rare_events"], (0.47,)),
 }
 """Rows and energy share the program, and rare events that of other tests."""
 
