@@ -31,7 +31,7 @@ GPU = jax.default_backend() == "gpu"
 CASE = jp.paper.structures()
 GRID = jp.TimeGrid.until(20.0, 0.04)  # min gap of the paper's case within 5.2e-4
 PAPER_GRID = jp.TimeGrid.until(20.0, 0.002)  # the paper's algorithm: within 6.4e-4
-RUNS = 65_536 if GPU else 512 * CORES
+RUNS = 65_536 if GPU else 480 * CORES
 GRADIENT_RUNS = RUNS // 2
 KELVIN = jp.KelvinVoigt(stiffness=1000.0, restitution=0.65)
 PAPER, RODS = "paper's algorithm in Numba", ("order", "tau_f", "tau_x")

@@ -82,13 +82,14 @@ class Course(NamedTuple):
         structures, ground, given, initial = jax.tree.map(
             lambda x: jnp.asarray(x, dtype), (structures, ground, given, initial)
         )
-        # Before the batch is spread: samples of a record that all runs share are not copied.
+        # Where structures are constants of the program, XLA would fold all that follows from them.
+        structures = jax.tree.map(lax.optimization_barrier, structures)
+        # Before the batch is spread: orders and samples that all runs share are not copied.
+        orders = [jnp.asarray(rod.material.order, dtype) for rod in structures.system().rods]
         series = excitation(ground, grid, scheme.order).series
         structures, ground, given, initial, series = spread(
             (structures, ground, given, initial, series)
         )
-        # Where structures are constants of the program, XLA would fold all that follows from them.
-        structures = lax.optimization_barrier(structures)
         system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
         dt = grid.dt
 
@@ -129,7 +130,7 @@ class Course(NamedTuple):
                 advance,
                 carry,
                 grid.n_steps,
-                [rod.material.order for rod in system.rods],
+                orders,
                 scheme.history,
                 shaking.series,
                 segmented=segmented,

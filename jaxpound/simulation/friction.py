@@ -9,7 +9,6 @@ A(τ) = A_m + D (τ − ½) with D = A_m − A_{m−1}.
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -17,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound._checks import Rule, enforce, is_traced, number
-from jaxpound._extrema import larger, smaller
+from jaxpound.simulation.slip_stick import slip_stick
 
 
 class LinkStep(NamedTuple):
@@ -84,7 +83,7 @@ class EventResolved:
     def slide(self, before: LinkStep) -> LinkMotion:
         """One step of the link."""
         w, _, a, rise, inverse_mass, mu, h = before
-        step = _resolved(w, a, rise, inverse_mass * mu, h)
+        step = slip_stick(w, a, rise, inverse_mass * mu, h)
         return LinkMotion(
             velocity=step.velocity,
             mean_force=(a - (step.velocity - w) / h) / inverse_mass,
@@ -98,110 +97,6 @@ class EventResolved:
             phase=step.phase,
             change_time=step.change_time,
         )
-
-
-class _Resolved(NamedTuple):
-    velocity: jax.Array  # w at t_m + h/2
-    resistance: jax.Array  # R q at t_m
-    velocity_now: jax.Array
-    jump: jax.Array
-    turns: jax.Array  # 1 or 0
-    turn_time: jax.Array
-    turn: jax.Array
-    before: jax.Array  # R q before it, and after it
-    after: jax.Array
-    phase: jax.Array
-    change_time: jax.Array
-
-
-def _resolve(w: jax.Array, pull: jax.Array, rise: jax.Array, hold: jax.Array, h: Any) -> _Resolved:
-    """Events of a step in which A(τ) = pull + rise (τ − ½), and stick lasts while |A| ≤ hold."""
-    # In the direction of slip: |w| = speed × h, accelerated by a − hold.
-    slips_first = w != 0
-    way = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
-    speed, a, d = way * w / h, way * pull, way * rise
-
-    # Slip, until the speed vanishes at θ: a root of speed − half θ + d θ²/2 = 0.
-    drive = a - jnp.where(slips_first, hold, 0.0)
-    half = d / 2 - drive
-    below = half**2 - 2 * d * speed
-    dips = (half > 0) & (d > half) & (below >= 0)  # both roots within the step
-    stops = (speed + drive <= 0) | dips | ~slips_first
-    solve = stops & slips_first
-    root = jnp.sqrt(jnp.where(solve, larger(below, _tiny(w)), 1.0))
-    theta = 2 * speed / jnp.where(solve, half + root, 1.0)
-    theta = jnp.where(solve, smaller(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
-
-    # Stick, until |A| exceeds hold at φ.
-    a_stop, a_end, a_rest = a + d * (theta - 0.5), a + d / 2, a + d * theta / 2
-    sticks = stops & (jnp.abs(a_stop) <= hold)
-    breaks = sticks & (jnp.abs(a_end) > hold)
-    excess = jnp.where(breaks, jnp.abs(a_end) - hold, 0.0)
-    left = excess / jnp.where(breaks, jnp.abs(d), 1.0)  # 1 − φ
-    phi = jnp.where(sticks, 1 - left, theta)
-
-    # Slip again, from rest.
-    after = jnp.sign(jnp.where(sticks, a_end, a_rest))
-    gained = (1 - theta) * larger(jnp.abs(a_rest) - hold, 0.0)
-    gained = jnp.where(sticks, excess * left / 2, gained)
-    # Without friction (hold = 0) the link never sticks, not even at rest. The reversal's impulse is
-    # zero then, but its derivative by hold is not.
-    turned = h * (speed + a - hold * (theta + after * (1 - theta)))
-    w_new = jnp.where(stops & (hold > 0), h * after * gained, turned)
-
-    slipping = theta >= 0.5
-    # A reversal that gains no velocity leaves the link in stick, with the force that holds it.
-    stuck = ~slipping & ((phi >= 0.5) | (stops & (gained == 0)))
-    resistance = jnp.where(stuck, _held(a, hold), after * hold)
-    opposed = smaller(theta, 0.5) + after * larger(0.5 - theta, 0.0)
-    turned_now = h * (speed + (a - d / 4) / 2 - hold * opposed)
-    after_now = larger(after * (w_new - h / 2 * (a + d / 4)) + h / 2 * hold, 0.0)
-    w_now = jnp.where(stuck, 0.0, after * after_now)
-    w_now = jnp.where(slipping, larger(turned_now, 0.0), w_now)
-
-    # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
-    s = h * (theta - 0.5)
-    released = jnp.where(sticks, hold - a_stop, hold - after * hold)
-    return _Resolved(
-        velocity=way * w_new,
-        resistance=way * jnp.where(slipping, hold, resistance),
-        velocity_now=way * jnp.where(hold > 0, w_now, turned_now),
-        jump=way * jnp.where(solve, released * s**2 / 2, 0.0),
-        turns=solve.astype(w.dtype),
-        turn_time=s,
-        turn=-way * (drive + 2 / 3 * d * (theta - 0.5)) * s**2 / 2,
-        before=way * hold,
-        after=way * _held(a_stop, hold),
-        phase=way * jnp.where(stops, jnp.sign(w_new), 1.0),
-        change_time=jnp.where(sticks & ~breaks, s, h * (phi - 0.5)),
-    )
-
-
-def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
-    # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost. Nor a minimum
-    # of |a|: nothing may be pulled at all, as between structures that move alike.
-    return jnp.where(jnp.abs(a) < hold, a, jnp.sign(a) * hold)
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(4,))
-def _resolved(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Resolved:
-    return _resolve(w, pull, rise, hold, h)
-
-
-@_resolved.defjvp
-def _resolved_jvp(h: Any, primals: Any, tangents: Any) -> Any:
-    # The partial derivatives by the four arguments: reverse mode stores these instead of the step's
-    # many intermediates, and forward mode computes them once for all directions.
-    out, parts = None, []
-    for i, (x, tangent) in enumerate(zip(primals, tangents, strict=True)):
-
-        def along(x: Any, i: int = i) -> Any:
-            values: list[Any] = [*primals[:i], x, *primals[i + 1 :], h]
-            return _resolve(*values)
-
-        out, slopes = jax.jvp(along, (x,), (jnp.ones_like(x),))
-        parts.append([slope * tangent for slope in slopes])
-    return out, _Resolved(*[sum(part[1:], part[0]) for part in zip(*parts, strict=True)])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -197,7 +197,8 @@ class Task:
                 yield chunk, Outcome(found, {})
 
     def _runs_at_a_time(self) -> int:
-        return min(self.chunk_size, runs_at_a_time())
+        batches = -(-self.chunk_size // runs_at_a_time())
+        return -(-self.chunk_size // batches)
 
     def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
         good = np.all([_is_result(name, x) for name, x in columns.items()], axis=0)

@@ -14,7 +14,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import ndtri
 
 from jaxpound._checks import is_whole
 
@@ -96,6 +95,8 @@ class _Sobol:
         self.engine = qmc.Sobol(dimension, scramble=True, bits=_BITS, rng=seed)
 
     def __call__(self, start: int, stop: int) -> np.ndarray:
+        from scipy.special import ndtri  # only here: it takes as long to import as jaxpound
+
         with self.lock:
             shares = self.shares(start, stop)
         # The points are corners of cells; at the centre of a cell no normal number is infinite.

@@ -1,0 +1,241 @@
+"""Coulomb's law over one step in closed form: slip until θ, stick until φ, slip until the end.
+
+The relative acceleration without friction is A(τ) = pull + rise (τ − ½) at the share τ of the step,
+and stick lasts while |A| ≤ hold = R μ.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxpound._extrema import larger, smaller
+
+
+class SlipStick(NamedTuple):
+    """A step of a link with Coulomb friction; see ``LinkMotion`` for what is named alike."""
+
+    velocity: jax.Array  # w at t_m + h/2
+    resistance: jax.Array  # R q at t_m
+    velocity_now: jax.Array
+    jump: jax.Array
+    turns: jax.Array  # 1 or 0
+    turn_time: jax.Array
+    turn: jax.Array
+    before: jax.Array  # R q before it, and after it
+    after: jax.Array
+    phase: jax.Array
+    change_time: jax.Array
+
+
+class _Events(NamedTuple):
+    """What happens within a step, in the direction ``way`` of slip before it."""
+
+    way: jax.Array
+    speed: jax.Array  # |w| / h
+    a: jax.Array  # pull and rise in this direction
+    d: jax.Array
+    hold: jax.Array
+    slips_first: jax.Array
+    drive: jax.Array  # acceleration in the middle of the step, of the slip before
+    solves: jax.Array  # whether θ is a root
+    root: jax.Array  # deceleration at θ; 1 where it is no root
+    theta: jax.Array
+    stops: jax.Array
+    sticks: jax.Array
+    breaks: jax.Array
+    a_stop: jax.Array  # A(θ)
+    a_rest: jax.Array  # the mean of A from θ on
+    left: jax.Array  # 1 − φ in a step that breaks away, else 0
+    after: jax.Array  # direction of slip after the stop
+    gained: jax.Array  # its speed at the step's end, after stick or a reversal
+    slipping: jax.Array  # at t_m, as before the step
+    stuck: jax.Array  # at t_m
+
+
+def _events(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Events:
+    # In the direction of slip: |w| = speed × h, accelerated by a − hold.
+    slips_first = w != 0
+    way = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
+    speed, a, d = way * w / h, way * pull, way * rise
+
+    # Slip, until the speed vanishes at θ: a root of speed − half θ + d θ²/2 = 0.
+    drive = a - jnp.where(slips_first, hold, 0.0)
+    half = d / 2 - drive
+    below = half**2 - 2 * d * speed
+    dips = (half > 0) & (d > half) & (below >= 0)  # both roots within the step
+    stops = (speed + drive <= 0) | dips | ~slips_first
+    solves = stops & slips_first
+    root = jnp.sqrt(jnp.where(solves, larger(below, jnp.finfo(w.dtype).tiny), 1.0))
+    theta = 2 * speed / jnp.where(solves, half + root, 1.0)
+    theta = jnp.where(solves, smaller(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
+
+    # Stick, until |A| exceeds hold at φ.
+    a_stop, a_end, a_rest = a + d * (theta - 0.5), a + d / 2, a + d * theta / 2
+    sticks = stops & (jnp.abs(a_stop) <= hold)
+    breaks = sticks & (jnp.abs(a_end) > hold)
+    excess = jnp.where(breaks, jnp.abs(a_end) - hold, 0.0)
+    left = excess / jnp.where(breaks, jnp.abs(d), 1.0)
+
+    # Slip again, from rest.
+    after = jnp.sign(jnp.where(sticks, a_end, a_rest))
+    gained = (1 - theta) * larger(jnp.abs(a_rest) - hold, 0.0)
+    gained = jnp.where(sticks, excess * left / 2, gained)
+    slipping = theta >= 0.5
+    # A reversal that gains no velocity leaves the link in stick, with the force that holds it.
+    rests = jnp.where(sticks, left <= 0.5, theta >= 0.5) | (stops & (gained == 0))
+    return _Events(
+        way,
+        speed,
+        a,
+        d,
+        hold,
+        slips_first,
+        drive,
+        solves,
+        root,
+        theta,
+        stops,
+        sticks,
+        breaks,
+        a_stop,
+        a_rest,
+        left,
+        after,
+        gained,
+        slipping,
+        ~slipping & rests,
+    )
+
+
+def _outcome(e: _Events, h: Any) -> SlipStick:
+    # Without friction (hold = 0) the link never sticks, not even at rest. The reversal's impulse is
+    # zero then, but its derivative by hold is not.
+    turned = h * (e.speed + e.a - e.hold * (e.theta + e.after * (1 - e.theta)))
+    w_new = jnp.where(e.stops & (e.hold > 0), h * e.after * e.gained, turned)
+
+    resistance = jnp.where(e.stuck, held(e.a, e.hold), e.after * e.hold)
+    turned_now, after_now = _velocities_now(e, w_new, h)
+    w_now = jnp.where(e.stuck, 0.0, e.after * larger(after_now, 0.0))
+    w_now = jnp.where(e.slipping, larger(turned_now, 0.0), w_now)
+
+    # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
+    s = h * (e.theta - 0.5)
+    released = e.hold - jnp.where(e.sticks, e.a_stop, e.after * e.hold)
+    bend = e.drive + 2 / 3 * e.d * (e.theta - 0.5)
+    breaks = h * (0.5 - e.left)
+    return SlipStick(
+        velocity=e.way * w_new,
+        resistance=e.way * jnp.where(e.slipping, e.hold, resistance),
+        velocity_now=e.way * jnp.where(e.hold > 0, w_now, turned_now),
+        jump=e.way * jnp.where(e.solves, released * s**2 / 2, 0.0),
+        turns=e.solves.astype(s.dtype),
+        turn_time=s,
+        turn=-e.way * bend * s**2 / 2,
+        before=e.way * e.hold,
+        after=e.way * held(e.a_stop, e.hold),
+        phase=e.way * jnp.where(e.stops, jnp.sign(w_new), 1.0),
+        change_time=jnp.where(e.breaks, breaks, s),
+    )
+
+
+def _velocities_now(e: _Events, w_new: Any, h: Any) -> tuple[Any, Any]:
+    """|w| at t_m of a link that has slipped until then, and of one that has slipped since."""
+    opposed = smaller(e.theta, 0.5) + e.after * larger(0.5 - e.theta, 0.0)
+    turned_now = h * (e.speed + (e.a - e.d / 4) / 2 - e.hold * opposed)
+    return turned_now, e.after * (w_new - h / 2 * (e.a + e.d / 4)) + h / 2 * e.hold
+
+
+def held(a: jax.Array, hold: jax.Array) -> jax.Array:
+    """R q of a link in stick that is pulled by a."""
+    # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost. Nor a minimum
+    # of |a|: nothing may be pulled at all, as between structures that move alike.
+    return jnp.where(jnp.abs(a) < hold, a, jnp.sign(a) * hold)
+
+
+def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> SlipStick:
+    """Derivatives of the outcome along (w, pull, rise, hold), by case.
+
+    Automatic differentiation of the formulas gives the same, by several times as many operations.
+    """
+    d_speed, d_a, d_d = (e.way * tangent for tangent in tangents[:3])
+    d_speed, d_hold = d_speed / h, tangents[3]
+    theta, after, d = e.theta, e.after, e.d
+    late = theta - 0.5
+
+    # θ is a root of speed + drive θ − d θ (1 − θ)/2, whose slope there is −root.
+    tiny = jnp.finfo(d.dtype).tiny
+    moves = e.solves & (theta < 1) & (e.root**2 > tiny)
+    d_theta = jnp.where(moves, 1.0, 0.0) / e.root
+    d_theta *= d_speed + theta * (d_a - d_hold - (1 - theta) / 2 * d_d)
+
+    # Slip for the last share of the step, from rest; or slip that friction only turns (hold = 0).
+    excess = larger(jnp.abs(e.a_rest) - e.hold, 0.0)
+    share = jnp.where(e.sticks, e.left, jnp.where(excess > 0, 1 - theta, 0.0))
+    by_theta = jnp.where(e.sticks, 0.0, share * d / 2 - after * excess)
+    restarted = share * (d_a - after * d_hold + (1 - share) / 2 * d_d) + by_theta * d_theta
+    shift = e.hold * (1 - after) * d_theta
+    turned = d_speed + d_a - (theta + after * (1 - theta)) * d_hold - shift
+    velocity = h * jnp.where(e.stops & (e.hold > 0), restarted, turned)
+
+    # At t_m.
+    turned_now, after_now = _velocities_now(e, e.way * out.velocity, h)
+    opposed = smaller(theta, 0.5) + after * larger(-late, 0.0)
+    d_turned = d_speed + d_a / 2 - d_d / 8 - opposed * d_hold - jnp.where(late < 0, shift, 0.0)
+    d_turned *= jnp.where((e.hold > 0) & (turned_now < 0), 0.0, h)
+    d_after = velocity - h / 2 * (d_a + d_d / 4 - after * d_hold)
+    d_after = jnp.where(e.stuck | (after_now < 0), 0.0, d_after)
+    velocity_now = jnp.where((e.hold <= 0) | e.slipping, d_turned, d_after)
+    resistance = jnp.where(e.stuck, _held_slope(e.a, e.hold, d_a, d_hold), after * d_hold)
+
+    # At θ.
+    s, d_stop = h * late, d_a + late * d_d + d * d_theta
+    released = e.hold - jnp.where(e.sticks, e.a_stop, after * e.hold)
+    d_released = d_hold - jnp.where(e.sticks, d_stop, after * d_hold)
+    jump = d_released * s**2 / 2 + released * s * h * d_theta
+    bend = e.drive + 2 / 3 * d * late
+    d_bend = d_a - jnp.where(e.slips_first, d_hold, 0.0) + 2 / 3 * (late * d_d + d * d_theta)
+    fall = after * (d_a + (0.5 - e.left) * d_d) - d_hold
+    d_left = fall / jnp.where(e.breaks, jnp.abs(d), 1.0)
+    return SlipStick(
+        velocity=e.way * velocity,
+        resistance=e.way * jnp.where(e.slipping, d_hold, resistance),
+        velocity_now=e.way * velocity_now,
+        jump=e.way * jnp.where(e.solves, jump, 0.0),
+        turns=jnp.zeros_like(s),
+        turn_time=h * d_theta,
+        turn=-e.way * (d_bend * s**2 / 2 + bend * s * h * d_theta),
+        before=e.way * d_hold,
+        after=e.way * _held_slope(e.a_stop, e.hold, d_stop, d_hold),
+        phase=jnp.zeros_like(s),
+        change_time=h * jnp.where(e.breaks, -d_left, d_theta),
+    )
+
+
+def _held_slope(a: Any, hold: Any, d_a: Any, d_hold: Any) -> Any:
+    return jnp.where(jnp.abs(a) < hold, d_a, jnp.sign(a) * d_hold)
+
+
+def slip_stick(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> SlipStick:
+    """A step of length h, from the slip velocity w at its beginning.
+
+    Reverse mode keeps the four arguments of each step and finds its events again: to store their
+    many intermediates, or all derivatives, takes longer.
+    """
+    return jax.checkpoint(_step, prevent_cse=False, static_argnums=(4,))(w, pull, rise, hold, h)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(4,))
+def _step(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> SlipStick:
+    return _outcome(_events(w, pull, rise, hold, h), h)
+
+
+@_step.defjvp
+def _step_jvp(h: Any, primals: Any, tangents: Any) -> tuple[SlipStick, SlipStick]:
+    w, pull, rise, hold = primals
+    events = _events(w, pull, rise, hold, h)
+    out = _outcome(events, h)
+    return out, _changes(events, out, tangents, h)
