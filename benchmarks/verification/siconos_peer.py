@@ -98,7 +98,7 @@ def problems() -> tuple[Problem, ...]:
 
 def phased(structures: jp.AdjacentStructures, times: NDArray) -> Motion:
     """The motion of a pair's Maxwell branches from phase to phase."""
-    samples = np.linspace(0, END, 40_001)  # the spline is right to 1e-9, and called in an instant
+    samples = np.linspace(0, END, 40_001)  # the spline is right to 1e-10, and quick to call
     shaking = CubicSpline(samples, np.asarray(jp.paper.ground().acceleration(samples)))
     return motion(pair(structures), shaking, times)
 
@@ -108,9 +108,9 @@ def interpreter() -> str | None:
     """The first interpreter that imports Siconos: the one named, this one, the system's."""
     named = os.environ.get(PYTHON)
     usual = [sys.executable, shutil.which("python3"), "/usr/bin/python3"]
-    for python in [named] if named else usual:
+    for python in filter(None, map(shutil.which, filter(None, [named] if named else usual))):
         call = [python, "-c", "import siconos.kernel"]
-        if python and subprocess.run(call, capture_output=True, check=False).returncode == 0:
+        if subprocess.run(call, capture_output=True, check=False).returncode == 0:
             return python
     return None
 

@@ -96,3 +96,5 @@ def test_only_an_interpreter_that_imports_siconos_is_taken(monkeypatch, tmp_path
     assert siconos_peer.interpreter.__wrapped__() is None
     lacking.write_text("#!/bin/sh\nexit 0\n")
     assert siconos_peer.interpreter.__wrapped__() == str(lacking)
+    lacking.unlink()
+    assert siconos_peer.interpreter.__wrapped__() is None
