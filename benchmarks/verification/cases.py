@@ -12,6 +12,7 @@ from benchmarks.verification import (
     rare_events,
     rods,
     rows,
+    siconos_peer,
 )
 
 CASES = {
@@ -26,4 +27,5 @@ CASES = {
     "gradients": gradients.case,
     "rare_events": rare_events.case,
     "opensees": opensees_peer.case,
+    "siconos": siconos_peer.case,
 }

