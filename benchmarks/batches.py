@@ -32,7 +32,6 @@ CASE = jp.paper.structures()
 GRID = jp.TimeGrid.until(20.0, 0.04)  # min gap of the paper's case within 5.2e-4
 PAPER_GRID = jp.TimeGrid.until(20.0, 0.002)  # the paper's algorithm: within 6.4e-4
 RUNS = 65_536 if GPU else 480 * CORES
-GRADIENT_RUNS = RUNS // 2
 KELVIN = jp.KelvinVoigt(stiffness=1000.0, restitution=0.65)
 PAPER, RODS = "paper's algorithm in Numba", ("order", "tau_f", "tau_x")
 
@@ -231,7 +230,7 @@ def own_jaxprs(equation):
 
 
 def gradients(batch):
-    amplitude, periods, arrivals, _ = (x[:GRADIENT_RUNS] for x in batch)
+    amplitude, periods, arrivals, _ = batch
     each = (None, 0, 0, 0)
     functions = {
         "value": jax.vmap(designed, each),
@@ -246,7 +245,7 @@ def gradients(batch):
     for name, function in functions.items():
         compiled[name], effort[name] = built(function, *args)
     times = best({name: ready(f, *args) for name, f in compiled.items()})
-    print(f"\nMin gap and its derivatives by μ and four τ, {GRADIENT_RUNS:,} runs")
+    print(f"\nMin gap and its derivatives by μ and four τ, {RUNS:,} runs")
     for name, t in times.items():
         print(f"  {name:32} {t / times['value']:5.1f} times the value; {effort[name]}")
     print(f"  {'every scalar, no derivative':32} {built(jax.vmap(demand), *batch)[1]:>29}")
@@ -265,14 +264,14 @@ def built(function, *args):
 def records():
     """Records: a batch beside one of wavelets, and the gradient by all samples."""
     samples = 0.3 * np.random.default_rng(0).normal(size=GRID.n_steps) * np.hanning(GRID.n_steps)
-    factors = np.linspace(0.5, 1.5, GRADIENT_RUNS)
+    factors = np.linspace(0.5, 1.5, RUNS)
 
     def gap(samples, factor):
         record = jp.Record(samples, GRID.dt, time_unit="1/ω1")
         return jp.demand(CASE, factor * record, GRID).min_gap
 
     own = samples * factors[:, None]
-    wavelets = draw(GRADIENT_RUNS)
+    wavelets = draw(RUNS)
     functions = {
         "wavelets": (jax.jit(jax.vmap(lambda *x: demand(*x).min_gap)), *wavelets),
         "one record, scaled": (jax.jit(jax.vmap(gap, (None, 0))), samples, factors),
@@ -284,7 +283,7 @@ def records():
         ),
     }
     times = best({name: ready(*call) for name, call in functions.items()})
-    print(f"\nRecords of {GRID.n_steps} samples: {GRADIENT_RUNS} runs, min gap alone")
+    print(f"\nRecords of {GRID.n_steps} samples: {RUNS} runs, min gap alone")
     for name, seconds in times.items():
         print(f"  {name:36}{seconds / times['wavelets']:6.2f} times the wavelets")
 
@@ -355,7 +354,7 @@ def contact(batch):
         told = f"{np.mean(found.pounds):4.0%} pound, {impacts:.2f} impacts a run"
         print(f"  gap {gap:6.4f}: {told}, {ratio:5.2f} times the batch without contact")
 
-    waves, each = [x[:GRADIENT_RUNS] for x in batch[:3]], (None, 0, 0, 0)
+    waves, each = batch[:3], (None, 0, 0, 0)
     functions = {
         "value": lambda *x: jax.vmap(impulse, each)(*x).mean(),
         "value and gradient of the mean": jax.value_and_grad(
@@ -370,7 +369,7 @@ def contact(batch):
         for gap, design in designs.items():
             calls[name, gap] = ready(compiled, design, *waves)
     times = best(calls, 3)
-    print(f"Impulse of the strongest impact by μ, four τ and gap, {GRADIENT_RUNS:,} runs")
+    print(f"Impulse of the strongest impact by μ, four τ and gap, {RUNS:,} runs")
     for name, told in effort.items():
         ratios = (f"{times[name, gap] / times['value', gap]:5.1f} ({gap})" for gap in gaps)
         print(f"  {name:32}{''.join(ratios)} times the value; {told}")
