@@ -22,7 +22,7 @@ PARTS = {
     "ground": "ricker.py",
     "rods": "rod.py",
     "memories of the rods": "history.py",
-    "friction": "slip_stick.py friction.py",
+    "friction": "coulomb.py friction.py",
     "masses and links": "stepping.py system.py",
     "scalars": "tally.py run.py demand.py",
     "blocks, and what reverse mode keeps": "scan.py",

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound._checks import Rule, enforce, is_traced, number
-from jaxpound.simulation.slip_stick import slip_stick
+from jaxpound.simulation.coulomb import slip_stick
 
 
 class LinkStep(NamedTuple):

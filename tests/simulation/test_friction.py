@@ -9,8 +9,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 import jaxpound as jp
+from jaxpound.simulation.coulomb import _events, _outcome, slip_stick
 from jaxpound.simulation.friction import LinkStep, _creep
-from jaxpound.simulation.slip_stick import _events, _outcome, slip_stick
 
 H = 0.1
 moderate = st.floats(-2, 2).map(lambda x: round(x, 3))
