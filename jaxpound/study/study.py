@@ -414,7 +414,8 @@ class Study(Columnar, Shown):
         im, pounding = self[intensity], self.pounding(gap, link=link)
         good = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[good]
-        return fit_fragility(im[good], pounding[good] == 1, weights=weights)
+        fitted = fit_fragility(im[good], pounding[good] == 1, weights=weights)
+        return dataclasses.replace(fitted, unit=self.unit(intensity))
 
     def _pounding(self, owner: str, gap: Any, link: Any) -> Iterator[np.ndarray]:
         """``pounding``, part by part."""
