@@ -70,7 +70,8 @@ def read_record(
         look like columns side by side; if a value has other digits than nearly all others (of a
         thousand and more); if the time step is half a second or more; if the last line has no
         line end and its value is the largest; or if no unit is stated and the peak of a hundred
-        samples and more would be above 1.5 g, which few records in g reach and many in m/s² do.
+        samples and more would be above 1.5 g, which few records in g reach and many in m/s² do,
+        or is 0.
 
     Raises
     ------
@@ -133,6 +134,8 @@ def read_record(
         notes.append(
             f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"
         )
+    if len(samples) >= _MANY and not peak:
+        notes.append("the acceleration is 0 throughout: is this the right file or column?")
     for note in notes:
         warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)
     return Record(samples, read.dt, name=file.stem)

@@ -382,8 +382,9 @@ class Study(Columnar, Shown):
         Raises
         ------
         ValueError
-            As ``pounding``.
+            As ``pounding``, or if confidence is not between 0 and 1.
         """
+        require_share("pounding_probability", "confidence", confidence)
         return self._share(self._pounding("pounding_probability", gap, link), confidence)
 
     def pounding_cov(self, gap: float | None = None, *, link: int | None = None) -> float:
@@ -457,6 +458,7 @@ class Study(Columnar, Shown):
         """
         owner = "required_gap"
         require_share(owner, "probability", probability)
+        require_share(owner, "confidence", confidence)
         name = owner if link is None else self._of_link(owner, owner, link)
         return self.quantile(name, 1 - probability, confidence)
 
@@ -485,8 +487,10 @@ class Study(Columnar, Shown):
         Raises
         ------
         ValueError
-            If the structures are not a pair (``AdjacentStructures``).
+            If probability is not between 0 and 1, or the structures are not a pair
+            (``AdjacentStructures``).
         """
+        require_share("separation", "probability", probability)
         oscillators = self.about["oscillators"]
         if oscillators is None:
             raise ValueError("Study.separation: structures must be a pair, AdjacentStructures")

@@ -62,6 +62,12 @@ def test_a_peak_above_that_of_most_records_in_g_asks_for_the_unit(write):
         read_record(write(rows), units=units)
 
 
+def test_a_record_without_shaking_is_warned_of(write):
+    rows = "".join(f"{0.01 * i:.2f} 0.0\n" for i in range(200))
+    with pytest.warns(PlausibilityWarning, match=r"the acceleration is 0 throughout"):
+        read_record(write(rows))
+
+
 def test_a_missing_file_is_not_found(tmp_path):
     assert_refuses(tmp_path / "none.at2", None, "no such file", error=FileNotFoundError)
 
