@@ -128,17 +128,22 @@ def read_record(
     place = _place(file, line_of(read.rows, largest))
     hint = "are the units right, or is a decimal point lost?"
     require_possible(place, "acceleration", samples[largest], hint)
-    peak = abs(samples[largest])
-    unstated = units is None and acceleration_unit(read.stated) is None
-    if unstated and len(samples) >= _MANY and peak > _MOST_UNSTATED:
-        notes.append(
-            f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"
-        )
-    if len(samples) >= _MANY and not peak:
-        notes.append("the acceleration is 0 throughout: is this the right file or column?")
-    for note in notes:
+    stated = units is not None or acceleration_unit(read.stated) is not None
+    for note in [*notes, *_doubts(samples, stated)]:
         warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)
     return Record(samples, read.dt, name=file.stem)
+
+
+def _doubts(samples: np.ndarray, stated: bool) -> list[str]:
+    """What is implausible in a record's samples, in g, whose unit is stated or not."""
+    peak = float(np.abs(samples).max())
+    if len(samples) < _MANY:
+        return []
+    if not peak:
+        return ["the acceleration is 0 throughout: is this the right file or column?"]
+    if not stated and peak > _MOST_UNSTATED:
+        return [f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"]
+    return []
 
 
 def _factor(stated: dict[str, int], units: str | None) -> float:
