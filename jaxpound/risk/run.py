@@ -196,7 +196,7 @@ def event_of(
         return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
-        "reached it; use method = 'subset'"
+        "reached it; use method = 'subset', or in reach_probability another value to start from"
     )
 
 
