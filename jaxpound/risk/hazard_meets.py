@@ -68,8 +68,8 @@ def _types(described: Any) -> Iterator[str]:
 
 def _certain() -> set[str]:
     """Names of the library's own classes for random ground motions, none of which is a hazard's."""
-    modules = (distributions, envelope, ground_draw, random_ground, random_noise, random_pulse)
-    own = [x for of in (*modules, record, site_noise) for x in vars(of).values()]
+    files = (distributions, envelope, ground_draw, random_ground, random_noise, random_pulse)
+    own = [x for of in (*files, record, site_noise) for x in vars(of).values()]
     names = {
         x.__name__ for x in own if isinstance(x, type) and x.__module__.startswith("jaxpound.")
     }

@@ -428,11 +428,11 @@ def test_the_report_of_an_unfinished_study_says_so(write, tmp_path):
         (["montecarlo", "STUDY", "--store", "st", "--shard", "1-2"], "--shard: '1-2' must be I/N"),
         (
             ["montecarlo", "STUDY", "--store", "st", "--shard", "3/2"],
-            "argument --shard: '3/2' must be I/N with I from 1 to N",
+            "'3/2' must be I/N with I from 1 to N",
         ),
         (
             ["montecarlo", "STUDY", "--store", "st", "--samples", "0"],
-            "argument --samples: '0' must be a positive whole number",
+            "--samples: '0' must be a positive whole number",
         ),
         (["report", "--store", "none", "--out", "out"], "must be a folder with a manifest.json"),
     ],
