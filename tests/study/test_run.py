@@ -559,7 +559,7 @@ def test_questions_that_make_no_sense_are_refused():
         (lambda: found.required_gap(0.0), "probability = 0 must be between 0 and 1"),
         (
             lambda: found.required_gap(0.1, 95),
-            "required_gap: confidence = 95 must be between 0 and",
+            "required_gap: confidence = 95 must be between",
         ),
         (lambda: found.separation(1.0), "separation: probability = 1 must be between 0 and 1"),
         (
