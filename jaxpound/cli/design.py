@@ -147,6 +147,10 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
     place = f"{file.name}: [variables]"
     if not given.variables:
         raise ValueError(f"{place} must name what may be chosen")
+    constant = given.objective.goal == "gap at rest" and not given.penalties
+    if constant and not any("gap" in name for name in given.variables):
+        rule = "must be given with a gap at rest among the [variables]: initial_gap of a pair"
+        raise ValueError(f'{file.name}: [objective] goal = "gap at rest" {rule}')
     drawn_from = given.records(file)
     ground = given.motion(file, drawn_from)
     recorded = _recorded(file, given.recorded, more)
@@ -158,7 +162,9 @@ def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
     shaking = {name: given.scales.to_dimensionless(record) for name, record in recorded.items()}
     with named(f"{file.name}:"):
         scenarios = jp.Scenarios(given.structures, ground)
+    with named(f"{file.name}: [search] earthquakes:"):
         ensemble = jp.Ensemble.drawn(scenarios, n, given.search.seed)
+    with named(f"{file.name}:"):
         if shaking:
             ensemble = ensemble.including([*shaking.values()], grid)
     parameters = parameters_of(given.form)

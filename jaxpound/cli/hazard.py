@@ -15,12 +15,14 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._tables import Table as Shown
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
-from jaxpound.cli.reading import Count, File, Table, between, named, says
+from jaxpound.cli.reading import File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.formats.units import UNITS
 from jaxpound.results.demand import unit_of
 from jaxpound.risk.hazard_files import read_hazard
+from jaxpound.risk.hazard_meets import may_be_drawn
+from jaxpound.study.demands import is_ours
 from jaxpound.study.statistics import Estimate
 
 # --- the configuration --------------------------------------------------------------------------
@@ -29,6 +31,8 @@ _Numbers = Annotated[list[float], says("a list of two numbers or more", min_leng
 _VELOCITIES = {"m/s": 1.0, "cm/s": 0.01}
 _KNOWN_UNITS = {"g": UNITS, "m/s²": UNITS, "m/s": _VELOCITIES}
 """The units, in SI, that a hazard may have by the unit of the study's column."""
+
+_OF_SHAKING = ("pga", "pgv")  # of a study's demands
 
 _Site = Annotated[
     Annotated[int, between(1, 2**31)] | str,
@@ -109,6 +113,9 @@ class Stored(Table):
         """The study; a ``ValueError`` if it has no such column or link."""
         study = jp.Study.open(file.folder / self.store)
         study.moments(self.intensity)
+        if is_ours(self.intensity) and self.intensity not in _OF_SHAKING:
+            rule = "measure the shaking, such as pga, and not the response"
+            raise ValueError(f'intensity = "{self.intensity}" must {rule}')
         if self.link is not None:
             rule = f"one of the study's links, from 1 to {study.n_links}"
             if self.link > study.n_links:
@@ -127,7 +134,7 @@ class Results(Table):
     """What is told."""
 
     years: Annotated[float, between(1e-3, 1e6, "years", "of a building's life")] = 50.0
-    bands: Annotated[int, Count] = 20
+    bands: Annotated[int, between(1, 1000)] = 20
     confidence: Annotated[float, between(0.01, 0.9999, "", "of an interval")] = 0.95
 
 
@@ -142,6 +149,9 @@ class Lifetime(Table):
     def __post_init__(self) -> None:
         if (self.fragility is None) == (self.study is None):
             raise ValueError("must have the table [fragility] or the table [study], one of them")
+        if self.hazard.unit is not None and self.study is None:
+            rule = "must be given with [study] only: a [fragility] is in the hazard's own unit"
+            raise ValueError(f"[hazard] unit {rule}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,12 +215,17 @@ def combined(file: File, given: Lifetime) -> Found:
             if stored.drawn:
                 if given.hazard.unit is not None:
                     raise ValueError("drawn = true must not be given beside [hazard] unit")
+                if not may_be_drawn(study):
+                    rule = "no hazard has drawn this study's earthquakes; leave it out"
+                    raise ValueError(f"drawn = true must not be given: {rule}")
                 return straight(hazard, stored, study, results)
         factor = _factor(f"{file.name}: [hazard] unit", given.hazard.unit, study, stored.intensity)
         with named(place):
             curve = study.fragility(stored.intensity, stored.gap, link=stored.number)
             measured = jp.HazardCurve(
-                hazard.intensity * factor, hazard.annual_rate, stored.intensity
+                hazard.intensity * factor,
+                hazard.annual_rate,
+                f"{stored.intensity} ({study.unit(stored.intensity)})",
             )
             for share in stored.gap_probabilities or ():
                 gaps[share] = measured.required_gap(
@@ -222,7 +237,7 @@ def combined(file: File, given: Lifetime) -> Found:
                     confidence=results.confidence,
                 )
         curve = dataclasses.replace(
-            curve, median=curve.median / factor, intensity=curve.intensity / factor
+            curve, median=curve.median / factor, intensity=curve.intensity / factor, unit=""
         )
     rate = hazard.annual_rate_of(curve, results.confidence)
     return Found(hazard, curve, rate, gaps, results)

@@ -17,6 +17,8 @@ from jaxpound.cli.notes import noted
 from jaxpound.cli.reading import Count, File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.structures import Structured
+from jaxpound.cli.tables import OF_GAPS
+from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.suite_runs import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
 
@@ -77,6 +79,8 @@ class Increments(Table):
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
             raise ValueError('period must be given with measure = "sa" only')
+        if self.demand == REQUIRED_GAP and self.threshold is not None:
+            OF_GAPS.require("threshold", self.threshold)
 
 
 class Analysis(Structured, kw_only=True):

@@ -228,7 +228,7 @@ def _add_montecarlo(commands: Any) -> None:
     words = "folder for the results, made if needed; a started study goes on"
     _add_path(study, "--store", words, "DIR", required=True)
     study.add_argument(
-        "--samples", type=int, metavar="N", help="number of samples, instead of the file's"
+        "--samples", type=_count, metavar="N", help="number of samples, instead of the file's"
     )
     study.add_argument(
         "--shard",
@@ -288,6 +288,7 @@ def _add_rare(commands: Any) -> None:
     )
     words = "keep design points and finished runs there; a stopped search goes on"
     _add_path(rare, "--store", words, "DIR")
+    _add_strict(rare)
 
 
 def _add_hazard(commands: Any) -> None:
@@ -376,4 +377,17 @@ def _add_strict(command: argparse.ArgumentParser) -> None:
 def _add_path(
     command: argparse.ArgumentParser, name: str, words: str, metavar: str = "FILE", **more: Any
 ) -> None:
-    command.add_argument(name, type=Path, metavar=metavar, help=words, **more)
+    command.add_argument(name, type=_path, metavar=metavar, help=words, **more)
+
+
+def _path(text: str) -> Path:
+    """A path; an empty one, of a variable that the shell does not know, is not this folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("must not be empty")
+    return Path(text)
+
+
+def _count(text: str) -> int:
+    if not re.fullmatch(r"0*[1-9]\d{0,17}", text):
+        raise argparse.ArgumentTypeError(f"{text!r} must be a positive whole number")
+    return int(text)

@@ -83,8 +83,8 @@ def run(args: argparse.Namespace) -> None:
 
 def _shard(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d+)/(\d+)", text)
-    if not match:
-        raise ValueError(f"argument --shard: {text!r} must be I/N, such as 2/8")
+    if not match or not 1 <= int(match[1]) <= int(match[2]):
+        raise ValueError(f"argument --shard: {text!r} must be I/N with I from 1 to N, such as 2/8")
     return int(match[1]), int(match[2])
 
 

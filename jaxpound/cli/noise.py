@@ -87,6 +87,9 @@ class Shaking(Earthquakes):
         else:
             _STRENGTH.require("acceleration", self.acceleration)
         assert self.frequency
+        if self.dt is not None and self.dt > 0.5 / self.frequency:
+            rule = f"at most half of the soil's period, {0.5 / self.frequency:.4g} s"
+            raise ValueError(f"dt = {self.dt:g} s must be {rule}")
         if self.high_pass is not None and self.high_pass >= self.frequency:
             rule = f"must be below frequency = {self.frequency:g} Hz"
             raise ValueError(f"high_pass = {self.high_pass:g} Hz {rule}")

@@ -170,6 +170,9 @@ def _require_price(
     if price not in allowed:
         if about is not None and about.only == "contact" and not laws:
             raise ValueError(f"{place} {price} must not be given without a law of [contact]")
+        if price == REQUIRED_GAP and place.endswith("[limits]"):
+            rule = "must be given with a probability, such as {at_most = 0.2, probability = 1e-3}"
+            raise ValueError(f"{place} {price} {rule}")
         words = did_you_mean(price, allowed) or f"allowed are {', '.join(allowed)}"
         raise ValueError(f"{place} has an unknown {what} {price!r}; {words}")
     if {*laws} == {"newton"} and re.sub(r"_\d+$", "", price) in _BY_FORCE:

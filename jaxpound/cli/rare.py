@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import jax
 from msgspec import field
 
 import jaxpound as jp
@@ -19,12 +20,17 @@ from jaxpound.cli.rare_report import Found, Target, kind_of_demand, write_report
 from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Gap, Stated, drawn
+from jaxpound.ground.motion import as_pytree
+from jaxpound.ground.plausibility import first_of, of_many, tell
 from jaxpound.model.parameters import get
 from jaxpound.model.system import is_closable
 from jaxpound.risk.instants import REQUIRED_GAP
-from jaxpound.risk.run import choice, event_of
+from jaxpound.risk.reach import WITHOUT_JUMPS
+from jaxpound.risk.run import choice, event_of, require_smooth
 
 # --- the configuration --------------------------------------------------------------------------
+
+_LOOKED_AT = 64  # random earthquakes that must be plausible
 
 _Numbers = Annotated[list[float], says("a list of two numbers or more", min_length=2)]
 
@@ -91,6 +97,10 @@ def run(args: argparse.Namespace) -> None:
     state = limit_state(file, given)
     with named(f"{file.name}: [search]"):
         choice(state, given.search.method)  # before a folder is made
+    if wanted is not None:
+        with named(f"{file.name}: [design]"):
+            require_smooth("reach_probability", state.scenarios, WITHOUT_JUMPS)
+    tell("rare", _doubts(state, given.search.seed), args.strict)
     make_folder(args.out)
     with noted(given.structures):
         found = searched(file, given, state, args.store)
@@ -98,6 +108,14 @@ def run(args: argparse.Namespace) -> None:
             target = reached(file, given, given.design, state, *wanted)
             found = dataclasses.replace(found, target=target)
     write_report(file, found, args.out, args.pdf)
+
+
+def _doubts(state: jp.LimitState, seed: int) -> list[str]:
+    """What is implausible in some of the random earthquakes."""
+    scenarios, grid = state.scenarios, state.grid
+    numbers = jax.random.normal(jax.random.key(seed), (first_of(_LOOKED_AT, grid), state.dimension))
+    drawn = jax.jit(jax.vmap(lambda z: as_pytree(scenarios.realize(z)[1], grid)))(numbers)
+    return of_many(drawn, grid, in_g=True)
 
 
 def limit_state(file: File, given: Rare) -> jp.LimitState:

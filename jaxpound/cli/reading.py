@@ -23,6 +23,7 @@ from msgspec import inspect
 from jaxpound._checks import did_you_mean
 from jaxpound._version import __version__
 from jaxpound.cli.files import example
+from jaxpound.cli.syntax import syntax_error
 
 _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
 _MOST_SHOWN = 80  # characters of a value in a message
@@ -208,7 +209,7 @@ class File:
         try:
             return tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{self.name}{_syntax_error(text, str(error))}") from error
+            raise ValueError(f"{self.name}{syntax_error(text, str(error))}") from error
         except RecursionError as error:
             raise ValueError(f"{self.name}: its lists or tables are nested too deeply") from error
         except ValueError:
@@ -220,21 +221,6 @@ class File:
 def _shortened(digits: re.Match[str]) -> str:
     most = sys.get_int_max_str_digits()
     return digits[0] if len(digits[0]) <= most else digits[0].replace("_", "")[:most]
-
-
-def _syntax_error(text: str, message: str) -> str:
-    """Message for a line that is not TOML: its number, its table, its key, and the reason."""
-    found = re.search(r"at line (\d+)", message)
-    lines = text.splitlines()[: int(found[1]) if found else None]
-    place, key = f":{found[1]}" if found else "", ""
-    if "Unterminated" in message or (lines and lines[-1].lstrip().startswith("[")):
-        return f"{place}: {message}"  # where it begins is not known; or the line of a table
-    for line in reversed(lines):
-        if table := re.match(r"\s*(\[[^][]+\])", line):
-            return f"{place}: {table[1]}{key}: {message}"
-        if not key and (entry := re.match(r"\s*([\w.\"'-]+)\s*=", line)):
-            key = f" {entry[1]}"
-    return f"{place}:{key}: {message}" if key else f"{place}: {message}"
 
 
 def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:

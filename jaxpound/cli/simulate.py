@@ -52,6 +52,8 @@ class Ground(Table):
     def __post_init__(self) -> None:
         if self.scale is not None and self.pga is not None:
             raise ValueError("must have scale or pga, not both")
+        if self.scale == 0:
+            raise ValueError("scale = 0 must not be 0: nothing would shake")
 
 
 class Output(Table):

@@ -27,7 +27,8 @@ from jaxpound.study.ground_draw import GroundDraw
 # The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
 # to catch a wrong unit or a typing error.
 
-Gap = Annotated[float, between(0, 10, "m", "buildings farther apart do not meet")]
+OF_GAPS = Range(0, 10, "m", "buildings farther apart do not meet")
+Gap = Annotated[float, between(*OF_GAPS)]
 Friction = Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
 

@@ -46,7 +46,7 @@ def require_price(owner: str, name: Any, place: str) -> None:
     """A ``ValueError`` for a name of no demand that any system has; ``place`` ends the message."""
     known = known_of(name) if isinstance(name, str) else None
     if known is None or not known.limited:
-        raise ValueError(f"{owner}: unknown price {name!r}{place}; {hint(name, _MEANT)}")
+        raise ValueError(f"{owner}: unknown demand {name!r}{place}; {hint(name, _MEANT)}")
 
 
 def require_over(owner: str, over: Any) -> None:

@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxpound._checks import number, positive
 from jaxpound.ground.formats import FORMATS
 from jaxpound.ground.formats.rows import line_of
 from jaxpound.ground.formats.text import MisreadError, read_file
-from jaxpound.ground.formats.units import UNITS, acceleration_unit
+from jaxpound.ground.formats.units import UNIT, UNITS, acceleration_unit, whole_unit
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.record import Record
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
+
+_MANY = 100  # samples of a record, and not of a few made-up numbers
+_MOST_UNSTATED = 1.5  # g, of a record that states no unit: few records reach it, many do in m/s²
 
 
 def read_record(
@@ -51,8 +55,8 @@ def read_record(
         Time step > 0, in seconds, for a file that states none; else it must agree to 1e-6.
     units
         What the file's acceleration is in: "g", "m/s2", "cm/s2", "gal", "ft/s2", "in/s2", "mm/s2"
-        or "mg" (a thousandth of g). If it is None, what the header states, or "g" where it states
-        nothing; else the header must not state another.
+        or "mg" (a thousandth of g), also as "m/s^2" or "m/s²". If it is None, what the header
+        states, or "g" where it states nothing; else the header must not state another.
 
     Returns
     -------
@@ -64,8 +68,10 @@ def read_record(
     PlausibilityWarning
         If data follow a comment inside the block of data, or a mark of its end; if rows of values
         look like columns side by side; if a value has other digits than nearly all others (of a
-        thousand and more); if the time step is half a second or more; or if the last line has no
-        line end and its value is the largest.
+        thousand and more); if the time step is half a second or more; if the last line has no
+        line end and its value is the largest; or if no unit is stated and the peak of a hundred
+        samples and more would be above 1.5 g, which few records in g reach and many in m/s² do,
+        or is 0.
 
     Raises
     ------
@@ -96,10 +102,15 @@ def read_record(
           -.6403182E-02  -.6028715E-02   .5304162E-03   .7743260E-02   .6890377E-02
            .6876502E-02   .6705057E-02
     """
-    if units is not None and units not in UNITS:
-        raise ValueError(f"read_record: units = {units!r} must be one of {', '.join(UNITS)}")
-    if dt is not None and not 0 < dt < math.inf:
-        raise ValueError(f"read_record: dt = {dt!r} must be positive and finite")
+    if units is not None:
+        known = whole_unit(UNIT, units) if isinstance(units, str) else None
+        if known is None:
+            raise ValueError(f"read_record: units = {units!r} must be one of {', '.join(UNITS)}")
+        units = known
+    if dt is not None:
+        (dt,) = positive("read_record", dt=number("read_record", "dt", dt))
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"read_record: path = {path!r} must be the path of a file")
     file = Path(path)
     notes: list[str] = []
     try:
@@ -117,9 +128,22 @@ def read_record(
     place = _place(file, line_of(read.rows, largest))
     hint = "are the units right, or is a decimal point lost?"
     require_possible(place, "acceleration", samples[largest], hint)
-    for note in notes:
+    stated = units is not None or acceleration_unit(read.stated) is not None
+    for note in [*notes, *_doubts(samples, stated)]:
         warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)
     return Record(samples, read.dt, name=file.stem)
+
+
+def _doubts(samples: np.ndarray, stated: bool) -> list[str]:
+    """What is implausible in a record's samples, in g, whose unit is stated or not."""
+    peak = float(np.abs(samples).max())
+    if len(samples) < _MANY:
+        return []
+    if not peak:
+        return ["the acceleration is 0 throughout: is this the right file or column?"]
+    if not stated and peak > _MOST_UNSTATED:
+        return [f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"]
+    return []
 
 
 def _factor(stated: dict[str, int], units: str | None) -> float:

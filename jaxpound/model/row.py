@@ -192,8 +192,11 @@ def floor_links(
     friction: Any = 0.0,
     gap: Any = np.inf,
     contact: ContactLaw | Newton | None = None,
+    building: int | None = None,
 ) -> tuple[FloorLink, ...]:
     """Equal links between neighbouring buildings at every common floor.
+
+    What differs from gap to gap is made one ``building`` after the other, and added.
 
     Parameters
     ----------
@@ -203,11 +206,14 @@ def floor_links(
         slab's thickness of 0.2 m.
     friction, gap, contact
         As in ``FloorLink``.
+    building
+        The building on the left of the only gap that gets links; by default all gaps do.
 
     Raises
     ------
     ValueError
-        If there are fewer than two buildings, or neighbours have no common floor.
+        If there are fewer than two buildings, neighbours have no common floor, or building is not
+        the number of one with another on its right.
 
     Examples
     --------
@@ -215,20 +221,34 @@ def floor_links(
     >>> low, high = (jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (2, 3))
     >>> [str(link) for link in jp.floor_links((low, high), friction=0.1, gap=0.2)][1]
     'floor 1 of building 0 and floor 1 of building 1'
+
+    A damper in the first gap, contact in the second:
+
+    >>> row, law = (low, high, low), jp.KelvinVoigt(stiffness=400.0, restitution=0.65)
+    >>> dampers = jp.floor_links(row, building=0, friction=0.1, gap=0.2)
+    >>> links = dampers + jp.floor_links(row, building=1, gap=0.1, contact=law)
+    >>> [link.building for link in links]
+    [0, 0, 1, 1]
     """
     buildings = as_tuple("floor_links", "buildings", buildings)
     if len(buildings) < 2:
         raise ValueError(f"floor_links: buildings, {len(buildings)} of them, must be two or more")
     kinds = (Storeys,) if isinstance(buildings[0], Storeys) else (ShearBuilding, Building)
-    for i, building in enumerate(buildings):
-        instance("floor_links", f"buildings.{i}", building, *kinds)
+    for i, one in enumerate(buildings):
+        instance("floor_links", f"buildings.{i}", one, *kinds)
+    last = len(buildings) - 2
+    if building is not None and not (is_whole(building) and 0 <= building <= last):
+        rule = f"from 0 to {last}, a building with another on its right"
+        raise ValueError(f"floor_links: building = {building!r} must be {rule}")
     found = []
     for i, (left, right) in enumerate(pairwise(buildings)):
+        if building not in (None, i):
+            continue
         common = common_floors(left, right)
         if not common:
             rule = "must have floors at the same height"
             raise ValueError(f"floor_links: buildings {i} and {i + 1} {rule}")
-        found += [FloorLink(i, one, other, friction, gap, contact) for one, other in common]
+        found += [FloorLink(i, *floors, friction, gap, contact) for floors in common]
     return tuple(found)
 
 
@@ -308,11 +328,22 @@ def require_floors(floors: Sequence[int], links: Iterable[FloorLink], naming: Na
             raise ValueError(f"{place(k)} next_building = {other[0] + first} must be {rule}")
     starts = first_floors(floors)
     topology = Topology(starts[-1], (), tuple(_ends(link, starts) for link in links))
+    _require_forest(topology, links, naming)
+
+
+def _require_forest(topology: Topology, links: Sequence[FloorLink], naming: Naming) -> None:
+    """A ``ValueError`` for a link that closes a ring with those before it, as a second one does."""
     closing = ring(topology)
-    if closing is not None:
-        rule = "must not close a ring with the links before it"
-        between = f"between {links[closing].between(first)}"
-        raise ValueError(f"{place(closing).rstrip(':')} {between} {rule}")
+    if closing is None:
+        return
+    (place, first), ends = naming, topology.links
+    rule = "must not close a ring with the links before it"
+    for k in range(closing):
+        if {*ends[k]} == {*ends[closing]}:
+            other = place(k).rstrip(":").rpartition(": ")[2]
+            rule = f"must not stand where {other} does: one link has friction, gap and contact"
+    between = f"between {links[closing].between(first)}"
+    raise ValueError(f"{place(closing).rstrip(':')} {between} {rule}")
 
 
 def first_floors(floors: Iterable[int]) -> list[int]:

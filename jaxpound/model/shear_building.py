@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -155,6 +156,10 @@ class ShearBuilding:
         """
         owner = "ShearBuilding.from_period"
         n = count(owner, "n_storeys", n_storeys)
+        if isinstance(storey_mass, list | tuple):
+            rule = "one number, that of every floor; floors that differ are given one by one, as"
+            rule += " ShearBuilding((Building(...), ...))"
+            raise ValueError(f"{owner}: storey_mass = {reprlib.repr(storey_mass)} must be {rule}")
         taper = number(owner, "taper", taper)
         if is_traced(taper):
             raise ValueError(f"{owner}: taper must be known, not traced: the modes' shapes follow")

@@ -54,6 +54,8 @@ class ByElement:
         place = None if name in GROUPS or name[:2] == "__" else place_of(type(self), name)
         if place is None or not place.group:
             message = f"{type(self).__name__!r} object has no attribute {name!r}"
+            if hasattr(vars(self).get("demand"), name):
+                message += f"; its demand has it: .demand.{name}"
             raise AttributeError(message, name=name, obj=self)
         group, i, field, known = place
         items = getattr(self, group)

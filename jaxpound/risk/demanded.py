@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from jaxpound._checks import hint
+from jaxpound._checks import did_you_mean, hint
 from jaxpound.model.system import Structures, System, is_closable
-from jaxpound.results.demand import Demand
-from jaxpound.study.demands import over_all, required_gaps
+from jaxpound.results.demand import Demand, known_of
+from jaxpound.study.demands import OF_FLOORS, is_ours, over_all, required_gaps
 
 REQUIRED_GAP = "required_gap"
 """Name of the largest closing of any link."""
@@ -45,5 +45,19 @@ def demand_named(owner: str, system: System, found: Demand, name: str) -> Any:
         return -found.min_gap
     known = found.scalars() | over_all(system, found) | required_gaps(system, found)
     if name not in known:
+        about = known_of(name)
+        if about is not None and about.only == "contact":
+            raise ValueError(f"{owner}: demand = {name!r} must be of structures with a contact law")
         raise ValueError(f"{owner}: unknown demand {name!r}; {hint(name, known)}")
     return known[name]
+
+
+def require_threshold(owner: str, demand: Any) -> None:
+    """A ``ValueError`` for a demand without the threshold that it needs, or of an unknown name."""
+    if isinstance(demand, str) and not is_ours(demand):
+        meant = (
+            did_you_mean(demand, OF_FLOORS) or "demands are named as in Demand, such as 'peak_x1'"
+        )
+        raise ValueError(f"{owner}: unknown demand {demand!r}; {meant}")
+    shown = repr(demand) if isinstance(demand, str) else "a function"
+    raise ValueError(f"{owner}: threshold = None must be a number: demand is {shown}")

@@ -15,6 +15,7 @@ from jaxpound.risk.fragility_rate import FragilityRate, integral
 from jaxpound.risk.hazard_files import read_hazard
 from jaxpound.risk.hazard_gap import TRIED, gap_by_fragilities
 from jaxpound.risk.hazard_intensity import HazardIntensity
+from jaxpound.risk.hazard_meets import require_drawn, require_unit
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.risk.samples_rate import of_event, of_study
 from jaxpound.study.distributions import Distribution, density
@@ -23,7 +24,7 @@ from jaxpound.study.statistics import Estimate
 from jaxpound.study.study import Study
 
 _ROUNDING = 1e-9
-_UNITS = ("g", "m/s²", "cm/s²", "m/s", "cm/s", "g/ω1")  # in which hazards and studies tell motions
+_MOST_BEYOND = 0.5  # share of a rate from beyond the curve's ends that says nothing of a wrong unit
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +42,8 @@ class HazardCurve(Shown):
     annual_rate
         Mean number of earthquakes a year that exceed each, shape (m,), positive and nowhere rising.
     measure
-        Name of the measure of intensity, with its unit, for tables and figures.
+        Name of the measure of intensity, with its unit, such as ``"PGA (g)"`` or ``"PGA (m/s²)"``,
+        for tables and figures, and to be checked against the unit of a study.
 
     Raises
     ------
@@ -194,7 +196,14 @@ class HazardCurve(Shown):
         Raises
         ------
         ValueError
-            If pounding is none of these, or an argument breaks its rule.
+            If pounding is none of these, or an argument breaks its rule; if the name of the curve's
+            measure tells another unit than that of a study's fragility, or nothing of a study was
+            drawn or weighed by a hazard.
+
+        Warns
+        -----
+        PlausibilityWarning
+            If a study's fragility is not in g, and the name of the measure tells no unit.
         """
         owner = "HazardCurve.annual_rate_of"
         require_share(owner, "confidence", confidence)
@@ -202,8 +211,12 @@ class HazardCurve(Shown):
         if not isinstance(pounding, Study) and (gap is not None or link is not None):
             name, value = ("link", link) if gap is None else ("gap", gap)
             raise ValueError(f"{owner}: {name} = {value!r} must be None: pounding is not a study")
+        if isinstance(pounding, Fragility):
+            require_unit(owner, self.measure, "the fragility", pounding.unit)
+            return self._by_fragility(pounding, confidence)
         often = float(self.annual_rate[0])
         if isinstance(pounding, Study):
+            require_drawn(owner, pounding, "its fragility, such as study.fragility('pga')")
             estimate = pounding.pounding_probability(gap, confidence, link=link)
             cov, by = pounding.pounding_cov(gap, link=link), of_study(often, pounding, gap, link)
             return AnnualRate.of_estimate(often, estimate, cov, _source=by)
@@ -211,16 +224,24 @@ class HazardCurve(Shown):
             estimate, by = pounding.interval(confidence), of_event(often, pounding)
             told = pounding.warnings
             return AnnualRate.of_estimate(often, estimate, pounding.cov, warnings=told, _source=by)
-        if isinstance(pounding, Estimate):
-            return AnnualRate.of_estimate(often, pounding)
+        return AnnualRate.of_estimate(often, pounding)
+
+    def _by_fragility(self, pounding: Fragility, confidence: float) -> AnnualRate:
+        """``annual_rate_of`` a fragility."""
         ends = np.r_[0.0, self.intensity, np.inf]
         parts, slopes = integral(self, pounding, ends)
         by_fragility = slopes.sum(axis=0)
         least, below = float(parts[1:-1].sum()), float(parts[0])
         most = self.annual_rate[-1]  # if every earthquake beyond the end were one of pounding
         low = least + most * float(pounding.probability(self.intensity[-1]))
+        whole, doubts = float(parts.sum()), []
+        if below + float(parts[-1]) > _MOST_BEYOND * whole:
+            doubts.append(
+                f"more than {_MOST_BEYOND:.0%} of the rate comes from intensities beyond the "
+                "curve's ends, where it is only continued; are curve and fragility in one unit?"
+            )
         return AnnualRate.of_fragility(
-            float(parts.sum()),
+            whole,
             by_fragility @ pounding.covariance @ by_fragility,
             confidence,
             below=below,
@@ -228,6 +249,7 @@ class HazardCurve(Shown):
             bounds=(low, least + below + most),
             ends=(float(self.intensity[0]), float(self.intensity[-1])),
             measure=self.measure,
+            warnings=tuple(doubts),
             _source=FragilityRate(self, pounding),
         )
 
@@ -320,13 +342,20 @@ class HazardCurve(Shown):
         ValueError
             If an argument breaks its rule, the target is more frequent than the curve's lowest
             intensity, or no gap at which a fragility can be fitted has that rate; if the name of
-            the curve's measure tells another unit than that of the column.
+            the curve's measure tells another unit than that of the column; if intensity is None
+            and nothing of the study was drawn or weighed by a hazard.
+
+        Warns
+        -----
+        PlausibilityWarning
+            If the column is not in g, and the name of the measure tells no unit.
         """
         owner = "HazardCurve.required_gap"
         instance(owner, "study", study, Study)
         require_share(owner, "confidence", confidence)
         target = rate_of(owner, probability, years)
         if intensity is None:
+            require_drawn(owner, study, "intensity, such as 'pga'")
             share = target / self.annual_rate[0]
             if share >= 1:
                 raise ValueError(
@@ -335,21 +364,14 @@ class HazardCurve(Shown):
                     f"{self.annual_rate[0]:.4g}"
                 )
             return study.required_gap(float(share), confidence, link=link)
-        self._require_unit(owner, intensity, study.unit(intensity))
+        require_unit(
+            owner, self.measure, f"the study's column {intensity!r}", study.unit(intensity)
+        )
         return gap_by_fragilities(
-            lambda gap: self.annual_rate_of(study.fragility(intensity, gap, link=link), confidence),
+            lambda gap: self._by_fragility(study.fragility(intensity, gap, link=link), confidence),
             [study.required_gap(p, link=link).value for p in TRIED],
             target,
         )
-
-    def _require_unit(self, owner: str, column: str, unit: str) -> None:
-        """A ``ValueError`` if the measure's name ends with another unit of motion than this."""
-        told = self.measure.rpartition("(")[2].rstrip(")").replace("2", "²")
-        if unit and told in _UNITS and told != unit:
-            raise ValueError(
-                f"{owner}: measure = {self.measure!r} must be in the unit of the study's column "
-                f"{column!r}, {unit}: convert the curve's intensities and name them so"
-            )
 
     def piece(self, im: np.ndarray) -> np.ndarray:
         """The piece between points that an intensity is in, or the one that is continued there."""

@@ -16,7 +16,13 @@ from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, put, require_paths
 from jaxpound.model.system import Structures, System
 from jaxpound.results.demand import Demand
-from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP, demand_named, passing_through
+from jaxpound.risk.demanded import (
+    OVERLAP,
+    REQUIRED_GAP,
+    demand_named,
+    passing_through,
+    require_threshold,
+)
 from jaxpound.risk.instants import Series, measured, series_of
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.course import positions_at
@@ -87,7 +93,7 @@ class LimitState:
         instance(OWNER, "changes", self.changes, Mapping)
         if self.threshold is None:
             if self.demand != REQUIRED_GAP:
-                raise ValueError(f"{OWNER}: threshold = None must be a number: demand is not a gap")
+                require_threshold(OWNER, self.demand)
         else:
             threshold = number(OWNER, "threshold", self.threshold)
             rule = Rule("threshold", threshold, finite(threshold), "finite")

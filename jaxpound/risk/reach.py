@@ -19,12 +19,15 @@ from jaxpound.results.demand import Demand
 from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.limit_state import LimitState, threshold_of
 from jaxpound.risk.rare_event import RareEvent
-from jaxpound.risk.run import event_of
+from jaxpound.risk.run import event_of, require_smooth
 from jaxpound.risk.slope import Slope
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.scenarios import ScenarioSet
 
 OWNER = "reach_probability"
+
+WITHOUT_JUMPS = "wavelets have no jumps with negative = 0, records none if there is one"
+"""What to do about scenarios with discrete numbers."""
 
 _MOST = 12
 _FARTHEST = 3.0  # |change of ln P| that one step may aim at: beyond it the slope changes
@@ -122,8 +125,9 @@ def reach_probability(
     Raises
     ------
     ValueError
-        If an argument breaks its rule, the probability does not depend on the parameter or cannot
-        be estimated on the way, or is not reached in 12 steps.
+        If an argument breaks its rule, a number of the scenarios is discrete (such as the signs of
+        wavelets), the probability does not depend on the parameter or cannot be estimated on the
+        way, or is not reached in 12 steps.
 
     Examples
     --------
@@ -140,6 +144,7 @@ def reach_probability(
     require_share(OWNER, "tolerance", number(OWNER, "tolerance", tolerance))
     threshold = threshold_of(OWNER, gap, demand, threshold)
     first = LimitState(scenarios, grid, scheme, demand, threshold)
+    require_smooth(OWNER, scenarios, WITHOUT_JUMPS)
     nominal = first.programs.nominal
     require_paths(OWNER, nominal, [path])
     value = float(get(nominal, path))

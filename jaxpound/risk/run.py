@@ -196,7 +196,7 @@ def event_of(
         return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
-        "reached it; use method = 'subset'"
+        "reached it; use method = 'subset', or in reach_probability another value to start from"
     )
 
 
@@ -221,13 +221,24 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
         raise ValueError(f"{OWNER}: method = {method!r}; {hint(method, _METHODS)}")
     if method == "subset":
         return True, ""
-    if indices := discrete_coordinates(state.scenarios):
-        names = parameter_names(state.scenarios)
-        shown = ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))
+    if shown := _discrete(state.scenarios):
         if method == "auto":
             return True, f"{shown} discrete: "
-        rule = "must not be discrete for design points, which need gradients"
-        raise ValueError(f"{OWNER}: scenarios: {shown} {rule}; use method = 'subset'")
+        require_smooth(OWNER, state.scenarios, "use method = 'subset'")
     if method == "auto" and state.dimension < _FEW:
         return True, f"{state.dimension} random numbers, fewer than {_FEW}: "
     return False, ""
+
+
+def require_smooth(owner: str, scenarios: ScenarioSet, instead: str) -> None:
+    """A ``ValueError`` for scenarios with discrete numbers, by which there are no gradients."""
+    if shown := _discrete(scenarios):
+        rule = "must not be discrete for design points, which need gradients"
+        raise ValueError(f"{owner}: scenarios: {shown} {rule}; {instead}")
+
+
+def _discrete(scenarios: ScenarioSet) -> str:
+    """Names of the first discrete numbers of scenarios; empty if there are none."""
+    indices = discrete_coordinates(scenarios)
+    names = parameter_names(scenarios) if indices else ()
+    return ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))

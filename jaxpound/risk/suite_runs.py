@@ -26,7 +26,14 @@ from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, is_closable
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, kind_of
-from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP, Demanded, demand_named, passing_through
+from jaxpound.risk.demanded import (
+    OVERLAP,
+    REQUIRED_GAP,
+    Demanded,
+    demand_named,
+    passing_through,
+    require_threshold,
+)
 from jaxpound.risk.ledger import Ledger, identity
 from jaxpound.risk.shaking import Intensity, dimensionless_suite, grid_for
 from jaxpound.simulation.batches import in_chunks, runs_at_a_time
@@ -221,7 +228,7 @@ def _limit(owner: str, structures: Structures, asked: Asked) -> tuple[str, float
                 return OVERLAP, 0.0
             return REQUIRED_GAP, float(gap) * (float(scales.length) if scales else 1.0)
     elif threshold is None:
-        raise ValueError(f"{owner}: threshold = None must be a number: demand is {demand!r}")
+        require_threshold(owner, asked.demand)
     limit = float(number(owner, "threshold", threshold))
     if not np.isfinite(limit):
         raise ValueError(f"{owner}: threshold = {limit} must be finite")

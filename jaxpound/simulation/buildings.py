@@ -214,7 +214,6 @@ class _Run(NamedTuple):
         owner, scales = self.owner, self.scales
         instance(owner, "record", record, Record)
         instance(owner, "scheme", self.scheme, Scheme)
-        shaking = scales.to_dimensionless(record)
         if is_traced((tuple(known.values()), record.dt)):
             rule = (
                 "must be known, since the time step follows from them; simulate takes traced ones"
@@ -225,6 +224,7 @@ class _Run(NamedTuple):
                 raise ValueError(
                     f"{owner}: {name} of shape {shape} must be one building, not a batch"
                 )
+        shaking = scales.to_dimensionless(record)
         with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
             grid = record_grid(f"{owner}:", unlinked, scales, self.scheme, record, duration, dt)
         response = respond(owner, self.structures, shaking, grid, self.scheme, self.strict)

@@ -225,9 +225,9 @@ def _prepare(
     initial: InitialState | None,
 ) -> Ground:
     """Refuse known invalid input; put the ground motion in a form that can be traced."""
-    system = system_of("run", structures)
-    instance("run", "grid", grid, TimeGrid)
-    instance("run", "scheme", scheme, Scheme)
+    system = system_of(owner, structures)
+    instance(owner, "grid", grid, TimeGrid)
+    instance(owner, "scheme", scheme, Scheme)
     require_ground("ground", ground)
     # A system of one's own making is judged by its parts, ours by their own parameters.
     found = rules(structures) or rules(system)

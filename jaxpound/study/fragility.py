@@ -59,6 +59,8 @@ class Fragility(Shown):
     """Whether the data are multiple stripes, with chosen intensities, and not a cloud."""
     weights: np.ndarray | None = None
     """Weights of the runs at each intensity, shape (m,); None if all count the same."""
+    unit: str = ""
+    """Unit of the intensities, where it is known: of a study's column."""
     _of_counts: ClassVar[bool] = True  # fitted to them, which can then be resampled
 
     def __post_init__(self) -> None:
@@ -177,7 +179,7 @@ class Fragility(Shown):
                 "Fragility P(pounding | im) = Φ(ln(im / θ) / β)",
                 ("", "value", "standard error", "unit"),
                 [
-                    ("median θ", self.median, self.median_error, "that of im"),
+                    ("median θ", self.median, self.median_error, self.unit or "that of im"),
                     ("dispersion β", self.dispersion, self.dispersion_error, ""),
                 ],
                 [f"fitted to {runs:,} runs{where}, {pounding:,} with pounding"] if runs else [],

@@ -382,8 +382,9 @@ class Study(Columnar, Shown):
         Raises
         ------
         ValueError
-            As ``pounding``.
+            As ``pounding``, or if confidence is not between 0 and 1.
         """
+        require_share("pounding_probability", "confidence", confidence)
         return self._share(self._pounding("pounding_probability", gap, link), confidence)
 
     def pounding_cov(self, gap: float | None = None, *, link: int | None = None) -> float:
@@ -414,7 +415,8 @@ class Study(Columnar, Shown):
         im, pounding = self[intensity], self.pounding(gap, link=link)
         good = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[good]
-        return fit_fragility(im[good], pounding[good] == 1, weights=weights)
+        fitted = fit_fragility(im[good], pounding[good] == 1, weights=weights)
+        return dataclasses.replace(fitted, unit=self.unit(intensity))
 
     def _pounding(self, owner: str, gap: Any, link: Any) -> Iterator[np.ndarray]:
         """``pounding``, part by part."""
@@ -456,6 +458,7 @@ class Study(Columnar, Shown):
         """
         owner = "required_gap"
         require_share(owner, "probability", probability)
+        require_share(owner, "confidence", confidence)
         name = owner if link is None else self._of_link(owner, owner, link)
         return self.quantile(name, 1 - probability, confidence)
 
@@ -484,8 +487,10 @@ class Study(Columnar, Shown):
         Raises
         ------
         ValueError
-            If the structures are not a pair (``AdjacentStructures``).
+            If probability is not between 0 and 1, or the structures are not a pair
+            (``AdjacentStructures``).
         """
+        require_share("separation", "probability", probability)
         oscillators = self.about["oscillators"]
         if oscillators is None:
             raise ValueError("Study.separation: structures must be a pair, AdjacentStructures")

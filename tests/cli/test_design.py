@@ -208,7 +208,7 @@ def assert_page_says(page, answers, buildings):
         ),
         (
             {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_drft"'},
-            "[objective] unknown price 'peak_drft'; did you mean 'peak_drift'?",
+            "[objective] unknown demand 'peak_drft'; did you mean 'peak_drift'?",
         ),
         (
             {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_contact"'},
@@ -224,7 +224,12 @@ def assert_page_says(page, answers, buildings):
             "[limits] peak_f1 = -1 N must be between 1e-06 and 1e+12 N",
         ),
         ({"peak_f1": 'peak_f1 = {at_most = 1.0, over = "x"}'}, "peak_f1: over = 'x' must be"),
-        ({"peak_f1": "required_gap = 0.1"}, "[limits] has an unknown key 'required_gap'"),
+        ({"peak_f1": "required_gap = 0.1"}, "[limits] required_gap must be given with a probab"),
+        ({"goal": 'goal = "gap at rest"'}, '[objective] goal = "gap at rest" must be given with a'),
+        (
+            {"earthquakes = ": "earthquakes = 1000000000"},
+            "[search] earthquakes: n = 1,000,000,000 would take",
+        ),
         (
             {"peak_f1": "required_gap = {probability = 2.0}"},
             "probability = 2.0 must be between 1e-12 and 0.5",

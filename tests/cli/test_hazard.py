@@ -211,6 +211,16 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
             of_drawn().replace("# unit =", "unit = 'g' #"),
             "[study] drawn = true must not be given beside [hazard] unit",
         ),
+        (of_study("drawn = true"), "[study] drawn = true must not be given: no hazard has drawn"),
+        (
+            edited(EXAMPLE, {"# unit": "unit = 'g'"}),
+            "[hazard] unit must be given with [study] only",
+        ),
+        (EXAMPLE.replace("bands = 20", "bands = 2001"), "[results] bands = 2001 must be from 1 to"),
+        (
+            of_study().replace('"pga"', '"peak_x1"'),
+            '[study] intensity = "peak_x1" must measure the shaking, such as pga',
+        ),
         (
             of_drawn().replace("0.05]", "0.99]"),
             "[study] the annual rate of probability = 0.99 in 50",

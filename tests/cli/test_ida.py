@@ -161,6 +161,12 @@ def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
         ({"intensities": "intensities = [0.2, 0.1]"}, "[ida] intensities = 0.1 .* must be rising"),
         ({"measure": 'measure = "pga"'}, '[ida] period must be given with measure = "sa" only'),
         ({"demand": 'demand = "peak_x1"'}, "[ida] threshold = None must be a number: demand is"),
+        ({"demand": 'demand = "drift"'}, "[ida] unknown demand 'drift'; did you mean 'peak_drift'"),
+        (
+            {"demand": 'demand = "peak_contact"\nthreshold = 1'},
+            "[ida] demand = 'peak_contact' must be of structures with a contact law",
+        ),
+        ({"# threshold": "threshold = 100"}, "[ida] threshold = 100 m must be between 0 and 10 m"),
         ({"demand": 'demand = "peak"\nthreshold = 1'}, "[ida] unknown demand 'peak'"),
         ({"friction =": 'dt = 0.02\nfriction = "event-resolved"'}, r"[run] dt = 0\.02"),
     ],

@@ -34,6 +34,11 @@ from tests.cli.commands import edited, refusal
         (["simulate", "--record", "PULSE", "--dt", "x", "--out", "OUT"], "--dt: invalid float"),
         (["simulate", "--record", "PULSE", "--dt", "0.1", "--out", "OUT"], "dt = 0.1 must agree"),
         (["simulate", "--record", "PULSE", "--scale", "2", "--out", "OUT"], "--scale"),
+        (["paper", "--out", ""], "argument --out: must not be empty"),
+        (
+            ["montecarlo", "PULSE", "--store", "OUT", "--samples", "0"],
+            "--samples: '0' must be",
+        ),
     ],
 )
 def test_faulty_arguments(arguments, says, pulse, tmp_path, capsys):

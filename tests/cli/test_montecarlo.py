@@ -426,8 +426,14 @@ def test_the_report_of_an_unfinished_study_says_so(write, tmp_path):
     [
         (["montecarlo", "none.toml", "--store", "st"], "none.toml: No such file"),
         (["montecarlo", "STUDY", "--store", "st", "--shard", "1-2"], "--shard: '1-2' must be I/N"),
-        (["montecarlo", "STUDY", "--store", "st", "--shard", "3/2"], "shard = (3, 2) must be"),
-        (["montecarlo", "STUDY", "--store", "st", "--samples", "0"], "n = 0 must be a positive"),
+        (
+            ["montecarlo", "STUDY", "--store", "st", "--shard", "3/2"],
+            "'3/2' must be I/N with I from 1 to N",
+        ),
+        (
+            ["montecarlo", "STUDY", "--store", "st", "--samples", "0"],
+            "--samples: '0' must be a positive whole number",
+        ),
         (["report", "--store", "none", "--out", "out"], "must be a folder with a manifest.json"),
     ],
 )

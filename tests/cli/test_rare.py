@@ -246,6 +246,14 @@ def test_a_row_and_another_demand():
             "[design] probability = 2 must be between 1e-12 and 0.5",
         ),
         ({"# dt = 0.01": "dt = 2.0"}, "[run] dt = 2"),
+        (
+            {"# dt = 0.03": "dt = 0.4"},
+            "[earthquakes] dt = 0.4 s must be at most half of the soil's period, 0.3333 s",
+        ),
+        (
+            {"# demand": 'demand = "peak_contact"\nthreshold = 1'},
+            "[limit] demand = 'peak_contact' must be of structures with a contact law",
+        ),
     ],
 )
 def test_wrong_input_is_named(changes, words, tmp_path, capsys):
@@ -253,4 +261,32 @@ def test_wrong_input_is_named(changes, words, tmp_path, capsys):
     path.write_text(edited(EXAMPLE, changes))
     told = refusal(capsys, "rare", path, "--out", tmp_path / "nothing")
     assert f"wrong.toml: {words}" in told
+    assert not (tmp_path / "nothing").exists()
+
+
+WAVELETS = """wavelets = 2
+amplitude = {uniform = [0.01, 0.04]}
+periods = {uniform = [0.5, 1.5]}
+arrivals = {uniform = [1.0, 4.0]}
+
+"""
+
+
+def test_a_design_by_earthquakes_with_jumps_is_refused_before_the_search(tmp_path, capsys):
+    head, tail = EXAMPLE.split("[earthquakes]\n", 1)
+    wanted = '[design]\nparameter = "friction"\nprobability = 1e-3\n'
+    tail = tail[tail.index("[limit]\n") :].replace("# duration = 12.0", "duration = 6.0")
+    path = tmp_path / "jumps.toml"
+    path.write_text(f"{head}[earthquakes]\n{WAVELETS}{wanted}{tail}")
+    told = refusal(capsys, "rare", path, "--out", tmp_path / "nothing")
+    assert "[design] scenarios: sign_1, sign_2 must not be discrete" in told
+    assert "wavelets have no jumps with negative = 0" in told
+    assert not (tmp_path / "nothing").exists()
+
+
+def test_implausible_earthquakes_are_refused_if_strict(tmp_path, capsys):
+    path = tmp_path / "strong.toml"
+    path.write_text(edited(EXAMPLE, {"acceleration": "acceleration = 8.0"}))  # of m/s², say
+    told = refusal(capsys, "rare", path, "--strict", "--out", tmp_path / "nothing")
+    assert "ground: PGA of 100% of the 64 earthquakes looked at, up to" in told
     assert not (tmp_path / "nothing").exists()

@@ -25,6 +25,9 @@ CONFIG_FAULTS = [
     ),
     ({"[damper]": "[damper]\ngap = 1"}, "unknown key 'gap'; it belongs in the top level"),
     ({"mass": "mass = = 1"}, ":18: [building_1] mass: Invalid value (at line 18, column 8)"),
+    ({"mass": "mass = 500,5"}, "column 11); a decimal point, not a comma: 0.1"),
+    ({"period": "period = .9"}, "column 10); a number begins with a digit: 0.1, not .1"),
+    ({"period": "period = 1."}, "column 11); a digit follows the point: 1.0, not 1."),
     ({"gap": "gap = 0.1.2"}, "gap: Expected newline or end of document"),
     ({"[damper]": "[damper"}, "Expected ']'"),
     ({"[output]": "[damper]"}, "Cannot declare ('damper',) twice"),
@@ -48,6 +51,7 @@ CONFIG_FAULTS = [
         "[damper] friction_force = -1 N must be between 0 and 1e+10 N (",
     ),
     ({"# pga": "pga = 0.3"}, "[ground] must have scale or pga, not both"),
+    ({"scale": "scale = 0"}, "[ground] scale = 0 must not be 0: nothing would shake"),
     ({"scale": "pga = 0"}, "[ground] pga = 0 g must be between 1e-06 and 20 g ("),
     (
         {"scale": "scale = 100"},
@@ -158,6 +162,28 @@ def test_a_refusal_is_short(pulse, write, tmp_path, capsys):
     path = write({"mass": f"mass = {list(range(5000))}"})
     line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", tmp_path)
     assert len(line) < 200 + len(str(path))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        (
+            {"mass": "mass = 500"},
+            "the masses of floors, 500 to 4e+05 kg, should be within",
+        ),
+        ({"friction_force": "friction_force = 200"}, "friction_force = 200 N should be 0 or betw"),
+        ({"friction_force": "friction_force = 2e8"}, "friction_force = 2e+08 N should be 0 or be"),
+    ],
+)
+def test_buildings_in_other_units_are_refused_if_strict(
+    changes, says, pulse, write, tmp_path, capsys
+):
+    path, out = write(changes), tmp_path / "out"
+    line = refusal(
+        capsys, "simulate", "--record", pulse, "--config", path, "--strict", "--out", out
+    )
+    assert says in line
+    assert not out.exists()
 
 
 def test_a_configuration_larger_than_any(pulse, tmp_path, capsys):

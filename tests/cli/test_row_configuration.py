@@ -266,7 +266,8 @@ FAULTS = [
     (
         f"{THREE}[[link]]\nbuilding = 2\nfloors = 'common'\ngap = 0\n"
         "[[link]]\nbuilding = 2\nfloor = 2\ngap = 0.1",
-        "[[link]] 2 between floor 2 of building 2 and floor 2 of building 3 must not close a ring",
+        "[[link]] 2 between floor 2 of building 2 and floor 2 of building 3 must not stand where "
+        "[[link]] 1 does",
     ),
     (
         f"{THREE}[[link]]\nbuilding = 2\nfloor = 1\ngap = 0\n"

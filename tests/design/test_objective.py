@@ -131,9 +131,9 @@ def test_the_least_demand_is_minus_its_statistic():
         (lambda: jp.PoundingProbability(0.1, 0.0), "width = 0 must be positive"),
         (
             lambda: jp.LeastDemand("peak_drft"),
-            "LeastDemand: unknown price 'peak_drft'; did you mea",
+            "LeastDemand: unknown demand 'peak_drft'; did you mea",
         ),
-        (lambda: jp.LeastDemand("min_gap"), "LeastDemand: unknown price 'min_gap'"),
+        (lambda: jp.LeastDemand("min_gap"), "LeastDemand: unknown demand 'min_gap'"),
         (lambda: jp.LeastDemand("peak_x1", "all"), "LeastDemand: over = 'all' must be 'worst', "),
         (lambda: jp.Limit(0.0), "at_most = 0 must be positive"),
         (lambda: jp.Limit(1.0, "median"), "over = 'median' must be 'worst', 'mean' or a share"),
@@ -141,7 +141,7 @@ def test_the_least_demand_is_minus_its_statistic():
         (lambda: jp.Penalty(-1.0), "weight = -1 must be finite and not negative"),
         (lambda: jp.Objective(jp.MeanGap), "goal = .* must be a function"),
         (lambda: jp.Objective("gap"), "goal = 'gap' must be a function"),
-        (lambda: jp.Objective(limits={"peak_g1": 1.0}), "unknown price 'peak_g1' in limits; did"),
+        (lambda: jp.Objective(limits={"peak_g1": 1.0}), "unknown demand 'peak_g1' in limits; did"),
         (lambda: jp.Objective(limits={"peak_f1": "low"}), "peak_f1 = 'low' must be a real number"),
     ],
 )

@@ -209,7 +209,7 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
 def test_a_budget_below_zero_is_refused():
     with pytest.raises(ValueError, match="total_damper_force = -1 must be positive and fin"):
         jp.Objective(limits={"total_damper_force": -1.0})
-    with pytest.raises(ValueError, match=r"unknown price 'total_damper'.* mean 'total_damper_f"):
+    with pytest.raises(ValueError, match=r"unknown demand 'total_damper'.* mean 'total_damper_f"):
         jp.Objective(limits={"total_damper": 1.0})
     with pytest.raises(ValueError, match=r"DesignSpace: no path matches 'links\.\*\.frction'"):
         jp.DesignSpace(ROW, {"links.*.frction": (0.0, 1.0)})

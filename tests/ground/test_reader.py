@@ -39,6 +39,35 @@ def test_unknown_units_are_refused_with_the_known_ones(write):
         read_record(write("0 1\n1 2\n"), units="furlong")
 
 
+@pytest.mark.parametrize("units", ["m/s2", "m/s^2", "m/s²", "M/S/S"])
+def test_units_may_be_spelt_as_in_headers(write, units):
+    assert_reads(write("0 0\n1 9.80665\n"), [0, 1], 1.0, units=units)
+
+
+def test_a_path_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="read_record: path = 3 must be the path of a file"):
+        read_record(3)
+
+
+def test_a_step_that_is_no_number_is_refused(write):
+    with pytest.raises(ValueError, match=r"read_record: dt = '0.01' must be a real number"):
+        read_record(write("1\n2\n"), dt="0.01")
+
+
+def test_a_peak_above_that_of_most_records_in_g_asks_for_the_unit(write):
+    rows = "".join(f"{0.01 * i:.2f} {3.0 * np.sin(0.1 * i):.4f}\n" for i in range(200))
+    with pytest.warns(PlausibilityWarning, match=r"no unit is stated, and in g the peak is 3 g: "):
+        read_record(write(rows))
+    for units in ("g", "m/s2"):  # no doubt is left
+        read_record(write(rows), units=units)
+
+
+def test_a_record_without_shaking_is_warned_of(write):
+    rows = "".join(f"{0.01 * i:.2f} 0.0\n" for i in range(200))
+    with pytest.warns(PlausibilityWarning, match=r"the acceleration is 0 throughout"):
+        read_record(write(rows))
+
+
 def test_a_missing_file_is_not_found(tmp_path):
     assert_refuses(tmp_path / "none.at2", None, "no such file", error=FileNotFoundError)
 
@@ -180,11 +209,11 @@ def test_a_shortened_exponent_at_the_end_is_noticed_in_any_format(write):
 
 def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
     rows = [f"{k / 50:g},{1e-4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
-    assert read_record(write("".join(rows) + "3,9.5\n")).n_samples == 151
+    assert read_record(write("".join(rows) + "3,9.5\n"), units="g").n_samples == 151
     with pytest.warns(
         PlausibilityWarning, match="the last line has no end and its value is the largest"
     ):
-        assert read_record(write("".join(rows) + "3,9.53")).n_samples == 151
+        assert read_record(write("".join(rows) + "3,9.53"), units="g").n_samples == 151
 
 
 @pytest.mark.parametrize("value", ["3989", "-3989", "20.01"])

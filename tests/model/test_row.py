@@ -54,6 +54,17 @@ def test_common_floors_are_those_of_one_number_or_one_height():
         jp.floor_links((three,))
 
 
+def test_links_of_one_gap_are_those_of_its_buildings():
+    three = (HIGH, LOW, HIGH)
+    dampers = jp.floor_links(three, building=0, friction=0.1)
+    links = dampers + jp.floor_links(three, building=1, gap=0.2)
+    assert [str(link) for link in links] == [str(link) for link in jp.floor_links(three)]
+    assert [float(link.friction) for link in links] == [0.1, 0.1, 0.0, 0.0]
+    for building in (2, -1, 1.0, (0, 1)):
+        with pytest.raises(ValueError, match=r"building = .* must be from 0 to 1, a building with"):
+            jp.floor_links(three, building=building)
+
+
 @pytest.mark.parametrize(
     ("links", "message"),
     [
@@ -71,7 +82,17 @@ def test_common_floors_are_those_of_one_number_or_one_height():
         ),
         (
             (jp.FloorLink(0, 0), jp.FloorLink(0, 1), jp.FloorLink(0, 1)),
-            "links.2 between floor 1 of building 0 and floor 1 of building 1 must not close a ring",
+            "links.2 between floor 1 of building 0 and floor 1 of building 1 must not stand where "
+            "links.1 does: one link has friction, gap and contact",
+        ),
+        (
+            (
+                jp.FloorLink(0, 0),
+                jp.FloorLink(0, 0, next_floor=1),
+                jp.FloorLink(0, 1, 0),
+                jp.FloorLink(0, 1),
+            ),
+            "links.3 between floor 1 of building 0 and floor 1 of building 1 must not close a ring",
         ),
     ],
 )

@@ -190,3 +190,8 @@ def test_a_tall_building_and_a_row_of_many_are_shown_on_a_few_lines():
     row, _ = jp.dimensionless_row((building,) * 4, jp.floor_links((building,) * 4, gap=0.1))
     for shown in map(repr, (building, row, row.buildings[0], row.system())):
         assert len(shown) < 900  # ten lines of a terminal
+
+
+def test_floors_that_differ_are_not_given_to_from_period():
+    with pytest.raises(ValueError, match=r"storey_mass = \[1.0, 2.0\] must be one number, that of"):
+        jp.ShearBuilding.from_period(2, [1.0, 2.0], 0.5, 0.05)

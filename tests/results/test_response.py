@@ -104,6 +104,13 @@ def test_pounds_tells_whether_the_gap_closes():
     np.testing.assert_array_equal(jax.vmap(pounds)(jnp.array([0.5, 0.6, 0.7, 0.8])), [1, 1, 0, 0])
 
 
+def test_a_scalar_that_its_demand_has_is_named(run):
+    with pytest.raises(AttributeError, match=r"no attribute 'pounds'; its demand has it: .demand"):
+        _ = run.pounds
+    with pytest.raises(AttributeError, match=r"no attribute 'pound'$"):
+        _ = run.pound
+
+
 def test_results_show_themselves(run):
     text = repr(run)
     assert_shown(run)

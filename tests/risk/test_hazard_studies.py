@@ -10,6 +10,7 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.plots import hazards
+from jaxpound.study.store import describe
 from tests.study.test_run import GRID, MEDIAN, SIGMA, SLIDING, linear, study, unit
 
 mpl.use("Agg")
@@ -168,6 +169,25 @@ def test_a_study_of_other_intensities_is_weighted_by_the_hazard(closing):
     assert rate.low < 1.6e-3 < rate.high < 1.5 * rate.low
 
 
+def of_ground(found, amplitude):
+    """The same runs, said to be of wavelets of such an amplitude."""
+    ground = jp.RandomRicker(1, amplitude, jp.Uniform(1, 2), jp.Uniform(1, 2))
+    identity = {**found.about["identity"], "scenarios": describe(jp.Scenarios(SLIDING, ground))}
+    return dataclasses.replace(found, about={**found.about, "identity": identity})
+
+
+def test_a_study_that_no_hazard_has_drawn_is_not_taken_for_one_that_it_has(found):
+    undrawn = of_ground(found, jp.LogNormal(1.0, 0.5))
+    with pytest.raises(ValueError, match=r"drawn by HazardCurve.distribution .* intensity, such"):
+        HAZARD.required_gap(undrawn)
+    with pytest.raises(ValueError, match=r"weighed by HazardCurve.weights; .* study.fragility"):
+        HAZARD.annual_rate_of(undrawn)
+    same = HAZARD.required_gap(found).value
+    weighted = undrawn.weighted(np.ones(len(undrawn)))
+    for other in (weighted, of_ground(found, DRAWN)):
+        assert HAZARD.required_gap(other).value == pytest.approx(same, rel=0.01)
+
+
 def with_capacity(found, columns):
     """A study of given columns."""
     parts = {name: np.asarray(x, float) for name, x in columns.items()}
@@ -229,3 +249,27 @@ def test_records_of_intensity_one_are_scaled_by_the_hazard():
     for z, share in ((0.0, 0.5), (2.0, stats.norm.sf(2))):
         peak = np.abs(ground.draw(jnp.array([z])).samples).max()
         assert float(HAZARD.rate(peak)) == pytest.approx(2e-2 * share)
+
+
+def test_a_fragility_knows_the_unit_of_the_study_that_it_is_of(found, closing):
+    in_si = found.in_si(jp.Scales(mass=1e5, frequency=6.0))
+    rng = np.random.default_rng(0)
+    im = np.exp(rng.normal(-0.5, 0.8, 500))
+    gaps = im * np.exp(0.4 * rng.normal(size=im.size))
+    of = dataclasses.replace(
+        with_capacity(found, {"pga": im, "required_gap": gaps}), scales=in_si.scales
+    )
+    curve = of.fragility(gap=1.0)
+    assert curve.unit == "m/s²" in repr(curve)
+    in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s²"))
+    with pytest.raises(ValueError, match=r"measure = 'PGA \(g\)' must be in the unit of the frag"):
+        in_g.annual_rate_of(curve)
+    with pytest.warns(jp.PlausibilityWarning, match="measure = 'im' names no unit; it should"):
+        silent = HAZARD.annual_rate_of(curve)
+    assert in_m.annual_rate_of(curve).value == silent.value
+
+
+def test_a_rate_from_beyond_the_curve_is_doubted():
+    far, near = (HAZARD.annual_rate_of(jp.Fragility(median, 0.4)) for median in (6.0, 0.6))
+    assert "more than 50% of the rate comes from intensities beyond" in repr(far)
+    assert near.warnings == ()

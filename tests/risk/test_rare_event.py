@@ -348,3 +348,5 @@ def test_the_friction_for_a_probability():
     assert (any_gap.value, any_gap.error) == (1.0, np.inf)
     with pytest.raises(ValueError, match="unknown path"):
         jp.reach_probability("fiction", 1e-5, FEW, SHORT, 0.3, progress=False)
+    with pytest.raises(ValueError, match="reach_probability: scenarios: z_4 must not be discrete"):
+        jp.reach_probability("friction", 1e-5, Chosen(), SHORT, 0.3, progress=False)

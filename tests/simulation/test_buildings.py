@@ -113,6 +113,10 @@ def test_slip_force_and_gap_may_be_traced():
             {"building_2": jp.Building(4e5, [1e7, 2e7], 0.5, 0.1, 0.2)},
             r"building_2 of shape \(2,\)",
         ),
+        (
+            {"building_1": jp.Building([4e5, 5e5], 1e7, 0.5, 0.1, 0.2)},  # of which the units are
+            r"building_1 of shape \(2,\) must be one building",
+        ),
     ],
 )
 def test_bad_arguments_are_named_in_si(changes, message):

@@ -19,7 +19,7 @@ UNITS = {  # in m/s2
 }
 SECONDS = {"s": 1.0, "ms": 0.001}
 _METRE, _SECOND, _PER = "met(?:er|re)s?", "(?:seconds?|secs?|s)", "(?: ?/ ?| per )"
-_SQUARED = r"(?: ?(?:\^|\*\*)? ?2| squared)"
+_SQUARED = r"(?: ?(?:\^|\*\*)? ?[2²]| squared)"
 UNIT = re.compile(
     f"(?:(?:(?P<mm>milli-?{_METRE}|mm)|(?P<cm>centi-?{_METRE}|cm)|(?P<m>{_METRE}|m)"
     "|(?P<ft>feet|foot|ft)|(?P<in>inch(?:es)?|in))"

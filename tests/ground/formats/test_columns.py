@@ -39,7 +39,7 @@ def test_a_first_time_other_than_zero_is_dropped(write):
 def test_times_may_be_rounded_in_print(write, times):
     dt, n = 1 / 16, 200
     text = "".join(f"{times.format(k * dt)} {k % 10}.5\n" for k in range(n))
-    record = read_record(write(text))
+    record = read_record(write(text), units="g")
     assert record.dt == pytest.approx(dt, rel=1e-3)
     assert record.n_samples == n
 
@@ -147,7 +147,7 @@ def test_columns_are_not_taken_for_one_history(write):
     with pytest.warns(
         PlausibilityWarning, match="rows of 3 values seem to be columns side by side"
     ):
-        assert read_record(write(three), dt=0.005).n_samples == 180
+        assert read_record(write(three), dt=0.005, units="g").n_samples == 180
 
 
 def test_the_number_of_values_is_no_value(write):

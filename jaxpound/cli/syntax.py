@@ -1,0 +1,29 @@
+"""What is wrong with a line that is not TOML."""
+
+from __future__ import annotations
+
+import re
+
+_NUMBERS = {
+    r"=\s*-?\d+,\d": "a decimal point, not a comma: 0.1",
+    r"[=\[,]\s*-?\.\d": "a number begins with a digit: 0.1, not .1",
+    r"[=\[,]\s*-?\d+\.(?!\d)": "a digit follows the point: 1.0, not 1.",
+}
+"""How numbers are written in TOML, by what is often written instead."""
+
+
+def syntax_error(text: str, message: str) -> str:
+    """Message for a line that is not TOML: its number, its table, its key, and the reason."""
+    found = re.search(r"at line (\d+)", message)
+    lines = text.splitlines()[: int(found[1]) if found else None]
+    written = [says for form, says in _NUMBERS.items() if lines and re.search(form, lines[-1])]
+    message = "; ".join([message, *written[:1]])
+    place, key = f":{found[1]}" if found else "", ""
+    if "Unterminated" in message or (lines and lines[-1].lstrip().startswith("[")):
+        return f"{place}: {message}"  # where it begins is not known; or the line of a table
+    for line in reversed(lines):
+        if table := re.match(r"\s*(\[[^][]+\])", line):
+            return f"{place}: {table[1]}{key}: {message}"
+        if not key and (entry := re.match(r"\s*([\w.\"'-]+)\s*=", line)):
+            key = f" {entry[1]}"
+    return f"{place}:{key}: {message}" if key else f"{place}: {message}"
