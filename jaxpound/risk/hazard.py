@@ -15,7 +15,7 @@ from jaxpound.risk.fragility_rate import FragilityRate, integral
 from jaxpound.risk.hazard_files import read_hazard
 from jaxpound.risk.hazard_gap import TRIED, gap_by_fragilities
 from jaxpound.risk.hazard_intensity import HazardIntensity
-from jaxpound.risk.hazard_meets import require_drawn, require_unit
+from jaxpound.risk.hazard_meets import doubt_drawn, require_unit
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.risk.samples_rate import of_event, of_study
 from jaxpound.study.distributions import Distribution, density
@@ -197,13 +197,13 @@ class HazardCurve(Shown):
         ------
         ValueError
             If pounding is none of these, or an argument breaks its rule; if the name of the curve's
-            measure tells another unit than that of a study's fragility, or nothing of a study was
-            drawn or weighed by a hazard.
+            measure tells another unit than that of a study's fragility.
 
         Warns
         -----
         PlausibilityWarning
-            If a study's fragility is not in g, and the name of the measure tells no unit.
+            If a study's fragility is not in g, and the name of the measure tells no unit; if no
+            hazard has drawn or weighed anything of a study.
         """
         owner = "HazardCurve.annual_rate_of"
         require_share(owner, "confidence", confidence)
@@ -216,7 +216,7 @@ class HazardCurve(Shown):
             return self._by_fragility(pounding, confidence)
         often = float(self.annual_rate[0])
         if isinstance(pounding, Study):
-            require_drawn(owner, pounding, "its fragility, such as study.fragility('pga')")
+            doubt_drawn(owner, pounding, "its fragility, such as study.fragility('pga')")
             estimate = pounding.pounding_probability(gap, confidence, link=link)
             cov, by = pounding.pounding_cov(gap, link=link), of_study(often, pounding, gap, link)
             return AnnualRate.of_estimate(often, estimate, cov, _source=by)
@@ -342,20 +342,20 @@ class HazardCurve(Shown):
         ValueError
             If an argument breaks its rule, the target is more frequent than the curve's lowest
             intensity, or no gap at which a fragility can be fitted has that rate; if the name of
-            the curve's measure tells another unit than that of the column; if intensity is None
-            and nothing of the study was drawn or weighed by a hazard.
+            the curve's measure tells another unit than that of the column.
 
         Warns
         -----
         PlausibilityWarning
-            If the column is not in g, and the name of the measure tells no unit.
+            If the column is not in g, and the name of the measure tells no unit; if intensity is
+            None and no hazard has drawn or weighed anything of the study.
         """
         owner = "HazardCurve.required_gap"
         instance(owner, "study", study, Study)
         require_share(owner, "confidence", confidence)
         target = rate_of(owner, probability, years)
         if intensity is None:
-            require_drawn(owner, study, "intensity, such as 'pga'")
+            doubt_drawn(owner, study, "intensity, such as 'pga'")
             share = target / self.annual_rate[0]
             if share >= 1:
                 raise ValueError(

@@ -36,13 +36,17 @@ def require_unit(owner: str, measure: str, of: str, unit: str) -> None:
         tell(owner, [f"measure = {measure!r} names no unit; it should {must}"], strict=False)
 
 
-def require_drawn(owner: str, study: Study, instead: str) -> None:
-    """A ``ValueError`` for a study whose intensities are certainly not those of a hazard."""
+def doubt_drawn(owner: str, study: Study, instead: str) -> None:
+    """A warning for a study whose intensities are certainly not those of a hazard.
+
+    No error: its earthquakes may be those of a source that has the rate of the curve's beginning.
+    """
     if not may_be_drawn(study):
-        raise ValueError(
-            f"{owner}: the study's intensities must be drawn by HazardCurve.distribution or "
-            f"weighed by HazardCurve.weights; of any other study give {instead}"
+        rule = (
+            "the study's intensities should be drawn by HazardCurve.distribution or weighed by "
+            f"HazardCurve.weights, and are not; of any other study give {instead}"
         )
+        tell(owner, [rule], strict=False)
 
 
 def may_be_drawn(study: Study) -> bool:
