@@ -1,6 +1,6 @@
 """Where a batch's time goes: by part of the step, and by the number of runs a core takes at a time.
 
-    python benchmarks/where_time_goes.py
+    pip install -e ".[bench]" && python benchmarks/where_time_goes.py
 
 One core, float64, five-wavelet earthquakes, 500 steps, in processor time. JAX's profiler times each
 loop over the batch that XLA has made ("operation" below); the source line that it belongs to tells

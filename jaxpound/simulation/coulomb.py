@@ -42,6 +42,7 @@ class _Events(NamedTuple):
     slips_first: jax.Array
     drive: jax.Array  # acceleration in the middle of the step, of the slip before
     solves: jax.Array  # whether θ is a root
+    moves: jax.Array  # and not beyond the step's end by rounding
     root: jax.Array  # deceleration at θ; 1 where it is no root
     theta: jax.Array
     stops: jax.Array
@@ -71,7 +72,8 @@ def _events(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Events:
     solves = stops & slips_first
     root = jnp.sqrt(jnp.where(solves, larger(below, jnp.finfo(w.dtype).tiny), 1.0))
     theta = 2 * speed / jnp.where(solves, half + root, 1.0)
-    theta = jnp.where(solves, smaller(theta, 1.0), jnp.where(slips_first, 1.0, 0.0))
+    moves = solves & (theta <= 1)
+    theta = jnp.where(moves, theta, jnp.where(slips_first, 1.0, 0.0))
 
     # Stick, until |A| exceeds hold at φ.
     a_stop, a_end, a_rest = a + d * (theta - 0.5), a + d / 2, a + d * theta / 2
@@ -96,6 +98,7 @@ def _events(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Events:
         slips_first,
         drive,
         solves,
+        moves,
         root,
         theta,
         stops,
@@ -168,7 +171,7 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
 
     # θ is a root of speed + drive θ − d θ (1 − θ)/2, whose slope there is −root.
     tiny = jnp.finfo(d.dtype).tiny
-    moves = e.solves & (theta < 1) & (e.root**2 > tiny)
+    moves = e.moves & (e.root**2 > tiny)
     d_theta = jnp.where(moves, 1.0, 0.0) / e.root
     d_theta *= d_speed + theta * (d_a - d_hold - (1 - theta) / 2 * d_d)
 

@@ -208,3 +208,17 @@ def test_structures_that_a_batch_closes_over_are_not_folded_into_its_program():
 
     program = jax.jit(jax.vmap(smallest)).lower(np.linspace(0.05, 0.3, n)).compile().as_text()
     assert not re.search(rf"\[[\d,]*{n}[\d,]*\]\S* constant\(", program)
+
+
+@pytest.mark.parametrize(("n", "most"), [(512, 480), (481, 480), (1000, 96), (96, 96), (33, 480)])
+def test_chunks_are_even(n, most):
+    """Of many runs few are computed twice to fill the last chunk up."""
+    seen = []
+
+    def run(x):
+        jax.debug.callback(lambda y: seen.append(y), x)
+        return 2 * x
+
+    assert (jp.in_chunks(run, most)(np.arange(n)) == 2 * np.arange(n)).all()
+    jax.effects_barrier()
+    assert len(seen) <= max(1.15 * n, 64)

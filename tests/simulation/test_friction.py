@@ -228,3 +228,19 @@ def test_the_step_s_derivatives_are_those_of_its_own_formulas():
         # Stops at once (θ near 0) cost the plain derivatives their last digits.
         np.testing.assert_allclose(written_out, plain, rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(np.median(np.abs(written_out - plain), 0), 0, atol=1e-15)
+
+
+def test_second_derivatives_of_the_step_are_those_of_its_own_formulas():
+    random = np.random.default_rng(5)
+    n = 1000
+    points = np.stack([*random.normal(size=(3, n)), np.abs(random.normal(size=n))], -1)
+    points[:, 0] *= 0.03
+
+    def hessian(outer, inner, step):
+        return jax.jit(jax.vmap(outer(inner(lambda x: jnp.stack(step(*x))))))(points)
+
+    plain = hessian(jax.jacfwd, jax.jacfwd, lambda *x: _outcome(_events(*x, H), H))
+    assert np.abs(plain).max() > 1
+    for inner in (jax.jacfwd, jax.jacrev):
+        found = hessian(jax.jacfwd, inner, lambda *x: slip_stick(*x, H))
+        np.testing.assert_allclose(found, plain, rtol=1e-6, atol=1e-6)
