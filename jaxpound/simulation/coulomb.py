@@ -120,7 +120,7 @@ def _outcome(e: _Events, h: Any) -> SlipStick:
     turned = h * (e.speed + e.a - e.hold * (e.theta + e.after * (1 - e.theta)))
     w_new = jnp.where(e.stops & (e.hold > 0), h * e.after * e.gained, turned)
 
-    resistance = jnp.where(e.stuck, held(e.a, e.hold), e.after * e.hold)
+    resistance = jnp.where(e.stuck, _held(e.a, e.hold), e.after * e.hold)
     turned_now, after_now = _velocities_now(e, w_new, h)
     w_now = jnp.where(e.stuck, 0.0, e.after * larger(after_now, 0.0))
     w_now = jnp.where(e.slipping, larger(turned_now, 0.0), w_now)
@@ -139,7 +139,7 @@ def _outcome(e: _Events, h: Any) -> SlipStick:
         turn_time=s,
         turn=-e.way * bend * s**2 / 2,
         before=e.way * e.hold,
-        after=e.way * held(e.a_stop, e.hold),
+        after=e.way * _held(e.a_stop, e.hold),
         phase=e.way * jnp.where(e.stops, jnp.sign(w_new), 1.0),
         change_time=jnp.where(e.breaks, breaks, s),
     )
@@ -152,7 +152,7 @@ def _velocities_now(e: _Events, w_new: Any, h: Any) -> tuple[Any, Any]:
     return turned_now, e.after * (w_new - h / 2 * (e.a + e.d / 4)) + h / 2 * e.hold
 
 
-def held(a: jax.Array, hold: jax.Array) -> jax.Array:
+def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
     """R q of a link in stick that is pulled by a."""
     # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost. Nor a minimum
     # of |a|: nothing may be pulled at all, as between structures that move alike.
