@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 
+CLEAN = {name: x for name, x in os.environ.items() if "CACHE" not in name}
 NOTEBOOKS = sorted((pathlib.Path(__file__).parents[1] / "notebooks").glob("0*.ipynb"))
 
 IMPORTS = """
@@ -72,14 +73,13 @@ def best(code, *args, folder=None):
     """The shortest of three times of each part that a program prints."""
     runs = []
     for _ in range(3):
-        environment = {k: v for k, v in os.environ.items() if "CACHE" not in k}
         output = subprocess.run(
             [sys.executable, "-c", code, *args],
             capture_output=True,
             check=True,
             text=True,
             cwd=folder,
-            env=environment | {"MPLBACKEND": "Agg"},
+            env=CLEAN | {"MPLBACKEND": "Agg"},
         ).stdout
         runs.append([float(x) for x in output.splitlines()[-1].split()])
     return [min(times) for times in zip(*runs, strict=True)]
@@ -87,7 +87,7 @@ def best(code, *args, folder=None):
 
 def commands():
     """Processor time of ``jaxpound paper``, without and with programs that an earlier run kept."""
-    times, clean = [], {k: v for k, v in os.environ.items() if "CACHE" not in k}
+    times = []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(2):
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -95,7 +95,7 @@ def commands():
                 [sys.executable, "-m", "jaxpound", "paper", "--out", f"{folder}/results"],
                 check=True,
                 capture_output=True,
-                env=clean | {"JAXPOUND_CACHE": f"{folder}/cache"},
+                env=CLEAN | {"JAXPOUND_CACHE": f"{folder}/cache"},
             )
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)

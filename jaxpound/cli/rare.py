@@ -20,13 +20,13 @@ from jaxpound.cli.rare_report import Found, Target, kind_of_demand, write_report
 from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Gap, Stated, drawn
-from jaxpound.ground.motion import as_pytree
 from jaxpound.ground.plausibility import first_of, of_many, tell
 from jaxpound.model.parameters import get
 from jaxpound.model.system import is_closable
 from jaxpound.risk.instants import REQUIRED_GAP
 from jaxpound.risk.reach import WITHOUT_JUMPS
 from jaxpound.risk.run import choice, event_of, require_smooth
+from jaxpound.study.scenarios import grounds_at
 
 # --- the configuration --------------------------------------------------------------------------
 
@@ -114,8 +114,7 @@ def _doubts(state: jp.LimitState, seed: int) -> list[str]:
     """What is implausible in some of the random earthquakes."""
     scenarios, grid = state.scenarios, state.grid
     numbers = jax.random.normal(jax.random.key(seed), (first_of(_LOOKED_AT, grid), state.dimension))
-    drawn = jax.jit(jax.vmap(lambda z: as_pytree(scenarios.realize(z)[1], grid)))(numbers)
-    return of_many(drawn, grid, in_g=True)
+    return of_many(grounds_at(scenarios, grid)(numbers), grid, in_g=True)
 
 
 def limit_state(file: File, given: Rare) -> jp.LimitState:

@@ -124,7 +124,7 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
         most = chunk_size or runs_at_a_time()
         size = 1 << (n - 1).bit_length()
         if n > most:  # evenly, so that the last is not filled up with many copies
-            size = _rounded_up(-(-n // -(-n // most)), 2 * _SMALLEST_SHARE * len(devices))
+            size = _rounded_up(even_share(n, most), 2 * _SMALLEST_SHARE * len(devices))
         size = _rounded_up(min(size, most), len(devices))
         mesh = _mesh()
         results: Any = None
@@ -153,6 +153,11 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
         return results
 
     return mapped
+
+
+def even_share(n: int, most: int) -> int:
+    """The length of n things' fewest equal parts of at most ``most`` each, rounded up."""
+    return -(-n // -(-n // most))
 
 
 def _rounded_up(n: int, step: int) -> int:

@@ -56,6 +56,26 @@ class _Events(NamedTuple):
     slipping: jax.Array  # at t_m, as before the step
     stuck: jax.Array  # at t_m
 
+    @property
+    def late(self) -> Any:
+        """θ, from t_m on."""
+        return self.theta - 0.5
+
+    @property
+    def opposed(self) -> Any:
+        """Time in which friction has opposed the slip before, until t_m, less that of the other."""
+        return smaller(self.theta, 0.5) + self.after * larger(0.5 - self.theta, 0.0)
+
+    @property
+    def released(self) -> Any:
+        """Jump of the relative acceleration at θ."""
+        return self.hold - jnp.where(self.sticks, self.a_stop, self.after * self.hold)
+
+    @property
+    def bend(self) -> Any:
+        """Acceleration by which the closing differs at θ from its value at t_m."""
+        return self.drive + 2 / 3 * self.d * self.late
+
 
 def _events(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Events:
     # In the direction of slip: |w| = speed × h, accelerated by a − hold.
@@ -88,7 +108,7 @@ def _events(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Events:
     gained = jnp.where(sticks, excess * left / 2, gained)
     slipping = theta >= 0.5
     # A reversal that gains no velocity leaves the link in stick, with the force that holds it.
-    rests = jnp.where(sticks, left <= 0.5, theta >= 0.5) | (stops & (gained == 0))
+    rests = (sticks & (left <= 0.5)) | (stops & (gained == 0))
     return _Events(
         way,
         speed,
@@ -126,29 +146,25 @@ def _outcome(e: _Events, h: Any) -> SlipStick:
     w_now = jnp.where(e.slipping, larger(turned_now, 0.0), w_now)
 
     # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
-    s = h * (e.theta - 0.5)
-    released = e.hold - jnp.where(e.sticks, e.a_stop, e.after * e.hold)
-    bend = e.drive + 2 / 3 * e.d * (e.theta - 0.5)
-    breaks = h * (0.5 - e.left)
+    s = h * e.late
     return SlipStick(
         velocity=e.way * w_new,
         resistance=e.way * jnp.where(e.slipping, e.hold, resistance),
         velocity_now=e.way * jnp.where(e.hold > 0, w_now, turned_now),
-        jump=e.way * jnp.where(e.solves, released * s**2 / 2, 0.0),
+        jump=e.way * jnp.where(e.solves, e.released * s**2 / 2, 0.0),
         turns=e.solves.astype(s.dtype),
         turn_time=s,
-        turn=-e.way * bend * s**2 / 2,
+        turn=-e.way * e.bend * s**2 / 2,
         before=e.way * e.hold,
         after=e.way * _held(e.a_stop, e.hold),
         phase=e.way * jnp.where(e.stops, jnp.sign(w_new), 1.0),
-        change_time=jnp.where(e.breaks, breaks, s),
+        change_time=jnp.where(e.breaks, h * (0.5 - e.left), s),
     )
 
 
 def _velocities_now(e: _Events, w_new: Any, h: Any) -> tuple[Any, Any]:
     """|w| at t_m of a link that has slipped until then, and of one that has slipped since."""
-    opposed = smaller(e.theta, 0.5) + e.after * larger(0.5 - e.theta, 0.0)
-    turned_now = h * (e.speed + (e.a - e.d / 4) / 2 - e.hold * opposed)
+    turned_now = h * (e.speed + (e.a - e.d / 4) / 2 - e.hold * e.opposed)
     return turned_now, e.after * (w_new - h / 2 * (e.a + e.d / 4)) + h / 2 * e.hold
 
 
@@ -166,8 +182,7 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
     """
     d_speed, d_a, d_d = (e.way * tangent for tangent in tangents[:3])
     d_speed, d_hold = d_speed / h, tangents[3]
-    theta, after, d = e.theta, e.after, e.d
-    late = theta - 0.5
+    theta, after, d, late = e.theta, e.after, e.d, e.late
 
     # θ is a root of speed + drive θ − d θ (1 − θ)/2, whose slope there is −root.
     tiny = jnp.finfo(d.dtype).tiny
@@ -186,8 +201,7 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
 
     # At t_m.
     turned_now, after_now = _velocities_now(e, e.way * out.velocity, h)
-    opposed = smaller(theta, 0.5) + after * larger(-late, 0.0)
-    d_turned = d_speed + d_a / 2 - d_d / 8 - opposed * d_hold - jnp.where(late < 0, shift, 0.0)
+    d_turned = d_speed + d_a / 2 - d_d / 8 - e.opposed * d_hold - jnp.where(late < 0, shift, 0.0)
     d_turned *= jnp.where((e.hold > 0) & (turned_now < 0), 0.0, h)
     d_after = velocity - h / 2 * (d_a + d_d / 4 - after * d_hold)
     d_after = jnp.where(e.stuck | (after_now < 0), 0.0, d_after)
@@ -196,10 +210,8 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
 
     # At θ.
     s, d_stop = h * late, d_a + late * d_d + d * d_theta
-    released = e.hold - jnp.where(e.sticks, e.a_stop, after * e.hold)
     d_released = d_hold - jnp.where(e.sticks, d_stop, after * d_hold)
-    jump = d_released * s**2 / 2 + released * s * h * d_theta
-    bend = e.drive + 2 / 3 * d * late
+    jump = d_released * s**2 / 2 + e.released * s * h * d_theta
     d_bend = d_a - jnp.where(e.slips_first, d_hold, 0.0) + 2 / 3 * (late * d_d + d * d_theta)
     fall = after * (d_a + (0.5 - e.left) * d_d) - d_hold
     d_left = fall / jnp.where(e.breaks, jnp.abs(d), 1.0)
@@ -210,7 +222,7 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
         jump=e.way * jnp.where(e.solves, jump, 0.0),
         turns=jnp.zeros_like(s),
         turn_time=h * d_theta,
-        turn=-e.way * (d_bend * s**2 / 2 + bend * s * h * d_theta),
+        turn=-e.way * (d_bend * s**2 / 2 + e.bend * s * h * d_theta),
         before=e.way * d_hold,
         after=e.way * _held_slope(e.a_stop, e.hold, d_stop, d_hold),
         phase=jnp.zeros_like(s),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,13 +21,19 @@ from jaxpound.ground.motion import Ground, as_pytree
 from jaxpound.ground.plausibility import first_of
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import place_of
-from jaxpound.simulation.batches import in_chunks, runs_at_a_time
+from jaxpound.simulation.batches import even_share, in_chunks, runs_at_a_time
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.archives import DamagedError, digest, require_name
 from jaxpound.study.demands import demands_of
 from jaxpound.study.sampling import Points, as_key, points
-from jaxpound.study.scenarios import ScenarioSet, keys_in_order, parameter_names, parameters
+from jaxpound.study.scenarios import (
+    ScenarioSet,
+    grounds_at,
+    keys_in_order,
+    parameter_names,
+    parameters,
+)
 from jaxpound.study.statistics import Moments
 from jaxpound.study.store import Store, describe
 
@@ -154,12 +160,8 @@ class Task:
     def first_grounds(self) -> Ground:
         """Ground motions of the first scenarios, to be checked before any is run."""
         draw = _draw(self.sampling, self.key, self.scenarios.dimension)
-
-        def ground(z: jax.Array) -> Ground:
-            return as_pytree(self.scenarios.realize(z)[1], self.grid)
-
-        draw_all = _kept("grounds", self.fingerprint, lambda: jax.jit(jax.vmap(ground)))
-        return draw_all(draw(0, first_of(self.n, self.grid)))
+        program = partial(grounds_at, self.scenarios, self.grid)
+        return _kept("grounds", self.fingerprint, program)(draw(0, first_of(self.n, self.grid)))
 
     def finish(self, chunk: int) -> Outcome:
         """Run a chunk and store it; a chunk that a lost worker has stored already is only read."""
@@ -197,8 +199,7 @@ class Task:
                 yield chunk, Outcome(found, {})
 
     def _runs_at_a_time(self) -> int:
-        batches = -(-self.chunk_size // runs_at_a_time())
-        return -(-self.chunk_size // batches)
+        return even_share(self.chunk_size, runs_at_a_time())
 
     def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
         good = np.all([_is_result(name, x) for name, x in columns.items()], axis=0)

@@ -18,10 +18,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import count, instance, is_whole, require_memory
+from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import (
     DIMENSIONLESS,
     SECONDS,
+    Ground,
     GroundLike,
+    as_pytree,
     require_dimensionless,
     require_ground,
 )
@@ -186,6 +189,11 @@ def require_dimensionless_draw(place: str, ground: Any) -> None:
             f"{place}: {ground!r} must be in units of {DIMENSIONLESS}, as the structures are: "
             "scales.to_dimensionless(ground) makes it so"
         )
+
+
+def grounds_at(scenarios: ScenarioSet, grid: TimeGrid) -> Callable[[Any], Ground]:
+    """Program: points (n, d) to the n ground motions of their scenarios, to be looked at."""
+    return jax.jit(jax.vmap(lambda z: as_pytree(scenarios.realize(z)[1], grid)))
 
 
 def discrete_coordinates(drawn: Any) -> tuple[int, ...]:
