@@ -209,7 +209,7 @@ def settle(
 ) -> tuple[jax.Array, ContactState, LinkMotion]:
     """The end of a step: the closings at t_m, the state after it, and the motion in it.
 
-    ``more`` is by how much the mean sample has changed the pull.
+    ``before`` has the pull after the mean samples, which have changed it by ``more``.
     """
     h, state, at, record = before.dt, before.state, passed.now, passed.record
     gain, _ = _response(group, passed.held > 0, more, 0 * more)
@@ -220,7 +220,7 @@ def settle(
     gain_now, _ = _response(group, at.held > 0, more, 0 * more)
     shift_now = jnp.where(at.contact != 0, 0.0, h**2 / 8 * gain_now)
     closing_now = at.closing + shift_now
-    kick = before.pull + more - (velocity - before.velocity) / h
+    kick = before.pull - (velocity - before.velocity) / h
     followed = LinkMotion(
         velocity=velocity,
         mean_force=inverse_of(group.delassus) @ kick,

@@ -11,6 +11,7 @@ ground hangs on the ground.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -223,32 +224,40 @@ def step(
     forces = _forces(system, passed)
     loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
 
-    # Links over the step from t_m − h/2 to t_m + h/2.
+    # Links that may touch or share masses, over the step from t_m − h/2 to t_m + h/2.
     pulls = [_pull(ends, loads, inverse, shaking) for ends in topology.links]
-    motions: dict[int, LinkMotion] = {}
-    steps: list[_Step] = []
-    for group, coupled in zip(link_groups(topology), system.couplings, strict=True):
-        if coupled is None:
-            (k,) = group.links
-            motions[k] = _slide(system, k, state.links[k], pulls[k], starts, dt, scheme)
-        else:
-            steps.append(_before(system, group, coupled, state, pulls, starts, time, dt, scheme))
-    flows = _followed(steps)
+    groups = link_groups(topology)
+    flows = _followed(
+        [
+            _before(system, group, coupled, state, pulls, starts, time, dt)
+            for group, coupled in zip(groups, system.couplings, strict=True)
+            if coupled is not None
+        ]
+    )
 
-    # After a step that was followed the rods are given the mean sample.
-    now = [link.closing for link in state.links]
-    contacts: list[ContactState | None] = [None] * len(now)
+    # After a step that was followed the rods are given the mean sample, which changes the pull on
+    # all links whose masses have these rods.
     if flows:
         passed = _given_mean_samples(system, passed, flows)
         forces = _forces(system, passed)
         loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
         pulls = [_pull(ends, loads, inverse, shaking) for ends in topology.links]
-    for one in flows:
-        more = jnp.stack([pulls[k] for k in one.group.links]) - one.before.pull
-        closing, contact, motion = settle(
-            one.coupling, one.before, one.plain, one.passed, one.used, more
-        )
-        for j, k in enumerate(one.group.links):
+
+    # The motion of all links under that pull.
+    now = [link.closing for link in state.links]
+    contacts: list[ContactState | None] = [None] * len(now)
+    motions = {
+        k: _slide(system, k, state.links[k], pulls[k], starts, dt, scheme)
+        for group in groups
+        for k in group.links
+        if len(group.links) == 1
+    }
+    for group, coupled, before, passage, used, _ in flows:
+        more = jnp.stack([pulls[k] for k in group.links]) - before.pull
+        before = dataclasses.replace(before, pull=before.pull + more, rise=before.rise + more)
+        plain = _without_contact(system, group, coupled, before, motions, scheme)
+        closing, contact, motion = settle(coupled, before, plain, passage, used, more)
+        for j, k in enumerate(group.links):
             now[k] = closing[j]
             contacts[k], motions[k] = jax.tree.map(lambda y, j=j: y[j], (contact, motion))
 
@@ -405,7 +414,6 @@ class _Step(NamedTuple):
     group: LinkGroup
     coupling: Coupling
     before: GroupStep
-    plain: LinkMotion  # if it is not followed
 
 
 class _Flow(NamedTuple):
@@ -414,7 +422,6 @@ class _Flow(NamedTuple):
     group: LinkGroup
     coupling: Coupling
     before: GroupStep
-    plain: LinkMotion
     passed: Passed
     used: jax.Array
     shift: jax.Array  # of the closings, to their mean sample
@@ -451,7 +458,6 @@ def _before(
     starts: jax.Array,
     time: jax.Array,
     dt: float,
-    scheme: Scheme,
 ) -> _Step:
     links = [state.links[k] for k in group.links]
     pull = jnp.stack([pulls[k] for k in group.links])
@@ -470,14 +476,23 @@ def _before(
         dt=dt,
         slots=system.slots,
     )
-    if len(links) == 1:
-        (k,) = group.links
-        plain = _slide(system, k, links[0], pulls[k], starts, dt, scheme)
-        plain = jax.tree.map(lambda y: y[None], plain)
-    else:
-        plain = plain_motion(coupled, before)
-        plain = _from_rest(plain, starts, scheme) if bound and not begins else plain
-    return _Step(group, coupled, before, plain)
+    return _Step(group, coupled, before)
+
+
+def _without_contact(
+    system: Elements,
+    group: LinkGroup,
+    coupled: Coupling,
+    before: GroupStep,
+    motions: dict[int, LinkMotion],
+    scheme: Scheme,
+) -> LinkMotion:
+    """Motion of a group whose step needs no local flow; ``motions`` has that of single links."""
+    if len(group.links) == 1:
+        return jax.tree.map(lambda y: y[None], motions[group.links[0]])
+    plain = plain_motion(coupled, before)
+    at_rest = group.root == GROUND and before.halfway
+    return _from_rest(plain, before.starts, scheme) if at_rest else plain
 
 
 def _slide(

@@ -55,15 +55,17 @@ def pair(masses, materials, stiffnesses, **link):
 
 
 def in_unit_of_time(unit, system, ground):
-    """The same run in another unit of time, so that a step of ``GRID`` is ``unit`` times as long.
+    """The same run in another unit of time, so that a step of the grid is ``unit`` times as long.
 
     Runs with shorter steps so need no program of their own. Forces are in units of mass times
     length over time squared, relaxation times to the power of the order in those of time.
     """
-    (link,) = system.links
-    contact = link.contact
-    if not isinstance(contact, jp.Newton):
-        contact = dataclasses.replace(contact, stiffness=contact.stiffness * unit**2)
+
+    def in_unit(contact):
+        if contact is None or isinstance(contact, jp.Newton):
+            return contact
+        return dataclasses.replace(contact, stiffness=contact.stiffness * unit**2)
+
     rods = [
         dataclasses.replace(
             rod,
@@ -76,13 +78,16 @@ def in_unit_of_time(unit, system, ground):
         )
         for rod in system.rods
     ]
-    link = dataclasses.replace(link, friction=link.friction * unit**2, contact=contact)
+    links = [
+        dataclasses.replace(link, friction=link.friction * unit**2, contact=in_unit(link.contact))
+        for link in system.links
+    ]
     ground = dataclasses.replace(
         ground,
         periods=np.asarray(ground.periods) / unit,
         arrivals=np.asarray(ground.arrivals) / unit,
     )
-    return dataclasses.replace(system, rods=tuple(rods), links=(link,)), ground
+    return dataclasses.replace(system, rods=tuple(rods), links=tuple(links)), ground
 
 
 def run(systems, grounds):

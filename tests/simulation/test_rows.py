@@ -10,6 +10,7 @@ import pytest
 
 import jaxpound as jp
 from tests import linear
+from tests.simulation.pairs import in_unit_of_time
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 RUBBER = jp.ZenerRod(0.8, 0.05, 0.4)
@@ -122,6 +123,52 @@ def three(gap=0.1, friction=0.05):
     )
     links = jp.floor_links(buildings, friction=friction, gap=gap, contact=LAW)
     return jp.Row(buildings, links)
+
+
+TOWER_STEPS = (0.02, 0.01, 0.005, 0.00125)  # the last is the reference
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [(jp.Newton(0.65), jp.Newton(0.65)), (None, jp.KelvinVoigt(2000.0, 0.65))],
+    ids=["hit at both floors", "hit at the upper floor, linked at the lower"],
+)
+def test_derivatives_of_towers_that_collide_are_of_second_order(lower, upper):
+    """Of all displacements, in mean square over time, along a random change of all parameters."""
+    buildings = tower(3, (STEEL, RUBBER)), tower(2, (RUBBER, STEEL), 12.0)
+    links = tuple(
+        jp.FloorLink(0, floor, friction=0.05, gap=0.03, contact=law)
+        for floor, law in enumerate((lower, upper))
+    )
+    system = jax.tree.map(jnp.asarray, jp.Row(buildings, links).system())
+    draw = np.random.default_rng(0)
+    change = jax.tree.map(lambda x: x * draw.uniform(-1, 1), system)
+    end = 5.0
+    grid = jp.TimeGrid(TOWER_STEPS[0], round(end / TOWER_STEPS[-1]))
+
+    def displacements(system, unit):
+        response = jp.simulate(*in_unit_of_time(unit, system, GROUND), grid)
+        n_impacts = response.demand.links[1].n_impacts
+        return jnp.stack([mass.x for mass in response.masses]), n_impacts
+
+    @jax.jit
+    @jax.vmap
+    def along_change(unit):
+        return jax.jvp(lambda s: displacements(s, unit), (system,), (change,))
+
+    (x, n_impacts), (slopes, _) = along_change(jnp.asarray(TOWER_STEPS) / grid.dt)
+    assert (n_impacts[:3] >= 4).all()
+    for series, largest in ((x, 1e-3), (slopes, 5e-3)):
+        at_coarse_instants = [
+            np.asarray(path)[:, : round(end / dt) + 1 : round(grid.dt / dt)]
+            for path, dt in zip(series, TOWER_STEPS, strict=True)
+        ]
+        *coarse, reference = at_coarse_instants
+        errors = [np.linalg.norm(path - reference) / np.linalg.norm(reference) for path in coarse]
+        print(np.array(errors))
+        assert errors[1] < largest
+        orders = np.log2(np.divide(errors[:-1], errors[1:]))
+        np.testing.assert_allclose(orders, 2.05, atol=0.2)
 
 
 def mirrored(row):
