@@ -35,9 +35,7 @@ def errors(scheme, h):
         worst_change = f"{np.abs(late).max():10.1e}"
     else:
         worst_change = f"{len(changes):>6} not {len(CHANGES)}"
-    energy = run.energy
-    residual = float(np.abs(energy.residual).max() / energy.input.max())
-    return min_error, worst_change, residual
+    return min_error, worst_change, float(run.energy.relative_residual)
 
 
 def timed():

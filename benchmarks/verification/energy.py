@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 import jaxpound as jp
 from benchmarks.verification.case import Case, Errors
 from benchmarks.verification.rows import NAMES
@@ -20,11 +18,8 @@ def case(steps: Sequence[float] = STEPS, names: Sequence[str] = IMPACTS) -> Case
     errors = []
 
     def add(quantity, responses):
-        shares = []
-        for response in responses:
-            energy = response.energy
-            shares.append(float(np.abs(energy.residual).max() / np.abs(energy.input).max()))
-        errors.append(Errors(quantity, tuple(steps), tuple(shares), 20.0))
+        shares = tuple(float(response.energy.relative_residual) for response in responses)
+        errors.append(Errors(quantity, tuple(steps), shares, 20.0))
 
     pair, ground = jp.paper.structures(), jp.paper.ground()
     add(

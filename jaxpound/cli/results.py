@@ -18,7 +18,7 @@ from jaxpound.results.impacts import ImpactSeries
 def of_run(response: jp.Response) -> dict[str, Any]:
     """Smallest gap and energies, in SI units."""
     demand = response.demand
-    at_end = {name: float(term[-1]) for name, term in response.energy._asdict().items()}
+    energy = response.energy
     pounds = bool(demand.pounds)
     touches = [first_contact(response, k) for k in range(len(response.links))]
     return {
@@ -27,11 +27,11 @@ def of_run(response: jp.Response) -> dict[str, Any]:
         "pounds": pounds,
         "overlap_m": max(0.0, -float(demand.min_gap)),
         "first_contact_s": min(time for time in touches if time is not None) if pounds else None,
-        "input_energy_J": at_end["input"],
-        "damper_energy_J": at_end["friction"],
-        "rods_energy_J": at_end["rods"],
-        "kinetic_energy_J": at_end["kinetic"],
-        "energy_residual_over_input": relative_residual(response),
+        "input_energy_J": float(energy.input[-1]),
+        "damper_energy_J": float(energy.friction[-1]),
+        "rods_energy_J": float(energy.rods[-1]),
+        "kinetic_energy_J": float(energy.kinetic[-1]),
+        "energy_residual_over_input": float(energy.relative_residual),
     }
 
 
@@ -73,13 +73,6 @@ def of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
     stored = {"stored_at_end_J": float(series.contact_stored[-1])}
     found: dict[str, Any] = known(told | stored | {"impacts": impacts})
     return found
-
-
-def relative_residual(response: jp.Response) -> float:
-    """Largest residual of the energy balance over the largest input; 0 for a run at rest."""
-    energy = response.energy
-    largest = float(np.max(np.abs(energy.input)))
-    return float(np.max(np.abs(energy.residual))) / largest if largest else 0.0
 
 
 def verdict(results: Mapping[str, Any], by_law: bool) -> str:

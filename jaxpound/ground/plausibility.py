@@ -31,6 +31,10 @@ pound; above it a unit is probably wrong (m for cm or mm is a factor of 100 or 1
 DEEP = 0.25
 """Largest plausible ratio of a penetration to the displacements: real floors stay below a tenth."""
 
+MOST_RESIDUAL = 0.01
+"""Largest share of the energy put in that the balance of a resolved run leaves: where it is more,
+displacements are off by about as much."""
+
 LEAST_SHARE = 0.01
 """Share of a study's earthquakes that may be implausible: no probability changes by more."""
 
@@ -90,6 +94,17 @@ def too_deep(name: str, penetration: Any, moved: Any, *, si: bool) -> list[str]:
     return [
         f"{name}: the penetration, {depth:.4g} {unit}, should be at most {DEEP:g} of what the "
         f"buildings move, {moved:.4g} {unit} (peaks of both its sides): is the law stiff enough?"
+    ]
+
+
+def unbalanced(residual: Any) -> list[str]:
+    """A finding if a run's energy balance leaves too large a share of the energy put in."""
+    if not float(residual) > MOST_RESIDUAL:
+        return []
+    return [
+        f"the energy balance leaves {100 * float(residual):.2g} % of the energy put in, which "
+        f"should be at most {100 * MOST_RESIDUAL:g} %: the time step is too long for this run "
+        "(half of it leaves a quarter)"
     ]
 
 

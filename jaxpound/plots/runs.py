@@ -268,8 +268,9 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     """Energy of a single run over time: damper, rods and kinetic energy, stacked, and the input.
 
     The stack is friction's work, the rods' work and the kinetic energy, with a law of contact also
-    what is lost by contact and stored in it; the line is the input. Their difference is the
-    residual of the balance, also drawn as a line.
+    what is lost by contact and stored in it; the line is the input, with the energy at t = 0 of a
+    run that does not start at rest. Their difference is the residual of the balance, also drawn as
+    a line.
     """
     require_single("energy", response)
     ax = _axes(response, ax)
@@ -287,7 +288,7 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
         alpha=0.6,
         linewidth=0,
     )
-    _draw(ax, time, factor, Curve("input", "ground", terms.input))
+    _draw(ax, time, factor, Curve("input", "ground", terms.input + terms.initial))
     _draw(ax, time, factor, Curve("residual", "residual", terms.residual), linestyle="--")
     ax.margins(x=0)
     label(ax, _time(response), f"energy $E$ ({unit})")

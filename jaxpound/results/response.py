@@ -58,15 +58,24 @@ class Energy(NamedTuple):
     kinetic: Any
     """Kinetic energy Σ ½ m x'²."""
     rods: Any
-    """Work into the rods, Σ ∫ f e' dt with the elongations e."""
+    """Work into the rods, Σ ∫ f e' dt with the elongations e, beside what is in them at t = 0."""
     friction: Any
     """Work into the links' dampers, Σ ∫ q w dt with the slip velocities w."""
     residual: Any
-    """rods + friction + kinetic + stored and lost in contact − input."""
+    """rods + friction + kinetic + stored and lost in contact − input − initial."""
     contact_stored: Any = 0.0
     """Energy stored in contact, Σ ∫ p_s w dt with the part p_s of a law's force at speed 0."""
     contact_lost: Any = 0.0
     """Energy lost by contact, Σ ∫ (p − p_s) w dt, and by impacts."""
+    initial: Any = 0.0
+    """Energy at t = 0, of shape (): kinetic, and Σ ½ f e of rods that start displaced."""
+
+    @property
+    def relative_residual(self) -> Any:
+        """Largest ``residual`` as a share of the largest energy put in; 0 for a run at rest."""
+        supplied = jnp.abs(self.input + jnp.asarray(self.initial)[..., None]).max(-1)
+        share = jnp.abs(self.residual).max(-1) / jnp.where(supplied > 0, supplied, 1.0)
+        return jnp.where(supplied > 0, share, 0.0)
 
 
 @pytree_dataclass
@@ -267,8 +276,10 @@ class Response(ByElement, Columnar, Shown):
         # Integrated over u', which includes what u'' does between the instants.
         between = (momentum[..., 1:] + momentum[..., :-1]) / 2
         supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * between)
-        residual = rods + friction + kinetic + stored + lost - supplied
-        return Energy(supplied, kinetic, rods, friction, residual, stored, lost)
+        at_start = _total(r.force[..., 0] * elongation(r.ends, x)[..., 0] for r in self.rods) / 2
+        rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
+        residual = rods + friction + kinetic + stored + lost - supplied - initial[..., None]
+        return Energy(supplied, kinetic, rods, friction, residual, stored, lost, initial)
 
     def impacts(self, link: int | None = None) -> list[Impact]:
         """Impacts of one link or, in order of time, of all; empty without a law of contact.

@@ -27,7 +27,7 @@ from jaxpound.ground.motion import (
     unresolved,
     velocity_and_bulge,
 )
-from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep
+from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep, unbalanced
 from jaxpound.model.contact import Newton
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import GROUND, Link, Structures, System, is_closable
@@ -90,7 +90,8 @@ def simulate(
     -----
     PlausibilityWarning
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
-        record and loses more than 1 % of its energy; if a record has a PGA above 5 g; if the gap is
+        record and loses more than 1 % of its energy; if the energy balance of ``simulate`` leaves
+        more than 1 % of the energy put in; if a record has a PGA above 5 g; if the gap is
         more than 100 times the peak displacements of both its ends together, or a penetration more
         than a quarter of them. The resolution of a plain function of t is not checked, since its
         periods are not known.
@@ -125,7 +126,12 @@ def respond(
 ) -> Response:
     """``simulate`` for the function ``owner``, which itself checks that results are plausible."""
     shaking = _prepare(owner, structures, ground, grid, scheme, strict, initial)
-    return _finished(_simulate(structures, shaking, grid, scheme, initial))
+    balanced = not is_traced((structures, shaking, initial))
+    response, residual = _simulate(structures, shaking, grid, scheme, initial, balanced)
+    response = _finished(response)
+    if balanced:
+        tell(owner, unbalanced(residual), strict)
+    return response
 
 
 def demand(
@@ -393,19 +399,21 @@ def _demand(
     return found if only is None else found.only(only)
 
 
-@partial(jax.jit, static_argnames=("grid", "scheme"))
+@partial(jax.jit, static_argnames=("grid", "scheme", "balanced"))
 def _simulate(
     structures: Structures,
     ground: Ground,
     grid: TimeGrid,
     scheme: Scheme,
     initial: InitialState | None,
-) -> Response:
-    found = _response(structures, ground, grid, scheme, initial)
-    if not scheme.extrapolated:
-        return found
-    finer = _response(structures, ground, grid.halved, scheme, initial)
-    return extrapolated_response(found, finer)
+    balanced: bool,
+) -> tuple[Response, jax.Array | None]:
+    """The response and, if ``balanced``, the share of its energy that the balance leaves."""
+    response = _response(structures, ground, grid, scheme, initial)
+    if scheme.extrapolated:
+        finer = _response(structures, ground, grid.halved, scheme, initial)
+        response = extrapolated_response(response, finer)
+    return response, response.energy.relative_residual if balanced else None
 
 
 def _response(

@@ -208,3 +208,36 @@ def test_a_traced_state_that_no_run_can_start_from_gives_nan():
 
     assert np.isnan(smallest(0.3))
     assert np.isfinite(smallest(0.1))
+
+
+@pytest.mark.parametrize(
+    ("x", "v"), [((), (1.0, -1.0)), ((-0.3, 0.2), ()), ((0.1, 0.0), (0.5, 0.2))]
+)
+@pytest.mark.parametrize("contact", [None, jp.Newton(0.6), LAW], ids=["none", "newton", "kelvin"])
+def test_the_energy_balance_begins_with_the_energy_at_the_start(x, v, contact):
+    """Kinetic, and in relaxed rods, each ½ K x²; the ground does no work."""
+    energy = run(struck(contact), 0.02, x, v).energy
+    at_start = sum(0.5 * value**2 for value in (*x, *v))
+    assert float(energy.initial) == pytest.approx(at_start, rel=1e-12)
+    assert np.abs(energy.input).max() == 0
+    spent = energy.kinetic + energy.rods + energy.contact_stored + energy.contact_lost
+    np.testing.assert_allclose(spent, at_start, rtol=2e-3)
+    assert 0 < energy.relative_residual < 2e-3
+
+
+def test_a_run_that_its_step_does_not_resolve_is_warned_of():
+    """A stiff block of which a step is a seventh of the period; at rest nothing is to be said."""
+    stiff = replace(ONE, rods=(replace(SPRING, stiffness=900.0),))
+    with pytest.warns(jp.PlausibilityWarning, match=r"the energy balance leaves 25 % of"):
+        coarse = run(stiff, 0.03, v=(1.0,), until=0.9)
+    fine = run(stiff, 0.005, v=(1.0,), until=0.9)
+    shares = [float(response.energy.relative_residual) for response in (coarse, fine)]
+    assert shares[0] == pytest.approx(36 * shares[1], rel=0.3)
+    assert shares[1] < 0.01
+    with pytest.raises(ValueError, match=r"^simulate: the energy balance leaves"):
+        jp.simulate(
+            *(stiff, STILL, jp.TimeGrid.until(0.9, dt=0.03)),
+            initial=jp.InitialState((), (1.0,)),
+            strict=True,
+        )
+    assert float(run(stiff, 0.03, until=0.9).energy.relative_residual) == 0
