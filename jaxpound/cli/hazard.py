@@ -6,15 +6,14 @@ import argparse
 import csv
 import dataclasses
 import io
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
 
 import jaxpound as jp
 from jaxpound._tables import Table as Shown
-from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import drawn, known, make_folder, write_figures, write_json, write_text
 from jaxpound.cli.reading import File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.tables import Gap
@@ -187,13 +186,13 @@ def run(args: argparse.Namespace) -> None:
         print(table.text())
 
     from jaxpound.plots import hazards, studies
-    from jaxpound.plots.style import figure
 
     by: Any = {"bands": found.results.bands, "intensity": found.column}
-    figures = {"hazard": hazards.pounding(found.hazard, found.rate, **by)}
+    figures = {"hazard": drawn(hazards.pounding, found.hazard, found.rate, **by)}
     if found.fragility is not None and found.fragility.intensity.size:
-        draw: Callable[..., Any] = partial(studies.fragility, intensity=found.hazard.measure)
-        figures["fragility"] = figure(draw, found.fragility)
+        figures["fragility"] = drawn(
+            studies.fragility, found.fragility, intensity=found.hazard.measure
+        )
     write_json(args.out / "summary.json", summary(file, found))
     write_text(args.out / "summary.md", page(found, figures))
     write_text(args.out / "deaggregation.csv", _csv(found.deaggregation))

@@ -12,7 +12,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._tables import Table, rounded
-from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import drawn, known, make_folder, write_figures, write_json, write_text
 from jaxpound.model.parameters import in_words as in_words_of
 from jaxpound.model.places import link_places
 from jaxpound.results.demand import in_words, known_of, unit_of
@@ -48,24 +48,23 @@ def run(args: argparse.Namespace) -> None:
     make_folder(args.out)
 
     from jaxpound.plots import studies as plots
-    from jaxpound.plots.style import figure
 
-    drawn: dict[str, Callable[[Any, Any], Any]] = {
+    drawings: dict[str, Callable[[Any], Any]] = {
         "min_gap": plots.min_gap,
         "convergence": plots.convergence,
     }
     if "required_gap" in study.columns:
         rules_at = 0.05 if is_pair(study) else None
-        drawn["required_gap"] = partial(plots.exceedance, rules_at=rules_at)
-    figures = {name: figure(draw, study) for name, draw in drawn.items()}
+        drawings["required_gap"] = partial(plots.exceedance, rules_at=rules_at)
+    figures = {name: drawn(draw, study) for name, draw in drawings.items()}
     for name, curve in curves.items():
-        figures[f"fragility_by_{name}"] = figure(_over(study, name), curve)
+        figures[f"fragility_by_{name}"] = drawn(_over(study, name), curve)
     if by_link:
-        figures["fragility_of_links"] = figure(_over(study, "pga"), by_link)
+        figures["fragility_of_links"] = drawn(_over(study, "pga"), by_link)
     if study.about["identity"]["parameters"]:
         column = correlated(study)
-        figures["correlations"] = figure(partial(plots.correlations, column=column), study)
-        figures["parameters"] = plots.scatter_matrix(study, [column])
+        figures["correlations"] = drawn(plots.correlations, study, column=column)
+        figures["parameters"] = drawn(plots.scatter_matrix, study, [column])
     if "configuration" in (study.about["notes"] or {}):
         write_text(args.out / "study.toml", study.about["notes"]["configuration"])
     write_json(args.out / "summary.json", answers)

@@ -34,7 +34,7 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
 
     Below the ground acceleration is the series that reaches the threshold (a closing, drift or
     displacement), at the instant that is marked; of a demand that has no instants, the
-    displacements. The figure is unknown to pyplot.
+    displacements.
 
     Parameters
     ----------

@@ -2,7 +2,8 @@
 
 The runs of a batch are drawn over each other; the more runs, the fainter the lines. Matplotlib's
 settings stay as they are. With ``ax=None`` the axes belong to a new pyplot figure of column width
-(9 cm), which a notebook shows; with axes given, pyplot is not touched.
+(9 cm), which a notebook shows and ``plt.show()`` or ``plt.savefig`` take; with axes given, pyplot
+is not touched.
 """
 
 from __future__ import annotations
@@ -30,7 +31,6 @@ from jaxpound.plots.curves import (
 )
 from jaxpound.plots.style import (
     COLOURS,
-    figure,
     in_house_style,
     label,
     legend,
@@ -349,7 +349,7 @@ def side_by_side(
     return result
 
 
-_PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
+PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
 
 
 def paper_figures(response: Response) -> dict[str, Figure]:
@@ -360,7 +360,8 @@ def paper_figures(response: Response) -> dict[str, Figure]:
     ``"ground_motion"``, ``"displacements"``, ``"velocities"``, ``"gap"``, ``"friction_force"`` with
     the phases of stick, and ``"rod_forces"``.
     """
-    return {draw.__name__: figure(draw, response) for draw in _PAPER}
+    figures: dict[str, Any] = {draw.__name__: draw(response).figure for draw in PAPER}
+    return figures
 
 
 def _over_time(

@@ -244,7 +244,7 @@ def scatter_matrix(
     """Demands over parameters, a row for each demand and a column for each parameter.
 
     ``names`` chooses parameters; by default the six of the largest rank correlation with the first
-    demand. At most 2,000 samples are drawn. The figure is unknown to pyplot.
+    demand. At most 2,000 samples are drawn.
     """
     parameters = study.parameters()
     if names is None:

@@ -9,12 +9,10 @@ fonts and grid of axes that the caller made under other settings.
 from __future__ import annotations
 
 import functools
-import io
 import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from contextvars import ContextVar
 from importlib import resources
 from typing import Any, ParamSpec, TypeVar
 
@@ -146,8 +144,8 @@ def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
     return drawn
 
 
-class FreeFigure(Figure):
-    """A figure that pyplot does not manage; notebooks show it, vector files keep text as text."""
+class _Drawing(Figure):
+    """A figure whose vector files keep text as text."""
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
         """Save the figure; vector files keep text as text."""
@@ -160,49 +158,31 @@ class FreeFigure(Figure):
         finally:
             fonts.setLevel(level)
 
-    def _repr_png_(self) -> bytes:
-        file = io.BytesIO()
-        self.savefig(file, format="png", dpi=_HOUSE["figure.dpi"])
-        return file.getvalue()
-
 
 def new_figure(width: float = 1.0, height: float = 1.0) -> Figure:
-    """A figure unknown to pyplot; width in columns, height in usual heights."""
-    size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
-    return FreeFigure(figsize=size, layout="constrained")
+    """A new pyplot figure to be returned; width in columns, height in usual heights.
 
+    A notebook shows the figure that is a cell's value, and all figures that pyplot has: there
+    pyplot forgets this one, or it would be shown twice.
+    """
+    from matplotlib import pyplot
 
-def figure(draw: Callable[[Any, Axes], Any], drawn: Any) -> Figure:
-    """A figure of column width with one drawing of a response or study, unknown to pyplot."""
-    result = new_figure()
-    draw(drawn, result.add_subplot())
+    result = _pyplot_figure(width, height)
+    if "inline" in pyplot.get_backend():
+        pyplot.close(result)
     return result
-
-
-_unknown_to_pyplot: ContextVar[bool] = ContextVar("unknown_to_pyplot", default=False)
-
-
-def own_figure(draw: Callable[..., Axes], *drawn: Any) -> Figure:
-    """A figure of the size that a drawing takes for itself, unknown to pyplot."""
-    token = _unknown_to_pyplot.set(True)
-    try:
-        result: Any = draw(*drawn).figure
-    finally:
-        _unknown_to_pyplot.reset(token)
-    figure: Figure = result
-    return figure
 
 
 def new_axes(ax: Axes | None, width: float = 1.0, height: float = 1.0) -> Axes:
     """The given axes, or those of a new pyplot figure (width in columns, usual heights)."""
-    if ax is not None:
-        return ax
-    if _unknown_to_pyplot.get():
-        return new_figure(width, height).add_subplot()
+    return _pyplot_figure(width, height).add_subplot() if ax is None else ax
+
+
+def _pyplot_figure(width: float, height: float) -> Figure:
     from matplotlib import pyplot  # only here, so that no window system is asked for
 
     size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
-    return pyplot.subplots(figsize=size, layout="constrained")[1]
+    return pyplot.figure(FigureClass=_Drawing, figsize=size, layout="constrained")
 
 
 def shades(n: int) -> list[str]:

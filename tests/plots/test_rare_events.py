@@ -7,7 +7,6 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.plots import rare_events
-from jaxpound.plots.style import own_figure
 
 HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
 SCENARIOS = jp.Scenarios(
@@ -59,7 +58,7 @@ def test_a_design_earthquake():
 
 
 def test_a_curve_of_probabilities():
-    figure = own_figure(rare_events.probability_curve, [event(0.4, 1e-5), event(0.2, 1e-3)])
+    figure = rare_events.probability_curve([event(0.4, 1e-5), event(0.2, 1e-3)]).figure
     (ax,) = figure.axes
     estimate, form = ax.lines
     assert estimate.get_xdata().tolist() == [0.2, 0.4]

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import FIGURE_SIZE, in_house_style
-from jaxpound.plots.style import figure as figure_of
 from tests.made import changed
 
 mpl.use("Agg")
@@ -231,7 +230,7 @@ def test_nothing_overlaps_or_is_cut_off(draw, size, either):
 @pytest.mark.parametrize("initial_gap", [0.5, 1.0, 3.0], ids=["pounds", "near", "far"])
 def test_the_smallest_gap_is_told_above_everything_drawn(initial_gap, response):
     moved = with_gap(response, initial_gap)
-    figure = figure_of(plots.gap, moved)
+    figure = plots.gap(moved).figure
     figure.draw_without_rendering()
     (axes,) = figure.axes
     assert not axes.texts  # nothing is written where pounding is shaded
@@ -259,7 +258,6 @@ def test_pyplot_and_settings_are_left_alone(draw, response, ax):
     settings = dict(mpl.rcParams)
     before = pyplot.get_fignums()
     draw(response, ax=ax)
-    figure_of(draw, response)
     assert pyplot.get_fignums() == before
     shown = draw(response)
     assert len(pyplot.get_fignums()) == len(before) + 1
@@ -401,8 +399,24 @@ def test_runs_to_be_compared_have_the_same_units(response):
             draw({"a": response, "b": SCALES.to_si(response)})
 
 
-def test_a_notebook_shows_figures_unknown_to_pyplot(response):
-    assert plots.overview(response)._repr_png_().startswith(b"\x89PNG")
+def test_a_figure_that_is_returned_is_the_one_that_pyplot_saves(response, tmp_path):
+    from matplotlib import pyplot
+
+    response.plot().savefig(tmp_path / "own.png")
+    pyplot.savefig(tmp_path / "pyplots.png")
+    assert (tmp_path / "own.png").read_bytes() == (tmp_path / "pyplots.png").read_bytes()
+
+
+def test_a_notebook_shows_a_figure_that_is_returned_once(response, monkeypatch, tmp_path):
+    """It shows every value of a cell, and every figure that pyplot has at the cell's end."""
+    from matplotlib import pyplot
+
+    monkeypatch.setattr(pyplot, "get_backend", lambda: "module://matplotlib_inline.backend_inline")
+    figure = response.plot()
+    assert not pyplot.get_fignums()
+    figure.savefig(tmp_path / "shown.png")
+    axes = plots.gap(response)
+    assert pyplot.get_fignums() == [axes.figure.number]
 
 
 def test_letters_stay_letters_in_vector_files(response, tmp_path, caplog):
@@ -413,7 +427,7 @@ def test_letters_stay_letters_in_vector_files(response, tmp_path, caplog):
         own = plots.displacements(response).figure
         for kind in ("svg", "pdf"):
             own.savefig(tmp_path / f"own.{kind}")
-    free = figure_of(plots.displacements, response)
+    free = plots.displacements(response).figure
     caplog.clear()
     for kind in ("svg", "pdf"):
         free.savefig(tmp_path / f"free.{kind}")
@@ -427,7 +441,7 @@ def test_a_run_at_rest_can_be_drawn(response):
     nothing = jax.tree.map(np.zeros_like, response)
     rest = changed(nothing, time=response.time, mass_1=1.0, mass_2=1.0)
     for draw in DRAWINGS:
-        figure_of(draw, rest).draw_without_rendering()
+        draw(rest).figure.draw_without_rendering()
 
 
 def test_importing_jaxpound_does_not_import_matplotlib():
@@ -438,7 +452,7 @@ def test_importing_jaxpound_does_not_import_matplotlib():
 @pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
 def test_figures_look_alike_under_any_settings(draw, response):
     def pixels():
-        figure = figure_of(draw, response)
+        figure = draw(response).figure
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())
