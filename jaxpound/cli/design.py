@@ -15,7 +15,7 @@ from msgspec import field
 import jaxpound as jp
 from jaxpound.cli.design_report import changes, page, summary
 from jaxpound.cli.factors import Bounds, design_space
-from jaxpound.cli.files import drawn, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import make_folder, write_figures, write_json, write_text
 from jaxpound.cli.notes import noted
 from jaxpound.cli.objective import Limits, Objective, Penalties, priced
 from jaxpound.cli.parameters import Parameters, RowParameters, parameters_of
@@ -97,6 +97,7 @@ def run(args: argparse.Namespace) -> None:
     write_json(args.out / "summary.json", file.origin | answers)
 
     from jaxpound.plots import designs as plots
+    from jaxpound.plots.style import drawn
 
     compared = design.trained if design.fresh is None else design.fresh
     figures = {

@@ -68,17 +68,6 @@ def write_json(path: Path, answers: Any) -> None:
     write_text(path, json.dumps(answers, indent=2, allow_nan=False) + "\n")
 
 
-def drawn(draw: Callable[..., Any], *args: Any, **options: Any) -> Figure:
-    """What a function of ``jaxpound.plots`` draws, as a figure that opens no window."""
-    import matplotlib
-    from matplotlib import pyplot
-
-    matplotlib.use("agg")
-    figure: Figure = draw(*args, **options).figure
-    pyplot.close(figure)
-    return figure
-
-
 def write_figures(figures: Mapping[str, Figure], out: Path, pdf: bool) -> None:
     """Write figures by their names, as PNG and, for print, as PDF too."""
     for name, figure in figures.items():

@@ -13,7 +13,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._tables import Table as Shown
-from jaxpound.cli.files import drawn, known, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.cli.reading import File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.tables import Gap
@@ -186,6 +186,7 @@ def run(args: argparse.Namespace) -> None:
         print(table.text())
 
     from jaxpound.plots import hazards, studies
+    from jaxpound.plots.style import drawn
 
     by: Any = {"bands": found.results.bands, "intensity": found.column}
     figures = {"hazard": drawn(hazards.pounding, found.hazard, found.rate, **by)}

@@ -12,7 +12,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._tables import Table as Shown
-from jaxpound.cli.files import drawn, known, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.cli.notes import noted
 from jaxpound.cli.reading import Count, File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
@@ -107,6 +107,7 @@ def run(args: argparse.Namespace) -> None:
     print(curve or why)
 
     from jaxpound.plots import ida, suites
+    from jaxpound.plots.style import drawn
 
     figures = {"ida": drawn(ida.curves, found), "spectra": drawn(suites.spectra, scaled or suite)}
     if curve is not None:

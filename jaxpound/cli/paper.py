@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 import jaxpound as jp
 from jaxpound._tables import Table
-from jaxpound.cli.files import drawn, make_folder, write_figures
+from jaxpound.cli.files import make_folder, write_figures
 from jaxpound.cli.results import relative_residual
 
 PAPER_SCHEME_ERROR = -6.4e-4  # of min(x2 − x1) by the paper's own scheme at its own step
@@ -17,6 +17,7 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     from jaxpound import plots
     from jaxpound.plots.runs import PAPER
+    from jaxpound.plots.style import drawn
 
     make_folder(args.out)
     case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()

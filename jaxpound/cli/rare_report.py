@@ -13,7 +13,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._tables import Table
-from jaxpound.cli.files import drawn, known, write_figures, write_json, write_text
+from jaxpound.cli.files import known, write_figures, write_json, write_text
 from jaxpound.cli.reading import File
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, kind_of
@@ -65,6 +65,7 @@ def write_report(file: File, found: Found, out: Path, pdf: bool) -> None:
     print("\n".join(table.text() for table in tables(found)))
 
     from jaxpound.plots import rare_events
+    from jaxpound.plots.style import drawn
 
     figures, motion = {}, None
     if len(found.event.design_points):

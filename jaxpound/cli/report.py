@@ -12,7 +12,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._tables import Table, rounded
-from jaxpound.cli.files import drawn, known, make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.model.parameters import in_words as in_words_of
 from jaxpound.model.places import link_places
 from jaxpound.results.demand import in_words, known_of, unit_of
@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> None:
     make_folder(args.out)
 
     from jaxpound.plots import studies as plots
+    from jaxpound.plots.style import drawn
 
     drawings: dict[str, Callable[[Any], Any]] = {
         "min_gap": plots.min_gap,
@@ -75,6 +76,7 @@ def run(args: argparse.Namespace) -> None:
 def _over(study: jp.Study, name: str) -> Callable[[Any, Any], Any]:
     """The drawing of fragility over a measure of intensity."""
     from jaxpound.plots import studies as plots
+    from jaxpound.plots.style import drawn
 
     words = f"{_symbol(name)} ({unit_of(name, study.scales is not None)})"
     return partial(plots.fragility, intensity=words)
@@ -95,8 +97,8 @@ def fragilities_of_links(study: jp.Study) -> dict[str, jp.Fragility]:
 
     Those to which a curve can be fitted, by the name of the link in figures.
     """
-    links = _closing(study)
-    found = {_link(k): _fragility(study, "pga", k) for k in links}
+    links, places = _closing(study), link_places(study.topology)
+    found = {places[k]: _fragility(study, "pga", k) for k in links}
     if len(links) > 1:
         found[ANY_LINK] = _fragility(study, "pga")
     return {name: curve for name, curve in found.items() if curve is not None}
@@ -106,10 +108,6 @@ def _closing(study: jp.Study) -> list[int]:
     """Each link of several that has a gap, by number from 0."""
     n = study.n_links
     return [k for k in range(n if n > 1 else 0) if study.finite(f"min_gap_{k + 1}").size]
-
-
-def _link(k: int) -> str:
-    return f"link {k + 1}"
 
 
 def _fragility(study: jp.Study, name: str, link: int | None = None) -> jp.Fragility | None:
@@ -139,7 +137,7 @@ def of_links(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> list[dict[s
     known_gaps, places = study.columns, link_places(study.topology)
     told = []
     for k in _closing(study):
-        curve = curves.get(_link(k))
+        curve = curves.get(places[k])
         row: dict[str, Any] = {
             "link": k + 1,
             "between": places[k],

@@ -11,7 +11,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.cli import pair_results, row_results
-from jaxpound.cli.files import drawn, make_folder, write, write_figures, write_json, write_text
+from jaxpound.cli.files import make_folder, write, write_figures, write_json, write_text
 from jaxpound.cli.notes import noted
 from jaxpound.cli.pair import Pair
 from jaxpound.cli.reading import File, Table, between, named
@@ -117,8 +117,11 @@ def run(args: argparse.Namespace) -> None:
 
 def _figures_of_pair(response: jp.Response) -> dict[str, Any]:
     from jaxpound import plots
+    from jaxpound.plots.style import drawn
 
-    names = _FIGURES + (_CONTACT_FIGURES if response.links[0].contact is not None else ())
+    (link,) = response.links
+    names = [name for name in _FIGURES if link.has_damper or not name.startswith("friction")]
+    names += _CONTACT_FIGURES if link.contact is not None else ()
     alone = {name: drawn(getattr(plots, name), response) for name in names}
     return {"overview": drawn(plots.overview, response)} | alone
 
@@ -126,10 +129,11 @@ def _figures_of_pair(response: jp.Response) -> dict[str, Any]:
 def _figures_of_row(form: Row, response: jp.Response) -> dict[str, Any]:
     """The pair's figures, without what the row has not, and those of floors over the height."""
     from jaxpound import plots
+    from jaxpound.plots.style import drawn
 
     links = response.links
     by_law = any(link.contact is not None for link in links)
-    dampers = any(np.any(link.friction != 0) for link in links)
+    dampers = any(link.has_damper for link in links)
     gaps = bool(np.isfinite(response.min_gap))
     wanted = {
         "ground_motion": True,

@@ -276,7 +276,9 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     terms = response.energy
     factor, unit = _unit(response, "energy", terms.input)
     time = np.asarray(response.time)
-    parts = {"friction": "damper", "rods": "rods", "kinetic": "kinetic"}
+    parts = {"rods": "rods", "kinetic": "kinetic"}
+    if any(link.has_damper for link in response.links):
+        parts = {"friction": "damper"} | parts
     if touching(response):
         parts |= {"contact_lost": "pounding", "contact_stored": "stick"}
     ax.stackplot(
@@ -301,11 +303,11 @@ Drawing = Callable[[Response, Axes], Axes]
 def overview(response: Response) -> Figure:
     """Ground motion, displacements, friction and contact force and gap, one above the other.
 
-    Without friction force where there is no link, without contact force where none acts, and
+    Without friction force where there is no damper, without contact force where none acts, and
     without gap where no link has one.
     """
     drawings: list[Drawing] = [ground_motion, displacements]
-    if response.links:
+    if any(link.has_damper for link in response.links):
         drawings.append(friction_force)
     if any(np.any(link.contact != 0) for link in touching(response)):
         drawings.append(contact_force)

@@ -185,6 +185,17 @@ def _pyplot_figure(width: float, height: float) -> Figure:
     return pyplot.figure(FigureClass=_Drawing, figsize=size, layout="constrained")
 
 
+def drawn(draw: Callable[..., Any], *args: Any, **options: Any) -> Figure:
+    """What a function draws, as a figure without a window that pyplot has forgotten."""
+    import matplotlib
+    from matplotlib import pyplot
+
+    matplotlib.use("agg")
+    figure: Figure = draw(*args, **options).figure
+    pyplot.close(figure)
+    return figure
+
+
 def shades(n: int) -> list[str]:
     """Colours of n results to be compared: grey for the first, then greens from light to dark."""
     green = np.array(to_rgb(COLOURS["damper"]))
