@@ -15,7 +15,7 @@ from jaxpound._tables import Table, rounded
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.model.parameters import in_words as in_words_of
 from jaxpound.model.places import link_places
-from jaxpound.results.demand import in_words, known_of, unit_of
+from jaxpound.results.demand import in_words, kind_of, known_of, unit_of
 from jaxpound.study.fragility import ANY_LINK
 from jaxpound.study.statistics import Estimate
 
@@ -76,10 +76,11 @@ def run(args: argparse.Namespace) -> None:
 def _over(study: jp.Study, name: str) -> Callable[[Any, Any], Any]:
     """The drawing of fragility over a measure of intensity."""
     from jaxpound.plots import studies as plots
-    from jaxpound.plots.style import drawn
+    from jaxpound.plots.style import unit_for
 
-    words = f"{_symbol(name)} ({unit_of(name, study.scales is not None)})"
-    return partial(plots.fragility, intensity=words)
+    kind = kind_of(name)
+    factor, unit = unit_for(kind, study.scales is not None, 0.0) if kind else (1.0, "")
+    return partial(plots.fragility, intensity=f"{_symbol(name)} ({unit})", unit=1 / factor)
 
 
 # --- the report ---------------------------------------------------------------------------------

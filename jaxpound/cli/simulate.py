@@ -158,7 +158,7 @@ def _figures_of_row(form: Row, response: jp.Response) -> dict[str, Any]:
     floors = jp.floor_demands(form.structures, response.demand)
     return {
         "overview": drawn(plots.overview, response),
-        "row": drawn(plots.row, form.structures, elevations),
+        "row": drawn(plots.row, form.structures, elevations, scales=form.scales),
         "envelopes": drawn(plots.envelopes, floors, elevations),
         **alone,
         **shapes,

@@ -58,7 +58,9 @@ def _place(ends: Ends, home: dict[int, Ends]) -> str:
     first, other = ends if ends[0] != GROUND else ends[::-1]
     if home:
         return link_place(home[first], home.get(other))
-    return f"mass {first + 1}–ground" if other == GROUND else f"masses {first + 1}–{other + 1}"
+    return (
+        f"mass {first + 1}–ground" if other == GROUND else f"masses {min(ends) + 1}–{max(ends) + 1}"
+    )
 
 
 def link_place(end: Ends, other: Ends | None) -> str:

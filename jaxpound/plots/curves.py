@@ -8,10 +8,13 @@ from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
+from jaxpound.model.contact import bound, may_pull
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import GROUND, floors
 from jaxpound.plots.style import CYCLE, building_colour, ends_named, numbered_colours, tones
+from jaxpound.results.impacts import Impact
 from jaxpound.results.response import LinkResponse, Response
 
 _NAMED = 4  # masses, rods or links in a legend; of more, buildings or groups of links are named
@@ -41,7 +44,7 @@ def of_masses(response: Response, field: str, name: str) -> list[Curve]:
 
 
 def of_rods(response: Response, name: str) -> list[Curve]:
-    """Force of each rod: of a pair by ``name`` with its number, else by its place; ``of_masses``."""
+    """Force of each rod: of a pair by ``name`` with its number, else as masses."""
     return _of_each(response, "rod", [rod.force for rod in response.rods], name)
 
 
@@ -54,10 +57,14 @@ def frictions(owner: str, response: Response) -> list[Curve]:
     """
     if not response.links:
         raise ValueError(f"{owner}: response must have a link")
-    dampers = [link.friction if link.has_damper else None for link in response.links]
-    if all(friction is None for friction in dampers):
-        dampers = [link.friction for link in response.links]
-    return _of_links("$q$", response, dampers)
+    damped = dampers(response)
+    series = [link.friction if link in damped else None for link in response.links]
+    return _of_links("$q$", response, series)
+
+
+def dampers(response: Response) -> list[LinkResponse]:
+    """The links with a damper, or all where none has one."""
+    return [link for link in response.links if link.has_damper] or list(response.links)
 
 
 def touching(response: Response) -> list[LinkResponse]:
@@ -73,6 +80,40 @@ def contacts(owner: str, response: Response) -> list[Curve]:
     if len(response.links) == 1:
         return [Curve("$p$", "pounding", found[0].contact)]
     return _of_links("$p$", response, [link.contact for link in response.links])
+
+
+_LOOP = 60  # points of the loop of an impact
+
+
+def contact_loops(response: Response, link: LinkResponse) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Penetration and contact force along each impact of a link in a single run; [] if not known.
+
+    The motion between the instants is the cubic that has their closings and velocities, and those
+    of the touch.
+    """
+    if response.batch or link.law is None or link.impacts is None:
+        return []
+    inverse = [1 / float(response.masses[end].mass) for end in link.ends if end != GROUND]
+    law, time = bound(link.law, 1 / sum(inverse)), np.asarray(response.time)
+    return [_loop(law, impact, time, link) for impact in link.impacts.entries(0)]
+
+
+def _loop(law: Any, impact: Impact, time: np.ndarray, link: LinkResponse) -> Any:
+    end = time[-1] if np.isnan(impact.end) else impact.end
+    first, last = np.searchsorted(time, [impact.time, end], "right")
+    between = slice(first, last + 1)  # up to the instant after
+    motion = CubicHermiteSpline(
+        np.append(impact.time, time[between]),
+        np.append(0.0, -np.asarray(link.gap)[between]),
+        np.append(impact.approach_velocity, np.asarray(link.slip_velocity)[between]),
+    )
+    at = np.linspace(impact.time, end, _LOOP)
+    penetration = np.maximum(motion(at), 0.0)
+    force = np.asarray(law.force(penetration, motion(at, 1), impact.approach_velocity))
+    force = force if may_pull(link.law) else np.maximum(force, 0.0)
+    if not np.isnan(impact.end):  # back to the touch, without a force
+        penetration, force = np.append(penetration, [penetration[-1], 0]), np.append(force, [0, 0])
+    return np.append(0.0, penetration), np.append(0.0, force)
 
 
 def gaps_of(owner: str, response: Response) -> list[Curve]:

@@ -97,12 +97,13 @@ def landscape(
         color=COLOURS["damper"],
         markersize=8,
         label="design",
-        clip_on=False,  # the design is often at a bound
         zorder=5,
     )
     ax.set_xscale(design.space.variables[drawn.x].scale)
     ax.set_yscale(design.space.variables[drawn.y].scale)
     label(ax, parameter_name(drawn.x), parameter_name(drawn.y))
+    ax.margins(0.05)  # the design is often at a bound
+    ax.autoscale_view(tight=False)
     for name, one in ((drawn.x, ax.xaxis), (drawn.y, ax.yaxis)):
         if design.space.variables[name].scale == "log":
             ratio_ticks(one)

@@ -41,7 +41,7 @@ def hazard_curve(hazard: HazardCurve, ax: Axes | None = None) -> Axes:
     ax.set_xscale("log")
     ax.set_yscale("log")
     ratio_ticks(ax.xaxis)
-    label(ax, hazard.measure, "annual rate")
+    label(ax, hazard.measure, "exceedances per year")
     legend(ax, columns=2)
     return ax
 

@@ -21,7 +21,9 @@ from jaxpound._checks import instance
 from jaxpound.model.system import elongation
 from jaxpound.plots.curves import (
     Curve,
+    contact_loops,
     contacts,
+    dampers,
     frictions,
     gaps_of,
     is_pair,
@@ -231,7 +233,7 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     curves = frictions("friction_hysteresis", response)
     factor, unit = _unit(response, "force", *(curve.values for curve in curves))
     x = [mass.x for mass in response.masses]
-    for link, curve in zip(response.links, curves, strict=True):
+    for link, curve in zip(dampers(response), curves, strict=True):
         _draw(ax, elongation(link.ends, x), factor, curve)
     ends = "x_1 - x_2" if is_pair(response) else "x_i - x_j"
     label(ax, f"slip ${ends}$ ({_length(response)})", f"friction force $q$ ({unit})")
@@ -244,8 +246,9 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
 def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     """Contact force p over penetration δ = −ξ of each link with a law of contact.
 
-    The enclosed area is the energy lost by contact. Both are those at the instants: the grid must
-    resolve the contact for the loops to be seen.
+    The enclosed area is the energy lost by contact. Of a single run each impact that the response
+    keeps is drawn within the steps too, by the law of contact along the motion between the
+    instants; of a batch, or a law of one's own in SI units, there are only the instants.
 
     Raises
     ------
@@ -256,7 +259,11 @@ def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     curves = contacts("contact_hysteresis", response)
     factor, unit = _unit(response, "force", *(curve.values for curve in curves))
     for link, curve in zip(touching(response), curves, strict=True):
-        _draw(ax, np.maximum(-np.asarray(link.gap), 0.0), factor, curve)
+        loops = contact_loops(response, link)
+        penetration = np.maximum(-np.asarray(link.gap), 0.0)
+        for x, force in loops or [(penetration, curve.values)]:
+            _draw(ax, x, factor, curve._replace(values=force))
+            curve = curve._replace(label="_" + curve.label)
     label(ax, rf"penetration $\delta$ ({_length(response)})", f"contact force $p$ ({unit})")
     if len(curves) > 1:
         legend(ax, columns=3)

@@ -30,7 +30,7 @@ from jaxpound.model.row import Row
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System
-from jaxpound.quantities import DIMENSIONLESS, SI
+from jaxpound.quantities import DIMENSIONLESS, SI, STANDARD_GRAVITY
 from jaxpound.results.demand import known_of
 from jaxpound.study.random_ground import WAVELET_KINDS
 
@@ -114,13 +114,18 @@ def _owner(path: str) -> type | None:
 
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
-    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large."""
+    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large.
+
+    Accelerations are in g, as in hazard analyses and codes.
+    """
     unit = (SI if si else DIMENSIONLESS)[quantity]
     if not si:
         for plain, drawn in (("ω1", r"\omega_1"), ("m1", "m_1"), ("²", "^2")):
             unit = unit.replace(plain, drawn)
         return 1.0, f"${unit}$"
-    if quantity in ("force", "energy"):
+    if quantity == "acceleration":
+        return 1 / STANDARD_GRAVITY, "$g$"
+    if quantity in ("force", "energy", "stiffness"):
         for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
             if peak * factor >= 10:
                 return factor, prefix + unit

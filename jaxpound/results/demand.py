@@ -249,7 +249,7 @@ class Demand(ByElement, Columnar, Shown):
         The inverse of ``scalars``.
         """
         found: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
-        own: dict[str, Any] = {}
+        own: dict[str, Any] = {"si": si}
         several = "min_gap_1" in columns
         for name, value in columns.items():
             if (place := place_of(cls, name)) is None:
@@ -259,11 +259,11 @@ class Demand(ByElement, Columnar, Shown):
             elif not (several and name == place.known.column):  # of all links
                 found[place.group].setdefault(place.element, {})[place.field] = value
         try:
-            groups = {
+            groups: dict[str, Any] = {
                 group: tuple(kind(**found[group][i]) for i in sorted(found[group]))
                 for group, kind in cls._elements.items()
             }
-            return cls(**groups, **own, si=si)
+            return cls(**groups, **own)
         except TypeError as error:
             raise ValueError(f"Demand.of_columns: columns must be complete: {error}") from error
 
@@ -397,7 +397,7 @@ class Demand(ByElement, Columnar, Shown):
             notes.append(f"pounding in {share} valid runs")
         if not good.all():
             notes.append(f"{(~good).sum():,} invalid, with NaN for every result")
-        ranges = [
+        ranges: list[tuple[Any, ...]] = [
             (
                 name,
                 *_range(np.broadcast_to(x, batch)[good]),
@@ -478,9 +478,12 @@ def in_words(name: str, topology: Topology | None = None) -> str:
     place, known = place_of(Demand, name), known_of(name)
     if known is None:
         return name.replace("_", " ")
-    if topology is None or place is None or place.group not in ("masses", "rods"):
+    if topology is None or place is None or not place.group:
         return known.words
     where = _PLACES[place.group](topology)[place.element]
+    if place.group == "links":
+        what, numbered, _ = known.words.rpartition(" of link ")
+        return f"{what}, {where}" if numbered else known.words
     what = known.words.rpartition(" of ")[0]
     return f"{what if where.startswith('building') else what.replace('base ', '')} of {where}"
 

@@ -120,6 +120,9 @@ class LinkResponse:
     """Energy taken by the damper until then."""
     impacts: ImpactSeries | None = part(default=None)
     """The impacts one by one."""
+    law: Any = part(default=None)
+    """The law of contact, in the units of the series; None where it has no force, or, in SI, is
+    of one's own."""
 
     @property
     def has_damper(self) -> bool:

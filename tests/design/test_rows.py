@@ -191,9 +191,9 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     shown = "".join(assert_shown(compared))
     assert "peak absolute acceleration of building 1 changed by -" in shown
     assert "gap" not in shown
-    assert plots.convergence(found).get_ylabel() == "objective (m/s²)"
+    assert plots.convergence(found).get_ylabel() == "objective ($g$)"
     ax = plots.before_and_after(compared)
-    assert ax.get_xlabel() == "peak $|a_1|$ (m/s²)"
+    assert ax.get_xlabel() == "peak $|a_1|$ ($g$)"
     parameters = RowParameters(Form(buildings, links, (1,), []))
     answers = summary(
         found, {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}, scales, parameters

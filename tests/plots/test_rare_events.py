@@ -42,7 +42,7 @@ def test_a_design_earthquake():
     assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
     assert below.lines[0].get_ydata() == pytest.approx(1 - np.asarray(response.links[0].gap))
     assert [text.get_text() for text in below.get_legend().texts] == [
-        "closing of link 1",
+        "closing, 1–2, floor 1",
         "threshold",
         r"$t$ = 6, $\beta$ = 2.83",
     ]
