@@ -30,7 +30,7 @@ from jaxpound.units import Scales
 Written = Callable[[str, Any], str]
 """Writes a number of a kind."""
 
-_WIDTH, _APART, _FREE = 2.2, 3.2, 0.8  # of a building, between two with links, between others
+_WIDTH, _APART, _FREE = 3.0, 2.6, 0.8  # of a building, between two with links, between others
 _PAD = 0.09  # width of the pads of a contact law
 _STOREY, _SLAB, _LINE = (
     0.45,
@@ -203,7 +203,7 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
         return f"{float(number):.3g}"
     in_si = float(number) * float(scales.unit_of(kind))
     factor, unit = (1e-3, "t") if kind == "mass" else unit_for(kind, True, in_si)
-    return f"{factor * in_si:.4g} {unit}"
+    return f"{factor * in_si:.3g} {unit}"
 
 
 def _numbers(k: int, link: Link, write: Written) -> list[tuple[str, str]]:
