@@ -123,17 +123,16 @@ class Comparison(Shown):
         Such a damper slides less in a whole earthquake than half the larger of the peak
         displacements that its ends have, all in the mean: it joins them as a rigid link would.
         """
-        found, n = [], 0 if self.topology is None else len(self.topology.links)
-        for k in range(n):
+        topology, found = self.topology or Topology(0, (), ()), []
+        places, n = link_places(topology), len(topology.links)
+        for k, ends in enumerate(topology.links):
             force, slid = (
                 float(self.after[of_link(name, k, n)].mean())
                 for name in ("damper_force", "slip_distance")
             )
-            ends = (end for end in self.topology.links[k] if end != GROUND)
-            swayed = max(float(self.after[f"peak_x{end + 1}"].mean()) for end in ends)
-            if force > 0 and slid < _HARDLY * swayed:
-                place = f" {link_places(self.topology)[k]}" if n > 1 else ""
-                found.append(f"damper{place}")
+            sways = (float(self.after[f"peak_x{i + 1}"].mean()) for i in ends if i != GROUND)
+            if force > 0 and slid < _HARDLY * max(sways):
+                found.append(f"damper {places[k]}" if n > 1 else "damper")
         return tuple(found)
 
     def _told(self) -> list[str]:
