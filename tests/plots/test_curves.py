@@ -207,6 +207,29 @@ def test_links_that_are_named_together_are_told_apart_from_others_between(ax):
     assert shown(ax) == ["in 1", "1–2", "2–ground"]
 
 
+def without_dampers(run, numbers):
+    links = [
+        dataclasses.replace(link, friction=0 * link.friction) if k in numbers else link
+        for k, link in enumerate(run.links)
+    ]
+    return dataclasses.replace(run, links=tuple(links))
+
+
+def test_of_links_without_a_damper_nothing_speaks_of_friction(ax):
+    links = jp.floor_links(row_of((2, 2)).buildings, gap=0.5, friction=0.1)
+    run = row_response(row_of((2, 2), links), TIME, lambda i, t: i**2 * np.sin(t))
+    plots.friction_force(without_dampers(run, [0]), ax)
+    (line,) = ax.lines
+    assert line.get_label() == "1–2, floor 2"
+    (loop,) = plots.friction_hysteresis(without_dampers(run, [0])).lines
+    np.testing.assert_array_equal(loop.get_ydata(), run.links[1].friction)
+    free = without_dampers(run, [0, 1])
+    assert len(free.plot().axes) == len(run.plot().axes) - 1
+    assert "friction" not in shown(plots.energy(free))
+    assert "damper" not in str(free)
+    assert "damper 1–2, floor 1" in str(run)
+
+
 def test_a_legend_is_no_wider_than_its_axes():
     row = row_of((4, 3, 4))
     run = row_response(row, TIME, lambda i, t: i * np.sin(t))
