@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import operator
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import NoneType
 from typing import Any, TypeVar, overload
 
@@ -168,6 +169,12 @@ class Scales:
         """
         return _in_other_units("Scales.contact_to_si", "law", law, self, operator.mul)
 
+    def _law_in_si(self, law: ContactLaw | None) -> ContactLaw | None:
+        """None for a law of one's own, whose units are not known."""
+        with suppress(ValueError):
+            return self.contact_to_si(law)
+        return None
+
     def to_dimensionless(self, record: Timed) -> Timed:
         """A ground motion in g and seconds as one in g and units of 1/ω1.
 
@@ -208,7 +215,11 @@ class Scales:
         units = self.units
         known = converted(result, lambda q, x: x * units[q.kind] if q.kind else x)
         if isinstance(known, Response):
-            known = dataclasses.replace(known, demand=dataclasses.replace(known.demand, si=True))
+            links = tuple(
+                dataclasses.replace(link, law=self._law_in_si(link.law)) for link in known.links
+            )
+            demand = dataclasses.replace(known.demand, si=True)
+            known = dataclasses.replace(known, demand=demand, links=links)
         return dataclasses.replace(known, si=True)
 
 

@@ -5,6 +5,7 @@ import ctypes
 import gc
 import os
 import shutil
+import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
@@ -67,6 +68,13 @@ def _unchecked(request):
     """Wrong types reach the function, in tests that hand them over on purpose."""
     marked = request.node.get_closest_marker("unchecked") is not None
     jaxtyping.config.update("jaxtyping_disable", marked)
+
+
+@pytest.fixture(autouse=True)
+def _figures_do_not_pile_up():
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 MOST_RESIDENT = 4e9

@@ -97,12 +97,12 @@ def run(args: argparse.Namespace) -> None:
     write_json(args.out / "summary.json", file.origin | answers)
 
     from jaxpound.plots import designs as plots
-    from jaxpound.plots.style import figure
+    from jaxpound.plots.style import drawn
 
     compared = design.trained if design.fresh is None else design.fresh
     figures = {
-        "convergence": figure(plots.convergence, design),
-        "before_and_after": figure(plots.before_and_after, compared),
+        "convergence": drawn(plots.convergence, design),
+        "before_and_after": drawn(plots.before_and_after, compared),
     }
     told = design.objective_function.demand
     if told == "min_gap" and given.form.laws:
@@ -115,9 +115,9 @@ def run(args: argparse.Namespace) -> None:
             given.scheme,
             demand=told,
         )
-        figures["elasticities"] = figure(plots.tornado, slopes)
+        figures["elasticities"] = drawn(plots.tornado, slopes)
     if design.space.dimension > 1:
-        figures["landscape"] = plots.figure_of_landscape(design)
+        figures["landscape"] = drawn(plots.landscape, design)
     write_text(args.out / "summary.md", page(answers, list(figures), design.trained.topology))
     write_figures(figures, args.out, args.pdf)
 

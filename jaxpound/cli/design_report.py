@@ -57,6 +57,7 @@ def summary(
                     "cov": design.events[price].cov if price in design.events else None,
                     "reached": design.prices[price],
                     "multiplier": design.multipliers[price],
+                    "active": price in design.active_limits,
                 }
                 for price, limit in design.objective_function.limits.items()
             },
@@ -167,6 +168,7 @@ def _compared(found: jp.Comparison) -> dict[str, Any]:
         "earthquakes": len(found),
         "objective": {name: x._asdict() for name, x in found.objective.items()},
         **gaps,
+        "hardly_slipping": list(found.hardly_slipping),
         "demand_changes_by": found.difference()._asdict(),
         "demands": {
             name: {"unit": unit_of(name, found.si)} | row for name, row in found.rows().items()
@@ -202,6 +204,7 @@ def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | No
                 x["at_most"],
                 x["reached"],
                 f"{x['reached'] / x['at_most']:.1%}",
+                "yes" if x["active"] else "no",
             )
             if x["probability"] is None
             else (
@@ -211,10 +214,11 @@ def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | No
                 f"{x['probability']:.3g}",
                 f"{x['reached']:.3g}",
                 f"{x['reached'] / x['probability']:.1%}",
+                "yes" if x["active"] else "no",
             )
             for price, x in answers["limits"].items()
         ]
-        columns = ("limit", "unit", "of", "at most", "reached", "reached / at most")
+        columns = ("limit", "unit", "of", "at most", "reached", "reached / at most", "active")
         lines += ["", Lines.of(columns, rows).markdown()]
     kinds = (("trained", "The earthquakes it was made for"), ("fresh", "Fresh earthquakes"))
     for key, words in kinds:
@@ -250,6 +254,7 @@ def _sentence(
     if demand != "min_gap":
         change = _estimated(found["demand_changes_by"], unit_of(demand, si))
         parts.append(f"the {in_words(demand, topology)} changes by {change} on average")
+    parts += [f"the {damper} practically never slips" for damper in found["hardly_slipping"]]
     objective = _estimated(found["objective"]["after"], answers["objective_unit"])
     parts.append(f"the objective is {objective}")
     return f"{words}, {found['earthquakes']:,}: {'; '.join(parts)}."

@@ -71,7 +71,6 @@ def write_json(path: Path, answers: Any) -> None:
 def write_figures(figures: Mapping[str, Figure], out: Path, pdf: bool) -> None:
     """Write figures by their names, as PNG and, for print, as PDF too."""
     for name, figure in figures.items():
-        # A figure unknown to pyplot is drawn by Agg, independent of the backend.
         for kind in ("png", "pdf") if pdf else ("png",):
             write(out / f"{name}.{kind}", partial(figure.savefig, format=kind, dpi=300))
 

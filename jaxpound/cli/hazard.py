@@ -6,8 +6,7 @@ import argparse
 import csv
 import dataclasses
 import io
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -187,13 +186,14 @@ def run(args: argparse.Namespace) -> None:
         print(table.text())
 
     from jaxpound.plots import hazards, studies
-    from jaxpound.plots.style import figure
+    from jaxpound.plots.style import drawn
 
     by: Any = {"bands": found.results.bands, "intensity": found.column}
-    figures = {"hazard": hazards.pounding(found.hazard, found.rate, **by)}
+    figures = {"hazard": drawn(hazards.pounding, found.hazard, found.rate, **by)}
     if found.fragility is not None and found.fragility.intensity.size:
-        draw: Callable[..., Any] = partial(studies.fragility, intensity=found.hazard.measure)
-        figures["fragility"] = figure(draw, found.fragility)
+        figures["fragility"] = drawn(
+            studies.fragility, found.fragility, intensity=found.hazard.measure
+        )
     write_json(args.out / "summary.json", summary(file, found))
     write_text(args.out / "summary.md", page(found, figures))
     write_text(args.out / "deaggregation.csv", _csv(found.deaggregation))

@@ -107,11 +107,11 @@ def run(args: argparse.Namespace) -> None:
     print(curve or why)
 
     from jaxpound.plots import ida, suites
-    from jaxpound.plots.style import figure
+    from jaxpound.plots.style import drawn
 
-    figures = {"ida": figure(ida.curves, found), "spectra": figure(suites.spectra, scaled or suite)}
+    figures = {"ida": drawn(ida.curves, found), "spectra": drawn(suites.spectra, scaled or suite)}
     if curve is not None:
-        figures["fragility"] = figure(ida.fragility, found)
+        figures["fragility"] = drawn(ida.fragility, found)
     write_json(args.out / "summary.json", answers)
     write_text(args.out / "summary.md", page(answers, scaled, found, curve, why, figures))
     write_text(args.out / "capacities.csv", _capacities(found))

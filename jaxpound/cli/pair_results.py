@@ -31,7 +31,7 @@ def results(form: Pair, response: jp.Response) -> dict[str, Any]:
 def lines(answers: dict[str, Any]) -> list[str]:
     """The results as text for the screen."""
     told, given = answers["results"], answers["configuration"]
-    contact = told["contact"]
+    contact, slip_force = told["contact"], given["damper"]["friction_force"]
     quantities = [
         ("natural period", "period_s", 1, "s"),
         ("damping ratio", "damping_ratio", 100, "%"),
@@ -50,16 +50,14 @@ def lines(answers: dict[str, Any]) -> list[str]:
         f"at {told['min_gap_time_s']:.5g} s",
         f"         {verdict(told, contact is not None)}",
         *([contact_line(given["contact"]["law"], contact)] if contact else []),
-        _damper_line(given["damper"]["friction_force"], told),
-        energy_line(told, contact["contact_work_J"] if contact else None),
+        *([_damper_line(slip_force, told)] if slip_force else []),
+        energy_line(told, contact["contact_work_J"] if contact else None, bool(slip_force)),
     ]
 
 
 def _damper_line(slip_force: float, told: dict[str, Any]) -> str:
-    """The damper in one line; without friction it does not slip."""
+    """The damper in one line."""
     offset = f"offset left {told['residual_offset_m']:.4g} m"
-    if not slip_force:
-        return f"Damper   none; {offset}"
     slid = f"slid {told['slip_distance_m']:.4g} m"
     return f"Damper   slip force {slip_force / 1e3:.4g} kN, {slid}, {offset}"
 

@@ -15,13 +15,15 @@ PAPER_SCHEME_ERROR = -6.4e-4  # of min(x2 − x1) by the paper's own scheme at i
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     from jaxpound import plots
+    from jaxpound.plots.runs import PAPER
+    from jaxpound.plots.style import drawn
 
     make_folder(args.out)
     case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
     response = jp.simulate(*case)
     papers_own = float(jp.demand(*case, jp.PAPER_SCHEME).min_gap) - case[0].initial_gap
     print(page(response, papers_own, case[0].initial_gap))
-    figures = {"overview": plots.overview(response)} | plots.paper_figures(response)
+    figures = {draw.__name__: drawn(draw, response) for draw in (plots.overview, *PAPER)}
     write_figures(figures, args.out, args.pdf)
 
 

@@ -250,7 +250,7 @@ class RowParameters:
         return put(self.si, values)
 
     def in_words(self, path: str) -> str:
-        """What a parameter is, and where: ``slip force, floor 2 of buildings 1 and 2``."""
+        """What a parameter is, and where: ``slip force, 1–2, floor 2``."""
         if not path.startswith("links."):
             return in_words(path)
         _, k, of_link = path.split(".", 2)

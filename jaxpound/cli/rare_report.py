@@ -65,17 +65,17 @@ def write_report(file: File, found: Found, out: Path, pdf: bool) -> None:
     print("\n".join(table.text() for table in tables(found)))
 
     from jaxpound.plots import rare_events
-    from jaxpound.plots.style import own_figure
+    from jaxpound.plots.style import drawn
 
     figures, motion = {}, None
     if len(found.event.design_points):
-        figures["design_earthquake"] = rare_events.design_earthquake(
-            found.event, scales=found.scales
+        figures["design_earthquake"] = drawn(
+            rare_events.design_earthquake, found.event, scales=found.scales
         )
         motion = _motion(found)
     if found.curve:
-        figures["probability"] = own_figure(
-            lambda events: rare_events.probability_curve(events, scales=found.scales), found.curve
+        figures["probability"] = drawn(
+            rare_events.probability_curve, found.curve, scales=found.scales
         )
     answers = summary(file, found)
     write_json(out / "summary.json", answers)

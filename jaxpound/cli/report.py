@@ -15,7 +15,7 @@ from jaxpound._tables import Table, rounded
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.model.parameters import in_words as in_words_of
 from jaxpound.model.places import link_places
-from jaxpound.results.demand import in_words, known_of, unit_of
+from jaxpound.results.demand import in_words, kind_of, known_of, unit_of
 from jaxpound.study.fragility import ANY_LINK
 from jaxpound.study.statistics import Estimate
 
@@ -48,24 +48,24 @@ def run(args: argparse.Namespace) -> None:
     make_folder(args.out)
 
     from jaxpound.plots import studies as plots
-    from jaxpound.plots.style import figure
+    from jaxpound.plots.style import drawn
 
-    drawn: dict[str, Callable[[Any, Any], Any]] = {
+    drawings: dict[str, Callable[[Any], Any]] = {
         "min_gap": plots.min_gap,
         "convergence": plots.convergence,
     }
     if "required_gap" in study.columns:
         rules_at = 0.05 if is_pair(study) else None
-        drawn["required_gap"] = partial(plots.exceedance, rules_at=rules_at)
-    figures = {name: figure(draw, study) for name, draw in drawn.items()}
+        drawings["required_gap"] = partial(plots.exceedance, rules_at=rules_at)
+    figures = {name: drawn(draw, study) for name, draw in drawings.items()}
     for name, curve in curves.items():
-        figures[f"fragility_by_{name}"] = figure(_over(study, name), curve)
+        figures[f"fragility_by_{name}"] = drawn(_over(study, name), curve)
     if by_link:
-        figures["fragility_of_links"] = figure(_over(study, "pga"), by_link)
+        figures["fragility_of_links"] = drawn(_over(study, "pga"), by_link)
     if study.about["identity"]["parameters"]:
         column = correlated(study)
-        figures["correlations"] = figure(partial(plots.correlations, column=column), study)
-        figures["parameters"] = plots.scatter_matrix(study, [column])
+        figures["correlations"] = drawn(plots.correlations, study, column=column)
+        figures["parameters"] = drawn(plots.scatter_matrix, study, [column])
     if "configuration" in (study.about["notes"] or {}):
         write_text(args.out / "study.toml", study.about["notes"]["configuration"])
     write_json(args.out / "summary.json", answers)
@@ -76,9 +76,11 @@ def run(args: argparse.Namespace) -> None:
 def _over(study: jp.Study, name: str) -> Callable[[Any, Any], Any]:
     """The drawing of fragility over a measure of intensity."""
     from jaxpound.plots import studies as plots
+    from jaxpound.plots.style import unit_for
 
-    words = f"{_symbol(name)} ({unit_of(name, study.scales is not None)})"
-    return partial(plots.fragility, intensity=words)
+    kind = kind_of(name)
+    factor, unit = unit_for(kind, study.scales is not None, 0.0) if kind else (1.0, "")
+    return partial(plots.fragility, intensity=f"{_symbol(name)} ({unit})", unit=1 / factor)
 
 
 # --- the report ---------------------------------------------------------------------------------
@@ -96,8 +98,8 @@ def fragilities_of_links(study: jp.Study) -> dict[str, jp.Fragility]:
 
     Those to which a curve can be fitted, by the name of the link in figures.
     """
-    links = _closing(study)
-    found = {_link(k): _fragility(study, "pga", k) for k in links}
+    links, places = _closing(study), link_places(study.topology)
+    found = {places[k]: _fragility(study, "pga", k) for k in links}
     if len(links) > 1:
         found[ANY_LINK] = _fragility(study, "pga")
     return {name: curve for name, curve in found.items() if curve is not None}
@@ -107,10 +109,6 @@ def _closing(study: jp.Study) -> list[int]:
     """Each link of several that has a gap, by number from 0."""
     n = study.n_links
     return [k for k in range(n if n > 1 else 0) if study.finite(f"min_gap_{k + 1}").size]
-
-
-def _link(k: int) -> str:
-    return f"link {k + 1}"
 
 
 def _fragility(study: jp.Study, name: str, link: int | None = None) -> jp.Fragility | None:
@@ -140,7 +138,7 @@ def of_links(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> list[dict[s
     known_gaps, places = study.columns, link_places(study.topology)
     told = []
     for k in _closing(study):
-        curve = curves.get(_link(k))
+        curve = curves.get(places[k])
         row: dict[str, Any] = {
             "link": k + 1,
             "between": places[k],

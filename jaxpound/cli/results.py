@@ -84,10 +84,13 @@ def verdict(results: Mapping[str, Any], by_law: bool) -> str:
     return told + ("" if by_law else "; contact itself is not modelled")
 
 
-def energy_line(results: Mapping[str, Any], lost_by_contact: float | None) -> str:
+def energy_line(
+    results: Mapping[str, Any], lost_by_contact: float | None, with_damper: bool
+) -> str:
     """The energy's shares in one line."""
     supplied = results["input_energy_J"]
-    taken = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
+    takers = ("damper", "rods") if with_damper else ("rods",)
+    taken = {name: results[f"{name}_energy_J"] for name in takers}
     if lost_by_contact is not None:
         taken["contact"] = lost_by_contact
     shares = ", ".join(

@@ -54,6 +54,7 @@ def _of_link(form: Row, response: jp.Response, k: int) -> dict[str, Any]:
     ground = link.other_floor == jp.GROUND
     return {
         "table": form.tables[k],
+        "between": str(link),
         "building": link.building + 1,
         "floor": link.floor + 1,
         "next_building": "ground" if ground else link.other_building + 1,
@@ -127,14 +128,13 @@ def lines(answers: dict[str, Any]) -> list[str]:
         found.append(f"Gaps     smallest {smallest}; {words}")
     laws = [one["contact"] for one in links if one["contact"]]
     lost = sum(law["contact_work_J"] for law in laws) if laws else None
-    return [*found, energy_line(told, lost)]
+    dampers = any(one["friction_force_N"] for one in links)
+    return [*found, energy_line(told, lost, dampers)]
 
 
 def _links(links: list[dict[str, Any]]) -> Table:
-    """Every link: its ends as building.floor, its gap, its damper, its impacts."""
-    columns: dict[str, list[Any]] = {
-        "between": [f"{one['building']}.{one['floor']} and {_end(one)}" for one in links]
-    }
+    """Every link: where it is, its gap, its damper, its impacts."""
+    columns: dict[str, list[Any]] = {"link": [one["between"] for one in links]}
     gaps = [one["gap_m"] for one in links]
     if any(gap is not None for gap in gaps):
         columns |= {
@@ -156,11 +156,4 @@ def _links(links: list[dict[str, Any]]) -> Table:
             "force (kN)": [law and law["peak_contact_N"] / 1e3 for law in laws],
             "impulse (kN s)": [law and law["peak_impulse_N_s"] / 1e3 for law in laws],
         }
-    names = ["link (building.floor)", *list(columns)[1:]]
-    return Table.of(names, list(zip(*columns.values(), strict=True)))
-
-
-def _end(link: dict[str, Any]) -> str:
-    if link["next_building"] == "ground":
-        return "ground"
-    return f"{link['next_building']}.{link['next_floor']}"
+    return Table.of([*columns], list(zip(*columns.values(), strict=True)))

@@ -117,21 +117,23 @@ def run(args: argparse.Namespace) -> None:
 
 def _figures_of_pair(response: jp.Response) -> dict[str, Any]:
     from jaxpound import plots
-    from jaxpound.plots.style import figure
+    from jaxpound.plots.style import drawn
 
-    names = _FIGURES + (_CONTACT_FIGURES if response.links[0].contact is not None else ())
-    drawn = {name: figure(getattr(plots, name), response) for name in names}
-    return {"overview": plots.overview(response)} | drawn
+    (link,) = response.links
+    names = [name for name in _FIGURES if link.has_damper or not name.startswith("friction")]
+    names += _CONTACT_FIGURES if link.contact is not None else ()
+    alone = {name: drawn(getattr(plots, name), response) for name in names}
+    return {"overview": drawn(plots.overview, response)} | alone
 
 
 def _figures_of_row(form: Row, response: jp.Response) -> dict[str, Any]:
     """The pair's figures, without what the row has not, and those of floors over the height."""
     from jaxpound import plots
-    from jaxpound.plots.style import own_figure
+    from jaxpound.plots.style import drawn
 
     links = response.links
     by_law = any(link.contact is not None for link in links)
-    dampers = any(np.any(link.friction != 0) for link in links)
+    dampers = any(link.has_damper for link in links)
     gaps = bool(np.isfinite(response.min_gap))
     wanted = {
         "ground_motion": True,
@@ -146,19 +148,19 @@ def _figures_of_row(form: Row, response: jp.Response) -> dict[str, Any]:
         "energy": True,
     }
     names = [name for name, has in wanted.items() if has]
-    drawn = {name: own_figure(getattr(plots, name), response) for name in names}
+    alone = {name: drawn(getattr(plots, name), response) for name in names}
     elevations = [building.elevations for building in form.buildings]
     shapes = {
-        f"mode_shapes_{i}": own_figure(plots.mode_shapes, building)
+        f"mode_shapes_{i}": drawn(plots.mode_shapes, building)
         for i, building in enumerate(form.buildings, 1)
         if building.n_floors > 1
     }
     floors = jp.floor_demands(form.structures, response.demand)
     return {
-        "overview": plots.overview(response),
-        "row": own_figure(plots.row, form.structures, elevations),
-        "envelopes": plots.envelopes(floors, elevations),
-        **drawn,
+        "overview": drawn(plots.overview, response),
+        "row": drawn(plots.row, form.structures, elevations, scales=form.scales),
+        "envelopes": drawn(plots.envelopes, floors, elevations),
+        **alone,
         **shapes,
     }
 

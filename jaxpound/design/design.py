@@ -15,14 +15,16 @@ from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Objective
 from jaxpound.design.problem import DesignProblem, LogRatios
 from jaxpound.design.space import DesignSpace
-from jaxpound.model.system import Topology
+from jaxpound.model.places import link_places
+from jaxpound.model.system import GROUND, Topology
 from jaxpound.quantities import unit
 from jaxpound.results.demand import in_words, unit_of
-from jaxpound.results.elements import without_idle_dampers
+from jaxpound.results.elements import of_link, without_idle_dampers
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.study.statistics import Estimate
 
 _REPLICATES = 500  # of the bootstrap
+_HARDLY = 0.5  # distance slid over the peak displacement below which a damper hardly slips
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -114,6 +116,25 @@ class Comparison(Shown):
             }
         return table
 
+    @property
+    def hardly_slipping(self) -> tuple[str, ...]:
+        """Dampers that practically never slip after the design, each with its place if of several.
+
+        Such a damper slides less in a whole earthquake than half the larger of the peak
+        displacements that its ends have, all in the mean: it joins them as a rigid link would.
+        """
+        topology, found = self.topology or Topology(0, (), ()), []
+        places, n = link_places(topology), len(topology.links)
+        for k, ends in enumerate(topology.links):
+            force, slid = (
+                float(self.after[of_link(name, k, n)].mean())
+                for name in ("damper_force", "slip_distance")
+            )
+            sways = (float(self.after[f"peak_x{i + 1}"].mean()) for i in ends if i != GROUND)
+            if force > 0 and slid < _HARDLY * max(sways):
+                found.append(f"damper {places[k]}" if n > 1 else "damper")
+        return tuple(found)
+
     def _told(self) -> list[str]:
         """Names of the columns that tables tell of."""
         names = [name for name in self.before if name != "initial_gap"]
@@ -145,6 +166,7 @@ class Comparison(Shown):
             of = unit_of(name, self.si)
             words = in_words(name, self.topology)
             found.append(f"{words} changed by {self.difference(name)} {of} on average")
+        found += [f"the {damper} practically never slips" for damper in self.hardly_slipping]
         of = unit(self.objective_function.quantity, self.si)
         return [*found, f"objective {self.objective['after']} {of}".rstrip()]
 
@@ -227,6 +249,15 @@ class Design(Shown):
         """Starts that were dropped because a value was not finite, and their last iterations."""
         alive = self.history.alive
         return {i: int(np.argmin(alive[:, i])) for i in np.flatnonzero(~alive[-1]).tolist()}
+
+    @property
+    def active_limits(self) -> tuple[str, ...]:
+        """The limits that the design reaches, to their tolerance."""
+        return tuple(
+            price
+            for price, limit in self.objective_function.limits.items()
+            if limit.limited(self.prices[price]) / limit.bound > 1 - 2 * self.limit_tolerance
+        )
 
     @property
     def gradient_norm(self) -> float:
@@ -331,12 +362,16 @@ class Design(Shown):
         ]
         if limits := self.objective_function.limits:
             rows = [
-                (limit.event(price), self.prices[price], limit.most, "")
-                if price in self.events
-                else (price, self.prices[price], limit.most, unit_of(price, si))
+                (
+                    limit.event(price) if price in self.events else price,
+                    self.prices[price],
+                    limit.most,
+                    "" if price in self.events else unit_of(price, si),
+                    "active limit" if price in self.active_limits else "",
+                )
                 for price, limit in limits.items()
             ]
-            tables.append(Table("limits", ("", "reached", "at most", "unit"), rows))
+            tables.append(Table("limits", ("", "reached", "at most", "unit", ""), rows))
         for words, comparison in (("trained on", self.trained), ("fresh:", self.fresh)):
             if comparison is not None:
                 (table,) = comparison._tables()

@@ -38,7 +38,7 @@ def _each(one: str, other: str, n: int, homes: Mapping[int, Ends]) -> tuple[str,
 
 
 def link_places(topology: Topology) -> tuple[str, ...]:
-    """Where each link is: ``floor 2 of buildings 1 and 2``; by masses where there are no floors.
+    """Where each link is, as ``link_place`` has it; by masses where there are no floors.
 
     Examples
     --------
@@ -48,23 +48,35 @@ def link_places(topology: Topology) -> tuple[str, ...]:
     >>> brace = jp.FloorLink(building=0, floor=1, friction=0.1, next_building=0)
     >>> row = jp.Row((high, low), (jp.FloorLink(0, 0), brace))
     >>> link_places(row.system().topology)
-    ('floor 1 of buildings 1 and 2', 'floors 2 and 1 of building 1')
+    ('1–2, floor 1', 'in 1, floors 1–2')
     """
     home = _homes(topology, of_rods=False)
     return tuple(_place(ends, home) for ends in topology.links)
 
 
 def _place(ends: Ends, home: dict[int, Ends]) -> str:
-    one, other = ends if ends[0] != GROUND else ends[::-1]
-    if not home:
-        both = f"masses {one + 1} and {other + 1}"
-        return f"mass {one + 1} and the ground" if other == GROUND else both
-    building, floor = home[one]
-    if other == GROUND:
-        return f"floor {floor} of building {building} and the ground"
-    next_building, next_floor = home[other]
-    if building == next_building:
-        return f"floors {floor} and {next_floor} of building {building}"
-    if floor == next_floor:
-        return f"floor {floor} of buildings {building} and {next_building}"
-    return f"floor {floor} of building {building} and floor {next_floor} of {next_building}"
+    first, other = ends if ends[0] != GROUND else ends[::-1]
+    if home:
+        return link_place(home[first], home.get(other))
+    return (
+        f"mass {first + 1}–ground" if other == GROUND else f"masses {min(ends) + 1}–{max(ends) + 1}"
+    )
+
+
+def link_place(end: Ends, other: Ends | None) -> str:
+    """Where a link is, by building and floor of its ends, from 1; None is the ground.
+
+    Examples
+    --------
+    >>> from jaxpound.model.places import link_place
+    >>> link_place((1, 2), (2, 2)), link_place((1, 2), (2, 3))
+    ('1–2, floor 2', '1–2, floors 2–3')
+    >>> link_place((1, 2), (1, 1)), link_place((1, 2), None)
+    ('in 1, floors 1–2', '1–ground, floor 2')
+    """
+    if other is None:
+        return f"{end[0]}–ground, floor {end[1]}"
+    (building, floor), (next_building, next_floor) = sorted((end, other))
+    between = f"in {building}" if building == next_building else f"{building}–{next_building}"
+    floors = f"floor {floor}" if floor == next_floor else f"floors {floor}–{next_floor}"
+    return f"{between}, {floors}"

@@ -12,6 +12,7 @@ from jaxpound._checks import Rule, instance, is_whole
 from jaxpound._fields import assembled, check, like, part, pytree_dataclass, static
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.places import link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.system import GROUND, Ends, Link, System, Topology, as_tuple, ring
@@ -48,10 +49,12 @@ class FloorLink:
 
     Examples
     --------
+    Arguments count from 0; what is printed counts from 1:
+
     >>> print(jp.FloorLink(building=0, floor=2, friction=0.1))
-    floor 2 of building 0 and floor 2 of building 1
+    1–2, floor 3
     >>> print(jp.FloorLink(building=1, floor=3, friction=0.2, next_building=1))  # a brace
-    floor 3 of building 1 and floor 2 of building 1
+    in 2, floors 3–4
     """
 
     building: int = static()
@@ -81,7 +84,7 @@ class FloorLink:
         try:
             check(self)
         except ValueError as error:
-            between = f"FloorLink between {self}:"
+            between = f"FloorLink {self}:"
             raise ValueError(str(error).replace("FloorLink:", between, 1)) from error
 
     def more_rules(self, prefix: str) -> list[Rule]:
@@ -103,15 +106,10 @@ class FloorLink:
         return self.floor - (self.other_building == self.building)
 
     def __str__(self) -> str:
-        return self.between()
-
-    def between(self, first: int = 0) -> str:
-        """What it stands between, in words; ``first`` is the number of the first floor."""
-        one = f"floor {self.floor + first} of building {self.building + first}"
-        if self.other_floor == GROUND:
-            return f"{one} and the ground"
-        other = self.other_floor + first, self.other_building + first
-        return f"{one} and floor {other[0]} of building {other[1]}"
+        """What it stands between, in words and numbers from 1."""
+        other = (self.other_building + 1, self.other_floor + 1)
+        end = (self.building + 1, self.floor + 1)
+        return link_place(end, None if self.other_floor == GROUND else other)
 
 
 @pytree_dataclass
@@ -220,7 +218,7 @@ def floor_links(
     >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
     >>> low, high = (jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (2, 3))
     >>> [str(link) for link in jp.floor_links((low, high), friction=0.1, gap=0.2)][1]
-    'floor 1 of building 0 and floor 1 of building 1'
+    '1–2, floor 2'
 
     A damper in the first gap, contact in the second:
 
@@ -247,7 +245,7 @@ def floor_links(
         common = common_floors(left, right)
         if not common:
             rule = "must have floors at the same height"
-            raise ValueError(f"floor_links: buildings {i} and {i + 1} {rule}")
+            raise ValueError(f"floor_links: buildings {i + 1} and {i + 2} {rule}")
         found += [FloorLink(i, *floors, friction, gap, contact) for floors in common]
     return tuple(found)
 
@@ -276,7 +274,10 @@ def _meet(left: Any, i: int, right: Any, j: int) -> bool:
 
 
 class Naming(NamedTuple):
-    """How messages on links name them: where link k stands, and the number of the first floor."""
+    """How messages name arguments: where link k is given, and the number of the first floor.
+
+    Places in words count from 1 everywhere (``link_place``).
+    """
 
     place: Callable[[int], str]
     first: int = 0
@@ -317,12 +318,14 @@ def require_floors(floors: Sequence[int], links: Iterable[FloorLink], naming: Na
                 rule = f"from {first} to {n - 1 + first}: there are {n} buildings"
                 raise ValueError(f"{told} must be {rule}")
             if floor >= floors[building]:
-                last, whose = floors[building] - 1 + first, f"building {building + first}"
-                told = f"{place(k)} {which}floor = {floor + first}"
-                raise ValueError(f"{told} must be from {first} to {last}, the floors of {whose}")
+                rule = f"from {first} to {floors[building] - 1 + first}"
+                told = f"{place(k)} {which}floor = {floor + first} must be {rule}"
+                n = floors[building]
+                has = f"building {building + 1} has {n} floor{'s' * (n > 1)}"
+                raise ValueError(f"{told}: {has}")
         one, other = ends[0][:2], ends[1][:2]
         if one == other:
-            raise ValueError(f"{place(k)} {link.between(first)} must be two different floors")
+            raise ValueError(f"{place(k)} {link} must be two different floors")
         if other[0] not in (one[0], one[0] + 1, GROUND):
             rule = f"{one[0] + 1 + first} (to the right), {one[0] + first} itself or the ground"
             raise ValueError(f"{place(k)} next_building = {other[0] + first} must be {rule}")
@@ -336,14 +339,13 @@ def _require_forest(topology: Topology, links: Sequence[FloorLink], naming: Nami
     closing = ring(topology)
     if closing is None:
         return
-    (place, first), ends = naming, topology.links
+    place, ends = naming.place, topology.links
     rule = "must not close a ring with the links before it"
     for k in range(closing):
         if {*ends[k]} == {*ends[closing]}:
             other = place(k).rstrip(":").rpartition(": ")[2]
             rule = f"must not stand where {other} does: one link has friction, gap and contact"
-    between = f"between {links[closing].between(first)}"
-    raise ValueError(f"{place(closing).rstrip(':')} {between} {rule}")
+    raise ValueError(f"{place(closing).rstrip(':')} ({links[closing]}) {rule}")
 
 
 def first_floors(floors: Iterable[int]) -> list[int]:
@@ -367,5 +369,5 @@ def require_heights(buildings: Sequence[Any], links: Iterable[FloorLink], naming
         if _have_heights(left, right) and not _meet(left, link.floor, right, link.other_floor):
             one, other = left.elevations[link.floor], right.elevations[link.other_floor]
             rule = "must be at one height; next_floor says which floor is meant where none is"
-            told = f"{link.between(naming.first)}, at {one:g} m and {other:g} m,"
+            told = f"{link}, at {one:g} m and {other:g} m,"
             raise ValueError(f"{naming.place(k)} {told} {rule}")

@@ -91,7 +91,8 @@ class Scene:
         ax.add_patch(self._force)
         ax.add_patch(self._ground)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
-        (self._flash,) = ax.plot([], [], marker=(11, 1, 0), zorder=6, color=COLOURS["pounding"])
+        flash: Any = {"color": COLOURS["pounding"], "zorder": 6, "clip_on": False}
+        (self._flash,) = ax.plot([], [], marker=(11, 1, 0), **flash)
         self._arrow_at = left + 0.65 * (right - left)
         letters: dict[str, Any] = {"va": "center"}
         self._words = ax.text((left + right) / 2, 2.34 * w, "", ha="center", **letters)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.interpolate import RegularGridInterpolator
 
 from jaxpound.design.design import Comparison, Design, Landscape
@@ -19,7 +18,6 @@ from jaxpound.plots.style import (
     legend,
     legend_above,
     new_axes,
-    new_figure,
     only_shares,
     parameter_name,
     quantity_of,
@@ -70,7 +68,7 @@ def landscape(
     Where a limit is exceeded it is shaded. ``drawn`` is a result of ``Design.landscape``; by
     default that of the two variables which changed most.
     """
-    ax = new_axes(ax)
+    ax = new_axes(ax, height=1.25)
     if drawn is None:
         if design.space.dimension < 2:
             raise ValueError("landscape: design has one variable, and must have two or more")
@@ -99,12 +97,13 @@ def landscape(
         color=COLOURS["damper"],
         markersize=8,
         label="design",
-        clip_on=False,  # the design is often at a bound
         zorder=5,
     )
     ax.set_xscale(design.space.variables[drawn.x].scale)
     ax.set_yscale(design.space.variables[drawn.y].scale)
     label(ax, parameter_name(drawn.x), parameter_name(drawn.y))
+    ax.margins(0.05)  # the design is often at a bound
+    ax.autoscale_view(tight=False)
     for name, one in ((drawn.x, ax.xaxis), (drawn.y, ax.yaxis)):
         if design.space.variables[name].scale == "log":
             ratio_ticks(one)
@@ -194,13 +193,6 @@ def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
     names = sorted(found.values, key=lambda path: abs(found.values[path]))[-12:]
     shown = {parameter_name(path): found.values[path] for path in names}
     return signed_bars(ax, shown, f"% of {quantity_of(found.demand)[1]}\nper % of the parameter")
-
-
-def figure_of_landscape(design: Design, n: int = 15) -> Figure:
-    """``landscape`` as a figure that pyplot does not know."""
-    result = new_figure(height=1.25)
-    landscape(design, result.add_subplot(), n=n)
-    return result
 
 
 def _unit(design: Design, largest: float) -> tuple[float, str]:

@@ -10,6 +10,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.patches import Patch
 
 from jaxpound._checks import number, positive
+from jaxpound.model.places import link_places
 from jaxpound.model.system import GROUND, Ends
 from jaxpound.plots.curves import buildings_of, gaps_of
 from jaxpound.plots.runs import same_units
@@ -92,7 +93,8 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     )
     label(ax, f"time $t$ ({unit_for('time', response.si, 0)[1]})", "")
     ax.grid(False)
-    ax.set_yticks(range(len(order)), [link_name(response, k) for k in order])
+    places = link_places(response.topology)
+    ax.set_yticks(range(len(order)), [places[k] for k in order])
     ax.tick_params(axis="y", length=0)
     for row in range(1, len(order)):
         apart = groups[row] != groups[row - 1]
@@ -114,18 +116,6 @@ def widest_gap(response: Response) -> float:
     """The widest of all gaps that are finite, or 1 where none opens."""
     gaps = [np.asarray(link.gap) for link in response.links]
     return max(float(np.max(gap, initial=0.0, where=np.isfinite(gap))) for gap in gaps) or 1.0
-
-
-def link_name(response: Response, k: int) -> str:
-    """Where a link is: "1–2, floor 3" between buildings 1 and 2; of other systems "link 4"."""
-    home = _homes(response)
-    if not home:
-        return f"link {k + 1}"
-    (a, i), (b, j) = (home[end] for end in _upward(response.links[k].ends))
-    if b == GROUND:
-        return f"{a + 1}–ground, floor {i + 1}"
-    between = f"{a + 1}–{b + 1}" if a != b else f"in {a + 1}"
-    return f"{between}, floor {i + 1}" if i == j else f"{between}, floors {i + 1}–{j + 1}"
 
 
 def _homes(response: Response) -> dict[int, tuple[int, int]]:

@@ -41,7 +41,7 @@ def hazard_curve(hazard: HazardCurve, ax: Axes | None = None) -> Axes:
     ax.set_xscale("log")
     ax.set_yscale("log")
     ratio_ticks(ax.xaxis)
-    label(ax, hazard.measure, "annual rate")
+    label(ax, hazard.measure, "exceedances per year")
     legend(ax, columns=2)
     return ax
 
@@ -110,7 +110,7 @@ def pounding(
     """A hazard curve, and below it from which of its intensities the annual rate comes.
 
     ``intensity``, of a study or a rare event, is as of ``deaggregation``: numbers are taken to be
-    of the curve's measure and unit, and share its axis. The figure is unknown to pyplot.
+    of the curve's measure and unit, and share its axis.
     """
     found = rate.deaggregation(bands=bands, intensity=intensity)
     if intensity is not None and not isinstance(intensity, str):

@@ -195,7 +195,12 @@ class _MovingLink:
         for part in (self._line, self._clamp):
             part.set_visible(acts)
         (self._mark,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=4, zorder=5)
-        star: Any = {"marker": (11, 1, 0), "zorder": 6, "color": COLOURS["pounding"]}
+        star: Any = {
+            "marker": (11, 1, 0),
+            "zorder": 6,
+            "color": COLOURS["pounding"],
+            "clip_on": False,
+        }
         (self._star,) = ax.plot([], [], linestyle="none", **star)
 
     def show(self, i: int, time: float) -> bool:

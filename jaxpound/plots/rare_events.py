@@ -34,7 +34,7 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
 
     Below the ground acceleration is the series that reaches the threshold (a closing, drift or
     displacement), at the instant that is marked; of a demand that has no instants, the
-    displacements. The figure is unknown to pyplot.
+    displacements.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
 
 
 def _kind(words: str) -> str:
-    """What a series is, without its number."""
-    return words.split(" of ")[0]
+    """What a series is, without its place."""
+    return words.partition(",")[0]
 
 
 def _series(response: Response, row: np.ndarray) -> np.ndarray:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,9 +23,14 @@ from jaxpound.plots.style import (
     building_colour,
     in_house_style,
     new_axes,
+    unit_for,
 )
+from jaxpound.units import Scales
 
-_WIDTH, _APART, _FREE = 2.2, 3.2, 0.8  # of a building, between two with links, between others
+Written = Callable[[str, Any], str]
+"""Writes a number of a kind."""
+
+_WIDTH, _APART, _FREE = 3.0, 2.6, 0.8  # of a building, between two with links, between others
 _PAD = 0.09  # width of the pads of a contact law
 _STOREY, _SLAB, _LINE = (
     0.45,
@@ -35,12 +41,16 @@ _STOREY, _SLAB, _LINE = (
 
 @in_house_style
 def row(
-    structures: Structures, elevations: Sequence[Any] | None = None, ax: Axes | None = None
+    structures: Structures,
+    elevations: Sequence[Any] | None = None,
+    ax: Axes | None = None,
+    scales: Scales | None = None,
 ) -> Axes:
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
     Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ and gaps at rest ξ0 at
-    the links, all dimensionless, with the number that they have in tables and other figures.
+    the links, in SI units if ``scales`` are given, else dimensionless; masses, rods and links have
+    the numbers of their series.
     Dampers are green, also braces between floors of one building and dampers to the ground; pads
     are orange where contact has a law; an arrow is a gap.
 
@@ -54,6 +64,8 @@ def row(
         (``[building.elevations for building in buildings]``); by default all storeys are as high.
     ax
         Where to draw; by default a new figure, high enough for the numbers to be read.
+    scales
+        The units of the structures (``dimensionless_row`` returns them), for numbers in SI.
 
     Raises
     ------
@@ -87,7 +99,8 @@ def row(
 
     top, right = max(each[-1] for each in heights), lefts[-1] + _WIDTH
     storey = min(float(np.diff(each, prepend=0.0).min()) for each in heights)
-    inside = _numbers_inside(system.links, home)
+    write = partial(_written, scales)
+    inside = _numbers_inside(system.links, home, write)
     lines = max(map(len, inside.values()), default=0)
     if ax is None:
         storey_inches = _STOREY + _LINE * lines
@@ -100,12 +113,12 @@ def row(
     _ground(ax, right, storey)
     places: dict[int, _Place] = {}
     for b, (building, up, left) in enumerate(zip(buildings, heights, lefts, strict=True)):
-        drawn = _Building(ax, left, slab, building_colour(b))
+        drawn = _Building(ax, left, slab, building_colour(b), write)
         drawn.draw(building, up, system, inside)
         _text(ax, left + _WIDTH / 2, -0.65 * storey, f"building {b + 1}", drawn.colour)
         places |= {mass: _Place(left, h) for (mass, _), h in zip(building, up, strict=True)}
     for k, link in enumerate(system.links):
-        _link(ax, k, link, places, slab)
+        _link(ax, link, places, slab, _numbers(k, link, write))
     _finish(ax, system.links, elevations is not None)
     return ax
 
@@ -150,6 +163,7 @@ class _Building(NamedTuple):
     left: float
     slab: float
     colour: str
+    write: Written
 
     def draw(
         self,
@@ -168,42 +182,59 @@ class _Building(NamedTuple):
             for style in ({"alpha": 0.25, "linewidth": 0}, {"fill": False, "linewidth": 1.0}):
                 shape: Any = {"edgecolor": self.colour, "facecolor": self.colour, **style}
                 self.ax.add_patch(Rectangle((self.left, under), _WIDTH, self.slab, **shape))
-            words = f"$m_{{{mass + 1}}}$ = {float(system.masses[mass]):.3g}"
+            words = f"$m_{{{mass + 1}}}$ = {self.write('mass', system.masses[mass])}"
             _text(self.ax, middle, up, words, self.colour)
-            words = f"$K_{{{rod + 1}}}$ = {float(system.rods[rod].stiffness):.3g}"
+            words = f"$K_{{{rod + 1}}}$ = {self.write('stiffness', system.rods[rod].stiffness)}"
             lines = [(words, self.colour), *inside.get(mass, [])]
             for i, (text, colour) in enumerate(lines):
                 at = below + (under - below) * (1 - (i + 0.5) / len(lines))
                 if len(lines) == 1:
                     _text(self.ax, middle, at, text, colour)
-                else:  # on either side of the brace
+                else:  # on either side of the brace, which is hidden where a number is wide
                     align, shift = ("right", 0.36) if i else ("left", -0.36)
-                    _text(self.ax, middle + shift * _WIDTH, at, text, colour, align)
+                    behind = {"facecolor": "white", "linewidth": 0, "pad": 1}
+                    _text(self.ax, middle + shift * _WIDTH, at, text, colour, align, behind)
             below = under + self.slab
 
 
-def _numbers(k: int, link: Link) -> list[tuple[str, str]]:
+def _written(scales: Scales | None, kind: str, number: Any) -> str:
+    """A dimensionless number, in SI with its unit if there are scales."""
+    if scales is None:
+        return f"{float(number):.3g}"
+    in_si = float(number) * float(scales.unit_of(kind))
+    factor, unit = (1e-3, "t") if kind == "mass" else unit_for(kind, True, in_si)
+    return f"{factor * in_si:.3g} {unit}"
+
+
+def _numbers(k: int, link: Link, write: Written) -> list[tuple[str, str]]:
     """Slip force and gap of a link, where it has them, in words and colours."""
-    friction, gap = float(link.friction), float(link.gap)
-    words = [(f"$\\mu_{{{k + 1}}}$ = {friction:.3g}", COLOURS["damper"])] if friction else []
-    if np.isfinite(gap):
-        words.append((f"$\\xi_{{0,{k + 1}}}$ = {gap:.3g}", COLOURS["ground"]))
+    words = []
+    if float(link.friction):
+        words.append((f"$\\mu_{{{k + 1}}}$ = {write('force', link.friction)}", COLOURS["damper"]))
+    if np.isfinite(float(link.gap)):
+        words.append((f"$\\xi_{{0,{k + 1}}}$ = {write('length', link.gap)}", COLOURS["ground"]))
     return words
 
 
 def _numbers_inside(
-    links: Sequence[Link], home: Mapping[int, int]
+    links: Sequence[Link], home: Mapping[int, int], write: Written
 ) -> dict[int, list[tuple[str, str]]]:
     """Numbers of the links inside of buildings, by their upper floor."""
     found: dict[int, list[tuple[str, str]]] = {}
     for k, link in enumerate(links):
         if GROUND in link.ends or home[link.ends[0]] == home[link.ends[1]]:
-            found.setdefault(max(link.ends), []).extend(_numbers(k, link))
+            found.setdefault(max(link.ends), []).extend(_numbers(k, link, write))
     return found
 
 
-def _link(ax: Axes, k: int, link: Link, places: Mapping[int, _Place], slab: float) -> None:
-    """What is between two floors: a line from the one to the other."""
+def _link(
+    ax: Axes,
+    link: Link,
+    places: Mapping[int, _Place],
+    slab: float,
+    numbers: Sequence[tuple[str, str]],
+) -> None:
+    """What is between two floors: a line from the one to the other, and its numbers."""
     i, j = link.ends if link.ends[0] != GROUND else link.ends[::-1]
     one = places[i]
     other = _Place(one.left, 0.0) if j == GROUND else places[j]
@@ -224,13 +255,11 @@ def _link(ax: Axes, k: int, link: Link, places: Mapping[int, _Place], slab: floa
             corner = end + face, up - 0.4 * slab
             ax.add_patch(Rectangle(corner, _PAD, 0.8 * slab, color=COLOURS["pounding"], zorder=3))
     if between:
-        words = _numbers(k, link)
-        shifts = [0.0] if len(words) == 1 else [-0.25, 0.25]
         slope = (y[1] - y[0]) / (x[1] - x[0])
-        above = 0.55 * slab + 0.2 * _APART * abs(slope)  # clear of the line's higher end
-        for (text, colour), shift in zip(words, shifts, strict=False):
-            at = shift * _APART
-            _text(ax, x.mean() + at, y.mean() + slope * at + above, text, colour)
+        away = 0.2 * _APART * abs(slope)  # clear of the line's higher end
+        sides = (0.6 * slab + away, -0.9 * slab - away)  # above the line, below the arrow
+        for (text, colour), side in zip(numbers, sides, strict=False):
+            _text(ax, x.mean(), y.mean() + side, text, colour)
         if np.isfinite(float(link.gap)):
             pad = _PAD * (link.contact is not None)
             ends = (x[0] + pad, y[0] - 0.3 * slab), (x[1] - pad, y[1] - 0.3 * slab)
@@ -279,7 +308,15 @@ def _name(law: ContactLaw | Newton) -> str:
     return type(law).__name__
 
 
-def _text(ax: Axes, x: float, y: float, words: str, colour: str, align: str = "center") -> None:
+def _text(
+    ax: Axes,
+    x: float,
+    y: float,
+    words: str,
+    colour: str,
+    align: str = "center",
+    box: dict[str, Any] | None = None,
+) -> None:
     ax.text(
         x,
         y,
@@ -289,4 +326,5 @@ def _text(ax: Axes, x: float, y: float, words: str, colour: str, align: str = "c
         va="center",
         fontsize=FONT_SIZE,
         zorder=5,
+        bbox=box,
     )

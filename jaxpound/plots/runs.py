@@ -2,7 +2,8 @@
 
 The runs of a batch are drawn over each other; the more runs, the fainter the lines. Matplotlib's
 settings stay as they are. With ``ax=None`` the axes belong to a new pyplot figure of column width
-(9 cm), which a notebook shows; with axes given, pyplot is not touched.
+(9 cm), which a notebook shows and ``plt.show()`` or ``plt.savefig`` take; with axes given, pyplot
+is not touched.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from jaxpound._checks import instance
 from jaxpound.model.system import elongation
 from jaxpound.plots.curves import (
     Curve,
+    contact_loops,
     contacts,
+    dampers,
     frictions,
     gaps_of,
     is_pair,
@@ -30,7 +33,6 @@ from jaxpound.plots.curves import (
 )
 from jaxpound.plots.style import (
     COLOURS,
-    figure,
     in_house_style,
     label,
     legend,
@@ -231,7 +233,7 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     curves = frictions("friction_hysteresis", response)
     factor, unit = _unit(response, "force", *(curve.values for curve in curves))
     x = [mass.x for mass in response.masses]
-    for link, curve in zip(response.links, curves, strict=True):
+    for link, curve in zip(dampers(response), curves, strict=True):
         _draw(ax, elongation(link.ends, x), factor, curve)
     ends = "x_1 - x_2" if is_pair(response) else "x_i - x_j"
     label(ax, f"slip ${ends}$ ({_length(response)})", f"friction force $q$ ({unit})")
@@ -244,8 +246,9 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
 def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     """Contact force p over penetration δ = −ξ of each link with a law of contact.
 
-    The enclosed area is the energy lost by contact. Both are those at the instants: the grid must
-    resolve the contact for the loops to be seen.
+    The enclosed area is the energy lost by contact. Of a single run each impact that the response
+    keeps is drawn within the steps too, by the law of contact along the motion between the
+    instants; of a batch, or a law of one's own in SI units, there are only the instants.
 
     Raises
     ------
@@ -256,7 +259,11 @@ def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     curves = contacts("contact_hysteresis", response)
     factor, unit = _unit(response, "force", *(curve.values for curve in curves))
     for link, curve in zip(touching(response), curves, strict=True):
-        _draw(ax, np.maximum(-np.asarray(link.gap), 0.0), factor, curve)
+        loops = contact_loops(response, link)
+        penetration = np.maximum(-np.asarray(link.gap), 0.0)
+        for x, force in loops or [(penetration, curve.values)]:
+            _draw(ax, x, factor, curve._replace(values=force))
+            curve = curve._replace(label="_" + curve.label)
     label(ax, rf"penetration $\delta$ ({_length(response)})", f"contact force $p$ ({unit})")
     if len(curves) > 1:
         legend(ax, columns=3)
@@ -277,7 +284,9 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     terms = response.energy
     factor, unit = _unit(response, "energy", terms.input)
     time = np.asarray(response.time)
-    parts = {"friction": "damper", "rods": "rods", "kinetic": "kinetic"}
+    parts = {"rods": "rods", "kinetic": "kinetic"}
+    if any(link.has_damper for link in response.links):
+        parts = {"friction": "damper"} | parts
     if touching(response):
         parts |= {"contact_lost": "pounding", "contact_stored": "stick"}
     ax.stackplot(
@@ -302,11 +311,11 @@ Drawing = Callable[[Response, Axes], Axes]
 def overview(response: Response) -> Figure:
     """Ground motion, displacements, friction and contact force and gap, one above the other.
 
-    Without friction force where there is no link, without contact force where none acts, and
+    Without friction force where there is no damper, without contact force where none acts, and
     without gap where no link has one.
     """
     drawings: list[Drawing] = [ground_motion, displacements]
-    if response.links:
+    if any(link.has_damper for link in response.links):
         drawings.append(friction_force)
     if any(np.any(link.contact != 0) for link in touching(response)):
         drawings.append(contact_force)
@@ -350,7 +359,7 @@ def side_by_side(
     return result
 
 
-_PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
+PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
 
 
 def paper_figures(response: Response) -> dict[str, Figure]:
@@ -361,7 +370,8 @@ def paper_figures(response: Response) -> dict[str, Figure]:
     ``"ground_motion"``, ``"displacements"``, ``"velocities"``, ``"gap"``, ``"friction_force"`` with
     the phases of stick, and ``"rod_forces"``.
     """
-    return {draw.__name__: figure(draw, response) for draw in _PAPER}
+    figures: dict[str, Any] = {draw.__name__: draw(response).figure for draw in PAPER}
+    return figures
 
 
 def _over_time(

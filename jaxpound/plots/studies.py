@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -148,14 +149,18 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
 
 @in_house_style
 def fragility(
-    curve: Fragility | Mapping[str, Fragility], ax: Axes | None = None, intensity: str = "im"
+    curve: Fragility | Mapping[str, Fragility],
+    ax: Axes | None = None,
+    intensity: str = "im",
+    unit: float = 1.0,
 ) -> Axes:
     """Fragility curve with its 95 % band and the data; or several curves by name.
 
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
     their intervals. Of several curves the data are left out; that named "any link" is black and
     dashed, for it often lies on that of one link. Beside more than six curves only "any link" has
-    its band. ``intensity`` is the label of the axis, with its unit.
+    its band. ``intensity`` is the label of the axis, with its unit in
+    parentheses; ``unit`` is that unit in the curve's own (9.80665 for g, of a curve in m/s²).
 
     Raises
     ------
@@ -174,23 +179,25 @@ def fragility(
     ['link 1', 'link 2', 'any link']
     """
     alone = isinstance(curve, Fragility)
-    drawn = [_alone(curve)] if isinstance(curve, Fragility) else _named(curve)
+    drawn = [_alone(curve, intensity, unit)] if isinstance(curve, Fragility) else _named(curve)
     few = len({words for words, *_ in drawn} - {ANY_LINK}) <= len(CYCLE)
     ax = new_axes(ax)
     reach = np.array([_reach(one) for _, _, one in drawn])
     at = np.geomspace(reach[:, 0].min(), reach[:, 1].max(), _POINTS)
     for words, colour, one in drawn:
         line = "--" if words == ANY_LINK else "-"
-        ax.plot(at, one.probability(at), line, color=COLOURS.get(colour, colour), label=words)
+        ax.plot(
+            at / unit, one.probability(at), line, color=COLOURS.get(colour, colour), label=words
+        )
         if words == ANY_LINK or few:
             low, high = one.band(at, replicates=200)
             if np.isnan(low).all():  # of a curve whose errors are not known
                 continue
             of_band = {"label": "95 % band"} if alone else {"alpha": _FAINT}
-            ax.fill_between(at, low, high, **(shade(colour) | of_band))
+            ax.fill_between(at / unit, low, high, **(shade(colour) | of_band))
     if isinstance(curve, Fragility):
         if curve.intensity.size:
-            _data(ax, curve)
+            _data(ax, curve, unit)
     elif few or ANY_LINK in curve:
         ax.fill_between([], [], [], label="95 % band", **shade("residual"))
     ax.set_xscale("log")
@@ -201,9 +208,11 @@ def fragility(
     return ax
 
 
-def _alone(curve: Fragility) -> tuple[str, str, Fragility]:
-    """Its parameters for the legend, and its colour."""
-    words = rf"$\theta$ = {curve.median:.3g}, $\beta$ = {curve.dispersion:.3g}"
+def _alone(curve: Fragility, intensity: str, unit: float) -> tuple[str, str, Fragility]:
+    """Its parameters, the median with the unit of ``intensity``, for the legend; its colour."""
+    of = re.search(r" \(([^()]+)\)$", intensity)
+    median = f"{curve.median / unit:.3g}{f' {of[1]}' if of else ''}"
+    words = rf"$\theta$ = {median}, $\beta$ = {curve.dispersion:.3g}"
     return words, "damper", curve
 
 
@@ -228,12 +237,19 @@ def _reach(curve: Fragility) -> tuple[float, float]:
     return min(least, curve.intensity.min()), max(most, curve.intensity.max())
 
 
-def _data(ax: Axes, curve: Fragility) -> None:
+def _data(ax: Axes, curve: Fragility, unit: float) -> None:
     """The data of a curve: shares of pounding with their intervals."""
     im, shares = _shares(curve)
     off = np.abs(shares[:, 1:].T - shares[:, 0])
     ax.errorbar(
-        im, shares[:, 0], off, fmt="o", color="black", markersize=3, linewidth=0.7, label="data"
+        im / unit,
+        shares[:, 0],
+        off,
+        fmt="o",
+        color="black",
+        markersize=3,
+        linewidth=0.7,
+        label="data",
     )
 
 
@@ -244,7 +260,7 @@ def scatter_matrix(
     """Demands over parameters, a row for each demand and a column for each parameter.
 
     ``names`` chooses parameters; by default the six of the largest rank correlation with the first
-    demand. At most 2,000 samples are drawn. The figure is unknown to pyplot.
+    demand. At most 2,000 samples are drawn.
     """
     parameters = study.parameters()
     if names is None:

@@ -9,12 +9,10 @@ fonts and grid of axes that the caller made under other settings.
 from __future__ import annotations
 
 import functools
-import io
 import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from contextvars import ContextVar
 from importlib import resources
 from typing import Any, ParamSpec, TypeVar
 
@@ -32,7 +30,7 @@ from jaxpound.model.row import Row
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System
-from jaxpound.quantities import DIMENSIONLESS, SI
+from jaxpound.quantities import DIMENSIONLESS, SI, STANDARD_GRAVITY
 from jaxpound.results.demand import known_of
 from jaxpound.study.random_ground import WAVELET_KINDS
 
@@ -116,13 +114,18 @@ def _owner(path: str) -> type | None:
 
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
-    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large."""
+    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large.
+
+    Accelerations are in g, as in hazard analyses and codes.
+    """
     unit = (SI if si else DIMENSIONLESS)[quantity]
     if not si:
         for plain, drawn in (("ω1", r"\omega_1"), ("m1", "m_1"), ("²", "^2")):
             unit = unit.replace(plain, drawn)
         return 1.0, f"${unit}$"
-    if quantity in ("force", "energy"):
+    if quantity == "acceleration":
+        return 1 / STANDARD_GRAVITY, "$g$"
+    if quantity in ("force", "energy", "stiffness"):
         for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
             if peak * factor >= 10:
                 return factor, prefix + unit
@@ -146,8 +149,8 @@ def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
     return drawn
 
 
-class FreeFigure(Figure):
-    """A figure that pyplot does not manage; notebooks show it, vector files keep text as text."""
+class _Drawing(Figure):
+    """A figure whose vector files keep text as text."""
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
         """Save the figure; vector files keep text as text."""
@@ -160,49 +163,42 @@ class FreeFigure(Figure):
         finally:
             fonts.setLevel(level)
 
-    def _repr_png_(self) -> bytes:
-        file = io.BytesIO()
-        self.savefig(file, format="png", dpi=_HOUSE["figure.dpi"])
-        return file.getvalue()
-
 
 def new_figure(width: float = 1.0, height: float = 1.0) -> Figure:
-    """A figure unknown to pyplot; width in columns, height in usual heights."""
-    size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
-    return FreeFigure(figsize=size, layout="constrained")
+    """A new pyplot figure to be returned; width in columns, height in usual heights.
 
+    A notebook shows the figure that is a cell's value, and all figures that pyplot has: there
+    pyplot forgets this one, or it would be shown twice.
+    """
+    from matplotlib import pyplot
 
-def figure(draw: Callable[[Any, Axes], Any], drawn: Any) -> Figure:
-    """A figure of column width with one drawing of a response or study, unknown to pyplot."""
-    result = new_figure()
-    draw(drawn, result.add_subplot())
+    result = _pyplot_figure(width, height)
+    if "inline" in pyplot.get_backend():
+        pyplot.close(result)
     return result
-
-
-_unknown_to_pyplot: ContextVar[bool] = ContextVar("unknown_to_pyplot", default=False)
-
-
-def own_figure(draw: Callable[..., Axes], *drawn: Any) -> Figure:
-    """A figure of the size that a drawing takes for itself, unknown to pyplot."""
-    token = _unknown_to_pyplot.set(True)
-    try:
-        result: Any = draw(*drawn).figure
-    finally:
-        _unknown_to_pyplot.reset(token)
-    figure: Figure = result
-    return figure
 
 
 def new_axes(ax: Axes | None, width: float = 1.0, height: float = 1.0) -> Axes:
     """The given axes, or those of a new pyplot figure (width in columns, usual heights)."""
-    if ax is not None:
-        return ax
-    if _unknown_to_pyplot.get():
-        return new_figure(width, height).add_subplot()
+    return _pyplot_figure(width, height).add_subplot() if ax is None else ax
+
+
+def _pyplot_figure(width: float, height: float) -> Figure:
     from matplotlib import pyplot  # only here, so that no window system is asked for
 
     size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
-    return pyplot.subplots(figsize=size, layout="constrained")[1]
+    return pyplot.figure(FigureClass=_Drawing, figsize=size, layout="constrained")
+
+
+def drawn(draw: Callable[..., Any], *args: Any, **options: Any) -> Figure:
+    """What a function draws, as a figure without a window that pyplot has forgotten."""
+    import matplotlib
+    from matplotlib import pyplot
+
+    matplotlib.use("agg")
+    figure: Figure = draw(*args, **options).figure
+    pyplot.close(figure)
+    return figure
 
 
 def shades(n: int) -> list[str]:

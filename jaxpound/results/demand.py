@@ -13,7 +13,7 @@ import numpy as np
 from jaxpound._checks import hint
 from jaxpound._fields import Quantity, part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, Table
-from jaxpound.model.places import mass_places, rod_places
+from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import Topology, is_storey
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
@@ -24,6 +24,7 @@ from jaxpound.results.elements import (
     columns_of,
     place_of,
     run_numbers,
+    without_idle_dampers,
 )
 
 
@@ -238,6 +239,8 @@ class Demand(ByElement, Columnar, Shown):
     """Peak ground velocity, largest |u'| at them, from rest by the trapezoidal rule."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
+    topology: Topology | None = static(default=None)
+    """Of which masses, rods and links they are, for the places that tables tell."""
 
     @classmethod
     def of_columns(cls, columns: Mapping[str, Any], *, si: bool) -> Demand:
@@ -246,7 +249,7 @@ class Demand(ByElement, Columnar, Shown):
         The inverse of ``scalars``.
         """
         found: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
-        own: dict[str, Any] = {}
+        own: dict[str, Any] = {"si": si}
         several = "min_gap_1" in columns
         for name, value in columns.items():
             if (place := place_of(cls, name)) is None:
@@ -256,11 +259,11 @@ class Demand(ByElement, Columnar, Shown):
             elif not (several and name == place.known.column):  # of all links
                 found[place.group].setdefault(place.element, {})[place.field] = value
         try:
-            groups = {
+            groups: dict[str, Any] = {
                 group: tuple(kind(**found[group][i]) for i in sorted(found[group]))
                 for group, kind in cls._elements.items()
             }
-            return cls(**groups, **own, si=si)
+            return cls(**groups, **own)
         except TypeError as error:
             raise ValueError(f"Demand.of_columns: columns must be complete: {error}") from error
 
@@ -378,10 +381,15 @@ class Demand(ByElement, Columnar, Shown):
             return Table(f"{title} ({about}, traced: not known before the program runs)")
         scalars = self.scalars()
         good = ~np.isnan(next(iter(scalars.values()), 0.0))
+        valid = {name: np.where(good, x, 0.0) for name, x in scalars.items()}
+        wanted = without_idle_dampers(scalars, lambda name: float(valid[name].max()))
+        scalars = {name: scalars[name] for name in wanted}
         if not batch:
             if not good:
                 return Table(f"{title} ({about}): an invalid run, every result is NaN")
-            numbers = [(name, x, unit_of(name, self.si)) for name, x in scalars.items()]
+            numbers = [
+                (name, x, unit_of(name, self.si), *self._where(name)) for name, x in scalars.items()
+            ]
             return Table(f"{title} ({about})", (), rows or numbers, digits=8)
         pounds, notes = scalars.pop("pounds", None), []
         if pounds is not None:
@@ -389,16 +397,35 @@ class Demand(ByElement, Columnar, Shown):
             notes.append(f"pounding in {share} valid runs")
         if not good.all():
             notes.append(f"{(~good).sum():,} invalid, with NaN for every result")
-        ranges = [
-            (name, *_range(np.broadcast_to(x, batch)[good]), unit_of(name, self.si))
+        ranges: list[tuple[Any, ...]] = [
+            (
+                name,
+                *_range(np.broadcast_to(x, batch)[good]),
+                unit_of(name, self.si),
+                *self._where(name),
+            )
             for name, x in scalars.items()
             if good.any()
         ]
-        return Table(
-            f"{title} ({about})", ("", "smallest", "median", "largest", "unit"), ranges, notes
-        )
+        where = self._where("") and ("of",)
+        columns = ("", "smallest", "median", "largest", "unit", *where)
+        return Table(f"{title} ({about})", columns, ranges, notes)
+
+    def _where(self, name: str) -> tuple[str, ...]:
+        """Where a scalar's mass, rod or link is; () for all of a pair, whose numbers say it."""
+        if self.topology is None or max(self.topology.n_masses, len(self.topology.links) + 1) < 3:
+            return ()
+        place = place_of(type(self), name)
+        of_all = len(self.topology.links) > 1 and name in ("min_gap", "min_gap_time")
+        if place is None or not place.group or of_all:
+            return ("",)
+        return (_PLACES[place.group](self.topology)[place.element],)
 
     __repr__ = Shown.__repr__  # else a dataclass makes its own
+
+
+_PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}
+"""Where the elements of each group are."""
 
 
 def _range(values: np.ndarray) -> tuple[float, float, float]:
@@ -451,9 +478,12 @@ def in_words(name: str, topology: Topology | None = None) -> str:
     place, known = place_of(Demand, name), known_of(name)
     if known is None:
         return name.replace("_", " ")
-    if topology is None or place is None or place.group not in ("masses", "rods"):
+    if topology is None or place is None or not place.group:
         return known.words
-    where = {"masses": mass_places, "rods": rod_places}[place.group](topology)[place.element]
+    where = _PLACES[place.group](topology)[place.element]
+    if place.group == "links":
+        what, numbered, _ = known.words.rpartition(" of link ")
+        return f"{what}, {where}" if numbered else known.words
     what = known.words.rpartition(" of ")[0]
     return f"{what if where.startswith('building') else what.replace('base ', '')} of {where}"
 

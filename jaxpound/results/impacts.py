@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxpound._fields import pytree_dataclass, quantity
+from jaxpound._fields import pytree_dataclass, quantities, quantity
 
 MOST = 256
 """Number of impacts of a link that a response keeps."""
@@ -29,6 +29,8 @@ class Impact(NamedTuple):
     """∫ p dt over the contact."""
     peak_force: float
     """Largest contact force; infinite by Newton's law."""
+    between: str = ""
+    """Where the link is, in words and numbers from 1: "1–2, floor 2"."""
 
 
 @pytree_dataclass
@@ -46,12 +48,10 @@ class ImpactSeries:
     impulse: Any = quantity("impulse")
     peak_force: Any = quantity("force")
 
-    def entries(self, link: int) -> list[Impact]:
-        """The impacts of a single run."""
-        fields = {
-            name: np.asarray(getattr(self, name)) for name in Impact._fields if name != "link"
-        }
+    def entries(self, link: int, between: str = "") -> list[Impact]:
+        """The impacts of a single run; ``between`` says where the link is."""
+        fields = {name: np.asarray(getattr(self, name)) for name in quantities(ImpactSeries)}
         return [
-            Impact(link=link, **{name: float(x[i]) for name, x in fields.items()})
+            Impact(link=link, between=between, **{name: float(x[i]) for name, x in fields.items()})
             for i in np.flatnonzero(np.isfinite(fields["time"]))
         ]

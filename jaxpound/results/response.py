@@ -16,7 +16,8 @@ from jaxtyping import Array, Float
 from jaxpound import _root
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, Table
-from jaxpound.model.system import Ends, elongation, load_on
+from jaxpound.model.places import link_places
+from jaxpound.model.system import Ends, Topology, elongation, load_on
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand
@@ -128,6 +129,14 @@ class LinkResponse:
     """Energy taken by the damper until then."""
     impacts: ImpactSeries | None = part(default=None)
     """The impacts one by one."""
+    law: Any = part(default=None)
+    """The law of contact, in the units of the series; None where it has no force, or, in SI, is
+    of one's own."""
+
+    @property
+    def has_damper(self) -> bool:
+        """Whether the slip force is not 0: a free link moves without any friction force."""
+        return bool(np.any(self.friction != 0) or not np.any(self.slip_velocity != 0))
 
     def phases(self, time: Any) -> list[Phase]:
         """Intervals of stick and slip in order, of a single valid run with these instants."""
@@ -234,6 +243,12 @@ class Response(ByElement, Columnar, Shown):
         return self.demand.batch
 
     @property
+    def topology(self) -> Topology:
+        """Number of masses, and the ends of rods and links."""
+        rods, links = (tuple(one.ends for one in each) for each in (self.rods, self.links))
+        return Topology(len(self.masses), rods, links)
+
+    @property
     def absolute_accelerations(self) -> tuple[Any, ...]:
         """Absolute acceleration x'' + u'' of each mass, in g (m/s² in SI): force over mass."""
         ends = [*(rod.ends for rod in self.rods), *(link.ends for link in self.links)]
@@ -294,11 +309,12 @@ class Response(ByElement, Columnar, Shown):
         """
         self._require_links("impacts", range(len(self.links)) if link is None else [link])
         numbers = range(len(self.links)) if link is None else [link]
+        places = link_places(self.topology)
         found = [
             impact
             for k in numbers
             if (series := self.links[k].impacts) is not None
-            for impact in series.entries(k)
+            for impact in series.entries(k, places[k])
         ]
         return sorted(found, key=lambda impact: impact.time)
 
@@ -413,21 +429,24 @@ class Response(ByElement, Columnar, Shown):
             ),
             ("rod force", f"{_largest('f', peaks['peak_force'])} {force}"),
         ]
-        for k, link in enumerate(d.links):
-            rows.append(
-                (
-                    "damper" if len(d.links) == 1 else f"damper {k + 1}",
-                    f"{len(self.phases(k))} phases, slid {link.slip_distance:.4g} {length}, "
-                    f"took {link.friction_work:.4g} {energy}, "
-                    f"offset left {link.residual_offset:.4g} {length}",
+        several = len(d.links) > 1
+        for k, (link, place) in enumerate(zip(d.links, link_places(self.topology), strict=True)):
+            where = f" {place}" if several else ""
+            if self.links[k].has_damper:
+                rows.append(
+                    (
+                        f"damper{where}",
+                        f"{len(self.phases(k))} phases, slid {link.slip_distance:.4g} {length}, "
+                        f"took {link.friction_work:.4g} {energy}, "
+                        f"offset left {link.residual_offset:.4g} {length}",
+                    )
                 )
-            )
             if link.n_impacts is not None:
                 impulse = unit("impulse", self.si)
                 n = f"{link.n_impacts:.0f} impact{'s' if link.n_impacts != 1 else ''}"
                 rows.append(
                     (
-                        "contact" if len(d.links) == 1 else f"contact {k + 1}",
+                        f"contact{where}",
                         f"{n}, p ≤ {link.peak_contact:.4g} {force}, "
                         f"impulse ≤ {link.peak_impulse:.4g} {impulse}, "
                         f"lost {link.contact_work:.4g} {energy}",

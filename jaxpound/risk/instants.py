@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import GROUND, Ends, System, elongation, is_closable
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import place_of
@@ -28,7 +29,7 @@ class Series(NamedTuple):
     """A linear combination of displacements, closings and gaps at rest."""
 
     words: str
-    """What it is, in words."""
+    """What it is, and where, in words: "drift, storey 2 of building 1"."""
     row: np.ndarray
     """Factors of each mass's displacement, each link's closing and each link's gap at rest."""
 
@@ -55,21 +56,22 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
         return [Series(words, row), Series(f"{words}, reversed", -row)]
 
     if demand == REQUIRED_GAP:
-        less = " less the gap at rest" if pounding else ""
+        places = link_places(system.topology)
+        what = "overlap" if pounding else "closing"
         return tuple(
-            Series(f"closing of link {k + 1}{less}", closings[k] - pounding * gaps[k])
+            Series(f"{what}, {places[k]}", closings[k] - pounding * gaps[k])
             for k in links
             if is_closable(system.links[k].gap)
         )
-    rods = enumerate(system.topology.rods)
-    storeys = [(f"drift of storey {r + 1}", ends) for r, ends in rods]
+    rods = zip(rod_places(system.topology), system.topology.rods, strict=True)
+    storeys = [(f"drift, {place}", ends) for place, ends in rods]
     if demand == "peak_drift":
         return tuple(one for words, ends in storeys for one in both(words, ends))
     place = place_of(Demand, demand)
     if place is not None and place.field == "peak_drift":
         return tuple(both(*storeys[place.element]))
     if place is not None and place.field == "peak_x":
-        words = f"displacement of mass {place.element + 1}"
+        words = f"displacement, {mass_places(system.topology)[place.element]}"
         return tuple(both(words, (place.element, GROUND)))
     return ()
 

@@ -502,6 +502,7 @@ def _link_response(
             impulse=kept.impulse,
             peak_force=kept.peak_force,
         ),
+        law=None if isinstance(link.contact, Newton) else link.contact,
         **own,
         ends=link.ends,
     )

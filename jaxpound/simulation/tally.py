@@ -450,4 +450,5 @@ class Tally(NamedTuple):
             ),
             pga=self.ground.largest,
             pgv=self.ground.largest_velocity,
+            topology=system.topology,
         )

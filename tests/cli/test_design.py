@@ -20,6 +20,7 @@ from jaxpound.results.demand import in_words
 from tests.cli.commands import edited, is_figure, number, run, tables
 
 EXAMPLE = example("design")
+WITH_RODS = EXAMPLE.replace('# "rod_', '"rod_')
 SMALL = {
     "earthquakes = 256": "earthquakes = 12",
     "fresh = 1000": "fresh = 20",
@@ -36,7 +37,7 @@ def write(tmp_path):
 
     def write_config(changes):
         path = tmp_path / "design.toml"
-        path.write_text(edited(EXAMPLE, changes))
+        path.write_text(edited(WITH_RODS, changes))
         return path
 
     return write_config
@@ -62,20 +63,11 @@ def read(path, records=()):
 
 def test_the_example_in_words_of_the_library():
     given, wanted = read(None)
-    assert wanted.space.names == (
-        "rod_1.tau_f",
-        "rod_2.tau_f",
-        "rod_1.tau_x",
-        "rod_2.tau_x",
-        "friction",
-    )
+    assert wanted.space.names == ("friction",)
     nominal = wanted.space.nominal
     assert wanted.space.variables["friction"].high == pytest.approx(5 * nominal.friction)
-    assert wanted.space.variables["rod_1.tau_x"] == jp.Bounds(
-        0.8 * nominal.rod_1.tau_x, 5 * nominal.rod_1.tau_x, "log"
-    )
     assert wanted.objective == jp.Objective(
-        limits={"peak_f1": jp.Limit(1.8e6, "mean"), "damper_force": jp.Limit(800e3)}
+        limits={"peak_f1": jp.Limit(1.9e6, "mean"), "damper_force": jp.Limit(800e3)}
     )
     assert (len(wanted.ensemble), given.search.fresh) == (256, 1000)
     assert given.search.options() == {"starts": 4, "iterations": 100, "key": 0}

@@ -193,12 +193,12 @@ FAULTS = [
             ("building = 3\nfloors = 'common'\ngap = 0", "building = 3 must be from 1 to 2, with"),
             (
                 "building = 1\nfloor = 4\ngap = 0",
-                "floor = 4 must be from 1 to 3, the floors",
+                "floor = 4 must be from 1 to 3: building 1 has 3 floors",
             ),
             ("building = 1\nfloor = 0\ngap = 0", "floor = 0 must be from 1 to 1000"),
             (
                 "building = 2\nfloor = 3\ngap = 0",
-                "next_floor = 3 must be from 1 to 2, the floors of building 3",
+                "next_floor = 3 must be from 1 to 2: building 3 has 2 floors",
             ),
             (
                 "building = 1\nfloor = 1\nnext_building = 3\ngap = 0",
@@ -206,11 +206,11 @@ FAULTS = [
             ),
             (
                 "building = 1\nfloor = 1\nnext_floor = 1\nnext_building = 1\ngap = 0",
-                "floor 1 of building 1 and floor 1 of building 1 must be two different floors",
+                "in 1, floor 1 must be two different floors",
             ),
             (
                 "building = 1\nfloor = 2\ngap = 0",
-                "floor 2 of building 1 and floor 2 of building 2, at 6 m and 7 m, must be at one "
+                "1–2, floor 2, at 6 m and 7 m, must be at one "
                 "height; next_floor says which floor is meant",
             ),
             (
@@ -266,13 +266,12 @@ FAULTS = [
     (
         f"{THREE}[[link]]\nbuilding = 2\nfloors = 'common'\ngap = 0\n"
         "[[link]]\nbuilding = 2\nfloor = 2\ngap = 0.1",
-        "[[link]] 2 between floor 2 of building 2 and floor 2 of building 3 must not stand where "
-        "[[link]] 1 does",
+        "[[link]] 2 (2–3, floor 2) must not stand where [[link]] 1 does",
     ),
     (
         f"{THREE}[[link]]\nbuilding = 2\nfloor = 1\ngap = 0\n"
         "[[link]]\nbuilding = 2\nfloor = 5\ngap = 0.1",
-        "[[link]] 2 floor = 5 must be from 1 to 3, the floors of building 2",
+        "[[link]] 2 floor = 5 must be from 1 to 3: building 2 has 3 floors",
     ),
     (
         f"{THREE}[[link]]\nbuilding = 2\nfloor = 1\ngap = 0\n"

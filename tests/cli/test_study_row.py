@@ -12,6 +12,7 @@ from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
 from jaxpound.cli.report import fragilities_of_links
 from jaxpound.cli.simulate import Simulation
+from jaxpound.model.places import link_places
 from tests.cli.commands import edited, number, refusal, run, tables
 
 STUDY, DESIGN = (example(command, "row") for command in ("montecarlo", "design"))
@@ -121,11 +122,11 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
         for p, gap in one["required_gap"].items():
             assert gap["value"] == study.required_gap(float(p), link=k).value
     assert 0 < answers["links"][1]["pounding_probability"]["value"] < 1
-    page = (out / "summary.md").read_text()
+    page, places = (out / "summary.md").read_text(), link_places(study.topology)
     assert "# Monte Carlo study of buildings in a row" in page
-    assert re.findall(r"slid by the damper of link (\d)", page) == ["3"]
+    assert re.findall(r"slid by the damper, ([^|]*) \|", page) == [places[2]]
     (links,) = (table for table in tables(page) if "between" in table[0])
-    assert links[1]["between"] == "floor 2 of buildings 1 and 2"
+    assert links[1]["between"] == "1–2, floor 2"
     value = answers["links"][1]["pounding_probability"]["value"]
     assert number(links[1]["probability of pounding"]) == pytest.approx(value, rel=1e-3)
     assert "absolute sum" not in page
@@ -134,7 +135,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert any(fitted)
     assert ("No fragility curve fits a link" in page) == (None in fitted)
     drawn = fragilities_of_links(study)
-    assert drawn.keys() - {"any link"} == {f"link {k + 1}" for k in (0, 1) if fitted[k]}
+    assert drawn.keys() - {"any link"} == {places[k] for k in (0, 1) if fitted[k]}
     assert drawn["any link"].median == answers["fragility"]["pga"]["median"]
     assert "![fragility of links](fragility_of_links.png)" in page
     for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
@@ -208,9 +209,7 @@ def test_dampers_of_a_row_share_a_budget(tmp_path, monkeypatch):
     answers = json.loads((out / "summary.json").read_text())
     assert answers["limits"]["total_damper_force"]["reached"] <= 400e3 * 1.001
     *chosen, together = answers["answer"]
-    assert [row["quantity"] for row in chosen] == [
-        f"slip force, floor {i} of buildings 1 and 2" for i in (1, 2)
-    ]
+    assert [row["quantity"] for row in chosen] == [f"slip force, 1–2, floor {i}" for i in (1, 2)]
     assert together["after"] == pytest.approx(sum(row["after"] for row in chosen))
     assert "slip forces of all dampers together" in screen
     form = File.opened(out / "buildings.toml", "simulate").read(Simulation).form

@@ -19,6 +19,7 @@ import jaxpound as jp
 from jaxpound.cli import design as command
 from jaxpound.cli.parameters import PairParameters
 from jaxpound.design import search as design_search
+from jaxpound.design.design import Comparison
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.prices import PRICES
 from jaxpound.design.problem import DesignProblem
@@ -104,10 +105,24 @@ def test_a_limit_is_kept_and_its_multiplier_is_its_worth(stand_in):
     assert found.values["friction"] == pytest.approx(0.5, rel=1e-3)
     assert found.values["mass_ratio"] == pytest.approx(1.5, abs=5e-3)
     assert found.multipliers["damper_force"] == pytest.approx(0.1, rel=1e-2)
+    assert found.active_limits == ("damper_force",)
+    assert re.search(r"damper_force +0\.5.* +active limit", str(found))
     assert found.gradient_norm < 5e-3
     loose = search(jp.Objective(limits={"damper_force": 0.9}))
     assert loose.values["friction"] == pytest.approx(0.6, abs=2e-3)
     assert loose.multipliers["damper_force"] == 0
+    assert loose.active_limits == ()
+    assert "active limit" not in str(loose)
+
+
+def test_a_damper_that_practically_never_slips_is_named():
+    columns = {"damper_force": np.full(2, 0.3), "peak_x1": np.ones(2), "peak_x2": np.full(2, 2.0)}
+    after = {slid: columns | {"slip_distance": np.array([0.0, slid])} for slid in (1.8, 2.2)}
+    topology = jp.paper.structures().system().topology
+    hardly, often = (
+        Comparison(x, x, jp.Objective(), False, topology).hardly_slipping for x in after.values()
+    )
+    assert (hardly, often) == (("damper",), ())
 
 
 def test_a_penalty_moves_the_optimum_by_its_weight(stand_in):

@@ -48,7 +48,7 @@ def test_common_floors_are_those_of_one_number_or_one_height():
     model = jp.ShearBuilding(three.storeys, 0.1)  # of a shaking table: no slab is 0.2 m there
     assert len(jp.floor_links((model, model))) == 3
     shifted = jp.ShearBuilding(three.storeys, (4.5, 3.0, 3.0))
-    with pytest.raises(ValueError, match="buildings 0 and 1 must have floors at the same height"):
+    with pytest.raises(ValueError, match="buildings 1 and 2 must have floors at the same height"):
         jp.floor_links((three, shifted))
     with pytest.raises(ValueError, match="1 of them, must be two or more"):
         jp.floor_links((three,))
@@ -68,8 +68,11 @@ def test_links_of_one_gap_are_those_of_its_buildings():
 @pytest.mark.parametrize(
     ("links", "message"),
     [
-        ((jp.FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2, .* of building 0"),
-        ((jp.FloorLink(0, 2),), r"links.0: next_floor = 2 must be from 0 to 1, .* building 1"),
+        ((jp.FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
+        (
+            (jp.FloorLink(0, 2),),
+            r"links.0: next_floor = 2 must be from 0 to 1: building 2 has 2 floors",
+        ),
         ((jp.FloorLink(1, 0),), "links.0: next_building = 2 must be from 0 to 1"),
         ((jp.FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
         (
@@ -78,11 +81,11 @@ def test_links_of_one_gap_are_those_of_its_buildings():
         ),
         (
             (jp.FloorLink(0, 1, next_floor=1, next_building=0),),
-            "floor 1 of building 0 and floor 1 of building 0 must be two different floors",
+            "in 1, floor 2 must be two different floors",
         ),
         (
             (jp.FloorLink(0, 0), jp.FloorLink(0, 1), jp.FloorLink(0, 1)),
-            "links.2 between floor 1 of building 0 and floor 1 of building 1 must not stand where "
+            "links.2 \\(1–2, floor 2\\) must not stand where "
             "links.1 does: one link has friction, gap and contact",
         ),
         (
@@ -92,7 +95,7 @@ def test_links_of_one_gap_are_those_of_its_buildings():
                 jp.FloorLink(0, 1, 0),
                 jp.FloorLink(0, 1),
             ),
-            "links.3 between floor 1 of building 0 and floor 1 of building 1 must not close a ring",
+            "links.3 \\(1–2, floor 2\\) must not close a ring",
         ),
     ],
 )
@@ -109,7 +112,7 @@ def test_links_that_cannot_be_are_refused(links, message):
         (lambda: jp.FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
         (
             lambda: jp.FloorLink(0, 0, gap=-0.1),
-            "building 1: gap = -0.1 must be not neg",
+            "1–2, floor 1: gap = -0.1 must be not neg",
         ),
         (
             lambda: jp.FloorLink(0, 0, next_floor=3, next_building=jp.GROUND),

@@ -163,11 +163,11 @@ SHIFTED = jp.ShearBuilding(LOW.storeys, (4.0, 3.0))
         (lambda: jp.ShearBuilding.published("chopra"), "unknown name 'chopra'"),
         (
             lambda: jp.dimensionless_row((LOW, SHIFTED), (jp.FloorLink(0, 0),)),
-            "links.0: floor 0 of building 0 and floor 0 of building 1, at 3 m and 4 m, must be at",
+            "links.0: 1–2, floor 1, at 3 m and 4 m, must be at",
         ),
         (
             lambda: jp.dimensionless_row((LOW, LOW), (jp.FloorLink(0, 2),)),
-            "links.0: floor = 2 must be from 0 to 1, the floors of building 0",
+            "links.0: floor = 2 must be from 0 to 1: building 1 has 2 floors",
         ),
         (lambda: jp.dimensionless_row((LOW, 3.0)), "buildings.1 = 3.0 must be"),
         (lambda: jp.modes(3.0), "modes: structures = 3.0 must be"),

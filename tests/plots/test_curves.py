@@ -53,12 +53,20 @@ def ax():
     return Figure().add_subplot()
 
 
+def by_floor(what):
+    return [f"{what} {floor} of building {b}" for b, floor in ((1, 1), (1, 2), (2, 1), (3, 1))]
+
+
+NAMES = {
+    "mass": by_floor("floor"),
+    "rod": by_floor("storey"),
+    "link": ["1–2, floors 2–1", "1–ground, floor 1", "2–3, floor 1"],
+}
+
+
 def drawn(ax):
-    return {
-        line.get_label(): line.get_xydata().T
-        for line in ax.lines
-        if line.get_label().partition(" ")[0] in ("mass", "rod", "link")
-    }
+    named = {name for names in NAMES.values() for name in names}
+    return {line.get_label(): line.get_xydata().T for line in ax.lines if line.get_label() in named}
 
 
 @pytest.mark.parametrize(
@@ -78,7 +86,7 @@ def drawn(ax):
 def test_every_mass_rod_and_link_is_drawn_over_time(draw, what, expected, y, ax):
     draw(response(), ax)
     found = drawn(ax)
-    assert list(found) == [f"{what} {i + 1}" for i in range(len(expected))]
+    assert list(found) == NAMES[what]
     for (x, values), wanted in zip(found.values(), expected, strict=True):
         np.testing.assert_array_equal(x, TIME)
         np.testing.assert_array_equal(values, wanted)
@@ -90,16 +98,16 @@ def test_every_mass_rod_and_link_is_drawn_over_time(draw, what, expected, y, ax)
 def test_rods_are_drawn_over_their_own_elongation(ax):
     plots.rod_hysteresis(response(), ax)
     found = drawn(ax)
-    for i, e in enumerate((X[0], X[1] - X[0], X[2], -X[3]), 1):
-        np.testing.assert_array_equal(found[f"rod {i}"], [e, (i + 2) * TIME])
+    for i, e in enumerate((X[0], X[1] - X[0], X[2], -X[3])):
+        np.testing.assert_array_equal(found[NAMES["rod"][i]], [e, (i + 3) * TIME])
     assert ax.get_xlabel().startswith("elongation")
 
 
 def test_links_are_drawn_over_their_own_slip(ax):
     plots.friction_hysteresis(response(), ax)
     found = drawn(ax)
-    for i, slip in enumerate((X[1] - X[2], -X[0], X[2] - X[3]), 1):
-        np.testing.assert_array_equal(found[f"link {i}"][0], slip)
+    for name, slip in zip(NAMES["link"], (X[1] - X[2], -X[0], X[2] - X[3]), strict=True):
+        np.testing.assert_array_equal(found[name][0], slip)
     assert ax.get_xlabel().startswith("slip $x_i - x_j$")
 
 
@@ -107,8 +115,8 @@ def test_the_gap_of_every_link_that_has_one_is_drawn(ax):
     run = response()
     plots.gap(run, ax)
     found = drawn(ax)
-    assert list(found) == ["link 1", "link 3"]
-    np.testing.assert_array_equal(found["link 3"][1], run.links[2].gap)
+    assert list(found) == NAMES["link"][::2]
+    np.testing.assert_array_equal(found["2–3, floor 1"][1], run.links[2].gap)
     smallest = float(run.min_gap)
     assert ax.lines[-1].get_ydata() == smallest
     words = [text.get_text().replace("−", "-") for text in ax.get_legend().texts]
@@ -171,7 +179,7 @@ def test_of_many_floors_only_the_buildings_are_named(ax):
         tops = [each.lines[i].get_color() for i in (3, 6)]
         assert tops == [plots.COLOURS[f"structure {b}"].lower() for b in (1, 2)]
     plots.friction_force(run, ax)
-    assert "link 3" in shown(ax)
+    assert "1–2, floor 3" in shown(ax)
 
 
 def test_of_many_links_those_between_the_same_buildings_have_one_name(ax):
@@ -179,10 +187,10 @@ def test_of_many_links_those_between_the_same_buildings_have_one_name(ax):
     links = jp.floor_links(row.buildings, gap=0.5, friction=0.1)
     run = row_response(row_of((3, 3, 2), links), TIME, lambda i, t: i * np.sin(t))
     plots.friction_force(run, ax)
-    assert shown(ax) == ["links 1–3", "links 4–5"]
+    assert shown(ax) == ["1–2", "2–3"]
     every = Figure().add_subplot()
     plots.gap(run, every)
-    assert shown(every)[:2] == ["links 1–3", "links 4–5"]
+    assert shown(every)[:2] == ["1–2", "2–3"]
     assert len([line for line in every.lines if np.size(line.get_xdata()) == TIME.size]) == 5
 
 
@@ -196,7 +204,30 @@ def test_links_that_are_named_together_are_told_apart_from_others_between(ax):
     )
     run = row_response(row_of((3, 3), links), TIME, lambda i, t: i * np.sin(t))
     plots.friction_force(run, ax)
-    assert shown(ax) == ["link 2", "links 1, 3–4", "link 5"]
+    assert shown(ax) == ["in 1", "1–2", "2–ground"]
+
+
+def without_dampers(run, numbers):
+    links = [
+        dataclasses.replace(link, friction=0 * link.friction) if k in numbers else link
+        for k, link in enumerate(run.links)
+    ]
+    return dataclasses.replace(run, links=tuple(links))
+
+
+def test_of_links_without_a_damper_nothing_speaks_of_friction(ax):
+    links = jp.floor_links(row_of((2, 2)).buildings, gap=0.5, friction=0.1)
+    run = row_response(row_of((2, 2), links), TIME, lambda i, t: i**2 * np.sin(t))
+    plots.friction_force(without_dampers(run, [0]), ax)
+    (line,) = ax.lines
+    assert line.get_label() == "1–2, floor 2"
+    (loop,) = plots.friction_hysteresis(without_dampers(run, [0])).lines
+    np.testing.assert_array_equal(loop.get_ydata(), run.links[1].friction)
+    free = without_dampers(run, [0, 1])
+    assert len(free.plot().axes) == len(run.plot().axes) - 1
+    assert "friction" not in shown(plots.energy(free))
+    assert "damper" not in str(free)
+    assert "damper 1–2, floor 1" in str(run)
 
 
 def test_a_legend_is_no_wider_than_its_axes():

@@ -41,7 +41,7 @@ def test_a_floor_s_demand_stands_at_its_height(ax):
     (line,) = ax.lines
     np.testing.assert_array_equal(line.get_xydata(), [(3.0, 3.0), (3.1, 6.5), (3.2, 10.0)])
     assert line.get_color() == COLOURS["structure 1"]
-    assert ax.get_xlabel() == "absolute acceleration\npeak $|a|$ (m/s²)"
+    assert ax.get_xlabel() == "absolute acceleration\npeak $|a|$ ($g$)"
     assert ax.get_ylabel() == "height (m)"
 
 

@@ -89,10 +89,10 @@ def test_what_links_are_between_is_told():
     )
     run = row_response(row_of((2, 1), links), TIME, sway)
     ax = plots.gap_map(run, Figure().add_subplot())
-    assert set(row_names(ax)) == {"1–2, floors 2–1", "2–ground, floor 1", "in 1, floors 2–1"}
+    assert set(row_names(ax)) == {"1–2, floors 2–1", "2–ground, floor 1", "in 1, floors 1–2"}
     crossed = dataclasses.replace(run, rods=run.rods[:2])  # no buildings
     ax = plots.gap_map(crossed, Figure().add_subplot())
-    assert row_names(ax) == ["link 1", "link 2", "link 3"]
+    assert row_names(ax) == ["masses 2–3", "mass 3–ground", "masses 1–2"]
 
 
 def test_wrong_arguments_are_refused(ax):

@@ -7,7 +7,6 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.plots import rare_events
-from jaxpound.plots.style import own_figure
 
 HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
 SCENARIOS = jp.Scenarios(
@@ -43,7 +42,7 @@ def test_a_design_earthquake():
     assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
     assert below.lines[0].get_ydata() == pytest.approx(1 - np.asarray(response.links[0].gap))
     assert [text.get_text() for text in below.get_legend().texts] == [
-        "closing of link 1",
+        "closing, 1–2, floor 1",
         "threshold",
         r"$t$ = 6, $\beta$ = 2.83",
     ]
@@ -59,7 +58,7 @@ def test_a_design_earthquake():
 
 
 def test_a_curve_of_probabilities():
-    figure = own_figure(rare_events.probability_curve, [event(0.4, 1e-5), event(0.2, 1e-3)])
+    figure = rare_events.probability_curve([event(0.4, 1e-5), event(0.2, 1e-3)]).figure
     (ax,) = figure.axes
     estimate, form = ax.lines
     assert estimate.get_xdata().tolist() == [0.2, 0.4]

@@ -61,6 +61,22 @@ def test_every_number_stands_in_the_picture_and_none_on_another(name):
     mpl.pyplot.close(figure)
 
 
+def test_numbers_in_si_stand_between_the_columns_of_their_storey():
+    scales = jp.Scales(mass=2e5, frequency=25.0)
+    ax = plots.row(ROWS["three"], scales=scales)
+    ax.figure.draw_without_rendering()
+    words = {text.get_text(): text.get_window_extent() for text in ax.texts}
+    assert "$m_{1}$ = 200 t" in words
+    assert f"$\\xi_{{0,1}}$ = {0.234 * float(scales.length):.3g} m" in words
+    assert f"$\\mu_{{1}}$ = {0.0125 * float(scales.force) / 1e3:.3g} kN" in words
+    columns = [line.get_window_extent() for line in ax.lines if line.get_linewidth() == 2.2]
+    of_rods = [box for text, box in words.items() if text.startswith("$K")]
+    assert len(of_rods) == 11
+    assert not any(box.overlaps(column) for box in of_rods for column in columns)
+    boxes = words.values()
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
 def pads(ax):
     return [p for p in ax.patches if p.get_facecolor() == mpl.colors.to_rgba("#E69F00")]
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.model.places import link_places
 from jaxpound.risk.instants import chosen_instants, measured, series_of
 from jaxpound.simulation.course import positions_at
 
@@ -47,7 +48,9 @@ def test_the_gradient_of_a_closing_is_that_of_its_difference():
 def test_series_of_a_row():
     system = row()
     gaps = series_of(system, "required_gap", pounding=False)
-    assert [one.words for one in gaps] == ["closing of link 1", "closing of link 2"]
+    assert [one.words for one in gaps] == [
+        f"closing, {place}" for place in link_places(system.topology)
+    ]
     # Five masses and two links: displacements, closings, gaps.
     assert [np.flatnonzero(one.row).tolist() for one in gaps] == [[5], [6]]
     (up, down) = series_of(system, "peak_drift_2", pounding=False)

@@ -325,4 +325,7 @@ def test_several_links_are_told_apart_by_number():
     assert again.scalars() == found.scalars()
     scales = jp.Scales(mass=2e5, frequency=6.0)
     assert float(scales.to_si(run).links[1].gap[0]) == pytest.approx(0.6 * scales.length)
-    assert "damper 2" in str(run)
+    shown = str(run), str(found)
+    assert "damper 1–2, floor 2" in shown[0]
+    for words in ("floor 2 of building 1", "storey 1 of building 2", "1–2, floor 1"):
+        assert words in shown[1]

@@ -72,7 +72,7 @@ def test_required_gaps_are_a_table_with_a_row_for_each_link(study, folder):
         assert found.gaps[1] == one.in_si(scales).required_gap(0.1, link=1)
         shown = assert_shown(found)
         assert shown[0] == "Required gap at a probability of pounding of 0.1"
-        at = shown.index("floor 2 of buildings 1 and 2")
+        at = shown.index("1–2, floor 2")
         assert shown[at + 1] == f"{found.gaps[1].value:.4g}"
         assert "gap (m)" in shown
 
