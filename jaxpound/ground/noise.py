@@ -199,8 +199,8 @@ def _of_straight_lines(
     Samples of h itself fold all that is faster than π/dt into what is slower, and straight lines
     between them lose some of what is fast. The polygon that is nearest to h, in least squares, does
     neither. Its samples are ∫ h φ_j dt, with the triangle φ_j of unit area around j·dt, less a
-    correction by the triangles' own overlap, (2 + cos ω dt) / 3 in the domain of frequencies. Of the
-    corrections of this gain, the causal one is taken: phases of a noise mean nothing.
+    correction by the triangles' own overlap, (2 + cos ω dt) / 3 in the domain of frequencies. The
+    causal one of this gain is taken: phases of a noise mean nothing.
     """
     place = (np.arange(_PLACES) + 0.5) / _PLACES
     instants = (np.arange(n)[:, None] + place).astype(dtype) * dt

@@ -17,12 +17,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import is_traced
+from jaxpound._extrema import peak
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.intensity import pga
-from jaxpound.ground.motion import Ground, GroundLike, records_in, unresolved
+from jaxpound.ground.motion import Ground, GroundLike, records_in, sampled, unresolved
 
 MOST_PGA = 5.0
 """Largest plausible peak ground acceleration, g: the largest recorded are about 4."""
+
+MOST_UNSTATED = 1.5
+"""Largest plausible peak, g, of a record whose unit nobody has stated: few records reach it, and
+many in m/s² do."""
+
+ISOLATED = 3.0
+"""Largest plausible ratio of a record's largest sample to the next one: the ground moves through
+several samples, and one alone is damage. Of recorded motions it is 1.7 at most, however coarse."""
+
+MANY = 100
+"""Samples of a record, and not of a few made-up numbers."""
 
 FAR_GAP = 100.0
 """Largest plausible ratio of the gap to the displacements: below it, a pair may be meant never to
@@ -58,6 +69,26 @@ def tell(owner: str, findings: list[str], strict: bool) -> None:
         level, frame = level + 1, frame.f_back
     for finding in findings:
         warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
+
+
+def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
+    """Findings in the samples of a record in g and seconds, whose unit was stated or not."""
+    size = np.abs(samples)
+    if len(size) < MANY:
+        return []
+    largest = int(np.argmax(size))
+    peak, others = float(size[largest]), float(np.delete(size, largest).max())
+    if not peak:
+        return ["the acceleration is 0 throughout: is this the right file or column?"]
+    if peak > ISOLATED * others > 0:
+        place = f"sample {largest}, at {largest * dt:.6g} s,"
+        return [
+            f"{place} is {samples[largest]:.4g} g, and no other is above {others:.4g} g: is it "
+            "damaged?"
+        ]
+    if not stated and peak > MOST_UNSTATED:
+        return [f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"]
+    return []
 
 
 def excessive(ground: GroundLike, pga: Any, name: str = "ground") -> list[str]:
@@ -128,7 +159,7 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
 
 @partial(jax.jit, static_argnames="grid")
 def _pgas(grounds: Ground, grid: TimeGrid) -> jax.Array:
-    return jax.vmap(lambda ground: pga(ground, grid))(grounds)
+    return jax.vmap(lambda ground: peak(sampled(ground, grid).samples))(grounds)
 
 
 def _share(some: int, n: int) -> str:

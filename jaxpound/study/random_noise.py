@@ -15,7 +15,7 @@ from jaxpound._fields import Checked, parameter, part
 from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, known_unit
 from jaxpound.ground.noise import Filter, filtered
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, derived
 from jaxpound.study.distributions import Distribution
 from jaxpound.study.ground_draw import GroundDraw
 from jaxpound.study.scenarios import NUMBER_BYTES
@@ -77,9 +77,9 @@ class FilteredNoise(Checked, GroundDraw):
     The parameters' names are ``noise_1`` to ``noise_n``, and ``intensity`` if it is random. By
     Fourier transforms, the samples cost O(n log n).
 
-    The envelope comes after the filter, so that even noise of ``CloughPenzien`` ends with a velocity
-    and metres away. What moves relative to the ground does not notice. Where displacements of the
-    ground itself matter, ``high_pass`` (0.1 Hz, say) returns both to zero, within one or two of its
+    The envelope comes after the filter: noise of ``CloughPenzien``, too, ends metres away and with
+    a velocity. What moves relative to the ground does not notice. Where displacements of the ground
+    itself matter, ``high_pass`` (0.1 Hz, say) returns both to zero, within one or two of its
     periods after the shaking, for which there must be samples.
 
     Examples
@@ -150,7 +150,7 @@ class FilteredNoise(Checked, GroundDraw):
             samples = samples * self.envelope(np.arange(self.samples, dtype=z.dtype) * self.dt)
         if self.high_pass is not None:
             samples = high_passed(samples, self.dt, self.high_pass)
-        return Record(self._intensity(z) * samples, self.dt, time_unit=self.time_unit)
+        return derived(self._intensity(z) * samples, self.dt, time_unit=self.time_unit)
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The numbers of the noise, and the intensity, if random."""
@@ -252,7 +252,7 @@ class NonstationaryNoise(Checked, GroundDraw):
         samples = noise * modulation(t, self.arias_intensity, self.duration, self.mid_time)
         if self.high_pass is not None:
             samples = high_passed(samples, self.dt, self.high_pass)
-        return Record(samples, self.dt)
+        return derived(samples, self.dt)
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The numbers of the noise."""

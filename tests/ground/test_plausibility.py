@@ -124,7 +124,7 @@ def test_a_record_loses_what_is_above_the_nyquist_frequency_of_a_coarse_grid(
     """``share`` of the amplitude at a frequency in Hz; the Nyquist frequency of .1 s is 5 Hz."""
     t = 0.02 * np.arange(1000)
     samples = np.sin(2 * np.pi * t) + share * np.sin(2 * np.pi * frequency * t)
-    found = unresolved(jp.Record(samples, 0.02, "tone"), dt)
+    found = unresolved(jp.Record(samples, 0.02, "tone", units="g"), dt)
     assert len(found) == said
     if found:
         lost = share**2 / (1 + share**2)
