@@ -19,7 +19,14 @@ import numpy as np
 from jaxpound._checks import is_traced
 from jaxpound._extrema import peak
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground, GroundLike, records_in, sampled, unresolved
+from jaxpound.ground.motion import (
+    Ground,
+    GroundLike,
+    as_motion,
+    records_in,
+    sampled,
+    unresolved,
+)
 
 MOST_PGA = 5.0
 """Largest plausible peak ground acceleration, g: the largest recorded are about 4."""
@@ -41,6 +48,9 @@ pound; above it a unit is probably wrong (m for cm or mm is a factor of 100 or 1
 
 DEEP = 0.25
 """Largest plausible ratio of a penetration to the displacements: real floors stay below a tenth."""
+
+LATE = 0.1
+"""Largest plausible share of a ground motion's energy, ∫ u''² dt, after the end of a run."""
 
 LEAST_SHARE = 0.01
 """Share of a study's earthquakes that may be implausible: no probability changes by more."""
@@ -89,6 +99,24 @@ def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
     if not stated and peak > MOST_UNSTATED:
         return [f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"]
     return []
+
+
+def unseen(ground: GroundLike, grid: TimeGrid) -> list[str]:
+    """Findings where a run on a grid does not resolve a ground motion, or ends before most of it.
+
+    Known are the energies of records, wavelets and pulses, and of their sums and scalings.
+    """
+    return [] if is_traced(ground) else [*unresolved(ground, grid.dt), *_late(ground, grid)]
+
+
+def _late(ground: GroundLike, grid: TimeGrid) -> list[str]:
+    whole, later = (as_motion(ground).energy(t) for t in (-np.inf, grid.duration))
+    if not (whole and later and later > LATE * whole):
+        return []
+    return [
+        f"ground: {later / whole:.0%} of the motion's energy (∫ u''² dt) comes after the end of "
+        f"the run, and should be at most {LATE:.0%}: a longer time grid holds it"
+    ]
 
 
 def excessive(ground: GroundLike, pga: Any, name: str = "ground") -> list[str]:
@@ -143,11 +171,16 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
     """
     n, findings = len(jax.tree.leaves(grounds)[0]), []
     every = jax.tree.map(np.asarray, grounds)
-    found = [unresolved(jax.tree.map(lambda x, i=i: x[i], every), grid.dt) for i in range(n)]
-    unclear = [said for said in found if said]
-    if len(unclear) > LEAST_SHARE * n:
-        one = unclear[0][0].removeprefix("ground: ")
-        findings.append(f"ground: {_share(len(unclear), n)} are not resolved; of one, {one}")
+    each = [jax.tree.map(lambda x, i=i: x[i], every) for i in range(n)]
+    troubles = {
+        "are not resolved": [unresolved(ground, grid.dt) for ground in each],
+        "outlast the run": [_late(ground, grid) for ground in each],
+    }
+    for trouble, found in troubles.items():
+        examples = [said[0].removeprefix("ground: ") for said in found if said]
+        if len(examples) > LEAST_SHARE * n:
+            share = _share(len(examples), n)
+            findings.append(f"ground: {share} {trouble}; of one, {examples[0]}")
     if in_g or any(records_in(grounds)):
         pgas = np.asarray(_pgas(grounds, grid))
         beyond = int((pgas > MOST_PGA).sum())

@@ -243,6 +243,11 @@ class Record(GroundMotion):
             "longer than the sample interval lose nothing"
         ]
 
+    def energy(self, since: float) -> float:
+        """∫ u''² dt from an instant on, by its samples."""
+        later = np.arange(self.n_samples) * float(self.dt) >= since
+        return float(np.sum(np.square(self.samples, dtype=float)[later]) * float(self.dt))
+
     def __repr__(self) -> str:
         shape = np.shape(self.samples)
         if is_traced((self.samples, self.dt)) or len(shape) != 1 or np.ndim(self.dt):
