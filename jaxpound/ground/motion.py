@@ -258,8 +258,9 @@ class Sum(GroundMotion):
 
     def energy(self, since: float) -> float | None:
         """Sum over the parts, as of independent ones."""
-        parts = [ground.energy(since) for ground in self._motions()]
-        return None if None in parts else sum(parts)
+        energies = [ground.energy(since) for ground in self._motions()]
+        known = [energy for energy in energies if energy is not None]
+        return sum(known) if len(known) == len(energies) else None
 
     def dimensionless(self, frequency: Any) -> Sum:
         """The sum of the parts, each in units of 1/ω1."""

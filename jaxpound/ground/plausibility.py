@@ -87,17 +87,12 @@ def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
     if len(size) < MANY:
         return []
     largest = int(np.argmax(size))
-    peak, others = float(size[largest]), float(np.delete(size, largest).max())
-    if not peak:
-        return ["the acceleration is 0 throughout: is this the right file or column?"]
-    if peak > ISOLATED * others > 0:
-        place = f"sample {largest}, at {largest * dt:.6g} s,"
-        return [
-            f"{place} is {samples[largest]:.4g} g, and no other is above {others:.4g} g: is it "
-            "damaged?"
-        ]
-    if not stated and peak > MOST_UNSTATED:
-        return [f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"]
+    highest, others = float(size[largest]), float(np.delete(size, largest).max())
+    if highest > ISOLATED * others > 0:
+        place = f"acceleration[{largest}] = {samples[largest]:.4g} g, at {largest * dt:.6g} s,"
+        return [f"{place} stands alone, no other sample is above {others:.4g} g: is it damaged?"]
+    if not stated and highest > MOST_UNSTATED:
+        return [f"no unit is stated, and in g the peak is {highest:.4g} g: give units, of m/s2 say"]
     return []
 
 

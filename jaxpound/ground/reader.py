@@ -14,7 +14,7 @@ from jaxpound.ground.formats import FORMATS
 from jaxpound.ground.formats.rows import line_of
 from jaxpound.ground.formats.text import MisreadError, read_file
 from jaxpound.ground.formats.units import UNITS, acceleration_unit, stated_unit
-from jaxpound.ground.plausibility import PlausibilityWarning, of_samples
+from jaxpound.ground.plausibility import MANY, PlausibilityWarning, of_samples
 from jaxpound.ground.record import Record, derived
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 
@@ -122,6 +122,8 @@ def read_record(
     place = _place(file, line_of(read.rows, largest))
     hint = "are the units right, or is a decimal point lost?"
     require_possible(place, "acceleration", samples[largest], hint)
+    if len(samples) >= MANY and not samples.any():
+        notes.append("the acceleration is 0 throughout: is this the right file or column?")
     stated = units is not None or acceleration_unit(read.stated) is not None
     for note in [*notes, *of_samples(samples, read.dt, stated=stated)]:
         warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)

@@ -67,9 +67,9 @@ class Record(GroundMotion):
     Warns
     -----
     PlausibilityWarning
-        Of a hundred samples and more in seconds: if all are 0, one is more than three times all
-        others, or no units are stated and the peak is above 1.5 g, which few records in g reach and
-        many in m/s² do.
+        Of a hundred samples and more in seconds: if one is more than three times all others, or no
+        units are stated and the peak is above 1.5 g, which few records in g reach and many in m/s²
+        do.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Target spectra, those of codes too, and the ranges of periods in which codes want records to meet them."""
+"""Target spectra, of codes too, and the ranges of periods in which records are to meet them."""
 
 from __future__ import annotations
 
