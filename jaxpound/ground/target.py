@@ -234,8 +234,8 @@ class TargetSpectrum(Shown):
         Examples
         --------
         >>> target = jp.TargetSpectrum.asce_7(s_ds=1.0, s_d1=0.6, t_l=8.0)
-        >>> [round(float(x), 4) for x in target.at([0.0, 0.06, 0.12, 0.6, 1.0, 8.0, 16.0])]
-        [0.4, 0.7, 1.0, 1.0, 0.6, 0.075, 0.0188]
+        >>> [round(float(x), 4) for x in target.at([0.0, 0.06, 0.12, 0.6, 1.0, 8.0])]
+        [0.4, 0.7, 1.0, 1.0, 0.6, 0.075]
         """
         owner = "TargetSpectrum.asce_7"
         given = {"s_ds": s_ds, "s_d1": s_d1, "t_l": t_l}
