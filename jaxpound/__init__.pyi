@@ -115,6 +115,8 @@ from jaxpound.study.distributions import TwoSided as TwoSided
 from jaxpound.study.distributions import Uniform as Uniform
 from jaxpound.study.fragility import Fragility as Fragility
 from jaxpound.study.fragility import fit_fragility as fit_fragility
+from jaxpound.study.gaps import asce_7_gap as asce_7_gap
+from jaxpound.study.gaps import en_1998_gap as en_1998_gap
 from jaxpound.study.random_ground import RandomRecord as RandomRecord
 from jaxpound.study.random_ground import RandomRicker as RandomRicker
 from jaxpound.study.random_noise import FilteredNoise as FilteredNoise

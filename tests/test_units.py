@@ -38,7 +38,7 @@ def ground(gravity=jp.STANDARD_GRAVITY, sign=1.0):
     """A swept sine of up to 3 m/s², as a record in units of ``gravity``."""
     t = DT * np.arange(N_SAMPLES)
     shaking = 3.0 * np.sin(2 * np.pi * (0.6 + 0.2 * t) * t) * np.sin(np.pi * t / t[-1])
-    return jp.Record(sign * shaking / gravity, DT, "sweep")
+    return jp.Record(sign * shaking / gravity, DT, "sweep", units="g")
 
 
 def run(building_1, building_2, friction_force, gap, gravity=jp.STANDARD_GRAVITY, sign=1.0):

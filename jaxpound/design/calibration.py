@@ -25,8 +25,8 @@ from jaxpound._fields import quantities
 from jaxpound._tables import Shown, Table
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike, as_pytree, unresolved
-from jaxpound.ground.plausibility import tell
+from jaxpound.ground.motion import GroundLike, as_pytree
+from jaxpound.ground.plausibility import tell, unseen
 from jaxpound.model.system import Structures, System, is_closable
 from jaxpound.quantities import unit
 from jaxpound.results.elements import of_link
@@ -197,7 +197,7 @@ def calibrate(
     weights = _weights(owner, data, noise)
     shaking = as_pytree(ground, grid)
     if strict:  # before the time for the fit is spent
-        tell(owner, unresolved(ground, grid.dt), strict)
+        tell(owner, unseen(ground, grid), strict)
     known = {name: np.isfinite(x) for name, x in data.items()}
     n, d = sum(int(mask.sum()) for mask in known.values()), space.dimension
     enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])

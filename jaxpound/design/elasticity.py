@@ -14,8 +14,8 @@ from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.prices import gathered, require_over
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
-from jaxpound.ground.motion import GroundLike, unresolved
-from jaxpound.ground.plausibility import excessive, first_of, of_many, tell
+from jaxpound.ground.motion import GroundLike
+from jaxpound.ground.plausibility import excessive, first_of, of_many, tell, unseen
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.system import Structures
 from jaxpound.results.demand import unit_of
@@ -101,7 +101,7 @@ def elasticities(
         findings = of_many(jax.tree.map(lambda x: x[:first], ground.grounds), grid, in_g=False)
     else:
         ensemble = Ensemble.of([ground], grid)
-        findings = unresolved(ground, grid.dt) + excessive(ground, pga(ground, grid))
+        findings = unseen(ground, grid) + excessive(ground, pga(ground, grid))
     tell(owner, findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
     chosen = {

@@ -21,7 +21,7 @@ from jaxpound.ground.motion import (
     require_ground,
     sampled,
 )
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, derived
 from jaxpound.ground.ricker import Ricker
 from jaxpound.model.parameters import get, paths
 from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
@@ -198,7 +198,7 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
     """Padded to the longest: with wavelets of zero amplitude, or with zero samples."""
     if isinstance(grounds[0], Record):
         most = max(ground.n_samples for ground in grounds)
-        return [Record(_padded(g.samples, most), g.dt, "", g.time_unit) for g in grounds]
+        return [derived(_padded(g.samples, most), g.dt, "", g.time_unit) for g in grounds]
     most = max(np.size(ground.arrivals) for ground in grounds)
     return [
         Ricker(

@@ -149,6 +149,10 @@ class GroundMotion:
         """Which part of it steps of ``dt`` do not resolve, in words, as far as it is known."""
         return []
 
+    def energy(self, since: float) -> float | None:
+        """About ∫ u''² dt from an instant on, at its known values; None where it is not known."""
+        return None
+
     def dimensionless(self, frequency: Any) -> GroundMotion:
         """The motion, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s.
 
@@ -252,6 +256,12 @@ class Sum(GroundMotion):
         """What steps of ``dt`` do not resolve in each part, in words."""
         return [said for ground in self._motions() for said in ground.unresolved(dt)]
 
+    def energy(self, since: float) -> float | None:
+        """Sum over the parts, as of independent ones."""
+        energies = [ground.energy(since) for ground in self._motions()]
+        known = [energy for energy in energies if energy is not None]
+        return sum(known) if len(known) == len(energies) else None
+
     def dimensionless(self, frequency: Any) -> Sum:
         """The sum of the parts, each in units of 1/ω1."""
         return Sum(tuple(ground.dimensionless(frequency) for ground in self._motions()))
@@ -296,6 +306,11 @@ class Scaled(GroundMotion):
     def unresolved(self, dt: float) -> list[str]:
         """What steps of ``dt`` do not resolve of the ground motion, in words."""
         return as_motion(self.ground).unresolved(dt) if np.any(self.factor) else []
+
+    def energy(self, since: float) -> float | None:
+        """The factor's square times that of the ground motion."""
+        energy = as_motion(self.ground).energy(since)
+        return None if energy is None else float(self.factor) ** 2 * energy
 
     def dimensionless(self, frequency: Any) -> Scaled:
         """The factor times the ground motion in units of 1/ω1."""

@@ -17,12 +17,30 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import is_traced
+from jaxpound._extrema import peak
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.intensity import pga
-from jaxpound.ground.motion import Ground, GroundLike, records_in, unresolved
+from jaxpound.ground.motion import (
+    Ground,
+    GroundLike,
+    as_motion,
+    records_in,
+    sampled,
+    unresolved,
+)
 
 MOST_PGA = 5.0
 """Largest plausible peak ground acceleration, g: the largest recorded are about 4."""
+
+MOST_UNSTATED = 1.5
+"""Largest plausible peak, g, of a record whose unit nobody has stated: few records reach it, and
+many in m/s² do."""
+
+ISOLATED = 3.0
+"""Largest plausible ratio of a record's largest sample to the next one: the ground moves through
+several samples, and one alone is damage. Of recorded motions it is 1.7 at most, however coarse."""
+
+MANY = 100
+"""Samples of a record, and not of a few made-up numbers."""
 
 FAR_GAP = 100.0
 """Largest plausible ratio of the gap to the displacements: below it, a pair may be meant never to
@@ -31,9 +49,12 @@ pound; above it a unit is probably wrong (m for cm or mm is a factor of 100 or 1
 DEEP = 0.25
 """Largest plausible ratio of a penetration to the displacements: real floors stay below a tenth."""
 
-MOST_RESIDUAL = 0.01
+MOST_RESIDUAL = 0.02
 """Largest share of the energy put in that the balance of a resolved run leaves: where it is more,
 displacements are off by about as much."""
+
+LATE = 0.1
+"""Largest plausible share of a ground motion's energy, ∫ u''² dt, after the end of a run."""
 
 LEAST_SHARE = 0.01
 """Share of a study's earthquakes that may be implausible: no probability changes by more."""
@@ -62,6 +83,39 @@ def tell(owner: str, findings: list[str], strict: bool) -> None:
         level, frame = level + 1, frame.f_back
     for finding in findings:
         warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
+
+
+def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
+    """Findings in the samples of a record in g and seconds, whose unit was stated or not."""
+    size = np.abs(samples)
+    if len(size) < MANY:
+        return []
+    largest = int(np.argmax(size))
+    highest, others = float(size[largest]), float(np.delete(size, largest).max())
+    if highest > ISOLATED * others > 0:
+        place = f"acceleration[{largest}] = {samples[largest]:.4g} g, at {largest * dt:.6g} s,"
+        return [f"{place} stands alone, no other sample is above {others:.4g} g: is it damaged?"]
+    if not stated and highest > MOST_UNSTATED:
+        return [f"no unit is stated, and in g the peak is {highest:.4g} g: give units, of m/s2 say"]
+    return []
+
+
+def unseen(ground: GroundLike, grid: TimeGrid) -> list[str]:
+    """Findings where a run on a grid does not resolve a ground motion, or ends before most of it.
+
+    Known are the energies of records, wavelets and pulses, and of their sums and scalings.
+    """
+    return [] if is_traced(ground) else [*unresolved(ground, grid.dt), *_late(ground, grid)]
+
+
+def _late(ground: GroundLike, grid: TimeGrid) -> list[str]:
+    whole, later = (as_motion(ground).energy(t) for t in (-np.inf, grid.duration))
+    if not (whole and later and later > LATE * whole):
+        return []
+    return [
+        f"ground: {later / whole:.0%} of the motion's energy (∫ u''² dt) comes after the end of "
+        f"the run, and should be at most {LATE:.0%}: a longer time grid holds it"
+    ]
 
 
 def excessive(ground: GroundLike, pga: Any, name: str = "ground") -> list[str]:
@@ -127,11 +181,16 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
     """
     n, findings = len(jax.tree.leaves(grounds)[0]), []
     every = jax.tree.map(np.asarray, grounds)
-    found = [unresolved(jax.tree.map(lambda x, i=i: x[i], every), grid.dt) for i in range(n)]
-    unclear = [said for said in found if said]
-    if len(unclear) > LEAST_SHARE * n:
-        one = unclear[0][0].removeprefix("ground: ")
-        findings.append(f"ground: {_share(len(unclear), n)} are not resolved; of one, {one}")
+    each = [jax.tree.map(lambda x, i=i: x[i], every) for i in range(n)]
+    troubles = {
+        "are not resolved": [unresolved(ground, grid.dt) for ground in each],
+        "outlast the run": [_late(ground, grid) for ground in each],
+    }
+    for trouble, found in troubles.items():
+        examples = [said[0].removeprefix("ground: ") for said in found if said]
+        if len(examples) > LEAST_SHARE * n:
+            share = _share(len(examples), n)
+            findings.append(f"ground: {share} {trouble}; of one, {examples[0]}")
     if in_g or any(records_in(grounds)):
         pgas = np.asarray(_pgas(grounds, grid))
         beyond = int((pgas > MOST_PGA).sum())
@@ -143,7 +202,7 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
 
 @partial(jax.jit, static_argnames="grid")
 def _pgas(grounds: Ground, grid: TimeGrid) -> jax.Array:
-    return jax.vmap(lambda ground: pga(ground, grid))(grounds)
+    return jax.vmap(lambda ground: peak(sampled(ground, grid).samples))(grounds)
 
 
 def _share(some: int, n: int) -> str:

@@ -112,6 +112,12 @@ class Pulse(GroundMotion):
             f"least {STEPS_PER_WAVELET}: a finer time grid resolves it"
         ]
 
+    def energy(self, since: float) -> float:
+        """About ∫ u''² dt if the centre is at an instant or later, else 0."""
+        size = 2 * np.pi * float(self._size) / float(self.period)
+        whole = 3 / 16 * size**2 * float(self.cycles * self.period)
+        return whole if float(self.arrival) >= since else 0.0
+
     def dimensionless(self, frequency: Any) -> Pulse:
         """The pulse, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
         require_seconds("Pulse.dimensionless: pulse", self)

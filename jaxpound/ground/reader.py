@@ -13,13 +13,10 @@ from jaxpound._checks import number, positive
 from jaxpound.ground.formats import FORMATS
 from jaxpound.ground.formats.rows import line_of
 from jaxpound.ground.formats.text import MisreadError, read_file
-from jaxpound.ground.formats.units import UNIT, UNITS, acceleration_unit, whole_unit
-from jaxpound.ground.plausibility import PlausibilityWarning
-from jaxpound.ground.record import Record
+from jaxpound.ground.formats.units import UNITS, acceleration_unit, stated_unit
+from jaxpound.ground.plausibility import MANY, PlausibilityWarning, of_samples
+from jaxpound.ground.record import Record, derived
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
-
-_MANY = 100  # samples of a record, and not of a few made-up numbers
-_MOST_UNSTATED = 1.5  # g, of a record that states no unit: few records reach it, many do in m/s²
 
 
 def read_record(
@@ -69,9 +66,9 @@ def read_record(
         If data follow a comment inside the block of data, or a mark of its end; if rows of values
         look like columns side by side; if a value has other digits than nearly all others (of a
         thousand and more); if the time step is half a second or more; if the last line has no
-        line end and its value is the largest; or if no unit is stated and the peak of a hundred
-        samples and more would be above 1.5 g, which few records in g reach and many in m/s² do,
-        or is 0.
+        line end and its value is the largest; or, of a hundred samples and more, if all are 0, one
+        is more than three times all others, or no unit is stated and the peak would be above 1.5 g,
+        which few records in g reach and many in m/s² do.
 
     Raises
     ------
@@ -103,10 +100,7 @@ def read_record(
            .6876502E-02   .6705057E-02
     """
     if units is not None:
-        known = whole_unit(UNIT, units) if isinstance(units, str) else None
-        if known is None:
-            raise ValueError(f"read_record: units = {units!r} must be one of {', '.join(UNITS)}")
-        units = known
+        units = stated_unit("read_record", units)
     if dt is not None:
         (dt,) = positive("read_record", dt=number("read_record", "dt", dt))
     if not isinstance(path, str | os.PathLike):
@@ -128,22 +122,12 @@ def read_record(
     place = _place(file, line_of(read.rows, largest))
     hint = "are the units right, or is a decimal point lost?"
     require_possible(place, "acceleration", samples[largest], hint)
+    if len(samples) >= MANY and not samples.any():
+        notes.append("the acceleration is 0 throughout: is this the right file or column?")
     stated = units is not None or acceleration_unit(read.stated) is not None
-    for note in [*notes, *_doubts(samples, stated)]:
+    for note in [*notes, *of_samples(samples, read.dt, stated=stated)]:
         warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)
-    return Record(samples, read.dt, name=file.stem)
-
-
-def _doubts(samples: np.ndarray, stated: bool) -> list[str]:
-    """What is implausible in a record's samples, in g, whose unit is stated or not."""
-    peak = float(np.abs(samples).max())
-    if len(samples) < _MANY:
-        return []
-    if not peak:
-        return ["the acceleration is 0 throughout: is this the right file or column?"]
-    if not stated and peak > _MOST_UNSTATED:
-        return [f"no unit is stated, and in g the peak is {peak:.4g} g: give units, of m/s2 say"]
-    return []
+    return derived(samples, read.dt, file.stem)
 
 
 def _factor(stated: dict[str, int], units: str | None) -> float:

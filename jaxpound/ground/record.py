@@ -14,8 +14,9 @@ from jaxtyping import ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
 from jaxpound._extrema import larger, smaller
-from jaxpound._fields import check, label, parameter, pytree_dataclass, static
+from jaxpound._fields import assembled, check, label, parameter, pytree_dataclass, static
 from jaxpound.grid import TimeGrid
+from jaxpound.ground.formats.units import UNITS, stated_unit
 from jaxpound.ground.motion import (
     DIMENSIONLESS,
     SECONDS,
@@ -26,6 +27,8 @@ from jaxpound.ground.motion import (
     mean_acceleration,
     require_seconds,
 )
+from jaxpound.ground.plausibility import of_samples, tell
+from jaxpound.quantities import STANDARD_GRAVITY
 
 LOST_ENERGY = 0.01
 """Share of a record's energy (∫ u''² dt) that a time step may lose: it is 0.5 % of the root mean
@@ -42,7 +45,7 @@ class Record(GroundMotion):
     Parameters
     ----------
     acceleration
-        Samples, shape (n,), n ≥ 2, in g.
+        Samples, shape (n,), n ≥ 2, in g, or in ``units``; the record's own ``samples`` are in g.
     dt
         Sample interval > 0, in the unit of time.
     name
@@ -51,12 +54,22 @@ class Record(GroundMotion):
         Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
         dimensionless model. Runs of dimensionless structures refuse a record in seconds;
         ``Scales.to_dimensionless`` converts it, and ``simulate_buildings`` takes it as it is.
+    units
+        What the samples are in: "g", "m/s2", "cm/s2" or another unit of ``read_record``; None, of
+        which nothing is stated, means g.
 
     Raises
     ------
     ValueError
         If the samples are not one-dimensional, fewer than two or not finite, dt is not a number
-        > 0, the name is not a string, or time_unit is none of these.
+        > 0, the name is not a string, or time_unit or units is none of these.
+
+    Warns
+    -----
+    PlausibilityWarning
+        Of a hundred samples and more in seconds: if one is more than three times all others, or no
+        units are stated and the peak is above 1.5 g, which few records in g reach and many in m/s²
+        do.
 
     Examples
     --------
@@ -65,6 +78,8 @@ class Record(GroundMotion):
     Record('made up', 4 samples, dt = 0.5 s, duration 1.5 s, peak 0.3 g)
     >>> round(float(record.acceleration(0.75)), 6)  # half way between two samples
     -0.05
+    >>> float(jp.Record([0.0, 2.9, -1.4, 0.0], dt=0.5, units="m/s2").samples.max().round(4))  # g
+    0.2957
     """
 
     samples: Any
@@ -73,7 +88,12 @@ class Record(GroundMotion):
     time_unit: str = static(default=SECONDS)
 
     def __init__(
-        self, acceleration: Any, dt: Any, name: str = "", time_unit: str = SECONDS
+        self,
+        acceleration: Any,
+        dt: Any,
+        name: str = "",
+        time_unit: str = SECONDS,
+        units: str | None = None,
     ) -> None:
         samples = real("Record", "acceleration", acceleration)
         if jnp.ndim(samples) != 1 or jnp.size(samples) < 2:
@@ -81,6 +101,8 @@ class Record(GroundMotion):
                 f"Record: acceleration of shape {jnp.shape(samples)} must be one-dimensional "
                 "with at least two samples"
             )
+        if units is not None:
+            samples = samples * (UNITS[stated_unit("Record", units)] / STANDARD_GRAVITY)
         object.__setattr__(self, "samples", samples)
         if not isinstance(name, str):
             raise ValueError(f"Record: name = {name!r} must be a string")
@@ -88,6 +110,9 @@ class Record(GroundMotion):
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "time_unit", known_unit("Record", time_unit))
         check(self)
+        if self.time_unit == SECONDS and not is_traced((samples, self.dt)):
+            known = np.asarray(samples), float(self.dt)
+            tell("Record", of_samples(*known, stated=units is not None), strict=False)
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """The rule of the samples, under the name of their argument."""
@@ -198,7 +223,7 @@ class Record(GroundMotion):
 
     def _with(self, samples: Any, dt: Any) -> Record:
         """Other samples under the same name, in the same unit of time."""
-        return Record(samples, dt, self.name, self.time_unit)
+        return derived(samples, dt, self.name, self.time_unit)
 
     def unresolved(self, dt: float) -> list[str]:
         """Whether steps of ``dt`` lose much above their Nyquist frequency π/dt, in words.
@@ -218,6 +243,11 @@ class Record(GroundMotion):
             "longer than the sample interval lose nothing"
         ]
 
+    def energy(self, since: float) -> float:
+        """∫ u''² dt from an instant on, by its samples."""
+        later = np.arange(self.n_samples) * float(self.dt) >= since
+        return float(np.sum(np.square(self.samples, dtype=float)[later]) * float(self.dt))
+
     def __repr__(self) -> str:
         shape = np.shape(self.samples)
         if is_traced((self.samples, self.dt)) or len(shape) != 1 or np.ndim(self.dt):
@@ -228,6 +258,13 @@ class Record(GroundMotion):
             f"duration {float(self.duration):.6g} {unit}, "
             f"peak {float(abs(self.samples).max()):.4g} g)"
         )
+
+
+def derived(samples: Any, dt: Any, name: str = "", time_unit: str = SECONDS) -> Record:
+    """A record of samples in g that were read, drawn, or made of another's: plausible as those."""
+    record = assembled(Record, samples=samples, dt=dt, name=name, time_unit=time_unit)
+    check(record)
+    return record
 
 
 def stacked(records: Sequence[Record]) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:

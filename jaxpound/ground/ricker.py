@@ -119,6 +119,12 @@ class Ricker(GroundMotion):
             f"be at least {STEPS_PER_WAVELET}: a finer time grid resolves it"
         ]
 
+    def energy(self, since: float) -> float:
+        """∫ u''² dt of the wavelets whose centres are at an instant or later."""
+        rate, later = np.pi / np.asarray(self.periods), np.asarray(self.arrivals) >= since
+        each = 105 / 4 * np.sqrt(np.pi / 2) * np.asarray(self.amplitude) ** 2 * rate**3
+        return float(np.sum(each * later))
+
     def _sum(self, t: ArrayLike, shape: Callable[..., Any]) -> jax.Array:
         t = jnp.asarray(t)
         u0, tp, ts = (

@@ -27,7 +27,7 @@ from jaxpound._tables import Shown, Table
 from jaxpound.ground.intensity import spectra
 from jaxpound.ground.plausibility import tell
 from jaxpound.ground.reader import read_record
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, derived
 from jaxpound.ground.scaling import OWNER, Bounds, fitted_factors, misfit, raised
 from jaxpound.ground.target import PeriodRange, TargetSpectrum
 
@@ -83,7 +83,7 @@ class RecordSuite(Shown):
         records = tuple(
             record
             if record.name
-            else Record(record.samples, record.dt, f"record {i}", record.time_unit)
+            else derived(record.samples, record.dt, f"record {i}", record.time_unit)
             for i, record in enumerate(given, 1)
         )
         object.__setattr__(self, "records", records)
@@ -168,7 +168,7 @@ class RecordSuite(Shown):
         each = np.broadcast_to(known, len(self))
         return RecordSuite(
             tuple(
-                Record(record.samples * factor, record.dt, record.name, record.time_unit)
+                derived(record.samples * factor, record.dt, record.name, record.time_unit)
                 for record, factor in zip(self.records, each, strict=True)
             )
         )

@@ -1,8 +1,9 @@
-"""Target spectra, and the ranges of periods in which codes want records to meet them."""
+"""Target spectra, of codes too, and the ranges of periods in which records are to meet them."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -11,6 +12,14 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, number, positive, real
 from jaxpound._tables import Shown, Table
+
+_SOILS = {  # S, T_B, T_C, T_D of spectra of type 1 and 2
+    "A": ((1.0, 0.15, 0.4, 2.0), (1.0, 0.05, 0.25, 1.2)),
+    "B": ((1.2, 0.15, 0.5, 2.0), (1.35, 0.05, 0.25, 1.2)),
+    "C": ((1.15, 0.2, 0.6, 2.0), (1.5, 0.1, 0.25, 1.2)),
+    "D": ((1.35, 0.2, 0.8, 2.0), (1.8, 0.1, 0.3, 1.2)),
+    "E": ((1.4, 0.15, 0.5, 2.0), (1.6, 0.05, 0.25, 1.2)),
+}
 
 
 class PeriodRange(NamedTuple):
@@ -153,6 +162,89 @@ class TargetSpectrum(Shown):
         object.__setattr__(self, "periods", periods)
         object.__setattr__(self, "accelerations", accelerations)
         object.__setattr__(self, "damping", damping)
+
+    @classmethod
+    def en_1998(
+        cls, acceleration: float, ground: str, *, kind: int = 1, damping: float = 0.05
+    ) -> TargetSpectrum:
+        """Horizontal elastic response spectrum of EN 1998-1:2004, clause 3.2.2.2, up to 4 s.
+
+        With the recommended values of soil factor S and periods T_B, T_C, T_D (tables 3.2 and 3.3).
+        The correction of damping is η = √(10 / (5 + ξ)) ≥ 0.55, with ξ in percent (3.6).
+
+        Parameters
+        ----------
+        acceleration
+            a_g > 0, design ground acceleration on ground of type A, γ_I a_gR, g.
+        ground
+            Type of ground (table 3.1): "A", "B", "C", "D" or "E".
+        kind
+            1, or 2 for hazards whose magnitude M_s is 5.5 at most.
+        damping
+            Damping ratio ξ, at least 0 and below 1.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule.
+
+        Examples
+        --------
+        >>> target = jp.TargetSpectrum.en_1998(0.25, "C")
+        >>> [round(float(x), 4) for x in target.at([0.0, 0.2, 0.6, 1.2, 4.0])]
+        [0.2875, 0.7188, 0.7188, 0.3594, 0.0539]
+        """
+        owner = "TargetSpectrum.en_1998"
+        (a_g,) = positive(owner, acceleration=number(owner, "acceleration", acceleration))
+        if ground not in _SOILS:
+            raise ValueError(f"{owner}: ground = {ground!r} must be one of {', '.join(_SOILS)}")
+        if kind not in (1, 2):
+            raise ValueError(f"{owner}: kind = {kind!r} must be 1 or 2")
+        percent = 100 * float(number(owner, "damping", damping))
+        inside = 0 <= percent < 100
+        enforce(owner, [Rule("damping", damping, inside, "at least 0 and below 1")])
+        soil, t_b, t_c, t_d = _SOILS[ground][kind - 1]
+        top = 2.5 * max(math.sqrt(10 / (5 + percent)), 0.55)
+        last = 4.0
+        shares = [1.0, top, top, top * t_c / t_d, top * t_c * t_d / last**2]
+        name = f"EN 1998-1 type {kind}, ground {ground}"
+        accelerations = float(a_g) * soil * np.array(shares)
+        return cls([0.0, t_b, t_c, t_d, last], accelerations, percent / 100, name)
+
+    @classmethod
+    def asce_7(cls, s_ds: float, s_d1: float, t_l: float) -> TargetSpectrum:
+        """Design response spectrum of ASCE/SEI 7-16, section 11.4.6, up to 2 T_L.
+
+        It is the two-period spectrum of ASCE/SEI 7-22, section 11.4.5.2, too. With S_MS and S_M1,
+        which are 1.5 times S_DS and S_D1, it is that of the risk-targeted maximum considered
+        earthquake (7-16, section 11.4.7), to which chapter 16 scales records.
+
+        Parameters
+        ----------
+        s_ds, s_d1
+            S_DS, S_D1 > 0, design spectral accelerations at short periods and at 1 s, g.
+        t_l
+            T_L, long-period transition period, s, above T_S = S_D1 / S_DS.
+
+        Raises
+        ------
+        ValueError
+            If an argument breaks its rule.
+
+        Examples
+        --------
+        >>> target = jp.TargetSpectrum.asce_7(s_ds=1.0, s_d1=0.6, t_l=8.0)
+        >>> [round(float(x), 4) for x in target.at([0.0, 0.06, 0.12, 0.6, 1.0, 8.0])]
+        [0.4, 0.7, 1.0, 1.0, 0.6, 0.075]
+        """
+        owner = "TargetSpectrum.asce_7"
+        given = {"s_ds": s_ds, "s_d1": s_d1, "t_l": t_l}
+        known = positive(owner, **{key: number(owner, key, x) for key, x in given.items()})
+        short, second, long = map(float, known)
+        t_s = second / short
+        enforce(owner, [Rule("t_l", t_l, long > t_s, f"above s_d1 / s_ds = {t_s:.4g} s")])
+        accelerations = np.array([0.4 * short, short, short, second / long, second / long / 4])
+        return cls([0.0, 0.2 * t_s, t_s, long, 2 * long], accelerations, name="ASCE 7")
 
     def at(self, periods: ArrayLike) -> np.ndarray:
         """Spectral acceleration at natural periods, g, of their shape.

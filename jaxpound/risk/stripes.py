@@ -12,7 +12,7 @@ from jaxtyping import ArrayLike
 
 from jaxpound._tables import Shown, Table
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, derived
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures
 from jaxpound.risk.demanded import REQUIRED_GAP, Demanded
@@ -88,7 +88,7 @@ def _together(
                 name = f"{record.name} at {level:g}" if record.name in every else record.name
                 while name in every:
                     name += ", another"
-                every[name] = Record(record.samples, record.dt, name, record.time_unit)
+                every[name] = derived(record.samples, record.dt, name, record.time_unit)
     return tuple(every.values()), [np.array([numbers[id(one)] for one in x]) for x in suites]
 
 

@@ -19,8 +19,8 @@ from tqdm.auto import tqdm
 
 from jaxpound._checks import instance, number, require_memory
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import DIMENSIONLESS, unresolved
-from jaxpound.ground.plausibility import MOST_PGA, tell
+from jaxpound.ground.motion import DIMENSIONLESS
+from jaxpound.ground.plausibility import MOST_PGA, tell, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, is_closable
@@ -112,7 +112,7 @@ class SuiteRuns:
             structures = passing_through(structures)
         intensity = Intensity.of(owner, suite, asked.measure)
         factors = np.ones(len(suite)) if highest is None else highest / intensity.unscaled
-        findings = [said for record in shaking for said in unresolved(record, grid.dt)]
+        findings = [said for record in shaking for said in unseen(record, grid)]
         tell(owner, findings + _too_strong(suite, factors), asked.strict)
         require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
         wanted = asked.demand if callable(asked.demand) else name

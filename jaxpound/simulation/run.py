@@ -24,10 +24,16 @@ from jaxpound.ground.motion import (
     GroundLike,
     as_pytree,
     require_ground,
-    unresolved,
     velocity_and_bulge,
 )
-from jaxpound.ground.plausibility import excessive, far_apart, tell, too_deep, unbalanced
+from jaxpound.ground.plausibility import (
+    excessive,
+    far_apart,
+    tell,
+    too_deep,
+    unbalanced,
+    unseen,
+)
 from jaxpound.model.contact import Newton
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import GROUND, Link, Structures, System, is_closable
@@ -90,11 +96,12 @@ def simulate(
     -----
     PlausibilityWarning
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
-        record and loses more than 1 % of its energy; if the energy balance of ``simulate`` leaves
-        more than 1 % of the energy put in; if a record has a PGA above 5 g; if the gap is
-        more than 100 times the peak displacements of both its ends together, or a penetration more
-        than a quarter of them. The resolution of a plain function of t is not checked, since its
-        periods are not known.
+        record and loses more than 1 % of its energy; if more than 10 % of the motion's energy comes
+        after the end of the grid; if the energy balance of ``simulate`` leaves more than 2 % of the
+        energy put in; if a record has a PGA above 5 g; if the gap is more than 100 times the peak
+        displacements of both its ends together, or a penetration more than a quarter of them.
+        Neither resolution nor end of a plain function of t is checked, since its periods and
+        duration are not known.
 
     Notes
     -----
@@ -252,7 +259,7 @@ def _prepare(
         enforce("initial", initial_rules(initial, system, grid.dt))
     traceable = as_pytree(ground, scheme.finest(grid))
     if not is_traced((structures, traceable)):
-        tell(owner, unresolved(ground, grid.dt), strict)
+        tell(owner, unseen(ground, grid), strict)
     return traceable
 
 

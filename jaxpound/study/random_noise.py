@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, count, enforce, finite, number, real, require_memory
+from jaxpound._checks import Rule, count, enforce, finite, number, positive, real, require_memory
 from jaxpound._fields import Checked, parameter, part
 from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, known_unit
 from jaxpound.ground.noise import Filter, filtered
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, derived
 from jaxpound.study.distributions import Distribution
 from jaxpound.study.ground_draw import GroundDraw
 from jaxpound.study.scenarios import NUMBER_BYTES
@@ -27,14 +27,18 @@ class FilteredNoise(Checked, GroundDraw):
 
     The samples of the record that is drawn are, at t_j = j·dt,
 
-    .. math:: u''_j = I\, q(t_j) \frac{\sum_{k \le j} h(t_j - t_k)\, z_k}
-        {\left(\sum_{k \le j} h(t_j - t_k)^2\right)^{1/2}}
+    .. math:: u''_j = I\, q(t_j)\, σ \frac{\sum_{k \le j} c_{j - k}\, z_k}
+        {\left(\sum_{k \le j} c_{j - k}^2\right)^{1/2}}
 
-    with the impulse response h of the filter, the envelope q and the intensity I. They are linear
-    in the standard normal numbers z_k, one for each sample, and have the standard deviation I q at
-    every instant, from the first on. Straight lines join them, as those of every ``Record``. So the
-    steps of a run need not be finer than dt, and nothing vibrates faster than π/dt: an interval of
-    a twentieth of 2π/ω_g resolves the filters here.
+    with the envelope q and the intensity I. They are linear in the standard normal numbers z_k, one
+    for each sample, and straight lines join them, as those of every ``Record``: so the steps of a
+    run need not be finer than dt. With the weights c_k the straight lines, not the samples, have
+    the spectrum of the filter: by its gain, they are the samples of the polygon that is nearest, in
+    least squares, to its impulse response. Up to 0.3 of the highest frequency π/dt the power
+    spectral density is that of the process in continuous time, :math:`S_0 |H(ω)|^2`, to 1 %: up to
+    3 ω_g, where dt is a twentieth of 2π/ω_g. Nothing vibrates faster than π/dt. The standard
+    deviation I q σ holds from the first instant on; σ, that of the samples where the process has 1,
+    is 0.99 to 1.01 there.
 
     Parameters
     ----------
@@ -49,10 +53,19 @@ class FilteredNoise(Checked, GroundDraw):
         stationary noise that starts and ends abruptly.
     intensity
         I ≥ 0, the standard deviation where q is 1, in g; or its distribution, which takes one more
-        standard normal number, the last.
+        standard normal number, the last. A factor of the motion if there is a
+        ``spectral_density``.
     time_unit
         Unit of time of filter, envelope and dt: "1/ω1" (also spelled "1/omega1") or "s". Scenarios
         take the first; ``Scales.to_dimensionless`` makes it of the second.
+    spectral_density
+        S0 > 0 of the white noise, two-sided over circular frequency, in g² times the unit of time,
+        per radian: for S0 in m²/s³, S0/9.80665². The variance where q is 1 is then
+        :math:`I^2 \int S_0 |H(ω)|^2 dω` over all ω; of ``KanaiTajimi``,
+        :math:`π S_0 ω_g (1 + 4 ζ_g^2) / (2 ζ_g)`. None for a variance of I².
+    high_pass
+        Frequency > 0, in cycles per unit of time, of a critically damped oscillator through whose
+        acceleration the motion goes at last, as that of ``NonstationaryNoise``; None for none.
 
     Raises
     ------
@@ -63,6 +76,11 @@ class FilteredNoise(Checked, GroundDraw):
     -----
     The parameters' names are ``noise_1`` to ``noise_n``, and ``intensity`` if it is random. By
     Fourier transforms, the samples cost O(n log n).
+
+    The envelope comes after the filter: noise of ``CloughPenzien``, too, ends metres away and with
+    a velocity. What moves relative to the ground does not notice. Where displacements of the ground
+    itself matter, ``high_pass`` (0.1 Hz, say) returns both to zero, within one or two of its
+    periods after the shaking, for which there must be samples.
 
     Examples
     --------
@@ -77,7 +95,21 @@ class FilteredNoise(Checked, GroundDraw):
     >>> scenarios.dimension
     500
     >>> noise.draw(3 * np.sin(0.06 * np.arange(500)))
-    Record(500 samples, dt = 0.04 1/ω1, duration 19.96 1/ω1, peak 4.223 g)
+    Record(500 samples, dt = 0.04 1/ω1, duration 19.96 1/ω1, peak 4.204 g)
+
+    White noise of 0.01 m²/s³ through firm soil, and the record that it draws back at rest:
+
+    >>> noise = jp.FilteredNoise(
+    ...     jp.CloughPenzien(15.6, 0.6, high_pass=1.5),
+    ...     samples=1500,
+    ...     dt=0.02,
+    ...     envelope=jp.PlateauEnvelope(rise=2.0, end=10.0, decay=0.5),
+    ...     time_unit="s",
+    ...     spectral_density=0.01 / jp.STANDARD_GRAVITY**2,
+    ...     high_pass=0.1,
+    ... )
+    >>> noise.draw(np.sin(np.arange(1500) ** 1.5))
+    Record(1500 samples, dt = 0.02 s, duration 29.98 s, peak 0.291 g)
     """
 
     filter: Filter = part(Filter)
@@ -86,6 +118,8 @@ class FilteredNoise(Checked, GroundDraw):
     envelope: Callable[[Any], Any] | None = None
     intensity: Any = 1.0
     time_unit: str = DIMENSIONLESS
+    spectral_density: Any = None
+    high_pass: float | None = None
 
     def __post_init__(self) -> None:
         owner = "FilteredNoise"
@@ -99,6 +133,8 @@ class FilteredNoise(Checked, GroundDraw):
             enforce(owner, [Rule("intensity", intensity, holds, "finite and not negative")])
             object.__setattr__(self, "intensity", intensity)
         object.__setattr__(self, "time_unit", known_unit(owner, self.time_unit))
+        require_positive(owner, "spectral_density", self.spectral_density)
+        require_positive(owner, "high_pass", self.high_pass)
         super().__post_init__()
 
     @property
@@ -109,10 +145,12 @@ class FilteredNoise(Checked, GroundDraw):
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z."""
         z = reals("FilteredNoise", z, self.dimension)
-        samples = filtered(self.filter, z[: self.samples], self.dt)
+        samples = filtered(self.filter, z[: self.samples], self.dt, self.spectral_density)
         if self.envelope is not None:
             samples = samples * self.envelope(np.arange(self.samples, dtype=z.dtype) * self.dt)
-        return Record(self._intensity(z) * samples, self.dt, time_unit=self.time_unit)
+        if self.high_pass is not None:
+            samples = high_passed(samples, self.dt, self.high_pass)
+        return derived(self._intensity(z) * samples, self.dt, time_unit=self.time_unit)
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The numbers of the noise, and the intensity, if random."""
@@ -194,7 +232,7 @@ class NonstationaryNoise(Checked, GroundDraw):
     def __post_init__(self) -> None:
         owner = "NonstationaryNoise"
         object.__setattr__(self, "samples", known_samples(owner, self.samples))
-        require_high_pass(owner, self.high_pass)
+        require_positive(owner, "high_pass", self.high_pass)
         super().__post_init__()
         below = Rule("damping", self.damping, self.damping < 1, "below 1")
         enforce(owner, [below])
@@ -214,7 +252,7 @@ class NonstationaryNoise(Checked, GroundDraw):
         samples = noise * modulation(t, self.arias_intensity, self.duration, self.mid_time)
         if self.high_pass is not None:
             samples = high_passed(samples, self.dt, self.high_pass)
-        return Record(samples, self.dt)
+        return derived(samples, self.dt)
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The numbers of the noise."""
@@ -248,9 +286,7 @@ def known_samples(owner: str, samples: Any) -> int:
     return n
 
 
-def require_high_pass(owner: str, corner: Any) -> None:
-    """A ``ValueError`` for a frequency of a high-pass filter that is neither positive nor None."""
-    if corner is not None:
-        corner = number(owner, "high_pass", corner)
-        holds = (corner > 0) & finite(corner)
-        enforce(owner, [Rule("high_pass", corner, holds, "positive and finite")])
+def require_positive(owner: str, name: str, value: Any) -> None:
+    """A ``ValueError`` for a value that is neither a positive number nor None."""
+    if value is not None:
+        positive(owner, **{name: number(owner, name, value)})

@@ -33,7 +33,7 @@ from jaxpound.study.random_noise import (
     known_samples,
     numbered,
     reals,
-    require_high_pass,
+    require_positive,
 )
 
 FAULTS = {"strike-slip": 0.0, "reverse": 1.0}
@@ -139,7 +139,7 @@ class SiteBasedNoise(Checked, GroundDraw):
         if not (isinstance(self.fault, str) and self.fault in FAULTS):
             raise ValueError(f"{owner}: fault = {self.fault!r} must be 'strike-slip' or 'reverse'")
         object.__setattr__(self, "samples", known_samples(owner, self.samples))
-        require_high_pass(owner, self.high_pass)
+        require_positive(owner, "high_pass", self.high_pass)
         super().__post_init__()
 
     @property

@@ -24,7 +24,7 @@ from jaxpound.study.archives import DamagedError
 from jaxpound.study.chunk import finished, total
 from jaxpound.study.demands import is_ours
 from jaxpound.study.fragility import Fragility, fit_fragility
-from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_correlation
+from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_correlation, srss
 from jaxpound.study.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.study.statistics import (
     Estimate,
@@ -499,7 +499,7 @@ class Study(Columnar, Shown):
         return Separation(
             self.required_gap(probability, confidence),
             absolute_sum=u1 + u2,
-            srss=(u1**2 + u2**2) ** 0.5,
+            srss=srss(u1, u2),
             double_difference=max(u1**2 + u2**2 - 2 * rho * u1 * u2, 0.0) ** 0.5,
             correlation=rho,
         )

@@ -28,7 +28,7 @@ SHORT = {
 DESIGN = """
 [design]
 parameter = "friction"
-probability = 0.02
+probability = 0.014
 tolerance = 0.3
 """
 
@@ -123,7 +123,7 @@ def test_the_parameter_is_told_in_newtons(done):
     assert (design["parameter"], design["unit"], design["before"]) == ("friction", "N", 200e3)
     assert first["value"] == pytest.approx(200e3)
     assert last["value"] == design["value"]
-    assert last["probability"] == pytest.approx(0.02, rel=0.3)
+    assert last["probability"] == pytest.approx(0.014, rel=0.3)
     # More friction, fewer poundings: the slope is that between the steps.
     slope = np.log(last["probability"] / first["probability"]) / (last["value"] - first["value"])
     assert slope < 0

@@ -36,7 +36,7 @@ def assert_refuses(path, line, says, error=ValueError, **arguments):
 COUNTS = np.round(7000 + 900 * np.sin(np.arange(200) / 7) * np.exp(-np.arange(200) / 90)).astype(
     int
 )
-COUNTS[17] = 9876
+COUNTS[16:18] = 9700, 9876
 
 
 def knet_text(counts=COUNTS, rate=100, scale="7845(gal)/8223790", **changed):

@@ -17,7 +17,8 @@ from tests.ground.motions import RECORD, SAMPLES, sine
 def test_measures_of_a_sine_are_the_closed_forms(amplitude, omega):
     periods, per_period = 3, 800
     dt = 2 * np.pi / omega / per_period
-    record = jp.Record(amplitude * np.sin(omega * dt * np.arange(periods * per_period + 1)), dt)
+    samples = amplitude * np.sin(omega * dt * np.arange(periods * per_period + 1))
+    record = jp.Record(samples, dt, units="g")
     duration = periods * 2 * np.pi / omega
     assert record.duration == pytest.approx(duration)
     assert jp.pga(record) == pytest.approx(amplitude, rel=1e-12)

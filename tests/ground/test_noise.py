@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import linalg, signal
 
 import jaxpound as jp
 from jaxpound.ground.noise import causal, filtered
@@ -39,24 +39,55 @@ def test_a_filter_has_its_transfer_function(filter):
     )
 
 
-@pytest.mark.parametrize("filter", FILTERS[::2])
-def test_noise_has_the_filter_s_spectral_density(filter):
-    """Exactly, from the matrix of the map: its last row is the impulse response, reversed."""
-    n, dt = 4000, 0.02
-    row = jax.grad(lambda z: filtered(filter, z, dt)[-1])(jnp.zeros(n))[::-1]
-    w = np.linspace(0.05, 8.0, 60)
-    # In the sum the response jumps by its first value at t = 0; in the integral by half of it.
-    found = np.exp(-1j * np.outer(w, dt * np.arange(n))) @ row - row[0] / 2
-    gain = np.abs(found) / np.abs(found[20])
-    np.testing.assert_allclose(gain, filter.gain(w) / filter.gain(w[20]), rtol=2e-3)
+def of_an_impulse(filter, n, dt, density=None):
+    """The weights of noise in steady state: the map's last row, reversed, shape (n,)."""
+    return jax.grad(lambda z: filtered(filter, z, dt, density)[-1])(jnp.zeros(n))[::-1]
+
+
+def variance(system):
+    """∫ h² dt of a transfer function, by Lyapunov's equation."""
+    a, b, c, _ = signal.tf2ss(system.num, system.den)
+    return float((c @ linalg.solve_continuous_lyapunov(a, -b @ b.T) @ c.T).squeeze())
+
+
+RESOLVED = [*(jp.KanaiTajimi(2.0, zeta) for zeta in (0.3, 0.45, 0.6)), FILTERS[2]]
+
+
+@pytest.mark.parametrize("filter", RESOLVED)
+def test_noise_of_twenty_samples_in_a_period_has_the_spectral_density(filter):
+    """That of its straight lines, to 1 % up to 3 ω_g, and samples of its standard deviation."""
+    n, dt = 4000, 2 * np.pi / filter.frequency / 20
+    row = of_an_impulse(filter, n, dt)
+    w = filter.frequency * np.linspace(0.02, 3.0, 60)
+    lines = np.sinc(w * dt / (2 * np.pi)) ** 2
+    density = dt * lines**2 * np.abs(np.exp(-1j * np.outer(w, dt * np.arange(n))) @ row) ** 2
+    expected = np.abs(of_systems(filter).freqresp(w)[1]) ** 2 / variance(of_systems(filter))
+    tolerance = np.where(w > 2 * filter.frequency, 0.01, 0.002)
+    assert (np.abs(density / expected - 1) < tolerance).all()
+    assert float(jnp.sum(row**2)) == pytest.approx(1.0, abs=0.015)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 1.0, 2.0])
+def test_oscillators_move_in_the_noise_as_in_that_of_continuous_time(share):
+    """Standard deviation of their displacements, of 5 % damping, S0 = 0.02."""
+    filter, n = RESOLVED[2], 6000
+    dt, w = 2 * np.pi / filter.frequency / 20, share * filter.frequency
+    oscillator = signal.TransferFunction([1], [1, 0.1 * w, w**2])
+    system = of_systems(filter)
+    both = signal.TransferFunction(system.num, np.polymul(system.den, oscillator.den))
+    row = np.append(0.0, of_an_impulse(filter, n, dt, 0.02))  # which a line from zero leads to
+    moved = signal.lsim(oscillator, row, dt * np.arange(n + 1))[1]
+    expected = 2 * np.pi * 0.02 * variance(both)
+    assert (moved**2).sum() == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_noise_has_unit_variance_from_the_first_instant_on(dtype):
+def test_noise_has_one_variance_from_the_first_instant_on(dtype):
     map_ = jax.jacfwd(lambda z: filtered(FILTERS[2], z, dtype(0.04)))(jnp.zeros(300, dtype))
     assert map_.dtype == dtype
     tolerance = 1e-4 if dtype == np.float32 else 1e-12
-    np.testing.assert_allclose((map_**2).sum(1), 1.0, rtol=tolerance)
+    variances = (map_**2).sum(1)
+    np.testing.assert_allclose(variances, variances[-1], rtol=tolerance)
     np.testing.assert_allclose(np.triu(map_, 1), 0.0, atol=tolerance)
 
 

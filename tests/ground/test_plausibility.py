@@ -1,6 +1,7 @@
 """Input that is hardly meant: warned of once, by name, or refused if strict."""
 
 import dataclasses
+import re
 import warnings
 
 import jax
@@ -10,7 +11,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.ground.motion import unresolved
-from jaxpound.ground.plausibility import FAR_GAP, LOOKED_AT, MOST_PGA
+from jaxpound.ground.plausibility import FAR_GAP, LOOKED_AT, MOST_PGA, unseen
 from jaxpound.study.chunk import Task
 
 GRID = jp.TimeGrid(0.1, 40)
@@ -124,12 +125,67 @@ def test_a_record_loses_what_is_above_the_nyquist_frequency_of_a_coarse_grid(
     """``share`` of the amplitude at a frequency in Hz; the Nyquist frequency of .1 s is 5 Hz."""
     t = 0.02 * np.arange(1000)
     samples = np.sin(2 * np.pi * t) + share * np.sin(2 * np.pi * frequency * t)
-    found = unresolved(jp.Record(samples, 0.02, "tone"), dt)
+    found = unresolved(jp.Record(samples, 0.02, "tone", units="g"), dt)
     assert len(found) == said
     if found:
         lost = share**2 / (1 + share**2)
         assert "lose at most 1% of the energy of Record('tone'" in found[0]
         assert f"but lose {lost:.0%}" in found[0]
+
+
+LATE = jp.Ricker([0.01, 0.5], [2.0, 2.0], [1.0, 6.0])
+QUAKE = jp.Record(0.2 * np.sin(3 * T) * (T > 1.0), 0.2, "quake", "1/ω1")  # of 8 time units
+
+
+@pytest.mark.parametrize(
+    ("ground", "share"),
+    [
+        (jp.Ricker([0.5, 0.01], [2.0, 2.0], [1.0, 6.0]), 0),
+        (LATE, 100),
+        (jp.Ricker(0.1, [2.0] * 4, [1.0, 2.0, 3.0, 5.0]), 25),
+        (jp.Pulse(0.1, 2.0, 30.0), 100),
+        (QUAKE, 67),
+        (jp.Record([0.1, 0.2, 0.1], 1.0, time_unit="1/ω1"), 0),
+        (LATE - jp.Record([0.1, 0.2, 0.1], 1.0, time_unit="1/ω1"), 100),
+        (0.0 * LATE, 0),
+        (lambda t: jnp.sin(3 * t), 0),
+        (LATE + (lambda t: jnp.sin(3 * t)), 0),
+    ],
+    ids=["early", "late", "last", "pulse", "cut", "whole", "sum", "none", "function", "with it"],
+)
+def test_a_run_that_ends_before_most_of_the_earthquake_is_told_of(ground, share):
+    found = unseen(ground, GRID)
+    assert len(found) == (share > 0)
+    if found:
+        told = int(re.search(r"^ground: (\d+)% of the motion's energy", found[0])[1])
+        assert told == pytest.approx(share, abs=5 if ground is QUAKE else 1)
+
+
+def test_known_energies_are_integrals():
+    t = np.linspace(-20.0, 40.0, 60_001)
+    for ground in (jp.Ricker(0.3, 2.0, 10.0), jp.Pulse(0.3, 2.0, 10.0, 0.4, 3.0), 2 * QUAKE):
+        expected = np.trapezoid(np.asarray(ground.acceleration(t)) ** 2, t)
+        assert ground.energy(-np.inf) == pytest.approx(expected, rel=0.1)
+
+
+def test_every_run_tells_of_an_earthquake_that_comes_after_its_end():
+    words = "100% of the motion's energy .* comes after the end of the run"
+    for run in (jp.simulate, jp.demand):
+        with pytest.raises(ValueError, match=f"^{run.__name__}: ground: {words}"):
+            run(PAIR, LATE, GRID, strict=True)
+    building = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    record = jp.Record(0.2 * np.sin(9 * T) * (T > 2.0), 0.1)
+    with pytest.raises(ValueError, match=f"^simulate_buildings: ground: {words}"):
+        jp.simulate_buildings(
+            building, building, record, friction_force=2e5, gap=0.1, duration=1.5, strict=True
+        )
+    late = jp.Scenarios(
+        PAIR, jp.RandomRicker(1, jp.Uniform(0, 1e-4), jp.Uniform(1.0, 2.0), jp.Uniform(3.0, 7.0))
+    )
+    with pytest.raises(
+        ValueError, match=r"^monte_carlo: ground: 7\d% of the 256 .* outlast the run"
+    ):
+        jp.monte_carlo(late, 1000, GRID, progress=False, strict=True)
 
 
 # Many earthquakes.

@@ -208,7 +208,7 @@ def test_a_shortened_exponent_at_the_end_is_noticed_in_any_format(write):
 
 
 def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
-    rows = [f"{k / 50:g},{1e-4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
+    rows = [f"{k / 50:g},{4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
     assert read_record(write("".join(rows) + "3,9.5\n"), units="g").n_samples == 151
     with pytest.warns(
         PlausibilityWarning, match="the last line has no end and its value is the largest"

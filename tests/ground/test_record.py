@@ -188,7 +188,7 @@ def test_coarser_record_keeps_slow_motion_and_loses_fast_motion():
     t = 0.01 * np.arange(4001)
     slow, fast = np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 20.0 * t)
     # At dt = 0.04 the fast sine lies above the Nyquist frequency, 12.5: sampled it would alias.
-    coarse = jp.Record(slow + fast, 0.01).resampled(0.04)
+    coarse = jp.Record(slow + fast, 0.01, units="g").resampled(0.04)
     assert coarse.dt == 0.04
     assert coarse.n_samples == 1001
     middle = slice(25, -25)
@@ -245,3 +245,47 @@ def test_record_is_a_pytree_of_samples_and_interval():
 def test_any_record_can_be_printed(leaf):
     assert "Record(" in repr(jax.tree.map(lambda _: leaf, RECORD))
     assert "'quake', 4 samples, dt = 0.5" in repr(RECORD)
+
+
+T = 0.02 * np.arange(500)
+BURST = np.sin(7 * T) * np.exp(-((T - 4) ** 2))  # of one
+
+
+@pytest.mark.parametrize(
+    ("units", "size"), [("m/s2", 9.80665), ("cm/s^2", 980.665), ("gal", 980.665), ("g", 1.0)]
+)
+def test_a_record_in_other_units_is_in_g(units, size):
+    record = jp.Record(3.0 * size * BURST, 0.02, units=units)  # 3 g are stated: no warning
+    np.testing.assert_allclose(record.samples, 3.0 * BURST, rtol=1e-12)
+    single = jp.Record((size * BURST).astype(np.float32), 0.02, units=units)
+    assert single.samples.dtype == np.float32
+    assert jax.tree.structure(record) == jax.tree.structure(jp.Record(BURST, 0.02))
+
+
+def test_a_record_that_states_no_units_is_warned_of_where_it_may_be_in_other_ones():
+    rule = r"Record: no unit is stated, and in g the peak is 2\.9\d* g: give units, of m/s2 say"
+    with pytest.warns(jp.PlausibilityWarning, match=rule) as caught:
+        record = jp.Record(3.0 * BURST, 0.02)  # 0.3 g in m/s²
+    assert caught[0].filename == __file__
+    # What is made of it has been warned of; others are in g, or few made-up numbers.
+    record.scaled_to_pga(4.0).resampled(0.01).baseline_corrected()
+    jp.RecordSuite([record]).scaled(1.5)
+    jp.Record(1.4 * BURST, 0.02)
+    jp.Record(0.0 * BURST, 0.02)
+    jp.Record(3.0 * BURST[:80], 0.02)
+    jp.Record(3.0 * BURST, 0.02, time_unit="1/ω1")
+    jax.jit(lambda x: jp.Record(x, 0.02).acceleration(1.0))(3.0 * BURST)
+    with pytest.raises(ValueError, match="Record: units = 'yd/s2' must be one of g, m/s2"):
+        jp.Record(BURST, 0.02, units="yd/s2")
+
+
+def test_a_sample_alone_is_told_by_its_place_and_value(tmp_path):
+    damaged = 0.3 * BURST
+    damaged[123] = -19.0
+    rule = r"acceleration\[123\] = -19 g, at 2\.46 s, stands alone, no other sample is above 0\.29"
+    with pytest.warns(jp.PlausibilityWarning, match=f"^Record: {rule}"):
+        jp.Record(damaged, 0.02, units="g")
+    path = tmp_path / "quake.txt"
+    np.savetxt(path, damaged, fmt="%.6f", header="acceleration (g)")
+    with pytest.warns(jp.PlausibilityWarning, match=rf"quake\.txt: {rule}"):
+        jp.read_record(path, dt=0.02)

@@ -120,3 +120,51 @@ def test_wrong_bounds():
 def test_a_range_may_be_an_array():
     found = SUITE.scaled_to(TARGET, np.array([0.2, 1.0]), (1e-3, 1e3))
     assert found.range == jp.PeriodRange(0.2, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "at", "expected"),
+    [
+        # Type 1, ground A, 0.2 g: at rest, half way up, the plateau, 1/T, 1/T² from 2 s on.
+        ((0.2, "A"), [0, 0.075, 0.15, 0.4, 0.8, 2.0, 4.0], [0.2, 0.35, 0.5, 0.5, 0.25, 0.1, 0.025]),
+        ((0.1, "D"), [0.0, 0.2, 0.8, 1.6], [0.135, 0.3375, 0.3375, 0.16875]),
+        ((1.0, "B"), [0.15, 0.5, 1.0], [3.0, 3.0, 1.5]),
+        ((1.0, "E"), [0.15, 0.5, 1.0], [3.5, 3.5, 1.75]),
+    ],
+)
+def test_spectra_of_en_1998(arguments, at, expected):
+    np.testing.assert_allclose(jp.TargetSpectrum.en_1998(*arguments).at(at), expected)
+
+
+def test_spectra_of_en_1998_of_type_2_and_other_damping():
+    weak = jp.TargetSpectrum.en_1998(0.1, "C", kind=2)
+    # S = 1.5, T_B = 0.1 s, T_C = 0.25 s, T_D = 1.2 s.
+    expected = [0.15, 0.375, 0.375, 0.078125, 0.00703125]
+    np.testing.assert_allclose(weak.at([0.0, 0.1, 0.25, 1.2, 4.0]), expected)
+    # η = √(10 / (5 + ξ)): 1.195 at 2 %, 0.816 at 10 %, and 0.55 at least; not at T = 0.
+    for damping, eta in ((0.02, 1.1952286), (0.1, 0.8164966), (0.4, 0.55)):
+        spectrum = jp.TargetSpectrum.en_1998(0.2, "A", damping=damping)
+        np.testing.assert_allclose(spectrum.at([0.0, 0.3]), [0.2, 0.5 * eta], rtol=1e-6)
+        assert spectrum.damping == pytest.approx(damping)
+
+
+def test_the_spectrum_of_asce_7():
+    """S_DS = 0.8, S_D1 = 0.48: T_0 = 0.12 s, T_S = 0.6 s; T_L = 6 s."""
+    spectrum = jp.TargetSpectrum.asce_7(0.8, 0.48, 6.0)
+    at = [0.0, 0.06, 0.12, 0.6, 1.0, 6.0, 12.0]
+    np.testing.assert_allclose(spectrum.at(at), [0.32, 0.56, 0.8, 0.8, 0.48, 0.08, 0.02])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jp.TargetSpectrum.en_1998(0.2, "F"), "ground = 'F' must be one of A, B, C, D, E"),
+        (lambda: jp.TargetSpectrum.en_1998(0.2, "A", kind=3), "kind = 3 must be 1 or 2"),
+        (lambda: jp.TargetSpectrum.en_1998(0.2, "A", damping=5), "damping = 5 must be at least 0"),
+        (lambda: jp.TargetSpectrum.en_1998(0.0, "A"), "acceleration = 0 must be positive"),
+        (lambda: jp.TargetSpectrum.asce_7(1.0, 0.6, 0.5), r"t_l = 0\.5 must be above s_d1 / s_ds"),
+    ],
+)
+def test_bad_arguments_of_codes_are_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

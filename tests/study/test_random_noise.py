@@ -36,19 +36,35 @@ PULSE = jp.RandomPulse(
 )
 
 
-def test_noise_has_reference_values():
-    """Those of an independent implementation: two samples, and the largest closing of the gap."""
-    noise = jp.FilteredNoise(KT, 500, 0.04, jp.GammaEnvelope(peak=5.0, power=2.0), intensity=0.3)
-    record = noise.draw(3 * np.sin(0.06 * np.arange(500)))
-    np.testing.assert_allclose(
-        record.samples[np.array([100, 250])], [-2.470771, 2.035574], rtol=1e-6
+def test_noise_of_a_spectral_density_has_its_variance_and_intensity_scales_it():
+    """Of Kanai and Tajimi's filter: π S0 ω_g (1 + 4 ζ_g²) / (2 ζ_g)."""
+    z = np.random.default_rng(0).normal(size=20)
+    white = dataclasses.replace(SMALL, spectral_density=0.03, intensity=2.0)
+    deviation = np.sqrt(np.pi * 0.03 * 2.0 * (1 + 4 * 0.6**2) / (2 * 0.6))
+    expected = 2.0 * deviation / 0.1 * SMALL.draw(z).samples
+    np.testing.assert_allclose(white.draw(z).samples, expected, rtol=0.02)  # of 2 time units
+    long, z = (dataclasses.replace(x, samples=400) for x in (SMALL, white)), np.tile(z, 20)
+    unit, white = (x.draw(z).samples for x in long)
+    np.testing.assert_allclose(white, 2.0 * deviation / 0.1 * unit, rtol=1e-3)
+
+
+def test_filtered_motions_that_end_displaced_are_returned_to_rest():
+    """Noise of Clough and Penzien's filter, an envelope of 10 s, 30 s: without the filter, 2 m."""
+    adrift = jp.FilteredNoise(
+        jp.CloughPenzien(15.6, 0.6, high_pass=1.5),
+        samples=1500,
+        dt=0.02,
+        envelope=jp.PlateauEnvelope(rise=2.0, end=10.0, decay=0.5),
+        time_unit="s",
+        spectral_density=0.01 / jp.STANDARD_GRAVITY**2,
     )
-    unit = np.zeros(500)
-    unit[0] = 1.0
-    assert float(noise.draw(unit).samples[10]) == pytest.approx(0.3 * 0.00892874, rel=1e-6)
-    grid = jp.TimeGrid.until(20.0, 0.04)
-    closing = PAPER.initial_gap - jp.demand(PAPER, record, grid).min_gap
-    assert float(closing) == pytest.approx(4.821937, abs=1e-6)
+    z, t = np.random.default_rng(1).normal(size=(20, 1500)), 0.02 * np.arange(1502)
+    last = []
+    for noise in (adrift, dataclasses.replace(adrift, high_pass=0.1)):
+        velocity = jax.jit(jax.vmap(lambda z, noise=noise: noise.draw(z).velocity(t)))(z)
+        last.append(jp.STANDARD_GRAVITY * 0.02 * np.asarray(velocity).sum(1).std())
+    assert 1.0 < last[0] < 4.0
+    assert last[1] < 1e-4
 
 
 @pytest.mark.parametrize("noise", [SMALL, dataclasses.replace(GIVEN, samples=200, high_pass=0.1)])
@@ -274,6 +290,11 @@ def test_motions_in_seconds_become_dimensionless():
         (lambda: jp.FilteredNoise(KT, 20, 0.0), "dt = 0 must be positive"),
         (lambda: jp.FilteredNoise(KT, 20, 0.1, 3.0), "envelope = 3.0 must be a function of t"),
         (lambda: jp.FilteredNoise(KT, 20, 0.1, None, -1.0), "intensity = -1 must be finite and"),
+        (partial(dataclasses.replace, SMALL, high_pass=0.0), "high_pass = 0 must be positive and"),
+        (
+            partial(dataclasses.replace, SMALL, spectral_density=-1.0),
+            "spectral_density = -1 must be positive and finite",
+        ),
         (partial(dataclasses.replace, SMALL, time_unit="h"), "time_unit = 'h' must be 's' or"),
         (partial(dataclasses.replace, GIVEN, damping=1.0), "damping = 1 must be below 1"),
         (partial(dataclasses.replace, GIVEN, high_pass=0.0), "high_pass = 0 must be positive"),

@@ -67,6 +67,14 @@ def whole_unit(pattern: re.Pattern[str], text: str) -> str | None:
     return found[0] if found and not text[found[1] :].strip(" .") else None
 
 
+def stated_unit(owner: str, units: str) -> str:
+    """The unit of accelerations that ``units`` names; a ``ValueError`` if it is none."""
+    known = whole_unit(UNIT, units) if isinstance(units, str) else None
+    if known is None:
+        raise ValueError(f"{owner}: units = {units!r} must be one of {', '.join(UNITS)}")
+    return known
+
+
 def words_of(text: str) -> list[str]:
     """The words of a text, in lower case."""
     return [word.lower() for word in WORD.findall(text)]
