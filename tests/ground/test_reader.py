@@ -207,6 +207,15 @@ def test_a_shortened_exponent_at_the_end_is_noticed_in_any_format(write):
     assert_refuses(write("\n".join(rows[:21])[:-1]), 21, "the file is cut")
 
 
+@pytest.mark.parametrize("left", ["0", "0.", "-0", "-0.", "-0.0", "0.00"])
+def test_a_zero_that_a_cut_may_have_left_is_refused_unless_zeros_are_printed_so(write, left):
+    rows = [f"{k / 50:g},{1e-3 * np.sin(k):.{3 + k % 9}g}\n" for k in range(1, 150)]
+    assert_refuses(write("".join(rows) + f"3,{left}"), 150, "the file is cut")
+    assert read_record(write("".join(rows) + f"3,{left}\n"), units="g").n_samples == 150
+    also = [f"0,{left}\n", *rows]
+    assert read_record(write("".join(also) + f"3,{left}"), units="g").n_samples == 151
+
+
 def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
     rows = [f"{k / 50:g},{1e-4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
     assert read_record(write("".join(rows) + "3,9.5\n"), units="g").n_samples == 151

@@ -205,7 +205,7 @@ def check_print(values: Values, ended: bool, notes: list[str]) -> None:
     MisreadError
         If the last value has fewer digits than those ahead of it: the file is cut.
     """
-    _check_digits(values.rows, notes)
+    _check_digits(values.rows, ended, notes)
     peak = np.abs(values.samples)
     if len(peak) >= _MANY and not ended and peak[-1] > peak[:-1].max():
         notes.append("the last line has no end and its value is the largest: is the file cut?")
@@ -213,9 +213,11 @@ def check_print(values: Values, ended: bool, notes: list[str]) -> None:
         notes.append(f"the time step is {values.dt:g} s: are the times in seconds?")
 
 
-def _check_digits(rows: list[Row], notes: list[str]) -> None:
+def _check_digits(rows: list[Row], ended: bool, notes: list[str]) -> None:
     """Refuse a file that is cut inside its last value, which then has fewer digits than others.
 
+    A zero at the very end, such as -0 or 0.0, is what a cut may leave of any small value, unless
+    zeros are printed so elsewhere.
     A single value elsewhere with other digits than all others is noted: it may be damaged.
     """
     numbers = [number for row in rows for number in row.numbers]
@@ -230,6 +232,7 @@ def _check_digits(rows: list[Row], notes: list[str]) -> None:
         ((alike or (len(numbers) > _MANY and nonzero)) and decimals[-1] < decimals[:-1].min())
         or (exponents[-1] == 0 and len(others) == len(numbers) - 1)
         or (exponents[-1] > 0 and len(others) and exponents[-1] < others.min())
+        or (not ended and not nonzero and numbers[-1] not in numbers[:-1])
     ):
         says = f"{numbers[-1]} must have the digits of the values ahead of it: the file is cut"
         raise MisreadError(rows[-1].line, says)
