@@ -276,6 +276,19 @@ def test_a_file_above_the_limit_is_refused_with_its_size(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        ("0 \r\r\n\n" * 1_060_000, "must have at most 1,050,000 lines, not 1,060,000"),
+        ("0 0,0;0\t0 0 0 0\n" * 265_000, "must have at most 2,100,000 numbers, not 2,1"),
+        (".1-.1+.1-.1\n" * 530_000, "must have at most 2,100,000 numbers, not 2,1"),
+    ],
+    ids=["lines", "apart", "stuck together"],
+)
+def test_more_numbers_than_a_run_has_steps_are_refused_before_they_are_read(write, text, says):
+    assert_refuses(write(text), None, says)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
         ("accel" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
         ("unit" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
         ("1" * N + "x\n", "header must have at most 10,000"),
