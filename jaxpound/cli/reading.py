@@ -23,7 +23,7 @@ from msgspec import inspect
 from jaxpound._checks import did_you_mean
 from jaxpound._version import __version__
 from jaxpound.cli.files import example
-from jaxpound.cli.syntax import syntax_error
+from jaxpound.cli.syntax import require_short_keys, syntax_error
 
 _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
 _MOST_SHOWN = 80  # characters of a value in a message
@@ -192,9 +192,13 @@ class File:
         Raises
         ------
         ValueError
-            If it is not TOML, has a key that is not allowed, lacks one that is needed, or a value
-            is of the wrong type or breaks its rule.
+            If it is not TOML, has a key of more than 20 parts or one that is not allowed, lacks one
+            that is needed, or a value is of the wrong type or breaks its rule.
         """
+        try:
+            require_short_keys(self.text)
+        except ValueError as error:
+            raise ValueError(f"{self.name}{error}") from None
         given = self._parsed(self.text)
         for name, entry in entries(kind).items():
             if isinstance(_bare(entry)[0], inspect.DictType) and isinstance(given.get(name), dict):

@@ -1,4 +1,4 @@
-"""What is wrong with a line that is not TOML."""
+"""What is wrong with a line that is not TOML, or that costs too much to read."""
 
 from __future__ import annotations
 
@@ -10,6 +10,31 @@ _NUMBERS = {
     r"[=\[,]\s*-?\d+\.(?!\d)": "a digit follows the point: 1.0, not 1.",
 }
 """How numbers are written in TOML, by what is often written instead."""
+
+
+_MOST_PARTS = 20
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+# A key of too many parts, or what is passed over as a whole: texts, comments and words.
+_LONG_KEY = re.compile(
+    rf"""(?P<key>(?:{_PART}[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}[\w"'-])"""
+    r"""|\"{3}(?:[^\\]|\\.)*?(?:\"{3}|\Z)|'{3}.*?(?:'{3}|\Z)"""
+    rf"""|{_PART}|\#[^\n]*+""",
+    re.DOTALL,
+)
+
+
+def require_short_keys(text: str) -> None:
+    """Refuse a dotted key of many parts: reading it takes memory as the square of their number.
+
+    Raises
+    ------
+    ValueError
+        If a key has too many parts; the message begins with the number of its line.
+    """
+    for match in _LONG_KEY.finditer(text):
+        if match["key"]:
+            line = text.count("\n", 0, match.start()) + 1
+            raise ValueError(f":{line}: a key must have at most {_MOST_PARTS} parts, between dots")
 
 
 def syntax_error(text: str, message: str) -> str:
