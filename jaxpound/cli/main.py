@@ -28,12 +28,10 @@ _NOBODY_READS = 128 + 13  # exit status of a process that a closed pipe has ende
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns 0, or 2 after one line on stderr that says what is wrong.
 
-    Without ``argv`` it is the command line of this process, which then ends at Ctrl-C: a line on
-    stderr says what is kept, and the exit status is 130.
+    Without ``argv`` it is the command line of this process.
     """
     args = argparse.Namespace()
-    if argv is None:
-        interruption.end_at_a_signal(partial(_kept, args))
+    interruption.say_what_is_kept(partial(_kept, args))
     try:
         try:
             _parser().parse_args(argv, args)
