@@ -23,18 +23,16 @@ _LONG_KEY = re.compile(
 )
 
 
-def require_short_keys(text: str) -> None:
-    """Refuse a dotted key of many parts: reading it takes memory as the square of their number.
+def long_key(text: str) -> str:
+    """Message for a key of too many parts, with its line; empty if there is none.
 
-    Raises
-    ------
-    ValueError
-        If a key has too many parts; the message begins with the number of its line.
+    Reading it would take memory as the square of their number.
     """
     for match in _LONG_KEY.finditer(text):
         if match["key"]:
             line = text.count("\n", 0, match.start()) + 1
-            raise ValueError(f":{line}: a key must have at most {_MOST_PARTS} parts, between dots")
+            return f":{line}: a key must have at most {_MOST_PARTS} parts, between dots"
+    return ""
 
 
 def syntax_error(text: str, message: str) -> str:
