@@ -77,11 +77,11 @@ def end_at_a_signal() -> None:
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    threading.Thread(target=_wait, args=(reader,), daemon=True).start()
     signal.set_wakeup_fd(writer)  # written to at once, whatever the main thread is doing
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, _begin_nothing)
+            signal.signal(number, _begin_the_end)
+    threading.Thread(target=_wait, args=(reader,), daemon=True).start()
 
 
 def say_what_is_kept(kept: Callable[[], str]) -> None:
@@ -101,7 +101,7 @@ def end(status: int) -> NoReturn:
         os._exit(status)
 
 
-def _begin_nothing(*_: Any) -> None:
+def _begin_the_end(*_: Any) -> None:
     """Raise nothing; ``_wait`` ends the process."""
     global _ending
     _ending = True
