@@ -8,36 +8,47 @@ True
 
 from __future__ import annotations
 
-import ast
-import importlib
-import pkgutil
 import sys
-from typing import TYPE_CHECKING, Any
 
 from jaxpound import _root
 from jaxpound._version import __version__ as __version__
 
+TYPE_CHECKING = False  # the module typing takes longer to import than all that is here
 if TYPE_CHECKING:
+    from typing import Any
+
     from matplotlib.figure import Figure
 
-# The public names, by the module that holds each: the stub beside this file has them. JAX takes the
-# better part of a second to import, SciPy another; neither is imported before it is needed.
-_STUB = ast.parse(pkgutil.get_data(__name__, "__init__.pyi") or b"")
-_PLACES = {
-    alias.name: statement.module
-    for statement in _STUB.body
-    if isinstance(statement, ast.ImportFrom) and statement.module != f"{__name__}._version"
-    for alias in statement.names
-}
+_places: dict[str, str] = {}
+"""The public names, by the module that holds each; of ``_places_of_names``."""
 
-_WINGS = {place.split(".")[1] for place in _PLACES.values() if "." in place}
 
-__all__ = sorted(_PLACES)
+def _places_of_names() -> dict[str, str]:
+    """The public names, by the module that holds each: the stub beside this file has them.
+
+    JAX takes the better part of a second to import, SciPy another; neither is imported before it is
+    needed. Nor is what reads the stub: the command line heeds signals only once this module is
+    imported.
+    """
+    if not _places:
+        import ast
+        import pkgutil
+
+        for statement in ast.parse(pkgutil.get_data(__name__, "__init__.pyi") or b"").body:
+            if isinstance(statement, ast.ImportFrom) and statement.module != f"{__name__}._version":
+                _places.update((alias.name, statement.module or "") for alias in statement.names)
+    return _places
 
 
 def __getattr__(name: str) -> Any:
-    place = _PLACES.get(name)
-    if place == __name__ or name in _WINGS:
+    import importlib
+
+    places = _places_of_names()
+    if name == "__all__":
+        return sorted(places)
+    place = places.get(name)
+    wings = {module.split(".")[1] for module in places.values() if "." in module}
+    if place == __name__ or name in wings:
         return importlib.import_module(f"{__name__}.{name}")
     if place is None:
         message = f"module {__name__!r} has no attribute {name!r}"
@@ -47,7 +58,7 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     ours = {name for name, x in globals().items() if name[:2] == "__" or _is_module(name, x)}
-    return sorted({*ours, *_PLACES})
+    return sorted({*ours, *_places_of_names(), "__all__"})
 
 
 def _is_module(name: str, thing: Any) -> bool:

@@ -103,6 +103,7 @@ from jaxpound.simulation.friction import Switching as Switching
 from jaxpound.simulation.history import FullHistory as FullHistory
 from jaxpound.simulation.history import ModalHistory as ModalHistory
 from jaxpound.simulation.history import gl_weights as gl_weights
+from jaxpound.simulation.programs import keep_programs as keep_programs
 from jaxpound.simulation.rod import rod_force as rod_force
 from jaxpound.simulation.run import demand as demand
 from jaxpound.simulation.run import simulate as simulate

@@ -13,14 +13,19 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
+from functools import partial
+
+TYPE_CHECKING = False  # as in the package's root: nothing is imported before signals are heeded
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+    from typing import Any, NoReturn
 
 _SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _PATIENCE = 5.0  # seconds for files that are being written
 _READER = 1.0  # seconds for whoever reads the screen's text
 
+_kept: Callable[[], str] = partial(str, "nothing was written")
 _changed = threading.Condition()
 _unfinished: set[Path] = set()
 _made: list[Path] = []
@@ -64,33 +69,45 @@ def remove_empty_folders() -> None:
         _made.clear()
 
 
-def end_at_a_signal(kept: Callable[[], str]) -> None:
+def end_at_a_signal() -> None:
     """From now on end this process when it is interrupted (Ctrl-C) or terminated.
 
     Files that are being written are finished, or removed where that takes long. The exit status is
     that of shells, 128 and the signal's number. Signals that the process ignores stay ignored.
-
-    Parameters
-    ----------
-    kept
-        Called at the end: what the process leaves behind, in words for the line on stderr.
     """
-    if threading.current_thread() is not threading.main_thread():
-        return
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    threading.Thread(target=_wait, args=(reader, kept), daemon=True).start()
     signal.set_wakeup_fd(writer)  # written to at once, whatever the main thread is doing
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, _raise_nothing)
+            signal.signal(number, _begin_the_end)
+    threading.Thread(target=_wait, args=(reader,), daemon=True).start()
 
 
-def _raise_nothing(*_: Any) -> None:
-    pass
+def say_what_is_kept(kept: Callable[[], str]) -> None:
+    """What the line on stderr says from now on: in words, what the process leaves behind."""
+    global _kept
+    _kept = kept
 
 
-def _wait(reader: int, kept: Callable[[], str]) -> None:
+def end(status: int) -> NoReturn:
+    """End this process at once, all files being written, unless a signal has come before.
+
+    An orderly exit takes JAX a second or two, in which Python no longer heeds signals.
+    """
+    sys.stderr.flush()
+    with _changed:
+        _changed.wait_for(lambda: not _ending)
+        os._exit(status)
+
+
+def _begin_the_end(*_: Any) -> None:
+    """Raise nothing; ``_wait`` ends the process."""
+    global _ending
+    _ending = True
+
+
+def _wait(reader: int) -> None:
     global _ending
     while (number := os.read(reader, 1)[0]) not in _SIGNALS:
         pass
@@ -101,7 +118,7 @@ def _wait(reader: int, kept: Callable[[], str]) -> None:
             for part in _unfinished:
                 part.unlink(missing_ok=True)
             remove_empty_folders()
-            said = f"jaxpound: {_SIGNALS[signal.Signals(number)]}; {kept()}\n"
+            said = f"jaxpound: {_SIGNALS[signal.Signals(number)]}; {_kept()}\n"
         after_a_bar = "\n" if os.isatty(2) else ""
         _flush_screen()
         os.write(2, f"{after_a_bar}{said}".encode())

@@ -6,10 +6,11 @@ Imports run one way, and a result cannot import the module that draws it. The pa
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # as in the package's root, which imports this module
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
     from matplotlib.figure import Figure
 
 overview: Callable[[Any], Figure]

@@ -6,7 +6,17 @@ import dataclasses
 
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, is_traced, is_whole, number, positive
+from jaxpound._checks import (
+    Rule,
+    enforce,
+    is_traced,
+    is_whole,
+    number,
+    positive,
+    require_memory,
+)
+
+_STEP_BYTES = 16  # of an instant and its ground acceleration, the least that a run takes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +33,7 @@ class TimeGrid:
     Raises
     ------
     ValueError
-        If a value breaks its rule.
+        If a value breaks its rule, or the instants exceed this machine's memory.
 
     Examples
     --------
@@ -50,6 +60,7 @@ class TimeGrid:
                 Rule("n_steps", n, whole, "a whole number, at least 2"),
             ],
         )
+        require_memory("TimeGrid", "n_steps", int(n), _STEP_BYTES * int(n))
         object.__setattr__(self, "dt", float(dt))
         object.__setattr__(self, "n_steps", int(n))
 

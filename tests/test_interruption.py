@@ -17,7 +17,8 @@ from jaxpound import _interruption as interruption
 folder, seconds, ignored = Path(sys.argv[1]), float(sys.argv[2]), sys.argv[3] == "ignored"
 signal.signal(signal.SIGINT, signal.SIG_IGN if ignored else signal.default_int_handler)
 interruption._PATIENCE = 1.0
-interruption.end_at_a_signal(lambda: "a and b are kept")
+interruption.end_at_a_signal()
+interruption.say_what_is_kept(lambda: "a and b are kept")
 for name in ("empty/below", "used"):
     interruption.make_folder(folder / name)
 (folder / "used" / "file").touch()
@@ -66,3 +67,19 @@ def test_a_signal_that_was_ignored_stays_so(tmp_path):
     """Such as Ctrl-C for what a script runs in the background."""
     told = end(tmp_path, 0.1, signal.SIGINT, signal.SIGTERM, ignored=True)
     assert told == (143, "jaxpound: terminated; a and b are kept\n")
+
+
+def test_a_signal_at_the_very_end_is_told():
+    program = (
+        "import os, signal; from jaxpound import _interruption as interruption\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "interruption.end_at_a_signal()\n"
+        "os.kill(os.getpid(), signal.SIGINT)\n"
+        "interruption.end(0)"
+    )
+    for _ in range(5):
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (
+            130,
+            "jaxpound: interrupted; nothing was written\n",
+        )

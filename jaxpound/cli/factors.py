@@ -52,7 +52,7 @@ def uncertain_structures(
     for key, factor in table.items():
         factor.require(f"{place} {key}", FACTOR)
     stated = by_path(place, table, known)
-    with named(f"{place}, in SI units:"):
+    with named(f"{place}, in SI units:", keys=known.key_of):
         physical = jp.UncertainStructures(known.si, _multiples(place, stated, known.si))
     # Each parameter at both ends of its range, the others at their medians.
     z = NormalDist().inv_cdf(RARE)
@@ -62,11 +62,11 @@ def uncertain_structures(
     for i, (path, (key, factor)) in enumerate(stated.items()):
         where = f"{place} {key} = {factor}, once in {1 / RARE:,.0f} draws:"
         for end in (0, 1):
-            with named(where):
+            with named(where, keys=known.key_of):
                 at = put(known.si, {x: float(rows[x][end, i]) for x in stated})
             extremes.append((where, path, at))
     _require_plausible(extremes, known)
-    with named(f"{place}:"):
+    with named(f"{place}:", keys=known.key_of):
         return jp.UncertainStructures(
             known.nominal, _multiples(place, stated, known.nominal), correlation
         )
@@ -95,7 +95,7 @@ def design_space(place: str, table: Mapping[str, Bounds], known: Parameters) -> 
     # In SI units first, for messages in the units of the file.
     stated = by_path(place, table, known)
     bounds = _multiples(place, stated, known.si)
-    with named(place, UNITS):
+    with named(place, UNITS, known.key_of):
         physical = jp.DesignSpace(known.si, bounds)
         start = physical.shares(known.si)
     extremes = []

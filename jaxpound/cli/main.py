@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import logging
 import os
 import re
 import sys
@@ -20,7 +21,6 @@ from typing import Any, NoReturn
 import jaxpound as jp
 from jaxpound import _interruption as interruption
 from jaxpound.cli.files import FORMS, example
-from jaxpound.cli.programs import keep_programs
 
 _NOBODY_READS = 128 + 13  # exit status of a process that a closed pipe has ended
 
@@ -28,18 +28,14 @@ _NOBODY_READS = 128 + 13  # exit status of a process that a closed pipe has ende
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns 0, or 2 after one line on stderr that says what is wrong.
 
-    Without ``argv`` it is the command line of this process, which then ends at Ctrl-C: a line on
-    stderr says what is kept, and the exit status is 130.
+    Without ``argv`` it is the command line of this process.
     """
     args = argparse.Namespace()
-    if argv is None:
-        interruption.end_at_a_signal(partial(_kept, args))
+    interruption.say_what_is_kept(partial(_kept, args))
     try:
         try:
             _parser().parse_args(argv, args)
-            if argv is None:
-                keep_programs()
-            _run(args)
+            _run(args, alone=argv is None)
         finally:
             interruption.remove_empty_folders()
             _flush_screen()
@@ -53,13 +49,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(args: argparse.Namespace) -> None:
+def _run(args: argparse.Namespace, *, alone: bool) -> None:
+    """Run a command, ``alone`` in a process of its own."""
+    if alone:  # XLA takes a compilation of minutes for a fault of its own; faults are exceptions
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     import jax
 
     jax.config.update("jax_enable_x64", True)
     with contextlib.suppress(RuntimeError):  # called where JAX runs already
         jp.use_cores()
     with _warnings_in_one_line(strict=getattr(args, "strict", False)):
+        if alone:
+            jp.keep_programs()
+            logging.getLogger("jaxpound").setLevel(logging.ERROR)  # commands have their own notes
         _command(args.command)(args)
 
 

@@ -48,6 +48,10 @@ class Parameters(Protocol):
     def keys(self) -> Mapping[str, tuple[str, ...]]:
         """The paths that each key of a file stands for."""
 
+    @property
+    def key_of(self) -> Mapping[str, str]:
+        """What a file calls the parameter of each path."""
+
     def refuse(self, place: str, key: str) -> NoReturn:
         """The ``ValueError`` for a key that is none of ``keys``."""
 
@@ -133,6 +137,7 @@ class PairParameters:
         self.scales = form.scales
         self.si = in_si(self.nominal, self.scales)
         self.keys = {path: (path,) for path in paths(self.nominal)}
+        self.key_of = {path: path for path in self.keys}
 
     def refuse(self, place: str, key: str) -> NoReturn:
         """As ``Parameters.refuse``."""
@@ -207,7 +212,7 @@ class RowParameters:
             for key, path in own.items():
                 made.setdefault(f"link.{table}.{key}", []).append(f"links.{k}.{path}")
         self.keys = {key: tuple(one) for key, one in made.items()}
-        self._key_of = {path: key for key, several in made.items() for path in several}
+        self.key_of = {path: key for key, several in made.items() for path in several}
 
     def refuse(self, place: str, key: str) -> NoReturn:
         """As ``Parameters.refuse``."""
@@ -238,13 +243,13 @@ class RowParameters:
 
     def require(self, place: str, path: str, at: jp.Row) -> None:
         """As ``Parameters.require``."""
-        _RANGES[self._end(path)].require(f"{place} {self._key_of[path]}", get(at, path))
+        _RANGES[self._end(path)].require(f"{place} {self.key_of[path]}", get(at, path))
 
     def in_si(self, structures: jp.Row) -> jp.Row:
         """Such structures in SI units: every parameter differs from its SI value by a factor."""
         values = {
             path: float(get(structures, path)) * float(get(self.si, path)) / float(stated)
-            for path in self._key_of
+            for path in self.key_of
             if (stated := get(self.nominal, path))
         }
         return put(self.si, values)
@@ -264,7 +269,7 @@ class RowParameters:
         return _RANGES[end].unit or unit(about(self.nominal, path).kind, si=True)
 
     def _end(self, path: str) -> str:
-        key = self._key_of[path]
+        key = self.key_of[path]
         return ".".join(key.split(".")[-2 if ".contact." in key else -1 :])
 
     def require_periods(self, place: str, path: str, at: jp.Row) -> None:

@@ -23,7 +23,7 @@ from msgspec import inspect
 from jaxpound._checks import did_you_mean
 from jaxpound._version import __version__
 from jaxpound.cli.files import example
-from jaxpound.cli.syntax import syntax_error
+from jaxpound.cli.syntax import long_key, syntax_error
 
 _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
 _MOST_SHOWN = 80  # characters of a value in a message
@@ -192,9 +192,11 @@ class File:
         Raises
         ------
         ValueError
-            If it is not TOML, has a key that is not allowed, lacks one that is needed, or a value
-            is of the wrong type or breaks its rule.
+            If it is not TOML, has a key of more than 20 parts or one that is not allowed, lacks one
+            that is needed, or a value is of the wrong type or breaks its rule.
         """
+        if fault := long_key(self.text):
+            raise ValueError(f"{self.name}{fault}")
         given = self._parsed(self.text)
         for name, entry in entries(kind).items():
             if isinstance(_bare(entry)[0], inspect.DictType) and isinstance(given.get(name), dict):
@@ -234,15 +236,21 @@ def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
 
 
 @contextmanager
-def named(place: str, units: Mapping[str, str] | None = None) -> Iterator[None]:
+def named(
+    place: str, units: Mapping[str, str] | None = None, keys: Mapping[str, str] | None = None
+) -> Iterator[None]:
     """In messages of the core, replace the name of the class by the place in the file.
 
-    ``units`` are those of the numbers in these messages, by name.
+    ``units`` are those of the numbers in these messages, by name, and ``keys`` are what a file
+    calls the parameters of the core, by path.
     """
     try:
         yield
     except ValueError as error:
         words = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
+        if keys:
+            paths = "|".join(map(re.escape, keys))
+            words = re.sub(rf"(?<![\w.])({paths})(?!\w)", lambda path: keys[path[0]], words)
         for name, unit in (units or {}).items():
             if unit:
                 words = re.sub(rf"(?<!\w)({name} = -?[\w.+-]*\w)", rf"\1 {unit}", words)

@@ -1,4 +1,4 @@
-"""What is wrong with a line that is not TOML."""
+"""What is wrong with a line that is not TOML, or that costs too much to read."""
 
 from __future__ import annotations
 
@@ -10,6 +10,29 @@ _NUMBERS = {
     r"[=\[,]\s*-?\d+\.(?!\d)": "a digit follows the point: 1.0, not 1.",
 }
 """How numbers are written in TOML, by what is often written instead."""
+
+
+_MOST_PARTS = 20
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+# A key of too many parts, or what is passed over as a whole: texts, comments and words.
+_LONG_KEY = re.compile(
+    rf"""(?P<key>(?:{_PART}[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}[\w"'-])"""
+    r"""|\"{3}(?:[^\\]|\\.)*?(?:\"{3}|\Z)|'{3}.*?(?:'{3}|\Z)"""
+    rf"""|{_PART}|\#[^\n]*+""",
+    re.DOTALL,
+)
+
+
+def long_key(text: str) -> str:
+    """Message for a key of too many parts, with its line; empty if there is none.
+
+    Reading it would take memory as the square of their number.
+    """
+    for match in _LONG_KEY.finditer(text):
+        if match["key"]:
+            line = text.count("\n", 0, match.start()) + 1
+            return f":{line}: a key must have at most {_MOST_PARTS} parts, between dots"
+    return ""
 
 
 def syntax_error(text: str, message: str) -> str:

@@ -47,7 +47,8 @@ def read_record(
     Parameters
     ----------
     path
-        The file: a regular one of at most 32 MB, with a header of at most 10 000 lines.
+        The file: a regular one of at most 32 MB, 1.05 million lines and 2.1 million numbers (a
+        million steps in two columns), with a header of at most 10 000 lines.
     dt
         Time step > 0, in seconds, for a file that states none; else it must agree to 1e-6.
     units

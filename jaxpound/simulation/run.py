@@ -44,6 +44,7 @@ from jaxpound.simulation.course import Course
 from jaxpound.simulation.extrapolation import extrapolated, extrapolated_response
 from jaxpound.simulation.forces import is_deformed
 from jaxpound.simulation.passage import SLOTS, Impacts
+from jaxpound.simulation.programs import note_long_compilations
 from jaxpound.simulation.scheme import Scheme, require_followed, require_stable, system_of
 from jaxpound.simulation.stepping import Instant, of_all_masses
 from jaxpound.simulation.tally import ContactTally, Tally
@@ -238,6 +239,7 @@ def _prepare(
     initial: InitialState | None,
 ) -> Ground:
     """Refuse known invalid input; put the ground motion in a form that can be traced."""
+    note_long_compilations()
     system = system_of(owner, structures)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)

@@ -100,7 +100,7 @@ def monte_carlo(
         Where chunks run: an executor of ``concurrent.futures``, such as Dask's
         ``Client.get_executor()``. By default here, one after the other, each spread over all
         devices. Its workers must see the store's folder; other processes must be started by
-        "spawn".
+        "spawn": forked ones, which inherit JAX's locks but not its threads, never return.
     shard
         (i, k), i from 1 to k: only every k-th chunk from the i-th, so that k independent processes
         fill one store.

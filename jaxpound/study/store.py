@@ -204,6 +204,13 @@ class Store:
         found = [_FULL.fullmatch(path.name) for path in self.folder.iterdir()]
         return sorted(int(match[1]) for match in found if match)
 
+    def held(self) -> list[int]:
+        """Numbers of the chunks that have a file of any size, in order."""
+        names = [path.name for path in self.folder.iterdir()]
+        matches = [_FULL.fullmatch(name) or _PARTIAL.fullmatch(name) for name in names]
+        numbers = {int(match[1]) for match in matches if match}
+        return sorted(numbers.intersection(self.chunks()))
+
     def sweep(self) -> None:
         """Remove half-written files of killed processes, and chunks that longer ones replace."""
         sweep_parts(self.folder)

@@ -91,7 +91,7 @@ class Study(Columnar, Shown):
         store = Store(folder)
         if other := store.manifest["identity"].get("search"):
             raise ValueError(f"store {folder} must hold a study, but holds {other}")
-        found = dict(finished(store, store.chunks()))
+        found = dict(finished(store, store.held()))
         if not found:
             raise ValueError(f"store {folder} must hold at least one finished chunk")
         scales = store.manifest["identity"]["scales"]

@@ -142,7 +142,7 @@ def test_the_command_line_uses_every_core():
 # A process that Ctrl-C reaches even where whoever runs the tests ignores it.
 PROGRAM = (
     "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    "from jaxpound.cli.main import main; sys.exit(main())"
+    "from jaxpound.__main__ import main; main()"
 )
 posix = pytest.mark.skipif(os.name == "nt", reason="signals are sent as POSIX has them")
 
@@ -184,6 +184,26 @@ def test_interrupted_while_jax_is_imported(command, tmp_path):
     kept = "no chunk was finished" if command == "montecarlo" else "nothing was written"
     assert said == [f"jaxpound: interrupted; {kept}"]
     assert not list(tmp_path.iterdir())
+
+
+@posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_before_anything_is_imported(number, tmp_path):
+    """What the command line itself needs, such as argparse."""
+    said = ended("paper", "--out", tmp_path / "out", when="argparse", number=number)
+    word = "interrupted" if number == signal.SIGINT else "terminated"
+    assert said == [f"jaxpound: {word}; nothing was written"]
+
+
+def test_the_process_ends_when_all_is_written():
+    """What else would run, JAX's shutdown of seconds, no longer heeds signals."""
+    program = (
+        "import atexit, sys; sys.argv = ['jaxpound', '--version']\n"
+        "atexit.register(print, 'an orderly exit')\n"
+        "from jaxpound.__main__ import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, f"jaxpound {jp.__version__}\n")
 
 
 @posix

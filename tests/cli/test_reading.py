@@ -13,6 +13,7 @@ from jaxpound.cli.objective import Objective
 from jaxpound.cli.pair import Building, Damper
 from jaxpound.cli.reading import entries, ranges
 from jaxpound.cli.simulate import Ground, Simulation
+from jaxpound.cli.syntax import long_key
 from jaxpound.cli.tables import Contact, Earthquakes, Run
 from tests.cli.commands import refusal
 
@@ -87,8 +88,8 @@ CONFIG_FAULTS = [
     ({"mass": f"mass = 1{'_1' * 5000}"}, "[building_1] mass = a whole number of more than 308"),
     ({"mass": f"mass = 0x1{'0' * 5000}"}, "[building_1] mass = a whole number of more than 308"),
     ({"mass": f"mass = {'[' * 1000}{']' * 1000}"}, "its lists or tables are nested too deeply"),
-    ({"gap": f"{'.'.join('a' * 5000)} = 1"}, "the top level has an unknown key 'a'"),
-    ({"gap": f"gap.{'.'.join('a' * 5000)} = 1"}, "gap = {a = {a = {a = ...}}} must be a finite"),
+    ({"gap": f"{'.'.join('a' * 20)} = 1"}, "the top level has an unknown key 'a'"),
+    ({"gap": f"gap.{'.'.join('a' * 19)} = 1"}, "gap = {a = {a = {a = ...}}} must be a finite"),
     ({"mass": f"mass = {list(range(5000))}"}, "[building_1] mass = [0, 1, 2, 3, 4, 5, 6, 7, 8"),
     *(
         ({"# [contact]": f"[contact]\n{keys}"}, f"[contact] {says}")
@@ -191,6 +192,46 @@ def test_a_configuration_larger_than_any(pulse, tmp_path, capsys):
     path.write_bytes(b"# more\n" * 200_000)
     line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", tmp_path)
     assert f"{path}: must be a configuration of at most 1,048,576 bytes" in line
+
+
+@pytest.mark.parametrize("command", ["simulate", "montecarlo", "design", "ida", "rare", "hazard"])
+def test_a_key_of_many_parts_is_refused_before_it_fills_the_memory(
+    command, pulse, tmp_path, capsys
+):
+    """Reading ``a.a.a ... = 1`` takes memory as the square of its length."""
+    path = tmp_path / "deep.toml"
+    path.write_text("# as it is\n" + "a." * 2000 + "b = 1\n")
+    record = ["--record", pulse] if command == "simulate" else []
+    config = ["--config", path] if command == "simulate" else [path]
+    out = ["--store" if command == "montecarlo" else "--out", tmp_path / "out"]
+    line = refusal(capsys, command, *record, *config, *out)
+    assert f"{path}:2: a key must have at most 20 parts, between dots" in line
+
+
+@pytest.mark.parametrize(
+    "key", ["a." * 20 + "a", "\"a\" . 'a'\t." * 10 + '"a"', "a.a.\n" + "a." * 25]
+)
+def test_parts_of_keys_are_counted_as_toml_has_them(key):
+    assert "a key must have at most 20 parts" in long_key(f"[{key}]\nb = 1\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a." * 19 + "a = 1",
+        f"# {'a.' * 30}a",
+        f'a = "{"b." * 30}b" # "\nb = 1',
+        f"a = '{'b.' * 30}b'",
+        f'a = """\n{"b." * 30}b\n"""',
+        f"a = '''\n{'b.' * 30}b\n'''",
+        "a = [" + "0.5, " * 30 + "]",
+        "\n".join("a.b.c = 1" for _ in range(30)),
+        '"' * 100_000,
+        "a" * 100_000,
+    ],
+)
+def test_what_is_no_key_of_many_parts_passes(text):
+    assert long_key(text) == ""
 
 
 def test_a_configuration_that_is_not_text(pulse, tmp_path, capsys):

@@ -78,6 +78,10 @@ def test_the_example_s_random_storeys():
             {'"link.2': '"building.*.storey.*.stifness" = {uniform = [1, 2]}'},
             "'building.*.storey.*.stifness'; did you mean 'building.*.storey.*.stiffness'",
         ),
+        (
+            {'"link.2': '"building.2.storey.*.tau_f" = {uniform = [1, 900]}'},
+            "[uncertain], in SI units: building.2.storey.1.tau_f ~ Uniform",
+        ),
         ({'"link.2': '"friction" = {uniform = [1, 2]}'}, "has an unknown key 'friction'"),
         (
             {'"link.2': '"building.2.storey.*.stiffness" = {uniform = [1, 2]}'},

@@ -207,6 +207,15 @@ def test_a_shortened_exponent_at_the_end_is_noticed_in_any_format(write):
     assert_refuses(write("\n".join(rows[:21])[:-1]), 21, "the file is cut")
 
 
+@pytest.mark.parametrize("left", ["0", "0.", "-0", "-0.", "-0.0", "0.00"])
+def test_a_zero_that_a_cut_may_have_left_is_refused_unless_zeros_are_printed_so(write, left):
+    rows = [f"{k / 50:g},{1e-3 * np.sin(k):.{3 + k % 9}g}\n" for k in range(1, 150)]
+    assert_refuses(write("".join(rows) + f"3,{left}"), 150, "the file is cut")
+    assert read_record(write("".join(rows) + f"3,{left}\n"), units="g").n_samples == 150
+    also = [f"0,{left}\n", *rows]
+    assert read_record(write("".join(also) + f"3,{left}"), units="g").n_samples == 151
+
+
 def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
     rows = [f"{k / 50:g},{4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
     assert read_record(write("".join(rows) + "3,9.5\n"), units="g").n_samples == 151
@@ -262,6 +271,19 @@ def test_a_file_above_the_limit_is_refused_with_its_size(tmp_path):
         file.truncate(150_000_000)
     says = "must have at most 32 MB of text, not 150 MB"
     assert_refuses(tmp_path / "large.txt", None, says)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("0 \r\r\n\n" * 1_060_000, "must have at most 1,050,000 lines, not 1,060,000"),
+        ("0 0,0;0\t0 0 0 0\n" * 265_000, "must have at most 2,100,000 numbers, not 2,1"),
+        (".1-.1+.1-.1\n" * 530_000, "must have at most 2,100,000 numbers, not 2,1"),
+    ],
+    ids=["lines", "apart", "stuck together"],
+)
+def test_more_numbers_than_a_run_has_steps_are_refused_before_they_are_read(write, text, says):
+    assert_refuses(write(text), None, says)
 
 
 @pytest.mark.parametrize(

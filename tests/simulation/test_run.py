@@ -629,6 +629,10 @@ def test_a_step_above_the_limit_is_refused_with_the_limit():
         (lambda: jp.TimeGrid(0.0, 10), "dt = 0 must be positive"),
         (lambda: jp.TimeGrid(float("nan"), 10), "dt = nan must be positive"),
         (lambda: jp.TimeGrid(0.1, 1), "n_steps = 1 must be a whole number, at least 2"),
+        (
+            lambda: jp.TimeGrid(0.1, 10**12),
+            "TimeGrid: n_steps = 1,000,000,000,000 would take 16 TB",
+        ),
         (lambda: jp.TimeGrid(0.1, 10.5), "n_steps = 10.5 must be a whole number"),
         (lambda: jp.TimeGrid.until(-1.0, 0.1), "duration = -1 must be positive"),
         (lambda: jp.TimeGrid("0.1", 10), "dt = '0.1' must be a real number"),

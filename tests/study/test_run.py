@@ -317,6 +317,13 @@ def test_a_damaged_chunk_is_made_anew(tmp_path):
     assert len(jp.Study.open(folder)) == 50
 
 
+def test_a_stray_file_that_asks_for_many_samples_keeps_nobody_waiting(tmp_path):
+    """The last chunk, of 2 samples, is not whole in a study of so many."""
+    there = study(store=tmp_path)
+    (tmp_path / "samples-2147483648").touch()
+    np.testing.assert_array_equal(jp.Study.open(tmp_path)["pga"], there["pga"][:48])
+
+
 def test_a_store_all_of_which_is_damaged_is_no_study(tmp_path):
     study(n=20, store=tmp_path)
     for path in tmp_path.glob("chunk-*"):

@@ -253,6 +253,15 @@ def test_an_absurd_number_of_samples_is_refused(store):
         Store(store.folder)
 
 
+def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(store):
+    """A stray file asks for 2^31 samples; the last chunk, of a smaller study, is not whole then."""
+    (store.folder / "samples-2147483648").touch()
+    (store.folder / "chunk-999999999.npz").touch()
+    assert Store(store.folder).held() == [0, 1, 2]
+    assert Store(store.folder, 6).held() == [0, 1]
+    assert [*dict(Store(store.folder).undamaged(Store(store.folder).held(), ""))] == [0, 1]
+
+
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
 def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, number, monkeypatch):
     def write_array(file, *_, **__):

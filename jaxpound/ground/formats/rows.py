@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,10 @@ _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf(?:inity)?|[0-9]\.#\w{1,9})", re.I)
 _SIGN_AFTER_NUMBER = re.compile(r"(?<=[0-9.])(?=[-+])")
 _LONGEST_NUMBER = 100
+# What nearly all rows are: numbers apart, between blanks or between commas.
+_PLAIN_ROW = re.compile(rf"{NUMBER}(?:(?:[ \t]++{NUMBER})*+|(?:[ \t]*+,[ \t]*+{NUMBER})*+)")
+_SHAPE = str.maketrans("123456789", "000000000")  # the shape of a number: all digits are 0
+_CODE = np.array([10**6, 10**3, 1])  # one number for three, of at most 100 each
 
 
 class Row(NamedTuple):
@@ -125,20 +130,29 @@ def parse_rows(lines: Sequence[Line], notes: list[str]) -> list[Row]:
     inside, told = None, False  # the line of a comment behind some row
     for index, (number, raw) in enumerate(lines):
         text = trimmed(raw)
-        if _is_end_mark(text):
+        row = _plain_row(number, text)
+        if row is None and _is_end_mark(text):
             after = _first_row(lines, index + 1)
             if after < len(lines):
                 rest = f"data of line {lines[after].number} are not read"
                 notes.append(f"behind the end mark of line {number} the {rest}")
             break
-        if is_comment(text):
+        if row is None and is_comment(text):
             inside = number if rows and inside is None else inside
             continue
         if inside is not None and not told:
             notes.append(f"data follow the comment of line {inside}: is that one a value, too?")
             told = True
-        rows.append(_parse_row(number, text))
+        rows.append(row or _parse_row(number, text))
     return rows
+
+
+def _plain_row(line: int, text: str) -> Row | None:
+    """The row of a line that is nothing but finite numbers apart; None if it is another."""
+    if len(text) > _LONGEST_NUMBER or not _PLAIN_ROW.fullmatch(text):
+        return None
+    numbers = text.upper().replace("D", "E").replace(",", " ").split()
+    return None if any(map(math.isinf, map(float, numbers))) else Row(line, numbers)
 
 
 def _parse_row(line: int, text: str) -> Row:
@@ -205,7 +219,7 @@ def check_print(values: Values, ended: bool, notes: list[str]) -> None:
     MisreadError
         If the last value has fewer digits than those ahead of it: the file is cut.
     """
-    _check_digits(values.rows, notes)
+    _check_digits(values.rows, ended, notes)
     peak = np.abs(values.samples)
     if len(peak) >= _MANY and not ended and peak[-1] > peak[:-1].max():
         notes.append("the last line has no end and its value is the largest: is the file cut?")
@@ -213,15 +227,17 @@ def check_print(values: Values, ended: bool, notes: list[str]) -> None:
         notes.append(f"the time step is {values.dt:g} s: are the times in seconds?")
 
 
-def _check_digits(rows: list[Row], notes: list[str]) -> None:
+def _check_digits(rows: list[Row], ended: bool, notes: list[str]) -> None:
     """Refuse a file that is cut inside its last value, which then has fewer digits than others.
 
+    A zero at the very end, such as -0 or 0.0, is what a cut may leave of any small value, unless
+    zeros are printed so elsewhere.
     A single value elsewhere with other digits than all others is noted: it may be damaged.
     """
     numbers = [number for row in rows for number in row.numbers]
     if len(numbers) <= FEW // 2:
         return
-    digits = np.array([_digits(number) for number in numbers])
+    digits = np.array([_digits(number.translate(_SHAPE)) for number in numbers])
     _, decimals, exponents = digits.T
     others = exponents[:-1][exponents[:-1] > 0]
     alike = np.ptp(decimals[:-1]) == np.ptp(exponents[:-1]) == 0
@@ -230,16 +246,19 @@ def _check_digits(rows: list[Row], notes: list[str]) -> None:
         ((alike or (len(numbers) > _MANY and nonzero)) and decimals[-1] < decimals[:-1].min())
         or (exponents[-1] == 0 and len(others) == len(numbers) - 1)
         or (exponents[-1] > 0 and len(others) and exponents[-1] < others.min())
+        or (not ended and not nonzero and numbers[-1] not in numbers[:-1])
     ):
         says = f"{numbers[-1]} must have the digits of the values ahead of it: the file is cut"
         raise MisreadError(rows[-1].line, says)
-    forms, form, times = np.unique(digits, axis=0, return_inverse=True, return_counts=True)
+    codes = digits @ _CODE
+    forms, form, times = np.unique(codes, return_inverse=True, return_counts=True)
     if len(forms) > 1 and len(numbers) - times.max() <= len(numbers) // (10 * _MANY):
         odd = int(np.argmax(form != np.argmax(times)))
         place = f"{numbers[odd]} in line {line_of(rows, odd)}"
         notes.append(f"{place} is printed with other digits than nearly all values: is it damaged?")
 
 
+@lru_cache(1000)  # there are few shapes of numbers
 def _digits(number: str) -> tuple[int, int, int]:
     """Numbers of digits before the decimal point, after it (-1 without one), in the exponent.
 

@@ -10,6 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?![0-9]))?+"
 """A pattern of a decimal number, also with Fortran's D for its exponent, of at most four digits."""
 
@@ -52,7 +55,10 @@ def to_float(number: str) -> float:
     return float(number.upper().replace("D", "E"))
 
 
-_MOST_BYTES = 32_000_000  # a million steps, the longest run, in two columns
+# A million steps, the longest run, in two columns, and a header; more would fill the memory.
+_MOST_BYTES = 32_000_000
+_MOST_LINES = 1_050_000
+_MOST_NUMBERS = 2_100_000
 
 
 class TextFile(NamedTuple):
@@ -70,7 +76,7 @@ def read_file(file: Path) -> TextFile:
     FileNotFoundError
         If there is no such file.
     MisreadError
-        If it is no regular file, too large, binary or empty.
+        If it is no regular file, too large, binary or empty, or has too many lines or numbers.
     """
     try:
         status = file.stat()
@@ -85,6 +91,7 @@ def read_file(file: Path) -> TextFile:
         size = max(len(data), status.st_size) / 1e6
         rule = f"at most {_MOST_BYTES / 1e6:.0f} MB of text, not {size:.4g} MB"
         raise MisreadError(None, f"must have {rule}")
+    _require_few(data)
     data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a")  # the end-of-file mark of DOS
     if re.search(rb"[\x00-\x08\x0e-\x1f]", data):
         raise MisreadError(None, "must be plain text, not a binary or UTF-16 file")
@@ -97,6 +104,25 @@ def read_file(file: Path) -> TextFile:
     if not lines:
         raise MisreadError(None, "is empty: it must hold rows of numbers")
     return TextFile(lines, data.endswith((b"\n", b"\r")))
+
+
+def _require_few(data: bytes) -> None:
+    """Refuse a text of too many lines, or too many words and numbers, before it is taken apart."""
+    lines = np.count_nonzero(_among(data[1:], b"\r\n") & ~_among(data[:-1], b"\r\n"))
+    # A number begins behind what separates it, or with its sign behind another's digit or point.
+    between = _among(data, b" \t\r\n,;")
+    numbers = np.count_nonzero(between[:-1] & ~between[1:])
+    numbers += np.count_nonzero(_among(data[:-1], b"0123456789.") & _among(data[1:], b"+-"))
+    for name, n, most in (("lines", lines, _MOST_LINES), ("numbers", numbers, _MOST_NUMBERS)):
+        if n > most:
+            raise MisreadError(None, f"must have at most {most:,} {name}, not {n:,}")
+
+
+def _among(data: bytes, signs: bytes) -> NDArray[np.bool_]:
+    """Which bytes are one of some signs."""
+    table = np.zeros(256, np.bool_)
+    table[[*signs]] = True
+    return table[np.frombuffer(data, np.uint8)]
 
 
 def _lines(data: bytes, encoding: str) -> Iterator[Line]:

@@ -1,0 +1,220 @@
+"""Compiled programs: whose folder they are kept in, what is removed, and the note on compiling."""
+
+import logging
+import os
+import time
+import warnings
+from pathlib import Path
+
+import jax
+import jax.monitoring
+import pytest
+from jax.experimental.compilation_cache import compilation_cache
+
+import jaxpound as jp
+from jaxpound.cli import main as cli
+from jaxpound.simulation import programs
+
+posix = pytest.mark.skipif(os.name == "nt", reason="Windows has no owners and modes")
+SETTINGS = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+
+
+@pytest.fixture(autouse=True)
+def without_a_folder(monkeypatch):
+    """JAX without a folder of its own, as users have it; what the suite has comes back."""
+    before = {name: getattr(jax.config, name) for name in SETTINGS}
+    jax.config.update("jax_compilation_cache_dir", None)
+    monkeypatch.delenv("JAXPOUND_CACHE", raising=False)
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
+
+
+def compile_anew():
+    """A program of a few operations, compiled or read from the folder; the folder's entries."""
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    compilation_cache.reset_cache()
+    jax.clear_caches()
+    assert jax.jit(lambda x: x * 3 + 1)(2.0) == 7
+    return {
+        path: path.read_bytes()
+        for path in Path(jax.config.jax_compilation_cache_dir).iterdir()
+        if path.name.endswith("-cache") and "lambda" in path.name
+    }
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut", "flipped"])
+def test_a_damaged_entry_is_replaced_and_nobody_is_warned(tmp_path, damage):
+    jp.keep_programs(tmp_path)
+    (path,) = (whole := compile_anew())
+    entry = whole[path]
+    changed = {
+        "empty": b"",
+        "cut": entry[: len(entry) // 2],
+        "flipped": entry[:-20] + bytes([entry[-20] ^ 1]) + entry[-19:],
+    }[damage]
+    path.write_bytes(changed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        jp.keep_programs(tmp_path)
+        again = compile_anew()
+    assert again.keys() == {path}
+    assert abs(len(again[path]) - len(entry)) < 100  # the time that it took to compile is in it
+
+
+def test_a_whole_entry_serves_the_next_process(tmp_path):
+    jp.keep_programs(tmp_path)
+    whole = compile_anew()
+    jp.keep_programs(tmp_path)
+    (path,) = whole
+    before = path.stat().st_mtime_ns
+    assert compile_anew() == whole
+    assert path.stat().st_mtime_ns == before
+
+
+def test_only_entries_are_removed_and_those_first_that_were_used_longest_ago(tmp_path, monkeypatch):
+    folder = jp.keep_programs(tmp_path)
+    (entry,) = compile_anew().values()
+    for path in folder.glob("*-cache"):
+        path.unlink()
+    names = [f"jit_f-{k:064x}-cache" for k in range(4)]
+    others = [tmp_path / "thesis.dat", folder / "thesis.dat", folder / "notes-cache"]
+    for k, path in enumerate([*others, *(folder / name for name in names)]):
+        path.write_bytes(entry)
+        os.utime(path, (1e9 + k, 1e9 + k))
+    mine = {path: path.read_bytes() for path in others}
+    monkeypatch.setattr(programs, "_LARGEST", 2 * len(entry))
+    jp.keep_programs(tmp_path)
+    assert {path: path.read_bytes() for path in others} == mine
+    assert [name for name in names if (folder / name).exists()] == names[2:]
+
+
+# --- whose folder ---------------------------------------------------------------------------------
+
+
+@posix
+def test_the_folder_is_made_for_its_owner_alone(tmp_path):
+    before = os.umask(0)
+    try:
+        folder = jp.keep_programs(tmp_path / "caches")
+    finally:
+        os.umask(before)
+    assert folder == tmp_path / "caches" / "jaxpound" / "programs"
+    assert [path.stat().st_mode & 0o777 for path in (folder, folder.parent)] == [0o700, 0o700]
+    assert jax.config.jax_compilation_cache_dir == str(folder)
+
+
+def refused(folder):
+    """What the warning names; nothing is kept."""
+    rule = "must be a folder of yours that nobody else may write to: what is in it is executed"
+    with pytest.warns(UserWarning, match=f"^keep_programs: .* {rule}; .* not kept$") as told:
+        assert jp.keep_programs(folder) is None
+    assert jax.config.jax_compilation_cache_dir is None
+    return Path(str(told[0].message).split()[1])
+
+
+@posix
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
+@pytest.mark.parametrize("below", ["", "jaxpound", "jaxpound/programs"])
+def test_a_folder_that_others_may_write_to_is_refused(tmp_path, below, mode):
+    (tmp_path / "jaxpound" / "programs").mkdir(parents=True, mode=0o700)
+    (tmp_path / "jaxpound").chmod(0o700)
+    (tmp_path / below).chmod(mode)
+    assert refused(tmp_path) == tmp_path / below
+
+
+@posix
+def test_folders_of_others_in_a_folder_for_all_are_refused(tmp_path, monkeypatch):
+    """As ``/tmp``, where everybody may make folders, and nobody replaces those of others."""
+    tmp_path.chmod(0o1777)
+    folder = jp.keep_programs(tmp_path)
+    assert folder is not None
+    jax.config.update("jax_compilation_cache_dir", None)
+    user = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: user + 1)
+    assert refused(tmp_path) == tmp_path if user else folder.parent
+
+
+@posix
+def test_a_link_in_the_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "jaxpound").symlink_to(tmp_path / "elsewhere")
+    assert refused(tmp_path) == tmp_path / "jaxpound"
+
+
+def test_a_folder_that_cannot_be_made_is_told_if_it_was_asked_for(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    with pytest.warns(UserWarning, match=r"keep_programs: .*file.*; compiled programs are not kep"):
+        assert jp.keep_programs(tmp_path / "file") is None
+    monkeypatch.setattr(programs, "_user_folder", lambda: tmp_path / "file")
+    assert jp.keep_programs() is None
+
+
+def test_the_environment_names_the_folder_or_none(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXPOUND_CACHE", "off")
+    assert jp.keep_programs() is None
+    monkeypatch.setenv("JAXPOUND_CACHE", str(tmp_path))
+    folder = tmp_path / "jaxpound" / "programs"
+    assert jp.keep_programs() == folder
+    monkeypatch.setenv("JAXPOUND_CACHE", str(tmp_path / "other"))
+    assert jp.keep_programs() == folder  # JAX's own, by now
+
+
+@posix
+@pytest.mark.filterwarnings("default")
+def test_the_command_line_goes_on_without_a_folder_that_it_refuses(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("JAXPOUND_CACHE", str(tmp_path / "caches"))
+    monkeypatch.delenv("TF_CPP_MIN_LOG_LEVEL")  # which JAX has set
+    (tmp_path / "caches").mkdir()
+    (tmp_path / "caches").chmod(0o777)
+    arguments = ["simulate", "--record", "missing.at2", "--out", str(tmp_path / "out")]
+    monkeypatch.setattr("sys.argv", ["jaxpound", *arguments])
+    level = logging.getLogger("jaxpound").level
+    assert cli.main() == 2
+    logging.getLogger("jaxpound").setLevel(level)
+    warning, error = capsys.readouterr().err.splitlines()
+    assert warning.startswith(f"jaxpound: warning: {tmp_path}/caches must be a folder of yours")
+    assert "missing.at2: no such file" in error
+    assert os.environ["TF_CPP_MIN_LOG_LEVEL"] == "3"  # no alarm of XLA's at a long compilation
+
+
+# --- the note -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def notes(monkeypatch, caplog):
+    """The lines of the note, which comes soon."""
+    monkeypatch.setattr(programs, "AFTER", 0.01)
+    programs.note_long_compilations()
+    return lambda: [text for name, _, text in caplog.record_tuples if name == "jaxpound"]
+
+
+def test_a_long_compilation_is_noted_in_one_line(notes):
+    def slow(x):
+        for k in range(60):
+            x = jax.lax.sort(jax.numpy.sin(x * k))
+        return x
+
+    x = jax.block_until_ready(jax.numpy.arange(3.0))
+    before = len(notes())
+    jax.jit(slow)(x)
+    (line,) = notes()[before:]
+    assert line.startswith("jaxpound: compiling jit(slow), for 0.01 s so far;")
+
+
+def test_a_short_compilation_is_not_noted(notes, monkeypatch):
+    monkeypatch.setattr(programs, "AFTER", 0.2)
+    jax.monitoring.record_scalar(programs._COMPILING, time.time(), fun_name="f")
+    jax.monitoring.record_event_duration_secs(programs._COMPILING, 0.0)
+    time.sleep(0.3)
+    assert notes() == []
+
+
+def test_runs_see_to_the_note(monkeypatch):
+    """Whatever program they are in, and before it is compiled."""
+    calls = []
+    monkeypatch.setattr("jaxpound.simulation.run.note_long_compilations", lambda: calls.append(1))
+    grid = jp.TimeGrid.until(20.0, dt=0.05)
+    jax.eval_shape(lambda: jp.demand(jp.paper.structures(), jp.paper.ground(), grid))
+    assert calls
