@@ -44,7 +44,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
     Programs are in the sub-folder ``jaxpound/programs``. Above 1 GiB those used longest ago are
     removed, damaged ones at the next call; no other file ever is. Whoever may write to the folder
-    could let you execute what he likes: the sub-folders are made for you alone, and the folder and
+    could make you execute any code: the sub-folders are made for you alone, and the folder and
     these are refused if they belong to somebody else or others may write to them.
 
     Parameters
