@@ -35,6 +35,7 @@ Source = Callable[[str, Any], ByIntensity]
 LEFT_OUT = 1e-3
 """Share of the rate beyond either end of a deaggregation's own bands."""
 
+_NO_END = 300.0  # of the logarithm of an interval's half width
 _TOLD = 0.01  # share of the rate from beyond the hazard curve that a table tells
 
 
@@ -70,9 +71,13 @@ class AnnualRate(Shown):
 
     @staticmethod
     def of_fragility(value: float, variance: float, confidence: float, **more: Any) -> AnnualRate:
-        """Of an integral and its variance to first order; ln λ is taken as normal."""
+        """Of an integral and its variance to first order; ln λ is taken as normal.
+
+        Where the c.o.v. is so large that the interval has no end, there is none.
+        """
         cov = variance**0.5 / value if value else float("nan")
-        factor = float(np.exp(ndtri((1 + confidence) / 2) * cov))
+        reach = float(ndtri((1 + confidence) / 2)) * cov
+        factor = float(np.exp(reach)) if reach < _NO_END else float("nan")
         return AnnualRate(value, value / factor, value * factor, confidence, cov, **more)
 
     @staticmethod

@@ -57,7 +57,8 @@ class Stripes(Shown):
         ValueError
             If the likelihood has no maximum, as ``fit_fragility`` says.
         """
-        return fit_fragility(self.intensities, self.pounding, self.trials)
+        counts = self.pounding, self.trials
+        return fit_fragility(self.intensities, *counts, measure=self.measure)
 
     def _tables(self) -> list[Table]:
         rows = [

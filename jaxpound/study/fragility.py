@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from jaxpound._checks import Rule, count, enforce, number, positive, real, require_share
+from jaxpound._checks import Rule, count, enforce, instance, number, positive, real, require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.ground.measure import Measure
 
 ANY_LINK = "any link"
 """Name of the curve of pounding at any of several links, beside those of "link 1" and so on."""
@@ -30,7 +31,7 @@ class Fragility(Shown):
     ------
     ValueError
         If median or dispersion is not one number, positive and finite, or the covariance not of
-        shape (2, 2).
+        shape (2, 2); if measure tells another unit.
 
     Examples
     --------
@@ -60,7 +61,11 @@ class Fragility(Shown):
     weights: np.ndarray | None = None
     """Weights of the runs at each intensity, shape (m,); None if all count the same."""
     unit: str = ""
-    """Unit of the intensities, where it is known: of a study's column."""
+    """Unit of the intensities, where it is known: of a study's column, or that of the measure."""
+    measure: str = ""
+    """The measure of intensity with its unit, such as ``"PGA (g)"``; empty where it is not known.
+    ``HazardCurve.annual_rate_of`` refuses a fragility of another measure, or in another unit, than
+    the curve's."""
     _of_counts: ClassVar[bool] = True  # fitted to them, which can then be resampled
 
     def __post_init__(self) -> None:
@@ -72,6 +77,17 @@ class Fragility(Shown):
         if covariance.shape != (2, 2):
             raise ValueError(f"{owner}: covariance of shape {covariance.shape} must be (2, 2)")
         object.__setattr__(self, "covariance", covariance)
+        instance(owner, "measure", self.measure, str)
+        told = Measure.told(self.measure).unit
+        if self.unit and told and told != self.unit:
+            rule = f"be in the unit of the intensities, {self.unit}"
+            raise ValueError(f"{owner}: measure = {self.measure!r} must {rule}")
+        object.__setattr__(self, "unit", self.unit or told)
+
+    @property
+    def measured(self) -> Measure:
+        """The measure of intensity, in the fragility's unit."""
+        return dataclasses.replace(Measure.told(self.measure), unit=self.unit)
 
     @property
     def median_error(self) -> float:
@@ -194,6 +210,7 @@ def fit_fragility(
     trials: ArrayLike | None = None,
     *,
     weights: ArrayLike | None = None,
+    measure: str = "",
 ) -> Fragility:
     """Fit of a lognormal fragility function by maximum likelihood (Baker 2015, eq. 11).
 
@@ -213,6 +230,9 @@ def fit_fragility(
         not that of as many runs as the weights' sum, but that of White (1982), of a likelihood that
         is not the distribution's own: H⁻¹ S H⁻¹ with H the information and S the sum of the squares
         of the scores.
+    measure
+        The measure of intensity with its unit, such as ``"PGA (g)"``, to be checked against that of
+        a hazard curve.
 
     Raises
     ------
@@ -270,7 +290,8 @@ def fit_fragility(
     to = np.array([[-1 / b, a / b**2], [0.0, -1 / b**2]])
     median, dispersion = float(np.exp(-a / b)), float(1 / b)
     stripes = trials is not None
-    return Fragility(median, dispersion, to @ spread @ to.T, im, k, n, stripes, w)
+    data = im, k, n, stripes, w
+    return Fragility(median, dispersion, to @ spread @ to.T, *data, measure=measure)
 
 
 def _not_negative(owner: str, intensity: ArrayLike) -> np.ndarray:
