@@ -5,13 +5,16 @@ from __future__ import annotations
 import dataclasses
 import re
 
-from jaxpound.ground.formats.units import UNIT, UNITS, whole_unit
+from jaxpound.ground.formats import units
 from jaxpound.quantities import DIMENSIONLESS, SI
 
-_ACCELERATIONS = {unit.replace("2", "²"): size for unit, size in UNITS.items()}
+_ACCELERATIONS = {unit.replace("2", "²"): size for unit, size in units.UNITS.items()}
 _VELOCITIES = {SI["velocity"]: 1.0, "cm/s": 0.01}
 _SIZES = (_ACCELERATIONS, _VELOCITIES, {DIMENSIONLESS["velocity"]: 1.0})
-"""Units by what they are of, each with its size in SI."""
+"""Units by what they are of, each with its size in SI; hazard analyses use the first."""
+
+UNITS = tuple(unit for sizes in _SIZES[:2] for unit in sizes)
+"""Units of accelerations and velocities that do not depend on the structures."""
 
 _NAMES = {
     "PGA": "pga|peak ground acceleration",
@@ -97,7 +100,7 @@ class Measure:
 
 def known_unit(text: str) -> str:
     """A unit of motions as this package writes it, m/s² for m/s2; empty for another text."""
-    spelled = whole_unit(UNIT, text) or text
+    spelled = units.whole_unit(units.UNIT, text) or text
     spelled = spelled.replace("2", "²")
     return spelled if any(spelled in sizes for sizes in _SIZES) else ""
 

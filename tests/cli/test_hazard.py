@@ -173,11 +173,15 @@ def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
         assert found.value == pytest.approx(float(share), rel=0.05)
         assert gap["low"] < gap["value"] < gap["high"]
     assert "required gap (m)" in screen
-    # The same hazard in other units is the same.
+    # The same hazard in other units, by the key or by the measure, is the same.
     gal = (100 * STANDARD_GRAVITY * np.array(given["intensity"])).tolist()
     other = re.sub(r"(?m)^intensity = \[.*$", f"intensity = {gal}", of_study())
-    _, again = told(folder, other.replace("# unit =", "unit ='gal' #"))
-    assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
+    by_key = other.replace("# unit =", "unit ='gal' #").replace('"PGA (g)"', '"PGA"')
+    by_measure = other.replace('"PGA (g)"', '"PGA (cm/s2)"')
+    for text, measure in ((by_key, "PGA (gal)"), (by_measure, "PGA (cm/s²)")):
+        _, again = told(folder, text)
+        assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
+        assert again["measure"] == measure
 
 
 def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
@@ -211,7 +215,19 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
             of_drawn().replace("# unit =", "unit = 'g' #"),
             "[study] drawn = true must not be given beside [hazard] unit",
         ),
-        (of_study("drawn = true"), "[study] drawn = true must not be given: no hazard has drawn"),
+        (of_study("drawn = true"), "[study] drawn = true must not be given: this hazard has not"),
+        (
+            of_drawn().replace("8e-5", "9e-5"),
+            "[study] drawn = true must not be given: this hazard has not",
+        ),
+        (
+            of_study().replace('"PGA (g)"', '"SA(0.2) (g)"'),
+            "[hazard] measure = 'SA(0.2) (g)' must be that of the fragility, peak ground accel",
+        ),
+        (
+            of_study().replace("# unit =", "unit = 'gal' #"),
+            '[hazard] unit = "gal" must be that of measure = "PGA (g)"',
+        ),
         (
             edited(EXAMPLE, {"# unit": "unit = 'g'"}),
             "[hazard] unit must be given with [study] only",
@@ -232,7 +248,7 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
         ),
         (edited(EXAMPLE, {"annual_rate": ""}), "[hazard] must have intensity and annual_rate, or"),
         (edited(EXAMPLE, {"measure": 'file = "x"'}), "[hazard] intensity must not be given beside"),
-        (edited(EXAMPLE, {"# unit": "unit = 'x'"}), '[hazard] unit = "x" must be one of g, m/s2'),
+        (edited(EXAMPLE, {"# unit": "unit = 'x'"}), '[hazard] unit = "x" must be one of g, m/s²'),
         (edited(EXAMPLE, {"median =": "median = 0"}), "[fragility] median = 0 must be between"),
         (edited(EXAMPLE, {"median_error": ""}), "[fragility] must have median_error and"),
         (EXAMPLE + STUDY, "must have the table [fragility] or the table [study], one of them"),
@@ -243,7 +259,10 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
             of_study().replace("link = 1", "link = 3"),
             "[study] link = 3 must be one of the study's links",
         ),
-        (of_study().replace("# unit =", "unit = 'cm/s' #"), '[hazard] unit = "cm/s" must be one'),
+        (
+            of_study().replace("# unit =", "unit = 'cm/s' #").replace('"PGA (g)"', '"PGA"'),
+            '[hazard] unit = "cm/s" must be one of g, m/s²,',
+        ),
         (of_study().replace('"study"', '"none"'), "none"),
         (
             of_study().replace("0.1, 0.02", "0.99"),
