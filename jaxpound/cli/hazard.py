@@ -19,6 +19,7 @@ from jaxpound.cli.reading import File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import UNITS, Measure, known_unit, units_like
+from jaxpound.results.demand import in_words, unit_of
 from jaxpound.risk.hazard_files import read_hazard
 from jaxpound.risk.hazard_meets import is_drawn
 from jaxpound.study.demands import is_ours
@@ -85,6 +86,11 @@ class Stated(Table):
     def __post_init__(self) -> None:
         if (self.median_error is None) != (self.dispersion_error is None):
             raise ValueError("must have median_error and dispersion_error, both or none")
+        for name in ("median", "dispersion"):
+            value, error = getattr(self, name), getattr(self, f"{name}_error") or 0.0
+            if error > value:
+                rule = f"at most the {name} itself, {value:g}"
+                raise ValueError(f"{name}_error = {error:g} must be {rule}")
 
     def model(self) -> jp.Fragility:
         """The library's ``Fragility``, without data."""
@@ -221,11 +227,12 @@ def of_study(file: File, given: Lifetime, stored: Stored, hazard: jp.HazardCurve
                 rule = "this hazard has not drawn the study's earthquakes; leave it out"
                 raise ValueError(f"drawn = true must not be given: {rule}")
             return straight(hazard, stored, study, results)
-    theirs = study.measure(stored.intensity)
+    column = stored.intensity
+    theirs = Measure(in_words(column), unit_of(column, study.scales is not None))
     hazard, factor = _measured(f"{file.name}: [hazard]", given.hazard.unit, hazard, theirs)
     ours = Measure.told(hazard.measure)
     with named(place):
-        curve = study.fragility(stored.intensity, stored.gap, link=stored.number)
+        curve = study.fragility(column, stored.gap, link=stored.number)
     curve = dataclasses.replace(
         curve,
         median=curve.median / factor,
@@ -246,7 +253,7 @@ def of_study(file: File, given: Lifetime, stored: Stored, hazard: jp.HazardCurve
                 study,
                 share,
                 results.years,
-                intensity=stored.intensity,
+                intensity=column,
                 link=stored.number,
                 confidence=results.confidence,
             )

@@ -56,6 +56,7 @@ def folder(tmp_path_factory):
         "duration": "duration = 8.0",
         "# dt = 0.01": "dt = 0.03",
         "intensity": "intensity = {lognormal = [0.5, 0.6]}",
+        "# spectral": "spectral_acceleration = true",
     }
     (made / "study.toml").write_text(edited(example("montecarlo"), changes))
     run("montecarlo", made / "study.toml", "--store", made / "study")
@@ -184,6 +185,14 @@ def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
         assert again["measure"] == measure
 
 
+def test_spectral_accelerations_of_the_study_meet_a_hazard_of_them(folder):
+    text = of_study().replace('"pga"', '"spectral_acceleration_1"')
+    _, answers = told(folder, text.replace('"PGA (g)"', '"SA(0.9) (g)"'))
+    study = jp.Study.open(folder / "study")
+    curve = jp.fit_fragility(study["spectral_acceleration_1"], study.pounding(0.04) == 1)
+    assert answers["fragility"]["median"] == pytest.approx(curve.median / STANDARD_GRAVITY)
+
+
 def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
     screen, answers = told(drawn, of_drawn())
     study, points = jp.Study.open(drawn / "drawn"), np.transpose(CURVE)
@@ -240,6 +249,16 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
         (
             of_drawn().replace("0.05]", "0.99]"),
             "[study] the annual rate of probability = 0.99 in 50",
+        ),
+        (
+            of_study().replace('"pga"', '"spectral_acceleration_1"'),
+            "[hazard] measure = 'PGA (g)' must be that of the fragility, spectral acceleration",
+        ),
+        (EXAMPLE.replace("1.6]", "1e300]"), "[hazard] intensity = 1e+300 (at index [5]) must be"),
+        (EXAMPLE.replace("[3e-2", "[3e4"), "[hazard] annual_rate = 30000 (at index [0]) must be"),
+        (
+            EXAMPLE.replace("median_error = 0.05", "median_error = 50000"),
+            "[fragility] median_error = 50000 must be at most the median itself, 0.6",
         ),
         (edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2]"}), "[hazard] intensity (6,) and"),
         (
