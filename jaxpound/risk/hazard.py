@@ -10,12 +10,15 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, instance, number, positive, real, require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.ground.measure import Measure
+from jaxpound.ground.plausibility import tell
 from jaxpound.risk.annual_rate import AnnualRate
 from jaxpound.risk.fragility_rate import FragilityRate, integral
 from jaxpound.risk.hazard_files import read_hazard
 from jaxpound.risk.hazard_gap import TRIED, gap_by_fragilities
 from jaxpound.risk.hazard_intensity import CurvePoints, HazardIntensity, HazardWeights
 from jaxpound.risk.hazard_meets import require_drawn, require_measure
+from jaxpound.risk.hazard_points import checked, doubts
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.risk.samples_rate import of_event, of_study
 from jaxpound.study.distributions import Distribution, density
@@ -24,8 +27,6 @@ from jaxpound.study.statistics import Estimate
 from jaxpound.study.study import Study
 
 _ROUNDING = 1e-9
-_SIZES = (1e-12, 1e12)  # of intensities, in whatever unit
-_RATES = (1e-100, 1e3)  # of a year: a thousand earthquakes are three a day
 _MOST_BEYOND = 0.5  # share of a rate from beyond the curve's ends that says nothing of a wrong unit
 
 
@@ -55,6 +56,12 @@ class HazardCurve(Shown):
         If the shapes differ or are not (m,) with m ≥ 2, a number is out of its range, intensities
         do not rise, or rates rise.
 
+    Warns
+    -----
+    PlausibilityWarning
+        If annual rates look like probabilities within years: the first two are nearly 1, or the
+        curve has 0.4 g of PGA more often than once in 50 years.
+
     Examples
     --------
     >>> hazard = jp.HazardCurve([0.1, 0.2, 0.4, 0.8], [1e-2, 3e-3, 6e-4, 8e-5], measure="PGA (g)")
@@ -72,25 +79,9 @@ class HazardCurve(Shown):
 
     def __post_init__(self) -> None:
         owner = "HazardCurve"
-        given = {key: getattr(self, key) for key in ("intensity", "annual_rate")}
-        im, rate = (np.array(real(owner, key, x), float) for key, x in given.items())
-        if im.ndim != 1 or im.size < 2 or rate.shape != im.shape:
-            shapes = f"intensity {im.shape} and annual_rate {rate.shape}"
-            raise ValueError(f"{owner}: {shapes} must be (m,), of one length m ≥ 2")
+        im, rate = points = checked(owner, self.intensity, self.annual_rate)
         instance(owner, "measure", self.measure, str)
-        rises, falls = (np.r_[True, order] for order in (np.diff(im) > 0, np.diff(rate) <= 0))
-        sizes, rates = ((low <= x) & (x <= high) for x, (low, high) in ((im, _SIZES), (rate, _RATES)))
-        enforce(
-            owner,
-            [
-                Rule("intensity", im, sizes, "from {:g} to {:g}".format(*_SIZES)),
-                Rule("annual_rate", rate, rates, "from {:g} to {:g} a year; 10 % in 50 years are "
-                     "0.0021 a year".format(*_RATES)),
-                Rule("intensity", im, rises, "larger than the one before"),
-                Rule("annual_rate", rate, falls, "no larger than the one before: a hazard curve "
-                     "falls as the intensity grows"),
-            ],
-        )  # fmt: skip
+        tell(owner, doubts(points, Measure.told(self.measure)), strict=False)
         object.__setattr__(self, "intensity", im)
         object.__setattr__(self, "annual_rate", rate)
 

@@ -352,3 +352,24 @@ def test_the_figure_has_the_curve_above_its_deaggregation():
     top = [line[1, 1] for line in lines]
     np.testing.assert_allclose(top, 100 * bands.share * (1 + bands.cov))
     figure.draw_without_rendering()
+
+
+@pytest.mark.parametrize(
+    ("intensity", "rates", "measure"),
+    [
+        ([0.005, 0.02, 0.1, 0.4], [0.999, 0.97, 0.3, 0.02], "im"),
+        ([0.1, 0.2, 0.4, 0.8], [0.39, 0.14, 0.03, 0.004], "PGA (g)"),
+        ([6.0, 9.0], [0.03, 0.01], "PGA (m/s²)"),
+    ],
+)
+def test_probabilities_in_fifty_years_are_not_taken_for_rates_in_silence(intensity, rates, measure):
+    with pytest.warns(jp.PlausibilityWarning, match="annual_rate.*of probabilities p within years"):
+        jp.HazardCurve(intensity, rates, measure)
+
+
+def test_bounds_that_print_alike_are_told_as_one_rate():
+    """A fragility of low intensities: nearly every earthquake beyond the curve's end pounds."""
+    sure = repr(CURVE.annual_rate_of(fragility(0.3, 0.05)))
+    assert "beyond" not in sure
+    assert "between" not in sure
+    assert "whatever it is there, the rate is" in sure
