@@ -288,7 +288,9 @@ def _measured(
             rule = f"must not be given: the unit of the study's column, {theirs}, is not known"
             raise ValueError(f'{place} unit = "{unit}" {rule}')
         return hazard, 1.0
-    stated = dataclasses.replace(ours, unit=known_unit(unit or "") or ours.unit or next(iter(sizes)))
+    stated = dataclasses.replace(
+        ours, unit=known_unit(unit or "") or ours.unit or next(iter(sizes))
+    )
     if ours.unit and not stated.is_in_unit_of(ours):
         raise ValueError(f'{place} unit = "{unit}" must be that of measure = "{hazard.measure}"')
     if stated.unit not in sizes:

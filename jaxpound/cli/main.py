@@ -266,7 +266,7 @@ def _add_design(commands: Any) -> None:
     )
     words = "an accelerogram in g that joins the random earthquakes; may be given several times"
     _add_path(design, "--record", words, action="append", default=[])
-    words = "keep the search's state there, and go on from it where it was stopped"
+    words = "keep the search's state there, and not in DIR/search.unfinished until it is done"
     _add_path(design, "--save", words)
     _add_strict(design)
 

@@ -237,7 +237,8 @@ def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
 def named(place: str, units: Mapping[str, str] | None = None) -> Iterator[None]:
     """In messages of the core, replace the name of the class by the place in the file.
 
-    Of runs that end in numbers that are not finite, too. ``units`` are those of the numbers in these messages, by name.
+    Of runs that end in numbers that are not finite, too. ``units`` are those of the numbers in
+    these messages, by name.
     """
     try:
         yield

@@ -90,9 +90,8 @@ class Measure:
         """Whether both may be one measure, whatever their units: what is not told may be so."""
         if not (self.name and other.name):
             return True
-        periods = self.period, other.period
-        if periods[0] and periods[1]:
-            (mine, of_mine), (theirs, of_theirs) = periods
+        if self.period and other.period:
+            (mine, of_mine), (theirs, of_theirs) = self.period, other.period
             if of_mine != of_theirs or abs(mine - theirs) > _SAME * theirs:
                 return False
         return self.name == other.name and abs(self.damping - other.damping) < _SAME

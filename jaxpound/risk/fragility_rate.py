@@ -46,7 +46,8 @@ class FragilityRate:
         steepest, last = hazard.slope.max(), hazard.slope[-1]
         low = min(ends[0], curve.median * np.exp(-steepest * curve.dispersion**2)) / _FAR
         high = max(ends[1], curve.median) * _FAR ** max(1.0, 1 / max(last, 0.1))
-        fine = np.r_[0.0, np.geomspace(*np.clip([low, high], *_ENDS), _FINE), np.inf]
+        low, high = np.clip([low, high], *_ENDS).tolist()
+        fine = np.r_[0.0, np.geomspace(low, high, _FINE), np.inf]
         rates, _ = self.parts(fine)
         share = np.cumsum(rates) / rates.sum()
         first, last_of = np.searchsorted(share, [LEFT_OUT, 1 - LEFT_OUT])
@@ -90,7 +91,9 @@ def integral(
     with np.errstate(divide="ignore"):
         u = np.log(at) - np.log(theta)
     z = np.stack([u[:-1], u[1:]]) / beta
-    start = np.log(hazard.annual_rate[piece]) + k * (np.log(hazard.intensity[piece]) - np.log(theta))
+    start = np.log(hazard.annual_rate[piece]) + k * (
+        np.log(hazard.intensity[piece]) - np.log(theta)
+    )
     # ∫ λ dP = e^(start + k²β²/2) [Φ(z + kβ)], by completing the square.
     under = np.exp(start + (k * beta) ** 2 / 2 + _log_between(*(z + k * beta)))
     # At intensity 0 there is no pounding, and no earthquake exceeds ∞.

@@ -35,9 +35,7 @@ def require_measure(owner: str, text: str, of: str, theirs: Measure) -> None:
         tell(owner, [f"measure = {text!r} names no unit; it should {must}"], strict=False)
 
 
-def require_drawn(
-    owner: str, curve: CurvePoints, of: Study | RareEvent, instead: str
-) -> None:
+def require_drawn(owner: str, curve: CurvePoints, of: Study | RareEvent, instead: str) -> None:
     """A ``ValueError`` for a study or a rare event whose intensities are not known as a hazard's.
 
     ``curve`` has the intensities and annual rates of the points, ``instead`` says what to give.

@@ -63,6 +63,6 @@ def doubts(points: CurvePoints, measure: Measure) -> list[str]:
     if strong > in_g[-1] or often <= _OFTEN:
         return []
     return [
-        f"annual_rate of a PGA of {strong:.2g} g is {often:.2g}, once in {1 / often:.2g} years; no "
-        f"site is known where {_STRONG} g comes more often than once in {1 / _OFTEN:.0f} years: {rule}"
+        f"annual_rate of a PGA of {strong:.2g} g is {often:.2g}, once in {1 / often:.2g} years; "
+        f"no site is known where {_STRONG} g is exceeded once in {1 / _OFTEN:.0f} years: {rule}"
     ]

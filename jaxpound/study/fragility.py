@@ -17,7 +17,7 @@ from jaxpound.ground.plausibility import tell
 ANY_LINK = "any link"
 """Name of the curve of pounding at any of several links, beside those of "link 1" and so on."""
 
-_BY_CHANCE = 2.4  # standard deviations: once in 120 pairs of stripes of one probability
+_BY_CHANCE = 3.0  # standard deviations: once in 700 pairs of stripes of one probability
 _LEAST = 40.0  # −z from which Φ(z) is 0
 _CELLS = 2000  # groups of neighbouring intensities that a bootstrap of many samples draws from
 
@@ -301,9 +301,9 @@ def fit_fragility(
     to = np.array([[-1 / b, a / b**2], [0.0, -1 / b**2]])
     median, dispersion = float(np.exp(-a / b)), float(1 / b)
     stripes = trials is not None
-    if stripes and (fall := falls(im, k, n)):
+    if stripes and (drop := falls(im, k, n)):
         rule = "a fragility rises with the intensity, and does not fit"
-        tell(owner, [f"pounding is there {fall}: {rule}"], strict=False)
+        tell(owner, [f"pounding is there {drop}: {rule}"], strict=False)
     data = im, k, n, stripes, w
     return Fragility(median, dispersion, to @ spread @ to.T, *data, measure=measure)
 

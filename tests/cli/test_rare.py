@@ -245,7 +245,10 @@ def test_a_row_and_another_demand():
             "[limit] threshold = 1e+300 m must be between 1e-09 and 1000 m",
         ),
         ({"acceleration": "acceleration = 0"}, "[earthquakes] acceleration = 0 g must be between"),
-        ({"acceleration": f"{'x' * 3000} = 1"}, f"[earthquakes] has an unknown key '{'x' * 75} ...;"),
+        (
+            {"acceleration": f"{'x' * 3000} = 1"},
+            f"[earthquakes] has an unknown key '{'x' * 75} ...;",
+        ),
         ({"cov": "cov = 2"}, "[search] cov = 2 must be between 0.001 and 0.99"),
         ({"method": 'method = "form"'}, '[search] method = "form" must be one of "auto"'),
         (

@@ -219,7 +219,9 @@ def test_a_study_that_no_hazard_has_drawn_is_not_taken_for_one_that_it_has(found
     with pytest.raises(ValueError, match=r"drawn by HazardCurve.distribution .* intensity, such"):
         HAZARD.required_gap(undrawn)
     for other in (undrawn, undrawn.weighted(np.ones(len(undrawn)))):
-        with pytest.raises(ValueError, match=r"HazardCurve.weights, .* study.fragility.*drawn=True"):
+        with pytest.raises(
+            ValueError, match=r"HazardCurve.weights, .* study.fragility.*drawn=True"
+        ):
             HAZARD.annual_rate_of(other, gap=1.0)
     rates = [x.value for x in (HAZARD.annual_rate_of(undrawn, gap=1.0, drawn=True),
                                HAZARD.annual_rate_of(found, gap=1.0))]  # fmt: skip

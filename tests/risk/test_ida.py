@@ -75,7 +75,7 @@ def test_any_measure_that_is_proportional(linear):
     )
     assert spectral.fragility().measure == "Sa(0.9 s) (g)"
     for hazard, curve in ((of_pga, spectral), (of_other, spectral), (of_sa, linear)):
-        with pytest.raises(ValueError, match="measure = .* must be that of the fragility, "):
+        with pytest.raises(ValueError, match=r"measure = .* must be that of the fragility, "):
             hazard.annual_rate_of(curve.fragility())
     in_m = jp.HazardCurve([0.5, 2.0, 10.0], rates, "PGA (m/s²)")
     with pytest.raises(ValueError, match="must be in the unit of the fragility, g: convert"):
