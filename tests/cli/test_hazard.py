@@ -296,3 +296,9 @@ def test_wrong_input_is_named(text, words, drawn, capsys):
     line = refusal(capsys, "hazard", path, "--out", folder / "nothing")
     assert words in line
     assert not (folder / "nothing").exists()
+
+
+def test_probabilities_in_fifty_years_given_as_rates_are_told_of_once(tmp_path, capsys):
+    rates = [float(f"{-np.expm1(-50 * rate):.3g}") for _, rate in CURVE]
+    told(tmp_path, edited(EXAMPLE, {"annual_rate": f"annual_rate = {rates}"}))
+    assert capsys.readouterr().err.count("of probabilities p within years it is -ln(1 - p)") == 1
