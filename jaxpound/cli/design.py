@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +25,9 @@ from jaxpound.cli.row import Row
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Files, read_records
 from jaxpound.cli.writing import as_toml, row_as_toml
+
+_UNFINISHED = "search.unfinished"
+"""Folder in that of the results, of a search whose file is not chosen; removed at the end."""
 
 # --- the configuration --------------------------------------------------------------------------
 
@@ -74,6 +78,10 @@ def run(args: argparse.Namespace) -> None:
     given = file.read(Wanted)
     task = prepared(file, given, args.record)
     make_folder(args.out)
+    unfinished = None if args.save else args.out / _UNFINISHED
+    if unfinished is not None:
+        make_folder(unfinished)
+        args.save = unfinished / "search.npz"  # where an interrupted process says that it is
     with noted(given.structures):
         design = jp.design_damper(
             task.space,
@@ -120,6 +128,8 @@ def run(args: argparse.Namespace) -> None:
         figures["landscape"] = drawn(plots.landscape, design)
     write_text(args.out / "summary.md", page(answers, list(figures), design.trained.topology))
     write_figures(figures, args.out, args.pdf)
+    if unfinished is not None:
+        shutil.rmtree(unfinished)
 
 
 def _buildings(given: Wanted, task: Task, design: jp.Design) -> str:

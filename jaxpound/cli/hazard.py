@@ -17,19 +17,16 @@ from jaxpound.cli.files import known, make_folder, write_figures, write_json, wr
 from jaxpound.cli.reading import File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.tables import Gap
-from jaxpound.ground.formats.units import UNITS
-from jaxpound.results.demand import unit_of
+from jaxpound.ground.measure import UNITS, Measure, known_unit, units_like
+from jaxpound.results.demand import in_words, unit_of
 from jaxpound.risk.hazard_files import read_hazard
-from jaxpound.risk.hazard_meets import may_be_drawn
+from jaxpound.risk.hazard_meets import is_drawn
 from jaxpound.study.demands import is_ours
 from jaxpound.study.statistics import Estimate
 
 # --- the configuration --------------------------------------------------------------------------
 
 _Numbers = Annotated[list[float], says("a list of two numbers or more", min_length=2)]
-_VELOCITIES = {"m/s": 1.0, "cm/s": 0.01}
-_KNOWN_UNITS = {"g": UNITS, "m/s²": UNITS, "m/s": _VELOCITIES}
-"""The units, in SI, that a hazard may have by the unit of the study's column."""
 
 _OF_SHAKING = ("pga", "pgv")  # of a study's demands
 
@@ -63,9 +60,8 @@ class Curve(Table):
             raise ValueError("must have intensity and annual_rate, or file")
         if self.site is not None and self.file is None:
             raise ValueError("site must be given with file only")
-        allowed = [*UNITS, *_VELOCITIES]
-        if self.unit is not None and self.unit not in allowed:
-            raise ValueError(f'unit = "{self.unit}" must be one of {", ".join(allowed)}')
+        if self.unit is not None and not known_unit(self.unit):
+            raise ValueError(f'unit = "{self.unit}" must be one of {", ".join(UNITS)}')
 
     def model(self, file: File) -> jp.HazardCurve:
         """The library's ``HazardCurve``."""
@@ -89,6 +85,11 @@ class Stated(Table):
     def __post_init__(self) -> None:
         if (self.median_error is None) != (self.dispersion_error is None):
             raise ValueError("must have median_error and dispersion_error, both or none")
+        for name in ("median", "dispersion"):
+            value, error = getattr(self, name), getattr(self, f"{name}_error") or 0.0
+            if error > value:
+                rule = f"at most the {name} itself, {value:g}"
+                raise ValueError(f"{name}_error = {error:g} must be {rule}")
 
     def model(self) -> jp.Fragility:
         """The library's ``Fragility``, without data."""
@@ -202,44 +203,62 @@ def run(args: argparse.Namespace) -> None:
 
 def combined(file: File, given: Lifetime) -> Found:
     """The annual rate of pounding, and the gaps that are asked for."""
-    with named(f"{file.name}: [hazard]"):
+    place = f"{file.name}: [hazard]"
+    with named(place):
         hazard = given.hazard.model(file)
-    results, gaps = given.results, {}
-    if given.study is None:
-        assert given.fragility is not None
-        curve = given.fragility.model()
-    else:
-        stored, place = given.study, f"{file.name}: [study]"
-        with named(place):
-            study = stored.opened(file)
-            if stored.drawn:
-                if given.hazard.unit is not None:
-                    raise ValueError("drawn = true must not be given beside [hazard] unit")
-                if not may_be_drawn(study):
-                    rule = "no hazard has drawn this study's earthquakes; leave it out"
-                    raise ValueError(f"drawn = true must not be given: {rule}")
-                return straight(hazard, stored, study, results)
-        factor = _factor(f"{file.name}: [hazard] unit", given.hazard.unit, study, stored.intensity)
-        with named(place):
-            curve = study.fragility(stored.intensity, stored.gap, link=stored.number)
-            measured = jp.HazardCurve(
-                hazard.intensity * factor,
-                hazard.annual_rate,
-                f"{stored.intensity} ({study.unit(stored.intensity)})",
+    if given.study is not None:
+        return of_study(file, given, given.study, hazard)
+    assert given.fragility is not None
+    curve = given.fragility.model()
+    with named(place):
+        rate = hazard.annual_rate_of(curve, given.results.confidence)
+    return Found(hazard, curve, rate, {}, given.results)
+
+
+def of_study(file: File, given: Lifetime, stored: Stored, hazard: jp.HazardCurve) -> Found:
+    """The same by a study, through the fragility of its runs unless the hazard has drawn them."""
+    results, place = given.results, f"{file.name}: [study]"
+    with named(place):
+        study = stored.opened(file)
+        if stored.drawn:
+            if given.hazard.unit is not None:
+                raise ValueError("drawn = true must not be given beside [hazard] unit")
+            if not is_drawn((hazard.intensity, hazard.annual_rate), study):
+                rule = "this hazard has not drawn the study's earthquakes; leave it out"
+                raise ValueError(f"drawn = true must not be given: {rule}")
+            return straight(hazard, stored, study, results)
+    column = stored.intensity
+    theirs = Measure(in_words(column), unit_of(column, study.scales is not None))
+    hazard, factor = _measured(f"{file.name}: [hazard]", given.hazard.unit, hazard, theirs)
+    ours = Measure.told(hazard.measure)
+    with named(place):
+        curve = study.fragility(column, stored.gap, link=stored.number)
+    curve = dataclasses.replace(
+        curve,
+        median=curve.median / factor,
+        intensity=curve.intensity / factor,
+        unit=ours.unit,
+        measure=str(dataclasses.replace(theirs, unit=ours.unit)),
+    )
+    with named(f"{file.name}: [hazard]"):
+        rate = hazard.annual_rate_of(curve, results.confidence)
+    in_their_unit = jp.HazardCurve(
+        hazard.intensity * factor,
+        hazard.annual_rate,
+        str(dataclasses.replace(ours, unit=theirs.unit)),
+    )
+    with named(place):
+        gaps = {
+            share: in_their_unit.required_gap(
+                study,
+                share,
+                results.years,
+                intensity=column,
+                link=stored.number,
+                confidence=results.confidence,
             )
-            for share in stored.gap_probabilities or ():
-                gaps[share] = measured.required_gap(
-                    study,
-                    share,
-                    results.years,
-                    intensity=stored.intensity,
-                    link=stored.number,
-                    confidence=results.confidence,
-                )
-        curve = dataclasses.replace(
-            curve, median=curve.median / factor, intensity=curve.intensity / factor, unit=""
-        )
-    rate = hazard.annual_rate_of(curve, results.confidence)
+            for share in stored.gap_probabilities or ()
+        }
     return Found(hazard, curve, rate, gaps, results)
 
 
@@ -256,20 +275,29 @@ def straight(hazard: jp.HazardCurve, stored: Stored, study: jp.Study, results: R
     return Found(hazard, None, rate, gaps, results, stored.intensity)
 
 
-def _factor(place: str, unit: str | None, study: jp.Study, column: str) -> float:
-    """The unit of the hazard's intensities in that of a study's column."""
-    own = unit_of(column, study.scales is not None)
-    if own not in _KNOWN_UNITS:
+def _measured(
+    place: str, unit: str | None, hazard: jp.HazardCurve, theirs: Measure
+) -> tuple[jp.HazardCurve, float]:
+    """A hazard whose measure tells its unit, and that unit in the one of a study's column.
+
+    The unit is that of the key, or of the measure, or else the usual one of hazard analyses.
+    """
+    ours, sizes = Measure.told(hazard.measure), units_like(theirs.unit)
+    if not sizes:
         if unit is not None:
-            rule = f"must not be given: the unit of the study's column {column} is not known"
-            raise ValueError(f'{place} = "{unit}" {rule}')
-        return 1.0
-    allowed = _KNOWN_UNITS[own]
-    unit = unit or next(iter(allowed))
-    if unit not in allowed:
-        rule = f"must be one of {', '.join(allowed)}, as the study's column {column} has {own}"
-        raise ValueError(f'{place} = "{unit}" {rule}')
-    return allowed[unit] / allowed[own.replace("²", "2")]
+            rule = f"must not be given: the unit of the study's column, {theirs}, is not known"
+            raise ValueError(f'{place} unit = "{unit}" {rule}')
+        return hazard, 1.0
+    stated = dataclasses.replace(
+        ours, unit=known_unit(unit or "") or ours.unit or next(iter(sizes))
+    )
+    if ours.unit and not stated.is_in_unit_of(ours):
+        raise ValueError(f'{place} unit = "{unit}" must be that of measure = "{hazard.measure}"')
+    if stated.unit not in sizes:
+        rule = f"must be one of {', '.join(sizes)}, as the study has {theirs}"
+        raise ValueError(f'{place} unit = "{stated.unit}" {rule}')
+    factor = sizes[stated.unit] / sizes[theirs.unit]
+    return dataclasses.replace(hazard, measure=str(stated)), factor
 
 
 # --- the report ---------------------------------------------------------------------------------

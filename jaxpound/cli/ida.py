@@ -14,17 +14,21 @@ import jaxpound as jp
 from jaxpound._tables import Table as Shown
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
 from jaxpound.cli.notes import noted
-from jaxpound.cli.reading import Count, File, Table, between, named, says
+from jaxpound.cli.reading import Count, File, Range, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import OF_GAPS
-from jaxpound.risk.demanded import REQUIRED_GAP
+from jaxpound.cli.tables import require_threshold
 from jaxpound.risk.suite_runs import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
 
 # --- the configuration --------------------------------------------------------------------------
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
+_LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorded")
+_Levels = Annotated[
+    list[Annotated[float, between(*_LEVELS)]],
+    says(f"a list of numbers {_LEVELS.rule}", min_length=1),
+]
 _Ends = Annotated[tuple[float, float], says("two numbers, [low, high]")]
 _RANGES = {"asce 7": jp.PeriodRange.asce_7, "en 1998": jp.PeriodRange.en_1998}
 
@@ -69,7 +73,7 @@ class Target(Table):
 class Increments(Table):
     """What is scaled, and until when."""
 
-    intensities: _Numbers
+    intensities: _Levels
     measure: Literal["pga", "sa"] = "pga"
     period: Annotated[float, between(1e-3, 60, "s", "for models and for towers")] | None = None
     demand: str = "required_gap"
@@ -79,8 +83,8 @@ class Increments(Table):
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
             raise ValueError('period must be given with measure = "sa" only')
-        if self.demand == REQUIRED_GAP and self.threshold is not None:
-            OF_GAPS.require("threshold", self.threshold)
+        if self.threshold is not None:
+            require_threshold("threshold", self.demand, self.threshold)
 
 
 class Analysis(Structured, kw_only=True):

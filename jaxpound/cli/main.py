@@ -122,14 +122,19 @@ def _kept(args: argparse.Namespace) -> str:
 def _warnings_in_one_line(strict: bool) -> Iterator[None]:
     """Print warnings as the command line prints errors, in one line.
 
-    Every ``PlausibilityWarning`` is printed; if ``strict``, it is an error.
+    Every ``PlausibilityWarning`` is printed, once; if ``strict``, it is an error.
     """
 
     def in_one_line(message: Warning | str) -> str:
         return re.sub(r"^[A-Za-z_.]+: ", "", " ".join(str(message).split()))
 
+    shown: set[str] = set()
+
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        print("jaxpound: warning:", in_one_line(message), file=sys.stderr)
+        line = in_one_line(message)
+        if line not in shown:
+            print("jaxpound: warning:", line, file=sys.stderr)
+        shown.add(line)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error" if strict else "always", jp.PlausibilityWarning)
@@ -263,7 +268,7 @@ def _add_design(commands: Any) -> None:
     )
     words = "an accelerogram in g that joins the random earthquakes; may be given several times"
     _add_path(design, "--record", words, action="append", default=[])
-    words = "keep the search's state there, and go on from it where it was stopped"
+    words = "keep the search's state there, and not in DIR/search.unfinished until it is done"
     _add_path(design, "--save", words)
     _add_strict(design)
 

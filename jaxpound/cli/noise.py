@@ -18,6 +18,7 @@ _Instant = Annotated[float, between(1e-3, 3600, "s", "from the start of the nois
 _Frequency = Annotated[float, between(0.01, 100, "Hz", "of soil: soft has 0.5 Hz, rock 10 Hz")]
 _Damping = Annotated[float, between(0.01, 0.99, "", "of the critical damping")]
 _STRENGTH = Range(0, 10, "g", "the standard deviation of the acceleration at its strongest")
+_LEAST_STRENGTH = 1e-6  # of one that is not random: without shaking there is nothing to run
 _OF_SOIL = ("frequency", "damping", "acceleration", "duration")
 _NEEDED = {"kanai-tajimi": _OF_SOIL, "clough-penzien": (*_OF_SOIL, "high_pass")}
 _SAMPLES_IN_A_PERIOD = 20
@@ -85,7 +86,7 @@ class Shaking(Earthquakes):
         if isinstance(self.acceleration, Stated):
             self.acceleration.require("acceleration", _STRENGTH)
         else:
-            _STRENGTH.require("acceleration", self.acceleration)
+            _STRENGTH._replace(low=_LEAST_STRENGTH).require("acceleration", self.acceleration)
         assert self.frequency
         if self.dt is not None and self.dt > 0.5 / self.frequency:
             rule = f"at most half of the soil's period, {0.5 / self.frequency:.4g} s"

@@ -10,8 +10,8 @@ from msgspec.structs import astuple
 
 import jaxpound as jp
 from jaxpound._checks import did_you_mean
-from jaxpound.cli.reading import Range, Table, between, named, says
-from jaxpound.cli.tables import Gap
+from jaxpound.cli.reading import Range, Table, between, named, says, unknown_key
+from jaxpound.cli.tables import OF_DEMANDS, Gap
 from jaxpound.design.goals import Goal
 from jaxpound.design.prices import prices_of
 from jaxpound.model.system import Structures, is_closable
@@ -102,15 +102,6 @@ Limits = dict[str, _AtMost]
 Penalties = dict[str, _Weighted]
 
 _PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the price")
-_LIMITS = {
-    "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
-    "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
-    "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
-    "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
-    "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
-}
-"""Ranges of the limits on a demand, by its kind of quantity."""
-
 
 _BY_FORCE = ("peak_contact", "soft_peak_contact", "peak_penetration")
 """Demands that are 0 in every impact by Newton's law: no limit on them could be exceeded."""
@@ -150,7 +141,7 @@ def priced(
             gaps = [REQUIRED_GAP] if rare else []
             _require_price(f"{name}: [{table}]", price, [*allowed, *gaps], laws)
             number, *more = [x] if isinstance(x, float) else astuple(x)
-            within = _LIMITS[kind_of(price) or ""] if table == "limits" else _PENALTY
+            within = OF_DEMANDS[kind_of(price)] if table == "limits" else _PENALTY
             if number is not None:
                 within.require(place, number)
             with named(f"{place}:"):
@@ -174,7 +165,7 @@ def _require_price(
             rule = "must be given with a probability, such as {at_most = 0.2, probability = 1e-3}"
             raise ValueError(f"{place} {price} {rule}")
         words = did_you_mean(price, allowed) or f"allowed are {', '.join(allowed)}"
-        raise ValueError(f"{place} has an unknown {what} {price!r}; {words}")
+        raise ValueError(unknown_key(place, price, words, what))
     if {*laws} == {"newton"} and re.sub(r"_\d+$", "", price) in _BY_FORCE:
         rule = 'must not be given with law = "newton", whose impacts have none'
         raise ValueError(f"{place} {price} {rule}; peak_impulse is what they have")

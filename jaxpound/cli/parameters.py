@@ -15,7 +15,7 @@ from typing import Any, NoReturn, Protocol, TypeVar
 import jaxpound as jp
 from jaxpound._checks import did_you_mean
 from jaxpound.cli.pair import UNITS, Building, Damper, Pair
-from jaxpound.cli.reading import Range, named, ranges
+from jaxpound.cli.reading import Range, named, ranges, unknown_key
 from jaxpound.cli.row import FloorLink, Row
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import LAWS, Contact
@@ -278,4 +278,4 @@ class RowParameters:
 
 def _refuse(place: str, key: str, allowed: list[str]) -> NoReturn:
     words = did_you_mean(key, allowed) or f"allowed are {', '.join(allowed)}"
-    raise ValueError(f"{place} has an unknown key {key!r}; {words}")
+    raise ValueError(unknown_key(place, key, words))

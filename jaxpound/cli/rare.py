@@ -19,7 +19,7 @@ from jaxpound.cli.parameters import Parameters, by_path, parameters_of
 from jaxpound.cli.rare_report import Found, Target, kind_of_demand, write_report
 from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
 from jaxpound.cli.structures import Shaken
-from jaxpound.cli.tables import Gap, Stated, drawn
+from jaxpound.cli.tables import Gap, Stated, drawn, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many, tell
 from jaxpound.model.parameters import get
 from jaxpound.model.system import is_closable
@@ -50,9 +50,12 @@ class Limit(Table):
             raise ValueError("lacks the key 'threshold', which demand needs")
         if self.demand is not None and self.gap is not None:
             raise ValueError("gap must not be given with demand")
-        for one in self.thresholds or ():
-            if one <= 0:
-                raise ValueError(f"thresholds: {one:g} must be positive")
+        of_demand = self.demand or REQUIRED_GAP
+        for level in self.thresholds or ():
+            require_threshold("thresholds", of_demand, level)
+        if self.level is not None:
+            place = "gap" if self.demand is None else "threshold"
+            require_threshold(place, of_demand, self.level)
 
     @property
     def level(self) -> float | None:

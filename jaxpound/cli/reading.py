@@ -241,12 +241,12 @@ def named(
 ) -> Iterator[None]:
     """In messages of the core, replace the name of the class by the place in the file.
 
-    ``units`` are those of the numbers in these messages, by name, and ``keys`` are what a file
-    calls the parameters of the core, by path.
+    Of runs that end in numbers that are not finite, too. ``units`` are those of the numbers in
+    these messages, by name, and ``keys`` are what a file calls the parameters of the core, by path.
     """
     try:
         yield
-    except ValueError as error:
+    except (ValueError, FloatingPointError) as error:
         words = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
         if keys:
             paths = "|".join(map(re.escape, keys))
@@ -271,7 +271,7 @@ def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str
         kinds = dict.fromkeys(given, get_args(kind)[1])
     for key, value in given.items():
         if key not in kinds:
-            return f"{title} has an unknown key {key!r}; {_meant(key, kind, root)}"
+            return unknown_key(title, key, _meant(key, kind, root))
         if item := of_array(kinds[key]):
             words = _array_fault(item, value, key, root)
         elif not is_table(kinds[key]):
@@ -290,6 +290,14 @@ def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str
             return f"{title} lacks {what.format(field.encode_name)}"
     own = _refusal(kind, given)
     return f"{place}{own}" if own else ""
+
+
+def unknown_key(place: str, key: str, meant: str, what: str = "key") -> str:
+    """That a table has a key, or ``what`` else it is, that nobody knows; shortened if it is long.
+
+    ``meant`` is the question or the list that follows.
+    """
+    return f"{place} has an unknown {what} {_shortened_to_fit(repr(key))}; {meant}"
 
 
 def _array_fault(kind: type[Table], given: Any, key: str, root: Any) -> str:
@@ -384,7 +392,10 @@ def is_number(value: Any) -> bool:
 
 def shown(value: Any) -> str:
     """A value as written in a file, shortened if it is long."""
-    text = _shown(value, 3)
+    return _shortened_to_fit(_shown(value, 3))
+
+
+def _shortened_to_fit(text: str) -> str:
     return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 4]} ..."
 
 

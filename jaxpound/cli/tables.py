@@ -21,6 +21,8 @@ from jaxpound.cli.reading import (
     ranges,
     says,
 )
+from jaxpound.results.demand import kind_of
+from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.study.distributions import RARE, Distribution, reach
 from jaxpound.study.ground_draw import GroundDraw
 
@@ -29,8 +31,30 @@ from jaxpound.study.ground_draw import GroundDraw
 
 OF_GAPS = Range(0, 10, "m", "buildings farther apart do not meet")
 Gap = Annotated[float, between(*OF_GAPS)]
+OF_DEMANDS = {
+    "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
+    "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
+    "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
+    "velocity": Range(1e-6, 1e3, "m/s", "faster than sound"),
+    "time": Range(1e-6, 3600, "s", "from the start of the run"),
+    "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
+    "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
+    None: Range(1e-9, 1e9, "", "of a count or a ratio"),
+}
+"""Ranges of limits and thresholds of a demand, by its kind of quantity."""
 Friction = Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
+
+
+def require_threshold(place: str, demand: str, value: float) -> None:
+    """A ``ValueError`` for a threshold of a demand that is none; ``place`` says where it stands.
+
+    That is one that every run reaches, or none does.
+    """
+    of_demand = OF_DEMANDS[kind_of(demand)]
+    if demand == REQUIRED_GAP:
+        of_demand = OF_GAPS._replace(low=of_demand.low)
+    of_demand.require(place, value)
 
 
 # --- contact and run ---------------------------------------------------------------------------

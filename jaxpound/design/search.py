@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import time
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
 
 STOPPED_BY_CALLBACK = "the callback ended it"
 
-_SAVE_EVERY = 20  # iterations
+_SAVE_EVERY = 20  # iterations, or
+_SAVE_AFTER = 5.0  # seconds: of a row an iteration may take as long
 _FORMAT = 2  # of the file
 
 
@@ -124,6 +126,7 @@ class Descent:
             state, history = saved.read(state)
         best = history[-1].best if history else no_design(state)
         n, hidden = options.iterations, not options.progress
+        written = time.monotonic()
         with tqdm(total=n, initial=len(history), unit=" iterations", disable=hidden) as bar:
             while not (reason := self._end(history)):
                 state, here = self.lagrangian.iterate(state, len(history), self.data)
@@ -135,8 +138,10 @@ class Descent:
                 history.append(Iterate(here, best, state.alive))
                 if not state.alive.any():
                     raise ValueError(f"{OWNER}: {self._none_finite(history)}")
-                if saved is not None and len(history) % _SAVE_EVERY == 0:
+                due = len(history) % _SAVE_EVERY == 0 or time.monotonic() > written + _SAVE_AFTER
+                if saved is not None and due:
                     saved.write(state, history)
+                    written = time.monotonic()
                 if self._report(history, bar):
                     reason = STOPPED_BY_CALLBACK
                     break

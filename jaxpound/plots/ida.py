@@ -59,7 +59,8 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     if known.size:
         dots = np.full(known.size, limit)
         ax.plot(dots, known, "o", color=COLOURS["limit"], markersize=3, label="first reached")
-    ax.set_xlim(min(0.0, demands.min()), min(demands.max(), max(3 * limit, unit * shares.max())))
+    low, high = min(0.0, demands.min()), min(demands.max(), max(3 * limit, unit * shares.max()))
+    ax.set_xlim(low, high if high > low else None)  # of a single run there is no range
     ax.set_ylim(0, im[-1])
     label(ax, words, in_symbols(analysis.measure))
     legend_above(ax, 3)

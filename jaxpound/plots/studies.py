@@ -190,7 +190,7 @@ def fragility(
             at / unit, one.probability(at), line, color=COLOURS.get(colour, colour), label=words
         )
         if words == ANY_LINK or few:
-            low, high = one.band(at, replicates=200)
+            low, high = one.band(at)
             if np.isnan(low).all():  # of a curve whose errors are not known
                 continue
             of_band = {"label": "95 % band"} if alone else {"alpha": _FAINT}

@@ -35,6 +35,7 @@ Source = Callable[[str, Any], ByIntensity]
 LEFT_OUT = 1e-3
 """Share of the rate beyond either end of a deaggregation's own bands."""
 
+_NO_END = 300.0  # of the logarithm of an interval's half width
 _TOLD = 0.01  # share of the rate from beyond the hazard curve that a table tells
 
 
@@ -70,9 +71,13 @@ class AnnualRate(Shown):
 
     @staticmethod
     def of_fragility(value: float, variance: float, confidence: float, **more: Any) -> AnnualRate:
-        """Of an integral and its variance to first order; ln λ is taken as normal."""
+        """Of an integral and its variance to first order; ln λ is taken as normal.
+
+        Where the c.o.v. is so large that the interval has no end, there is none.
+        """
         cov = variance**0.5 / value if value else float("nan")
-        factor = float(np.exp(ndtri((1 + confidence) / 2) * cov))
+        reach = float(ndtri((1 + confidence) / 2)) * cov
+        factor = float(np.exp(reach)) if reach < _NO_END else float("nan")
         return AnnualRate(value, value / factor, value * factor, confidence, cov, **more)
 
     @staticmethod
@@ -155,20 +160,22 @@ class AnnualRate(Shown):
         return Deaggregation(at, rate, self.value, by.measure, cov)
 
     def _tables(self, years: float = 50.0) -> list[Table]:
-        told = Estimate(self.value, self.low, self.high, self.confidence)
         rows = [
-            ("annual rate", str(told)),
+            ("annual rate", str(Estimate(self.value, self.low, self.high, self.confidence))),
             ("return period", f"{self.return_period:,.4g} years"),
             (f"probability in {years:g} years", str(self.probability(years))),
         ]
         notes = [] if np.isnan(self.cov) else [f"c.o.v. of the rate {100 * self.cov:.3g} %"]
         if self.below + self.above > _TOLD * self.value:
             shares = [100 * x / self.value for x in (self.below, self.above)]
+            low, high = (f"{bound:.4g}" for bound in self.bounds)
+            told = f"it lies between {low} and {high}"
+            if low == high:
+                told = f"whatever it is there, the rate is {low}"
             notes += [
                 f"{shares[0]:.3g} % of it from {self.measure} below {self.ends[0]:.4g}, "
                 f"{shares[1]:.3g} % from above {self.ends[1]:.4g},",
-                "where the hazard curve is continued: it lies between "
-                f"{self.bounds[0]:.4g} and {self.bounds[1]:.4g}",
+                f"where the hazard curve is continued: {told}",
             ]
         return [Table("Mean annual rate of pounding", (), rows, [*notes, *self.warnings])]
 

@@ -38,7 +38,9 @@ class CapacityFragility(AsymptoticFragility):
         return [f"from {known} capacities{above}"]
 
 
-def fit_capacities(capacities: ArrayLike, analysed: ArrayLike | None = None) -> CapacityFragility:
+def fit_capacities(
+    capacities: ArrayLike, analysed: ArrayLike | None = None, *, measure: str = ""
+) -> CapacityFragility:
     """Lognormal fragility of capacities (Baker 2015, incremental and truncated dynamic analysis).
 
     If every capacity is known, ln θ is the mean of their logarithms and β its standard deviation,
@@ -52,6 +54,8 @@ def fit_capacities(capacities: ArrayLike, analysed: ArrayLike | None = None) -> 
         it never did.
     analysed
         Highest intensity that was tried, a number or shape (n,); needed where one is infinite.
+    measure
+        See ``fit_fragility``.
 
     Raises
     ------
@@ -98,4 +102,5 @@ def fit_capacities(capacities: ArrayLike, analysed: ArrayLike | None = None) -> 
         np.arange(1, m + 1),
         np.full(m, n),
         True,
+        measure=measure,
     )

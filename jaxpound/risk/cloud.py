@@ -105,6 +105,7 @@ class Cloud(Shown):
             (self.demand >= threshold).astype(int),
             np.ones(len(self.intensity), int),
             False,
+            measure=self.measure,
         )
 
     def _tables(self) -> list[Table]:
@@ -119,7 +120,13 @@ class Cloud(Shown):
         return [Table(title, ("", "value", "standard error"), rows, notes, digits=4)]
 
 
-def fit_cloud(intensity: ArrayLike, demand: ArrayLike, limit: ArrayLike | None = None) -> Cloud:
+def fit_cloud(
+    intensity: ArrayLike,
+    demand: ArrayLike,
+    limit: ArrayLike | None = None,
+    *,
+    measure: str = "intensity",
+) -> Cloud:
     """Regression of the logarithm of a demand on that of intensity (Cornell et al. 2002).
 
     Parameters
@@ -131,6 +138,8 @@ def fit_cloud(intensity: ArrayLike, demand: ArrayLike, limit: ArrayLike | None =
     limit
         Above it a demand is only known to be at least the limit, as where a run has no meaning
         any more; a number or shape (n,). By default there is none.
+    measure
+        See ``fit_fragility``.
 
     Returns
     -------
@@ -172,7 +181,7 @@ def fit_cloud(intensity: ArrayLike, demand: ArrayLike, limit: ArrayLike | None =
     line = regression(np.column_stack([np.ones_like(im), np.log(im)]), np.log(y), censored)
     rule = "positive: demands that are a power of the intensity leave nothing to estimate"
     enforce(owner, [Rule("dispersion σ", line.sigma, line.sigma > _LEAST_SIGMA, rule)])
-    return Cloud(im, y, censored, line)
+    return Cloud(im, y, censored, line, measure=measure)
 
 
 def cloud_analysis(
@@ -223,9 +232,6 @@ def cloud_analysis(
     im = runs.intensity.unscaled
     with runs.bar:
         demands = runs.demands(np.arange(len(im)), im)
-    found = fit_cloud(im, demands, limit)
+    found = fit_cloud(im, demands, limit, measure=runs.intensity.words)
     reached = runs.threshold if runs.threshold > 0 else None  # the gap at rest may be 0
-    measured = runs.intensity.words
-    return dataclasses.replace(
-        found, name=runs.demand, measure=measured, si=runs.si, threshold=reached
-    )
+    return dataclasses.replace(found, name=runs.demand, si=runs.si, threshold=reached)

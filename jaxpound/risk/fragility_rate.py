@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _FINE = 2000  # bands from which those that hold the rate are sought
 _FAR = 1e3  # ratio beyond median and curve up to which they are, at least
+_ENDS = (1e-300, 1e300)  # intensities within which they are, whatever the median
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,6 +46,7 @@ class FragilityRate:
         steepest, last = hazard.slope.max(), hazard.slope[-1]
         low = min(ends[0], curve.median * np.exp(-steepest * curve.dispersion**2)) / _FAR
         high = max(ends[1], curve.median) * _FAR ** max(1.0, 1 / max(last, 0.1))
+        low, high = np.clip([low, high], *_ENDS).tolist()
         fine = np.r_[0.0, np.geomspace(low, high, _FINE), np.inf]
         rates, _ = self.parts(fine)
         share = np.cumsum(rates) / rates.sum()
@@ -87,9 +89,11 @@ def integral(
     piece = hazard.piece(at[:-1])
     k, theta, beta = hazard.slope[piece], fragility.median, fragility.dispersion
     with np.errstate(divide="ignore"):
-        u = np.log(at / theta)
+        u = np.log(at) - np.log(theta)
     z = np.stack([u[:-1], u[1:]]) / beta
-    start = np.log(hazard.annual_rate[piece]) + k * np.log(hazard.intensity[piece] / theta)
+    start = np.log(hazard.annual_rate[piece]) + k * (
+        np.log(hazard.intensity[piece]) - np.log(theta)
+    )
     # ∫ λ dP = e^(start + k²β²/2) [Φ(z + kβ)], by completing the square.
     under = np.exp(start + (k * beta) ** 2 / 2 + _log_between(*(z + k * beta)))
     # At intensity 0 there is no pounding, and no earthquake exceeds ∞.

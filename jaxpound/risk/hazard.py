@@ -10,12 +10,15 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, instance, number, positive, real, require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.ground.measure import Measure
+from jaxpound.ground.plausibility import tell
 from jaxpound.risk.annual_rate import AnnualRate
 from jaxpound.risk.fragility_rate import FragilityRate, integral
 from jaxpound.risk.hazard_files import read_hazard
 from jaxpound.risk.hazard_gap import TRIED, gap_by_fragilities
-from jaxpound.risk.hazard_intensity import HazardIntensity
-from jaxpound.risk.hazard_meets import doubt_drawn, require_unit
+from jaxpound.risk.hazard_intensity import CurvePoints, HazardIntensity, HazardWeights
+from jaxpound.risk.hazard_meets import require_drawn, require_measure
+from jaxpound.risk.hazard_points import checked, doubts
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.risk.samples_rate import of_event, of_study
 from jaxpound.study.distributions import Distribution, density
@@ -36,20 +39,28 @@ class HazardCurve(Shown):
     Parameters
     ----------
     intensity
-        Intensities im > 0, rising, shape (m,), m ≥ 2, in any unit: that of the intensities of the
-        fragility or the factors that it meets. Hazard analyses tell PGA and spectral acceleration
-        in g, as ``study["pga"]`` of a dimensionless study is.
+        Intensities im from 1e-12 to 1e12, rising, shape (m,), m ≥ 2, in any unit: that of the
+        intensities of the fragility or the factors that it meets. Hazard analyses tell PGA and
+        spectral acceleration in g, as ``study["pga"]`` of a dimensionless study is.
     annual_rate
-        Mean number of earthquakes a year that exceed each, shape (m,), positive and nowhere rising.
+        Mean number of earthquakes a year that exceed each, shape (m,), from 1e-100 to 1000 and
+        nowhere rising.
     measure
-        Name of the measure of intensity, with its unit, such as ``"PGA (g)"`` or ``"PGA (m/s²)"``,
-        for tables and figures, and to be checked against the unit of a study.
+        Name of the measure of intensity, with its unit, such as ``"PGA (g)"``, ``"PGA (m/s²)"`` or
+        ``"Sa(0.9 s) (g)"``, for tables and figures, and to be checked against that of a fragility.
+        Where it tells no measure that is known here, or no unit, that is not checked.
 
     Raises
     ------
     ValueError
-        If the shapes differ or are not (m,) with m ≥ 2, a number is not positive and finite,
-        intensities do not rise, or rates rise.
+        If the shapes differ or are not (m,) with m ≥ 2, a number is out of its range, intensities
+        do not rise, or rates rise.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If annual rates look like probabilities within years: the first two are nearly 1, or the
+        curve has 0.4 g of PGA more often than once in 50 years.
 
     Examples
     --------
@@ -68,22 +79,9 @@ class HazardCurve(Shown):
 
     def __post_init__(self) -> None:
         owner = "HazardCurve"
-        given = {key: getattr(self, key) for key in ("intensity", "annual_rate")}
-        im, rate = (np.array(real(owner, key, x), float) for key, x in given.items())
-        if im.ndim != 1 or im.size < 2 or rate.shape != im.shape:
-            shapes = f"intensity {im.shape} and annual_rate {rate.shape}"
-            raise ValueError(f"{owner}: {shapes} must be (m,), of one length m ≥ 2")
+        im, rate = points = checked(owner, self.intensity, self.annual_rate)
         instance(owner, "measure", self.measure, str)
-        positive(owner, intensity=im, annual_rate=rate)
-        rises, falls = (np.r_[True, order] for order in (np.diff(im) > 0, np.diff(rate) <= 0))
-        enforce(
-            owner,
-            [
-                Rule("intensity", im, rises, "larger than the one before"),
-                Rule("annual_rate", rate, falls, "no larger than the one before: a hazard curve "
-                     "falls as the intensity grows"),
-            ],
-        )  # fmt: skip
+        tell(owner, doubts(points, Measure.told(self.measure)), strict=False)
         object.__setattr__(self, "intensity", im)
         object.__setattr__(self, "annual_rate", rate)
 
@@ -171,6 +169,7 @@ class HazardCurve(Shown):
         *,
         gap: float | None = None,
         link: int | None = None,
+        drawn: bool = False,
     ) -> AnnualRate:
         """Mean annual rate of pounding, λ = ∫ P(pounding | im) |dλ(im)|.
 
@@ -185,25 +184,28 @@ class HazardCurve(Shown):
 
             Or what tells the probability of pounding in an earthquake that exceeds the lowest
             intensity of the curve, which is multiplied by that intensity's rate; weaker earthquakes
-            are left out. That is a study, or a ``RareEvent``, whose intensities ``distribution``
-            draws or, in a study, ``weights`` weigh; or an estimate alone, such as
-            ``pounding_probability`` of such a study.
+            are left out. That is a study, or a ``RareEvent``, whose intensities ``distribution`` of
+            this curve, or of one that differs in a factor only, draws or, in a study, ``weights``
+            weigh; or an estimate alone, such as ``pounding_probability`` of such a study.
         confidence
             Confidence level of the interval; an estimate alone keeps its own.
         gap, link
             Of a study: see ``Study.pounding_probability``.
+        drawn
+            Of a study or a ``RareEvent``: True if its intensities follow this curve though that
+            cannot be told, because a function of the user's own draws them.
 
         Raises
         ------
         ValueError
-            If pounding is none of these, or an argument breaks its rule; if the name of the curve's
-            measure tells another unit than that of a study's fragility.
+            If pounding is none of these, or an argument breaks its rule; if the curve's measure is
+            another, or in another unit, than that of the fragility; if it is not known that the
+            intensities of a study or a rare event follow the curve.
 
         Warns
         -----
         PlausibilityWarning
-            If a study's fragility is not in g, and the name of the measure tells no unit; if no
-            hazard has drawn or weighed anything of a study.
+            If a fragility is not in g, and the name of the curve's measure tells no unit.
         """
         owner = "HazardCurve.annual_rate_of"
         require_share(owner, "confidence", confidence)
@@ -212,11 +214,13 @@ class HazardCurve(Shown):
             name, value = ("link", link) if gap is None else ("gap", gap)
             raise ValueError(f"{owner}: {name} = {value!r} must be None: pounding is not a study")
         if isinstance(pounding, Fragility):
-            require_unit(owner, self.measure, "the fragility", pounding.unit)
+            require_measure(owner, self.measure, "the fragility", pounding.measured)
             return self._by_fragility(pounding, confidence)
         often = float(self.annual_rate[0])
+        if isinstance(pounding, Study | RareEvent) and not drawn:
+            instead = "a fragility, such as study.fragility('pga')"
+            require_drawn(owner, self._points, pounding, instead)
         if isinstance(pounding, Study):
-            doubt_drawn(owner, pounding, "its fragility, such as study.fragility('pga')")
             estimate = pounding.pounding_probability(gap, confidence, link=link)
             cov, by = pounding.pounding_cov(gap, link=link), of_study(often, pounding, gap, link)
             return AnnualRate.of_estimate(often, estimate, cov, _source=by)
@@ -229,7 +233,14 @@ class HazardCurve(Shown):
     def _by_fragility(self, pounding: Fragility, confidence: float) -> AnnualRate:
         """``annual_rate_of`` a fragility."""
         ends = np.r_[0.0, self.intensity, np.inf]
-        parts, slopes = integral(self, pounding, ends)
+        with np.errstate(over="ignore", invalid="ignore"):
+            parts, slopes = integral(self, pounding, ends)
+        if not np.isfinite([*parts, *slopes.flat]).all():
+            raise ValueError(
+                f"HazardCurve.annual_rate_of: median = {pounding.median:.4g} of the fragility must "
+                f"be nearer to the curve's intensities, {self.intensity[0]:.4g} to "
+                f"{self.intensity[-1]:.4g}: continued to it, the curve has no finite rate"
+            )
         by_fragility = slopes.sum(axis=0)
         least, below = float(parts[1:-1].sum()), float(parts[0])
         most = self.annual_rate[-1]  # if every earthquake beyond the end were one of pounding
@@ -265,7 +276,11 @@ class HazardCurve(Shown):
         ValueError
             If the last two rates are equal, so that the curve does not tell how it goes on.
         """
-        return HazardIntensity(tuple(self.intensity.tolist()), tuple(self.annual_rate.tolist()))
+        return HazardIntensity(*(tuple(x.tolist()) for x in self._points))
+
+    @property
+    def _points(self) -> CurvePoints:
+        return self.intensity, self.annual_rate
 
     def weights(self, intensity: ArrayLike, drawn_from: Distribution | None = None) -> np.ndarray:
         """Weights that give a study's intensities the frequencies of the hazard.
@@ -292,21 +307,22 @@ class HazardCurve(Shown):
         owner = "HazardCurve.weights"
         im = np.atleast_1d(np.asarray(real(owner, "intensity", intensity), float))
         if (failed := np.isnan(im)).any():
-            found = np.full(im.shape, np.nan)
-            found[~failed] = self.weights(im[~failed], drawn_from)
-            return found
+            weights = np.full(im.shape, np.nan)
+            weights[~failed] = self.weights(im[~failed], drawn_from)
+            return HazardWeights.of(weights, self._points)
         positive(owner, intensity=im)
         if drawn_from is not None:
             instance(owner, "drawn_from", drawn_from, Distribution)
             drawn = density(drawn_from, im)
             enforce(owner, [Rule("intensity", im, drawn > 0, "one that drawn_from can draw")])
-            return density(self.distribution(), im) / drawn
+            return HazardWeights.of(density(self.distribution(), im) / drawn, self._points)
         stripes, which, often = np.unique(im, return_inverse=True, return_counts=True)
         if stripes.size < 2:
             raise ValueError(f"{owner}: intensity of {stripes.size} stripe must be of two or more")
         inner = np.maximum(np.sqrt(stripes[1:] * stripes[:-1]), self.intensity[0])
         exceeded = np.r_[self.annual_rate[0], self.rate(inner), 0.0]
-        return (-np.diff(exceeded) / exceeded[0] * im.size / often)[which]
+        weights = (-np.diff(exceeded) / exceeded[0] * im.size / often)[which]
+        return HazardWeights.of(weights, self._points)
 
     def required_gap(
         self,
@@ -317,6 +333,7 @@ class HazardCurve(Shown):
         intensity: str | None = None,
         link: int | None = None,
         confidence: float = 0.95,
+        drawn: bool = False,
     ) -> Estimate:
         """The gap at rest at which there is pounding with this probability within years.
 
@@ -336,26 +353,29 @@ class HazardCurve(Shown):
             A link by number, from 0; by default any of them.
         confidence
             Confidence level of the interval.
+        drawn
+            See ``annual_rate_of``.
 
         Raises
         ------
         ValueError
             If an argument breaks its rule, the target is more frequent than the curve's lowest
-            intensity, or no gap at which a fragility can be fitted has that rate; if the name of
-            the curve's measure tells another unit than that of the column.
+            intensity, or no gap at which a fragility can be fitted has that rate; if the curve's
+            measure is another, or in another unit, than that of the column; if intensity is None
+            and it is not known that the study's intensities follow the curve.
 
         Warns
         -----
         PlausibilityWarning
-            If the column is not in g, and the name of the measure tells no unit; if intensity is
-            None and no hazard has drawn or weighed anything of the study.
+            If the column is not in g, and the name of the curve's measure tells no unit.
         """
         owner = "HazardCurve.required_gap"
         instance(owner, "study", study, Study)
         require_share(owner, "confidence", confidence)
         target = rate_of(owner, probability, years)
         if intensity is None:
-            doubt_drawn(owner, study, "intensity, such as 'pga'")
+            if not drawn:
+                require_drawn(owner, self._points, study, "intensity, such as 'pga'")
             share = target / self.annual_rate[0]
             if share >= 1:
                 raise ValueError(
@@ -364,9 +384,8 @@ class HazardCurve(Shown):
                     f"{self.annual_rate[0]:.4g}"
                 )
             return study.required_gap(float(share), confidence, link=link)
-        require_unit(
-            owner, self.measure, f"the study's column {intensity!r}", study.unit(intensity)
-        )
+        column = f"the study's column {intensity!r}"
+        require_measure(owner, self.measure, column, study.measure(intensity))
         return gap_by_fragilities(
             lambda gap: self._by_fragility(study.fragility(intensity, gap, link=link), confidence),
             [study.required_gap(p, link=link).value for p in TRIED],

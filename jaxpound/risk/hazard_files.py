@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxpound._checks import did_you_mean, is_whole
+from jaxpound.risk.hazard_points import LEAST_RATE
 
 _PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}
 
@@ -41,7 +42,7 @@ def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 
     im = np.array([_number(path, names[i].removeprefix("poe-")) for i in levels])
     value = np.array([_number(path, row[i]) for i in levels])
     measure = _measure(path, about)
-    good = value > 0
+    good = value >= LEAST_RATE
     if probabilities:
         years = _years(path, about)
         if ((value < 0) | (value > 1)).any():

@@ -1,4 +1,4 @@
-"""The random intensity of an earthquake, as a hazard curve has it."""
+"""The random intensity of an earthquake, as a hazard curve has it, and weights that give it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import log_ndtr, ndtri
+
+CurvePoints = tuple[np.ndarray, np.ndarray]
+"""Intensities and annual rates of a hazard curve."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,3 +60,24 @@ class HazardIntensity:
         falls = np.diff(rate) < 0
         slope = (-np.diff(rate) / np.diff(at))[falls]
         return at[:-1][falls], (rate[0] - rate[:-1])[falls], slope
+
+
+class HazardWeights(np.ndarray):
+    """Weights that ``HazardCurve.weights`` makes: an array that knows the points of its curve."""
+
+    curve: CurvePoints | None = None
+
+    @staticmethod
+    def of(weights: np.ndarray, curve: CurvePoints) -> HazardWeights:
+        """Weights by the points of a curve."""
+        made = weights.view(HazardWeights)
+        made.curve = curve
+        return made
+
+    def __array_finalize__(self, parent: Any) -> None:
+        self.curve = getattr(parent, "curve", None)
+
+    def __array_wrap__(self, array: Any, *context: Any) -> Any:
+        """What NumPy makes of them: a sum is a plain number."""
+        made = super().__array_wrap__(array, *context)
+        return made[()] if made.ndim == 0 else made

@@ -1,80 +1,80 @@
-"""What a hazard curve and what it meets must share: the unit, and the draw of the intensities."""
+"""What a hazard curve and what it meets must share: the measure, and the draw of intensities."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
-from jaxpound.ground import envelope, record
+import numpy as np
+
+from jaxpound.ground.measure import Measure
 from jaxpound.ground.plausibility import tell
-from jaxpound.risk.hazard_intensity import HazardIntensity
-from jaxpound.study import (
-    distributions,
-    ground_draw,
-    random_ground,
-    random_noise,
-    random_pulse,
-    site_noise,
-)
-from jaxpound.study.scenarios import CustomDraw
+from jaxpound.quantities import DIMENSIONLESS
+from jaxpound.risk.hazard_intensity import CurvePoints, HazardIntensity
+from jaxpound.risk.rare_event import RareEvent
+from jaxpound.study.store import describe
 from jaxpound.study.study import Study
 
-_UNITS = ("g", "m/s²", "cm/s²", "m/s", "cm/s", "g/ω1")  # in which hazards and studies tell motions
-_OF_HAZARDS = "g"  # what a curve is taken to be in that tells no unit
+_OF_HAZARDS = DIMENSIONLESS["acceleration"]  # the unit of a curve that tells none
+_ROUNDING = 1e-6  # of the logarithm of a ratio between points of one curve
 
 
-def require_unit(owner: str, measure: str, of: str, unit: str) -> None:
-    """A ``ValueError`` if the curve's measure names another unit than ``of`` is in.
+def require_measure(owner: str, text: str, of: str, theirs: Measure) -> None:
+    """A ``ValueError`` if a curve's measure is another one, or in another unit, than ``of`` has.
 
-    Where the measure names none, and the unit is not that of hazard analyses, a warning.
+    Where the curve tells no unit, and the other is not that of hazard analyses, a warning.
     """
-    told = measure.rpartition("(")[2].rstrip(")").replace("2", "²")
+    ours = Measure.told(text)
+    if not ours.may_be(theirs):
+        raise ValueError(f"{owner}: measure = {text!r} must be that of {of}, {theirs}")
+    unit = theirs.unit
     must = f"be in the unit of {of}, {unit}: convert the curve's intensities and name them so"
-    if unit and told in _UNITS and told != unit:
-        raise ValueError(f"{owner}: measure = {measure!r} must {must}")
-    if unit not in ("", _OF_HAZARDS) and told not in _UNITS:
-        tell(owner, [f"measure = {measure!r} names no unit; it should {must}"], strict=False)
+    if ours.unit and unit and not ours.is_in_unit_of(theirs):
+        raise ValueError(f"{owner}: measure = {text!r} must {must}")
+    if unit not in ("", _OF_HAZARDS) and not ours.unit:
+        tell(owner, [f"measure = {text!r} names no unit; it should {must}"], strict=False)
 
 
-def doubt_drawn(owner: str, study: Study, instead: str) -> None:
-    """A warning for a study whose intensities are certainly not those of a hazard.
+def require_drawn(owner: str, curve: CurvePoints, of: Study | RareEvent, instead: str) -> None:
+    """A ``ValueError`` for a study or a rare event whose intensities are not known as a hazard's.
 
-    No error: its earthquakes may be those of a source that has the rate of the curve's beginning.
+    ``curve`` has the intensities and annual rates of the points, ``instead`` says what to give.
     """
-    if not may_be_drawn(study):
-        rule = (
-            "the study's intensities should be drawn by HazardCurve.distribution or weighed by "
-            f"HazardCurve.weights, and are not; of any other study give {instead}"
+    if not is_drawn(curve, of):
+        raise ValueError(
+            f"{owner}: intensities of the {'study' if isinstance(of, Study) else 'rare event'} "
+            "must be drawn by HazardCurve.distribution of this curve, or weighed by its "
+            f"HazardCurve.weights, and are not known to be; give {instead}, or drawn=True if they "
+            "follow this curve"
         )
-        tell(owner, [rule], strict=False)
 
 
-def may_be_drawn(study: Study) -> bool:
-    """Whether a hazard may have drawn or weighed a study's intensities.
+def is_drawn(curve: CurvePoints, of: Study | RareEvent) -> bool:
+    """Whether the intensities are known to be this curve's, up to a factor.
 
-    What a user's own distribution or function draws may be; the library's own are known.
+    They are if its ``HazardIntensity`` is in the description of the scenarios, or its ``weights``
+    are those of the study.
     """
-    described = study.about["identity"]["scenarios"]
-    ground = described.get("ground") if isinstance(described, dict) else None
-    return study.weighting is not None or ground is None or not set(_types(ground)) <= _certain()
+    if isinstance(of, RareEvent):
+        return any(_alike(curve, points) for points in _drawn(describe(of.limit_state.scenarios)))
+    if of.weighting is not None and of.weighting.curve is not None:
+        return _alike(curve, of.weighting.curve)
+    return any(_alike(curve, points) for points in _drawn(of.about["identity"]["scenarios"]))
 
 
-def _types(described: Any) -> Iterator[str]:
-    """The types of all objects in the description of a ground motion; functions have none."""
+def _alike(curve: Any, other: Any) -> bool:
+    """Whether two curves, intensities and rates, are one but for a factor on either."""
+    return np.shape(curve) == np.shape(other) and bool(
+        (np.ptp(np.log(curve) - np.log(other), axis=1) < _ROUNDING).all()
+    )
+
+
+def _drawn(described: Any) -> Iterator[tuple[list[float], list[float]]]:
+    """The points of all curves that draw something in a description."""
     if isinstance(described, dict):
-        if "type" in described and "sha256" not in described:
-            yield described["type"]
+        if described.get("type") == HazardIntensity.__name__:
+            yield described["intensity"], described["annual_rate"]
         described = list(described.values())
     if isinstance(described, list):
         for part in described:
-            yield from _types(part)
-
-
-def _certain() -> set[str]:
-    """Names of the library's own classes for random ground motions, none of which is a hazard's."""
-    files = (distributions, envelope, ground_draw, random_ground, random_noise, random_pulse)
-    own = [x for of in (*files, record, site_noise) for x in vars(of).values()]
-    names = {
-        x.__name__ for x in own if isinstance(x, type) and x.__module__.startswith("jaxpound.")
-    }
-    return names - {CustomDraw.__name__, HazardIntensity.__name__}
+            yield from _drawn(part)

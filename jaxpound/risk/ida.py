@@ -90,7 +90,7 @@ class IncrementalDynamicAnalysis(Shown):
         ValueError
             If fewer than two records reach the threshold, or all at one intensity.
         """
-        return fit_capacities(self.capacities, self.intensities[-1])
+        return fit_capacities(self.capacities, self.intensities[-1], measure=self.measure)
 
     def _tables(self) -> list[Table]:
         above = f"above {self.intensities[-1]:.4g}"

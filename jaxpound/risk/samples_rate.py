@@ -10,7 +10,6 @@ import jax
 import numpy as np
 
 from jaxpound._checks import Rule, enforce, hint, real
-from jaxpound.results.demand import in_words
 from jaxpound.risk.rare_event import RareEvent
 from jaxpound.study.scenarios import parameter_names, parameters
 from jaxpound.study.study import Study
@@ -74,8 +73,7 @@ def of_study(
     def by(owner: str, intensity: Any) -> SamplesRate:
         name = "pga" if intensity is None else intensity
         if isinstance(name, str) and name in study.columns:
-            of = study.unit(name)
-            measure, x = in_words(name) + f" ({of})" * bool(of), study[name]
+            measure, x = str(study.measure(name)), study[name]
         elif isinstance(name, str):
             known = study.parameters()
             measure, x = name, _named(owner, name, known, [*study.columns, *known])

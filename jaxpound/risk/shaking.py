@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from jaxpound._checks import Rule, enforce, instance, positive
 from jaxpound.grid import TimeGrid
+from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
 from jaxpound.ground.suite import RecordSuite
 from jaxpound.model.row import Row
@@ -44,7 +45,8 @@ class Intensity(NamedTuple):
         (known,) = positive(owner, measure=measure)
         if np.ndim(known) == 0:
             found = suite.spectra(np.array([float(known)]))[:, 0]
-            return cls(f"Sa({float(known):.4g} {suite.time_unit}) (g)", found)
+            measure = Measure.spectral_acceleration(float(known), suite.time_unit)
+            return cls(str(measure), found)
         if np.shape(known) != (len(suite),):
             rule = f"a number for each of {len(suite)} records"
             raise ValueError(f"{owner}: measure of shape {np.shape(known)} must be {rule}")

@@ -19,7 +19,7 @@ from jaxpound.risk.demanded import REQUIRED_GAP, Demanded
 from jaxpound.risk.shaking import levels
 from jaxpound.risk.suite_runs import Asked, SuiteRuns, demand_in_words
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.fragility import Fragility, fit_fragility
+from jaxpound.study.fragility import Fragility, falls, fit_fragility
 from jaxpound.units import Scales
 
 
@@ -56,8 +56,15 @@ class Stripes(Shown):
         ------
         ValueError
             If the likelihood has no maximum, as ``fit_fragility`` says.
+
+        Warns
+        -----
+        PlausibilityWarning
+            If demands return: fewer records reach the threshold at an intensity than at a lower one
+            by more than chance.
         """
-        return fit_fragility(self.intensities, self.pounding, self.trials)
+        counts = self.pounding, self.trials
+        return fit_fragility(self.intensities, *counts, measure=self.measure)
 
     def _tables(self) -> list[Table]:
         rows = [
@@ -69,6 +76,8 @@ class Stripes(Shown):
         words = demand_in_words(self.demand, self.si)
         columns = (self.measure, "records", "reach the threshold", f"median {words}")
         notes = [f"threshold {self.threshold:.4g}"]
+        if fall := falls(self.intensities, self.pounding, self.trials):
+            notes.append(f"demands return below it: {fall}")
         return [Table("Multiple stripes", columns, rows, notes, digits=4)]
 
 

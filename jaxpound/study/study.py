@@ -13,11 +13,12 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import instance, is_whole, not_negative, number, real, require_share
 from jaxpound._tables import Shown, Table
+from jaxpound.ground.measure import Measure
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
-from jaxpound.results.demand import Demand, kind_of
+from jaxpound.results.demand import Demand, in_words, kind_of
 from jaxpound.results.elements import of_link, without_idle_dampers
 from jaxpound.study import weighting
 from jaxpound.study.archives import DamagedError
@@ -194,13 +195,14 @@ class Study(Columnar, Shown):
             their sum is 0.
         """
         known = self._moments[self._known(weights)] if isinstance(weights, str) else None
+        curve = getattr(weights, "curve", None)
         runs = len(self) if known is None else len(self) - self.failed
         if known is None and self.failed:
             weights = np.asarray(real("Study.weighted", "weights", weights))
             if weights.shape == (runs,):
                 weights = np.where(np.isnan(self._read("pga")), 0.0, weights)
         by = weighting.checked("Study.weighted", weights, runs, known)
-        return dataclasses.replace(self, weighting=Weighting(by, bool(normalised)))
+        return dataclasses.replace(self, weighting=Weighting(by, bool(normalised), curve))
 
     @property
     def weights(self) -> np.ndarray:
@@ -416,7 +418,11 @@ class Study(Columnar, Shown):
         good = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[good]
         fitted = fit_fragility(im[good], pounding[good] == 1, weights=weights)
-        return dataclasses.replace(fitted, unit=self.unit(intensity))
+        return dataclasses.replace(fitted, measure=str(self.measure(intensity)))
+
+    def measure(self, name: str) -> Measure:
+        """What a column that measures the shaking is, and its unit as far as it is known."""
+        return Measure(in_words(name), self.unit(name))
 
     def _pounding(self, owner: str, gap: Any, link: Any) -> Iterator[np.ndarray]:
         """``pounding``, part by part."""

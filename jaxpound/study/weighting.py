@@ -25,6 +25,8 @@ class Weighting:
     """A column's name, or the weights, shape (n,)."""
     normalised: bool
     """Whether estimates are divided by the sum of the weights, or by the number of samples."""
+    curve: Any = None
+    """The points of the hazard curve that made the weights; None if they are others."""
 
     def of(
         self, parts: Iterable[np.ndarray], read: Callable[[str], Iterable[np.ndarray]]

@@ -1,5 +1,6 @@
 """The command line's design: configuration, run, what is written, and errors with their place."""
 
+import argparse
 import json
 import re
 from types import SimpleNamespace
@@ -13,9 +14,12 @@ from jaxpound._tables import rounded
 from jaxpound.cli import design, design_report
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
+from jaxpound.cli.main import _kept
 from jaxpound.cli.reading import File, entries
 from jaxpound.cli.simulate import Simulation
+from jaxpound.design import search
 from jaxpound.design.prices import PRICES
+from jaxpound.design.search import Descent
 from jaxpound.results.demand import in_words
 from tests.cli.commands import edited, is_figure, number, run, tables
 
@@ -107,6 +111,35 @@ def test_a_design_from_the_command_line(write, tmp_path):
     for name in re.findall(r"\((\w+\.png)\)", page):
         assert imread(out / name).size
     assert is_figure(out / "convergence.png")
+
+
+def test_a_design_that_is_stopped_goes_on(write, tmp_path, monkeypatch):
+    """Without --save, and before twenty iterations: those of a row may take minutes."""
+    path, out = write(SMALL), tmp_path / "out"
+
+    class StoppedError(BaseException):
+        pass
+
+    done, report = [], Descent._report
+
+    def stopping_report(self, history, bar):
+        done.append(len(history))
+        if len(done) == 3:
+            raise StoppedError
+        return report(self, history, bar)
+
+    monkeypatch.setattr(Descent, "_report", stopping_report)
+    monkeypatch.setattr(search, "_SAVE_AFTER", 0.0)
+    args = argparse.Namespace(
+        command="design", config=path, record=[], out=out, save=None, strict=False, pdf=False
+    )
+    with pytest.raises(StoppedError):
+        design.run(args)
+    assert "the search is kept in" in _kept(args)
+    run("design", path, "--out", out)
+    assert done == [*range(1, 4), *range(4, 9)]
+    assert json.loads((out / "summary.json").read_text())["iterations"] == 8
+    assert not (out / "search.unfinished").exists()
 
 
 def assert_page_says(page, answers, buildings):

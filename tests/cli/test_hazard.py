@@ -56,6 +56,7 @@ def folder(tmp_path_factory):
         "duration": "duration = 8.0",
         "# dt = 0.01": "dt = 0.03",
         "intensity": "intensity = {lognormal = [0.5, 0.6]}",
+        "# spectral": "spectral_acceleration = true",
     }
     (made / "study.toml").write_text(edited(example("montecarlo"), changes))
     run("montecarlo", made / "study.toml", "--store", made / "study")
@@ -173,11 +174,23 @@ def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
         assert found.value == pytest.approx(float(share), rel=0.05)
         assert gap["low"] < gap["value"] < gap["high"]
     assert "required gap (m)" in screen
-    # The same hazard in other units is the same.
+    # The same hazard in other units, by the key or by the measure, is the same.
     gal = (100 * STANDARD_GRAVITY * np.array(given["intensity"])).tolist()
     other = re.sub(r"(?m)^intensity = \[.*$", f"intensity = {gal}", of_study())
-    _, again = told(folder, other.replace("# unit =", "unit ='gal' #"))
-    assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
+    by_key = other.replace("# unit =", "unit ='gal' #").replace('"PGA (g)"', '"PGA"')
+    by_measure = other.replace('"PGA (g)"', '"PGA (cm/s2)"')
+    for text, measure in ((by_key, "PGA (gal)"), (by_measure, "PGA (cm/s²)")):
+        _, again = told(folder, text)
+        assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
+        assert again["measure"] == measure
+
+
+def test_spectral_accelerations_of_the_study_meet_a_hazard_of_them(folder):
+    text = of_study().replace('"pga"', '"spectral_acceleration_1"')
+    _, answers = told(folder, text.replace('"PGA (g)"', '"SA(0.9) (g)"'))
+    study = jp.Study.open(folder / "study")
+    curve = jp.fit_fragility(study["spectral_acceleration_1"], study.pounding(0.04) == 1)
+    assert answers["fragility"]["median"] == pytest.approx(curve.median / STANDARD_GRAVITY)
 
 
 def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
@@ -211,7 +224,19 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
             of_drawn().replace("# unit =", "unit = 'g' #"),
             "[study] drawn = true must not be given beside [hazard] unit",
         ),
-        (of_study("drawn = true"), "[study] drawn = true must not be given: no hazard has drawn"),
+        (of_study("drawn = true"), "[study] drawn = true must not be given: this hazard has not"),
+        (
+            of_drawn().replace("8e-5", "9e-5"),
+            "[study] drawn = true must not be given: this hazard has not",
+        ),
+        (
+            of_study().replace('"PGA (g)"', '"SA(0.2) (g)"'),
+            "[hazard] measure = 'SA(0.2) (g)' must be that of the fragility, peak ground accel",
+        ),
+        (
+            of_study().replace("# unit =", "unit = 'gal' #"),
+            '[hazard] unit = "gal" must be that of measure = "PGA (g)"',
+        ),
         (
             edited(EXAMPLE, {"# unit": "unit = 'g'"}),
             "[hazard] unit must be given with [study] only",
@@ -225,6 +250,16 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
             of_drawn().replace("0.05]", "0.99]"),
             "[study] the annual rate of probability = 0.99 in 50",
         ),
+        (
+            of_study().replace('"pga"', '"spectral_acceleration_1"'),
+            "[hazard] measure = 'PGA (g)' must be that of the fragility, spectral acceleration",
+        ),
+        (EXAMPLE.replace("1.6]", "1e300]"), "[hazard] intensity = 1e+300 (at index [5]) must be"),
+        (EXAMPLE.replace("[3e-2", "[3e4"), "[hazard] annual_rate = 30000 (at index [0]) must be"),
+        (
+            EXAMPLE.replace("median_error = 0.05", "median_error = 50000"),
+            "[fragility] median_error = 50000 must be at most the median itself, 0.6",
+        ),
         (edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2]"}), "[hazard] intensity (6,) and"),
         (
             edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2, 3, 4, 5, 6]"}),
@@ -232,7 +267,7 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
         ),
         (edited(EXAMPLE, {"annual_rate": ""}), "[hazard] must have intensity and annual_rate, or"),
         (edited(EXAMPLE, {"measure": 'file = "x"'}), "[hazard] intensity must not be given beside"),
-        (edited(EXAMPLE, {"# unit": "unit = 'x'"}), '[hazard] unit = "x" must be one of g, m/s2'),
+        (edited(EXAMPLE, {"# unit": "unit = 'x'"}), '[hazard] unit = "x" must be one of g, m/s²'),
         (edited(EXAMPLE, {"median =": "median = 0"}), "[fragility] median = 0 must be between"),
         (edited(EXAMPLE, {"median_error": ""}), "[fragility] must have median_error and"),
         (EXAMPLE + STUDY, "must have the table [fragility] or the table [study], one of them"),
@@ -243,7 +278,10 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
             of_study().replace("link = 1", "link = 3"),
             "[study] link = 3 must be one of the study's links",
         ),
-        (of_study().replace("# unit =", "unit = 'cm/s' #"), '[hazard] unit = "cm/s" must be one'),
+        (
+            of_study().replace("# unit =", "unit = 'cm/s' #").replace('"PGA (g)"', '"PGA"'),
+            '[hazard] unit = "cm/s" must be one of g, m/s²,',
+        ),
         (of_study().replace('"study"', '"none"'), "none"),
         (
             of_study().replace("0.1, 0.02", "0.99"),
@@ -258,3 +296,9 @@ def test_wrong_input_is_named(text, words, drawn, capsys):
     line = refusal(capsys, "hazard", path, "--out", folder / "nothing")
     assert words in line
     assert not (folder / "nothing").exists()
+
+
+def test_probabilities_in_fifty_years_given_as_rates_are_told_of_once(tmp_path, capsys):
+    rates = [float(f"{-np.expm1(-50 * rate):.3g}") for _, rate in CURVE]
+    told(tmp_path, edited(EXAMPLE, {"annual_rate": f"annual_rate = {rates}"}))
+    assert capsys.readouterr().err.count("of probabilities p within years it is -ln(1 - p)") == 1

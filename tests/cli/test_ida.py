@@ -166,7 +166,15 @@ def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
             {"demand": 'demand = "peak_contact"\nthreshold = 1'},
             "[ida] demand = 'peak_contact' must be of structures with a contact law",
         ),
-        ({"# threshold": "threshold = 100"}, "[ida] threshold = 100 m must be between 0 and 10 m"),
+        ({"# threshold": "threshold = 100"}, "[ida] threshold = 100 m must be between 1e-09 and"),
+        (
+            {"demand": 'demand = "peak_x1"\nthreshold = 1e22'},
+            "[ida] threshold = 1e[+]22 m must be b",
+        ),
+        (
+            {"intensities": "intensities = [0.1, 1e300]"},
+            r"[ida] intensities = \[0.1, 1e[+]300\] must be a list of numbers between 1e-06",
+        ),
         ({"demand": 'demand = "peak"\nthreshold = 1'}, "[ida] unknown demand 'peak'"),
         ({"friction =": 'dt = 0.02\nfriction = "event-resolved"'}, r"[run] dt = 0\.02"),
     ],

@@ -234,7 +234,21 @@ def test_a_row_and_another_demand():
         ({"# threshold =": "threshold = 1"}, "[limit] threshold must be given with demand"),
         ({"# demand": 'demand = "peak_x1"'}, "[limit] lacks the key 'threshold'"),
         ({"# demand": 'demand = "peak_y"\nthreshold = 1'}, "[limit] unknown demand 'peak_y'"),
-        ({"thresholds": "thresholds = [0.1, -0.1]"}, "[limit] thresholds: -0.1 must be positive"),
+        ({"thresholds": "thresholds = [0.1, -0.1]"}, "[limit] thresholds = -0.1 m must be b"),
+        ({"# gap =": "gap = 0"}, "[limit] gap = 0 m must be between 1e-09 and 10 m"),
+        (
+            {"# demand": 'demand = "peak_x1"\nthreshold = 0'},
+            "[limit] threshold = 0 m must be between 1e-09 and 1000 m",
+        ),
+        (
+            {"# demand": 'demand = "peak_x1"\nthreshold = 1e300'},
+            "[limit] threshold = 1e+300 m must be between 1e-09 and 1000 m",
+        ),
+        ({"acceleration": "acceleration = 0"}, "[earthquakes] acceleration = 0 g must be between"),
+        (
+            {"acceleration": f"{'x' * 3000} = 1"},
+            f"[earthquakes] has an unknown key '{'x' * 75} ...;",
+        ),
         ({"cov": "cov = 2"}, "[search] cov = 2 must be between 0.001 and 0.99"),
         ({"method": 'method = "form"'}, '[search] method = "form" must be one of "auto"'),
         (

@@ -36,6 +36,20 @@ def test_curves_fractiles_and_capacities():
     ax.figure.draw_without_rendering()
 
 
+@pytest.mark.parametrize(("demand", "limit"), [(0.0, 0.05), (-0.02, 0.0)])
+def test_a_single_run_is_a_figure_too(demand, limit):
+    """Of a demand that is 0, and of an overlap; a warning of Matplotlib's would be an error."""
+    single = dataclasses.replace(
+        FOUND, names=("a",), unscaled=np.ones(1), intensities=IM[:1], threshold=limit,
+        demands=np.array([[demand]]), capacities=np.array([np.inf]),
+    )  # fmt: skip
+    ax = ida.curves(single, Figure().add_subplot())
+    ax.figure.draw_without_rendering()
+    left, right = ax.get_xlim()
+    assert left <= demand < right
+    assert limit <= right
+
+
 def test_large_forces_are_in_larger_units():
     force = dataclasses.replace(FOUND, demand="peak_contact", demands=1e9 * DEMANDS, threshold=5e7)
     ax = ida.curves(force, Figure().add_subplot())

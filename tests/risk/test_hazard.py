@@ -68,6 +68,31 @@ def test_the_coefficient_of_variation_is_the_delta_method_s():
     )
 
 
+def fitted(measure):
+    """Fragilities of every kind that say what they are of."""
+    counts = [0.2, 0.4, 0.6, 0.8, 1.0], [1, 4, 9, 14, 18], [20] * 5
+    demands = tuple(np.arange(20) < k for k in counts[1])
+    cloud = jp.fit_cloud([0.2, 0.4, 0.6, 0.8], [0.1, 0.15, 0.3, 0.32], measure=measure)
+    return [
+        jp.Fragility(0.6, 0.4, measure=measure),
+        jp.fit_fragility(*counts, measure=measure),
+        jp.fit_capacities([0.2, 0.3, 0.45], measure=measure),
+        jp.Stripes(np.array(counts[0]), demands, 1.0, measure=measure).fragility(),
+        cloud.fragility(0.2),
+    ]
+
+
+@pytest.mark.parametrize("measure", ["PGA (m/s²)", "peak ground velocity (m/s)", "Sa(0.9 s) (g)"])
+def test_a_fragility_of_another_measure_or_unit_is_refused(measure):
+    named = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, measure)
+    for curve, unknown in zip(fitted(measure), fitted(""), strict=True):
+        assert named.annual_rate_of(curve).value == CURVE.annual_rate_of(unknown).value
+        with pytest.raises(
+            ValueError, match=r"measure = 'PGA \(g\)' must be .* of the fragility, "
+        ):
+            CURVE.annual_rate_of(curve)
+
+
 def test_a_step_of_a_fragility_takes_the_curve_s_own_rate():
     """With β → 0 there is pounding exactly above θ."""
     for at in (0.07, 0.15, 0.205, 0.5, 1.5):
@@ -111,6 +136,21 @@ def test_the_usual_bands_hold_the_rate_wherever_it_comes_from(median):
     k = CURVE.slope[0 if median < 0.1 else -1]
     if not 0.05 < median < 1.6:  # within one power law the intensity at pounding has this mean
         assert found.mean == pytest.approx(median * np.exp(1 / k - k * 0.4**2), rel=0.1)
+
+
+@pytest.mark.parametrize("median", [1e-290, 1e300])
+def test_bands_end_within_the_numbers(median):
+    """Of a curve so flat that even the farthest fragilities have a rate."""
+    flat = jp.HazardCurve([0.1, 10.0], [1e-2, 0.99e-2])
+    rate = flat.annual_rate_of(fragility(median, 5.0))
+    found = rate.deaggregation(bands=7)
+    assert rate.value > 0
+    assert np.isfinite(found.edges).all()
+
+
+def test_an_interval_without_end_is_none():
+    wide = jp.Fragility(0.5, 0.4, np.diag([1e10, 1e-2]))
+    assert "(no 95% interval)" in repr(CURVE.annual_rate_of(wide))
 
 
 def test_a_band_without_end_has_no_mean():
@@ -245,7 +285,15 @@ def test_files_that_are_no_hazard_curve_say_why(text, site, message, tmp_path):
         (lambda: jp.HazardCurve("abc", [1e-3]), "HazardCurve: intensity = 'abc' must be a real"),
         (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 2e-3]), r"annual_rate = 0.002 .*curve falls"),
         (lambda: jp.HazardCurve([0.2, 0.1], [1e-3, 1e-4]), "intensity = 0.1 .* larger than"),
-        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 0.0]), "annual_rate = 0 .* must be positive"),
+        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 0.0]), "annual_rate = 0 .* must be from"),
+        (lambda: jp.HazardCurve([0.1, 1e300], [1e-2, 1e-3]), "intensity = 1e.300 .* to 1e.12"),
+        (lambda: jp.HazardCurve([0.1, 0.2], [3e7, 1e-3]), "annual_rate = 30000000 .* to 1000 a y"),
+        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 1e-300]), "annual_rate = 1e-300 .* from 1e-100"),
+        (
+            lambda: CURVE.annual_rate_of(fragility(1e-290, 1)),
+            "median = 1e-290 .* must be nearer to",
+        ),
+        (lambda: jp.Fragility(1, 1, unit="g", measure="PGA (m/s2)"), "must be in the unit of the"),
         (lambda: CURVE.annual_rate_of(0.1), "pounding = 0.1 must be of type Fragility or Estimate"),
         (lambda: CURVE.annual_rate_of(fragility(1, 1), 1.0), "confidence = 1 must be between"),
         (lambda: CURVE.intensity_at(0.001), "must be one of the curve's, 8e-05 to 0.01"),
@@ -309,3 +357,24 @@ def test_the_figure_has_the_curve_above_its_deaggregation():
     top = [line[1, 1] for line in lines]
     np.testing.assert_allclose(top, 100 * bands.share * (1 + bands.cov))
     figure.draw_without_rendering()
+
+
+@pytest.mark.parametrize(
+    ("intensity", "rates", "measure"),
+    [
+        ([0.005, 0.02, 0.1, 0.4], [0.999, 0.97, 0.3, 0.02], "im"),
+        ([0.1, 0.2, 0.4, 0.8], [0.39, 0.14, 0.03, 0.004], "PGA (g)"),
+        ([6.0, 9.0], [0.03, 0.01], "PGA (m/s²)"),
+    ],
+)
+def test_probabilities_in_fifty_years_are_not_taken_for_rates_in_silence(intensity, rates, measure):
+    with pytest.warns(jp.PlausibilityWarning, match="annual_rate.*of probabilities p within years"):
+        jp.HazardCurve(intensity, rates, measure)
+
+
+def test_bounds_that_print_alike_are_told_as_one_rate():
+    """A fragility of low intensities: nearly every earthquake beyond the curve's end pounds."""
+    sure = repr(CURVE.annual_rate_of(fragility(0.3, 0.05)))
+    assert "beyond" not in sure
+    assert "between" not in sure
+    assert "whatever it is there, the rate is" in sure

@@ -10,6 +10,7 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.plots import hazards
+from jaxpound.study.distributions import Distribution
 from jaxpound.study.store import describe
 from tests.study.test_run import GRID, MEDIAN, SIGMA, SLIDING, linear, study, unit
 
@@ -17,12 +18,22 @@ mpl.use("Agg")
 
 HAZARD = jp.HazardCurve([0.1, 0.2, 0.4, 0.8, 1.6], [2e-2, 7e-3, 1.6e-3, 2.5e-4, 3e-5])
 DRAWN = HAZARD.distribution()
+
+
+@dataclasses.dataclass(frozen=True)
+class Wave:
+    """A wavelet of random amplitude."""
+
+    amplitude: Distribution
+    dimension: int = 1
+
+    def draw(self, z):
+        return jp.Ricker(self.amplitude.from_normal(z[0]) * jnp.ones(1), [2.0], [1.5])
+
+
 # The response is linear: the required gap is the amplitude times that of a wave of amplitude 1, so
 # that a gap is closed as often as the hazard exceeds an amplitude.
-SCENARIOS = jp.Scenarios(
-    SLIDING,
-    jp.CustomDraw(lambda z: jp.Ricker(DRAWN.from_normal(z[0]) * jnp.ones(1), [2.0], [1.5]), 1),
-)
+SCENARIOS = jp.Scenarios(SLIDING, Wave(DRAWN))
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +117,9 @@ def test_a_rare_event_s_rate_and_its_intensities(event):
     rate = HAZARD.annual_rate_of(event, 0.9)
     assert (rate.value, rate.cov, rate.confidence) == (2e-2 * event.probability, event.cov, 0.9)
     assert abs(rate.value - 2.5e-4) < 3.5 * rate.cov * rate.value
+    with pytest.raises(ValueError, match="intensities of the rare event must be drawn"):
+        STRONGER.annual_rate_of(event)
+    assert STRONGER.annual_rate_of(event, drawn=True).value > rate.value
     doubted = dataclasses.replace(event, warnings=("one repeat makes most of the estimate",))
     assert "one repeat makes most" in repr(HAZARD.annual_rate_of(doubted))
     amplitude = np.asarray(DRAWN.from_normal(event.points[:, 0]))
@@ -169,24 +183,66 @@ def test_a_study_of_other_intensities_is_weighted_by_the_hazard(closing):
     assert rate.low < 1.6e-3 < rate.high < 1.5 * rate.low
 
 
-def of_ground(found, amplitude):
-    """The same runs, said to be of wavelets of such an amplitude."""
-    ground = jp.RandomRicker(1, amplitude, jp.Uniform(1, 2), jp.Uniform(1, 2))
+def of_ground(found, ground):
+    """The same runs, said to be of such a ground motion."""
     identity = {**found.about["identity"], "scenarios": describe(jp.Scenarios(SLIDING, ground))}
     return dataclasses.replace(found, about={**found.about, "identity": identity})
 
 
-def test_a_study_that_no_hazard_has_drawn_is_not_taken_for_one_that_it_has(found):
-    undrawn = of_ground(found, jp.LogNormal(1.0, 0.5))
-    told = jp.PlausibilityWarning
-    with pytest.warns(told, match=r"drawn by HazardCurve.distribution .* intensity, such"):
+def wavelets(intensity):
+    return jp.RandomRicker(
+        2, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 2), jp.Uniform(1, 2), intensity=intensity
+    )
+
+
+STRONGER = jp.HazardCurve(HAZARD.intensity, HAZARD.annual_rate**0.9)
+
+
+@pytest.mark.parametrize(
+    "ground",
+    [
+        wavelets(jp.LogNormal(0.16, 0.6)),
+        jp.FilteredNoise(
+            jp.KanaiTajimi(15.0, 0.6),
+            samples=20,
+            dt=0.05,
+            envelope=jp.PlateauEnvelope(1.0, 4.0, 0.8),
+            intensity=jp.LogNormal(0.16, 0.6),
+        ),
+        wavelets(STRONGER.distribution()),
+        jp.CustomDraw(lambda z: DRAWN.from_normal(z[0]) * jp.Ricker([1.0], [2.0], [1.5]), 1),
+    ],
+    ids=["wavelets", "noise", "another curve", "a function"],
+)
+def test_a_study_that_no_hazard_has_drawn_is_not_taken_for_one_that_it_has(found, ground):
+    undrawn = of_ground(found, ground)
+    with pytest.raises(ValueError, match=r"drawn by HazardCurve.distribution .* intensity, such"):
         HAZARD.required_gap(undrawn)
-    with pytest.warns(told, match=r"weighed by HazardCurve.weights, .* study.fragility"):
-        HAZARD.annual_rate_of(undrawn)
-    same = HAZARD.required_gap(found).value
-    weighted = undrawn.weighted(np.ones(len(undrawn)))
-    for other in (weighted, of_ground(found, DRAWN)):
-        assert HAZARD.required_gap(other).value == pytest.approx(same, rel=0.01)
+    for other in (undrawn, undrawn.weighted(np.ones(len(undrawn)))):
+        with pytest.raises(
+            ValueError, match=r"HazardCurve.weights, .* study.fragility.*drawn=True"
+        ):
+            HAZARD.annual_rate_of(other, gap=1.0)
+    rates = [x.value for x in (HAZARD.annual_rate_of(undrawn, gap=1.0, drawn=True),
+                               HAZARD.annual_rate_of(found, gap=1.0))]  # fmt: skip
+    gaps = [HAZARD.required_gap(undrawn, drawn=True).value, HAZARD.required_gap(found).value]
+    assert rates[0] == rates[1]
+    assert gaps[0] == gaps[1]
+
+
+def test_an_intensity_is_the_hazard_s_up_to_a_factor(found):
+    """As of records whose intensity is not 1, or of a curve in another unit."""
+    in_g = jp.HazardCurve(HAZARD.intensity / 9.81, HAZARD.annual_rate)
+    same = HAZARD.annual_rate_of(found, gap=1.0).value
+    for curve in (HAZARD, in_g):
+        drawn = of_ground(found, wavelets(curve.distribution()))
+        assert HAZARD.annual_rate_of(drawn, gap=1.0).value == same
+    weights = STRONGER.weights(found["pga"], drawn_from=jp.LogNormal(1.0, 2.0))
+    assert type(weights.mean()) is np.float64
+    weighted = found.weighted(2 * weights)
+    assert STRONGER.annual_rate_of(weighted, gap=1.0).value > 0
+    with pytest.raises(ValueError, match="intensities of the study must be drawn"):
+        HAZARD.annual_rate_of(weighted, gap=1.0)
 
 
 def with_capacity(found, columns):
@@ -235,6 +291,9 @@ def test_a_curve_in_g_is_not_taken_for_a_column_in_si(found):
     in_si = found.in_si(jp.Scales(mass=1e5, frequency=6.0))
     assert (found.unit("pga"), in_si.unit("pga"), in_si.unit("pounds")) == ("g", "m/s²", "")
     in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s2"))
+    of_sa = dataclasses.replace(HAZARD, measure="SA(0.5) (g)")
+    with pytest.raises(ValueError, match="must be that of the study's column 'pga', peak ground a"):
+        of_sa.required_gap(found, intensity="pga")
     for hazard, other, unit_of in ((in_g, in_si, "m/s²"), (in_m, found, "g")):
         message = rf"measure = 'PGA \(.*\)' must be in the unit of .* 'pga', {unit_of}: convert"
         with pytest.raises(ValueError, match=message):

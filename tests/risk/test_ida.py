@@ -67,6 +67,21 @@ def test_any_measure_that_is_proportional(linear):
     for found in (spectral, factors):
         np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-9)
     np.testing.assert_allclose(factors.capacities, factors.factors)
+    # Their fragilities know what they are of, and meet hazard curves of no other measure.
+    rates = [1e-2, 1e-3, 1e-5]
+    of_pga, of_sa, of_other = (
+        jp.HazardCurve([0.05, 0.2, 1.0], rates, f"{name} (g)")
+        for name in ("PGA", "SA(0.9)", "SA(0.2)")
+    )
+    assert spectral.fragility().measure == "Sa(0.9 s) (g)"
+    for hazard, curve in ((of_pga, spectral), (of_other, spectral), (of_sa, linear)):
+        with pytest.raises(ValueError, match=r"measure = .* must be that of the fragility, "):
+            hazard.annual_rate_of(curve.fragility())
+    in_m = jp.HazardCurve([0.5, 2.0, 10.0], rates, "PGA (m/s²)")
+    with pytest.raises(ValueError, match="must be in the unit of the fragility, g: convert"):
+        in_m.annual_rate_of(linear.fragility())
+    for hazard, curve in ((of_pga, linear), (of_sa, spectral), (in_m, factors)):
+        hazard.annual_rate_of(curve.fragility())
 
 
 def test_a_gap_as_threshold_and_other_demands(linear):
