@@ -3,6 +3,11 @@
 The search is the improved HLRF iteration (Hasofer and Lind 1974; Rackwitz and Fiessler 1978; Zhang
 and Der Kiureghian 1995), of all instants in one batch. Its points are where earthquakes that reach
 the limit state at that instant are likeliest (Koo, Der Kiureghian and Fujimura 2005).
+
+A demand that is not of an instant has one limit state, which may have many such points. Starts are
+added until nearly all of them end in a point that another start has found too: the share of those
+that do not estimates the share of further starts that would end in a new point (Good 1953,
+Biometrika 40:237, after Turing).
 """
 
 from __future__ import annotations
@@ -22,11 +27,16 @@ FARTHEST = 12.0
 """Distance beyond which no design point is sought: Φ(−12) is 2e-33."""
 FAR = 2.5
 """Design points that are farther than the nearest by more than this are left out."""
+NEAR = 1.2
+"""Design points that are farther than the nearest by more than this are not sampled around."""
+COVERED = 0.9
+"""Share of the starts whose points others have found, from which the points count as all."""
 _ITERATIONS = 25
 _PATIENT = 3  # iterations before a start is given up
 _RESCUED = 10  # iterations from the point of a neighbour
 _SPREAD = 0.7  # standard deviation of the starts
-_STARTS = 32  # where the demand is not of instants
+_STARTS = 32  # where the demand is not of instants, at first
+_MOST_STARTS = 512
 _SHORTER = 0.4  # factor of a step that did not help
 _SHORTEST = 0.05  # below this a step is taken whether it helps or not
 _ON = 2e-3  # distance from the limit state and, next,
@@ -35,6 +45,7 @@ _STEEPER = 5.0  # slope, as a multiple of the usual one, that is told from a jum
 _HOPELESS = 1.0  # beyond FAR: too far for a point on its way
 _STILL = 20.0  # times FARTHEST: too far for one that has no gradient yet
 _ALIKE = 0.98  # cosine above which the points of two starts are one
+_NEARLY = 0.75  # share of the way to a linearised limit state
 
 
 class DesignPoints(NamedTuple):
@@ -51,7 +62,10 @@ class DesignPoints(NamedTuple):
     gradients: int
     """Runs with a gradient that the search took."""
     failed: int
-    """Starts that did not converge within the distance that matters."""
+    """Starts that did not converge within the distance that matters; all, if none did."""
+    covered: float = 1.0
+    """Estimated share of random starts that end in one of these points, of a demand that is not of
+    an instant."""
 
     def __len__(self) -> int:
         return len(self.z)
@@ -62,7 +76,11 @@ class DesignPoints(NamedTuple):
             return self
         near = self.betas <= self.betas[0] + distance
         z, directions, betas, instants, series = (x[near] for x in self[:5])
-        return DesignPoints(z, directions, betas, instants, series, self.gradients, self.failed)
+        return DesignPoints(z, directions, betas, instants, series, *self[5:])
+
+    def stand_for(self, z: Float[np.ndarray, "n d"]) -> np.ndarray:
+        """Which of some points lie beyond or nearly at a linearised limit state, shape (n,)."""
+        return (z @ self.directions.T >= _NEARLY * self.betas).any(axis=1)
 
     def form(self, draws: int = 20_000) -> float:
         """Probability that any linearised limit state is reached, without a run.
@@ -119,6 +137,11 @@ class _Search:
             lost=no.copy(),
         )
 
+    def joined(self, other: _Search) -> _Search:
+        """The search of the starts of both."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Search(*(np.concatenate(pair) for pair in pairs))
+
     @property
     def active(self) -> np.ndarray:
         """Which are still under way."""
@@ -144,6 +167,13 @@ class _Search:
     def nearest(self) -> float:
         """The smallest distance of those that are done."""
         return float(self.planes()[1][self.done].min(initial=np.inf))
+
+    def reached(self, distance: float) -> np.ndarray:
+        """Those that are done, the nearest first, and farther than it by no more than a distance."""
+        betas = self.planes()[1]
+        rows = np.flatnonzero(self.done & (betas > 0) & (betas < FARTHEST))
+        rows = rows[np.argsort(betas[rows], kind="stable")]
+        return rows[betas[rows] <= betas[rows[:1]].sum() + distance]
 
     def advance(self, rows: np.ndarray, state: LimitState, *places: np.ndarray) -> None:
         """Evaluate the next point of some starts; take those that help, and choose their steps."""
@@ -224,9 +254,13 @@ def find_design_points(
         Called with the number of gradients so far and the smallest distance found.
     """
     instants, series = _places(state)
+    rng = np.random.default_rng(key)
+
+    def at_random(n: int) -> _Search:
+        return _Search.of(_SPREAD * rng.standard_normal((n, state.dimension)))
+
     if start is None:
-        z = _SPREAD * np.random.default_rng(key).standard_normal((len(instants), state.dimension))
-        search = _Search.of(z)
+        search = at_random(len(instants))
     elif not state.series:
         search, instants, series = _Search.of(np.array(start.z)), start.instants, start.series
     else:
@@ -250,10 +284,21 @@ def find_design_points(
             told(gradients, search.nearest())
 
     go_on(_ITERATIONS)
-    if (instants >= 0).all() and search.done.any():
-        search.rescue(instants, series)
-        go_on(_RESCUED)
-    return _kept(search, instants, series, gradients)
+    if state.series:
+        if search.done.any():
+            search.rescue(instants, series)
+            go_on(_RESCUED)
+        return _kept(search, instants, series, gradients)
+    covered = 1.0
+    while start is None:
+        covered = _covered(search)
+        n = len(search.z)
+        if covered >= COVERED or n >= _MOST_STARTS:
+            break
+        search = search.joined(at_random(n))
+        instants, series = np.tile(instants, 2), np.tile(series, 2)
+        go_on(_ITERATIONS)
+    return _kept(search, instants, series, gradients, covered)
 
 
 def _places(state: LimitState) -> tuple[np.ndarray, np.ndarray]:
@@ -273,17 +318,19 @@ def _nearest_places(start: DesignPoints, instants: np.ndarray, series: np.ndarra
 
 
 def _kept(
-    search: _Search, instants: np.ndarray, series: np.ndarray, gradients: int
+    search: _Search,
+    instants: np.ndarray,
+    series: np.ndarray,
+    gradients: int,
+    covered: float = 1.0,
 ) -> DesignPoints:
     """The points that matter, moved onto the linearised limit states' nearest points."""
     along, betas = search.planes()
-    rows = np.flatnonzero(search.done & (betas > 0) & (betas < FARTHEST))
-    rows = rows[np.argsort(betas[rows], kind="stable")]
-    rows = rows[betas[rows] <= betas[rows[:1]].sum() + FAR]
+    rows = search.reached(FAR)
     if (instants[rows] < 0).any():
-        rows = _different(along, rows)
-    # Where no motion, however strong, has a gradient, all have failed.
-    failed = int(search.active.size) if search.slope.any() else len(search.z)
+        rows = rows[_groups(along[rows])[0]]
+    # Without a point nothing is known of how far the others were from one.
+    failed = int(search.active.size) if rows.size else len(search.z)
     return DesignPoints(
         along[rows] * betas[rows, None],
         along[rows],
@@ -292,16 +339,32 @@ def _kept(
         series[rows],
         gradients,
         failed,
+        covered,
     )
 
 
-def _different(along: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Those among rows, in order, that no other start has found before."""
-    chosen: list[int] = []
-    for row in rows:
-        if not chosen or (along[chosen] @ along[row]).max() < _ALIKE:
-            chosen.append(int(row))
-    return np.array(chosen, int)
+def _covered(search: _Search) -> float:
+    """Estimated share of random starts that end in a point that is known, of those nearby.
+
+    One less the share of the starts whose point no other start has found (Good 1953).
+    """
+    rows = search.reached(NEAR)
+    _, counts = _groups(search.planes()[0][rows])
+    return 1 - np.count_nonzero(counts == 1) / max(len(rows), 1)
+
+
+def _groups(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of points by their directions the first of each group of alike ones, and the groups' sizes."""
+    first: list[int] = []
+    sizes: list[int] = []
+    for row, direction in enumerate(along):
+        cosines = along[first] @ direction
+        if first and cosines.max() >= _ALIKE:
+            sizes[int(cosines.argmax())] += 1
+        else:
+            first.append(row)
+            sizes.append(1)
+    return np.array(first, int), np.array(sizes, int)
 
 
 def _merit(z: np.ndarray, value: np.ndarray, price: np.ndarray) -> np.ndarray:

@@ -176,7 +176,6 @@ def event_of(
         kept = Kept(store, state, key, first, BATCH, most)
     with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
         search = Search(state, cov, most, normal_points(key, state), kept, bar)
-        pilot = None
         found = None if start is None else search.points(numbers, start)
         if found is None or not len(found) or found.form() > COMMON / 2:
             pilot = search.pilot()
@@ -184,15 +183,13 @@ def event_of(
                 return search.plain(pilot, 0 if found is None else found.gradients)
         if found is None:
             found = search.points(numbers, None)
-        # Where most searches fail, the points of the others stand for few of the failures.
-        enough = found.failed <= len(found) if method == "auto" else len(found) or not found.failed
-        if enough:
-            return search.around(found, 0 if pilot is None else BATCH)
+        doubt = search.doubt(found)
+        if not doubt or (method == "design points" and len(found)):
+            return search.around(found, doubt)
     if method == "auto":
         folder = None if store is None else Path(store) / "subset"
-        why = f"{'few' if len(found) else 'no'} gradients lead to the limit state: "
-        event = by_subset(why, folder)
-        runs, gradients = event.runs + BATCH * (pilot is not None), found.gradients
+        event = by_subset(f"{doubt}: ", folder)
+        runs, gradients = event.runs + search.runs, found.gradients
         return dataclasses.replace(event, runs=runs, gradients=gradients)
     raise ValueError(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
