@@ -45,6 +45,7 @@ _STEEPER = 5.0  # slope, as a multiple of the usual one, that is told from a jum
 _HOPELESS = 1.0  # beyond FAR: too far for a point on its way
 _STILL = 20.0  # times FARTHEST: too far for one that has no gradient yet
 _ALIKE = 0.98  # cosine above which the points of two starts are one
+_FOUND_AGAIN = 0.9  # the same, for samples around the one to be drawn around the other, too
 _NEARLY = 0.75  # share of the way to a linearised limit state
 
 
@@ -284,13 +285,11 @@ def find_design_points(
             told(gradients, search.nearest())
 
     go_on(_ITERATIONS)
-    if state.series:
-        if search.done.any():
-            search.rescue(instants, series)
-            go_on(_RESCUED)
-        return _kept(search, instants, series, gradients)
     covered = 1.0
-    while start is None:
+    if state.series and search.done.any():
+        search.rescue(instants, series)
+        go_on(_RESCUED)
+    while start is None and not state.series:
         covered = _covered(search)
         n = len(search.z)
         if covered >= COVERED or n >= _MOST_STARTS:
@@ -328,7 +327,7 @@ def _kept(
     along, betas = search.planes()
     rows = search.reached(FAR)
     if (instants[rows] < 0).any():
-        rows = rows[_groups(along[rows])[0]]
+        rows = _different(along, rows)
     # Without a point nothing is known of how far the others were from one.
     failed = int(search.active.size) if rows.size else len(search.z)
     return DesignPoints(
@@ -348,23 +347,20 @@ def _covered(search: _Search) -> float:
 
     One less the share of the starts whose point no other start has found (Good 1953).
     """
-    rows = search.reached(NEAR)
-    _, counts = _groups(search.planes()[0][rows])
-    return 1 - np.count_nonzero(counts == 1) / max(len(rows), 1)
+    along = search.planes()[0][search.reached(NEAR)]
+    if not len(along):
+        return 1.0
+    cosines = along @ along.T - 2 * np.eye(len(along))
+    return 1 - float(np.mean(cosines.max(axis=1) < _FOUND_AGAIN))
 
 
-def _groups(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of points by their directions the first of each group of alike ones, and the groups' sizes."""
-    first: list[int] = []
-    sizes: list[int] = []
-    for row, direction in enumerate(along):
-        cosines = along[first] @ direction
-        if first and cosines.max() >= _ALIKE:
-            sizes[int(cosines.argmax())] += 1
-        else:
-            first.append(row)
-            sizes.append(1)
-    return np.array(first, int), np.array(sizes, int)
+def _different(along: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Those among rows, in order, that no other start has found before."""
+    chosen: list[int] = []
+    for row in rows:
+        if not chosen or (along[chosen] @ along[row]).max() < _ALIKE:
+            chosen.append(int(row))
+    return np.array(chosen, int)
 
 
 def _merit(z: np.ndarray, value: np.ndarray, price: np.ndarray) -> np.ndarray:
