@@ -14,7 +14,7 @@ from jaxpound.risk.kept import Kept
 from jaxpound.risk.limit_state import LimitState, require_dependence
 from jaxpound.risk.mixture import Mixture
 from jaxpound.risk.rare_event import RAREST, RareEvent, always
-from jaxpound.risk.sampling import BATCH, Samples, until_sure
+from jaxpound.risk.sampling import BATCH, COMPILING, Samples, until_sure
 from jaxpound.study.sampling import Points
 
 OWNER = "rare_event"
@@ -53,7 +53,7 @@ class Search:
         ValueError
             If the demand is no number, or the same in all runs however strong the motion.
         """
-        self.bar.set_postfix_str("compiling the runs")
+        self.bar.set_postfix_str(COMPILING)
         found = self._batch(0, None)
         require_dependence(OWNER, self.state, found.z, found.values)
         return found

@@ -123,3 +123,18 @@ def test_no_design_point_is_no_bound():
     event = event_of(state, progress=False)
     assert event.method.startswith("no gradients lead to the limit state: subset simulation")
     assert is_right(event, state.probability)
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        ("design points", ["compiling the runs", "compiling the gradients", "P = "]),
+        ("subset", ["compiling the runs", "P = "]),
+    ],
+)
+def test_a_bar_says_what_is_compiled(method, words, capsys):
+    event_of(Unlikely(), method=method, cov=0.5)
+    screen = capsys.readouterr().err
+    places = [screen.find(one) for one in words]
+    assert places == sorted(places)
+    assert places[0] >= 0
