@@ -170,7 +170,7 @@ class _Search:
         return float(self.planes()[1][self.done].min(initial=np.inf))
 
     def reached(self, distance: float) -> np.ndarray:
-        """Those that are done, the nearest first, and farther than it by no more than a distance."""
+        """Those done that are farther than the nearest by no more than a distance, in order."""
         betas = self.planes()[1]
         rows = np.flatnonzero(self.done & (betas > 0) & (betas < FARTHEST))
         rows = rows[np.argsort(betas[rows], kind="stable")]
@@ -262,14 +262,10 @@ def find_design_points(
 
     if start is None:
         search = at_random(len(instants))
-    elif not state.series:
-        search, instants, series = _Search.of(np.array(start.z)), start.instants, start.series
+    elif state.series:
+        search = _from_points(start, instants, series)
     else:
-        rows = _nearest_places(start, instants, series)
-        z = np.zeros((len(instants), state.dimension))
-        z[rows[::-1]] = start.z[::-1]  # of two at one place the nearer
-        search = _Search.of(z)
-        search.lost[np.setdiff1d(np.arange(len(z)), rows)] = True
+        search, instants, series = _Search.of(np.array(start.z)), start.instants, start.series
     gradients = 0
 
     def go_on(iterations: int) -> None:
@@ -285,18 +281,15 @@ def find_design_points(
             told(gradients, search.nearest())
 
     go_on(_ITERATIONS)
-    covered = 1.0
     if state.series and search.done.any():
         search.rescue(instants, series)
         go_on(_RESCUED)
-    while start is None and not state.series:
-        covered = _covered(search)
-        n = len(search.z)
-        if covered >= COVERED or n >= _MOST_STARTS:
-            break
-        search = search.joined(at_random(n))
+    anywhere = start is None and not state.series
+    while anywhere and len(search.z) < _MOST_STARTS and _covered(search) < COVERED:
+        search = search.joined(at_random(len(search.z)))
         instants, series = np.tile(instants, 2), np.tile(series, 2)
         go_on(_ITERATIONS)
+    covered = _covered(search) if anywhere else 1.0
     return _kept(search, instants, series, gradients, covered)
 
 
@@ -309,19 +302,20 @@ def _places(state: LimitState) -> tuple[np.ndarray, np.ndarray]:
     return np.tile(instants, n_series), np.repeat(np.arange(n_series), len(instants))
 
 
-def _nearest_places(start: DesignPoints, instants: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """Of each design point the number of the place, of its own series, that is nearest to it."""
+def _from_points(start: DesignPoints, instants: np.ndarray, series: np.ndarray) -> _Search:
+    """The search from design points, each at the place of its series that is nearest to it."""
     apart = np.abs(np.subtract.outer(start.instants, instants)).astype(float)
     apart[start.series[:, None] != series] = np.inf
-    return apart.argmin(axis=1)
+    rows = apart.argmin(axis=1)
+    z = np.zeros((len(instants), start.z.shape[1]))
+    z[rows[::-1]] = start.z[::-1]  # of two at one place the nearer
+    search = _Search.of(z)
+    search.lost[np.setdiff1d(np.arange(len(z)), rows)] = True
+    return search
 
 
 def _kept(
-    search: _Search,
-    instants: np.ndarray,
-    series: np.ndarray,
-    gradients: int,
-    covered: float = 1.0,
+    search: _Search, instants: np.ndarray, series: np.ndarray, gradients: int, covered: float
 ) -> DesignPoints:
     """The points that matter, moved onto the linearised limit states' nearest points."""
     along, betas = search.planes()

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import jax
 from jaxtyping import Array
@@ -136,10 +137,7 @@ def rare_event(
     True
     """
     threshold = threshold_of(OWNER, gap, demand, threshold)
-    programs = None
-    if start is not None:
-        instance(OWNER, "start", start, RareEvent)
-        programs = start.limit_state.programs
+    programs = programs_of(OWNER, start)
     state = LimitState(scenarios, grid, scheme, demand, threshold, _programs=programs)
     return event_of(
         state,
@@ -202,6 +200,14 @@ def event_of(
         f"{OWNER}: gradients must lead to the limit state, but none of {found.failed} searches has "
         "reached it; use method = 'subset', or in reach_probability another value to start from"
     )
+
+
+def programs_of(owner: str, start: RareEvent | None) -> Any:
+    """Compiled programs of an event from which to start, if there is one."""
+    if start is None:
+        return None
+    instance(owner, "start", start, RareEvent)
+    return start.limit_state.programs
 
 
 def _start(state: LimitState, event: RareEvent | None) -> RareEvent | None:

@@ -73,8 +73,7 @@ class Search:
                     return found
                 before = found.gradients
             found = find_design_points(state, numbers, None, told)
-            *points, gradients, failed, covered = (*found,)
-            return DesignPoints(*points, before + gradients, failed, covered)
+            return DesignPoints(*found[:5], before + found.gradients, *found[6:])
 
         self.bar.set_postfix_str("compiling the gradients")
         return search() if self.kept is None else self.kept.design_points(search)
@@ -123,7 +122,8 @@ class Search:
         missed = 0
         for number, many in enumerate(_MISSED, 1):
             stronger = self._batch(number, None, factor)
-            missed += np.count_nonzero((stronger.values >= 0) & ~found.stand_for(stronger.z))
+            far = ~found.stand_for(stronger.z)
+            missed += int(np.count_nonzero(far & (stronger.values >= 0)))
             if missed < many:
                 return ""
         motions = f"{number * BATCH} random motions {factor:.2g} times as strong"
