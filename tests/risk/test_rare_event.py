@@ -344,7 +344,7 @@ def test_which_method_and_why():
     assert abs(apart) < 3 * np.hypot(by_points.cov, few.cov)
 
 
-def test_the_friction_for_a_probability():
+def test_the_friction_for_a_probability(tmp_path, monkeypatch):
     """With the structures of case W in fewer numbers; the benchmark has case W itself."""
     found = jp.reach_probability("friction", 1e-4, FEW, SHORT, 0.3, tolerance=0.3, progress=False)
     assert found.event.probability == pytest.approx(1e-4, rel=0.3)
@@ -354,6 +354,15 @@ def test_the_friction_for_a_probability():
     p = found.steps[0].probability
     any_gap = jp.reach_probability("initial_gap", p, FEW, SHORT, 0.3, tolerance=0.3, progress=False)
     assert (any_gap.value, any_gap.error) == (1.0, np.inf)
+    # From the event at the first friction, whose points are not sought again; and from files.
+    args, options = ("friction", 1e-4, FEW, SHORT, 0.3), {"tolerance": 0.3, "progress": False}
+    options |= {"start": any_gap.event, "store": tmp_path}
+    warm = jp.reach_probability(*args, **options)
+    assert warm.value == pytest.approx(found.value, rel=0.05)
+    assert warm.gradients < found.gradients
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "gradients", None)
+        assert jp.reach_probability(*args, **options).value == warm.value
     with pytest.raises(ValueError, match="unknown path"):
         jp.reach_probability("fiction", 1e-5, FEW, SHORT, 0.3, progress=False)
     with pytest.raises(ValueError, match="reach_probability: scenarios: z_4 must not be discrete"):
