@@ -293,7 +293,10 @@ def _add_rare(commands: Any) -> None:
         config="buildings, random earthquakes and the event",
         prints="an example",
     )
-    words = "keep design points and finished runs there; a stopped search goes on"
+    words = (
+        "keep design points and finished runs there, a stopped search goes on; by default in the "
+    )
+    words += "output folder until it is done"
     _add_path(rare, "--store", words, "DIR")
     _add_strict(rare)
 

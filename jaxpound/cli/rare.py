@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import math
+import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +30,7 @@ from jaxpound.model.system import is_closable
 from jaxpound.risk.instants import REQUIRED_GAP
 from jaxpound.risk.reach import WITHOUT_JUMPS
 from jaxpound.risk.run import choice, event_of, require_smooth
+from jaxpound.study.archives import digest
 from jaxpound.study.scenarios import grounds_at
 
 # --- the configuration --------------------------------------------------------------------------
@@ -105,12 +110,29 @@ def run(args: argparse.Namespace) -> None:
             require_smooth("reach_probability", state.scenarios, WITHOUT_JUMPS)
     tell("rare", _doubts(state, given.search.seed), args.strict)
     make_folder(args.out)
-    with noted(given.structures):
-        found = searched(file, given, state, args.store)
-        if given.design is not None and wanted is not None:
-            target = reached(file, given, given.design, state, *wanted)
-            found = dataclasses.replace(found, target=target)
-    write_report(file, found, args.out, args.pdf)
+    with _kept_in(args, file) as store:
+        with noted(given.structures):
+            found = searched(file, given, state, store)
+            if given.design is not None and wanted is not None:
+                target = reached(file, given, given.design, found, *wanted, store=store)
+                found = dataclasses.replace(found, target=target)
+        write_report(file, found, args.out, args.pdf)
+
+
+@contextlib.contextmanager
+def _kept_in(args: argparse.Namespace, file: File) -> Iterator[Path]:
+    """The folder that keeps the search: the one of ``--store``, or one that goes at the end."""
+    if args.store is not None:
+        yield args.store
+        return
+    # Of this configuration alone: with another one a search starts anew.
+    args.store = store = args.out / f"unfinished-{digest(file.text.encode())[:8]}"
+    try:
+        yield store
+    except ValueError:
+        shutil.rmtree(store, ignore_errors=True)
+        raise
+    shutil.rmtree(store, ignore_errors=True)
 
 
 def _doubts(state: jp.LimitState, seed: int) -> list[str]:
@@ -151,8 +173,12 @@ def searched(file: File, given: Rare, state: jp.LimitState, store: Path | None =
     """The event and, where thresholds are given, those of the curve, each from the one before."""
     how, limit = given.search, given.limit
     levels: list[float | None] = sorted({*(limit.thresholds or ()), *_known(limit.level)})
+    of_event = limit.level
     if limit.level is None:
-        levels.append(None)
+        gap = _gap_of_all(given)
+        of_event = next((x for x in levels if x is not None and math.isclose(gap, x)), None)
+        if of_event is None:
+            levels.append(None)
     start: jp.RareEvent | None = None
     events: dict[float | None, jp.RareEvent] = {}
     for level in levels:
@@ -174,7 +200,16 @@ def searched(file: File, given: Rare, state: jp.LimitState, store: Path | None =
         # Without design points, where the event is common, the next search starts anew.
         start = event if len(event.design_points) else None
     curve = [events[x] for x in sorted(limit.thresholds or ())]
-    return Found(events[limit.level], curve, limit.level, given.scales)
+    return Found(events[of_event], curve, limit.level, given.scales)
+
+
+def _gap_of_all(given: Rare) -> float:
+    """The closing in SI units at which any link pounds; NaN where gaps differ or are random."""
+    links = given.structures.system().links
+    gaps = {float(link.gap) for link in links if is_closable(link.gap)}
+    if len(gaps) != 1 or any("gap" in key for key in given.uncertain):
+        return math.nan
+    return gaps.pop() * float(given.scales.length)
 
 
 def _known(level: float | None) -> list[float]:
@@ -195,13 +230,19 @@ def reached(
     file: File,
     given: Rare,
     wanted: Wanted,
-    state: jp.LimitState,
+    found: Found,
     known: Parameters,
     path: str,
+    store: Path | None = None,
 ) -> Target:
-    """The parameter at which the event has the wanted probability, in SI units."""
+    """The parameter at which the event has the wanted probability, in SI units.
+
+    The search starts from the design points of the event that was found.
+    """
+    event = found.event
+    state = _at(event.limit_state, given, found.level)
     with named(f"{file.name}: [design]"):
-        found = jp.reach_probability(
+        reach = jp.reach_probability(
             path,
             wanted.probability,
             state.scenarios,
@@ -211,8 +252,10 @@ def reached(
             scheme=state.scheme,
             tolerance=wanted.tolerance,
             key=given.search.seed,
+            start=event,
+            store=None if store is None else store / "design",
             progress=sys.stderr.isatty(),
         )
     stated: Any = get(known.si, path)
     unit = float(stated) / float(get(known.nominal, path))
-    return Target(found, wanted.parameter, unit, known.unit_of(path), float(stated))
+    return Target(reach, wanted.parameter, unit, known.unit_of(path), float(stated))

@@ -106,6 +106,7 @@ def summary(file: File, found: Found) -> dict[str, Any]:
             "unit": unit(kind_of_demand(event.limit_state), si=True),
             "random_numbers": event.limit_state.dimension,
             **_numbers(found, event),
+            "threshold": found.level,
             "method": event.method,
             "warnings": list(event.warnings),
             "largest_share_of_a_sample": event.largest_share,

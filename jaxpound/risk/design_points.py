@@ -3,6 +3,11 @@
 The search is the improved HLRF iteration (Hasofer and Lind 1974; Rackwitz and Fiessler 1978; Zhang
 and Der Kiureghian 1995), of all instants in one batch. Its points are where earthquakes that reach
 the limit state at that instant are likeliest (Koo, Der Kiureghian and Fujimura 2005).
+
+A demand that is not of an instant has one limit state, which may have many such points. Starts are
+added until nearly all of them end in a point that another start has found too: the share of those
+that do not estimates the share of further starts that would end in a new point (Good 1953,
+Biometrika 40:237, after Turing).
 """
 
 from __future__ import annotations
@@ -22,11 +27,16 @@ FARTHEST = 12.0
 """Distance beyond which no design point is sought: Φ(−12) is 2e-33."""
 FAR = 2.5
 """Design points that are farther than the nearest by more than this are left out."""
+NEAR = 1.2
+"""Design points that are farther than the nearest by more than this are not sampled around."""
+COVERED = 0.9
+"""Share of the starts whose points others have found, from which the points count as all."""
 _ITERATIONS = 25
 _PATIENT = 3  # iterations before a start is given up
 _RESCUED = 10  # iterations from the point of a neighbour
 _SPREAD = 0.7  # standard deviation of the starts
-_STARTS = 32  # where the demand is not of instants
+_STARTS = 32  # where the demand is not of instants, at first
+_MOST_STARTS = 512
 _SHORTER = 0.4  # factor of a step that did not help
 _SHORTEST = 0.05  # below this a step is taken whether it helps or not
 _ON = 2e-3  # distance from the limit state and, next,
@@ -35,6 +45,8 @@ _STEEPER = 5.0  # slope, as a multiple of the usual one, that is told from a jum
 _HOPELESS = 1.0  # beyond FAR: too far for a point on its way
 _STILL = 20.0  # times FARTHEST: too far for one that has no gradient yet
 _ALIKE = 0.98  # cosine above which the points of two starts are one
+_FOUND_AGAIN = 0.9  # the same, for samples around the one to be drawn around the other, too
+_NEARLY = 0.75  # share of the way to a linearised limit state
 
 
 class DesignPoints(NamedTuple):
@@ -51,7 +63,10 @@ class DesignPoints(NamedTuple):
     gradients: int
     """Runs with a gradient that the search took."""
     failed: int
-    """Starts that did not converge within the distance that matters."""
+    """Starts that did not converge within the distance that matters; all, if none did."""
+    covered: float = 1.0
+    """Estimated share of random starts that end in one of these points, of a demand that is not of
+    an instant."""
 
     def __len__(self) -> int:
         return len(self.z)
@@ -62,7 +77,11 @@ class DesignPoints(NamedTuple):
             return self
         near = self.betas <= self.betas[0] + distance
         z, directions, betas, instants, series = (x[near] for x in self[:5])
-        return DesignPoints(z, directions, betas, instants, series, self.gradients, self.failed)
+        return DesignPoints(z, directions, betas, instants, series, *self[5:])
+
+    def stand_for(self, z: Float[np.ndarray, "n d"]) -> np.ndarray:
+        """Which of some points lie beyond or nearly at a linearised limit state, shape (n,)."""
+        return (z @ self.directions.T >= _NEARLY * self.betas).any(axis=1)
 
     def form(self, draws: int = 20_000) -> float:
         """Probability that any linearised limit state is reached, without a run.
@@ -119,6 +138,11 @@ class _Search:
             lost=no.copy(),
         )
 
+    def joined(self, other: _Search) -> _Search:
+        """The search of the starts of both."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Search(*(np.concatenate(pair) for pair in pairs))
+
     @property
     def active(self) -> np.ndarray:
         """Which are still under way."""
@@ -144,6 +168,13 @@ class _Search:
     def nearest(self) -> float:
         """The smallest distance of those that are done."""
         return float(self.planes()[1][self.done].min(initial=np.inf))
+
+    def reached(self, distance: float) -> np.ndarray:
+        """Those done that are farther than the nearest by no more than a distance, in order."""
+        betas = self.planes()[1]
+        rows = np.flatnonzero(self.done & (betas > 0) & (betas < FARTHEST))
+        rows = rows[np.argsort(betas[rows], kind="stable")]
+        return rows[betas[rows] <= betas[rows[:1]].sum() + distance]
 
     def advance(self, rows: np.ndarray, state: LimitState, *places: np.ndarray) -> None:
         """Evaluate the next point of some starts; take those that help, and choose their steps."""
@@ -224,17 +255,17 @@ def find_design_points(
         Called with the number of gradients so far and the smallest distance found.
     """
     instants, series = _places(state)
+    rng = np.random.default_rng(key)
+
+    def at_random(n: int) -> _Search:
+        return _Search.of(_SPREAD * rng.standard_normal((n, state.dimension)))
+
     if start is None:
-        z = _SPREAD * np.random.default_rng(key).standard_normal((len(instants), state.dimension))
-        search = _Search.of(z)
-    elif not state.series:
-        search, instants, series = _Search.of(np.array(start.z)), start.instants, start.series
+        search = at_random(len(instants))
+    elif state.series:
+        search = _from_points(start, instants, series)
     else:
-        rows = _nearest_places(start, instants, series)
-        z = np.zeros((len(instants), state.dimension))
-        z[rows[::-1]] = start.z[::-1]  # of two at one place the nearer
-        search = _Search.of(z)
-        search.lost[np.setdiff1d(np.arange(len(z)), rows)] = True
+        search, instants, series = _Search.of(np.array(start.z)), start.instants, start.series
     gradients = 0
 
     def go_on(iterations: int) -> None:
@@ -250,10 +281,16 @@ def find_design_points(
             told(gradients, search.nearest())
 
     go_on(_ITERATIONS)
-    if (instants >= 0).all() and search.done.any():
+    if state.series and search.done.any():
         search.rescue(instants, series)
         go_on(_RESCUED)
-    return _kept(search, instants, series, gradients)
+    anywhere = start is None and not state.series
+    while anywhere and len(search.z) < _MOST_STARTS and _covered(search) < COVERED:
+        search = search.joined(at_random(len(search.z)))
+        instants, series = np.tile(instants, 2), np.tile(series, 2)
+        go_on(_ITERATIONS)
+    covered = _covered(search) if anywhere else 1.0
+    return _kept(search, instants, series, gradients, covered)
 
 
 def _places(state: LimitState) -> tuple[np.ndarray, np.ndarray]:
@@ -265,25 +302,28 @@ def _places(state: LimitState) -> tuple[np.ndarray, np.ndarray]:
     return np.tile(instants, n_series), np.repeat(np.arange(n_series), len(instants))
 
 
-def _nearest_places(start: DesignPoints, instants: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """Of each design point the number of the place, of its own series, that is nearest to it."""
+def _from_points(start: DesignPoints, instants: np.ndarray, series: np.ndarray) -> _Search:
+    """The search from design points, each at the place of its series that is nearest to it."""
     apart = np.abs(np.subtract.outer(start.instants, instants)).astype(float)
     apart[start.series[:, None] != series] = np.inf
-    return apart.argmin(axis=1)
+    rows = apart.argmin(axis=1)
+    z = np.zeros((len(instants), start.z.shape[1]))
+    z[rows[::-1]] = start.z[::-1]  # of two at one place the nearer
+    search = _Search.of(z)
+    search.lost[np.setdiff1d(np.arange(len(z)), rows)] = True
+    return search
 
 
 def _kept(
-    search: _Search, instants: np.ndarray, series: np.ndarray, gradients: int
+    search: _Search, instants: np.ndarray, series: np.ndarray, gradients: int, covered: float
 ) -> DesignPoints:
     """The points that matter, moved onto the linearised limit states' nearest points."""
     along, betas = search.planes()
-    rows = np.flatnonzero(search.done & (betas > 0) & (betas < FARTHEST))
-    rows = rows[np.argsort(betas[rows], kind="stable")]
-    rows = rows[betas[rows] <= betas[rows[:1]].sum() + FAR]
+    rows = search.reached(FAR)
     if (instants[rows] < 0).any():
         rows = _different(along, rows)
-    # Where no motion, however strong, has a gradient, all have failed.
-    failed = int(search.active.size) if search.slope.any() else len(search.z)
+    # Without a point nothing is known of how far the others were from one.
+    failed = int(search.active.size) if rows.size else len(search.z)
     return DesignPoints(
         along[rows] * betas[rows, None],
         along[rows],
@@ -292,7 +332,20 @@ def _kept(
         series[rows],
         gradients,
         failed,
+        covered,
     )
+
+
+def _covered(search: _Search) -> float:
+    """Estimated share of random starts that end in a point that is known, of those nearby.
+
+    One less the share of the starts whose point no other start has found (Good 1953).
+    """
+    along = search.planes()[0][search.reached(NEAR)]
+    if not len(along):
+        return 1.0
+    cosines = along @ along.T - 2 * np.eye(len(along))
+    return 1 - float(np.mean(cosines.max(axis=1) < _FOUND_AGAIN))
 
 
 def _different(along: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -122,6 +122,7 @@ class Kept:
                     series=archive.read("series", (k,), np.int64),
                     gradients=about["gradients"],
                     failed=about["failed"],
+                    covered=about["covered"],
                 )
         except DamagedError as error:
             self._tell(DamagedError(f"{_POINTS} is damaged ({error})"))
@@ -130,7 +131,8 @@ class Kept:
             found = search()
         arrays = {name: np.asarray(getattr(found, name), float) for name in (*_VECTORS, "betas")}
         arrays |= {name: np.asarray(getattr(found, name), np.int64) for name in _NUMBERS}
-        about = {"shape": list(found.z.shape), "gradients": found.gradients, "failed": found.failed}
+        numbers = ("gradients", "failed", "covered")
+        about = {name: getattr(found, name) for name in numbers} | {"shape": list(found.z.shape)}
         write_archive(path, arrays, self._seal | about)
         return found
 

@@ -13,11 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import log_ndtr, logsumexp, ndtr
 
-from jaxpound.risk.design_points import DesignPoints
+from jaxpound.risk.design_points import NEAR, DesignPoints
 from jaxpound.study.sampling import Points
 
-NEAR = 1.2
-"""Design points that are farther than the nearest by more than this are not sampled around."""
 GUARD = 0.1
 """Share of the samples from the guard."""
 THIN = 0.1

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -19,7 +21,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.limit_state import LimitState, threshold_of
 from jaxpound.risk.rare_event import RareEvent
-from jaxpound.risk.run import event_of, require_smooth
+from jaxpound.risk.run import event_of, programs_of, require_smooth
 from jaxpound.risk.slope import Slope
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.scenarios import ScenarioSet
@@ -97,6 +99,8 @@ def reach_probability(
     scheme: Scheme = Scheme(),
     tolerance: float = 0.1,
     key: int | jax.Array = 0,
+    start: RareEvent | None = None,
+    store: str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> Reached:
     """The value of one parameter at which a rare event has a wanted probability.
@@ -112,11 +116,15 @@ def reach_probability(
         the scenarios draw it, it is fixed instead.
     probability
         The wanted probability, between 0 and 1.
-    scenarios, grid, gap, demand, threshold, scheme, key, progress
-        See ``rare_event``. The search starts from the scenarios' own value (their median).
+    scenarios, grid, gap, demand, threshold, scheme, key, start, progress
+        See ``rare_event``. The search starts from the scenarios' own value (their median); where
+        ``start`` is the event there, its design points are not sought again.
     tolerance
         Relative deviation from the wanted probability that is small enough, between 0 and 1. The
         coefficient of variation of each estimate is half of it.
+    store
+        A folder that keeps the search of each value in a folder of its own: the same call goes on
+        from there after it was stopped.
 
     Returns
     -------
@@ -127,7 +135,9 @@ def reach_probability(
     ValueError
         If an argument breaks its rule, a number of the scenarios is discrete (such as the signs of
         wavelets), the probability does not depend on the parameter or cannot be estimated on the
-        way, or is not reached in 12 steps.
+        way, or is not reached in 12 steps. If the store holds another search.
+    OSError
+        If the store cannot be written to.
 
     Examples
     --------
@@ -143,7 +153,8 @@ def reach_probability(
     require_share(OWNER, "probability", number(OWNER, "probability", probability))
     require_share(OWNER, "tolerance", number(OWNER, "tolerance", tolerance))
     threshold = threshold_of(OWNER, gap, demand, threshold)
-    first = LimitState(scenarios, grid, scheme, demand, threshold)
+    programs = programs_of(OWNER, start)
+    first = LimitState(scenarios, grid, scheme, demand, threshold, _programs=programs)
     require_smooth(OWNER, scenarios, WITHOUT_JUMPS)
     nominal = first.programs.nominal
     require_paths(OWNER, nominal, [path])
@@ -151,7 +162,7 @@ def reach_probability(
     enforce(OWNER, [Rule(path, value, finite(value), "finite")])
     low, high = map(float, interval(nominal, path))
     steps: list[Step] = []
-    event: RareEvent | None = None
+    event = start
     runs = gradients = 0
     for _ in range(_MOST):
         state = dataclasses.replace(first, changes={path: value})
@@ -161,6 +172,7 @@ def reach_probability(
             method="design points",
             key=key,
             start=event,
+            store=None if store is None else Path(store) / f"{path}-{value:.9g}",
             progress=progress,
         )
         runs, gradients = runs + event.runs, gradients + event.gradients

@@ -15,6 +15,8 @@ from jaxpound.study.sampling import Points, as_key, key_numbers, points
 
 BATCH = 256
 """Runs of a batch: sample i is in batch i // 256 on every machine."""
+COMPILING = "compiling the runs"
+"""What a progress bar says before the first run."""
 _FEWEST = 2  # batches before the c.o.v. is believed
 _FEWEST_HITS = 10
 

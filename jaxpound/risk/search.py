@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from jaxpound.risk.design_points import DesignPoints, find_design_points
+from jaxpound.risk.design_points import COVERED, NEAR, DesignPoints, find_design_points
 from jaxpound.risk.kept import Kept
 from jaxpound.risk.limit_state import LimitState, require_dependence
-from jaxpound.risk.mixture import NEAR, Mixture
+from jaxpound.risk.mixture import Mixture
 from jaxpound.risk.rare_event import RAREST, RareEvent, always
-from jaxpound.risk.sampling import BATCH, Samples, until_sure
+from jaxpound.risk.sampling import BATCH, COMPILING, Samples, until_sure
 from jaxpound.study.sampling import Points
 
 OWNER = "rare_event"
@@ -23,6 +23,8 @@ COMMON = 0.04
 """Share of plain runs above which plain Monte Carlo is as good."""
 
 _THIN, _LARGEST, _OUTSIDE = 0.1, 0.1, 0.1  # shares of the estimate that are told
+_STRONGER = 0.5  # factor of the stronger motions, as a share of the nearest design point's distance
+_MISSED = (2, 5)  # their failures far from all points that are many, after one batch and after two
 
 
 @dataclasses.dataclass
@@ -40,6 +42,8 @@ class Search:
     """The folder of the search."""
     bar: Any
     """The progress bar."""
+    runs: int = 0
+    """Runs so far."""
 
     def pilot(self) -> Samples:
         """The first batch of plain samples.
@@ -49,8 +53,8 @@ class Search:
         ValueError
             If the demand is no number, or the same in all runs however strong the motion.
         """
+        self.bar.set_postfix_str(COMPILING)
         found = self._batch(0, None)
-        self.bar.update(BATCH)
         require_dependence(OWNER, self.state, found.z, found.values)
         return found
 
@@ -69,8 +73,9 @@ class Search:
                     return found
                 before = found.gradients
             found = find_design_points(state, numbers, None, told)
-            return DesignPoints(*found[:5], before + found.gradients, found.failed)
+            return DesignPoints(*found[:5], before + found.gradients, *found[6:])
 
+        self.bar.set_postfix_str("compiling the gradients")
         return search() if self.kept is None else self.kept.design_points(search)
 
     def plain(self, pilot: Samples, gradients: int) -> RareEvent:
@@ -80,7 +85,7 @@ class Search:
         event = RareEvent(
             probability=found.probability,
             cov=found.cov,
-            runs=len(found),
+            runs=self.runs,
             gradients=gradients,
             method="plain Monte Carlo: the event is not rare",
             limit_state=state,
@@ -96,13 +101,42 @@ class Search:
             warnings.append(always(len(found)))
         return dataclasses.replace(event, warnings=tuple(warnings))
 
-    def around(self, found: DesignPoints, runs: int) -> RareEvent:
+    def doubt(self, found: DesignPoints) -> str:
+        """Why design points may not stand for all failures, in words; empty if nothing says so."""
+        if not len(found):
+            return "no gradients lead to the limit state"
+        if found.failed > len(found):
+            return "few gradients lead to the limit state"
+        if found.covered < COVERED:
+            return f"{1 - found.covered:.0%} of random starts end in design points of their own"
+        return self._missed(found)
+
+    def _missed(self, found: DesignPoints) -> str:
+        """``doubt`` by motions that are so strong that likely failures are many among them.
+
+        As far off as the nearest design point, a failure of any direction lies two of their
+        standard deviations from the origin (Bucher 2009, Probabilistic Engineering Mechanics
+        24:504, extrapolates probabilities from such samples; here they are only counted).
+        """
+        factor = max(1.0, _STRONGER * float(found.betas[0]))
+        missed = 0
+        for number, many in enumerate(_MISSED, 1):
+            stronger = self._batch(number, None, factor)
+            far = ~found.stand_for(stronger.z)
+            missed += int(np.count_nonzero(far & (stronger.values >= 0)))
+            if missed < many:
+                return ""
+        motions = f"{number * BATCH} random motions {factor:.2g} times as strong"
+        return f"{missed} of {motions} fail far from all design points"
+
+    def around(self, found: DesignPoints, doubt: str) -> RareEvent:
         """The event of samples around design points."""
         near, state = found.within(NEAR), self.state
+        doubts = (f"{doubt}: compare with subset_simulation",) if doubt else ()
         event = RareEvent(
             probability=RAREST,
             cov=float("nan"),
-            runs=runs,
+            runs=self.runs,
             gradients=found.gradients,
             method="design points, no samples",
             limit_state=state,
@@ -115,21 +149,20 @@ class Search:
             form=near.form(),
         )
         if ndtr(-found.betas).sum() < RAREST:
-            far = f"the nearest at {found.betas[0]:.3g}" if len(found) else "none found"
             said = (
-                f"out of reach: the probability is below {RAREST:g}, by the design points ({far}); "
-                "the number is a bound and no estimate"
+                f"out of reach: the probability is below {RAREST:g}, by the design points (the "
+                f"nearest at {found.betas[0]:.3g}); the number is a bound and no estimate"
             )
-            return dataclasses.replace(event, warnings=(said,))
+            return dataclasses.replace(event, warnings=(said, *doubts))
         mixture = Mixture.of(found)
-        samples = self._samples(mixture, self.most - runs)
+        samples = self._samples(mixture, self.most - self.runs)
         one = ", one an instant" if state.series else ""
         thin = samples.parts[mixture.thin(samples.z)].sum() / max(samples.parts.sum(), 1e-300)
         event = dataclasses.replace(
             event,
             probability=samples.probability,
             cov=samples.cov,
-            runs=runs + len(samples),
+            runs=self.runs,
             method=f"importance sampling around {len(near)} design points{one}",
             points=samples.z,
             weights=samples.weights,
@@ -137,7 +170,7 @@ class Search:
             times=samples.times,
             thin=float(thin),
         )
-        warnings = (*self._unsure(event), *_doubtful(event, near))
+        warnings = (*doubts, *self._unsure(event), *_doubtful(event, near))
         return dataclasses.replace(event, warnings=warnings)
 
     def _samples(self, mixture: Mixture | None, most: int, first: Samples | None = None) -> Samples:
@@ -146,14 +179,13 @@ class Search:
         for found in batches:
             words = f"P = {found.probability:.3g}, c.o.v. {found.cov:.2g}"
             self.bar.set_postfix_str(words)
-            self.bar.update(BATCH)
         return found
 
-    def _batch(self, number: int, mixture: Mixture | None) -> Samples:
-        """A batch of samples by its number."""
+    def _batch(self, number: int, mixture: Mixture | None, factor: float = 1.0) -> Samples:
+        """A batch of samples by its number: of a mixture, or plain ones times a factor."""
         ends = number * BATCH, (number + 1) * BATCH
         if mixture is None:
-            z = self.normal(*ends)[:, :-1]
+            z = factor * self.normal(*ends)[:, :-1]
             weights = np.ones(len(z))
         else:
             z = mixture.draw(self.normal, *ends)
@@ -163,8 +195,12 @@ class Search:
             return self.state.values_and_times(z)
 
         if self.kept is None:
-            return Samples(z, weights, *run())
-        return Samples(z, weights, *self.kept.batch(number, plain=mixture is None, run=run))
+            values, times = run()
+        else:
+            values, times = self.kept.batch(number, plain=mixture is None, run=run)
+        self.runs += BATCH
+        self.bar.update(BATCH)
+        return Samples(z, weights, values, times)
 
     def _unsure(self, event: RareEvent) -> Iterator[str]:
         if event.cov > self.cov:

@@ -26,6 +26,7 @@ from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.levels import Level, descent, side_by_side
 from jaxpound.risk.limit_state import LimitState, require_dependence, threshold_of
 from jaxpound.risk.rare_event import RAREST, RareEvent, always
+from jaxpound.risk.sampling import COMPILING
 from jaxpound.risk.subset_runs import SubsetRuns
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.sampling import key_numbers
@@ -169,6 +170,7 @@ def simulated(
     _, numbers = key_numbers(OWNER, key)
     found: list[list[Level]] = []
     with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
+        bar.set_postfix_str(COMPILING)
         runs = SubsetRuns(state, bar, store, key=key, n=n, p0=p0)
 
         def told(reached: list[float]) -> None:

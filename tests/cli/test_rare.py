@@ -1,8 +1,10 @@
 """``jaxpound rare``: its configuration, its run, and what it writes."""
 
+import argparse
 import csv
 import json
 import re
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +30,7 @@ SHORT = {
 DESIGN = """
 [design]
 parameter = "friction"
-probability = 0.014
+probability = 0.01
 tolerance = 0.3
 """
 
@@ -123,7 +125,7 @@ def test_the_parameter_is_told_in_newtons(done):
     assert (design["parameter"], design["unit"], design["before"]) == ("friction", "N", 200e3)
     assert first["value"] == pytest.approx(200e3)
     assert last["value"] == design["value"]
-    assert last["probability"] == pytest.approx(0.014, rel=0.3)
+    assert last["probability"] == pytest.approx(0.01, rel=0.3)
     # More friction, fewer poundings: the slope is that between the steps.
     slope = np.log(last["probability"] / first["probability"]) / (last["value"] - first["value"])
     assert slope < 0
@@ -132,13 +134,13 @@ def test_the_parameter_is_told_in_newtons(done):
 
 def test_a_stopped_search_goes_on(done, monkeypatch):
     _, arguments, folder = done
-    (folder / "rare.toml").write_text(edited(EXAMPLE, SHORT))
-    before = (folder / "out" / "curve.csv").read_text()
+    before = [(folder / "out" / name).read_text() for name in ("curve.csv", "summary.json")]
     with monkeypatch.context() as patch:
         patch.setattr(jp.LimitState, "gradients", None)  # from the files alone
         patch.setattr(jp.LimitState, "values_and_times", None)
         run(*arguments)
-    assert (folder / "out" / "curve.csv").read_text() == before
+    after = [(folder / "out" / name).read_text() for name in ("curve.csv", "summary.json")]
+    assert after == before
 
 
 def test_other_earthquakes_and_uncertain_buildings():
@@ -188,6 +190,64 @@ def test_a_stopped_subset_simulation_goes_on(tmp_path, monkeypatch):
     assert sum(made) + 3 * 2000 == told["runs"] >= 20_000
     assert run_once(0) == told
     assert "subset simulation" in told["method"]
+
+
+def test_a_search_without_a_store_goes_on_too(tmp_path, monkeypatch):
+    path, out = tmp_path / "rare.toml", tmp_path / "out"
+    subset = {"method": 'method = "subset"', "# gap =": "gap = 0.07", "thresholds": ""}
+    path.write_text(edited(EXAMPLE, SHORT | subset | {"cov": "cov = 0.9"}))
+    args = argparse.Namespace(command="rare", config=path, out=out, store=None)
+    args = argparse.Namespace(**vars(args), strict=False, pdf=False)
+    made, values = [], jp.LimitState.values
+
+    def stopping(self, z):
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        made.append(len(z))
+        return values(self, z)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "values", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            rare.run(args)
+    (kept,) = out.iterdir()
+    assert cli._kept(args).startswith(f"finished runs are kept in {kept}, and the same command")
+    made.clear()
+
+    def counted(self, z):
+        made.append(len(z))
+        return values(self, z)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "values", counted)
+        run("rare", path, "--out", out)
+    assert sum(made) + 2 * 2000 == json.loads((out / "summary.json").read_text())["runs"]
+    assert not kept.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "searches"),
+    [
+        ({}, 3),
+        ({"gap": "gap = 0.21"}, 4),
+        ({"# [uncertain]": "[uncertain]\ninitial_gap = {lognormal = [1.0, 0.1]}"}, 4),
+    ],
+)
+def test_pounding_is_the_closing_of_the_gap(changes, searches, monkeypatch):
+    """The example's last threshold is its gap at rest: their event is searched for once."""
+    states = []
+
+    def searched(state, **options):
+        states.append(state)
+        return SimpleNamespace(design_points=(), limit_state=state)
+
+    monkeypatch.setattr(rare, "event_of", searched)
+    file = File("rare.toml", edited(EXAMPLE, changes))
+    given = file.read(rare.Rare)
+    found = rare.searched(file, given, rare.limit_state(file, given))
+    assert len(states) == searches
+    assert (found.event is found.curve[-1]) == (searches == 3)
+    assert found.level is None
 
 
 def test_a_row_and_another_demand():

@@ -68,8 +68,13 @@ def test_a_start_from_few_instants(events):
     event = events[0.645]
     few = {name: getattr(event, name)[:2] for name in ("design_points", "instants", "series")}
     again = event_of(
-        event.limit_state, start=dataclasses.replace(event, **few), max_runs=10, progress=False
+        event.limit_state,
+        start=dataclasses.replace(event, **few),
+        max_runs=10,
+        method="design points",
+        progress=False,
     )
+    assert "fail far from all design points" in again.warnings[0]
     assert len(again.instants) > 3
     assert set(event.instants[:2]) < set(again.instants)
 
@@ -117,7 +122,7 @@ def test_motions_that_open_lead_to_those_that_close(key):
 
 def test_max_runs_counts_all(events):
     state = case_w.state(0.47)
-    for most, runs in ((10, 512), (1000, 768)):
+    for most, runs in ((10, 768), (1100, 1024)):
         event = event_of(state, cov=0.01, max_runs=most, progress=False)
         assert event.runs == runs
         assert f"raise max_runs = {most:,}" in event.warnings[0]
@@ -269,11 +274,14 @@ def test_events_that_are_not_rare():
     sure = jp.rare_event(FEW, SHORT, gap=0.0, method="design points", progress=False)
     assert (sure.probability, sure.cov, sure.runs) == (1.0, 0.0, 256)
     assert "in each of 256 random runs" in sure.warnings[0]
-    out = jp.rare_event(FEW, SHORT, gap=50.0, method="design points", progress=False)
+    out = jp.rare_event(FEW, SHORT, gap=0.9, method="design points", progress=False)
     assert out.probability == 1e-12
     assert out.estimate[:3] == (1e-12, 0.0, 1e-12)
     assert "out of reach" in out.warnings[0]
     assert "out of reach" in repr(out)
+    # Where no point is found within reach, nothing is known.
+    with pytest.raises(ValueError, match="gradients must lead to the limit state, but none of 26"):
+        jp.rare_event(FEW, SHORT, gap=50.0, method="design points", progress=False)
 
 
 def test_bad_input():
@@ -336,7 +344,7 @@ def test_which_method_and_why():
     assert abs(apart) < 3 * np.hypot(by_points.cov, few.cov)
 
 
-def test_the_friction_for_a_probability():
+def test_the_friction_for_a_probability(tmp_path, monkeypatch):
     """With the structures of case W in fewer numbers; the benchmark has case W itself."""
     found = jp.reach_probability("friction", 1e-4, FEW, SHORT, 0.3, tolerance=0.3, progress=False)
     assert found.event.probability == pytest.approx(1e-4, rel=0.3)
@@ -346,6 +354,15 @@ def test_the_friction_for_a_probability():
     p = found.steps[0].probability
     any_gap = jp.reach_probability("initial_gap", p, FEW, SHORT, 0.3, tolerance=0.3, progress=False)
     assert (any_gap.value, any_gap.error) == (1.0, np.inf)
+    # From the event at the first friction, whose points are not sought again; and from files.
+    args, options = ("friction", 1e-4, FEW, SHORT, 0.3), {"tolerance": 0.3, "progress": False}
+    options |= {"start": any_gap.event, "store": tmp_path}
+    warm = jp.reach_probability(*args, **options)
+    assert warm.value == pytest.approx(found.value, rel=0.05)
+    assert warm.gradients < found.gradients
+    with monkeypatch.context() as patch:
+        patch.setattr(jp.LimitState, "gradients", None)
+        assert jp.reach_probability(*args, **options).value == warm.value
     with pytest.raises(ValueError, match="unknown path"):
         jp.reach_probability("fiction", 1e-5, FEW, SHORT, 0.3, progress=False)
     with pytest.raises(ValueError, match="reach_probability: scenarios: z_4 must not be discrete"):
