@@ -31,6 +31,41 @@ class Rule(NamedTuple):
     says: str
 
 
+class Range(NamedTuple):
+    """Range of a number in SI that some building has: beyond it a unit is wrong.
+
+    From ``low`` to ``high``; with its unit and the reason, which end the message.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+    why: str = ""
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, int | float) and self.low <= value <= self.high
+
+    @property
+    def rule(self) -> str:
+        """Completes 'must be'."""
+        if not self.why:
+            return f"from {self.low} to {self.high}"
+        return f"between {self.told(f'{self.low:g} and {self.high:g}')} ({self.why})"
+
+    def told(self, number: str) -> str:
+        """A number with its unit, if it has one."""
+        return f"{number} {self.unit}" if self.unit else number
+
+    def of(self, name: str, value: Any) -> Rule:
+        """The rule that numbers are in the range, those of an array too."""
+        return Rule(name, value, (value >= self.low) & (value <= self.high), self.rule)
+
+    def require(self, place: str, value: Any) -> None:
+        """A ``ValueError`` for a number outside the range; ``place`` says where it stands."""
+        if (number := float(value)) not in self:
+            raise ValueError(f"{place} = {self.told(f'{number:.6g}')} must be {self.rule}")
+
+
 def is_traced(tree: Any) -> bool:
     """Whether any leaf of ``tree`` is known only when the compiled program runs."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
-from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number, pytree, real
+from jaxpound._checks import Range, Rule, enforce, finite, instance, is_traced, number, pytree, real
 
 T = TypeVar("T")
 
@@ -40,6 +40,8 @@ class Parameter:
     """Whether it must be one number, not an array."""
     usual: tuple[float, float] | None
     """Its usual range."""
+    within: Range | None
+    """Its range in SI, of buildings of every size."""
 
     @property
     def low(self) -> float | str | None:
@@ -118,6 +120,7 @@ def parameter(
     each: bool = False,
     single: bool = False,
     usual: tuple[float, float] | None = None,
+    within: Range | None = None,
     **kwargs: Any,
 ) -> Any:
     """A field that is a parameter: a real number or array, traced and differentiated.
@@ -125,16 +128,23 @@ def parameter(
     Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or an earlier field of the
     object by name; its upper bound is ``most``. It is ``finite`` unless said otherwise. ``why`` is
     the reason that ends the error message. ``each`` makes it a tuple of such numbers, ``single``
-    refuses arrays. ``usual`` is the range of a slider.
+    refuses arrays. ``usual`` is the range of a slider, ``within`` the range outside of which an
+    object in SI is refused as it is made.
     """
-    known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual)
+    known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual, within)
     return dataclasses.field(metadata={_KNOWN: known, "each": each}, **kwargs)
 
 
-def like(cls: type, name: str, **kwargs: Any) -> Any:
-    """A field that is the same parameter, or holds the same part, as a field of another class."""
+def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> Any:
+    """A field that is the same parameter, or holds the same part, as a field of another class.
+
+    ``within`` is its range where the object is in SI.
+    """
     (field,) = (f for f in dataclasses.fields(cls) if f.name == name)
-    return dataclasses.field(metadata=field.metadata, **kwargs)
+    if within is None:
+        return dataclasses.field(metadata=field.metadata, **kwargs)
+    known = dataclasses.replace(field.metadata[_KNOWN], within=within)
+    return dataclasses.field(metadata={**field.metadata, _KNOWN: known}, **kwargs)
 
 
 def quantity(
@@ -243,6 +253,7 @@ def check(obj: Any) -> None:
                 if field.metadata["traced"]:
                     pytree(owner, name, item)
     enforce(owner, _own_rules(obj, ""))
+    enforce(owner, _own_ranges(obj))
 
 
 class Checked:
@@ -366,6 +377,16 @@ def _own_rules(obj: Any, prefix: str) -> list[Rule]:
     ]
     more = getattr(obj, "more_rules", None)
     return found if more is None else [*found, *more(prefix)]
+
+
+def _own_ranges(obj: Any) -> list[Rule]:
+    """The rules that an object's own parameters are in their ranges in SI."""
+    return [
+        known.within.of(name, value)
+        for field in dataclasses.fields(obj)
+        if isinstance(known := field.metadata.get(_KNOWN), Parameter) and known.within
+        for name, value in _entries(field, getattr(obj, field.name))
+    ]
 
 
 def _shown(value: Any) -> str:

@@ -17,7 +17,7 @@ from jaxpound.cli.notes import noted
 from jaxpound.cli.reading import Count, File, Table, between, named, says
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import OF_GAPS
+from jaxpound.model.plausibility import GAP
 from jaxpound.risk.demanded import REQUIRED_GAP
 from jaxpound.risk.suite_runs import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
@@ -80,7 +80,7 @@ class Increments(Table):
         if self.period is not None and self.measure != "sa":
             raise ValueError('period must be given with measure = "sa" only')
         if self.demand == REQUIRED_GAP and self.threshold is not None:
-            OF_GAPS.require("threshold", self.threshold)
+            GAP.require("threshold", self.threshold)
 
 
 class Analysis(Structured, kw_only=True):

@@ -120,14 +120,18 @@ def _kept(args: argparse.Namespace) -> str:
 def _warnings_in_one_line(strict: bool) -> Iterator[None]:
     """Print warnings as the command line prints errors, in one line.
 
-    Every ``PlausibilityWarning`` is printed; if ``strict``, it is an error.
+    Every ``PlausibilityWarning`` is printed, once; if ``strict``, it is an error.
     """
 
     def in_one_line(message: Warning | str) -> str:
         return re.sub(r"^[A-Za-z_.]+: ", "", " ".join(str(message).split()))
 
+    shown = set()
+
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        print("jaxpound: warning:", in_one_line(message), file=sys.stderr)
+        if (line := in_one_line(message)) not in shown:
+            print("jaxpound: warning:", line, file=sys.stderr)
+            shown.add(line)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error" if strict else "always", jp.PlausibilityWarning)

@@ -18,18 +18,17 @@ from jaxpound.cli.reading import (
     Table,
     between,
     named,
+    of_field,
     ranges,
     says,
 )
+from jaxpound.model.plausibility import FRICTION, GAP
+from jaxpound.simulation.buildings import DURATION
 from jaxpound.study.distributions import RARE, Distribution, reach
 from jaxpound.study.ground_draw import GroundDraw
 
-# The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
-# to catch a wrong unit or a typing error.
-
-OF_GAPS = Range(0, 10, "m", "buildings farther apart do not meet")
-Gap = Annotated[float, between(*OF_GAPS)]
-Friction = Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
+Gap = Annotated[float, between(*GAP)]
+Friction = Annotated[float, between(*FRICTION)]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
 
 
@@ -44,8 +43,8 @@ LAWS = {
 }
 """The library's laws of contact; the keys of each are the fields of its class."""
 
-Restitution = between(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
-Stiffer = between(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
+Restitution = of_field(jp.Newton, "restitution")
+Stiffer = of_field(jp.KelvinVoigt, "stiffness")
 
 
 class Contact(Table):
@@ -76,14 +75,13 @@ class Contact(Table):
         return LAWS[self.law](**self._given())
 
 
-Duration = between(1e-3, 3600, "s", "at most an hour: the longest earthquakes take ten minutes")
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 
 
 class Run(Table):
     """Time grid and scheme; the library chooses what is left out."""
 
-    duration: Annotated[float, Duration] | None = None
+    duration: Annotated[float, between(*DURATION)] | None = None
     dt: Annotated[float, between(1e-7, 10, "s", "a time step")] | None = None
     friction: Literal["event-resolved", "switching", "smoothed"] = "event-resolved"
     smoothing_velocity: Annotated[float, Velocity] | None = None

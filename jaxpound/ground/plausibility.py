@@ -20,13 +20,10 @@ from jaxpound._checks import is_traced
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import Ground, GroundLike, records_in, unresolved
+from jaxpound.model.plausibility import FAR_GAP
 
 MOST_PGA = 5.0
 """Largest plausible peak ground acceleration, g: the largest recorded are about 4."""
-
-FAR_GAP = 100.0
-"""Largest plausible ratio of the gap to the displacements: below it, a pair may be meant never to
-pound; above it a unit is probably wrong (m for cm or mm is a factor of 100 or 1000)."""
 
 DEEP = 0.25
 """Largest plausible ratio of a penetration to the displacements: real floors stay below a tenth."""
@@ -75,7 +72,7 @@ def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
     if not gap > FAR_GAP * moved:
         return []
     return [
-        f"{name} = {gap:.4g} {unit} should be at most {FAR_GAP:.0f} times what the buildings move, "
+        f"{name} = {gap:.4g} {unit} should be at most {FAR_GAP:g} times what the buildings move, "
         f"{moved:.4g} {unit} (peaks of both its sides): are the units right?"
     ]
 

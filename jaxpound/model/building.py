@@ -8,9 +8,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, is_traced, not_negative, one_batch, positive
+from jaxpound._checks import Range, Rule, enforce, is_traced, not_negative, one_batch, positive
 from jaxpound._fields import check, like, parameter, pytree_dataclass
 from jaxpound.model.rod import ZenerRod
+
+# Wide enough for a laboratory's models and for the tallest towers, and narrow enough to catch a
+# wrong unit or a typing error.
+PERIOD = Range(2e-3, 60, "s", "models shake at a hundredth of a second, towers in ten")
+DAMPING = Range(0, 1, "", "of the critical damping; 0.05 is 5 %")
+_MASS = Range(1e-3, 1e10, "kg", "from a model of a gram to ten times the heaviest tower")
+_STIFFNESS = Range(1e-6, 1e16, "N/m", "what such masses and periods make")
+_ORDER = Range(1e-3, 1, "", "of a fractional derivative, 1 for a classical one")
+_RELAXATION = Range(1e-12, 1e6, "s^order", "a relaxation time to the power of the order")
 
 
 @pytree_dataclass
@@ -42,11 +51,11 @@ class Building:
     0.9
     """
 
-    mass: Any = parameter("m", words="mass", above=0)
-    stiffness: Any = parameter("k", words="stiffness", above=0)
-    order: Any = like(ZenerRod, "order")
-    tau_f: Any = like(ZenerRod, "tau_f")
-    tau_x: Any = like(ZenerRod, "tau_x")
+    mass: Any = parameter("m", words="mass", above=0, within=_MASS)
+    stiffness: Any = parameter("k", words="stiffness", above=0, within=_STIFFNESS)
+    order: Any = like(ZenerRod, "order", _ORDER)
+    tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION)
+    tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION)
 
     def __post_init__(self) -> None:
         check(self)
@@ -87,6 +96,7 @@ class Building:
         owner = "Building.from_period"
         mass, period = positive(owner, mass=mass, period=period)
         (zeta,) = not_negative(owner, damping_ratio=damping_ratio)
+        enforce(owner, [PERIOD.of("period", period), DAMPING.of("damping_ratio", zeta)])
         order = ZenerRod(order, 1.0, 1.0).order
         omega = 2 * np.pi / period
         size = omega**order

@@ -9,12 +9,15 @@ from typing import Any, cast
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, count, enforce, hint, is_traced, number
+from jaxpound._checks import Range, Rule, count, enforce, hint, is_traced, number
 from jaxpound._fields import assembled, check, part, pytree_dataclass, static
 from jaxpound.model.building import Building
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.system import Rod, as_tuple
 from jaxpound.model.vibration import Modes, first_frequency, modes
+
+TAPER = Range(1e-3, 1e3, "", "top storey's over first's")
+HEIGHT = Range(0.01, 100, "m", "of a storey, of models too")
 
 
 @pytree_dataclass
@@ -163,7 +166,8 @@ class ShearBuilding:
         taper = number(owner, "taper", taper)
         if is_traced(taper):
             raise ValueError(f"{owner}: taper must be known, not traced: the modes' shapes follow")
-        enforce(owner, [Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")])
+        positive = Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")
+        enforce(owner, [positive, TAPER.of("taper", taper)])
         shares = np.linspace(1.0, float(taper), n) if n > 1 else np.ones(1)
         # K φ = λ M φ with unit mass and stiffness of the first storey.
         matrix = np.diag(shares + np.append(shares[1:], 0)) - np.diag(shares[1:], 1)
@@ -265,7 +269,8 @@ def _height(storey: int, value: Any) -> float:
     value = number(owner, name, value)
     if is_traced(value):
         raise ValueError(f"{owner}: {name} must be known, not traced: it does not enter the motion")
-    enforce(owner, [Rule(name, value, (value > 0) & np.isfinite(value), "positive and finite")])
+    positive = Rule(name, value, (value > 0) & np.isfinite(value), "positive and finite")
+    enforce(owner, [positive, HEIGHT.of(name, value)])
     return float(value)
 
 

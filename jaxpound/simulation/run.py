@@ -91,7 +91,7 @@ def simulate(
     PlausibilityWarning
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
         record and loses more than 1 % of its energy; if a record has a PGA above 5 g; if the gap is
-        more than 100 times the peak displacements of both its ends together, or a penetration more
+        more than five times the peak displacements of both its ends together, or a penetration more
         than a quarter of them. The resolution of a plain function of t is not checked, since its
         periods are not known.
 
