@@ -128,8 +128,8 @@ def parameter(
     Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or an earlier field of the
     object by name; its upper bound is ``most``. It is ``finite`` unless said otherwise. ``why`` is
     the reason that ends the error message. ``each`` makes it a tuple of such numbers, ``single``
-    refuses arrays. ``usual`` is the range of a slider, ``within`` the range outside of which an
-    object in SI is refused as it is made.
+    refuses arrays. ``usual`` is the range of a slider, ``within`` that of the number in SI
+    (``ranges``).
     """
     known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual, within)
     return dataclasses.field(metadata={_KNOWN: known, "each": each}, **kwargs)
@@ -253,7 +253,12 @@ def check(obj: Any) -> None:
                 if field.metadata["traced"]:
                     pytree(owner, name, item)
     enforce(owner, _own_rules(obj, ""))
-    enforce(owner, _own_ranges(obj))
+
+
+def ranges(tree: Any, prefix: str = "") -> list[Rule]:
+    """The rules that parameters of a tree of our objects in SI are in their ranges."""
+    known = walk(tree, Parameter, prefix)
+    return [about.within.of(path, value) for path, about, value in known if about.within]
 
 
 class Checked:
@@ -315,13 +320,20 @@ entries of tuples and digits of numbers."""
 
 def _shown_object(obj: Any) -> str:
     """``__repr__`` of a dataclass."""
-    found = _fields_shown(obj, repr)
+    found = _fields_shown(obj, _in_full)
     return found if len(found) <= _LONGEST else _in_short(obj)
 
 
 def _fields_shown(obj: Any, show: Callable[[Any], str]) -> str:
     shown = (f"{field.name}={show(getattr(obj, field.name))}" for field in dataclasses.fields(obj))
     return f"{type(obj).__qualname__}({', '.join(shown)})"
+
+
+def _in_full(value: Any) -> str:
+    """``repr`` of a value, where NumPy's numbers are written as Python's are."""
+    if type(value) is tuple:
+        return f"({', '.join(map(_in_full, value))}{',' if len(value) == 1 else ''})"
+    return str(value) if isinstance(value, np.number) else repr(value)
 
 
 def _in_short(value: Any) -> str:
@@ -377,16 +389,6 @@ def _own_rules(obj: Any, prefix: str) -> list[Rule]:
     ]
     more = getattr(obj, "more_rules", None)
     return found if more is None else [*found, *more(prefix)]
-
-
-def _own_ranges(obj: Any) -> list[Rule]:
-    """The rules that an object's own parameters are in their ranges in SI."""
-    return [
-        known.within.of(name, value)
-        for field in dataclasses.fields(obj)
-        if isinstance(known := field.metadata.get(_KNOWN), Parameter) and known.within
-        for name, value in _entries(field, getattr(obj, field.name))
-    ]
 
 
 def _shown(value: Any) -> str:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, overload
 import jax
 
 from jaxpound._checks import enforce, instance, is_traced, not_negative, number, positive
-from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, walk
+from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, ranges, walk
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.plausibility import tell
@@ -286,7 +286,8 @@ def pair_of(
     instance(owner, "building_1", building_1, Building)
     instance(owner, "building_2", building_2, Building)
     friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
-    enforce(owner, [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)])
+    between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
+    enforce(owner, [*between, *ranges(contact, "contact.")])
     scales = Scales(building_1.mass, (building_1.stiffness / building_1.mass) ** 0.5, gravity)
     rod_1, rod_2 = (b.material(scales.frequency) for b in (building_1, building_2))
     structures = AdjacentStructures(
@@ -361,7 +362,8 @@ def row_of(
     for k, link in enumerate(links):
         instance(owner, f"links.{k}", link, FloorLink)
         gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
-        enforce(owner, [FRICTION.of(f"links.{k}.friction", link.friction), *gaps])
+        friction = FRICTION.of(f"links.{k}.friction", link.friction)
+        enforce(owner, [friction, *gaps, *ranges(link.contact, f"links.{k}.contact.")])
     require_buildings(owner, buildings)
     floors = [len(storeys_of(building)) for building in buildings]
     require_floors(floors, links, Naming.of(owner))

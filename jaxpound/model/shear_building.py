@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import reprlib
 from collections.abc import Sequence
 from typing import Any, cast
@@ -132,7 +133,9 @@ class ShearBuilding:
 
         All storeys have rods of one law, so that the modes' shapes are those of the stiffnesses
         alone: in its first mode the building vibrates as one block, and the block's rod is that of
-        ``Building.from_period``.
+        ``Building.from_period``. The storeys' long-time stiffnesses are smaller than those of the
+        elastic building with this period, by as much as there; ``order=1`` makes the viscous
+        building of other programs, damped in proportion to the stiffnesses.
 
         Parameters
         ----------
@@ -232,7 +235,7 @@ class ShearBuilding:
 
     def modes(self) -> Modes:
         """Natural frequencies, damping ratios and shapes (``jp.modes``); in rad/s."""
-        return modes(in_units(self, 1.0, 1.0, 1.0))
+        return dataclasses.replace(modes(in_units(self, 1.0, 1.0, 1.0)), si=True)
 
 
 def in_units(

@@ -119,6 +119,7 @@ def simulate_buildings(
     owner = "simulate_buildings"
     known = {"building_1": building_1, "building_2": building_2}
     between = friction_force, gap
+    _require_single(owner, friction_force=friction_force, gap=gap, gravity=gravity)
     structures, scales = pair_of(owner, building_1, building_2, *between, gravity, contact)
     # Neither damper nor gap nor contact, which may be traced, matters to the time step.
     alone = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
@@ -189,10 +190,19 @@ def simulate_row(
     0.001 m -0.003 m
     """
     owner = "simulate_row"
+    _require_single(owner, gravity=gravity)
     structures, scales = row_of(owner, buildings, links, gravity)
     known = {f"buildings.{i}": building for i, building in enumerate(buildings)}
     run = _Run(owner, structures, scales, scheme, None, strict)
     return run.under(record, known, dataclasses.replace(structures, links=()), duration, dt)
+
+
+def _require_single(owner: str, **values: Any) -> None:
+    """A ``ValueError`` for arrays: many runs are one function of numbers under ``jax.vmap``."""
+    for name, value in values.items():
+        if shape := np.shape(value):
+            rule = "must be one number: a sweep is jax.vmap of a function of it"
+            raise ValueError(f"{owner}: {name} of shape {shape} {rule}")
 
 
 class _Run(NamedTuple):

@@ -246,8 +246,19 @@ def _prepare(
         enforce("initial", initial_rules(initial, system, grid.dt))
     traceable = as_pytree(ground, scheme.finest(grid))
     if not is_traced((structures, traceable)):
-        tell(owner, unresolved(ground, grid.dt), strict)
+        tell(owner, unresolved(ground, grid.dt) + _unsharp(system, traceable), strict)
     return traceable
+
+
+def _unsharp(system: System, ground: Ground) -> list[str]:
+    """A finding for contact in single precision, which loses penetrations."""
+    dtype = jnp.result_type(float, *jax.tree.leaves((system, ground)))
+    if dtype == jnp.float64 or all(link.contact is None for link in system.links):
+        return []
+    return [
+        f"contact is run in {dtype}, which does not resolve penetrations beside displacements: "
+        'switch on jax.config.update("jax_enable_x64", True) before anything is computed'
+    ]
 
 
 def _look(
