@@ -264,6 +264,11 @@ def ranges(tree: Any, prefix: str = "") -> list[Rule]:
 class Checked:
     """A dataclass, not for JAX to trace, whose parameters are checked as it is made."""
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = _shown_object  # type: ignore[method-assign]
+
     def __post_init__(self) -> None:
         check(self)
 

@@ -246,6 +246,7 @@ def test_building_from_period_has_that_period_and_damping(mass, period, share, o
     building = jp.Building.from_period(mass, period, zeta, order, tau_f)
     assert building.natural_period == pytest.approx(period, rel=1e-8)
     assert building.damping_ratio == pytest.approx(zeta, rel=1e-8, abs=1e-13)
+    assert building.dynamic_stiffness == pytest.approx(mass * omega**2, rel=1e-8)
     assert building.mass == mass
 
 

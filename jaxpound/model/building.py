@@ -78,7 +78,7 @@ class Building:
 
         So it is the ``dynamic_stiffness`` that is m ω². The ``stiffness`` k is that of a load that
         stays, and smaller, since a fractional rod gives way for long: at order 0.5 by 10 % at a
-        damping ratio of 5 %, by 27 % at 15 %. With ``order=1`` and a small τ_f the building is the
+        damping ratio of 5 %, by 30 % at 15 %. With ``order=1`` and a small τ_f the building is the
         viscous one of other programs (Kelvin and Voigt's, c = 2 ζ m ω), and k = m ω² but for τ_f.
 
         Parameters

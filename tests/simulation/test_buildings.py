@@ -1,5 +1,9 @@
 """Buildings and a record in SI units: the run of the dimensionless system, in one call."""
 
+import dataclasses
+from contextlib import nullcontext
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
@@ -231,3 +235,61 @@ def test_a_dimensionless_record_is_refused_where_seconds_are_meant():
         SCALES.to_dimensionless(SHAKING)
     with pytest.raises(ValueError, match="must be in seconds, but is in units of 1/ω1 already"):
         jp.simulate_buildings(LEFT, RIGHT, SHAKING, **DAMPED)
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: jp.simulate(LEFT, WAVE, GRID),
+            "simulate: structures = .*; simulate_buildings",
+        ),
+        (
+            lambda: jp.demand((LEFT, RIGHT), WAVE, GRID),
+            "demand: structures = .*; simulate_bui",
+        ),
+        (
+            lambda: jp.demand(jp.ShearBuilding((LEFT,)), WAVE, GRID),
+            "demand: structures = .*; simulate_row takes them, and dimensionless_row makes",
+        ),
+        (
+            lambda: jp.simulate_buildings(jp.ShearBuilding((LEFT,)), RIGHT, RECORD, **DAMPED),
+            "building_1 = .* must be of type Building; simulate_row takes them",
+        ),
+        (
+            lambda: jp.simulate_buildings(STRUCTURES, RIGHT, RECORD, **DAMPED),
+            "building_1 = .*; simulate and demand take dimensionless structures",
+        ),
+        (
+            lambda: jp.simulate_buildings(LEFT, RIGHT, "mine.at2", **DAMPED),
+            "record = 'mine.at2' must be of type Record; read_record reads one from a file",
+        ),
+        (
+            lambda: jp.simulate(STRUCTURES, Path("mine.at2"), GRID),
+            r"ground = .*'mine.at2'.* must have acceleration\(t\).*; read_record reads one",
+        ),
+    ],
+)
+def test_a_wrong_object_is_told_which_function_wants_it(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("name", ["friction_force", "gap", "gravity"])
+def test_an_array_for_a_number_is_refused_at_once(name):
+    call = DAMPED | {name: np.array([0.1, 0.2])}
+    says = rf"^simulate_buildings: {name} of shape \(2,\) must be one number: a sweep is jax\.vmap"
+    with pytest.raises(ValueError, match=says):
+        jp.simulate_buildings(LEFT, RIGHT, RECORD, **call)
+
+
+def test_contact_in_single_precision_is_told_of():
+    touching = dataclasses.replace(STRUCTURES, contact=jp.KelvinVoigt(400.0, 0.65))
+    with jax.enable_x64(False):
+        for structures in (touching, STRUCTURES):
+            told = nullcontext()
+            if structures is touching:
+                told = pytest.raises(ValueError, match=r"^demand: contact is run in float32")
+            with told:
+                jp.demand(structures, WAVE, GRID, strict=True)
