@@ -31,6 +31,41 @@ class Rule(NamedTuple):
     says: str
 
 
+class Range(NamedTuple):
+    """Range of a number in SI that some building has: beyond it a unit is wrong.
+
+    From ``low`` to ``high``; with its unit and the reason, which end the message.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+    why: str = ""
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, int | float) and self.low <= value <= self.high
+
+    @property
+    def rule(self) -> str:
+        """Completes 'must be'."""
+        if not self.why:
+            return f"from {self.low} to {self.high}"
+        return f"between {self.told(f'{self.low:g} and {self.high:g}')} ({self.why})"
+
+    def told(self, number: str) -> str:
+        """A number with its unit, if it has one."""
+        return f"{number} {self.unit}" if self.unit else number
+
+    def of(self, name: str, value: Any) -> Rule:
+        """The rule that numbers are in the range, those of an array too."""
+        return Rule(name, value, (value >= self.low) & (value <= self.high), self.rule)
+
+    def require(self, place: str, value: Any) -> None:
+        """A ``ValueError`` for a number outside the range; ``place`` says where it stands."""
+        if (number := float(value)) not in self:
+            raise ValueError(f"{place} = {self.told(f'{number:.6g}')} must be {self.rule}")
+
+
 def is_traced(tree: Any) -> bool:
     """Whether any leaf of ``tree`` is known only when the compiled program runs."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
@@ -53,7 +88,8 @@ def real(owner: str, name: str, value: Any) -> Any:
         shown = reprlib.repr(value)
         raise ValueError(f"{owner}: {name} = {shown} is not a number ({error})") from error
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be a real number")
+        none = " (0 stands for none)" if value is None and name.startswith("friction") else ""
+        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be a real number{none}")
     if isinstance(value, jax.Array):
         return value if array.dtype.kind == "f" else value.astype(float)
     if isinstance(value, float):
@@ -195,7 +231,31 @@ def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
     # A class has the methods that a protocol asks for, too.
     if isinstance(value, type) or not isinstance(value, kinds):
         wanted = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
-        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be of type {wanted}")
+        rule = f"of type {wanted}{instead(value, wanted)}"
+        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be {rule}")
+
+
+_WANTED_BY = {
+    "Building": "simulate_buildings takes two of them, and dimensionless makes structures of them",
+    "ShearBuilding": "simulate_row takes them, and dimensionless_row makes structures of them",
+    **dict.fromkeys(
+        ("AdjacentStructures", "Row", "Storeys", "System"),
+        "simulate and demand take dimensionless structures",
+    ),
+}
+"""Which functions want what other ones are given by mistake."""
+
+
+def instead(value: Any, wanted: str) -> str:
+    """Ends a message on a wrong object: the function that wants it; empty if none is known.
+
+    ``wanted`` has the names of the types that are right; a file name stands for a ``Record``.
+    """
+    if "Record" in wanted and isinstance(value, str | os.PathLike):
+        return "; read_record reads one from a file"
+    first = value[0] if isinstance(value, tuple | list) and value else value
+    function = _WANTED_BY.get(type(first).__name__)
+    return f"; {function}" if function else ""
 
 
 def pytree(owner: str, name: str, value: Any) -> None:
@@ -204,6 +264,13 @@ def pytree(owner: str, name: str, value: Any) -> None:
         rule = "be a pytree: put @jax.tree_util.register_dataclass and then"
         rule += " @dataclasses.dataclass(frozen=True) before its class"
         raise ValueError(f"{owner}: {name} of type {type(value).__name__} must {rule}")
+
+
+def require_folder(path: str | os.PathLike[str]) -> None:
+    """A ``FileNotFoundError`` if the folder of a file to be read or written is missing."""
+    folder = Path(path).absolute().parent
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{os.fspath(path)}: the folder {folder} is missing")
 
 
 def finite(x: Any) -> Any:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
-from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number, pytree, real
+from jaxpound._checks import Range, Rule, enforce, finite, instance, is_traced, number, pytree, real
 
 T = TypeVar("T")
 
@@ -40,6 +40,8 @@ class Parameter:
     """Whether it must be one number, not an array."""
     usual: tuple[float, float] | None
     """Its usual range."""
+    within: Range | None
+    """Its range in SI, of buildings of every size."""
 
     @property
     def low(self) -> float | str | None:
@@ -118,6 +120,7 @@ def parameter(
     each: bool = False,
     single: bool = False,
     usual: tuple[float, float] | None = None,
+    within: Range | None = None,
     **kwargs: Any,
 ) -> Any:
     """A field that is a parameter: a real number or array, traced and differentiated.
@@ -125,16 +128,23 @@ def parameter(
     Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or an earlier field of the
     object by name; its upper bound is ``most``. It is ``finite`` unless said otherwise. ``why`` is
     the reason that ends the error message. ``each`` makes it a tuple of such numbers, ``single``
-    refuses arrays. ``usual`` is the range of a slider.
+    refuses arrays. ``usual`` is the range of a slider, ``within`` that of the number in SI
+    (``ranges``).
     """
-    known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual)
+    known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual, within)
     return dataclasses.field(metadata={_KNOWN: known, "each": each}, **kwargs)
 
 
-def like(cls: type, name: str, **kwargs: Any) -> Any:
-    """A field that is the same parameter, or holds the same part, as a field of another class."""
+def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> Any:
+    """A field that is the same parameter, or holds the same part, as a field of another class.
+
+    ``within`` is its range where the object is in SI.
+    """
     (field,) = (f for f in dataclasses.fields(cls) if f.name == name)
-    return dataclasses.field(metadata=field.metadata, **kwargs)
+    if within is None:
+        return dataclasses.field(metadata=field.metadata, **kwargs)
+    known = dataclasses.replace(field.metadata[_KNOWN], within=within)
+    return dataclasses.field(metadata={**field.metadata, _KNOWN: known}, **kwargs)
 
 
 def quantity(
@@ -245,8 +255,19 @@ def check(obj: Any) -> None:
     enforce(owner, _own_rules(obj, ""))
 
 
+def ranges(tree: Any, prefix: str = "") -> list[Rule]:
+    """The rules that parameters of a tree of our objects in SI are in their ranges."""
+    known = walk(tree, Parameter, prefix)
+    return [about.within.of(path, value) for path, about, value in known if about.within]
+
+
 class Checked:
     """A dataclass, not for JAX to trace, whose parameters are checked as it is made."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = _shown_object  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
         check(self)
@@ -304,13 +325,20 @@ entries of tuples and digits of numbers."""
 
 def _shown_object(obj: Any) -> str:
     """``__repr__`` of a dataclass."""
-    found = _fields_shown(obj, repr)
+    found = _fields_shown(obj, _in_full)
     return found if len(found) <= _LONGEST else _in_short(obj)
 
 
 def _fields_shown(obj: Any, show: Callable[[Any], str]) -> str:
     shown = (f"{field.name}={show(getattr(obj, field.name))}" for field in dataclasses.fields(obj))
     return f"{type(obj).__qualname__}({', '.join(shown)})"
+
+
+def _in_full(value: Any) -> str:
+    """``repr`` of a value, where NumPy's numbers are written as Python's are."""
+    if type(value) is tuple:
+        return f"({', '.join(map(_in_full, value))}{',' if len(value) == 1 else ''})"
+    return str(value) if isinstance(value, np.number) else repr(value)
 
 
 def _in_short(value: Any) -> str:

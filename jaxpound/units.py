@@ -11,14 +11,16 @@ from typing import Any, TypeVar, overload
 
 import jax
 
-from jaxpound._checks import instance, is_traced, not_negative, number, positive
-from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, walk
+from jaxpound._checks import enforce, instance, is_traced, not_negative, number, positive
+from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, ranges, walk
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundMotion, require_seconds
+from jaxpound.ground.plausibility import tell
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.parameters import put
+from jaxpound.model.plausibility import FRICTION, GAP, doubts, too_wide
 from jaxpound.model.row import (
     FloorLink,
     Naming,
@@ -29,7 +31,7 @@ from jaxpound.model.row import (
 )
 from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.model.system import as_tuple
+from jaxpound.model.system import as_tuple, is_closable
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
@@ -254,7 +256,15 @@ def dimensionless(
     Raises
     ------
     ValueError
-        If a known value breaks its rule.
+        If a known value breaks its rule, or is beyond what any building has: a unit is wrong.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If masses of floors differ by more than a factor of 100, a natural period is not within 0.05
+        and 10 s, a slip force is out of proportion to the weights, a gap is more than five times
+        what the buildings move at an acceleration of 1 g, or a contact is so soft or hard that its
+        stiffness is hardly in N/m (N/m^1.5 after Hertz). Not of traced numbers and batches.
 
     Examples
     --------
@@ -266,9 +276,29 @@ def dimensionless(
     >>> round(float(structures.initial_gap * scales.length), 6)  # back in m
     0.1
     """
-    instance("dimensionless", "building_1", building_1, Building)
-    instance("dimensionless", "building_2", building_2, Building)
-    friction_force, gap = not_negative("dimensionless", friction_force=friction_force, gap=gap)
+    owner = "dimensionless"
+    structures, scales = pair_of(
+        owner, building_1, building_2, friction_force, gap, gravity, contact
+    )
+    tell(owner, doubts(structures, scales) + too_wide(structures, scales), strict=False)
+    return structures, scales
+
+
+def pair_of(
+    owner: str,
+    building_1: Building,
+    building_2: Building,
+    friction_force: Any,
+    gap: Any,
+    gravity: Any = STANDARD_GRAVITY,
+    contact: ContactLaw | Newton | None = None,
+) -> tuple[AdjacentStructures, Scales]:
+    """``dimensionless`` for the function ``owner``, which itself says what is implausible."""
+    instance(owner, "building_1", building_1, Building)
+    instance(owner, "building_2", building_2, Building)
+    friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
+    between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
+    enforce(owner, [*between, *ranges(contact, "contact.")])
     scales = Scales(building_1.mass, (building_1.stiffness / building_1.mass) ** 0.5, gravity)
     rod_1, rod_2 = (b.material(scales.frequency) for b in (building_1, building_2))
     structures = AdjacentStructures(
@@ -278,7 +308,7 @@ def dimensionless(
         stiffness_ratio=building_2.stiffness / building_1.stiffness,
         friction=friction_force / scales.force,
         initial_gap=gap / scales.length,
-        contact=_in_other_units("dimensionless", "contact", contact, scales, operator.truediv),
+        contact=_in_other_units(owner, "contact", contact, scales, operator.truediv),
     )
     return structures, scales
 
@@ -310,6 +340,11 @@ def dimensionless_row(
         If a known value breaks its rule, a link names a building or floor that is not there, or one
         without ``next_floor`` would join floors at different heights.
 
+    Warns
+    -----
+    PlausibilityWarning
+        As ``dimensionless``, of all floors and links.
+
     Examples
     --------
     >>> low = jp.ShearBuilding.from_period(2, 300e3, period=0.3, damping_ratio=0.05)
@@ -320,11 +355,26 @@ def dimensionless_row(
     (2, 0.05)
     """
     owner = "dimensionless_row"
+    structures, scales = row_of(owner, buildings, links, gravity)
+    tell(owner, doubts(structures, scales) + too_wide(structures, scales), strict=False)
+    return structures, scales
+
+
+def row_of(
+    owner: str,
+    buildings: Sequence[Building | ShearBuilding],
+    links: Sequence[FloorLink],
+    gravity: Any = STANDARD_GRAVITY,
+) -> tuple[Row, Scales]:
+    """``dimensionless_row`` for the function ``owner``, which itself says what is implausible."""
     buildings, links = as_tuple(owner, "buildings", buildings), as_tuple(owner, "links", links)
     for i, building in enumerate(buildings):
         instance(owner, f"buildings.{i}", building, ShearBuilding, Building)
     for k, link in enumerate(links):
         instance(owner, f"links.{k}", link, FloorLink)
+        gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
+        friction = FRICTION.of(f"links.{k}.friction", link.friction)
+        enforce(owner, [friction, *gaps, *ranges(link.contact, f"links.{k}.contact.")])
     require_buildings(owner, buildings)
     floors = [len(storeys_of(building)) for building in buildings]
     require_floors(floors, links, Naming.of(owner))

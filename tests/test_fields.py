@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxpound as jp
 from jaxpound._checks import all_hold, enforce
 from jaxpound._fields import (
     Checked,
@@ -238,3 +239,12 @@ def test_long_objects_are_shown_in_short():
     assert "<28 more>" in shown
     assert "..." in repr(jax.tree.map(lambda x: np.full(500, x), many))
     jax.jit(lambda tree: repr(tree) and 0)(many)
+
+
+def test_numbers_of_numpy_are_shown_as_pythons():
+    building = jp.Building(np.float64(5e5), np.float32(2.5), np.int64(1), 0.25, np.float64(0.5))
+    assert repr(building) == (
+        "Building(mass=500000.0, stiffness=2.5, order=1.0, tau_f=0.25, tau_x=0.5)"
+    )
+    assert repr(jp.LogNormal(np.float64(2), 0.5)) == "LogNormal(median=2.0, sigma=0.5)"
+    assert "float64" not in repr(jp.Storeys((np.float64(1.0),), jp.Rod(jp.ZenerRod(1, 1, 1), 1.0)))

@@ -131,10 +131,9 @@ def _warnings_in_one_line(strict: bool) -> Iterator[None]:
     shown: set[str] = set()
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        line = in_one_line(message)
-        if line not in shown:
+        if (line := in_one_line(message)) not in shown:
             print("jaxpound: warning:", line, file=sys.stderr)
-        shown.add(line)
+            shown.add(line)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error" if strict else "always", jp.PlausibilityWarning)

@@ -11,7 +11,8 @@ from msgspec.structs import asdict
 
 import jaxpound as jp
 from jaxpound.cli.reading import Range, Table, between, named, says
-from jaxpound.cli.tables import Duration, Earthquakes, Stated
+from jaxpound.cli.tables import Earthquakes, Stated
+from jaxpound.simulation.buildings import DURATION
 from jaxpound.study.ground_draw import GroundDraw
 
 _Instant = Annotated[float, between(1e-3, 3600, "s", "from the start of the noise")]
@@ -58,7 +59,7 @@ class Shaking(Earthquakes):
     damping: _Damping | None = None
     high_pass: _Frequency | None = None
     high_pass_damping: _Damping | None = None
-    duration: Annotated[float, Duration] | None = None
+    duration: Annotated[float, between(*DURATION)] | None = None
     dt: Annotated[float, between(1e-4, 10, "s", "an interval of samples")] | None = None
     acceleration: (
         Annotated[

@@ -7,19 +7,17 @@ from functools import cached_property
 from typing import Annotated
 
 import jaxpound as jp
-from jaxpound.cli.reading import Range, Table, between, named, ranges
+from jaxpound.cli.reading import Table, between, named, of_field, ranges
 from jaxpound.cli.tables import Contact, Friction, Run
+from jaxpound.model.building import DAMPING, PERIOD
+from jaxpound.units import pair_of
 
-PERIOD = Range(2e-3, 60, "s", "models shake at a hundredth of a second, towers in ten")
 BY_PERIOD = ("mass", "period", "damping_ratio")
 _BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
 WAYS = f"{', '.join(BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
 
-Mass = between(1e-3, 1e10, "kg", "from a model of a gram to ten times the heaviest tower")
-Damping = between(0, 1, "", "of the critical damping; 0.05 is 5 %")
-Stiffness = between(1e-6, 1e16, "N/m", "what such masses and periods make")
-Order = between(1e-3, 1, "", "of a fractional derivative, 1 for a classical one")
-Relaxation = between(1e-12, 1e6, "s^order", "a relaxation time to the power of the order")
+Mass, Stiffness, Order, Relaxation = (of_field(jp.Building, key) for key in _BY_ROD[:4])
+Damping = between(*DAMPING)
 
 
 class Building(Table):
@@ -98,7 +96,7 @@ class Pair:
     def _dimensionless(self) -> tuple[jp.AdjacentStructures, jp.Scales]:
         law = self.contact.model() if self.contact else None
         models = self.building_1.model(), self.building_2.model()
-        return jp.dimensionless(*models, self.damper.friction_force, self.gap, contact=law)
+        return pair_of("dimensionless", *models, self.damper.friction_force, self.gap, contact=law)
 
     def respond(self, record: jp.Record, run: Run, *, strict: bool = False) -> jp.Response:
         """The run in SI units, as ``simulate_buildings`` makes it."""

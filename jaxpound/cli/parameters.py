@@ -150,10 +150,10 @@ class PairParameters:
     def require(self, place: str, path: str, at: jp.AdjacentStructures) -> None:
         """As ``Parameters.require``."""
         key, allowed = _STANDS_FOR[path]
-        buildings = self._buildings(place, at)
-        table, _, name = key.rpartition(" ")
-        value = getattr(buildings[table], name) if table in buildings else get(at, path)
-        allowed.require(f"{place} {key}", value)
+        mass, stiffness = self.scales.mass, self.scales.mass * self.scales.frequency**2
+        of_second = {"mass_ratio": mass / at.mass_ratio}
+        of_second["stiffness_ratio"] = stiffness * at.stiffness_ratio
+        allowed.require(f"{place} {key}", of_second[path] if path in of_second else get(at, path))
 
     def require_periods(self, place: str, path: str, at: jp.AdjacentStructures) -> None:
         """As ``Parameters.require_periods``."""

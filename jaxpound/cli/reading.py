@@ -15,12 +15,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform, get_args, get_origin
+from typing import Any, Literal, TypeVar, dataclass_transform, get_args, get_origin
 
 import msgspec
 from msgspec import inspect
 
-from jaxpound._checks import did_you_mean
+from jaxpound._checks import Range, did_you_mean
+from jaxpound._fields import Parameter, walk
 from jaxpound._version import __version__
 from jaxpound.cli.files import example
 from jaxpound.cli.syntax import long_key, syntax_error
@@ -43,37 +44,16 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """
 
 
-class Range(NamedTuple):
-    """Plausible range of a number, from ``low`` to ``high``, its unit, and the reason."""
-
-    low: float
-    high: float
-    unit: str = ""
-    why: str = ""
-
-    def __contains__(self, value: object) -> bool:
-        return isinstance(value, int | float) and self.low <= value <= self.high
-
-    @property
-    def rule(self) -> str:
-        """Completes 'must be'."""
-        if not self.why:
-            return f"from {self.low} to {self.high}"
-        return f"between {self.told(f'{self.low:g} and {self.high:g}')} ({self.why})"
-
-    def told(self, number: str) -> str:
-        """A number with its unit, if it has one."""
-        return f"{number} {self.unit}" if self.unit else number
-
-    def require(self, place: str, value: Any) -> None:
-        """A ``ValueError`` for a number outside the range; ``place`` says where it stands."""
-        if (number := float(value)) not in self:
-            raise ValueError(f"{place} = {self.told(f'{number:.6g}')} must be {self.rule}")
-
-
 def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.Meta:
     """Annotation: the range of a number; a whole number needs no unit and reason."""
     return msgspec.Meta(ge=low, le=high, extra={"range": Range(low, high, unit, why)})
+
+
+def of_field(cls: type, name: str) -> msgspec.Meta:
+    """Annotation: the range of a number that is a parameter of one of the library's classes."""
+    (allowed,) = (known.within for path, known, _ in walk(cls, Parameter) if path == name)
+    assert allowed is not None
+    return between(*allowed)
 
 
 def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta:

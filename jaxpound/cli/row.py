@@ -14,7 +14,6 @@ from msgspec.structs import asdict
 import jaxpound as jp
 from jaxpound.cli.pair import (
     BY_PERIOD,
-    PERIOD,
     UNITS,
     WAYS,
     Building,
@@ -26,7 +25,10 @@ from jaxpound.cli.pair import (
 )
 from jaxpound.cli.reading import Table, between, each, named, says
 from jaxpound.cli.tables import Contact, Friction, Gap, Run
+from jaxpound.model.building import PERIOD
 from jaxpound.model.row import Naming, common_floors, require_floors, require_heights
+from jaxpound.model.shear_building import HEIGHT, TAPER
+from jaxpound.units import row_of
 
 _MOST = 1000  # buildings or floors: more are a typing error
 _Number = Annotated[int, between(1, _MOST)]
@@ -34,7 +36,7 @@ _Mass = Annotated[float, Mass]
 _Stiffness = Annotated[float, Stiffness]
 _Order = Annotated[float, Order]
 _Relaxation = Annotated[float, Relaxation]
-_Height = Annotated[float, between(0.01, 100, "m", "of a storey, of models too")]
+_Height = Annotated[float, between(*HEIGHT)]
 
 _UNIFORM = ("number", *BY_PERIOD)
 _LISTED = ("masses", "stiffnesses", "order", "tau_f", "tau_x")
@@ -52,7 +54,7 @@ class Storeys(Table):
     mass: _Mass | None = None
     period: Annotated[float, between(*PERIOD)] | None = None
     damping_ratio: Annotated[float, Damping] | None = None
-    taper: Annotated[float, between(1e-3, 1e3, "", "top storey's over first's")] | None = None
+    taper: Annotated[float, between(*TAPER)] | None = None
     height: _Height | None = None
 
     masses: Annotated[list[_Mass], each(_Mass, alone=False)] | None = None
@@ -241,7 +243,7 @@ class Row:
 
     @cached_property
     def _dimensionless(self) -> tuple[jp.Row, jp.Scales]:
-        return jp.dimensionless_row(self.buildings, self.links)
+        return row_of("dimensionless_row", self.buildings, self.links)
 
     def respond(self, record: jp.Record, run: Run, *, strict: bool = False) -> jp.Response:
         """The run in SI units, as ``simulate_row`` makes it."""

@@ -19,7 +19,7 @@ from jaxpound.results.floors import FloorDemands
 
 def results(form: Row, response: jp.Response) -> dict[str, Any]:
     """The scalars of a run; units are in the names, numbers count from 1."""
-    floors = jp.floor_demands(form.structures, response.demand)
+    floors = jp.floor_demands(form.structures, response.demand, form.buildings)
     told = of_run(response) | {
         "buildings": [_of_building(*one) for one in zip(form.buildings, floors, strict=True)],
         "links": [_of_link(form, response, k) for k in range(len(form.links))],
@@ -30,14 +30,13 @@ def results(form: Row, response: jp.Response) -> dict[str, Any]:
 
 def _of_building(building: jp.ShearBuilding, floors: jp.FloorDemands) -> dict[str, Any]:
     modes = building.modes()
-    ratios = np.asarray(floors.drift) / np.array(building.heights)
     return {
         "storeys": building.n_floors,
         "height_m": float(building.elevations[-1]),
         "series": [mass + 1 for mass in floors.masses],
         "peak_displacement_m": float(np.max(floors.displacement)),
         "peak_drift_m": float(np.max(floors.drift)),
-        "peak_drift_ratio": float(ratios.max()),
+        "peak_drift_ratio": float(np.max(floors.drift_ratio)),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
         "modes": [
@@ -79,14 +78,13 @@ def envelope(form: Row, response: jp.Response) -> str:
     kinds = {name: known.kind for name, known in quantities(FloorDemands).items()}
     names = [column(name, kind, si=True) for name, kind in kinds.items()]
     rows = [["building", "floor", "series", "elevation_m", *names, "drift_ratio"]]
-    for building, floors in zip(
-        form.buildings, jp.floor_demands(form.structures, response.demand), strict=True
-    ):
+    envelopes = jp.floor_demands(form.structures, response.demand, form.buildings)
+    for building, floors in zip(form.buildings, envelopes, strict=True):
         for i, mass in enumerate(floors.masses):
             where = [floors.building + 1, i + 1, mass + 1, building.elevations[i]]
             numbers = [getattr(floors, name)[i] for name in kinds]
-            ratio = floors.drift[i] / building.heights[i]
-            rows.append([str(x) for x in where] + [repr(float(x)) for x in (*numbers, ratio)])
+            numbers.append(floors.drift_ratio[i])
+            rows.append([str(x) for x in where] + [repr(float(x)) for x in numbers])
     return "".join(",".join(row) + "\n" for row in rows)
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
-import numpy as np
-
 import jaxpound as jp
 from jaxpound.cli.noise import Shaking
 from jaxpound.cli.pair import Building, Damper, Pair
@@ -14,6 +12,7 @@ from jaxpound.cli.reading import File, Range, Table, named
 from jaxpound.cli.row import FloorLink, Row, RowBuilding
 from jaxpound.cli.tables import Contact, Gap, Run, read_records
 from jaxpound.ground.plausibility import tell
+from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
 from jaxpound.simulation.scheme import require_followed
 from jaxpound.study.ground_draw import GroundDraw
@@ -53,7 +52,11 @@ class Structured(Table, dict=True):
         except ValueError as error:
             rule = 'must be "event-resolved" where floors have several links'
             raise ValueError(f'[run] friction = "{friction}" {rule}') from error
-        tell("configuration", _doubts(self.structures, self.scales), strict=False)
+        tell("configuration", self.doubts(), strict=False)
+
+    def doubts(self) -> list[str]:
+        """What is implausible in buildings, dampers and contact."""
+        return doubts(self.structures, self.scales)
 
     @cached_property
     def form(self) -> Pair | Row:
@@ -93,37 +96,14 @@ class Structured(Table, dict=True):
         return self.run.scheme(self.scales)
 
 
-_MOST_RATIO = 100.0  # of the masses of floors
-_LEAST_SLIP, _MOST_SLIP = 1e-4, 10.0  # slip force over the lightest floor's and the whole weight
-
-
-def _doubts(structures: jp.AdjacentStructures | jp.Row, scales: jp.Scales) -> list[str]:
-    """What is implausible in buildings and dampers: most often the unit, t for kg or kN for N."""
-    system, found = structures.system(), []
-    masses = np.array([float(mass) for mass in system.masses]) * float(scales.mass)
-    weights = masses * float(scales.gravity)
-    if masses.max() > _MOST_RATIO * masses.min():
-        found.append(
-            f"the masses of floors, {masses.min():.4g} to {masses.max():.4g} kg, should be within "
-            f"a factor of {_MOST_RATIO:g}: are all in kg?"
-        )
-    low, high = _LEAST_SLIP * weights.min(), _MOST_SLIP * weights.sum()
-    for link in system.links:
-        slip = float(link.friction) * float(scales.force)
-        if slip and not low <= slip <= high:
-            found.append(
-                f"friction_force = {slip:.4g} N should be 0 or between {low:.4g} N, 0.01 % of the "
-                f"lightest floor's weight, and {high:.4g} N, ten times the weight of all: is it in "
-                "N, and masses in kg?"
-            )
-            break
-    return found
-
-
 class Shaken(Structured, kw_only=True):
     """Buildings under random earthquakes."""
 
     earthquakes: Shaking
+
+    def doubts(self) -> list[str]:
+        """And in gaps, which no run of the buildings judges by what they move."""
+        return super().doubts() + too_wide(self.structures, self.scales)
 
     def records(self, file: File) -> list[jp.Record]:
         """The records from which earthquakes are drawn; none if these are sums of wavelets."""

@@ -18,19 +18,17 @@ from jaxpound.cli.reading import (
     Table,
     between,
     named,
+    of_field,
     ranges,
     says,
 )
+from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.results.demand import kind_of
 from jaxpound.risk.demanded import REQUIRED_GAP
+from jaxpound.simulation.buildings import DURATION
 from jaxpound.study.distributions import RARE, Distribution, reach
 from jaxpound.study.ground_draw import GroundDraw
 
-# The ranges are wide enough for a laboratory's models and for the tallest towers, and narrow enough
-# to catch a wrong unit or a typing error.
-
-OF_GAPS = Range(0, 10, "m", "buildings farther apart do not meet")
-Gap = Annotated[float, between(*OF_GAPS)]
 OF_DEMANDS = {
     "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
     "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
@@ -42,7 +40,8 @@ OF_DEMANDS = {
     None: Range(1e-9, 1e9, "", "of a count or a ratio"),
 }
 """Ranges of limits and thresholds of a demand, by its kind of quantity."""
-Friction = Annotated[float, between(0, 1e10, "N", "a thousand of the strongest dampers")]
+Gap = Annotated[float, between(*GAP)]
+Friction = Annotated[float, between(*FRICTION)]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
 
 
@@ -53,7 +52,7 @@ def require_threshold(place: str, demand: str, value: float) -> None:
     """
     of_demand = OF_DEMANDS[kind_of(demand)]
     if demand == REQUIRED_GAP:
-        of_demand = OF_GAPS._replace(low=of_demand.low)
+        of_demand = GAP._replace(low=of_demand.low)
     of_demand.require(place, value)
 
 
@@ -68,8 +67,8 @@ LAWS = {
 }
 """The library's laws of contact; the keys of each are the fields of its class."""
 
-Restitution = between(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
-Stiffer = between(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
+Restitution = of_field(jp.Newton, "restitution")
+Stiffer = of_field(jp.KelvinVoigt, "stiffness")
 
 
 class Contact(Table):
@@ -100,14 +99,13 @@ class Contact(Table):
         return LAWS[self.law](**self._given())
 
 
-Duration = between(1e-3, 3600, "s", "at most an hour: the longest earthquakes take ten minutes")
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 
 
 class Run(Table):
     """Time grid and scheme; the library chooses what is left out."""
 
-    duration: Annotated[float, Duration] | None = None
+    duration: Annotated[float, between(*DURATION)] | None = None
     dt: Annotated[float, between(1e-7, 10, "s", "a time step")] | None = None
     friction: Literal["event-resolved", "switching", "smoothed"] = "event-resolved"
     smoothing_velocity: Annotated[float, Velocity] | None = None

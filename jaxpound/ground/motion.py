@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxpound._checks import Rule, enforce, finite, is_traced, number, real
+from jaxpound._checks import Rule, enforce, finite, instead, is_traced, number, real
 from jaxpound._fields import check, parameter, part, pytree_dataclass
 from jaxpound.grid import TimeGrid
 
@@ -448,4 +448,5 @@ def _evaluated(acceleration: Callable[[Any], Any], t: np.ndarray) -> Any:
 def require_ground(name: str, value: Any) -> None:
     """A ``ValueError`` for what is neither a ground motion nor a function of t."""
     if not (callable(value) or isinstance(value, Ground)):
-        raise ValueError(f"{name} = {value!r} must have acceleration(t) or be a function of t")
+        rule = f"have acceleration(t) or be a function of t{instead(value, 'Record')}"
+        raise ValueError(f"{name} = {value!r} must {rule}")

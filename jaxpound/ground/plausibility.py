@@ -27,6 +27,7 @@ from jaxpound.ground.motion import (
     sampled,
     unresolved,
 )
+from jaxpound.model.plausibility import FAR_GAP
 
 MOST_PGA = 5.0
 """Largest plausible peak ground acceleration, g: the largest recorded are about 4."""
@@ -41,10 +42,6 @@ several samples, and one alone is damage. Of recorded motions it is 1.7 at most,
 
 MANY = 100
 """Samples of a record, and not of a few made-up numbers."""
-
-FAR_GAP = 100.0
-"""Largest plausible ratio of the gap to the displacements: below it, a pair may be meant never to
-pound; above it a unit is probably wrong (m for cm or mm is a factor of 100 or 1000)."""
 
 DEEP = 0.25
 """Largest plausible ratio of a penetration to the displacements: real floors stay below a tenth."""
@@ -133,7 +130,7 @@ def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
     if not gap > FAR_GAP * moved:
         return []
     return [
-        f"{name} = {gap:.4g} {unit} should be at most {FAR_GAP:.0f} times what the buildings move, "
+        f"{name} = {gap:.4g} {unit} should be at most {FAR_GAP:g} times what the buildings move, "
         f"{moved:.4g} {unit} (peaks of both its sides): are the units right?"
     ]
 

@@ -16,12 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxpound._checks import hint, is_traced, one_batch, positive
+from jaxpound._checks import Range, hint, is_traced, one_batch, positive
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import assembled, check, like, parameter, pytree_dataclass, static
 
 STIFFER_THAN_A_STOREY = 20.0
 """Stiffness of the contact over that of the stiffer storey (Anagnostopoulos 1988)."""
+
+_STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
+_RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
 
 
 @runtime_checkable
@@ -106,7 +109,9 @@ class Newton:
         returns NaN in every result. So it is with all laws.
     """
 
-    restitution: Any = parameter("e", words="restitution", above=0, most=1, usual=(0.4, 0.75))
+    restitution: Any = parameter(
+        "e", words="restitution", above=0, most=1, usual=(0.4, 0.75), within=_RESTITUTION
+    )
 
 
 @pytree_dataclass
@@ -142,7 +147,9 @@ class KelvinVoigt:
     0.1359
     """
 
-    stiffness: Any = parameter("k", "stiffness", "contact stiffness", above=0, usual=(50.0, 1000.0))
+    stiffness: Any = parameter(
+        "k", "stiffness", "contact stiffness", above=0, usual=(50.0, 1000.0), within=_STIFFNESS
+    )
     restitution: Any = like(Newton, "restitution")
     tension: bool = static(default=False)
 
@@ -186,7 +193,7 @@ class Hertz:
     """
 
     stiffness: Any = parameter(
-        "k", "hertz stiffness", "contact stiffness", above=0, usual=(1e4, 3e4)
+        "k", "hertz stiffness", "contact stiffness", above=0, usual=(1e4, 3e4), within=_STIFFNESS
     )
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import reprlib
 from collections.abc import Sequence
 from typing import Any, cast
@@ -9,12 +10,15 @@ from typing import Any, cast
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, count, enforce, hint, is_traced, number
+from jaxpound._checks import Range, Rule, count, enforce, hint, is_traced, number
 from jaxpound._fields import assembled, check, part, pytree_dataclass, static
 from jaxpound.model.building import Building
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.system import Rod, as_tuple
 from jaxpound.model.vibration import Modes, first_frequency, modes
+
+TAPER = Range(1e-3, 1e3, "", "top storey's over first's")
+HEIGHT = Range(0.01, 100, "m", "of a storey, of models too")
 
 
 @pytree_dataclass
@@ -129,7 +133,9 @@ class ShearBuilding:
 
         All storeys have rods of one law, so that the modes' shapes are those of the stiffnesses
         alone: in its first mode the building vibrates as one block, and the block's rod is that of
-        ``Building.from_period``.
+        ``Building.from_period``. The storeys' long-time stiffnesses are smaller than those of the
+        elastic building with this period, by as much as there; ``order=1`` makes the viscous
+        building of other programs, damped in proportion to the stiffnesses.
 
         Parameters
         ----------
@@ -163,7 +169,8 @@ class ShearBuilding:
         taper = number(owner, "taper", taper)
         if is_traced(taper):
             raise ValueError(f"{owner}: taper must be known, not traced: the modes' shapes follow")
-        enforce(owner, [Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")])
+        positive = Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")
+        enforce(owner, [positive, TAPER.of("taper", taper)])
         shares = np.linspace(1.0, float(taper), n) if n > 1 else np.ones(1)
         # K φ = λ M φ with unit mass and stiffness of the first storey.
         matrix = np.diag(shares + np.append(shares[1:], 0)) - np.diag(shares[1:], 1)
@@ -228,7 +235,7 @@ class ShearBuilding:
 
     def modes(self) -> Modes:
         """Natural frequencies, damping ratios and shapes (``jp.modes``); in rad/s."""
-        return modes(in_units(self, 1.0, 1.0, 1.0))
+        return dataclasses.replace(modes(in_units(self, 1.0, 1.0, 1.0)), si=True)
 
 
 def in_units(
@@ -265,7 +272,8 @@ def _height(storey: int, value: Any) -> float:
     value = number(owner, name, value)
     if is_traced(value):
         raise ValueError(f"{owner}: {name} must be known, not traced: it does not enter the motion")
-    enforce(owner, [Rule(name, value, (value > 0) & np.isfinite(value), "positive and finite")])
+    positive = Rule(name, value, (value > 0) & np.isfinite(value), "positive and finite")
+    enforce(owner, [positive, HEIGHT.of(name, value)])
     return float(value)
 
 

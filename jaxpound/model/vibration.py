@@ -11,6 +11,7 @@ import numpy as np
 from jaxpound._checks import instance, is_traced
 from jaxpound._tables import Shown, Table
 from jaxpound.model.system import GROUND, Structures, System
+from jaxpound.quantities import unit
 
 _ITERATIONS = 50
 _NONE = complex("nan+nanj")
@@ -43,6 +44,8 @@ class Modes(Shown):
     NaN where there is none: for a mode that is damped about critically or more."""
     participation: np.ndarray
     """Effective modal mass of each mode over the whole mass, of the real parts of the shapes."""
+    si: bool = False
+    """Whether frequencies are in rad/s, not in ω1."""
 
     @property
     def periods(self) -> np.ndarray:
@@ -56,7 +59,9 @@ class Modes(Shown):
                 zip(self.frequencies, self.damping_ratios, self.participation, strict=True)
             )
         ]
-        heading = ("mode", "frequency", "period", "damping ratio", "share of mass")
+        frequency, period = ("rad/s", "s") if self.si else ("ω1", unit("time", si=False))
+        times = f"frequency ({frequency})", f"period ({period})"
+        heading = ("mode", *times, "damping ratio", "share of mass")
         return [Table("Modes", heading, rows, digits=4)]
 
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
+from jaxpound._checks import require_folder
 from jaxpound.plots.curves import buildings_of, is_pair
 from jaxpound.plots.gap_maps import gap_map, widest_gap
 from jaxpound.plots.moving_rows import MovingRow
@@ -203,6 +204,7 @@ class _Player(FuncAnimation):
     """Frames in the figure's own resolution, independent of ``savefig.dpi``."""
 
     def save(self, filename: Any, *args: Any, **kwargs: Any) -> None:
+        require_folder(filename)
         if len(args) < 3:
             kwargs.setdefault("dpi", self._fig.dpi)  # type: ignore[attr-defined]
         super().save(filename, *args, **kwargs)

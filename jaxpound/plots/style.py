@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib import resources
+from os import PathLike
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -25,6 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from jaxpound._checks import require_folder
 from jaxpound.model import parameters
 from jaxpound.model.row import Row
 from jaxpound.model.storeys import Storeys
@@ -154,6 +156,8 @@ class _Drawing(Figure):
 
     def savefig(self, *args: Any, **kwargs: Any) -> None:
         """Save the figure; vector files keep text as text."""
+        if args and isinstance(args[0], str | PathLike):
+            require_folder(args[0])
         fonts = logging.getLogger("fontTools")  # it complains of the dates in matplotlib's fonts
         level = fonts.level
         fonts.setLevel(logging.ERROR)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from jaxpound._checks import require_folder
 from jaxpound._extras import require
 
 if TYPE_CHECKING:
@@ -52,8 +53,14 @@ class Columnar:
         ----------
         file
             Its path, or a file that is open for binary writing.
+
+        Raises
+        ------
+        FileNotFoundError
+            If its folder is missing.
         """
         if isinstance(file, str | PathLike):
+            require_folder(file)
             with open(file, "wb") as opened:
                 return self.to_csv(opened)
         columns = self.to_columns()
@@ -70,7 +77,10 @@ class Columnar:
         ------
         ImportError
             If pandas or pyarrow is not installed; the extra ``tables`` brings both.
+        FileNotFoundError
+            If its folder is missing.
         """
         for library in ("pandas", "pyarrow"):
             require("to_parquet", library)
+        require_folder(path)
         self.to_pandas().to_parquet(path, engine="pyarrow")

@@ -11,7 +11,9 @@ import numpy as np
 from jaxpound._checks import instance
 from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, Table
-from jaxpound.model.system import Structures, Topology, floors, is_storey
+from jaxpound.model.building import Building
+from jaxpound.model.shear_building import ShearBuilding, storeys_of
+from jaxpound.model.system import Structures, Topology, as_tuple, floors, is_storey
 from jaxpound.quantities import unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import are_known
@@ -43,6 +45,22 @@ class FloorDemands(Shown):
     """Largest force of contact with what stands to the right."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
+    heights: tuple[float, ...] = static(default=())
+    """Height of each storey, m; empty where buildings are not stated."""
+
+    @property
+    def drift_ratio(self) -> Any:
+        """Largest drift of the storey below each floor over the storey's height.
+
+        Raises
+        ------
+        ValueError
+            If heights or drifts are not known in m.
+        """
+        if not (self.heights and self.si):
+            rule = "needs drifts in SI and the buildings: floor_demands(row, found, buildings)"
+            raise ValueError(f"FloorDemands.drift_ratio: it {rule}")
+        return self.drift / np.array(self.heights)
 
     @property
     def contact(self) -> Any:
@@ -54,17 +72,24 @@ class FloorDemands(Shown):
         if not are_known(self) or np.ndim(self.displacement) != 1:
             return [Table(f"{title} (of shape {jnp.shape(self.displacement)})")]
         columns = [(name, about.kind) for name, about in quantities(FloorDemands).items()]
+        has = bool(self.heights) and self.si
+        ratios = [[float(100 * x)] for x in self.drift_ratio] if has else [[]] * len(self.masses)
         rows: list[list[str | float]] = [
-            [str(i + 1), *(float(getattr(self, name)[i]) for name, _ in columns)]
+            [str(i + 1), *(float(getattr(self, name)[i]) for name, _ in columns), *ratios[i]]
             for i in reversed(range(len(self.masses)))
         ]
         words = [f"{name.replace('_', ' ')} ({unit(kind, self.si)})" for name, kind in columns]
+        words += ["drift ratio (%)"] * has
         return [Table(title, ("floor", *words), rows, digits=4)]
 
     __repr__ = Shown.__repr__  # else a dataclass makes its own
 
 
-def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, ...]:
+def floor_demands(
+    structures: Structures,
+    found: Demand,
+    buildings: Sequence[Building | ShearBuilding] | None = None,
+) -> tuple[FloorDemands, ...]:
     """Peak demands of each building over its height.
 
     Parameters
@@ -74,6 +99,9 @@ def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, 
         shear buildings.
     found
         The scalars of a run or a batch of runs of these structures.
+    buildings
+        The buildings of ``dimensionless_row``, from left to right: their heights make
+        ``drift_ratio`` of drifts in SI. A ``Building`` has none.
 
     Returns
     -------
@@ -82,7 +110,7 @@ def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, 
     Raises
     ------
     ValueError
-        If the structures are no shear buildings, or ``found`` is of other ones.
+        If the structures are no shear buildings, or ``found`` or ``buildings`` are other ones.
 
     Examples
     --------
@@ -106,13 +134,29 @@ def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, 
         raise ValueError(
             "floor_demands: found must be of these structures, but is of other storeys"
         )
+    all_floors = floors(topology)
+    sizes_of = [len(building) for building in all_floors]
+    heights: list[tuple[float, ...]] = [()] * len(all_floors)
+    if buildings is not None:
+        stated = as_tuple("floor_demands", "buildings", buildings)
+        for b, building in enumerate(stated):
+            instance("floor_demands", f"buildings.{b}", building, ShearBuilding, Building)
+        if [len(storeys_of(building)) for building in stated] != sizes_of:
+            rule = f"be those of the structures, of {sizes_of} floors"
+            raise ValueError(f"floor_demands: buildings must {rule}")
+        heights = [getattr(building, "heights", ()) for building in stated]
     return tuple(
-        _of_building(b, building, topology, found) for b, building in enumerate(floors(topology))
+        _of_building(b, building, topology, found, heights[b])
+        for b, building in enumerate(all_floors)
     )
 
 
 def _of_building(
-    number: int, building: Sequence[tuple[int, int]], topology: Topology, found: Demand
+    number: int,
+    building: Sequence[tuple[int, int]],
+    topology: Topology,
+    found: Demand,
+    heights: tuple[float, ...],
 ) -> FloorDemands:
     masses, rods = zip(*building, strict=True)
     zero = jnp.zeros_like(jnp.asarray(found.masses[0].peak_x))
@@ -139,4 +183,5 @@ def _of_building(
         contact_left=contact(1),
         contact_right=contact(0),
         si=found.si,
+        heights=heights,
     )

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxpound._checks import instance, is_traced, number
+from jaxpound._checks import Range, instance, is_traced, number
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import excessive, tell
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.plausibility import doubts
 from jaxpound.model.row import FloorLink, Row
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import AdjacentStructures
@@ -23,7 +24,7 @@ from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import of_links, respond
 from jaxpound.simulation.scheme import Scheme, stability_limit
-from jaxpound.units import Scales, dimensionless, dimensionless_row
+from jaxpound.units import Scales, pair_of, row_of
 
 STEPS_PER_PERIOD = 50
 """Steps in a natural period, at least: the scheme's error in a free vibration is then below 0.1 %
@@ -31,6 +32,8 @@ of its period."""
 
 MOST_STEPS = 1_000_000
 """Of a run."""
+
+DURATION = Range(1e-3, 3600, "s", "at most an hour: the longest earthquakes take ten minutes")
 
 
 def simulate_buildings(
@@ -94,9 +97,9 @@ def simulate_buildings(
     Warns
     -----
     PlausibilityWarning
-        If the record has a PGA above 5 g, or the gap is more than 100 times the displacements (peak
-        |x1| + peak |x2|), or the penetration more than a quarter of them. Not where slip force, gap
-        or samples are traced.
+        As ``dimensionless``; if the record has a PGA above 5 g, or the gap is more than five times
+        the displacements (peak |x1| + peak |x2|), or the penetration more than a quarter of them.
+        Not where slip force, gap or samples are traced.
 
     Notes
     -----
@@ -116,11 +119,12 @@ def simulate_buildings(
     owner = "simulate_buildings"
     known = {"building_1": building_1, "building_2": building_2}
     between = friction_force, gap
-    structures, scales = dimensionless(building_1, building_2, *between, gravity, contact)
+    _require_single(owner, friction_force=friction_force, gap=gap, gravity=gravity)
+    structures, scales = pair_of(owner, building_1, building_2, *between, gravity, contact)
     # Neither damper nor gap nor contact, which may be traced, matters to the time step.
-    pair = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
+    alone = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
     run = _Run(owner, structures, scales, scheme, ("gap", "contact"), strict)
-    return run.under(record, known, pair, duration, dt)
+    return run.under(record, known, alone, duration, dt)
 
 
 def simulate_row(
@@ -186,10 +190,19 @@ def simulate_row(
     0.001 m -0.003 m
     """
     owner = "simulate_row"
-    row, scales = dimensionless_row(buildings, links, gravity)
+    _require_single(owner, gravity=gravity)
+    structures, scales = row_of(owner, buildings, links, gravity)
     known = {f"buildings.{i}": building for i, building in enumerate(buildings)}
-    run = _Run(owner, row, scales, scheme, None, strict)
-    return run.under(record, known, dataclasses.replace(row, links=()), duration, dt)
+    run = _Run(owner, structures, scales, scheme, None, strict)
+    return run.under(record, known, dataclasses.replace(structures, links=()), duration, dt)
+
+
+def _require_single(owner: str, **values: Any) -> None:
+    """A ``ValueError`` for arrays: many runs are one function of numbers under ``jax.vmap``."""
+    for name, value in values.items():
+        if shape := np.shape(value):
+            rule = "must be one number: a sweep is jax.vmap of a function of it"
+            raise ValueError(f"{owner}: {name} of shape {shape} {rule}")
 
 
 class _Run(NamedTuple):
@@ -225,6 +238,7 @@ class _Run(NamedTuple):
                     f"{owner}: {name} of shape {shape} must be one building, not a batch"
                 )
         shaking = scales.to_dimensionless(record)
+        tell(owner, doubts(self.structures, scales), self.strict)
         with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
             grid = record_grid(f"{owner}:", unlinked, scales, self.scheme, record, duration, dt)
         response = respond(owner, self.structures, shaking, grid, self.scheme, self.strict)
@@ -264,8 +278,11 @@ def record_grid(
         if dt > own * (1 + 1e-9):
             rule = f"at most the record's, {own:.6g} s: samples would be skipped"
             raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
-    whole = float(record.duration) if duration is None else duration
-    return time_grid(place, scales, float(number(place.rstrip(":"), "duration", whole)), dt)
+    whole = float(record.duration)
+    if duration is not None:
+        whole = float(number(place.rstrip(":"), "duration", duration))
+        DURATION.require(f"{place} duration", whole)
+    return time_grid(place, scales, whole, dt)
 
 
 def natural_periods(structures: AdjacentStructures | Row, scales: Scales) -> list[float]:

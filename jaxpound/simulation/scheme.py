@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import instance, is_traced
+from jaxpound._checks import instance, instead, is_traced
 from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures, System, link_groups, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
@@ -132,6 +132,7 @@ def system_of(owner: str, structures: Any) -> System:
     """The system of structures; a ``ValueError`` for what is none."""
     if not isinstance(structures, Structures) or isinstance(structures, type):
         rule = "AdjacentStructures, a System, or anything else with system()"
+        rule += instead(structures, rule)
         raise ValueError(f"{owner}: structures = {reprlib.repr(structures)} must be {rule}")
     system = structures.system()
     instance(owner, "structures.system()", system, System)

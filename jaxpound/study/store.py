@@ -280,7 +280,8 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             checksum = content.pop("sha256", None)
             right = checksum == _checksum(content)
     except (FileNotFoundError, NotADirectoryError):
-        raise ValueError(f"{owner} must be a folder with a {MANIFEST}") from None
+        missing = "" if folder.is_dir() else f"; there is no folder {folder.absolute()}"
+        raise ValueError(f"{owner} must be a folder with a {MANIFEST}{missing}") from None
     except (ValueError, TypeError, AttributeError, RecursionError) as error:  # no JSON object
         raise ValueError(f"{owner}: {MANIFEST} is damaged ({error})") from error
     if (theirs := content.get("format")) != _FORMAT:

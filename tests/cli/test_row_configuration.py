@@ -80,9 +80,9 @@ def test_the_example_is_the_library_s_row():
     ],
 )
 def test_where_links_are(keys, expected):
-    links = form_of(f"[[link]]\n{keys}\nfriction_force = 1e3").links
+    links = form_of(f"[[link]]\n{keys}\nfriction_force = 1e4").links
     assert ends(links) == expected
-    assert all(float(one.friction) == 1e3 and np.isinf(one.gap) for one in links)
+    assert all(float(one.friction) == 1e4 and np.isinf(one.gap) for one in links)
 
 
 def test_a_damper_may_have_no_slip_force():

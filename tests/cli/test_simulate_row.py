@@ -92,7 +92,8 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
         for b, one in enumerate(form.buildings)
         for i in range(one.n_floors)
     ]
-    demands = jp.floor_demands(form.structures, response.demand)
+    demands = jp.floor_demands(form.structures, response.demand, form.buildings)
+    assert "drift ratio (%)" in str(demands[0])
     for row in floors:
         b, i = int(row["building"]) - 1, int(row["floor"]) - 1
         assert float(row["elevation_m"]) == form.buildings[b].elevations[i]
@@ -102,6 +103,7 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
         drift = float(row["drift_m"])
         assert 0 <= drift / np.abs(x - below).max() - 1 < 1e-2  # the grid may miss the top
         assert float(row["drift_ratio"]) == pytest.approx(drift / 3.0)
+        assert float(row["drift_ratio"]) == float(demands[b].drift_ratio[i])
         for name, column in (("shear", "shear_N"), ("contact_right", "contact_right_N")):
             assert float(row[column]) == float(getattr(demands[b], name)[i])
 

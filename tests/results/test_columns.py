@@ -125,6 +125,13 @@ def test_names_that_users_gave_stay_apart(tmp_path):
             found.to_columns()
 
 
+def test_a_missing_folder_is_called_missing(batch, tmp_path):
+    file = tmp_path / "no" / "run.csv"
+    for write in (batch.to_csv, batch.to_parquet, jp.read_record):
+        with pytest.raises(FileNotFoundError, match=f"{file}: the folder {file.parent} is missing"):
+            write(file)
+
+
 def test_links_without_friction_do_not_tell_of_slip():
     largest = {"slip_distance_1": 0.2, "friction_work_1": 0.0}  # moves, and takes no energy
     largest |= {"slip_distance_2": 0.2, "friction_work_2": 0.1}

@@ -1,5 +1,9 @@
 """Buildings and a record in SI units: the run of the dimensionless system, in one call."""
 
+import dataclasses
+from contextlib import nullcontext
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
@@ -106,7 +110,11 @@ def test_slip_force_and_gap_may_be_traced():
         ({"dt": 0.03}, r"dt = 0\.03 s must be at most the record's, 0\.02 s: samples would be"),
         ({"dt": "a"}, "dt = 'a' must be a real number"),
         ({"duration": 0.001}, r"duration = 0\.001 s must be between 2 and 1,000,000 steps"),
-        ({"duration": 1e9}, "duration = 1e.09 s must be between 2"),
+        ({"duration": 3600.0, "dt": 1e-3}, "duration = 3600 s must be between 2"),
+        (
+            {"duration": 4000},
+            "duration = 4000 s must be between 0.001 and 3600 s .at most an hour",
+        ),
         ({"record": jp.Ricker(1, 1, 1)}, "record = .* must be of type Record"),
         ({"scheme": 2}, "scheme = 2 must be of type Scheme"),
         (
@@ -136,7 +144,7 @@ def test_traced_buildings_are_refused():
 def test_implausible_input_is_told_in_si():
     for record, gap, message in (
         (RECORD.scaled_to_pga(7.0), 0.1, r"record: PGA = 7 g should be at most 5 g"),
-        (RECORD, 50.0, r"gap = 50 m should be at most 100 times what the buildings move, 0\.\d+ m"),
+        (RECORD, 5.0, r"gap = 5 m should be at most 5 times what the buildings move, 0\.\d+ m"),
     ):
         call = LEFT, RIGHT, record
         with pytest.warns(jp.PlausibilityWarning, match=f"^simulate_buildings: {message}") as told:
@@ -148,10 +156,14 @@ def test_implausible_input_is_told_in_si():
 
 def test_a_contact_that_hardly_acts_is_told():
     call = {"friction_force": 0.0, "gap": 0.0, "contact": jp.KelvinVoigt(10.0, 0.65)}
-    message = r"^simulate_buildings: contact: the penetration, 0\.\d+ m, should be at most 0\.25 "
-    with pytest.warns(jp.PlausibilityWarning, match=message):
+    soft = r"^simulate_buildings: contact: stiffness = 10 N/m makes a contact last about 4\.7e"
+    deep = r"^simulate_buildings: contact: the penetration, 0\.\d+ m, should be at most 0\.25 "
+    with (
+        pytest.warns(jp.PlausibilityWarning, match=deep),
+        pytest.warns(jp.PlausibilityWarning, match=soft),
+    ):
         jp.simulate_buildings(LEFT, RIGHT, RECORD, **call)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=soft):
         jp.simulate_buildings(LEFT, RIGHT, RECORD, **call, strict=True)
 
 
@@ -223,3 +235,61 @@ def test_a_dimensionless_record_is_refused_where_seconds_are_meant():
         SCALES.to_dimensionless(SHAKING)
     with pytest.raises(ValueError, match="must be in seconds, but is in units of 1/ω1 already"):
         jp.simulate_buildings(LEFT, RIGHT, SHAKING, **DAMPED)
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: jp.simulate(LEFT, WAVE, GRID),
+            "simulate: structures = .*; simulate_buildings",
+        ),
+        (
+            lambda: jp.demand((LEFT, RIGHT), WAVE, GRID),
+            "demand: structures = .*; simulate_bui",
+        ),
+        (
+            lambda: jp.demand(jp.ShearBuilding((LEFT,)), WAVE, GRID),
+            "demand: structures = .*; simulate_row takes them, and dimensionless_row makes",
+        ),
+        (
+            lambda: jp.simulate_buildings(jp.ShearBuilding((LEFT,)), RIGHT, RECORD, **DAMPED),
+            "building_1 = .* must be of type Building; simulate_row takes them",
+        ),
+        (
+            lambda: jp.simulate_buildings(STRUCTURES, RIGHT, RECORD, **DAMPED),
+            "building_1 = .*; simulate and demand take dimensionless structures",
+        ),
+        (
+            lambda: jp.simulate_buildings(LEFT, RIGHT, "mine.at2", **DAMPED),
+            "record = 'mine.at2' must be of type Record; read_record reads one from a file",
+        ),
+        (
+            lambda: jp.simulate(STRUCTURES, Path("mine.at2"), GRID),
+            r"ground = .*'mine.at2'.* must have acceleration\(t\).*; read_record reads one",
+        ),
+    ],
+)
+def test_a_wrong_object_is_told_which_function_wants_it(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("name", ["friction_force", "gap", "gravity"])
+def test_an_array_for_a_number_is_refused_at_once(name):
+    call = DAMPED | {name: np.array([0.1, 0.2])}
+    says = rf"^simulate_buildings: {name} of shape \(2,\) must be one number: a sweep is jax\.vmap"
+    with pytest.raises(ValueError, match=says):
+        jp.simulate_buildings(LEFT, RIGHT, RECORD, **call)
+
+
+def test_contact_in_single_precision_is_told_of():
+    touching = dataclasses.replace(STRUCTURES, contact=jp.KelvinVoigt(400.0, 0.65))
+    with jax.enable_x64(False):
+        for structures in (touching, STRUCTURES):
+            told = nullcontext()
+            if structures is touching:
+                told = pytest.raises(ValueError, match=r"^demand: contact is run in float32")
+            with told:
+                jp.demand(structures, WAVE, GRID, strict=True)

@@ -326,6 +326,12 @@ def test_bad_input():
         ValueError, match=r"found has 2 masses; it must be of these structures, .* 5"
     ):
         jp.floor_demands(row, found)
+    house = jp.Building.from_period(1e5, 0.5, 0.05)
+    with pytest.raises(ValueError, match=r"buildings must be those .*, of \[1, 1\] floors"):
+        jp.floor_demands(other, found, (house,))
+    for floors in (jp.floor_demands(other, found), jp.floor_demands(other, found, (house, house))):
+        with pytest.raises(ValueError, match="drift_ratio: it needs drifts in SI and"):
+            _ = floors[0].drift_ratio
     tied = jp.System(
         (1.0, 1.0),
         (

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import jaxpound as jp
 from jaxpound.study import archives
 from jaxpound.study.archives import DamagedError, write_archive
 from jaxpound.study.store import MANIFEST, Store
@@ -195,6 +196,12 @@ def test_a_folder_without_a_good_manifest_is_refused(tmp_path, text, message):
         (tmp_path / MANIFEST).write_text(text)
     with pytest.raises(ValueError, match=message):
         Store(tmp_path)
+
+
+def test_a_missing_folder_is_called_missing(tmp_path):
+    missing = tmp_path / "no" / "study"
+    with pytest.raises(ValueError, match=f"manifest.json; there is no folder {missing}"):
+        jp.Study.open(missing)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpound._checks import require_folder
+
 NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?![0-9]))?+"
 """A pattern of a decimal number, also with Fortran's D for its exponent, of at most four digits."""
 
@@ -74,13 +76,14 @@ def read_file(file: Path) -> TextFile:
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If there is no such file, or its folder is missing.
     MisreadError
         If it is no regular file, too large, binary or empty, or has too many lines or numbers.
     """
     try:
         status = file.stat()
     except FileNotFoundError:
+        require_folder(file)
         raise FileNotFoundError(f"{file}: no such file") from None
     if not stat.S_ISREG(status.st_mode):
         kind = "directory" if stat.S_ISDIR(status.st_mode) else "device, pipe or socket"
