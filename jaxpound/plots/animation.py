@@ -14,7 +14,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from jaxpound._checks import require_folder
 from jaxpound.plots.curves import buildings_of, is_pair
 from jaxpound.plots.gap_maps import gap_map, widest_gap
-from jaxpound.plots.moving_rows import MovingRow
+from jaxpound.plots.moving_rows import STAR, MovingRow
 from jaxpound.plots.rows import floor_heights
 from jaxpound.plots.runs import displacements, friction_force, gap, ground_motion, same_units
 from jaxpound.plots.style import (
@@ -92,8 +92,7 @@ class Scene:
         ax.add_patch(self._force)
         ax.add_patch(self._ground)
         (self._contact,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=5, alpha=0.9)
-        flash: Any = {"color": COLOURS["pounding"], "zorder": 6, "clip_on": False}
-        (self._flash,) = ax.plot([], [], marker=(11, 1, 0), **flash)
+        (self._flash,) = ax.plot([], [], **STAR)
         self._arrow_at = left + 0.65 * (right - left)
         letters: dict[str, Any] = {"va": "center"}
         self._words = ax.text((left + right) / 2, 2.34 * w, "", ha="center", **letters)

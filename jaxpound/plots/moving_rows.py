@@ -14,6 +14,15 @@ from jaxpound.plots.curves import buildings_of
 from jaxpound.plots.style import COLOURS, building_colour, in_house_style
 from jaxpound.results.response import LinkResponse, Response
 
+STAR: dict[str, Any] = {
+    "marker": (11, 1, 0),
+    "color": COLOURS["pounding"],
+    "zorder": 6,
+    "clip_on": False,
+    "in_layout": False,
+}
+"""The flash of an impact: whole at the edge of its axes, for which it makes no room."""
+
 _COLUMN = 12  # points along a bent column
 
 
@@ -195,13 +204,7 @@ class _MovingLink:
         for part in (self._line, self._clamp):
             part.set_visible(acts)
         (self._mark,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=4, zorder=5)
-        star: Any = {
-            "marker": (11, 1, 0),
-            "zorder": 6,
-            "color": COLOURS["pounding"],
-            "clip_on": False,
-        }
-        (self._star,) = ax.plot([], [], linestyle="none", **star)
+        (self._star,) = ax.plot([], [], linestyle="none", **STAR)
 
     def show(self, i: int, time: float) -> bool:
         """Move to instant i; whether the gap is closed there."""

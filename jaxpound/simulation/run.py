@@ -98,8 +98,8 @@ def simulate(
     PlausibilityWarning
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
         record and loses more than 1 % of its energy; if more than 10 % of the motion's energy comes
-        after the end of the grid; if the energy balance of ``simulate`` leaves more than 2 % of the
-        energy put in; if a record has a PGA above 5 g; if the gap is more than five times the peak
+        after the end of the grid; if the energy balance of ``simulate`` leaves more than 3 % of the
+        energy put in; if a record has a PGA above 5 g; if the gap is more than 100 times the peak
         displacements of both its ends together, or a penetration more than a quarter of them; if
         contact is run in single precision. Neither resolution nor end of a plain function of t is
         checked, since its periods and duration are not known.

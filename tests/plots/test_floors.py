@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import COLOURS, shades
+from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.floors import FloorDemands
 
 mpl.use("Agg")
@@ -39,7 +40,8 @@ def ax():
 def test_a_floor_s_demand_stands_at_its_height(ax):
     plots.envelope(floors(3), "acceleration", [3.0, 6.5, 10.0], ax)
     (line,) = ax.lines
-    np.testing.assert_array_equal(line.get_xydata(), [(3.0, 3.0), (3.1, 6.5), (3.2, 10.0)])
+    in_g = np.array([3.0, 3.1, 3.2]) / STANDARD_GRAVITY
+    np.testing.assert_allclose(line.get_xydata(), np.stack([in_g, [3.0, 6.5, 10.0]], 1))
     assert line.get_color() == COLOURS["structure 1"]
     assert ax.get_xlabel() == "absolute acceleration\npeak $|a|$ ($g$)"
     assert ax.get_ylabel() == "height (m)"
@@ -71,7 +73,7 @@ def test_a_batch_is_a_median_and_a_band_of_its_valid_runs(ax):
     runs = jax.tree.map(lambda x: x * rng.lognormal(size=(2, 20, 1)), floors(2))
     broken = jax.tree.map(lambda x: np.concatenate([x, np.full((2, 1, 2), np.nan)], 1), runs)
     plots.envelope(broken, "acceleration", ax=ax)
-    values = runs.acceleration.reshape(-1, 2)
+    values = runs.acceleration.reshape(-1, 2) / STANDARD_GRAVITY
     low, middle, high = np.quantile(values, [0.16, 0.5, 0.84], axis=0)
     np.testing.assert_allclose(ax.lines[0].get_xdata(), middle)
     (band,) = ax.collections

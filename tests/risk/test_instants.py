@@ -19,7 +19,7 @@ def row():
 
 
 def test_positions_at_an_instant_are_those_of_the_run():
-    grid = jp.TimeGrid.until(6.0, dt=0.1)
+    grid = jp.TimeGrid.until(6.0, dt=0.04)
     structures, ground = jp.paper.structures(), jp.paper.ground()
     response, system = jp.simulate(structures, ground, grid), structures.system()
     (closing,) = series_of(system, "required_gap", pounding=False)
