@@ -478,12 +478,12 @@ def in_words(name: str, topology: Topology | None = None) -> str:
     place, known = place_of(Demand, name), known_of(name)
     if known is None:
         return name.replace("_", " ")
-    if topology is None or place is None or not place.group:
+    what, of_link, number = known.words.rpartition(" of link ")
+    if topology is not None and of_link:
+        return f"{what}, {_PLACES['links'](topology)[int(number) - 1]}"
+    if topology is None or place is None or place.group not in ("masses", "rods"):
         return known.words
     where = _PLACES[place.group](topology)[place.element]
-    if place.group == "links":
-        what, numbered, _ = known.words.rpartition(" of link ")
-        return f"{what}, {where}" if numbered else known.words
     what = known.words.rpartition(" of ")[0]
     return f"{what if where.startswith('building') else what.replace('base ', '')} of {where}"
 

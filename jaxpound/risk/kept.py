@@ -112,6 +112,8 @@ class Kept:
                 about = archive.about
                 if about["study"] != self._seal["study"]:
                     raise DamagedError("of another search")
+                if "covered" not in about:
+                    raise DamagedError("of an older version, which counted no points again")
                 k, d = about["shape"]
                 z, directions = (archive.read(name, (k, d), np.float64) for name in _VECTORS)
                 return DesignPoints(

@@ -78,7 +78,7 @@ def test_impacts_are_told_by_link(simulated):
     gap = response.links[1].gap
     assert gap[np.searchsorted(response.time, touched[1])] <= 0
     assert f"POUNDS: overlap {told['overlap_m']:.4g} m" in screen
-    row = next(line for line in screen.splitlines() if line.startswith("1.2 and 2.2")).split()
+    row = next(line for line in screen.splitlines() if line.startswith("1–2, floor 2")).split()
     assert row[-3:][0] == str(int(told["links"][0]["contact"]["n_impacts"]))
 
 
