@@ -309,8 +309,8 @@ class Scaled(GroundMotion):
 
     def energy(self, since: float) -> float | None:
         """The factor's square times that of the ground motion."""
-        energy = as_motion(self.ground).energy(since)
-        return None if energy is None else float(self.factor) ** 2 * energy
+        energy, factor = as_motion(self.ground).energy(since), float(self.factor)
+        return None if energy is None else factor * factor * energy  # a power raises overflow
 
     def dimensionless(self, frequency: Any) -> Scaled:
         """The factor times the ground motion in units of 1/ω1."""
