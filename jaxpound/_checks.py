@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
+import re
 import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
@@ -251,7 +252,7 @@ def instead(value: Any, wanted: str) -> str:
 
     ``wanted`` has the names of the types that are right; a file name stands for a ``Record``.
     """
-    if "Record" in wanted and isinstance(value, str | os.PathLike):
+    if re.search(r"\bRecord\b", wanted) and isinstance(value, str | os.PathLike):
         return "; read_record reads one from a file"
     first = value[0] if isinstance(value, tuple | list) and value else value
     function = _WANTED_BY.get(type(first).__name__)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,13 @@ from msgspec import field
 import jaxpound as jp
 from jaxpound.cli.design_report import changes, page, summary
 from jaxpound.cli.factors import Bounds, design_space
-from jaxpound.cli.files import make_folder, write_figures, write_json, write_text
+from jaxpound.cli.files import (
+    make_folder,
+    unfinished_search,
+    write_figures,
+    write_json,
+    write_text,
+)
 from jaxpound.cli.notes import noted
 from jaxpound.cli.objective import Limits, Objective, Penalties, priced
 from jaxpound.cli.parameters import Parameters, RowParameters, parameters_of
@@ -25,9 +30,6 @@ from jaxpound.cli.row import Row
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Files, read_records
 from jaxpound.cli.writing import as_toml, row_as_toml
-
-_UNFINISHED = "search.unfinished"
-"""Folder in that of the results, of a search whose file is not chosen; removed at the end."""
 
 # --- the configuration --------------------------------------------------------------------------
 
@@ -78,10 +80,17 @@ def run(args: argparse.Namespace) -> None:
     given = file.read(Wanted)
     task = prepared(file, given, args.record)
     make_folder(args.out)
-    unfinished = None if args.save else args.out / _UNFINISHED
-    if unfinished is not None:
-        make_folder(unfinished)
-        args.save = unfinished / "search.npz"  # where an interrupted process says that it is
+    with contextlib.ExitStack() as stack:
+        if not args.save:
+            inputs = file.text.encode(), *(path.read_bytes() for path in args.record)
+            folder = stack.enter_context(unfinished_search(args.out, *inputs))
+            make_folder(folder)
+            args.save = folder / "search.npz"  # where an interrupted process says that it is
+        _design(args, file, given, task)
+
+
+def _design(args: argparse.Namespace, file: File, given: Wanted, task: Task) -> None:
+    """Search, print the answer and write the files."""
     with noted(given.structures):
         design = jp.design_damper(
             task.space,
@@ -128,8 +137,6 @@ def run(args: argparse.Namespace) -> None:
         figures["landscape"] = drawn(plots.landscape, design)
     write_text(args.out / "summary.md", page(answers, list(figures), design.trained.topology))
     write_figures(figures, args.out, args.pdf)
-    if unfinished is not None:
-        shutil.rmtree(unfinished)
 
 
 def _buildings(given: Wanted, task: Task, design: jp.Design) -> str:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
 import math
+import shutil
+import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -42,6 +46,27 @@ def make_folder(out: Path) -> None:
     except OSError as error:
         rule = f"must be a folder that can be made and written to ({error.strerror})"
         raise ValueError(f"argument --out: {out} {rule}") from error
+
+
+@contextlib.contextmanager
+def unfinished_search(out: Path, *inputs: bytes) -> Iterator[Path]:
+    """Path of a folder that keeps the search of a command until the command is done.
+
+    It is in the output folder and named after the command's inputs (its configuration, records), so
+    that another search never meets it. After an error it stays if something was kept in it, since
+    days of runs may be; the next run of the same command goes on from there.
+    """
+    folder = out / f"unfinished-{hashlib.sha256(repr(inputs).encode()).hexdigest()[:8]}"
+    try:
+        yield folder
+    except ValueError:
+        if any(folder.rglob("*.npz")):
+            what = "what was finished of the search is kept; remove the folder to begin anew"
+            print(f"jaxpound: {folder}: {what}", file=sys.stderr)
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def write(path: Path, write_to: Callable[[BinaryIO], Any]) -> None:

@@ -6,9 +6,7 @@ import argparse
 import contextlib
 import dataclasses
 import math
-import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +15,7 @@ from msgspec import field
 
 import jaxpound as jp
 from jaxpound.cli.factors import FACTOR, random_scenarios
-from jaxpound.cli.files import make_folder
+from jaxpound.cli.files import make_folder, unfinished_search
 from jaxpound.cli.notes import noted
 from jaxpound.cli.parameters import Parameters, by_path, parameters_of
 from jaxpound.cli.rare_report import Found, Target, kind_of_demand, write_report
@@ -30,7 +28,6 @@ from jaxpound.model.system import is_closable
 from jaxpound.risk.instants import REQUIRED_GAP
 from jaxpound.risk.reach import WITHOUT_JUMPS
 from jaxpound.risk.run import choice, event_of, require_smooth
-from jaxpound.study.archives import digest
 from jaxpound.study.scenarios import grounds_at
 
 # --- the configuration --------------------------------------------------------------------------
@@ -110,29 +107,15 @@ def run(args: argparse.Namespace) -> None:
             require_smooth("reach_probability", state.scenarios, WITHOUT_JUMPS)
     tell("rare", _doubts(state, given.search.seed), args.strict)
     make_folder(args.out)
-    with _kept_in(args, file) as store:
+    with contextlib.ExitStack() as stack:
+        if args.store is None:
+            args.store = stack.enter_context(unfinished_search(args.out, file.text.encode()))
         with noted(given.structures):
-            found = searched(file, given, state, store)
+            found = searched(file, given, state, args.store)
             if given.design is not None and wanted is not None:
-                target = reached(file, given, given.design, found, *wanted, store=store)
+                target = reached(file, given, given.design, found, *wanted, store=args.store)
                 found = dataclasses.replace(found, target=target)
         write_report(file, found, args.out, args.pdf)
-
-
-@contextlib.contextmanager
-def _kept_in(args: argparse.Namespace, file: File) -> Iterator[Path]:
-    """The folder that keeps the search: the one of ``--store``, or one that goes at the end."""
-    if args.store is not None:
-        yield args.store
-        return
-    # Of this configuration alone: with another one a search starts anew.
-    args.store = store = args.out / f"unfinished-{digest(file.text.encode())[:8]}"
-    try:
-        yield store
-    except ValueError:
-        shutil.rmtree(store, ignore_errors=True)
-        raise
-    shutil.rmtree(store, ignore_errors=True)
 
 
 def _doubts(state: jp.LimitState, seed: int) -> list[str]:

@@ -139,8 +139,8 @@ def design_damper(
     PlausibilityWarning
         Before the search: if, of the first 256 earthquakes, more than 1 % are not resolved by the
         grid (see ``simulate``) or, where there are scales or records, have a PGA above 5 g; if the
-        gap of a link is more than five times (dimensionless: 100 times) the displacements at its
-        ends (peak |x1| + peak |x2|) of the first start.
+        gap of a link is more than 100 times the displacements at its ends (peak |x1| + peak |x2|)
+        of the first start.
 
     Examples
     --------

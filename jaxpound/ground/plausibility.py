@@ -27,7 +27,6 @@ from jaxpound.ground.motion import (
     sampled,
     unresolved,
 )
-from jaxpound.model.plausibility import FAR_GAP
 
 MOST_PGA = 5.0
 """Largest plausible peak ground acceleration, g: the largest recorded are about 4."""
@@ -43,9 +42,9 @@ several samples, and one alone is damage. Of recorded motions it is 1.7 at most,
 MANY = 100
 """Samples of a record, and not of a few made-up numbers."""
 
-FAR_GAP_WITHOUT_UNIT = 100.0
-"""The same ratio as ``FAR_GAP`` in dimensionless runs, whose earthquake may be as weak as one likes
-and whose gap may not matter: only numbers that were meant in a unit go beyond it."""
+MOST_GAP = 100.0
+"""Largest plausible ratio of the gap to the displacements of a run, whose earthquake may be weak.
+What gap no earthquake closes, buildings in SI say themselves: ``model.plausibility.too_wide``."""
 
 DEEP = 0.25
 """Largest plausible ratio of a penetration to the displacements: real floors stay below a tenth."""
@@ -97,7 +96,8 @@ def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
         place = f"acceleration[{largest}] = {samples[largest]:.4g} g, at {largest * dt:.6g} s,"
         return [f"{place} stands alone, no other sample is above {others:.4g} g: is it damaged?"]
     if not stated and highest > MOST_UNSTATED:
-        return [f"no unit is stated, and in g the peak is {highest:.4g} g: give units, of m/s2 say"]
+        asked = 'state units="m/s2", or units="g" if that is right'
+        return [f"no unit is stated, and in g the peak is {highest:.4g} g: {asked}"]
     return []
 
 
@@ -131,11 +131,10 @@ def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
     if is_traced((gap, moved)) or jnp.ndim(moved):
         return []
     gap, moved, unit = float(gap), float(moved), "m" if si else "g/ω1²"
-    most = FAR_GAP if si else FAR_GAP_WITHOUT_UNIT
-    if not gap > most * moved:
+    if not gap > MOST_GAP * moved:
         return []
     return [
-        f"{name} = {gap:.4g} {unit} should be at most {most:g} times what the buildings move, "
+        f"{name} = {gap:.4g} {unit} should be at most {MOST_GAP:g} times what the buildings move, "
         f"{moved:.4g} {unit} (peaks of both its sides): are the units right?"
     ]
 

@@ -244,8 +244,8 @@ class Record(GroundMotion):
         ]
 
     def energy(self, since: float) -> float:
-        """∫ u''² dt from an instant on, by its samples."""
-        later = np.arange(self.n_samples) * float(self.dt) >= since
+        """∫ u''² dt after an instant, by its samples; at its last sample nothing is left."""
+        later = np.arange(self.n_samples) * float(self.dt) > since * (1 + 1e-9)
         return float(np.sum(np.square(self.samples, dtype=float)[later]) * float(self.dt))
 
     def __repr__(self) -> str:

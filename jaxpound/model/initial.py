@@ -6,6 +6,7 @@ from typing import Any
 
 from jaxpound._checks import Rule
 from jaxpound._fields import check, parameter, pytree_dataclass
+from jaxpound.model.places import link_places
 from jaxpound.model.system import System, as_tuple, elongation
 
 
@@ -74,11 +75,11 @@ class InitialState:
 def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule]:
     """What a state must be for a run with steps of ``dt``: links with a contact law are open."""
     x, v = initial.of(system)
-    found = []
-    for k, link in enumerate(system.links):
+    rules = []
+    for place, link in zip(link_places(system.topology), system.links, strict=True):
         if link.contact is not None:
             left = link.gap - elongation(link.ends, x)
             holds = left > dt * elongation(link.ends, v)
             says = "open, and stay so for a step: a law of contact starts apart"
-            found.append(Rule(f"gap of link {k}", left, holds, says))
-    return found
+            rules.append(Rule(f"gap of {place}", left, holds, says))
+    return rules

@@ -193,12 +193,14 @@ class _Between(NamedTuple):
         low, high = LEAST_TOUCHING * period, most * period
         if low <= duration <= high:
             return ""
-        unit = SI["stiffness" if most == MOST_TOUCHING else "hertz stiffness"]
+        unit, more = SI["hertz stiffness"], "one in N/m is for KelvinVoigt"
+        if most == MOST_TOUCHING:
+            unit, more = SI["stiffness"], "contact_stiffness computes one"
         return (
             f"{self.names[2]}: stiffness = {stiffness:.4g} {unit} makes a contact last about "
             f"{duration:.2g} s, which should be between {low:.2g} and {high:.2g} s, "
             f"1/{1 / LEAST_TOUCHING:g} and 1/{1 / most:g} of the lighter floor's period on its "
-            f"storey: is it in {unit}, and masses in kg? contact_stiffness gives one in N/m"
+            f"storey: is it in {unit}, and masses in kg? {more}"
         )
 
 

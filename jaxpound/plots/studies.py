@@ -151,7 +151,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
 def fragility(
     curve: Fragility | Mapping[str, Fragility],
     ax: Axes | None = None,
-    intensity: str = "im",
+    intensity: str | None = None,
     unit: float = 1.0,
 ) -> Axes:
     """Fragility curve with its 95 % band and the data; or several curves by name.
@@ -160,7 +160,7 @@ def fragility(
     their intervals. Of several curves the data are left out; that named "any link" is black and
     dashed, for it often lies on that of one link. Beside more than six curves only "any link" has
     its band. ``intensity`` is the label of the axis, with its unit in
-    parentheses; ``unit`` is that unit in the curve's own (9.80665 for g, of a curve in m/s²).
+    parentheses (by default the curve's own measure); ``unit`` is that unit in the curve's own (9.80665 for g, of a curve in m/s²).
 
     Raises
     ------
@@ -179,6 +179,8 @@ def fragility(
     ['link 1', 'link 2', 'any link']
     """
     alone = isinstance(curve, Fragility)
+    if intensity is None:
+        intensity = (str(curve.measured) if isinstance(curve, Fragility) else "") or "im"
     drawn = [_alone(curve, intensity, unit)] if isinstance(curve, Fragility) else _named(curve)
     few = len({words for words, *_ in drawn} - {ANY_LINK}) <= len(CYCLE)
     ax = new_axes(ax)

@@ -41,6 +41,9 @@ def of_limit_state(state: LimitState, key: Any) -> tuple[Any, dict[str, Any]]:
     return (lambda z: state.observed(z, state.changes), (jnp.zeros(state.dimension),)), described
 
 
+_BEFORE = 2  # plain batches that a search may make of stronger motions, however few runs follow
+
+
 class Kept:
     """The folder of a search, new or to be continued.
 
@@ -83,7 +86,7 @@ class Kept:
             "a search by design points", COLUMNS, batch, program, **described, start=start
         )
         # Plain batches have even numbers, those around design points odd ones.
-        samples = 2 * batch * (-(-most // batch) + 1)
+        samples = 2 * batch * (max(-(-most // batch), _BEFORE) + 1)
         self._store = Store.create(folder, known, samples, {"notes": known["search"]})
         self._seal: dict[str, Any] = {"study": digest(repr(sorted(known.items())).encode())}
 

@@ -16,7 +16,7 @@ from jaxpound.ground.plausibility import excessive, tell
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.plausibility import doubts
+from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.model.row import FloorLink, Row
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import AdjacentStructures
@@ -97,7 +97,7 @@ def simulate_buildings(
     Warns
     -----
     PlausibilityWarning
-        As ``dimensionless``; if the record has a PGA above 5 g, or the gap is more than five times
+        As ``dimensionless``; if the record has a PGA above 5 g, or the gap is more than 100 times
         the displacements (peak |x1| + peak |x2|), or the penetration more than a quarter of them.
         Not where slip force, gap or samples are traced.
 
@@ -238,7 +238,8 @@ class _Run(NamedTuple):
                     f"{owner}: {name} of shape {shape} must be one building, not a batch"
                 )
         shaking = scales.to_dimensionless(record)
-        tell(owner, doubts(self.structures, scales), self.strict)
+        findings = doubts(self.structures, scales) + too_wide(self.structures, scales)
+        tell(owner, findings, self.strict)
         with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
             grid = record_grid(f"{owner}:", unlinked, scales, self.scheme, record, duration, dt)
         response = respond(owner, self.structures, shaking, grid, self.scheme, self.strict)

@@ -130,8 +130,8 @@ def monte_carlo(
     PlausibilityWarning
         Before the first run: if, of the first 256 scenarios, more than 1 % have a ground motion
         that the grid does not resolve (see ``simulate``), or a PGA above 5 g. After the first
-        chunk: if the gap of a link is more than five times (dimensionless: 100 times) the
-        displacements at its ends (peak |x1| + peak |x2|).
+        chunk: if the gap of a link is more than 100 times the displacements at its ends (peak
+        |x1| + peak |x2|).
 
     Examples
     --------

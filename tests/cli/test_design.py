@@ -136,10 +136,18 @@ def test_a_design_that_is_stopped_goes_on(write, tmp_path, monkeypatch):
     with pytest.raises(StoppedError):
         design.run(args)
     assert "the search is kept in" in _kept(args)
+    (unfinished,) = out.iterdir()
+    other = tmp_path / "other.toml"  # another configuration has a search of its own
+    other.write_text(path.read_text() + "\n# edited\n")
+    done.clear()
+    with pytest.raises(StoppedError):
+        design.run(argparse.Namespace(**vars(args) | {"config": other, "save": None}))
+    assert len(list(out.iterdir())) == 2
+    done[:] = [1, 2, 3]
     run("design", path, "--out", out)
     assert done == [*range(1, 4), *range(4, 9)]
     assert json.loads((out / "summary.json").read_text())["iterations"] == 8
-    assert not (out / "search.unfinished").exists()
+    assert not unfinished.exists()
 
 
 def assert_page_says(page, answers, buildings):

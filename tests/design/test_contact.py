@@ -94,6 +94,7 @@ def test_elasticities_by_the_gap_and_the_law_of_contact():
     assert by_restitution < 0
 
 
+@pytest.mark.filterwarnings("ignore:.*the energy balance leaves")  # the steps are coarse
 def test_stiffness_and_restitution_from_measured_bounces():
     """From a noisy series of the gap, and from when and how fast an instrument saw impacts."""
     truth = {"contact.stiffness": 200.0, "contact.restitution": 0.65}

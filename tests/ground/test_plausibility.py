@@ -11,7 +11,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.ground.motion import unresolved
-from jaxpound.ground.plausibility import FAR_GAP_WITHOUT_UNIT, LOOKED_AT, MOST_PGA, unseen
+from jaxpound.ground.plausibility import LOOKED_AT, MOST_GAP, MOST_PGA, unseen
 from jaxpound.study.chunk import Task
 
 GRID = jp.TimeGrid(0.1, 40)
@@ -61,7 +61,7 @@ def test_what_is_meant_is_not_warned_of():
     assert jp.pga(shaking, GRID) > MOST_PGA
     moved = jp.demand(PAIR, shaking, GRID)
     moved = float(moved.peak_x1 + moved.peak_x2)
-    jp.demand(far(0.99 * FAR_GAP_WITHOUT_UNIT * moved), shaking, GRID, strict=True)
+    jp.demand(far(0.99 * MOST_GAP * moved), shaking, GRID, strict=True)
 
 
 def test_a_warning_is_given_once_where_a_line_runs_often():

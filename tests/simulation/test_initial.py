@@ -188,8 +188,11 @@ def test_demand_batches_and_precisions():
             "initial: displacements of 1 numbers must be one number for each",
         ),
         (jp.InitialState((), (0.1,) * 3), "initial: velocities of 3 numbers must be"),
-        (jp.InitialState((0.2, 0.0)), "initial: gap of link 0 = 0 must be open, and stay so"),
-        (jp.InitialState((0.1, 0.0), (9.0, 0.0)), "initial: gap of link 0 = 0.1 must be open"),
+        (jp.InitialState((0.2, 0.0)), "initial: gap of 1–2, floor 1 = 0 must be open, and"),
+        (
+            jp.InitialState((0.1, 0.0), (9.0, 0.0)),
+            "initial: gap of 1–2, floor 1 = 0.1 must be",
+        ),
     ],
 )
 def test_states_that_no_run_can_start_from(initial, message):
