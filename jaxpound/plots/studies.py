@@ -159,8 +159,8 @@ def fragility(
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
     their intervals. Of several curves the data are left out; that named "any link" is black and
     dashed, for it often lies on that of one link. Beside more than six curves only "any link" has
-    its band. ``intensity`` is the label of the axis, with its unit in
-    parentheses (by default the curve's own measure); ``unit`` is that unit in the curve's own (9.80665 for g, of a curve in m/s²).
+    its band. ``intensity`` is the label of the axis, with its unit in parentheses (by default the
+    curve's own measure); ``unit`` is that unit in the curve's own (9.80665 for g, of one in m/s²).
 
     Raises
     ------
