@@ -97,8 +97,8 @@ def simulate_buildings(
     Warns
     -----
     PlausibilityWarning
-        As ``dimensionless``; if the record has a PGA above 5 g, or the gap is more than 100 times
-        the displacements (peak |x1| + peak |x2|), or the penetration more than a quarter of them.
+        As ``dimensionless``; if the record has a PGA above 5 g, or the penetration is more than a
+        quarter of the displacements (peak |x1| + peak |x2|).
         Not where slip force, gap or samples are traced.
 
     Notes
@@ -249,7 +249,8 @@ class _Run(NamedTuple):
             dataclasses.replace(link, gap=link.gap * scales.length)
             for link in self.structures.system().links
         ]
-        tell(owner, [*findings, *of_links(links, in_si.demand, self.alone)], self.strict)
+        findings += of_links(links, in_si.demand, self.alone, gaps=False)
+        tell(owner, findings, self.strict)
         return in_si
 
 

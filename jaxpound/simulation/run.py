@@ -289,7 +289,11 @@ def _look(
 
 
 def of_links(
-    links: Iterable[Link], found: Demand, alone: tuple[str, str] | None = None
+    links: Iterable[Link],
+    found: Demand,
+    alone: tuple[str, str] | None = None,
+    *,
+    gaps: bool = True,
 ) -> list[str]:
     """Findings in the gaps and contact laws of a run.
 
@@ -301,13 +305,16 @@ def of_links(
         The scalars of the run.
     alone
         What gap and law are called where there is but one link; by default links are numbered.
+    gaps
+        Whether gaps are judged: those of buildings are, before their runs.
     """
     findings = []
     for k, link in enumerate(links):
         if is_closable(link.gap):  # else no contact is meant
             moved = sum(found.masses[end].peak_x for end in link.ends if end != GROUND)
             gap, law = alone or (f"links.{k}.gap", f"links.{k}.contact")
-            findings += far_apart(gap, link.gap, moved, si=found.si)
+            if gaps:
+                findings += far_apart(gap, link.gap, moved, si=found.si)
             findings += too_deep(law, found.links[k].peak_penetration, moved, si=found.si)
     return findings
 

@@ -64,6 +64,12 @@ def test_what_is_meant_is_not_warned_of():
     jp.demand(far(0.99 * MOST_GAP * moved), shaking, GRID, strict=True)
 
 
+def test_a_whole_record_ends_with_the_grid_of_its_duration():
+    record = jp.Record([0.0, 0.3, -0.2, 0.3], 0.5, time_unit="1/ω1")
+    assert unseen(record, jp.TimeGrid.until(1.5, dt=0.05)) == []
+    assert "59% of the motion's energy" in unseen(record, jp.TimeGrid.until(0.8, dt=0.05))[0]
+
+
 def test_a_warning_is_given_once_where_a_line_runs_often():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")

@@ -123,8 +123,11 @@ def test_a_fragility_in_numbers_is_a_curve_alone(ax):
     np.testing.assert_allclose(line.get_ydata(), curve.probability(line.get_xdata()))
     assert not ax.containers
     assert not ax.collections
-    plots.fragility(jp.Fragility(0.6, 0.4, np.diag([0.01, 0.01])), ax)
+    assert ax.get_xlabel() == "im"
+    plots.fragility(jp.Fragility(0.6, 0.4, np.diag([0.01, 0.01]), measure="PGA (g)"), ax)
     assert len(ax.collections) == 1
+    assert ax.get_xlabel() == "PGA (g)"
+    assert ax.lines[1].get_label() == r"$\theta$ = 0.6 g, $\beta$ = 0.4"
 
 
 def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
