@@ -102,7 +102,7 @@ def end(status: int) -> NoReturn:
 
 
 def _begin_the_end(*_: Any) -> None:
-    """Raise nothing; ``_wait`` ends the process."""
+    """Note that a signal has come and raise nothing; ``_wait`` ends the process."""
     global _ending
     _ending = True
 

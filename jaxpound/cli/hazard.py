@@ -14,7 +14,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._tables import Table as Shown
 from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
-from jaxpound.cli.reading import File, Table, between, named, says
+from jaxpound.cli.reading import File, Table, between, named, says, shown
 from jaxpound.cli.results import of_fragility
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import UNITS, Measure, known_unit, units_like
@@ -61,7 +61,7 @@ class Curve(Table):
         if self.site is not None and self.file is None:
             raise ValueError("site must be given with file only")
         if self.unit is not None and not known_unit(self.unit):
-            raise ValueError(f'unit = "{self.unit}" must be one of {", ".join(UNITS)}')
+            raise ValueError(f"unit = {shown(self.unit)} must be one of {', '.join(UNITS)}")
 
     def model(self, file: File) -> jp.HazardCurve:
         """The library's ``HazardCurve``."""

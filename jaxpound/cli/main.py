@@ -267,7 +267,10 @@ def _add_design(commands: Any) -> None:
     )
     words = "an accelerogram in g that joins the random earthquakes; may be given several times"
     _add_path(design, "--record", words, action="append", default=[])
-    words = "keep the search's state there, and not in DIR/search.unfinished until it is done"
+    words = (
+        "the search keeps its state in this file, which remains when it is done; without --save it "
+        "keeps it in DIR/search.unfinished, which it removes when it is done"
+    )
     _add_path(design, "--save", words)
     _add_strict(design)
 

@@ -51,7 +51,7 @@ def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.M
 
 def of_field(cls: type, name: str) -> msgspec.Meta:
     """Annotation: the range of a number that is a parameter of one of the library's classes."""
-    (allowed,) = (known.within for path, known, _ in walk(cls, Parameter) if path == name)
+    (allowed,) = (parameter.within for path, parameter, _ in walk(cls, Parameter) if path == name)
     assert allowed is not None
     return between(*allowed)
 

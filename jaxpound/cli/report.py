@@ -99,10 +99,10 @@ def fragilities_of_links(study: jp.Study) -> dict[str, jp.Fragility]:
     Those to which a curve can be fitted, by the name of the link in figures.
     """
     links, places = _closing(study), link_places(study.topology)
-    found = {places[k]: _fragility(study, "pga", k) for k in links}
+    curves = {places[k]: _fragility(study, "pga", k) for k in links}
     if len(links) > 1:
-        found[ANY_LINK] = _fragility(study, "pga")
-    return {name: curve for name, curve in found.items() if curve is not None}
+        curves[ANY_LINK] = _fragility(study, "pga")
+    return {name: curve for name, curve in curves.items() if curve is not None}
 
 
 def _closing(study: jp.Study) -> list[int]:

@@ -90,19 +90,19 @@ def envelope(form: Row, response: jp.Response) -> str:
 
 def lines(answers: dict[str, Any]) -> list[str]:
     """The results as text for the screen."""
-    told = answers["results"]
+    outcome = answers["results"]
     rows = [
         (
             str(i),
-            one["storeys"],
-            one["modes"][0]["period_s"],
-            100 * one["modes"][0]["damping_ratio"],
-            one["peak_displacement_m"],
-            100 * one["peak_drift_ratio"],
-            one["peak_absolute_acceleration_m_per_s2"],
-            one["base_shear_N"] / 1e3,
+            building["storeys"],
+            building["modes"][0]["period_s"],
+            100 * building["modes"][0]["damping_ratio"],
+            building["peak_displacement_m"],
+            100 * building["peak_drift_ratio"],
+            building["peak_absolute_acceleration_m_per_s2"],
+            building["base_shear_N"] / 1e3,
         )
-        for i, one in enumerate(told["buildings"], 1)
+        for i, building in enumerate(outcome["buildings"], 1)
     ]
     columns = (
         "building",
@@ -114,40 +114,40 @@ def lines(answers: dict[str, Any]) -> list[str]:
         "acceleration (m/s²)",
         "base shear (kN)",
     )
-    found = [Table.of(columns, rows).text(), ""]
-    links = told["links"]
+    texts = [Table.of(columns, rows).text(), ""]
+    links = outcome["links"]
     if links:
-        found += [_links(links).text(), ""]
-    closable = [one for one in links if one["gap_m"] is not None]
+        texts += [_links(links).text(), ""]
+    closable = [link for link in links if link["gap_m"] is not None]
     if closable:
-        closest = min(closable, key=lambda one: one["min_gap_m"])
-        smallest = f"{told['min_gap_m']:.4g} m at {told['min_gap_time_s']:.5g} s"
-        words = verdict(told, closest["contact"] is not None)
-        found.append(f"Gaps     smallest {smallest}; {words}")
-    laws = [one["contact"] for one in links if one["contact"]]
+        closest = min(closable, key=lambda link: link["min_gap_m"])
+        smallest = f"{outcome['min_gap_m']:.4g} m at {outcome['min_gap_time_s']:.5g} s"
+        words = verdict(outcome, closest["contact"] is not None)
+        texts.append(f"Gaps     smallest {smallest}; {words}")
+    laws = [link["contact"] for link in links if link["contact"]]
     lost = sum(law["contact_work_J"] for law in laws) if laws else None
-    dampers = any(one["friction_force_N"] for one in links)
-    return [*found, energy_line(told, lost, dampers)]
+    dampers = any(link["friction_force_N"] for link in links)
+    return [*texts, energy_line(outcome, lost, dampers)]
 
 
 def _links(links: list[dict[str, Any]]) -> Table:
     """Every link: where it is, its gap, its damper, its impacts."""
-    columns: dict[str, list[Any]] = {"link": [one["between"] for one in links]}
-    gaps = [one["gap_m"] for one in links]
+    columns: dict[str, list[Any]] = {"link": [link["between"] for link in links]}
+    gaps = [link["gap_m"] for link in links]
     if any(gap is not None for gap in gaps):
         columns |= {
             "gap (m)": gaps,
-            "smallest (m)": [one["min_gap_m"] for one in links],
-            "at (s)": [one["min_gap_time_s"] for one in links],
+            "smallest (m)": [link["min_gap_m"] for link in links],
+            "at (s)": [link["min_gap_time_s"] for link in links],
         }
-    if any(one["friction_force_N"] for one in links):
-        slips = [one if one["friction_force_N"] else None for one in links]
+    if any(link["friction_force_N"] for link in links):
+        slips = [link if link["friction_force_N"] else None for link in links]
         columns |= {
-            "slip force (kN)": [one and one["friction_force_N"] / 1e3 for one in slips],
-            "slid (m)": [one and one["slip_distance_m"] for one in slips],
-            "took (kJ)": [one and one["damper_energy_J"] / 1e3 for one in slips],
+            "slip force (kN)": [link and link["friction_force_N"] / 1e3 for link in slips],
+            "slid (m)": [link and link["slip_distance_m"] for link in slips],
+            "took (kJ)": [link and link["damper_energy_J"] / 1e3 for link in slips],
         }
-    laws = [one["contact"] for one in links]
+    laws = [link["contact"] for link in links]
     if any(laws):
         columns |= {
             "impacts": [law and int(law["n_impacts"]) for law in laws],

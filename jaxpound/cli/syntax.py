@@ -13,12 +13,13 @@ _NUMBERS = {
 
 
 _MOST_PARTS = 20
-_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+# Texts go on to their end, or to that of the line or file where they have none: nothing is read
+# twice. A text of several lines may end in up to two quotes of its own.
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]++|\\[^\n]?+)*+"?+|'[^'\n]*+'?+)"""
+_LINES = r"""(?:"{3}(?:[^"\\]++|\\.?+|"{1,2}(?!"))*+"{0,5}|'{3}(?:[^']++|'{1,2}(?!'))*+'{0,5})"""
 # A key of too many parts, or what is passed over as a whole: texts, comments and words.
 _LONG_KEY = re.compile(
-    rf"""(?P<key>(?:{_PART}[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}[\w"'-])"""
-    r"""|\"{3}(?:[^\\]|\\.)*?(?:\"{3}|\Z)|'{3}.*?(?:'{3}|\Z)"""
-    rf"""|{_PART}|\#[^\n]*+""",
+    rf"""(?P<key>(?:{_PART}[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}[\w"'-])|{_LINES}|{_PART}|\#[^\n]*+""",
     re.DOTALL,
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -48,7 +49,7 @@ def demand_named(owner: str, system: System, found: Demand, name: str) -> Any:
         about = known_of(name)
         if about is not None and about.only == "contact":
             raise ValueError(f"{owner}: demand = {name!r} must be of structures with a contact law")
-        raise ValueError(f"{owner}: unknown demand {name!r}; {hint(name, known)}")
+        raise ValueError(f"{owner}: unknown demand {reprlib.repr(name)}; {hint(name, known)}")
     return known[name]
 
 
@@ -58,6 +59,6 @@ def require_threshold(owner: str, demand: Any) -> None:
         meant = (
             did_you_mean(demand, OF_FLOORS) or "demands are named as in Demand, such as 'peak_x1'"
         )
-        raise ValueError(f"{owner}: unknown demand {demand!r}; {meant}")
+        raise ValueError(f"{owner}: unknown demand {reprlib.repr(demand)}; {meant}")
     shown = repr(demand) if isinstance(demand, str) else "a function"
     raise ValueError(f"{owner}: threshold = None must be a number: demand is {shown}")

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import re
+import shlex
 import stat
 import sys
 import threading
@@ -44,8 +45,8 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
     Programs are in the sub-folder ``jaxpound/programs``. Above 1 GiB those used longest ago are
     removed, damaged ones at the next call; no other file ever is. Whoever may write to the folder
-    could make you execute any code: the sub-folders are made for you alone, and the folder and
-    these are refused if they belong to somebody else or others may write to them.
+    could make you execute any code: the sub-folders are made for you alone, and the folder, those
+    above it and these are refused if they belong to somebody else or others may write to them.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     try:
         programs = _private(Path(chosen) if chosen else _user_folder())
         _look_through(programs)
-    except (OSError, _RefusedError) as error:
+    except (OSError, RuntimeError, _RefusedError) as error:  # RuntimeError: a user without a home
         if chosen or isinstance(error, _RefusedError):
             said = f"keep_programs: {error}; compiled programs are not kept"
             warnings.warn(said, stacklevel=2)
@@ -115,22 +116,28 @@ def _private(caches: Path) -> Path:
         folder.mkdir(mode=0o700, exist_ok=True)
     if hasattr(os, "getuid"):
         user, root = os.getuid(), 0
-        _require_private(caches, {user, root}, allowed=stat.S_ISVTX)
+        for folder in (caches, *caches.parents):
+            _require_private(folder, {user, root}, allowed=stat.S_ISVTX)
         for folder in (ours, programs):
-            _require_private(folder, {user})
+            _require_private(folder, {user}, first="empty it, then ")
     return programs
 
 
-def _require_private(folder: Path, owners: set[int], allowed: int = 0) -> None:
+def _require_private(folder: Path, owners: set[int], allowed: int = 0, first: str = "") -> None:
     """Refuse a folder of others, or that others may write to unless a bit of its mode forbids it.
 
     That bit is the sticky one, as ``/tmp`` has it: nobody replaces the folders of others there.
+    The message says what to do, and what must be done ``first``.
     """
     status = folder.lstat()
     shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not status.st_mode & allowed
-    if status.st_uid not in owners or shared or not stat.S_ISDIR(status.st_mode):
+    theirs = status.st_uid not in owners or not stat.S_ISDIR(status.st_mode)
+    if theirs or shared:
         rule = "must be a folder of yours that nobody else may write to: what is in it is executed"
-        raise _RefusedError(f"{folder} {rule}")
+        remedy = f"{first}run chmod go-w {shlex.quote(str(folder))}"
+        if theirs:
+            remedy = f"name another folder by {VARIABLE}"
+        raise _RefusedError(f"{folder} {rule}; {remedy}")
 
 
 def _look_through(programs: Path) -> None:
@@ -201,7 +208,7 @@ _notes: dict[int, threading.Timer] = {}  # by the thread that compiles
 
 @cache
 def note_long_compilations() -> None:
-    """From now on say in one line which program is compiled, if that takes ``AFTER`` seconds.
+    """From now on say in one line that a program is compiled, if that takes ``AFTER`` seconds.
 
     By the logger "jaxpound", as a warning: what nobody hears of otherwise.
     """
@@ -209,16 +216,17 @@ def note_long_compilations() -> None:
     jax.monitoring.register_event_duration_secs_listener(_finish)
 
 
-def _begin(event: str, value: float, **known: Any) -> None:
+def _begin(event: str, value: float, **_: Any) -> None:
     if event == _COMPILING and threading.get_ident() not in _notes:
-        name = known.get("fun_name", "a program")
-        said = f"jaxpound: compiling {name}, for {AFTER:g} s so far; it is done once in a process"
+        said = (
+            f"jaxpound: compiling a program, for {AFTER:g} s so far; it is done once in a process"
+        )
         more = f"{said}, or once for all processes after jaxpound.keep_programs()"
         note = _notes[threading.get_ident()] = threading.Timer(AFTER, _log.warning, [more])
         note.daemon = True
         note.start()
 
 
-def _finish(event: str, duration_secs: float, **known: Any) -> None:
+def _finish(event: str, duration_secs: float, **_: Any) -> None:
     if event == _COMPILING and (note := _notes.pop(threading.get_ident(), None)):
         note.cancel()

@@ -268,6 +268,10 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
         (edited(EXAMPLE, {"annual_rate": ""}), "[hazard] must have intensity and annual_rate, or"),
         (edited(EXAMPLE, {"measure": 'file = "x"'}), "[hazard] intensity must not be given beside"),
         (edited(EXAMPLE, {"# unit": "unit = 'x'"}), '[hazard] unit = "x" must be one of g, m/s²'),
+        (
+            edited(EXAMPLE, {"# unit": f"unit = '{'y' * 3000}'"}),
+            f'[hazard] unit = "{"y" * 75} ... must be one of g',
+        ),
         (edited(EXAMPLE, {"median =": "median = 0"}), "[fragility] median = 0 must be between"),
         (edited(EXAMPLE, {"median_error": ""}), "[fragility] must have median_error and"),
         (EXAMPLE + STUDY, "must have the table [fragility] or the table [study], one of them"),

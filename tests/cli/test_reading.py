@@ -1,6 +1,7 @@
 """Configurations that are wrong: one line with file, table, key, value and rule."""
 
 import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -208,11 +209,24 @@ def test_a_key_of_many_parts_is_refused_before_it_fills_the_memory(
     assert f"{path}:2: a key must have at most 20 parts, between dots" in line
 
 
+MANY = "a." * 20 + "a = 1"
+
+
 @pytest.mark.parametrize(
-    "key", ["a." * 20 + "a", "\"a\" . 'a'\t." * 10 + '"a"', "a.a.\n" + "a." * 25]
+    "text",
+    [
+        f"[{'a.' * 20}a]",
+        "\"a\" . 'a'\t." * 10 + '"a" = 1',
+        "a.a.\n" + "a." * 25,
+        f'x = """a"""" # \\\n{MANY} # "\n',
+        f'x = """a""""" # \\\n{MANY} # "\n',
+        f"x = '''a''''' # '\n{MANY}",
+        f'x = """a""\\""""\n{MANY}',
+        f'x = "a\\\\" # "\n{MANY}',
+    ],
 )
-def test_parts_of_keys_are_counted_as_toml_has_them(key):
-    assert "a key must have at most 20 parts" in long_key(f"[{key}]\nb = 1\n")
+def test_parts_of_keys_are_counted_as_toml_has_them(text):
+    assert "a key must have at most 20 parts" in long_key(text)
 
 
 @pytest.mark.parametrize(
@@ -228,9 +242,27 @@ def test_parts_of_keys_are_counted_as_toml_has_them(key):
         "\n".join("a.b.c = 1" for _ in range(30)),
         '"' * 100_000,
         "a" * 100_000,
+        '"' + '\\"' * 100_000,
+        ('"' + '\\"' * 1000 + "\\\n") * 100,
+        '"""' + '\\"' * 100_000,
     ],
 )
 def test_what_is_no_key_of_many_parts_passes(text):
+    assert long_key(text) == ""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f'a = """""\n{MANY}\\"""{MANY}""""" # """',
+        f"a = '''''\n{MANY}''{MANY}''''' # '''",
+        f'a = "\\"{MANY}\\\\" # "',
+        f"a = '\\' # {MANY}",
+        f'a = """\\\n{MANY}\\\n""" # "',
+    ],
+)
+def test_what_toml_reads_as_text_is_no_key(text):
+    assert list(tomllib.loads(text)) == ["a"]
     assert long_key(text) == ""
 
 

@@ -216,6 +216,16 @@ def test_a_zero_that_a_cut_may_have_left_is_refused_unless_zeros_are_printed_so(
     assert read_record(write("".join(also) + f"3,{left}"), units="g").n_samples == 151
 
 
+@pytest.mark.parametrize("form", ["{:.6f}", "{:.5E}", "{:+.3e}"])
+def test_a_zero_with_all_digits_of_the_others_may_end_a_record_in_any_line(write, form):
+    motion = [*np.sin(np.arange(1, 300)).tolist(), 0.0]
+    text = "\n".join(form.format(acceleration) for acceleration in motion)
+    assert read_record(write(text), units="g", dt=0.01).n_samples == 300
+    for left in ("0.", "-0"):
+        cut = f"{text[: text.rindex(chr(10))]}\n{left}"
+        assert_refuses(write(cut), 300, "the file is cut", dt=0.01, units="g")
+
+
 def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
     rows = [f"{k / 50:g},{4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
     assert read_record(write("".join(rows) + "3,9.5\n"), units="g").n_samples == 151

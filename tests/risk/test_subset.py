@@ -214,6 +214,11 @@ def test_warnings_of_an_estimate_that_hangs_on_a_few_repeats():
         ({"gap": -0.1}, "gap = -0.1 must be finite and not negative"),
         ({"gap": 0.3, "demand": "peak_x1"}, "gap = 0.3 must be None"),
         ({"demand": "peak_y", "threshold": 1.0}, "unknown demand 'peak_y'"),
+        ({"demand": "y" * 3000}, r"unknown demand 'y{12}\.\.\.y{13}'; demands are named"),
+        (
+            {"demand": "peak_x" + "9" * 3000, "threshold": 1.0},
+            r"unknown demand 'peak_x9{6}\.\.\.9{13}'; (did you mean|allowed)",
+        ),
     ],
 )
 def test_arguments_that_break_a_rule(wrong, says):

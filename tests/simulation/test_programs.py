@@ -108,10 +108,15 @@ def test_the_folder_is_made_for_its_owner_alone(tmp_path):
 def refused(folder):
     """What the warning names; nothing is kept."""
     rule = "must be a folder of yours that nobody else may write to: what is in it is executed"
-    with pytest.warns(UserWarning, match=f"^keep_programs: .* {rule}; .* not kept$") as told:
+    with pytest.warns(UserWarning, match=f"^keep_programs: .* {rule}; .*; .* not kept$") as caught:
         assert jp.keep_programs(folder) is None
     assert jax.config.jax_compilation_cache_dir is None
-    return Path(str(told[0].message).split()[1])
+    words = str(caught[0].message).split()
+    path = Path(words[1])
+    remedy = ["chmod", "go-w", f"{path};"] if "chmod" in words else ["by", "JAXPOUND_CACHE;"]
+    assert words[-len(remedy) - 5 : -5] == remedy
+    assert ("empty" in words) == ("chmod" in words and "jaxpound" in path.parts)
+    return path
 
 
 @posix
@@ -125,6 +130,27 @@ def test_a_folder_that_others_may_write_to_is_refused(tmp_path, below, mode):
 
 
 @posix
+def test_a_folder_below_one_that_others_may_write_to_is_refused_unless_it_is_sticky(tmp_path):
+    caches = tmp_path / "of all" / "mine" / "caches"
+    caches.mkdir(parents=True)
+    caches.parents[1].chmod(0o777)
+    with pytest.warns(UserWarning, match="run chmod go-w '.*/of all'; compiled programs are not"):
+        assert jp.keep_programs(caches) is None
+    caches.parents[1].chmod(0o1777)
+    assert jp.keep_programs(caches) == caches / "jaxpound" / "programs"
+
+
+def test_a_user_without_a_home_keeps_no_programs(monkeypatch):
+    def home():
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", home)
+    assert jp.keep_programs() is None
+
+
+@posix
 def test_folders_of_others_in_a_folder_for_all_are_refused(tmp_path, monkeypatch):
     """As ``/tmp``, where everybody may make folders, and nobody replaces those of others."""
     tmp_path.chmod(0o1777)
@@ -133,7 +159,7 @@ def test_folders_of_others_in_a_folder_for_all_are_refused(tmp_path, monkeypatch
     jax.config.update("jax_compilation_cache_dir", None)
     user = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: user + 1)
-    assert refused(tmp_path) == tmp_path if user else folder.parent
+    assert refused(tmp_path) == (tmp_path if user else folder.parent)
 
 
 @posix
@@ -200,7 +226,7 @@ def test_a_long_compilation_is_noted_in_one_line(notes):
     before = len(notes())
     jax.jit(slow)(x)
     (line,) = notes()[before:]
-    assert line.startswith("jaxpound: compiling jit(slow), for 0.01 s so far;")
+    assert line.startswith("jaxpound: compiling a program, for 0.01 s so far;")
 
 
 def test_a_short_compilation_is_not_noted(notes, monkeypatch):

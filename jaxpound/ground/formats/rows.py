@@ -230,8 +230,8 @@ def check_print(values: Values, ended: bool, notes: list[str]) -> None:
 def _check_digits(rows: list[Row], ended: bool, notes: list[str]) -> None:
     """Refuse a file that is cut inside its last value, which then has fewer digits than others.
 
-    A zero at the very end, such as -0 or 0.0, is what a cut may leave of any small value, unless
-    zeros are printed so elsewhere.
+    A zero at the very end, such as -0 or 0.0, is what a cut may leave of any small value that has
+    more digits, unless zeros are printed so elsewhere.
     A single value elsewhere with other digits than all others is noted: it may be damaged.
     """
     numbers = [number for row in rows for number in row.numbers]
@@ -242,11 +242,12 @@ def _check_digits(rows: list[Row], ended: bool, notes: list[str]) -> None:
     others = exponents[:-1][exponents[:-1] > 0]
     alike = np.ptp(decimals[:-1]) == np.ptp(exponents[:-1]) == 0
     nonzero = float(numbers[-1]) != 0
+    shorter = decimals[-1] < decimals[:-1].max() or exponents[-1] < exponents[:-1].max()
     if (
         ((alike or (len(numbers) > _MANY and nonzero)) and decimals[-1] < decimals[:-1].min())
         or (exponents[-1] == 0 and len(others) == len(numbers) - 1)
         or (exponents[-1] > 0 and len(others) and exponents[-1] < others.min())
-        or (not ended and not nonzero and numbers[-1] not in numbers[:-1])
+        or (not ended and not nonzero and shorter and numbers[-1] not in numbers[:-1])
     ):
         says = f"{numbers[-1]} must have the digits of the values ahead of it: the file is cut"
         raise MisreadError(rows[-1].line, says)

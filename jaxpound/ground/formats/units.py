@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import reprlib
 
 from jaxpound.ground.formats.text import NUMBER, MisreadError, set_of
 from jaxpound.quantities import STANDARD_GRAVITY
@@ -69,10 +70,11 @@ def whole_unit(pattern: re.Pattern[str], text: str) -> str | None:
 
 def stated_unit(owner: str, units: str) -> str:
     """The unit of accelerations that ``units`` names; a ``ValueError`` if it is none."""
-    known = whole_unit(UNIT, units) if isinstance(units, str) else None
-    if known is None:
-        raise ValueError(f"{owner}: units = {units!r} must be one of {', '.join(UNITS)}")
-    return known
+    unit = whole_unit(UNIT, units) if isinstance(units, str) else None
+    if unit is None:
+        rule = f"must be one of {', '.join(UNITS)}"
+        raise ValueError(f"{owner}: units = {reprlib.repr(units)} {rule}")
+    return unit
 
 
 def words_of(text: str) -> list[str]:
