@@ -224,13 +224,13 @@ def of_study(file: File, given: Lifetime, stored: Stored, hazard: jp.HazardCurve
             if given.hazard.unit is not None:
                 raise ValueError("drawn = true must not be given beside [hazard] unit")
             if not is_drawn((hazard.intensity, hazard.annual_rate), study):
-                rule = "this hazard has not drawn the study's earthquakes; leave it out"
-                raise ValueError(f"drawn = true must not be given: {rule}")
+                rule = "this hazard is not known to have drawn the study's earthquakes"
+                raise ValueError(f"drawn = true must not be given: {rule}; leave it out")
             return straight(hazard, stored, study, results)
     column = stored.intensity
     theirs = Measure(in_words(column), unit_of(column, study.scales is not None))
     hazard, factor = _measured(f"{file.name}: [hazard]", given.hazard.unit, hazard, theirs)
-    ours = Measure.told(hazard.measure)
+    ours = Measure.of_text(hazard.measure)
     with named(place):
         curve = study.fragility(column, stored.gap, link=stored.number)
     curve = dataclasses.replace(
@@ -282,7 +282,7 @@ def _measured(
 
     The unit is that of the key, or of the measure, or else the usual one of hazard analyses.
     """
-    ours, sizes = Measure.told(hazard.measure), units_like(theirs.unit)
+    ours, sizes = Measure.of_text(hazard.measure), units_like(theirs.unit)
     if not sizes:
         if unit is not None:
             rule = f"must not be given: the unit of the study's column, {theirs}, is not known"

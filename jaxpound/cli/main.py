@@ -269,7 +269,7 @@ def _add_design(commands: Any) -> None:
     _add_path(design, "--record", words, action="append", default=[])
     words = (
         "the search keeps its state in this file, which remains when it is done; without --save it "
-        "keeps it in DIR/search.unfinished, which it removes when it is done"
+        "keeps it in a folder DIR/unfinished-..., which it removes when it is done"
     )
     _add_path(design, "--save", words)
     _add_strict(design)

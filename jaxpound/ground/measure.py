@@ -27,7 +27,7 @@ _NAMES = {
 }
 _SPECTRAL = "Sa"
 _USUAL_DAMPING = 0.05
-_PERIOD = re.compile(r"(?:\(|\bat |\bT\d* ?= ?)(\d*\.?\d+) ?(1/ω1)?", re.I)
+_PERIOD = re.compile(r"(?:\(|, ?|\bat |\bT\d* ?= ?)(\d*\.?\d+)(?![\d.]| ?%) ?(1/ω1|ms\b)?", re.I)
 _DAMPING = re.compile(r"(\d*\.?\d+) ?%")
 _SAME = 0.01  # by how much periods of one measure may differ, for they are told rounded
 
@@ -44,14 +44,14 @@ class Measure:
     words: str
     """Without the unit."""
     unit: str = ""
-    """Empty where it is not told."""
+    """Empty where it is not stated."""
 
     @staticmethod
-    def told(text: str) -> Measure:
+    def of_text(text: str) -> Measure:
         """The measure of a text that may end with a unit in brackets, as ``"Sa(0.9 s) (g)"``."""
-        told = re.fullmatch(r"(.*?)\s*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*", text)
-        unit = known_unit(told[2]) if told else ""
-        return Measure(told[1], unit) if told and unit else Measure(text)
+        parts = re.fullmatch(r"(.*?)\s*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*", text)
+        unit = known_unit(parts[2]) if parts else ""
+        return Measure(parts[1], unit) if parts and unit else Measure(text)
 
     @staticmethod
     def spectral_acceleration(period: float, time_unit: str) -> Measure:
@@ -66,28 +66,31 @@ class Measure:
         """Which measure it is; empty where that is not known."""
         words = self.words.replace("_", " ")
         alone = r"(?<![^\W\d])(?:{})(?![^\W\d])"
-        known = (x for x, how in _NAMES.items() if re.search(alone.format(how), words, re.I))
-        return next(known, "")
+        names = (x for x, how in _NAMES.items() if re.search(alone.format(how), words, re.I))
+        return next(names, "")
 
     @property
     def period(self) -> tuple[float, str] | None:
-        """The natural period of a spectral acceleration and its unit; None where it is not told."""
-        told = _PERIOD.search(self.words) if self.name == _SPECTRAL else None
-        return (float(told[1]), told[2] or "s") if told else None
+        """The natural period of a spectral acceleration in s or 1/ω1; None if it is not stated."""
+        stated = _PERIOD.search(self.words) if self.name == _SPECTRAL else None
+        if stated is None:
+            return None
+        number, unit = float(stated[1]), (stated[2] or "s").lower()
+        return (number / 1000, "s") if unit == "ms" else (number, unit)
 
     @property
     def damping(self) -> float:
-        """The damping ratio of a spectral acceleration: 5 % where it is not told."""
-        told = _DAMPING.search(self.words) if self.name == _SPECTRAL else None
-        return float(told[1]) / 100 if told else _USUAL_DAMPING
+        """The damping ratio of a spectral acceleration: 5 % where it is not stated."""
+        stated = _DAMPING.search(self.words) if self.name == _SPECTRAL else None
+        return float(stated[1]) / 100 if stated else _USUAL_DAMPING
 
     def is_in_unit_of(self, other: Measure) -> bool:
-        """Whether the units of both are told, and one but for their spelling."""
+        """Whether the units of both are stated, and the same but for their spelling."""
         sizes = units_like(self.unit)
         return other.unit in sizes and sizes[self.unit] == sizes[other.unit]
 
     def may_be(self, other: Measure) -> bool:
-        """Whether both may be one measure, whatever their units: what is not told may be so."""
+        """Whether both may be one measure, whatever their units: what is not stated may agree."""
         if not (self.name and other.name):
             return True
         if self.period and other.period:

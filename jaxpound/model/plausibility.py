@@ -39,11 +39,11 @@ SLIP = 1e-3, 10.0
 
 USUAL_PERIOD = Range(0.05, 10, "s", "models on shaking tables and the tallest towers")
 
-LEAST_TOUCHING, MOST_TOUCHING, MOST_HERTZ = 1 / 250, 1 / 2, 1 / 6
+LEAST_TOUCHING, MOST_TOUCHING = 1 / 250, 1 / 2
 """Plausible duration of a contact over the period of the lighter floor on its storey: at least, at
-most, and at most after Hertz. Contact of 20 times the storey's stiffness, and Hertz's of the
-literature, lasts 1/9 to 1/30 of it; beyond 1/2 it is softer than the storey. Hertz's with such a
-stiffness in N/m lasts a fifth; with masses in t for kg any contact lasts 1/300 or less."""
+most. Contact of 20 times the storey's stiffness, and Hertz's of the literature, lasts 1/4 to 1/30
+of it; beyond 1/2 it is softer than the storey. With masses in t for kg any contact lasts 1/300 or
+less."""
 
 
 def doubts(structures: AdjacentStructures | Row, scales: Scales) -> list[str]:
@@ -184,23 +184,23 @@ class _Between(NamedTuple):
         masses = floors.masses[list(self.ends)]
         mass, period = 1 / (1 / masses).sum(), floors.periods[self.ends[int(masses.argmin())]]
         stiffness = float(law.stiffness)
-        if isinstance(law, KelvinVoigt):
-            duration, most = math.pi * math.sqrt(mass / stiffness), MOST_TOUCHING
+        if linear := isinstance(law, KelvinVoigt):
+            duration = math.pi * math.sqrt(mass / stiffness)
         else:  # of an impact at the speed that 1 g gives the lighter floor
             speed = STANDARD_GRAVITY * period / (2 * math.pi)
             depth = (1.25 * mass * speed**2 / stiffness) ** 0.4
-            duration, most = _HERTZ * depth / speed, MOST_HERTZ
-        low, high = LEAST_TOUCHING * period, most * period
+            duration = _HERTZ * depth / speed
+        low, high = LEAST_TOUCHING * period, MOST_TOUCHING * period
         if low <= duration <= high:
             return ""
         unit, more = SI["hertz stiffness"], "one in N/m is for KelvinVoigt"
-        if most == MOST_TOUCHING:
+        if linear:
             unit, more = SI["stiffness"], "contact_stiffness computes one"
         return (
             f"{self.names[2]}: stiffness = {stiffness:.4g} {unit} makes a contact last about "
-            f"{duration:.2g} s, which should be between {low:.2g} and {high:.2g} s, "
-            f"1/{1 / LEAST_TOUCHING:g} and 1/{1 / most:g} of the lighter floor's period on its "
-            f"storey: is it in {unit}, and masses in kg? {more}"
+            f"{duration:.2g} s, which should be between {low:.2g} and {high:.2g} s (1/250 and 1/2 "
+            "of the lighter floor's period on its storey): "
+            f"is it in {unit}, and masses in kg? {more}"
         )
 
 

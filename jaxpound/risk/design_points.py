@@ -289,7 +289,7 @@ def find_design_points(
         search = search.joined(at_random(len(search.z)))
         instants, series = np.tile(instants, 2), np.tile(series, 2)
         go_on(_ITERATIONS)
-    covered = _covered(search) if anywhere else 1.0
+    covered = _covered(search) if anywhere else 1.0 if start is None else start.covered
     return _kept(search, instants, series, gradients, covered)
 
 

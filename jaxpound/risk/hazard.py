@@ -81,7 +81,7 @@ class HazardCurve(Shown):
         owner = "HazardCurve"
         im, rate = points = checked(owner, self.intensity, self.annual_rate)
         instance(owner, "measure", self.measure, str)
-        tell(owner, doubts(points, Measure.told(self.measure)), strict=False)
+        tell(owner, doubts(points, Measure.of_text(self.measure)), strict=False)
         object.__setattr__(self, "intensity", im)
         object.__setattr__(self, "annual_rate", rate)
 

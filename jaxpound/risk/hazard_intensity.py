@@ -63,7 +63,10 @@ class HazardIntensity:
 
 
 class HazardWeights(np.ndarray):
-    """Weights that ``HazardCurve.weights`` makes: an array that knows the points of its curve."""
+    """Weights that ``HazardCurve.weights`` makes: an array that knows the points of its curve.
+
+    What is computed from them is no longer such weights, and does not know the curve.
+    """
 
     curve: CurvePoints | None = None
 
@@ -73,9 +76,6 @@ class HazardWeights(np.ndarray):
         made = weights.view(HazardWeights)
         made.curve = curve
         return made
-
-    def __array_finalize__(self, parent: Any) -> None:
-        self.curve = getattr(parent, "curve", None)
 
     def __array_wrap__(self, array: Any, *context: Any) -> Any:
         """What NumPy makes of them: a sum is a plain number."""

@@ -24,7 +24,7 @@ def require_measure(owner: str, text: str, of: str, theirs: Measure) -> None:
 
     Where the curve tells no unit, and the other is not that of hazard analyses, a warning.
     """
-    ours = Measure.told(text)
+    ours = Measure.of_text(text)
     if not ours.may_be(theirs):
         raise ValueError(f"{owner}: measure = {text!r} must be that of {of}, {theirs}")
     unit = theirs.unit
@@ -57,8 +57,8 @@ def is_drawn(curve: CurvePoints, of: Study | RareEvent) -> bool:
     """
     if isinstance(of, RareEvent):
         return any(_alike(curve, points) for points in _drawn(describe(of.limit_state.scenarios)))
-    if of.weighting is not None and of.weighting.curve is not None:
-        return _alike(curve, of.weighting.curve)
+    if of.weighting is not None:
+        return of.weighting.curve is not None and _alike(curve, of.weighting.curve)
     return any(_alike(curve, points) for points in _drawn(of.about["identity"]["scenarios"]))
 
 

@@ -11,7 +11,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from jaxpound._checks import Rule, count, enforce, instance, number, positive, real, require_share
 from jaxpound._tables import Shown, Table
-from jaxpound.ground.measure import Measure
+from jaxpound.ground.measure import Measure, known_unit
 from jaxpound.ground.plausibility import tell
 
 ANY_LINK = "any link"
@@ -80,16 +80,16 @@ class Fragility(Shown):
             raise ValueError(f"{owner}: covariance of shape {covariance.shape} must be (2, 2)")
         object.__setattr__(self, "covariance", covariance)
         instance(owner, "measure", self.measure, str)
-        told = Measure.told(self.measure).unit
-        if self.unit and told and told != self.unit:
+        of_measure, unit = Measure.of_text(self.measure).unit, known_unit(self.unit) or self.unit
+        if unit and of_measure and of_measure != unit:
             rule = f"be in the unit of the intensities, {self.unit}"
             raise ValueError(f"{owner}: measure = {self.measure!r} must {rule}")
-        object.__setattr__(self, "unit", self.unit or told)
+        object.__setattr__(self, "unit", unit or of_measure)
 
     @property
     def measured(self) -> Measure:
         """The measure of intensity, in the fragility's unit."""
-        return dataclasses.replace(Measure.told(self.measure), unit=self.unit)
+        return dataclasses.replace(Measure.of_text(self.measure), unit=self.unit)
 
     @property
     def median_error(self) -> float:

@@ -224,10 +224,10 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
             of_drawn().replace("# unit =", "unit = 'g' #"),
             "[study] drawn = true must not be given beside [hazard] unit",
         ),
-        (of_study("drawn = true"), "[study] drawn = true must not be given: this hazard has not"),
+        (of_study("drawn = true"), "[study] drawn = true must not be given: this hazard is not"),
         (
             of_drawn().replace("8e-5", "9e-5"),
-            "[study] drawn = true must not be given: this hazard has not",
+            "[study] drawn = true must not be given: this hazard is not",
         ),
         (
             of_study().replace('"PGA (g)"', '"SA(0.2) (g)"'),

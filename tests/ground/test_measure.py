@@ -18,6 +18,9 @@ from jaxpound.ground.measure import Measure, known_unit, units_like
         ("Sa(0.9 1/ω1) (g)", "Sa(0.9 1/ω1)", "g", "Sa", (0.9, "1/ω1")),
         ("spectral acceleration at .5 s", "spectral acceleration at .5 s", "", "Sa", (0.5, "s")),
         ("Sa(T1 = 0.7 s) (gal)", "Sa(T1 = 0.7 s)", "gal", "Sa", (0.7, "s")),
+        ("Sa(900 ms) (g)", "Sa(900 ms)", "g", "Sa", (0.9, "s")),
+        ("Sa(T1) at 5 % (g)", "Sa(T1) at 5 %", "g", "Sa", None),
+        ("Sa(15 %, 0.9 s) (g)", "Sa(15 %, 0.9 s)", "g", "Sa", (0.9, "s")),
         ("spectral_acceleration_1", "spectral_acceleration_1", "", "Sa", None),
         ("AvgSA (g)", "AvgSA", "g", "AvgSA", None),
         ("im", "im", "", "", None),
@@ -25,7 +28,7 @@ from jaxpound.ground.measure import Measure, known_unit, units_like
     ],
 )
 def test_what_a_text_tells(text, words, unit, name, period):
-    told = Measure.told(text)
+    told = Measure.of_text(text)
     assert (told.words, told.unit, told.name, told.period) == (words, unit, name, period)
 
 
@@ -45,16 +48,16 @@ def test_what_a_text_tells(text, words, unit, name, period):
     ],
 )
 def test_which_may_be_one(one, other, alike):
-    assert Measure.told(one).may_be(Measure.told(other)) is alike
-    assert Measure.told(other).may_be(Measure.told(one)) is alike
+    assert Measure.of_text(one).may_be(Measure.of_text(other)) is alike
+    assert Measure.of_text(other).may_be(Measure.of_text(one)) is alike
 
 
 def test_units_of_two_spellings_are_one():
-    gal, cm = Measure.told("PGA (gal)"), Measure.told("PGA (cm/s2)")
+    gal, cm = Measure.of_text("PGA (gal)"), Measure.of_text("PGA (cm/s2)")
     assert gal.is_in_unit_of(cm)
-    assert not gal.is_in_unit_of(Measure.told("PGA (g)"))
-    assert not gal.is_in_unit_of(Measure.told("PGA"))
+    assert not gal.is_in_unit_of(Measure.of_text("PGA (g)"))
+    assert not gal.is_in_unit_of(Measure.of_text("PGA"))
     assert known_unit("inches") == "" == known_unit("g/10")
     assert set(units_like("cm/s")) == {"m/s", "cm/s"}
     spectral = Measure.spectral_acceleration(0.87, "s")
-    assert Measure.told(str(spectral)) == spectral
+    assert Measure.of_text(str(spectral)) == spectral

@@ -239,10 +239,14 @@ def test_an_intensity_is_the_hazard_s_up_to_a_factor(found):
         assert HAZARD.annual_rate_of(drawn, gap=1.0).value == same
     weights = STRONGER.weights(found["pga"], drawn_from=jp.LogNormal(1.0, 2.0))
     assert type(weights.mean()) is np.float64
-    weighted = found.weighted(2 * weights)
+    weighted = found.weighted(weights)
     assert STRONGER.annual_rate_of(weighted, gap=1.0).value > 0
     with pytest.raises(ValueError, match="intensities of the study must be drawn"):
         HAZARD.annual_rate_of(weighted, gap=1.0)
+    # What is computed from weights is not this hazard's, of a study that it has drawn neither.
+    for curve, other in ((STRONGER, weights**2), (HAZARD, np.arange(1.0, len(found) + 1))):
+        with pytest.raises(ValueError, match="intensities of the study must be drawn"):
+            curve.annual_rate_of(found.weighted(other), gap=1.0)
 
 
 def with_capacity(found, columns):
