@@ -2,8 +2,8 @@
 
 python benchmarks/rare_events.py [REPEATS]
 
-The case is that of ``tests/risk``: the paper's structures in filtered white noise of 500 numbers,
-whose probabilities are known from independent runs.
+The case is that of ``tests/reliability``: the paper's structures in filtered white noise of 500
+numbers, whose probabilities are known from independent runs.
 """
 
 import dataclasses
@@ -19,8 +19,8 @@ jax.config.update("jax_enable_x64", True)
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxpound as jp  # noqa: E402
-from jaxpound.risk.run import event_of  # noqa: E402
-from tests.risk import case_w  # noqa: E402
+from jaxpound.reliability.run import event_of  # noqa: E402
+from tests.reliability import case_w  # noqa: E402
 
 TARGET, AT, WITHIN = 1e-7, 0.3075, 0.003
 

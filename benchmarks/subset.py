@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtri
 
 import jaxpound as jp
-from jaxpound.risk.subset import simulated
+from jaxpound.reliability.subset import simulated
 
 GRID = jp.TimeGrid.until(20.0, 0.04)
 SIZE = 20  # repeats of a study

@@ -84,7 +84,7 @@ nitpick_ignore_regex = [
         r"(collections|concurrent|jax|jaxlib|jaxtyping|matplotlib|numpy|optax|os|pandas|pathlib"
         r"|typing)\..*",
     ),
-    ("py:class", "ArrayLike|Axes|GradientTransformation|PathLike|ndarray"),
+    ("py:class", r"ArrayLike|Axes|GradientTransformation|PathLike|(np\.)?ndarray"),
     ("py:class", r"'[\w ]+'"),  # shapes of arrays
     # What only the package's own code meets, and unions with names of their own.
     (

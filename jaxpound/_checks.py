@@ -1,7 +1,7 @@
-"""Rules for input, stated once and applied twice.
+"""Rules for input, written once for concrete and for traced values.
 
-A known value that breaks a rule raises a ``ValueError``; for a traced one (under ``jit``, ``vmap``
-or ``grad``) the rule becomes a traced flag that turns every result into NaN.
+A concrete value that breaks a rule raises ``InvalidInput``, a ``ValueError``; for a traced one
+(under ``jit``, ``vmap`` or ``grad``) the rule is a traced flag that turns every result into NaN.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import all_leaves
 
+from jaxpound._errors import InvalidInput
+
 
 class Rule(NamedTuple):
     """``holds`` is a boolean (array) of the value's shape; ``says`` completes 'must be ...'."""
@@ -33,10 +35,7 @@ class Rule(NamedTuple):
 
 
 class Range(NamedTuple):
-    """Range of a number in SI that some building has: beyond it a unit is wrong.
-
-    From ``low`` to ``high``; with its unit and the reason, which end the message.
-    """
+    """Range of a number in SI that covers all buildings; ``why``, a reason, ends the message."""
 
     low: float
     high: float
@@ -51,32 +50,33 @@ class Range(NamedTuple):
         """Completes 'must be'."""
         if not self.why:
             return f"from {self.low} to {self.high}"
-        return f"between {self.told(f'{self.low:g} and {self.high:g}')} ({self.why})"
+        return f"between {self.with_unit(f'{self.low:g} and {self.high:g}')} ({self.why})"
 
-    def told(self, number: str) -> str:
+    def with_unit(self, number: str) -> str:
         """A number with its unit, if it has one."""
         return f"{number} {self.unit}" if self.unit else number
 
     def of(self, name: str, value: Any) -> Rule:
-        """The rule that numbers are in the range, those of an array too."""
+        """The rule that a number, or every number of an array, is in the range."""
         return Rule(name, value, (value >= self.low) & (value <= self.high), self.rule)
 
     def require(self, place: str, value: Any) -> None:
-        """A ``ValueError`` for a number outside the range; ``place`` says where it stands."""
+        """An ``InvalidInput``, named by ``place``, for a number outside the range."""
         if (number := float(value)) not in self:
-            raise ValueError(f"{place} = {self.told(f'{number:.6g}')} must be {self.rule}")
+            shown = self.with_unit(f"{number:.6g}")
+            raise InvalidInput("", place, shown, f"must be {self.rule}")
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether any leaf of ``tree`` is known only when the compiled program runs."""
+    """Whether any leaf of ``tree`` is a tracer, without a value until the compiled program runs."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def real(owner: str, name: str, value: Any) -> Any:
-    """``value`` as floating-point numbers if it is real or traced; else a ``ValueError``.
+    """``value`` as floating-point numbers if it is real or traced; else an ``InvalidInput``.
 
-    Floats keep their precision. Integers become floats, which do not overflow and have gradients;
-    lists and arrays that JAX cannot take (of another byte order, say) become NumPy arrays.
+    Floats keep their precision; integers become floats, which do not overflow and have gradients.
+    Lists, and arrays that JAX refuses (of another byte order, say), become NumPy arrays.
     """
     if isinstance(value, jax.core.Tracer):
         return value
@@ -86,11 +86,11 @@ def real(owner: str, name: str, value: Any) -> Any:
         value = float(value) if type(value) is int else value
         array = np.asarray(value)
     except Exception as error:
-        shown = reprlib.repr(value)
-        raise ValueError(f"{owner}: {name} = {shown} is not a number ({error})") from error
+        rule = f"is not a number ({error})"
+        raise InvalidInput(owner, name, reprlib.repr(value), rule) from error
     if array.dtype.kind not in "fiu":
         none = " (0 stands for none)" if value is None and name.startswith("friction") else ""
-        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be a real number{none}")
+        raise InvalidInput(owner, name, reprlib.repr(value), f"must be a real number{none}")
     if isinstance(value, jax.Array):
         return value if array.dtype.kind == "f" else value.astype(float)
     if isinstance(value, float):
@@ -101,67 +101,58 @@ def real(owner: str, name: str, value: Any) -> Any:
 
 
 def number(owner: str, name: str, value: Any) -> Any:
-    """``real`` of a single number; a ``ValueError`` for an array."""
+    """``real`` of a single number; an ``InvalidInput`` for an array."""
     value = real(owner, name, value)
     if jnp.ndim(value):
-        raise ValueError(f"{owner}: {name} of shape {jnp.shape(value)} must be one number")
+        raise InvalidInput(owner, name, "", f"of shape {jnp.shape(value)} must be one number")
     return value
 
 
 def is_whole(value: Any) -> bool:
-    """Whether a value is a known whole number, or an array of a single one; no truth value."""
+    """Whether a value is a concrete integer, or an array of shape () that holds one; no bool."""
     if isinstance(value, np.ndarray | jax.Array):
         return not is_traced(value) and value.ndim == 0 and jnp.issubdtype(value.dtype, np.integer)
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def count(owner: str, name: str, value: Any) -> int:
-    """``value`` as an integer; a ``ValueError`` if it is not a positive whole number."""
+    """``value`` as an integer; an ``InvalidInput`` if it is not a positive whole number."""
     if not (is_whole(value) and value >= 1):
-        raise ValueError(f"{owner}: {name} = {value!r} must be a positive whole number")
+        raise InvalidInput(owner, name, repr(value), "must be a positive whole number")
     return int(value)
 
 
 def seed(owner: str, name: str, value: Any) -> int:
-    """``value`` as a seed; a ``ValueError`` if it is not a whole number from 0 to 2^32 − 1."""
+    """``value`` as a seed; an ``InvalidInput`` if it is not a whole number from 0 to 2^32 − 1."""
     if not (is_whole(value) and 0 <= value < 2**32):
-        rule = "a whole number from 0 to 2^32 - 1"
-        raise ValueError(f"{owner}: {name} = {value!r} must be {rule}")
+        raise InvalidInput(owner, name, repr(value), "must be a whole number from 0 to 2^32 - 1")
     return int(value)
 
 
 def require_memory(owner: str, name: str, value: int, size: int) -> None:
-    """A ``ValueError`` if ``value`` items need more memory than this machine can give.
-
-    ``size`` is a lower bound in bytes, estimated before anything is allocated. The program itself
-    needs memory too, so that only a fraction of the machine's is allowed.
-    """
+    """An ``InvalidInput`` if ``value`` items of together ``size`` bytes or more do not fit."""
     memory = machine_memory()
     if size > _MOST_MEMORY * memory:
         shown = f"{value:,}" if value < 10**15 else f"{Decimal(value):.3g}"
         rule = f"would take {_in_bytes(size)} of memory; this machine has {_in_bytes(memory)}"
-        raise ValueError(f"{owner}: {name} = {shown} {rule}")
+        raise InvalidInput(owner, name, shown, rule)
 
 
 def machine_memory() -> int:
-    """Bytes of memory of this machine, or of the part of it that this process may use.
-
-    Where the system does not report it, more than any machine has, so that nothing is refused.
-    """
-    known = [_MORE_THAN_ANY]
+    """Bytes of memory that this process may use, or very many if it is not reported."""
+    sizes = [2**60]
     with contextlib.suppress(AttributeError, ValueError, OSError):
-        known.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+        sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for limit in _CONTAINER_LIMITS:
         with contextlib.suppress(ValueError, OSError):  # "max", or no such file
-            known.append(int(Path(limit).read_text()))
-    return min(x for x in known if x > 0)
+            sizes.append(int(Path(limit).read_text()))
+    return min(x for x in sizes if x > 0)
 
 
-_MOST_MEMORY = 0.8
-_MORE_THAN_ANY = 2**60
-_CONTAINER_LIMITS = (
+_MOST_MEMORY = 0.8  # share of the machine's: the program itself needs the rest
+_CONTAINER_LIMITS = (  # of Linux, and its older interface
     "/sys/fs/cgroup/memory.max",
-    "/sys/fs/cgroup/memory/memory.limit_in_bytes",  # the older interface of Linux
+    "/sys/fs/cgroup/memory/memory.limit_in_bytes",
 )
 
 
@@ -173,7 +164,7 @@ def _in_bytes(size: int) -> str:
 
 
 def require_share(owner: str, name: str, value: Any) -> None:
-    """A ``ValueError`` for a number that is not between 0 and 1."""
+    """An ``InvalidInput`` for a number that is not between 0 and 1."""
     value = number(owner, name, value)
     enforce(owner, [Rule(name, value, (value > 0) & (value < 1), "between 0 and 1")])
 
@@ -191,7 +182,7 @@ def hint(word: Any, allowed: Iterable[str]) -> str:
 
 
 def refusal(call: Callable[[], Any]) -> str:
-    """Message of the error that a call with known values raises; empty if it raises none."""
+    """Message of the error that a call with concrete values raises; empty if it raises none."""
     try:
         call()
     except (ValueError, FloatingPointError) as error:
@@ -200,12 +191,17 @@ def refusal(call: Callable[[], Any]) -> str:
 
 
 def positive(owner: str, **values: Any) -> list[Any]:
-    """``real`` of each value; a ``ValueError`` for a known one that is not positive and finite."""
+    """``real`` of each value; an error for a concrete one that is not positive and finite."""
     return _numbers(owner, values, lambda x: x > 0, "positive and finite")
 
 
+def positive_number(owner: str, **values: Any) -> list[Any]:
+    """``positive`` of values each of which must be one number."""
+    return positive(owner, **{name: number(owner, name, x) for name, x in values.items()})
+
+
 def not_negative(owner: str, **values: Any) -> list[Any]:
-    """``real`` of each value; a ``ValueError`` for a known one that is negative or not finite."""
+    """``real`` of each value; an error for a concrete one that is negative or not finite."""
     return _numbers(owner, values, lambda x: x >= 0, "finite and not negative")
 
 
@@ -214,57 +210,56 @@ def _numbers(
 ) -> list[Any]:
     numbers = {name: real(owner, name, value) for name, value in values.items()}
     enforce(owner, [Rule(name, x, holds(x) & finite(x), says) for name, x in numbers.items()])
-    return list(numbers.values())
+    return [*numbers.values()]
 
 
-def one_batch(owner: str, **values: Any) -> None:
-    """A ``ValueError`` for arrays whose shapes do not broadcast to one batch."""
+def require_batch(owner: str, **values: Any) -> None:
+    """An ``InvalidInput`` for arrays whose shapes do not broadcast."""
     shapes = {name: jnp.shape(value) for name, value in values.items()}
     try:
         np.broadcast_shapes(*shapes.values())
     except ValueError:
         listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise ValueError(f"{owner}: the shapes of {listed} must make one batch") from None
+        raise InvalidInput(owner, "", "", f"the shapes of {listed} must make one batch") from None
 
 
 def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
-    """A ``ValueError`` for an object of another type."""
-    # A class has the methods that a protocol asks for, too.
+    """An ``InvalidInput`` for an object of another type."""
+    # A class has the methods of a protocol, too.
     if isinstance(value, type) or not isinstance(value, kinds):
-        wanted = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
-        rule = f"of type {wanted}{instead(value, wanted)}"
-        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be {rule}")
+        types = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
+        rule = f"must be of type {types}{instead(value, types)}"
+        raise InvalidInput(owner, name, reprlib.repr(value), rule)
 
 
-_WANTED_BY = {
-    "Building": "simulate_buildings takes two of them, and dimensionless makes structures of them",
-    "ShearBuilding": "simulate_row takes them, and dimensionless_row makes structures of them",
+_MAKES_STRUCTURES = "Buildings((left, right), links) makes structures of them"
+_TAKEN_BY = {
+    "Building": f"simulate_buildings takes two of them, and {_MAKES_STRUCTURES}",
+    "ShearBuilding": f"simulate_row takes them, and {_MAKES_STRUCTURES}",
+    "Buildings": "simulate and demand take it whole; its field buildings has each building",
     **dict.fromkeys(
         ("AdjacentStructures", "Row", "Storeys", "System"),
         "simulate and demand take dimensionless structures",
     ),
 }
-"""Which functions want what other ones are given by mistake."""
+"""The right function for objects that users pass to the wrong one, by the object's class."""
 
 
-def instead(value: Any, wanted: str) -> str:
-    """Ends a message on a wrong object: the function that wants it; empty if none is known.
-
-    ``wanted`` has the names of the types that are right; a file name stands for a ``Record``.
-    """
-    if re.search(r"\bRecord\b", wanted) and isinstance(value, str | os.PathLike):
+def instead(value: Any, types: str) -> str:
+    """Ends a message on a wrong object, in the place of ``types``: the function that takes it."""
+    if re.search(r"\bRecord\b", types) and isinstance(value, str | os.PathLike):
         return "; read_record reads one from a file"
     first = value[0] if isinstance(value, tuple | list) and value else value
-    function = _WANTED_BY.get(type(first).__name__)
+    function = _TAKEN_BY.get(type(first).__name__)
     return f"; {function}" if function else ""
 
 
 def pytree(owner: str, name: str, value: Any) -> None:
-    """A ``ValueError`` for an object whose numbers JAX would not find."""
+    """An ``InvalidInput`` for an object that is no pytree: JAX would not see its numbers."""
     if all_leaves([value]):
-        rule = "be a pytree: put @jax.tree_util.register_dataclass and then"
-        rule += " @dataclasses.dataclass(frozen=True) before its class"
-        raise ValueError(f"{owner}: {name} of type {type(value).__name__} must {rule}")
+        both = "@jax.tree_util.register_dataclass and then @dataclasses.dataclass(frozen=True)"
+        rule = f"of type {type(value).__name__} must be a pytree: put {both} before its class"
+        raise InvalidInput(owner, name, "", rule)
 
 
 def require_folder(path: str | os.PathLike[str]) -> None:
@@ -280,13 +275,13 @@ def finite(x: Any) -> Any:
 
 
 def enforce(owner: str, rules: Iterable[Rule]) -> None:
-    """Raise for the first rule that a known value breaks, naming argument, value and rule."""
+    """An ``InvalidInput`` for the first rule that a concrete value breaks."""
     for rule in rules:
         if is_traced((rule.value, rule.holds)):
             continue
         holds = np.asarray(rule.holds)
         if not holds.all():
-            raise ValueError(f"{owner}: {rule.name} = {_culprit(rule)} must be {rule.says}")
+            raise InvalidInput(owner, rule.name, _first_invalid(rule), f"must be {rule.says}")
 
 
 def all_hold(rules: Iterable[Rule]) -> jax.Array:
@@ -297,7 +292,8 @@ def all_hold(rules: Iterable[Rule]) -> jax.Array:
     return flag
 
 
-def _culprit(rule: Rule) -> str:
+def _first_invalid(rule: Rule) -> str:
+    """The first number that breaks a rule, with its index in an array."""
     value, holds = np.broadcast_arrays(rule.value, rule.holds)
     if value.ndim == 0:
         return f"{value.item():.8g}"

@@ -1,9 +1,8 @@
 """Maximum and minimum of two numbers, with a derivative that survives compilation.
 
-``jnp.maximum`` and ``jnp.max`` find the branch of their derivative by comparing the result with the
-operands. A compiled program may evaluate an operand twice, rounded differently; it then equals
-neither, and the derivative is lost as a zero, or as 0/0. Here comparing the operands with each
-other selects the branch, for the value and the derivative alike.
+``jnp.maximum`` and ``jnp.max`` differentiate by comparing the result with the operands. A compiled
+program may round an operand twice, differently; the derivative then becomes 0 or 0/0. These
+functions compare the operands with each other, for value and derivative alike.
 """
 
 from __future__ import annotations

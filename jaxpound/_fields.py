@@ -1,47 +1,48 @@
 """Frozen dataclasses that JAX can trace, batch and differentiate, with metadata at fields.
 
 A ``parameter`` field states its admissible values, kind of quantity and symbol; a ``quantity``, a
-field of a result, its kind and its name in words. Rules, units, labels and columns are read from
-these metadata: ``rules``, ``walk``.
+field of a result, its kind and its name in words. ``rules`` and ``walk`` read these metadata.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import reprlib
 from collections.abc import Callable, Iterator
 from types import NoneType
 from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
 import jax.numpy as jnp
-import numpy as np
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
 from jaxpound._checks import Range, Rule, enforce, finite, instance, is_traced, number, pytree, real
+from jaxpound._tables import dataclass_repr
 
 T = TypeVar("T")
 
-_ROLE, _KNOWN = "jaxpound_role", "jaxpound_known"
+_ROLE, _SPEC = "jaxpound_role", "jaxpound_spec"
 
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """Metadata of a parameter: admissible values, kind of quantity, symbol and name."""
+    """Metadata of a parameter: admissible values, kind of quantity, symbol and name.
 
-    symbol: str
-    kind: str | None
-    words: str
-    above: float | str | None
-    least: float | str | None
-    most: float | None
-    finite: bool
-    why: str
-    single: bool
-    """Whether it must be one number, not an array."""
-    usual: tuple[float, float] | None
-    """Its usual range."""
-    within: Range | None
-    """Its range in SI, of buildings of every size."""
+    Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or the name of an earlier
+    field of the object; its upper bound is ``most``; ``why``, a reason, ends the error message.
+    ``single`` refuses arrays. ``usual`` is its usual range, that of a slider, ``within`` its range
+    in SI, of buildings of every size (``ranges``).
+    """
+
+    symbol: str = ""
+    kind: str | None = None
+    words: str = ""
+    above: float | str | None = None
+    least: float | str | None = None
+    most: float | None = None
+    finite: bool = True
+    why: str = ""
+    single: bool = False
+    usual: tuple[float, float] | None = None
+    within: Range | None = None
 
     @property
     def low(self) -> float | str | None:
@@ -61,16 +62,18 @@ class Parameter:
             holds = holds & (value >= low if self.above is None else value > low)
         if self.most is not None:
             holds = holds & (value <= self.most)
-        return Rule(name, value, holds, self._says(low) + (f" ({self.why})" if self.why else ""))
+        return Rule(name, value, holds, self._bounds(low) + (f" ({self.why})" if self.why else ""))
 
-    def _says(self, low: Any) -> str:
+    def _bounds(self, low: Any) -> str:
         """Completes 'must be'."""
         if self.most is not None:
             inside = f"in ({low:g}, {self.most:g}]"
             return f"between {low:g} and {self.most:g}" if self.above is None else inside
         words = ["finite"] if self.finite else []
         if isinstance(self.low, str):
-            words.append(f"{'at least' if self.above is None else 'above'} {self.low}{_shown(low)}")
+            relation = "at least" if self.above is None else "above"
+            is_number = not is_traced(low) and jnp.ndim(low) == 0
+            words.append(f"{relation} {self.low}" + (f" = {float(low):.8g}" if is_number else ""))
         elif self.above is not None:
             words.insert(0, "positive")
         elif self.least is not None:
@@ -79,10 +82,12 @@ class Parameter:
 
 
 class Quantity(NamedTuple):
-    """What is known of a number in a result.
+    """Metadata of a number in a result.
 
-    ``words``, ``column`` and ``symbol`` are its name in a sentence, in a table and in a figure,
-    with braces for the number, from 1, of the mass, rod or link that it belongs to.
+    ``words``, ``column`` and ``symbol`` name it in a sentence, in a table and in a figure; braces
+    stand for the number, from 1, of the mass, rod or link that it belongs to. Tables list lower
+    ranks first. A design may be limited in it, or pay for it, if ``limited``. Elements may have it
+    ``only`` if they are links with "contact", or rods that are a "storey" between two masses.
     """
 
     kind: str | None
@@ -90,19 +95,15 @@ class Quantity(NamedTuple):
     column: str = ""
     symbol: str = ""
     rank: int = 0
-    """Where tables have it: those of lower rank come first."""
     limited: bool = False
-    """Whether a design may be limited in it, or pay for it."""
     only: str = ""
-    """Which elements have it if not all do: links with a law of "contact", rods that are a "storey"
-    between two masses."""
 
     def of(self, number: str) -> Quantity:
-        """The same, with the number in its names; names without braces are those of links."""
+        """The same with the number in its names; a name without braces is that of a link."""
 
         def numbered(name: str) -> str:
-            own = f"{name} of link {number}" if name else ""
-            return name.replace("{}", number) if "{}" in name else own
+            with_link = f"{name} of link {number}" if name else ""
+            return name.replace("{}", number) if "{}" in name else with_link
 
         return self._replace(words=numbered(self.words), symbol=numbered(self.symbol))
 
@@ -112,39 +113,21 @@ def parameter(
     kind: str | None = None,
     words: str = "",
     *,
-    above: float | str | None = None,
-    least: float | str | None = None,
-    most: float | None = None,
-    finite: bool = True,
-    why: str = "",
     each: bool = False,
-    single: bool = False,
-    usual: tuple[float, float] | None = None,
-    within: Range | None = None,
-    **kwargs: Any,
+    default: Any = dataclasses.MISSING,
+    **rules: Any,
 ) -> Any:
-    """A field that is a parameter: a real number or array, traced and differentiated.
-
-    Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or an earlier field of the
-    object by name; its upper bound is ``most``. It is ``finite`` unless said otherwise. ``why`` is
-    the reason that ends the error message. ``each`` makes it a tuple of such numbers, ``single``
-    refuses arrays. ``usual`` is the range of a slider, ``within`` that of the number in SI
-    (``ranges``).
-    """
-    known = Parameter(symbol, kind, words, above, least, most, finite, why, single, usual, within)
-    return dataclasses.field(metadata={_KNOWN: known, "each": each}, **kwargs)
+    """A field that is a ``Parameter``, traced and differentiated; ``each``: a tuple of them."""
+    spec = Parameter(symbol, kind, words, **rules)
+    return dataclasses.field(metadata={_SPEC: spec, "each": each}, default=default)
 
 
 def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> Any:
-    """A field that is the same parameter, or holds the same part, as a field of another class.
-
-    ``within`` is its range where the object is in SI.
-    """
-    (field,) = (f for f in dataclasses.fields(cls) if f.name == name)
-    if within is None:
-        return dataclasses.field(metadata=field.metadata, **kwargs)
-    known = dataclasses.replace(field.metadata[_KNOWN], within=within)
-    return dataclasses.field(metadata={**field.metadata, _KNOWN: known}, **kwargs)
+    """A field that is the same parameter or part as that of another class, perhaps in a range."""
+    (metadata,) = (dict(f.metadata) for f in dataclasses.fields(cls) if f.name == name)
+    if within is not None:
+        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], within=within)
+    return dataclasses.field(metadata=metadata, **kwargs)
 
 
 def quantity(
@@ -152,21 +135,20 @@ def quantity(
     words: str = "",
     column: str = "",
     symbol: str = "",
-    rank: int = 0,
-    limited: bool = False,
-    only: str = "",
-    **kwargs: Any,
+    *,
+    default: Any = dataclasses.MISSING,
+    **more: Any,
 ) -> Any:
     """A field that is a number or series of a result; as ``Quantity`` (kind None: a number)."""
-    known = Quantity(kind, words, column, symbol, rank, limited, only)
-    return dataclasses.field(metadata={_KNOWN: known}, **kwargs)
+    spec = Quantity(kind, words, column, symbol, **more)
+    return dataclasses.field(metadata={_SPEC: spec}, default=default)
 
 
 def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) -> Any:
-    """A field that holds an object of one of the kinds, or a pytree of objects if none is given.
+    """A field that holds an object of one of the kinds, or without kinds a pytree of objects.
 
-    A kind may be a protocol; ``NoneType`` makes the part one that may be missing. ``each`` makes it
-    a tuple of such objects. ``traced`` refuses objects of the user's own that are no pytrees.
+    A kind may be a protocol; ``NoneType`` makes the part optional. ``each`` makes it a tuple of
+    such objects. ``traced`` refuses user-defined objects that are no pytrees.
     """
     metadata = {_ROLE: "part", "kinds": kinds, "each": each, "traced": traced}
     return dataclasses.field(metadata=metadata, **kwargs)
@@ -190,16 +172,13 @@ def label(*, default: Any) -> Any:
 def pytree_dataclass(cls: type[T]) -> type[T]:
     """Make ``cls`` a frozen dataclass and a pytree whose fields are its children.
 
-    Where ``cls`` has no ``__post_init__`` of its own, the object is checked as it is made
-    (``check``). Its ``__repr__`` is that of a dataclass, but shortened where it is long.
-
-    JAX rebuilds objects with cotangents, axis numbers or tracers in the place of numbers, and those
-    must not be judged as parameters: rebuilding therefore bypasses ``__init__`` and its checks.
+    Unless ``cls`` defines ``__post_init__``, ``check`` checks each new object. JAX rebuilds objects
+    with cotangents, axis numbers or tracers in the place of numbers: rebuilding makes no checks.
     """
     if "__post_init__" not in vars(cls):
         cls.__post_init__ = check  # type: ignore[attr-defined]
     if "__repr__" not in vars(cls):
-        cls.__repr__ = _shown_object  # type: ignore[method-assign]
+        cls.__repr__ = dataclass_repr  # type: ignore[method-assign]
     data_cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
     fields = dataclasses.fields(data_cls)  # type: ignore[arg-type]
     labels = {f.name: f.default for f in fields if f.metadata.get(_ROLE) == "label"}
@@ -215,14 +194,14 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
 
     def unflatten(aux: tuple[Any, ...], children: Any) -> T:
         fields = zip((*data, *statics), (*children, *aux), strict=True)
-        return assembled(data_cls, **dict(fields), **labels)
+        return unchecked(data_cls, **dict(fields), **labels)
 
     register_pytree_with_keys(data_cls, flatten_with_keys, unflatten, flatten)
     return data_cls
 
 
-def assembled(cls: type[T], **fields: Any) -> T:
-    """An object of ``cls`` from values that have been checked already: it is not checked again."""
+def unchecked(cls: type[T], **fields: Any) -> T:
+    """An object of ``cls`` without ``__init__`` and its checks, from values that need none."""
     obj = object.__new__(cls)
     for name, value in fields.items():
         object.__setattr__(obj, name, value)
@@ -230,128 +209,81 @@ def assembled(cls: type[T], **fields: Any) -> T:
 
 
 def check(obj: Any) -> None:
-    """Convert an object's parameters to numbers, and refuse known ones that break their rules.
-
-    Raises
-    ------
-    ValueError
-        For a parameter that is no real number or breaks its rule, and a part of another type or,
-        where it must be one, no pytree.
-    """
+    """Convert parameters to numbers; an ``InvalidInput`` for a field that breaks its rule."""
     owner = type(obj).__name__
     for field in dataclasses.fields(obj):
-        known, value = field.metadata.get(_KNOWN), getattr(obj, field.name)
-        if isinstance(known, Parameter):
-            as_number = number if known.single else real
-            numbers = [as_number(owner, *entry) for entry in _entries(field, value)]
-            object.__setattr__(
-                obj, field.name, tuple(numbers) if field.metadata["each"] else numbers[0]
-            )
+        spec, value = field.metadata.get(_SPEC), getattr(obj, field.name)
+        if isinstance(spec, Parameter):
+            as_number = number if spec.single else real
+            numbers = tuple(as_number(owner, *entry) for entry in _entries(field, value))
+            object.__setattr__(obj, field.name, numbers if field.metadata["each"] else numbers[0])
         elif kinds := field.metadata.get("kinds"):
             for name, item in _entries(field, value):
                 instance(owner, name, item, *kinds)
                 if field.metadata["traced"]:
                     pytree(owner, name, item)
-    enforce(owner, _own_rules(obj, ""))
+    enforce(owner, _rules_of(obj, ""))
 
 
 def ranges(tree: Any, prefix: str = "") -> list[Rule]:
-    """The rules that parameters of a tree of our objects in SI are in their ranges."""
-    known = walk(tree, Parameter, prefix)
-    return [about.within.of(path, value) for path, about, value in known if about.within]
+    """The rules that parameters of objects in SI are in their ranges."""
+    parameters = walk(tree, Parameter, prefix)
+    return [spec.within.of(path, value) for path, spec, value in parameters if spec.within]
 
 
 class Checked:
-    """A dataclass, not for JAX to trace, whose parameters are checked as it is made."""
+    """A dataclass that is no pytree, whose parameters are checked as it is made."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if "__repr__" not in vars(cls):
-            cls.__repr__ = _shown_object  # type: ignore[method-assign]
+            cls.__repr__ = dataclass_repr  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
         check(self)
 
 
 def rules(tree: Any, prefix: str = "") -> list[Rule]:
-    """The rules of all parameters in a tree of our objects, each by its path from the root."""
-    found: list[Rule] = []
-    for path, obj in _objects(tree, prefix):
-        found += _own_rules(obj, path)
-    return found
+    """The rules of all parameters in a tree of dataclasses, named by their paths from the root."""
+    return [rule for path, obj in _objects(tree, prefix) for rule in _rules_of(obj, path)]
 
 
 def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Path, metadata (``Parameter`` or ``Quantity``) and value of all fields of that kind.
 
-    ``tree`` may be a class: then values are None, ``*`` stands for the index of an entry, and what
-    is in a part that may be missing is not known.
+    ``tree`` may be a class: then values are None, ``*`` stands for the index of an entry, and
+    optional parts are left out.
     """
     for path, obj in _objects(tree, prefix):
         for field in dataclasses.fields(obj):
-            known = field.metadata.get(_KNOWN)
-            if isinstance(known, kind):
-                for name, value in _entries(field, _value(obj, field)):
-                    yield path + name, known, value
+            spec = field.metadata.get(_SPEC)
+            if isinstance(spec, kind):
+                value = None if isinstance(obj, type) else getattr(obj, field.name)
+                for name, entry in _entries(field, value):
+                    yield path + name, spec, entry
 
 
 def quantities(cls: type) -> dict[str, Quantity]:
     """The quantities of a class of results, by field."""
     return {
-        field.name: field.metadata[_KNOWN]
+        field.name: field.metadata[_SPEC]
         for field in dataclasses.fields(cls)
-        if isinstance(field.metadata.get(_KNOWN), Quantity)
+        if isinstance(field.metadata.get(_SPEC), Quantity)
     }
 
 
 def converted(tree: Any, convert: Callable[[Quantity, Any], Any]) -> Any:
-    """A tree of our objects with each quantity that is not None replaced by ``convert``."""
+    """A tree of dataclasses with each quantity that is not None replaced by ``convert``."""
     if isinstance(tree, tuple):
         return tuple(converted(item, convert) for item in tree)
     changes = {}
     for field in dataclasses.fields(tree):
-        known, value = field.metadata.get(_KNOWN), getattr(tree, field.name)
-        if isinstance(known, Quantity) and value is not None:
-            changes[field.name] = convert(known, value)
+        spec, value = field.metadata.get(_SPEC), getattr(tree, field.name)
+        if isinstance(spec, Quantity) and value is not None:
+            changes[field.name] = convert(spec, value)
         elif field.metadata.get(_ROLE) == "part" and value is not None:
             changes[field.name] = converted(value, convert)
     return dataclasses.replace(tree, **changes)
-
-
-_LONGEST = 800
-"""Characters of an object's representation, about ten lines of a terminal; longer ones leave out
-entries of tuples and digits of numbers."""
-
-
-def _shown_object(obj: Any) -> str:
-    """``__repr__`` of a dataclass."""
-    found = _fields_shown(obj, _in_full)
-    return found if len(found) <= _LONGEST else _in_short(obj)
-
-
-def _fields_shown(obj: Any, show: Callable[[Any], str]) -> str:
-    shown = (f"{field.name}={show(getattr(obj, field.name))}" for field in dataclasses.fields(obj))
-    return f"{type(obj).__qualname__}({', '.join(shown)})"
-
-
-def _in_full(value: Any) -> str:
-    """``repr`` of a value, where NumPy's numbers are written as Python's are."""
-    if type(value) is tuple:
-        return f"({', '.join(map(_in_full, value))}{',' if len(value) == 1 else ''})"
-    return str(value) if isinstance(value, np.number) else repr(value)
-
-
-def _in_short(value: Any) -> str:
-    """A value with the first and last entries of its tuples, and six digits of its numbers."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _fields_shown(value, _in_short)
-    if isinstance(value, tuple) and value:
-        first, *others = map(_in_short, (value[0], *value[1:][-1:]))
-        between = [f"<{len(value) - 2} more>"] if len(value) > 2 else []
-        return f"({', '.join([first, *between, *others])}{'' if others else ','})"
-    if isinstance(value, float | np.floating):
-        return f"{float(value):.6g}"
-    return reprlib.repr(value)
 
 
 def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
@@ -361,7 +293,7 @@ def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
             yield from _objects(item, f"{prefix}{i}.")
     elif dataclasses.is_dataclass(tree):
         for field in dataclasses.fields(tree):
-            if field.metadata.get(_ROLE, "part") == "part" and _KNOWN not in field.metadata:
+            if field.metadata.get(_ROLE, "part") == "part" and _SPEC not in field.metadata:
                 if not isinstance(tree, type):
                     yield from _objects(getattr(tree, field.name), f"{prefix}{field.name}.")
                     continue
@@ -372,29 +304,21 @@ def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
         yield prefix, tree
 
 
-def _value(obj: Any, field: dataclasses.Field[Any]) -> Any:
-    return None if isinstance(obj, type) else getattr(obj, field.name)
-
-
 def _entries(field: dataclasses.Field[Any], value: Any) -> list[tuple[str, Any]]:
-    """What a field holds, by name: its value, or each entry of its tuple."""
+    """The value of a field by its name, or each entry of a tuple by ``name.index``."""
     if not field.metadata.get("each"):
         return [(field.name, value)]
     entries = [("*", None)] if value is None else enumerate(value)
     return [(f"{field.name}.{i}", x) for i, x in entries]
 
 
-def _own_rules(obj: Any, prefix: str) -> list[Rule]:
-    """The rules of an object's own parameters, and those that it states itself (``more_rules``)."""
-    found = [
-        known.rule(obj, prefix + name, value)
+def _rules_of(obj: Any, prefix: str) -> list[Rule]:
+    """The rules of an object's parameters, without those of its parts, and its ``more_rules``."""
+    field_rules = [
+        spec.rule(obj, prefix + name, value)
         for field in dataclasses.fields(obj)
-        if isinstance(known := field.metadata.get(_KNOWN), Parameter)
+        if isinstance(spec := field.metadata.get(_SPEC), Parameter)
         for name, value in _entries(field, getattr(obj, field.name))
     ]
     more = getattr(obj, "more_rules", None)
-    return found if more is None else [*found, *more(prefix)]
-
-
-def _shown(value: Any) -> str:
-    return f" = {float(value):.8g}" if not is_traced(value) and jnp.ndim(value) == 0 else ""
+    return field_rules if more is None else [*field_rules, *more(prefix)]

@@ -1,9 +1,9 @@
 """Ending a process at a signal: at once, with one line on stderr and no half-written file.
 
-Python's own way is to raise ``KeyboardInterrupt`` wherever it happens to be. Where JAX's libraries
-are being loaded and in what XLA has just compiled, that ends in a segmentation fault; in a callback
-of the garbage collector it is swallowed, and the program runs on. Nor is it raised before a
-compilation is over. The command line therefore raises nothing: a thread waits for the signal.
+Python raises ``KeyboardInterrupt`` wherever the main thread happens to be. While JAX's libraries
+are loaded, or in code that XLA has just compiled, that ends in a segmentation fault; a callback of
+the garbage collector swallows it; and no compilation is interrupted. The command line therefore
+raises nothing: a thread waits for the signal.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 import threading
 from functools import partial
 
-TYPE_CHECKING = False  # as in the package's root: nothing is imported before signals are heeded
+TYPE_CHECKING = False  # nothing is imported before signals are handled
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 _SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _PATIENCE = 5.0  # seconds for files that are being written
-_READER = 1.0  # seconds for whoever reads the screen's text
+_READER = 1.0  # seconds for the process that reads stdout
 
-_kept: Callable[[], str] = partial(str, "nothing was written")
+_describe_kept: Callable[[], str] = partial(str, "nothing was written")
 _changed = threading.Condition()
 _unfinished: set[Path] = set()
 _made: list[Path] = []
@@ -34,7 +34,7 @@ _ending = False
 
 @contextlib.contextmanager
 def unfinished(part: Path) -> Iterator[None]:
-    """Context in which ``part`` is written and moved into place; removed at its end in any case."""
+    """Context in which ``part`` is written and moved into place; its end removes ``part``."""
     with _changed:
         _changed.wait_for(lambda: not _ending)
         _unfinished.add(part)
@@ -48,20 +48,14 @@ def unfinished(part: Path) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents, and remember them for ``remove_empty_folders``.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made.
-    """
+    """Make a folder and its parents, and remember them for ``remove_empty_folders``."""
     with _changed:
         _made.extend(place for place in (folder, *folder.parents) if not place.exists())
         folder.mkdir(parents=True, exist_ok=True)
 
 
 def remove_empty_folders() -> None:
-    """Remove the folders that ``make_folder`` has made and that nothing was written to."""
+    """Remove the folders that ``make_folder`` has made and that are still empty."""
     with _changed:
         for folder in sorted(_made, key=lambda place: -len(place.parts)):
             with contextlib.suppress(OSError):
@@ -72,28 +66,28 @@ def remove_empty_folders() -> None:
 def end_at_a_signal() -> None:
     """From now on end this process when it is interrupted (Ctrl-C) or terminated.
 
-    Files that are being written are finished, or removed where that takes long. The exit status is
-    that of shells, 128 and the signal's number. Signals that the process ignores stay ignored.
+    Files that are being written are finished, or removed after ``_PATIENCE``. The exit status is
+    128 plus the signal's number, as in shells. Signals that the process ignores stay ignored.
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    signal.set_wakeup_fd(writer)  # written to at once, whatever the main thread is doing
+    signal.set_wakeup_fd(writer)  # signals write to it at once, whatever the main thread does
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _begin_the_end)
     threading.Thread(target=_wait, args=(reader,), daemon=True).start()
 
 
-def say_what_is_kept(kept: Callable[[], str]) -> None:
-    """What the line on stderr says from now on: in words, what the process leaves behind."""
-    global _kept
-    _kept = kept
+def report_kept_files(describe: Callable[[], str]) -> None:
+    """Set the sentence on files that the process leaves behind, for the line on stderr."""
+    global _describe_kept
+    _describe_kept = describe
 
 
 def end(status: int) -> NoReturn:
-    """End this process at once, all files being written, unless a signal has come before.
+    """End this process at once, when no file is being written, unless a signal has come before.
 
-    An orderly exit takes JAX a second or two, in which Python no longer heeds signals.
+    An orderly exit takes JAX a second or two, during which Python ignores signals.
     """
     sys.stderr.flush()
     with _changed:
@@ -118,10 +112,10 @@ def _wait(reader: int) -> None:
             for part in _unfinished:
                 part.unlink(missing_ok=True)
             remove_empty_folders()
-            said = f"jaxpound: {_SIGNALS[signal.Signals(number)]}; {_kept()}\n"
+            message = f"jaxpound: {_SIGNALS[signal.Signals(number)]}; {_describe_kept()}\n"
         after_a_bar = "\n" if os.isatty(2) else ""
         _flush_screen()
-        os.write(2, f"{after_a_bar}{said}".encode())
+        os.write(2, f"{after_a_bar}{message}".encode())
     finally:
         os._exit(128 + number)  # threads of XLA may still use what an orderly exit would free
 
@@ -130,4 +124,4 @@ def _flush_screen() -> None:
     if sys.stdout is not None:
         flush = threading.Thread(target=sys.stdout.flush, daemon=True)
         flush.start()
-        flush.join(_READER)  # whoever reads it may have stopped
+        flush.join(_READER)  # the reader may have stopped

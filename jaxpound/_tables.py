@@ -1,11 +1,15 @@
-"""Tables for people: the same rows as text, as HTML for notebooks, as Markdown for pages."""
+"""What objects print: tables as text, HTML and Markdown, and representations of dataclasses."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Sequence
+import reprlib
+from collections.abc import Callable, Sequence
 from html import escape
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 _NUMBER = re.compile(r"[-+]?(\d[\d,]*(\.\d+)?(e[-+]?\d+)?|inf|nan)( %)?|-")
 
@@ -14,7 +18,7 @@ _BAR = r"\|"
 Cell = str | int | float
 
 
-class Table(NamedTuple):
+class TextTable(NamedTuple):
     """A title, rows of cells below the names of their columns, and notes below them.
 
     The first cell of a row is its name. Cells that are numbers are rounded; a column of numbers
@@ -29,14 +33,8 @@ class Table(NamedTuple):
     """Significant digits of a number that is not whole."""
 
     @classmethod
-    def of(cls, columns: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -> Table:
-        """A table without a title, its numbers rounded to four digits; a dash for None.
-
-        Raises
-        ------
-        ValueError
-            If a row has more or fewer cells than there are columns.
-        """
+    def of(cls, columns: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -> TextTable:
+        """A table without a title, its numbers rounded to four digits; a dash for None."""
         for row in rows:
             if len(row) != len(columns):
                 raise ValueError(f"table: the cells of a row, {row}, must be {', '.join(columns)}")
@@ -48,14 +46,9 @@ class Table(NamedTuple):
         if cells and any(self.columns):
             cells.insert(0, list(self.columns))
         width = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        right = self._right()
-        lines = [
-            "  ".join(
-                cell.rjust(w) if at_right else cell.ljust(w)
-                for cell, w, at_right in zip(row, width, right, strict=True)
-            )
-            for row in cells
-        ]
+        aligned = zip(self._right(), width, strict=True)
+        sides = [f"{'>' if right else '<'}{w}" for right, w in aligned]
+        lines = ["  ".join(map(format, row, sides)) for row in cells]
         below = "    " if self.title else ""
         title = [self.title] if self.title else []
         return "\n".join([*title, *(f"{below}{x}".rstrip() for x in (*lines, *self.notes))])
@@ -68,37 +61,28 @@ class Table(NamedTuple):
     def html(self) -> str:
         """The table for a notebook, whose own style gives it its colours."""
         right = self._right()
-        parts = [f"<div>{escape(self.title)}</div>"] if self.title else []
-        rows = []
-        if self.rows and any(self.columns):
-            names = [_cell("th", x, r, "col") for x, r in zip(self.columns, right, strict=True)]
-            rows.append(f"<thead><tr>{''.join(names)}</tr></thead>")
-        body = []
-        for name, *others in self._cells():
-            cells = [_cell("td", x, r) for x, r in zip(others, right[1:], strict=True)]
-            body.append(f"<tr>{_cell('th', name, right[0], 'row')}{''.join(cells)}</tr>")
-        if body:
-            rows.append(f"<tbody>{''.join(body)}</tbody>")
-            parts.append(f"<table>{''.join(rows)}</table>")
-        parts += [f"<div>{escape(note)}</div>" for note in self.notes]
-        return f"<div>{''.join(parts)}</div>"
+        tags = [("th", "row"), *[("td", "")] * (len(right) - 1)]
+        rows = [_html_row(row, right, tags) for row in self._cells()]
+        head = ""
+        if rows and any(self.columns):
+            head = f"<thead>{_html_row(self.columns, right, [('th', 'col')] * len(right))}</thead>"
+        parts = [f"<table>{head}<tbody>{''.join(rows)}</tbody></table>"] if rows else []
+        title, *notes = (f"<div>{escape(x)}</div>" for x in (self.title, *self.notes))
+        return f"<div>{''.join([title if self.title else '', *parts, *notes])}</div>"
 
     def _cells(self) -> list[list[str]]:
-        return [[_shown(cell, self.digits) for cell in row] for row in self.rows]
+        return [[_cell_text(cell, self.digits) for cell in row] for row in self.rows]
 
     def _right(self) -> list[bool]:
         """Whether each column is aligned to the right."""
-        columns = list(zip(*self._cells(), strict=True))
-        return [
-            any(column) and all(_NUMBER.fullmatch(cell) for cell in column if cell)
-            for column in columns
-        ]
+        columns = zip(*self._cells(), strict=True)
+        return [any(x) and all(_NUMBER.fullmatch(cell) for cell in x if cell) for x in columns]
 
 
 class Shown:
     """A base class that prints the same tables in a terminal and in a notebook."""
 
-    def _tables(self) -> Sequence[Table]:
+    def _tables(self) -> Sequence[TextTable]:
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -114,16 +98,55 @@ def rounded(x: str | float | None) -> str:
         return "-"
     if isinstance(x, str):
         return x
-    return f"{float(f'{x:.4g}'):,.0f}" if 1e4 <= abs(x) < 1e10 else f"{x:.4g}"
+    return f"{float(f'{x:.4g}'):,.0f}" if 1e4 <= abs(x) < 1e10 else f"{x:z.4g}"
 
 
-def _shown(cell: Cell, digits: int) -> str:
+def _cell_text(cell: Cell, digits: int) -> str:
     if isinstance(cell, str):
         return cell
-    return f"{cell:,}" if isinstance(cell, int) else f"{cell:.{digits}g}"
+    return f"{cell:,}" if isinstance(cell, int) else f"{cell:z.{digits}g}"
 
 
-def _cell(tag: str, words: str, at_right: bool, scope: str = "") -> str:
-    of = f' scope="{scope}"' if scope else ""
-    side = "right" if at_right else "left"
-    return f'<{tag}{of} style="text-align: {side}">{escape(words)}</{tag}>'
+def _html_row(row: Sequence[str], right: Sequence[bool], tags: Sequence[tuple[str, str]]) -> str:
+    """A row of cells, each with its tag and scope."""
+    cells = []
+    for words, at_right, (tag, scope) in zip(row, right, tags, strict=True):
+        of, side = f' scope="{scope}"' if scope else "", "right" if at_right else "left"
+        cells.append(f'<{tag}{of} style="text-align: {side}">{escape(words)}</{tag}>')
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+_LONGEST = 800
+"""Characters of a dataclass's representation, about ten lines of a terminal; a longer one leaves
+out entries of tuples and digits of numbers."""
+
+
+def dataclass_repr(obj: Any) -> str:
+    """``__repr__`` of a dataclass, shortened where it is long."""
+    text = _repr_by(_in_full, obj)
+    return text if len(text) <= _LONGEST else _in_short(obj)
+
+
+def _repr_by(show: Callable[[Any], str], obj: Any) -> str:
+    values = (f"{field.name}={show(getattr(obj, field.name))}" for field in dataclasses.fields(obj))
+    return f"{type(obj).__qualname__}({', '.join(values)})"
+
+
+def _in_full(value: Any) -> str:
+    """``repr`` of a value, where NumPy's numbers are written as Python's are."""
+    if type(value) is tuple:
+        return f"({', '.join(map(_in_full, value))}{',' if len(value) == 1 else ''})"
+    return str(value) if isinstance(value, np.number) else repr(value)
+
+
+def _in_short(value: Any) -> str:
+    """A value with the first and last entries of its tuples, and six digits of its numbers."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _repr_by(_in_short, value)
+    if isinstance(value, tuple) and value:
+        first, *others = map(_in_short, (value[0], *value[1:][-1:]))
+        between = [f"<{len(value) - 2} more>"] if len(value) > 2 else []
+        return f"({', '.join([first, *between, *others])}{'' if others else ','})"
+    if isinstance(value, float | np.floating):
+        return f"{float(value):.6g}"
+    return reprlib.repr(value)

@@ -6,34 +6,18 @@ import dataclasses
 
 import numpy as np
 
-from jaxpound._checks import (
-    Rule,
-    enforce,
-    is_traced,
-    is_whole,
-    number,
-    positive,
-    require_memory,
-)
+from jaxpound._checks import Rule, enforce, is_traced, is_whole, number, positive, require_memory
+from jaxpound._errors import InvalidInput
 
-_STEP_BYTES = 16  # of an instant and its ground acceleration, the least that a run takes
+_STEP_BYTES = 16  # an instant and its ground acceleration: a lower bound for a run
 
 
 @dataclasses.dataclass(frozen=True)
 class TimeGrid:
     """Instants 0, dt, …, n_steps·dt. Static: another grid is another compiled program.
 
-    Parameters
-    ----------
-    dt
-        Time step > 0, in units of 1/ω1.
-    n_steps
-        Number of steps, at least 2.
-
-    Raises
-    ------
-    ValueError
-        If a value breaks its rule, or the instants exceed this machine's memory.
+    The time step ``dt`` > 0 is in units of 1/ω1, or in s for ``Buildings``; ``n_steps`` is at least
+    2. Raises ``ValueError`` for others, or if the instants exceed this machine's memory.
 
     Examples
     --------
@@ -49,17 +33,12 @@ class TimeGrid:
     def __post_init__(self) -> None:
         dt, n = self.dt, self.n_steps
         if is_traced((dt, n)):
-            raise ValueError("TimeGrid: dt and n_steps shape the program and cannot be traced")
+            rule = "shape the program and cannot be traced"
+            raise InvalidInput("TimeGrid", "dt and n_steps", "", rule)
         dt = number("TimeGrid", "dt", dt)
         number("TimeGrid", "n_steps", n)
-        whole = is_whole(n) and n >= 2
-        enforce(
-            "TimeGrid",
-            [
-                Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
-                Rule("n_steps", n, whole, "a whole number, at least 2"),
-            ],
-        )
+        whole = Rule("n_steps", n, is_whole(n) and n >= 2, "a whole number, at least 2")
+        enforce("TimeGrid", [Rule("dt", dt, 0 < dt < np.inf, "positive and finite"), whole])
         require_memory("TimeGrid", "n_steps", int(n), _STEP_BYTES * int(n))
         object.__setattr__(self, "dt", float(dt))
         object.__setattr__(self, "n_steps", int(n))

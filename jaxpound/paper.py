@@ -1,10 +1,9 @@
-"""The paper's case: parameters of its numerical example, with h = κ = .002 on [0, 20].
+"""The paper's numerical example, with h = κ = .002 on [0, 20].
 
 The paper is Žigić and Grahovac, "Earthquake response of adjacent structures with viscoelastic and
-friction dampers". Its ground motion reaches 22 g, which no earthquake does: an amplitude of .5 in
-the dimensionless form is the paper's own choice. The system is homogeneous: with ground motion,
-friction and gap a hundredth, every displacement and force is a hundredth, at the same instants. So
-the case is also that of .22 g, μ = .0025 and a gap of .01 g/ω1².
+friction dampers". Its ground motion reaches 22 g, which no earthquake does. The system is
+homogeneous, so that the case is also that of .22 g, μ = .0025 and a gap of .01 g/ω1²: every
+displacement and force is then a hundredth, at the same instants.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from jaxpound.model.structures import AdjacentStructures
 
 
 def structures() -> AdjacentStructures:
-    """The two structures. The paper gives no initial gap; any above .696 stays open, here 1."""
+    """The two structures. The paper gives no initial gap; any above .696, such as 1, stays open."""
     return AdjacentStructures(
         rod_1=ZenerRod(order=0.23, tau_f=0.004, tau_x=1.183),
         rod_2=ZenerRod(order=0.53, tau_f=0.2, tau_x=4.0),
@@ -53,9 +52,9 @@ class Reference(NamedTuple):
     min_gap_change: float
     """Smallest x2 − x1, in g/ω1²; the smallest gap is this plus ξ0."""
     min_gap_time: float
-    """When, in 1/ω1."""
+    """Its instant, in 1/ω1."""
     phase_changes: tuple[tuple[float, str], ...]
-    """When the phase of stick or slip changes, and to what; before the first it is stick."""
+    """Instants at which stick or slip changes, and the new phase; the first phase is stick."""
     gradient: dict[str, float]
     """Derivatives of the smallest gap by the parameter's path."""
 
@@ -63,9 +62,8 @@ class Reference(NamedTuple):
 def reference() -> Reference:
     """The paper's case by an event-driven solver that shares nothing with this package's scheme.
 
-    No Grünwald–Letnikov sum and no fixed step, but each rod's exact relaxation spectrum,
-    integrated adaptively (relative tolerance 1e-9) between located events. Good to 1e-7 in the
-    gap and 1e-6 in the times; the derivatives are its central differences, good to about 1e-5.
+    It integrates each rod's exact relaxation spectrum adaptively between located events. Its error
+    is 1e-7 in the gap, 1e-6 in the times and, by central differences, 1e-5 in the derivatives.
     """
     return Reference(
         min_gap_change=-0.6953576904934496,

@@ -6,35 +6,23 @@ STANDARD_GRAVITY = 9.80665
 """Standard gravity, m/s²."""
 
 MOST_PGA = 20.0
-"""Peak ground acceleration above which a record is refused, in g: several times the largest ever
-recorded."""
+"""Largest peak ground acceleration of a record, g: several times the largest ever recorded."""
 
-SI = {
-    "time": "s",
-    "length": "m",
-    "velocity": "m/s",
-    "acceleration": "m/s²",
-    "force": "N",
-    "energy": "J",
-    "impulse": "N s",
-    "mass": "kg",
-    "stiffness": "N/m",
-    "hertz stiffness": "N/m^1.5",
+_UNITS = {
+    "time": ("s", "1/ω1"),
+    "length": ("m", "g/ω1²"),
+    "velocity": ("m/s", "g/ω1"),
+    "acceleration": ("m/s²", "g"),
+    "force": ("N", "m1 g"),
+    "energy": ("J", "m1 g²/ω1²"),
+    "impulse": ("N s", "m1 g/ω1"),
+    "mass": ("kg", "m1"),
+    "stiffness": ("N/m", "m1 ω1²"),
+    "hertz stiffness": ("N/m^1.5", "m1 ω1³/√g"),
 }
+SI = {kind: unit for kind, (unit, _) in _UNITS.items()}
 """SI unit of each kind of quantity."""
-
-DIMENSIONLESS = {
-    "time": "1/ω1",
-    "length": "g/ω1²",
-    "velocity": "g/ω1",
-    "acceleration": "g",
-    "force": "m1 g",
-    "energy": "m1 g²/ω1²",
-    "impulse": "m1 g/ω1",
-    "mass": "m1",
-    "stiffness": "m1 ω1²",
-    "hertz stiffness": "m1 ω1³/√g",
-}
+DIMENSIONLESS = {kind: unit for kind, (_, unit) in _UNITS.items()}
 """Unit of each kind of quantity in eq. (9)."""
 
 
@@ -44,10 +32,7 @@ def unit(kind: str | None, si: bool) -> str:
 
 
 def column(name: str, kind: str | None, si: bool) -> str:
-    """Name of a column in a table, with its SI unit: ``v1_m_per_s``.
-
-    Dimensionless numbers have no unit in their names.
-    """
+    """Name of a column in a table, with its unit if that is one of SI: ``v1_m_per_s``."""
     if not si or not kind:
         return name
     return f"{name}_{SI[kind].replace('/', '_per_').replace('²', '2').replace(' ', '_')}"

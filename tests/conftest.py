@@ -19,8 +19,8 @@ else:
     CACHE = None
 
 # Nearly all of the suite's time is compilation. These two, XLA's older way to make kernels and LLVM
-# without optimisation, make it 2.5 times as fast; runs are slower, which matters little here. The
-# README's first example and the command line's processes are compiled as users' programs are.
+# without optimisation, make it 2.5 times as fast; runs are slower, which matters little here. That
+# users' programs, compiled without them, give the same numbers is tested in test_package.py.
 SOON = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
 if version("jax").startswith("0.10."):  # an unknown flag would end the process
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {SOON}"
@@ -33,18 +33,15 @@ import jaxtyping  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 
-# Annotations of these wings are checked at every call, shapes included. A whole number may stand
-# for a float, as it may for mypy.
+# Annotations of these wings are checked at every call, shapes included, in the wings' own tests:
+# elsewhere that would double the time of tracing. A whole number may stand for a float, as it may
+# for mypy.
+CHECKED = tuple(Path(__file__).parent / wing for wing in ("results", "simulation"))
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxpound.simulation import stepping  # noqa: E402
-
-# Pairs with contact step in a loop here, as rows do everywhere: that halves their compilation. That
-# both layouts take the same steps is tested in simulation/test_scan.py.
-stepping.WRITTEN_OUT = 2
 
 # Every example may compile a program: time is no measure of a test here, and runs must repeat.
 settings.register_profile(
@@ -56,6 +53,14 @@ settings.register_profile(
 )
 settings.load_profile("jaxpound")
 
+FIRST = ("notebooks", "simulation", "reliability", "design", "cli", "study", "tests")
+"""Folders of long files: these come first, so that no process ends long after the other."""
+
+
+def pytest_collection_modifyitems(items):
+    places = {folder: place for place, folder in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get(item.path.parent.name, len(places)))
+
 
 @pytest.fixture(autouse=True)
 def _no_rank_promotion():
@@ -64,10 +69,11 @@ def _no_rank_promotion():
 
 
 @pytest.fixture(autouse=True)
-def _unchecked(request):
+def _checked(request):
     """Wrong types reach the function, in tests that hand them over on purpose."""
     marked = request.node.get_closest_marker("unchecked") is not None
-    jaxtyping.config.update("jaxtyping_disable", marked)
+    checked = any(folder in request.path.parents for folder in CHECKED) and not marked
+    jaxtyping.config.update("jaxtyping_disable", not checked)
 
 
 @pytest.fixture(autouse=True)

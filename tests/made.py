@@ -6,7 +6,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.model.system import elongation
-from jaxpound.results.demand import LinkDemand, MassDemand, RodDemand
+from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import place_of
 from jaxpound.results.impacts import ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
@@ -36,7 +36,7 @@ def pair_demand(value, soft=None, contact=False):
     return jp.Demand.of_columns(dict.fromkeys(SCALARS, value) | more, si=False)
 
 
-def pair_response(time, series, masses=(1.0, 1.0), demand=None):
+def pair_response(time, series, masses=(1.0, 1.0), demand=None, slip_force=0.0):
     """The response of a pair, of series by flat name; what is not given is zero."""
     given = dict.fromkeys(SERIES, np.zeros(len(time))) | series
     given["slip_velocity"] = series.get("slip_velocity", given["v1"] - given["v2"])
@@ -48,7 +48,11 @@ def pair_response(time, series, masses=(1.0, 1.0), demand=None):
             MassResponse(given[f"x{i}"], given[f"v{i}"], m) for i, m in enumerate(masses, 1)
         ),
         rods=tuple(RodResponse(given[f"f{i}"], (i - 1, jp.GROUND)) for i in (1, 2)),
-        links=(LinkResponse(**{name: given[name] for name in OF_LINKS}, ends=(0, 1)),),
+        links=(
+            LinkResponse(
+                **{name: given[name] for name in OF_LINKS}, ends=(0, 1), slip_force=slip_force
+            ),
+        ),
         demand=pair_demand(0.0) if demand is None else demand,
     )
 
@@ -96,6 +100,7 @@ def row_response(row, time, displacement):
             known["impacts"] = ImpactSeries(time=begins, **series)
             scalars = dict.fromkeys(OF_CONTACT, 0.0) | {"n_impacts": float(begins.size)}
             scalars["peak_contact"] = force.max()
+        known["slip_force"] = link.friction
         links.append(LinkResponse(gap, 0.1 * w, w, 0 * w, 0 * w, link.ends, **known))
         least = gap.argmin()
         of_links.append(LinkDemand(gap[least], time[least], 1.0, 1.0, 0.0, **scalars))

@@ -22,9 +22,9 @@ from jaxpound._checks import (
     machine_memory,
     not_negative,
     number,
-    one_batch,
     positive,
     real,
+    require_batch,
     require_memory,
 )
 from jaxpound._fields import label, pytree_dataclass, static
@@ -230,10 +230,10 @@ def test_not_negative_returns_floats_and_refuses_the_rest(bad):
         not_negative("Owner", a=1, b=bad)
 
 
-def test_one_batch_refuses_shapes_that_cannot_be_broadcast():
-    one_batch("Owner", a=1.0, b=np.ones(3), c=np.ones((2, 1)))
+def test_batch_refuses_shapes_that_cannot_be_broadcast():
+    require_batch("Owner", a=1.0, b=np.ones(3), c=np.ones((2, 1)))
     with pytest.raises(ValueError, match=r"Owner: the shapes of a \(2,\), b \(3,\) must make one"):
-        one_batch("Owner", a=np.ones(2), b=np.ones(3))
+        require_batch("Owner", a=np.ones(2), b=np.ones(3))
 
 
 def test_instance_names_the_argument_and_the_type_it_wants():

@@ -30,7 +30,7 @@ def own_environment():
     os.environ.update(before)
 
 
-@pytest.mark.filterwarnings("default")
+@pytest.mark.filterwarnings("default", "ignore:monte_carlo. ground. PGA of")
 @pytest.mark.usefixtures("own_environment")
 def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     distributed = pytest.importorskip("distributed")

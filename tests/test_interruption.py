@@ -18,7 +18,7 @@ folder, seconds, ignored = Path(sys.argv[1]), float(sys.argv[2]), sys.argv[3] ==
 signal.signal(signal.SIGINT, signal.SIG_IGN if ignored else signal.default_int_handler)
 interruption._PATIENCE = 1.0
 interruption.end_at_a_signal()
-interruption.say_what_is_kept(lambda: "a and b are kept")
+interruption.report_kept_files(lambda: "a and b are kept")
 for name in ("empty/below", "used"):
     interruption.make_folder(folder / name)
 (folder / "used" / "file").touch()

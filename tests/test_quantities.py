@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.design.prices import PRICES
 from jaxpound.quantities import DIMENSIONLESS, SI, column, unit
-from jaxpound.results.demand import in_words, kind_of, unit_of
+from jaxpound.results.named import LIMITED_OF_PAIR, in_words, kind_of, unit_of
 from tests.made import SERIES, pair_demand, pair_response
 
 SERIES_KINDS = {
@@ -61,7 +60,7 @@ def test_units_in_words_and_in_names():
 
 
 def test_every_demand_has_a_unit_and_words():
-    for name in {*ONES.scalars(), "required_gap", *PRICES} - {"pounds"}:
+    for name in {*ONES.scalars(), "required_gap", *LIMITED_OF_PAIR} - {"pounds"}:
         assert kind_of(name) in SI
         assert in_words(name)[1:2].islower()  # words, no letters
     assert {*SI} == {*DIMENSIONLESS}

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound._tables import Table, rounded
+from jaxpound._tables import TextTable, rounded
 from tests.cli.commands import tables
 from tests.study.test_run import LINEAR, study
 
-TABLE = Table(
+TABLE = TextTable(
     'R & D of <script>alert("1")</script>',
     ("of", "number", "words", ""),
     [
@@ -64,7 +64,7 @@ def test_rows_as_html():
 
 
 def test_a_table_without_rows_is_its_title():
-    empty = Table("nothing & no one", ("a", "b"))
+    empty = TextTable("nothing & no one", ("a", "b"))
     assert empty.text() == "nothing & no one"
     assert empty.html() == "<div><div>nothing &amp; no one</div></div>"
 
@@ -109,7 +109,7 @@ def test_a_comparison_shows_itself_with_units(mean):
 
 
 ROWS = [("peak |x_1|", "m", 0.1, 2), ("force", "N", 1234567.0, None)]
-REPORT = Table.of(("demand", "unit", "mean before", "mean after"), ROWS)
+REPORT = TextTable.of(("demand", "unit", "mean before", "mean after"), ROWS)
 
 
 def test_a_markdown_table_has_every_cell_under_its_name():
@@ -131,7 +131,7 @@ def test_a_table_without_a_title_is_not_indented():
 @pytest.mark.parametrize("row", [("one",), ("one", 2.0, 3.0)])
 def test_rows_that_are_not_as_long_as_the_header_are_refused(row):
     with pytest.raises(ValueError, match="table: the cells of a row"):
-        Table.of(("words", "number"), [row])
+        TextTable.of(("words", "number"), [row])
 
 
 @pytest.mark.parametrize(

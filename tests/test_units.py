@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxpound as jp
-from jaxpound.model.contact import bound
+from jaxpound.model.contact import with_mass
 from tests.made import changed
 
 BUILDING_1 = jp.Building(2.0e5, 8.0e6, 0.4, 0.01, 0.15)
@@ -131,8 +131,10 @@ def test_a_contact_law_keeps_its_force_in_other_units(law):
         assert other.restitution == 0.65
     else:
         speed = scales.length / scales.time
-        p = bound(law, 8e4).force(0.002, 0.3, 0.5)
-        q = bound(other, 8e4 / scales.mass).force(0.002 / scales.length, 0.3 / speed, 0.5 / speed)
+        p = with_mass(law, 8e4).force(0.002, 0.3, 0.5)
+        q = with_mass(other, 8e4 / scales.mass).force(
+            0.002 / scales.length, 0.3 / speed, 0.5 / speed
+        )
         assert q * scales.force == pytest.approx(float(p), rel=1e-13)
 
 
@@ -158,7 +160,7 @@ def test_the_units_of_a_contact_law_of_one_s_own_are_not_guessed():
 
     scales, rule = jp.Scales(1e5, 4.0), "must be a law of this package: the units of a law of one's"
     for convert in (scales.contact_to_si, scales.contact_to_dimensionless):
-        for law in (Cushion(1.0), bound(jp.KelvinVoigt(1.0, 0.5), 1.0)):
+        for law in (Cushion(1.0), with_mass(jp.KelvinVoigt(1.0, 0.5), 1.0)):
             with pytest.raises(ValueError, match=rf"Scales.contact_to_.*: law = .* {rule}"):
                 convert(law)
         for law in (3.0, jp.Newton, BUILDING_1):

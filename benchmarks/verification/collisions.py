@@ -19,7 +19,7 @@ STEPS = (0.05, 0.025)
 END = 0.8
 NAMES = {
     "newton": "Newton",
-    "kelvin": "Kelvin and Voigt, with pull",
+    "kelvin": "Kelvin and Voigt, with tension",
     "kelvin_clip": "Kelvin and Voigt",
     "hertz": "Hertz",
     "hertzdamp": "Hertz, damped: Muthukumar",
@@ -75,7 +75,7 @@ def kelvin_duration(law: jp.KelvinVoigt, mass: float) -> float:
 
 
 def case(steps: Sequence[float] = STEPS, groups: Sequence[tuple[str, ...]] = TOGETHER) -> Case:
-    """The laws of the groups, four restitutions each; the worst of the four is told."""
+    """The laws of the groups, with the largest error of four restitutions each."""
     known = load("contact")["collisions"]
     errors, numbers = [], []
     for names in groups:
@@ -92,24 +92,25 @@ def case(steps: Sequence[float] = STEPS, groups: Sequence[tuple[str, ...]] = TOG
             after = np.array([cases[i]["v_end"] for i in own])
             speeds = tuple(float(np.abs(one[own, 3:] - after).max()) for one in found)
             errors.append(
-                Errors(f"{NAMES[name]}: velocities after", tuple(steps), speeds, 2e-6, 0, seconds)
+                Errors(f"{NAMES[name]}: final velocities", tuple(steps), speeds, 2e-6, 0, seconds)
             )
             if name == "newton":
                 continue
             peaks = np.array([cases[i]["peak_force"] for i in own])
             shares = tuple(float(np.abs(one[own, 2] / peaks - 1).max()) for one in found)
             errors.append(
-                Errors(f"{NAMES[name]}: peak force, of itself", tuple(steps), shares, 2e-6, 0)
+                Errors(f"{NAMES[name]}: peak force, relative", tuple(steps), shares, 2e-6, 0)
             )
             numbers += _durations(name, [(cases[i], found[-1][i]) for i in own])
     return Case(
         "Free collisions",
         "Two blocks of mass 1 and 0.6 approach each other at a speed of 1 across a gap of 0.1 and "
-        "collide, free of rods and ground motion: nine contact laws, each with restitutions of "
-        "0.2, 0.4, 0.65 and 0.9, the worst of which is told. Contact is followed within a step, so "
-        "that errors do not depend on it.",
-        "An independent integration of the collision by each law's formula (five-stage Radau). "
-        "In closed form: how long contact lasts by Hertz's theory and by a spring and dashpot.",
+        "collide, without rods and ground motion. There are nine contact laws; the table has the "
+        "largest error of four restitutions, 0.2, 0.4, 0.65 and 0.9. The motion in contact is "
+        "resolved within a step, so that the errors do not depend on the step.",
+        "An independent integration of the collision with the formula of each law (five-stage "
+        "Radau). The duration of contact has closed forms for Hertz's theory and for a spring with "
+        "a dashpot.",
         errors=tuple(errors),
         numbers=tuple(numbers),
     )

@@ -40,9 +40,11 @@ def case(steps: Sequence[float] = STEPS) -> Case:
         ends.append(float(np.abs(np.asarray(x)[:, -1] - exact[:, -1]).max()))
     return Case(
         "Coulomb decay",
-        "A block on an elastic rod and a sliding bearing, x″ + x + 0.1 sgn(x′) = 0, from four "
-        "initial displacements and velocities until it stops. Rods start relaxed.",
-        "From turn to turn a cosine about ∓0.1; the amplitude falls by 0.4 a cycle.",
+        "A block on an elastic rod and a sliding bearing, x″ + x + 0.1 sgn(x′) = 0, starts from "
+        "four initial displacements and velocities and moves until it stops. The rod starts "
+        "relaxed.",
+        "Between turning points the motion is a cosine about ∓0.1; the amplitude decreases by 0.4 "
+        "in each cycle.",
         errors=(
             Errors("x, root mean square", tuple(steps), tuple(errors), 0.2, 2, seconds),
             Errors("x at rest, worst of four", tuple(steps), tuple(ends), 0.5, 2),

@@ -61,9 +61,10 @@ def case(steps: Sequence[float] = STEPS) -> Case:
     late = np.asarray(found[-1])[:, -round(2 * np.pi / rs.min() / steps[-1]) :]
     return Case(
         "Den Hartog's oscillator",
-        "y″ + y + b sgn(y′) = cos(r t + φ) in its steady motion without stops, started at a turn "
-        f"by an initial displacement; up to t = {END:g}.",
-        "Den Hartog (1931): the motion from turn to turn in closed form, and its amplitude X.",
+        "The steady motion without stops of y″ + y + b sgn(y′) = cos(r t + φ), up to "
+        f"t = {END:g}. It starts from an initial displacement at a turning point.",
+        "Den Hartog (1931): closed forms of the motion between turning points and of its "
+        "amplitude X.",
         errors=(Errors("y, worst of five r and b", tuple(steps), tuple(errors), 2.0, 2, seconds),),
         numbers=tuple(
             Number(f"X at r = {r:g}, b = {b:g}", float(np.ptp(x) / 2), one["X"], 2 * steps[-1] ** 2)

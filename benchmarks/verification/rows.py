@@ -31,10 +31,10 @@ def case(steps: Sequence[float] = STEPS, names: Sequence[str] = tuple(NAMES)) ->
         found.append(Errors(NAMES[name], tuple(steps), tuple(off), 2.5, 2, tuple(seconds)))
     return Case(
         "Pairs, rows and storeys with impacts",
-        "Fractional rods, friction dampers and contact at once, under five wavelets up to t = 20: "
-        "root mean square error of the displacements of all masses at 40 instants.",
-        "An independent event-driven solver: rods by their relaxation spectra, a five-stage Radau "
-        "method between located events of slip and contact; runs of it "
-        "at other tolerances differ by less than 1e-6.",
+        "Fractional rods, friction dampers and contact together, under five wavelets up to t = 20. "
+        "The error is the root mean square of the displacements of all masses at 40 instants.",
+        "An independent event-driven solver, which represents rods by their relaxation spectra and "
+        "integrates by a five-stage Radau method between located events of slip and contact. Its "
+        "runs with other tolerances differ by less than 1e-6.",
         errors=tuple(found),
     )

@@ -29,23 +29,22 @@ from tests.reference import load
 
 TITLE = "Siconos side by side"
 PROBLEM = (
-    "Two blocks with a friction damper between them under the paper's five wavelets, up to t = 20: "
-    "on the paper's fractional rods; on these, and a gap of 0.5 that closes twice, with Newton's "
-    "impacts of restitution 0.65; and on rods of order 1. Siconos steps by Moreau and Jean's "
-    "scheme (θ = 1/2) with friction and impacts as set-valued laws, and has no fractional rod: "
-    "there each is a spring, a dashpot and "
+    "Two blocks with a friction damper between them, under the paper's five wavelets, up to "
+    "t = 20. There are three systems: the paper's fractional rods; the same rods with a gap of 0.5 "
+    "that closes twice, and impacts by Newton's law with a restitution of 0.65; and rods of order "
+    "1. Siconos steps by the scheme of Moreau and Jean (θ = 1/2), with friction and impacts as "
+    "set-valued laws. It has no fractional rod: each rod is a spring, a dashpot and "
     f"{BRANCHES} Maxwell branches, fitted by non-negative least squares to the complex modulus at "
-    f"frequencies of {10 ** BAND[0]:g} to {10 ** BAND[1]:g}; rods of order 1 are one branch, "
-    "exactly. Where OpenSees is installed, it takes part on rods of order 1, friction being an "
-    "ElasticPP spring 1/h² times as stiff as the first rod, half of what its explicit rule bears. "
-    "Errors of the damper's displacement x1 − x2, the largest at 40 instants, and of the smallest "
-    "gap, which Siconos has at the instants of its steps."
+    f"frequencies of {10 ** BAND[0]:g} to {10 ** BAND[1]:g}. For rods of order 1 one branch is "
+    "exact. OpenSees, if it is installed, runs the system with rods of order 1; its friction is an "
+    "ElasticPP spring 1/h² times as stiff as the first rod, half of the stability limit of its "
+    "explicit rule. The errors are those of the damper's displacement x1 − x2 (largest of 40 "
+    "instants) and of the smallest gap, which Siconos has at the instants of its steps."
 )
 SOURCE = (
     "Event-driven solvers: for the fractional rods those of the paper's case and of the impacts, "
-    "which have the rods' exact spectra, for order 1 a five-stage Radau method from phase to "
-    "phase. The same method on the fitted branches of the paper's pair, below, tells what the fit "
-    "alone costs."
+    "which have the exact spectra of the rods; for order 1 a five-stage Radau method from phase to "
+    "phase. The same method with the fitted branches gives the error of the fit alone (last table)."
 )
 THEIRS = "Siconos, one run"
 STEPS = {
@@ -246,7 +245,7 @@ def fit(problem: Problem) -> Number:
     """What the fit of the fractional rods costs, without any error of a step."""
     found = phased(problem.structures, problem.times).x
     off = np.abs(found[:, 0] - found[:, 1] - problem.closing).max()
-    return Number("largest error of x1 − x2 by the fit alone", float(off), 0.0, 5e-6)
+    return Number("largest error of x1 − x2 due to the fit alone", float(off), 0.0, 5e-6)
 
 
 def case() -> Case:

@@ -4,44 +4,32 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from msgspec import field
 
 import jaxpound as jp
-from jaxpound.cli.design_report import changes, page, summary
-from jaxpound.cli.factors import Bounds, design_space
-from jaxpound.cli.files import (
-    make_folder,
-    unfinished_search,
-    write_figures,
-    write_json,
-    write_text,
-)
-from jaxpound.cli.notes import noted
-from jaxpound.cli.objective import Limits, Objective, Penalties, priced
-from jaxpound.cli.parameters import Parameters, RowParameters, parameters_of
-from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
-from jaxpound.cli.row import Row
-from jaxpound.cli.structures import Shaken
+from jaxpound.cli.design_report import changes, parts_of_page, summary
+from jaxpound.cli.files import kept_search, make_folder, write_report, write_text
+from jaxpound.cli.objective import Limits, ObjectiveTable, Penalties, priced
+from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
+from jaxpound.cli.reading import Count, File, Section, Seed, between, named, refused, says
+from jaxpound.cli.structures import Shaken, compile_notice
 from jaxpound.cli.tables import Files, read_records
-from jaxpound.cli.writing import as_toml, row_as_toml
-
-# --- the configuration --------------------------------------------------------------------------
+from jaxpound.cli.writing import as_toml
 
 
-class Recorded(Table):
+class RecordedTable(Section):
     """Recorded earthquakes in addition to the random ones."""
 
     files: Files
     units: str | None = None
 
 
-class Search(Table):
+class SearchTable(Section):
     """Options of the search, and how many other random earthquakes the design is evaluated on."""
 
     earthquakes: Annotated[int, Count] = 256
@@ -52,66 +40,57 @@ class Search(Table):
     seed: Annotated[int, Seed] = 0
 
     def options(self) -> dict[str, Any]:
-        """Options of ``design_damper``; those that are left out have its defaults."""
-        given = {name: getattr(self, name) for name in ("starts", "iterations", "batch")}
-        return {name: x for name, x in given.items() if x is not None} | {"key": self.seed}
+        """Options of ``design_damper``; an omitted one has its default."""
+        options = self.stated() | {"key": self.seed}
+        return {x: options[x] for x in options if x not in ("earthquakes", "fresh", "seed")}
 
 
-Chosen = Annotated[Bounds, says('{low = ..., high = ..., scale = "linear" or "log"}')]
+Chosen = Annotated[VariableBounds, says('{low = ..., high = ..., scale = "linear" or "log"}')]
 
 
-class Wanted(Shaken):
+class DesignConfig(Shaken):
     """The configuration of ``jaxpound design``."""
 
-    recorded: Recorded | None = None
+    recorded: RecordedTable | None = None
     variables: dict[str, Chosen] = field(default_factory=dict)
-    objective: Objective = Objective()
+    objective: ObjectiveTable = ObjectiveTable()
     limits: Limits = field(default_factory=dict)
     penalties: Penalties = field(default_factory=dict)
-    search: Search = Search()
-
-
-# --- the command --------------------------------------------------------------------------------
+    search: SearchTable = SearchTable()
 
 
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "design")
-    given = file.read(Wanted)
-    task = prepared(file, given, args.record)
+    config = file.read(DesignConfig)
+    task = prepared(file, config, args.record)
     make_folder(args.out)
-    with contextlib.ExitStack() as stack:
-        if not args.save:
-            inputs = file.text.encode(), *(path.read_bytes() for path in args.record)
-            folder = stack.enter_context(unfinished_search(args.out, *inputs))
-            make_folder(folder)
-            args.save = folder / "search.npz"  # where an interrupted process says that it is
-        _design(args, file, given, task)
+    inputs = file.text.encode(), *(path.read_bytes() for path in args.record)
+    with kept_search(args, "save", "search.npz", *inputs):
+        _design(args, file, config, task)
 
 
-def _design(args: argparse.Namespace, file: File, given: Wanted, task: Task) -> None:
-    """Search, print the answer and write the files."""
-    with noted(given.structures):
+def _design(args: argparse.Namespace, file: File, config: DesignConfig, task: DesignTask) -> None:
+    with compile_notice(config.structures):
         design = jp.design_damper(
             task.space,
             task.ensemble,
             task.grid,
-            given.scheme,
+            config.scheme,
             task.objective,
-            scales=given.scales,
-            fresh=given.search.fresh or None,
+            scales=config.scales,
+            fresh=config.search.fresh or None,
             save=args.save,
             strict=args.strict,
             progress=sys.stderr.isatty(),
-            **given.search.options(),
+            **config.search.options(),
         )
-    recorded = {name: design.compare(one) for name, one in task.recorded.items()}
-    answers = summary(design, recorded, given.scales, task.parameters)
+    recorded = {name: design.compare(single) for name, single in task.recorded.items()}
+    answers = summary(design, recorded, task.parameters)
     print(changes("quantity", answers["answer"]).text())
     print(design)
     write_text(args.out / "design.toml", file.text)
-    write_text(args.out / "buildings.toml", _buildings(given, task, design))
-    write_json(args.out / "summary.json", file.origin | answers)
+    write_text(args.out / "buildings.toml", as_toml(task.parameters.buildings(design.structures)))
 
     from jaxpound.plots import designs as plots
     from jaxpound.plots.style import drawn
@@ -121,33 +100,21 @@ def _design(args: argparse.Namespace, file: File, given: Wanted, task: Task) -> 
         "convergence": drawn(plots.convergence, design),
         "before_and_after": drawn(plots.before_and_after, compared),
     }
-    told = design.objective_function.demand
-    if told == "min_gap" and given.form.laws:
-        told = "peak_impulse"
+    demand = design.objective_function.demand
+    if demand == "min_gap" and config.layout.laws:
+        demand = "peak_impulse"
     with contextlib.suppress(ValueError):  # what is zero has no elasticity
-        slopes = jp.elasticities(
-            design.structures,
-            task.ensemble,
-            task.grid,
-            given.scheme,
-            demand=told,
-        )
+        runs = task.ensemble, task.grid, config.scheme
+        slopes = jp.elasticities(design.structures, *runs, demand=demand)
         figures["elasticities"] = drawn(plots.tornado, slopes)
     if design.space.dimension > 1:
         figures["landscape"] = drawn(plots.landscape, design)
-    write_text(args.out / "summary.md", page(answers, list(figures), design.trained.topology))
-    write_figures(figures, args.out, args.pdf)
+    buildings = "two adjacent structures" if config.layout.is_pair else "buildings in a row"
+    parts = parts_of_page(answers, design.trained.topology)
+    write_report(args, file.origin | answers, f"Design of {buildings}", parts, figures)
 
 
-def _buildings(given: Wanted, task: Task, design: jp.Design) -> str:
-    """The design as a configuration of ``jaxpound simulate``."""
-    if isinstance(given.form, Row) and isinstance(task.parameters, RowParameters):
-        return row_as_toml(task.parameters.in_si(design.structures), given.form.buildings)
-    return as_toml(design.structures, given.scales)
-
-
-@dataclasses.dataclass(frozen=True)
-class Task:
+class DesignTask(NamedTuple):
     """The design problem, for the dimensionless system."""
 
     parameters: Parameters
@@ -159,59 +126,48 @@ class Task:
     grid: jp.TimeGrid
 
 
-def prepared(file: File, given: Wanted, more: Sequence[Path] = ()) -> Task:
-    """A file's design problem; ``more`` are accelerograms in g added to its random earthquakes."""
+def prepared(file: File, config: DesignConfig, paths: Sequence[Path] = ()) -> DesignTask:
+    """A file's design problem; ``paths`` are accelerograms in g that join its earthquakes."""
     place = f"{file.name}: [variables]"
-    if not given.variables:
+    if not config.variables:
         raise ValueError(f"{place} must name what may be chosen")
-    constant = given.objective.goal == "gap at rest" and not given.penalties
-    if constant and not any("gap" in name for name in given.variables):
+    constant = config.objective.goal == "gap at rest" and not config.penalties
+    if constant and not any("gap" in name for name in config.variables):
         rule = "must be given with a gap at rest among the [variables]: initial_gap of a pair"
-        raise ValueError(f'{file.name}: [objective] goal = "gap at rest" {rule}')
-    drawn_from = given.records(file)
-    ground = given.motion(file, drawn_from)
-    recorded = _recorded(file, given.recorded, more)
-    grid = given.grid(file, [*drawn_from, *recorded.values()])
-    n, batch = given.search.earthquakes, given.search.batch
+        raise refused(f"{file.name}: [objective] goal", rule, '"gap at rest"')
+    recorded = _recorded(file, config.recorded, paths)
+    ground, grid = config.shaking(file, recorded.values())
+    n, batch = config.search.earthquakes, config.search.batch
     if batch is not None and batch > (most := n + len(recorded)):
-        rule = f"at most the number of earthquakes, {most}"
-        raise ValueError(f"{file.name}: [search] batch = {batch} must be {rule}")
-    shaking = {name: given.scales.to_dimensionless(record) for name, record in recorded.items()}
+        rule = f"must be at most the number of earthquakes, {most}"
+        raise refused(f"{file.name}: [search] batch", rule, str(batch))
+    shaking = {name: config.scales.to_dimensionless(record) for name, record in recorded.items()}
     with named(f"{file.name}:"):
-        scenarios = jp.Scenarios(given.structures, ground)
+        scenarios = jp.Scenarios(config.structures, ground)
     with named(f"{file.name}: [search] earthquakes:"):
-        ensemble = jp.Ensemble.drawn(scenarios, n, given.search.seed)
-    with named(f"{file.name}:"):
-        if shaking:
+        ensemble = jp.Ensemble.drawn(scenarios, n, config.search.seed)
+    if shaking:
+        with named(f"{file.name}:"):
             ensemble = ensemble.including([*shaking.values()], grid)
-    parameters = parameters_of(given.form)
-    return Task(
-        parameters,
-        design_space(place, given.variables, parameters),
-        ensemble,
-        {name: jp.Ensemble.of([record], grid) for name, record in shaking.items()},
-        priced(
-            file.name,
-            given.objective,
-            given.limits,
-            given.penalties,
-            given.structures,
-            given.form.laws,
-        ),
-        grid,
-    )
+    parameters = Parameters(config.layout)
+    space = design_space(place, config.variables, parameters)
+    alone = {name: jp.Ensemble.of([record], grid) for name, record in shaking.items()}
+    tables = config.objective, config.limits, config.penalties
+    objective = priced(file.name, *tables, config.layout)
+    return DesignTask(parameters, space, ensemble, alone, objective, grid)
 
 
-def _recorded(file: File, table: Recorded | None, more: Sequence[Path]) -> dict[str, jp.Record]:
+def _recorded(
+    file: File, table: RecordedTable | None, paths: Sequence[Path]
+) -> dict[str, jp.Record]:
     """Recorded earthquakes of the file, and others in g, by name."""
-    read: list[tuple[Path, jp.Record]] = []
-    if table:
-        own = read_records(f"{file.name}: [recorded] files", file, table.files, table.units)
-        read += zip((file.folder / name for name in table.files), own, strict=True)
-    read += [(path, jp.read_record(path)) for path in more]
-    found: dict[str, jp.Record] = {}
-    for path, record in read:
-        if path.stem in found:
+    files, units = (table.files, table.units) if table else ([], None)
+    motions = read_records(f"{file.name}: [recorded] files", file.folder, files, units)
+    motions += [jp.read_record(path) for path in paths]
+    names = [*(file.folder / name for name in files), *paths]
+    by_name: dict[str, jp.Record] = {}
+    for path, record in zip(names, motions, strict=True):
+        if path.stem in by_name:
             raise ValueError(f"record {path}: its name {path.stem!r} must be another's than before")
-        found[path.stem] = record
-    return found
+        by_name[path.stem] = record
+    return by_name

@@ -1,4 +1,4 @@
-"""What ``jaxpound design`` tells of a design: numbers as JSON can hold them, and a page."""
+"""The report of ``jaxpound design``: numbers for JSON, and a page."""
 
 from __future__ import annotations
 
@@ -6,42 +6,35 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jaxpound as jp
-from jaxpound._tables import Table as Lines
-from jaxpound._tables import rounded
-from jaxpound.cli.files import known as finite
-from jaxpound.cli.pair import UNITS
-from jaxpound.cli.parameters import Parameters, RowParameters, in_si
-from jaxpound.model.parameters import get, known, put
+from jaxpound._tables import TextTable, rounded
+from jaxpound.cli.files import json_safe
+from jaxpound.cli.parameters import Parameters
+from jaxpound.model.parameters import get, metadata, put
 from jaxpound.model.system import Topology
 from jaxpound.quantities import unit
-from jaxpound.results.demand import in_words, unit_of
+from jaxpound.results.named import in_words, unit_of
+
+_WHEN = ("before", "after")
 
 
 def summary(
-    design: jp.Design,
-    recorded: Mapping[str, jp.Comparison],
-    scales: jp.Scales,
-    parameters: Parameters,
+    design: jp.Design, recorded: Mapping[str, jp.Comparison], parameters: Parameters
 ) -> dict[str, Any]:
-    """Summary of a design, as JSON can hold it; ``recorded`` are single earthquakes by name.
+    """Summary of a design for JSON; ``recorded`` are single earthquakes by name.
 
     ``variables`` are dimensionless; ``answer`` and ``rods`` give them in SI units.
     """
     si, demand = design.trained.si, design.objective_function.demand
     before: Any = put(design.space.nominal, design.start)
-    return finite(
+    chosen = _chosen(design, before, parameters)
+    is_pair = isinstance(before, jp.AdjacentStructures)
+    return json_safe(
         {
             "units": "SI" if si else "dimensionless",
             "objective": design.objective,
             "objective_unit": unit(design.objective_function.quantity, si),
-            **(
-                {"answer": _chosen(design, before, parameters), "rods": None}
-                if isinstance(parameters, RowParameters)
-                else {
-                    "answer": _answer(design, before, scales),
-                    "rods": _rods(design, before, scales),
-                }
-            ),
+            "answer": _answer(design, before, parameters) if is_pair else chosen,
+            "rods": chosen if is_pair else None,
             "variables": {
                 path: {
                     "before": design.start[path],
@@ -73,9 +66,9 @@ def summary(
             "recorded": {
                 name: {
                     f"{demand}_{when}": float(columns[demand][0])
-                    for when, columns in (("before", found.before), ("after", found.after))
+                    for when, columns in zip(_WHEN, (shaken.before, shaken.after), strict=True)
                 }
-                for name, found in recorded.items()
+                for name, shaken in recorded.items()
             },
             "demand": demand,
         }
@@ -83,16 +76,18 @@ def summary(
 
 
 def _answer(
-    design: jp.Design, before: jp.AdjacentStructures, scales: jp.Scales
+    design: jp.Design, before: jp.AdjacentStructures, parameters: Parameters
 ) -> list[dict[str, Any]]:
     """The design in an engineer's terms: damper, gap, both buildings as oscillators, contact."""
     of_contact = [path for path in design.space.names if path.startswith("contact.")]
-    told = []
+    columns = []
     for structures in (before, design.structures):
-        left, right, force, gap = scales.buildings(structures)
+        pair: Any = parameters.buildings(structures)
+        (left, right), (link,) = pair.buildings, pair.links
         oscillators = [x for b in (left, right) for x in (b.natural_period, 100 * b.damping_ratio)]
-        contact = [get(in_si(structures, scales), path) for path in of_contact]
-        told.append([force, gap, *oscillators, right.mass, right.stiffness, *contact])
+        contact = [get(link, path) for path in of_contact]
+        of_second = right.mass, right.stiffness
+        columns.append([link.friction, link.gap, *oscillators, *of_second, *contact])
     rows = [
         ("slip force of the damper", "N", "friction"),
         ("gap at rest", "m", "initial_gap"),
@@ -104,165 +99,128 @@ def _answer(
         ("stiffness of building 2", "N/m", "stiffness_ratio"),
     ]
     for path in of_contact:
-        about = known(design.structures, path)
-        rows.append((about.words, unit(about.kind, si=True), path))
+        parameter = metadata(design.structures, path)
+        rows.append((parameter.words, unit(parameter.kind, si=True), path))
     return [
-        _changed(words, of, old, new, design.active_bounds.get(path))
-        for (words, of, path), old, new in zip(rows, *told, strict=True)
+        _change(design, words, symbol, old, new, path)
+        for (words, symbol, path), old, new in zip(rows, *columns, strict=True)
         if not path.endswith("_ratio") or path in design.space.names
     ]
 
 
-def _chosen(design: jp.Design, before: jp.Row, parameters: RowParameters) -> list[dict[str, Any]]:
-    """The parameters of a row that were chosen, and the sum of its slip forces, in SI units."""
-    first, last = parameters.in_si(before), parameters.in_si(design.structures)
-    told = [
-        _changed(
-            parameters.in_words(path),
-            parameters.unit_of(path),
-            get(first, path),
-            get(last, path),
-            design.active_bounds.get(path),
-        )
-        for path in design.space.names
-    ]
-    old, new = (sum(float(link.friction) for link in x.links) for x in (first, last))
-    return [*told, _changed("slip forces of all dampers together", "N", old, new, None)]
-
-
-def _rods(
-    design: jp.Design, before: jp.AdjacentStructures, scales: jp.Scales
+def _chosen(
+    design: jp.Design, before: jp.AdjacentStructures | jp.Row, parameters: Parameters
 ) -> list[dict[str, Any]]:
-    """The rods' parameters that were chosen, in SI units."""
-    first, last = in_si(before, scales), in_si(design.structures, scales)
-    told = []
+    """The chosen parameters in SI units: of a row, with its slip forces, or of a pair's rods."""
+    ends, rows = [parameters.in_si(x) for x in (before, design.structures)], []
+    is_row = isinstance(before, jp.Row)
     for path in design.space.names:
-        if path.startswith("rod_"):
-            of, bound = UNITS[path.rpartition(".")[2]], design.active_bounds.get(path)
-            told.append(_changed(path, of, get(first, path), get(last, path), bound))
-    return told
+        if is_row or path.startswith("rod_"):
+            words = parameters.in_words(path) if is_row else path
+            old, new = (get(structures, path) for structures in ends)
+            rows.append(_change(design, words, parameters.unit_of(path), old, new, path))
+    if is_row:
+        old, new = (sum(float(link.friction) for link in x.system().links) for x in ends)
+        rows.append(_change(design, "slip forces of all dampers together", "N", old, new))
+    return rows
 
 
-def _changed(words: str, of: str, before: Any, after: Any, bound: str | None) -> dict[str, Any]:
-    """A quantity and its unit, before and after, and the bound at which it is."""
+def _change(
+    design: jp.Design, words: str, symbol: str, before: Any, after: Any, path: str = ""
+) -> dict[str, Any]:
     before, after = float(before), float(after)
     return {
         "quantity": words,
-        "unit": of,
+        "unit": symbol,
         "before": before,
         "after": after,
         "change": after - before,
         "relative_change": after / before - 1 if before else None,
-        "at_bound": bound,
+        "at_bound": design.active_bounds.get(path),
     }
 
 
-def _compared(found: jp.Comparison) -> dict[str, Any]:
-    gaps = {}
-    if found.has_gaps:
-        gaps = {
-            "share_that_pounds": dict(zip(("before", "after"), found.pounding, strict=True)),
-            "min_gap_wider_by": found.difference("min_gap")._asdict(),
-        }
-    return {
-        "earthquakes": len(found),
-        "objective": {name: x._asdict() for name, x in found.objective.items()},
-        **gaps,
-        "hardly_slipping": list(found.hardly_slipping),
-        "demand_changes_by": found.difference()._asdict(),
-        "demands": {
-            name: {"unit": unit_of(name, found.si)} | row for name, row in found.rows().items()
-        },
+def _compared(comparison: jp.Comparison) -> dict[str, Any]:
+    objective = {name: x._asdict() for name, x in comparison.objective.items()}
+    answers: dict[str, Any] = {"earthquakes": len(comparison), "objective": objective}
+    if comparison.has_gaps:
+        answers["share_that_pounds"] = dict(zip(_WHEN, comparison.pounding, strict=True))
+        answers["min_gap_wider_by"] = comparison.difference("min_gap")._asdict()
+    demands = comparison.rows().items()
+    return answers | {
+        "hardly_slipping": list(comparison.hardly_slipping),
+        "demand_changes_by": comparison.difference()._asdict(),
+        "demands": {name: {"unit": unit_of(name, comparison.si)} | row for name, row in demands},
     }
 
 
-def page(answers: Mapping[str, Any], figures: list[str], topology: Topology | None) -> str:
-    """One page; ``topology`` says where the demands of the structures are."""
-    of_row = answers["rods"] is None
-    of_objective, demand = answers["objective_unit"], answers["demand"]
-    of_demand = unit_of(demand, answers["units"] == "SI")
-    lines = [
-        f"# Design of {'buildings in a row' if of_row else 'two adjacent structures'}",
-        "",
-        f"Objective {_with(answers['objective'], of_objective)} after {answers['iterations']} "
-        f"iterations of {answers['starts']} starts ({answers['stopped']}); start "
-        f"{answers['winner']} won.",
-        "",
-        changes("quantity", answers["answer"]).markdown(),
+def parts_of_page(answers: Mapping[str, Any], topology: Topology | None) -> list[str | TextTable]:
+    """Paragraphs and tables on a design, from its summary; ``topology`` has places of demands."""
+    of_row, demand = answers["rods"] is None, answers["demand"]
+    parts: list[str | TextTable] = [
+        f"Objective {_with(answers['objective'], answers['objective_unit'])} after "
+        f"{answers['iterations']} iterations of {answers['starts']} starts "
+        f"({answers['stopped']}); start {answers['winner']} won.",
+        changes("quantity", answers["answer"]),
     ]
     if not of_row:
-        words = "Natural periods and damping ratios are those of an equivalent viscous oscillator."
-        lines += ["", words]
+        parts.append(
+            "Natural periods and damping ratios are those of an equivalent viscous oscillator."
+        )
     if answers["rods"]:
-        lines += ["", changes("parameter of a rod", answers["rods"]).markdown()]
+        parts.append(changes("parameter of a rod", answers["rods"]))
     if answers["limits"]:
-        rows = [
-            (
-                in_words(price, topology),
-                x["unit"],
-                _over(x["over"]),
-                x["at_most"],
-                x["reached"],
-                f"{x['reached'] / x['at_most']:.1%}",
-                "yes" if x["active"] else "no",
-            )
-            if x["probability"] is None
-            else (
-                _rarely(price, x, topology),
-                "",
-                "a random earthquake",
-                f"{x['probability']:.3g}",
-                f"{x['reached']:.3g}",
-                f"{x['reached'] / x['probability']:.1%}",
-                "yes" if x["active"] else "no",
-            )
-            for price, x in answers["limits"].items()
-        ]
+        rows = [_limit_row(price, x, topology) for price, x in answers["limits"].items()]
         columns = ("limit", "unit", "of", "at most", "reached", "reached / at most", "active")
-        lines += ["", Lines.of(columns, rows).markdown()]
-    kinds = (("trained", "The earthquakes it was made for"), ("fresh", "Fresh earthquakes"))
-    for key, words in kinds:
+        parts.append(TextTable.of(columns, rows))
+    kinds = {"trained": "The earthquakes it was made for", "fresh": "Fresh earthquakes"}
+    for key, words in kinds.items():
         if answers[key] is not None:
-            lines += ["", _sentence(words, answers[key], answers, topology)]
-            lines += _demands(answers[key]["demands"], topology)
+            parts.append(_sentence(words, key, answers, topology))
+            parts += _demands(answers[key]["demands"], topology)
     if answers["recorded"]:
-        ends = [f"{in_words(demand, topology)} {when}" for when in ("before", "after")]
-        rows = [(name, of_demand, *row.values()) for name, row in answers["recorded"].items()]
-        lines += ["", Lines.of(("recorded earthquake", "unit", *ends), rows).markdown()]
-    lines += ["", *(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures), ""]
-    return "\n".join(lines)
+        ends = [f"{in_words(demand, topology)} {when}" for when in _WHEN]
+        of_demand = unit_of(demand, answers["units"] == "SI")
+        records = [(name, of_demand, *row.values()) for name, row in answers["recorded"].items()]
+        parts.append(TextTable.of(("recorded earthquake", "unit", *ends), records))
+    return parts
 
 
-def _rarely(price: str, limit: Mapping[str, Any], topology: Topology | None) -> str:
-    """An event whose probability is limited, in words."""
-    if limit["at_most"] is None:
-        return "probability of pounding"
-    words = f"{in_words(price, topology)} >= {limit['at_most']:g} {limit['unit']}"
-    return f"probability of {words}"
+def _limit_row(price: str, limit: Mapping[str, Any], topology: Topology | None) -> tuple[Any, ...]:
+    words, reached, probability = in_words(price, topology), limit["reached"], limit["probability"]
+    active = "yes" if limit["active"] else "no"
+    if probability is None:
+        share = f"{reached / limit['at_most']:.1%}"
+        of = {"worst": "the worst earthquake", "mean": "the mean"}.get(limit["over"])
+        of = of or f"the mean of the worst {limit['over']:.0%}"
+        return words, limit["unit"], of, limit["at_most"], reached, share, active
+    event = "pounding"
+    if limit["at_most"] is not None:
+        event = f"{words} >= {limit['at_most']:g} {limit['unit']}"
+    numbers = f"{probability:.3g}", f"{reached:.3g}", f"{reached / probability:.1%}"
+    return f"probability of {event}", "", "a random earthquake", *numbers, active
 
 
-def _sentence(
-    words: str, found: Mapping[str, Any], answers: Mapping[str, Any], topology: Topology | None
-) -> str:
-    """What became of the earthquakes that ``words`` name."""
+def _sentence(words: str, key: str, answers: Mapping[str, Any], topology: Topology | None) -> str:
+    """The changes in the earthquakes of a comparison, which ``words`` name."""
+    comparison = answers[key]
     demand, si = answers["demand"], answers["units"] == "SI"
     parts = []
-    if share := found.get("share_that_pounds"):
+    if share := comparison.get("share_that_pounds"):
         parts.append(f"{share['before']:.2%} pounded before, {share['after']:.2%} after")
-        wider = _estimated(found["min_gap_wider_by"], unit_of("min_gap", si))
+        wider = _estimated(comparison["min_gap_wider_by"], unit_of("min_gap", si))
         parts.append(f"the smallest gap is wider by {wider} on average")
     if demand != "min_gap":
-        change = _estimated(found["demand_changes_by"], unit_of(demand, si))
+        change = _estimated(comparison["demand_changes_by"], unit_of(demand, si))
         parts.append(f"the {in_words(demand, topology)} changes by {change} on average")
-    parts += [f"the {damper} practically never slips" for damper in found["hardly_slipping"]]
-    objective = _estimated(found["objective"]["after"], answers["objective_unit"])
+    parts += [f"the {damper} practically never slips" for damper in comparison["hardly_slipping"]]
+    objective = _estimated(comparison["objective"]["after"], answers["objective_unit"])
     parts.append(f"the objective is {objective}")
-    return f"{words}, {found['earthquakes']:,}: {'; '.join(parts)}."
+    return f"{words}, {comparison['earthquakes']:,}: {'; '.join(parts)}."
 
 
-def _demands(demands: Mapping[str, Any], topology: Topology | None) -> list[str]:
-    """Tables of demands before and after, of gaps and of all others."""
-    lines = []
+def _demands(demands: Mapping[str, Any], topology: Topology | None) -> list[TextTable]:
+    parts = []
     # For a gap the unfavourable tail is the lower one.
     for tail, of_gaps in (("5 % quantile", True), ("95 % quantile", False)):
         rows = [
@@ -270,38 +228,29 @@ def _demands(demands: Mapping[str, Any], topology: Topology | None) -> list[str]
             for name, row in demands.items()
             if name.startswith("min_gap") == of_gaps
         ]
-        ends = [f"{what} {when}" for what in ("mean", tail) for when in ("before", "after")]
+        ends = [f"{statistic} {when}" for statistic in ("mean", tail) for when in _WHEN]
         if rows:
-            lines += ["", Lines.of(("demand", "unit", *ends), rows).markdown()]
-    return lines
+            parts.append(TextTable.of(("demand", "unit", *ends), rows))
+    return parts
 
 
-def changes(what: str, rows: Sequence[Mapping[str, Any]]) -> Lines:
+def changes(heading: str, rows: Sequence[Mapping[str, Any]]) -> TextTable:
     """What changed, for the screen and the page."""
-    columns = (what, "unit", "before", "after", "change", "relative change", "at a bound")
-    numbers = ("quantity", "unit", "before", "after", "change")
-    told = [
-        (
-            *(row[key] for key in numbers),
-            "-" if row["relative_change"] is None else f"{row['relative_change']:+.1%}",
-            f"the {row['at_bound']} one" if row["at_bound"] else "no",
-        )
-        for row in rows
-    ]
-    return Lines.of(columns, told)
+    keys, cells = ("unit", "before", "after", "change"), []
+    for row in rows:
+        share, bound = row["relative_change"], row["at_bound"]
+        relative = "-" if share is None else f"{share:+.1%}"
+        at_bound = f"the {bound} one" if bound else "no"
+        cells.append((row["quantity"], *(row[key] for key in keys), relative, at_bound))
+    return TextTable.of((heading, *keys, "relative change", "at a bound"), cells)
 
 
-def _over(over: str | float) -> str:
-    named = {"worst": "the worst earthquake", "mean": "the mean"}
-    return named[over] if isinstance(over, str) else f"the mean of the worst {over:.0%}"
+def _with(number: float | None, unit: str) -> str:
+    return f"{rounded(number)} {unit}".rstrip()
 
 
-def _with(number: float | None, of: str) -> str:
-    return f"{rounded(number)} {of}".rstrip()
-
-
-def _estimated(estimate: Mapping[str, Any], of: str) -> str:
-    value = _with(estimate["value"], of)
+def _estimated(estimate: Mapping[str, Any], unit: str) -> str:
+    value = _with(estimate["value"], unit)
     if estimate["low"] is None and estimate["high"] is None:
         return f"{value} (no 95 % interval)"
-    return f"{value} (95 % interval {rounded(estimate['low'])} to {_with(estimate['high'], of)})"
+    return f"{value} (95 % interval {rounded(estimate['low'])} to {_with(estimate['high'], unit)})"

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
+import csv
 import hashlib
+import io
 import json
 import math
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+import jaxpound as jp
 from jaxpound import _interruption as interruption
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from jaxpound._tables import TextTable
+    from jaxpound.study.statistics import Estimate
+
+VERSION = f"jaxpound {jp.__version__}."
 
 FORMS = ("pair", "row")
 """Forms of a configuration: two buildings of one storey, and buildings of several in a row."""
@@ -32,13 +40,7 @@ def example(command: str, form: str = "pair") -> str:
 
 
 def make_folder(out: Path) -> None:
-    """Make the output folder before the run, so that no run is lost for want of it.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be made, or nothing can be written to it.
-    """
+    """Make the output folder before the run, so that no results are lost."""
     try:
         interruption.make_folder(out)
         with tempfile.TemporaryFile(dir=out):
@@ -49,20 +51,25 @@ def make_folder(out: Path) -> None:
 
 
 @contextlib.contextmanager
-def unfinished_search(out: Path, *inputs: bytes) -> Iterator[Path]:
-    """Path of a folder that keeps the search of a command until the command is done.
+def kept_search(args: argparse.Namespace, key: str, name: str, *inputs: bytes) -> Iterator[None]:
+    """Keep the state of a search at the path of the argument ``key`` until the search is done.
 
-    It is in the output folder and named after the command's inputs (its configuration, records), so
-    that another search never meets it. After an error it stays if something was kept in it, since
-    days of runs may be; the next run of the same command goes on from there.
+    Without this argument, the path becomes ``name`` in a folder inside the output folder, which a
+    hash of the inputs names, so that no other search uses it. After an error it stays if it holds
+    finished runs: the same command goes on from there.
     """
-    folder = out / f"unfinished-{hashlib.sha256(repr(inputs).encode()).hexdigest()[:8]}"
+    if getattr(args, key):
+        yield
+        return
+    folder = args.out / f"unfinished-{hashlib.sha256(repr(inputs).encode()).hexdigest()[:8]}"
+    make_folder(folder)
+    setattr(args, key, folder / name)  # reported if the process is interrupted
     try:
-        yield folder
+        yield
     except ValueError:
         if any(folder.rglob("*.npz")):
-            what = "what was finished of the search is kept; remove the folder to begin anew"
-            print(f"jaxpound: {folder}: {what}", file=sys.stderr)
+            notice = "what was finished of the search is kept; remove the folder to begin anew"
+            print(f"jaxpound: {folder}: {notice}", file=sys.stderr)
         else:
             shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -70,14 +77,8 @@ def unfinished_search(out: Path, *inputs: bytes) -> Iterator[Path]:
 
 
 def write(path: Path, write_to: Callable[[BinaryIO], Any]) -> None:
-    """Write a whole file or none, and print its path.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; the message names the file.
-    """
-    from jaxpound.study.archives import replace_file
+    """Write a whole file or none, and print its path; an ``OSError`` names it."""
+    from jaxpound.store.archive import replace_file
 
     replace_file(path, write_to)
     print(path)
@@ -89,21 +90,87 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, answers: Any) -> None:
-    """Write a tree of results without infinite or NaN numbers, as ``known`` makes it."""
-    write_text(path, json.dumps(answers, indent=2, allow_nan=False) + "\n")
+    """Write results, with null for numbers that are not finite."""
+    write_text(path, json.dumps(json_safe(answers), indent=2, allow_nan=False) + "\n")
 
 
 def write_figures(figures: Mapping[str, Figure], out: Path, pdf: bool) -> None:
     """Write figures by their names, as PNG and, for print, as PDF too."""
+    from jaxpound.plots.style import in_house_style
+
     for name, figure in figures.items():
         for kind in ("png", "pdf") if pdf else ("png",):
-            write(out / f"{name}.{kind}", partial(figure.savefig, format=kind, dpi=300))
+            save = in_house_style(figure.savefig)
+            write(out / f"{name}.{kind}", partial(save, format=kind, dpi=300))
 
 
-def known(x: Any) -> Any:
-    """A tree that JSON can hold, with None in the place of numbers that are not finite."""
-    if isinstance(x, dict):
-        return {key: known(value) for key, value in x.items()}
-    if isinstance(x, list):
-        return [known(value) for value in x]
-    return None if isinstance(x, float) and not math.isfinite(x) else x
+def write_report(
+    args: argparse.Namespace,
+    answers: Any,
+    title: str,
+    parts: Iterable[str | TextTable],
+    figures: Mapping[str, Figure],
+    tables: Mapping[str, str] | None = None,
+) -> None:
+    """Write a command's summary, its ``page``, tables (CSV by file name) and figures."""
+    write_json(args.out / "summary.json", answers)
+    for name, text in {"summary.md": page(title, parts, figures), **(tables or {})}.items():
+        write_text(args.out / name, text)
+    write_figures(figures, args.out, args.pdf)
+
+
+def json_safe(tree: Any) -> Any:
+    """A tree of dicts and lists where None replaces numbers that are not finite."""
+    if isinstance(tree, dict):
+        return {key: json_safe(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [json_safe(value) for value in tree]
+    return None if isinstance(tree, float) and not math.isfinite(tree) else tree
+
+
+def page(title: str, parts: Iterable[str | TextTable], figures: Iterable[str]) -> str:
+    """A page in Markdown: paragraphs, tables with their titles and notes, and figures by name."""
+    paragraphs = [f"# {title}"]
+    for part in parts:
+        if isinstance(part, str):
+            paragraphs.append(part)
+            continue
+        if part.title:
+            paragraphs.append(f"## {part.title}")
+        table = part if any(part.columns) else part._replace(columns=("quantity", "value"))
+        notes = "\n".join(part.notes).replace(",\n", ", ").splitlines()  # a note may have two lines
+        paragraphs += [table.markdown(), *map(sentence, notes)]
+    paragraphs.append("\n".join(f"![{name.replace('_', ' ')}]({name}.png)" for name in figures))
+    return "\n\n".join(paragraphs) + "\n"
+
+
+def table_of(columns: Mapping[str, Sequence[Any]]) -> TextTable:
+    """A table from its columns, by their names."""
+    from jaxpound._tables import TextTable  # NumPy, which the help does not need
+
+    return TextTable.of([*columns], [*zip(*columns.values(), strict=True)])
+
+
+def sentence(note: str) -> str:
+    """A note with a capital letter and a full stop."""
+    return f"{note[0].upper()}{note[1:].removesuffix('.')}."
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
+    """A table as CSV; cells of numbers that are not finite, and of None, are empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(json_safe([*row]) for row in rows)
+    return text.getvalue()
+
+
+def of_estimate(estimate: Estimate | jp.AnnualRate) -> dict[str, float]:
+    """An estimate and its interval, for JSON."""
+    return {"value": estimate.value, "low": estimate.low, "high": estimate.high}
+
+
+def of_fragility(curve: jp.Fragility) -> dict[str, float]:
+    """The parameters of a fragility with their standard errors, for JSON."""
+    names = ("median", "median_error", "dispersion", "dispersion_error")
+    return {name: getattr(curve, name) for name in names}

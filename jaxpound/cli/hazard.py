@@ -3,84 +3,68 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
-import io
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 import jaxpound as jp
-from jaxpound._tables import Table as Shown
-from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
-from jaxpound.cli.reading import File, Table, between, named, says, shown
-from jaxpound.cli.results import of_fragility
+from jaxpound._tables import TextTable
+from jaxpound.cli import files
+from jaxpound.cli.reading import Count, File, Numbers, Section, between, named, refused, says, shown
 from jaxpound.cli.tables import Gap
-from jaxpound.ground.measure import UNITS, Measure, known_unit, units_like
-from jaxpound.results.demand import in_words, unit_of
-from jaxpound.risk.hazard_files import read_hazard
-from jaxpound.risk.hazard_meets import is_drawn
-from jaxpound.study.demands import is_ours
+from jaxpound.ground.measure import UNITS, Measure, measure_unit, units_like
+from jaxpound.hazard.compatibility import is_drawn
+from jaxpound.hazard.files import read_hazard
+from jaxpound.results.named import is_demand
 from jaxpound.study.statistics import Estimate
 
-# --- the configuration --------------------------------------------------------------------------
-
-_Numbers = Annotated[list[float], says("a list of two numbers or more", min_length=2)]
-
-_OF_SHAKING = ("pga", "pgv")  # of a study's demands
-
-_Site = Annotated[
-    Annotated[int, between(1, 2**31)] | str,
-    says("the row of a site, from 1, or its name"),
-]
+_Site = Annotated[Annotated[int, Count] | str, says("the row of a site, from 1, or its name")]
 _Shares = Annotated[
     list[Annotated[float, between(1e-9, 0.999, "", "a probability")]],
     says("a list of probabilities", min_length=1),
 ]
-_Positive = between(1e-12, 1e12, "", "of the hazard's intensities")
-_Dispersion = between(1e-3, 10, "", "a standard deviation of the logarithm")
+_Error = "a standard error"
 
 
-class Curve(Table):
+class HazardTable(Section):
     """The hazard curve, by its points or by a file."""
 
-    intensity: _Numbers | None = None
-    annual_rate: _Numbers | None = None
+    intensity: Numbers | None = None
+    annual_rate: Numbers | None = None
     measure: str | None = None
     unit: str | None = None
     file: str | None = None
     site: _Site | None = None
 
     def __post_init__(self) -> None:
-        points = [key for key in ("intensity", "annual_rate") if getattr(self, key) is not None]
-        if self.file is not None and points:
-            raise ValueError(f"{points[0]} must not be given beside file")
-        if self.file is None and len(points) < 2:
+        if self.file is not None:
+            self.refuse_any(("intensity", "annual_rate"), "must not be given beside file")
+        elif self.intensity is None or self.annual_rate is None:
             raise ValueError("must have intensity and annual_rate, or file")
-        if self.site is not None and self.file is None:
-            raise ValueError("site must be given with file only")
-        if self.unit is not None and not known_unit(self.unit):
-            raise ValueError(f"unit = {shown(self.unit)} must be one of {', '.join(UNITS)}")
+        else:
+            self.refuse_any(("site",), "must be given with file only")
+        if self.unit is not None and not measure_unit(self.unit):
+            raise refused("unit", f"must be one of {', '.join(UNITS)}", shown(self.unit))
 
     def model(self, file: File) -> jp.HazardCurve:
         """The library's ``HazardCurve``."""
         if self.file is not None:
-            found = jp.HazardCurve(*read_hazard(file.folder / self.file, self.site, first=1))
+            hazard = jp.HazardCurve(*read_hazard(file.folder / self.file, self.site, first=1))
         else:
-            assert self.intensity is not None
-            assert self.annual_rate is not None
-            found = jp.HazardCurve(np.array(self.intensity), np.array(self.annual_rate))
-        return found if self.measure is None else dataclasses.replace(found, measure=self.measure)
+            intensity, annual_rate = map(np.array, (self.intensity, self.annual_rate))
+            hazard = jp.HazardCurve(intensity, annual_rate)
+        return hazard if self.measure is None else dataclasses.replace(hazard, measure=self.measure)
 
 
-class Stated(Table):
+class FragilityTable(Section):
     """A fragility in numbers."""
 
-    median: Annotated[float, _Positive]
-    dispersion: Annotated[float, _Dispersion]
-    median_error: Annotated[float, between(0, 1e12, "", "a standard error")] | None = None
-    dispersion_error: Annotated[float, between(0, 10, "", "a standard error")] | None = None
+    median: Annotated[float, between(1e-12, 1e12, "", "of the hazard's intensities")]
+    dispersion: Annotated[float, between(1e-3, 10, "", "a standard deviation of the logarithm")]
+    median_error: Annotated[float, between(0, 1e12, "", _Error)] | None = None
+    dispersion_error: Annotated[float, between(0, 10, "", _Error)] | None = None
 
     def __post_init__(self) -> None:
         if (self.median_error is None) != (self.dispersion_error is None):
@@ -88,8 +72,8 @@ class Stated(Table):
         for name in ("median", "dispersion"):
             value, error = getattr(self, name), getattr(self, f"{name}_error") or 0.0
             if error > value:
-                rule = f"at most the {name} itself, {value:g}"
-                raise ValueError(f"{name}_error = {error:g} must be {rule}")
+                rule = f"must be at most the {name} itself, {value:g}"
+                raise refused(f"{name}_error", rule, f"{error:g}")
 
     def model(self) -> jp.Fragility:
         """The library's ``Fragility``, without data."""
@@ -99,13 +83,13 @@ class Stated(Table):
         return jp.Fragility(self.median, self.dispersion, np.diag(np.square(errors)))
 
 
-class Stored(Table):
+class StudyTable(Section):
     """A study to whose runs a fragility is fitted, or whose earthquakes the hazard has drawn."""
 
     store: str
     intensity: str = "pga"
     gap: Gap | None = None
-    link: Annotated[int, between(1, 2**31)] | None = None
+    link: Annotated[int, Count] | None = None
     gap_probabilities: _Shares | None = None
     drawn: bool = False
 
@@ -113,15 +97,15 @@ class Stored(Table):
         """The study; a ``ValueError`` if it has no such column or link."""
         study = jp.Study.open(file.folder / self.store)
         study.moments(self.intensity)
-        if is_ours(self.intensity) and self.intensity not in _OF_SHAKING:
-            rule = "measure the shaking, such as pga, and not the response"
-            raise ValueError(f'intensity = "{self.intensity}" must {rule}')
+        if is_demand(self.intensity) and self.intensity not in ("pga", "pgv"):
+            rule = "must measure the shaking, such as pga, and not the response"
+            raise refused("intensity", rule, f'"{self.intensity}"')
         if self.link is not None:
-            rule = f"one of the study's links, from 1 to {study.n_links}"
-            if self.link > study.n_links:
-                raise ValueError(f"link = {self.link} must be {rule}")
-            if not study.finite(f"min_gap_{self.link}" if study.n_links > 1 else "min_gap").size:
-                raise ValueError(f"link = {self.link} must be a link with a gap")
+            if self.link > (n := study.n_links):
+                rule = f"must be one of the study's links, from 1 to {n}"
+                raise refused("link", rule, str(self.link))
+            if not study.finite(f"min_gap_{self.link}" if n > 1 else "min_gap").size:
+                raise refused("link", "must be a link with a gap", str(self.link))
         return study
 
     @property
@@ -130,33 +114,32 @@ class Stored(Table):
         return None if self.link is None else self.link - 1
 
 
-class Results(Table):
-    """What is told."""
+class LifetimeResults(Section):
+    """The life of a building, and the form of the results."""
 
     years: Annotated[float, between(1e-3, 1e6, "years", "of a building's life")] = 50.0
     bands: Annotated[int, between(1, 1000)] = 20
     confidence: Annotated[float, between(0.01, 0.9999, "", "of an interval")] = 0.95
 
 
-class Lifetime(Table):
+class Lifetime(Section):
     """The configuration of ``jaxpound hazard``."""
 
-    hazard: Curve
-    fragility: Stated | None = None
-    study: Stored | None = None
-    results: Results = Results()
+    hazard: HazardTable
+    fragility: FragilityTable | None = None
+    study: StudyTable | None = None
+    results: LifetimeResults = LifetimeResults()
 
     def __post_init__(self) -> None:
         if (self.fragility is None) == (self.study is None):
             raise ValueError("must have the table [fragility] or the table [study], one of them")
         if self.hazard.unit is not None and self.study is None:
             rule = "must be given with [study] only: a [fragility] is in the hazard's own unit"
-            raise ValueError(f"[hazard] unit {rule}")
+            raise refused("[hazard] unit", rule)
 
 
-@dataclasses.dataclass(frozen=True)
-class Found:
-    """What follows from hazard and fragility."""
+class LifetimeRisk(NamedTuple):
+    """The annual rate of pounding, and what it is computed from."""
 
     hazard: jp.HazardCurve
     fragility: jp.Fragility | None
@@ -164,7 +147,7 @@ class Found:
     rate: jp.AnnualRate
     gaps: Mapping[float, Estimate]
     """Required gaps by their probabilities within the years."""
-    results: Results
+    results: LifetimeResults
     column: str | None = None
     """Without a fragility the study's column that measures the shaking."""
 
@@ -174,218 +157,175 @@ class Found:
         return self.rate.deaggregation(bands=self.results.bands, intensity=self.column)
 
 
-# --- the command --------------------------------------------------------------------------------
-
-
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "hazard")
-    given = file.read(Lifetime)
-    found = combined(file, given)
-    make_folder(args.out)
-    for table in tables(found):
+    risk = combined(file, file.read(Lifetime))
+    files.make_folder(args.out)
+    parts: list[Any] = tables(risk)
+    for table in parts:
         print(table.text())
 
     from jaxpound.plots import hazards, studies
     from jaxpound.plots.style import drawn
 
-    by: Any = {"bands": found.results.bands, "intensity": found.column}
-    figures = {"hazard": drawn(hazards.pounding, found.hazard, found.rate, **by)}
-    if found.fragility is not None and found.fragility.intensity.size:
-        figures["fragility"] = drawn(
-            studies.fragility, found.fragility, intensity=found.hazard.measure
-        )
-    write_json(args.out / "summary.json", summary(file, found))
-    write_text(args.out / "summary.md", page(found, figures))
-    write_text(args.out / "deaggregation.csv", _csv(found.deaggregation))
-    write_figures(figures, args.out, args.pdf)
+    options: Any = {"bands": risk.results.bands, "intensity": risk.column}
+    figures = {"hazard": drawn(hazards.pounding, risk.hazard, risk.rate, **options)}
+    if (curve := risk.fragility) is not None and curve.intensity.size:
+        figures["fragility"] = drawn(studies.fragility, curve, intensity=risk.hazard.measure)
+    interval = "probability in an earthquake" if curve is None else "fragility"
+    remark = (
+        "Earthquakes with pounding are taken for a Poisson process. The interval is that of the "
+        f"{interval}; the hazard curve is taken as known."
+    )
+    bands = risk.deaggregation
+    numbers = (bands.edges[:-1], bands.edges[1:], bands.rate, bands.share, bands.cov)
+    rows = zip(*(x.tolist() for x in numbers), strict=True)
+    text = files.csv_text(("from", "to", "annual_rate", "share", "cov"), rows)
+    parts, csv = [files.VERSION, *parts, remark], {"deaggregation.csv": text}
+    files.write_report(args, summary(file, risk), "Pounding in a lifetime", parts, figures, csv)
 
 
-def combined(file: File, given: Lifetime) -> Found:
-    """The annual rate of pounding, and the gaps that are asked for."""
-    place = f"{file.name}: [hazard]"
+def combined(file: File, lifetime: Lifetime) -> LifetimeRisk:
+    """The annual rate of pounding, and the requested gaps."""
+    results, place = lifetime.results, f"{file.name}: [hazard]"
     with named(place):
-        hazard = given.hazard.model(file)
-    if given.study is not None:
-        return of_study(file, given, given.study, hazard)
-    assert given.fragility is not None
-    curve = given.fragility.model()
+        hazard = lifetime.hazard.model(file)
+    if lifetime.study is not None:
+        return of_study(file, lifetime, lifetime.study, hazard)
+    assert lifetime.fragility is not None
+    curve = lifetime.fragility.model()
     with named(place):
-        rate = hazard.annual_rate_of(curve, given.results.confidence)
-    return Found(hazard, curve, rate, {}, given.results)
+        rate = hazard.annual_rate_of(curve, results.confidence)
+    return LifetimeRisk(hazard, curve, rate, {}, results)
 
 
-def of_study(file: File, given: Lifetime, stored: Stored, hazard: jp.HazardCurve) -> Found:
-    """The same by a study, through the fragility of its runs unless the hazard has drawn them."""
-    results, place = given.results, f"{file.name}: [study]"
+def of_study(
+    file: File, lifetime: Lifetime, table: StudyTable, hazard: jp.HazardCurve
+) -> LifetimeRisk:
+    """The rate by a study, through the fragility of its runs unless the hazard has drawn them."""
+    results, place = lifetime.results, f"{file.name}: [study]"
     with named(place):
-        study = stored.opened(file)
-        if stored.drawn:
-            if given.hazard.unit is not None:
-                raise ValueError("drawn = true must not be given beside [hazard] unit")
-            if not is_drawn((hazard.intensity, hazard.annual_rate), study):
-                rule = "this hazard is not known to have drawn the study's earthquakes"
-                raise ValueError(f"drawn = true must not be given: {rule}; leave it out")
-            return straight(hazard, stored, study, results)
-    column = stored.intensity
-    theirs = Measure(in_words(column), unit_of(column, study.scales is not None))
-    hazard, factor = _measured(f"{file.name}: [hazard]", given.hazard.unit, hazard, theirs)
-    ours = Measure.of_text(hazard.measure)
+        study = table.opened(file)
+        if table.drawn:
+            rule = ""
+            if lifetime.hazard.unit is not None:
+                rule = "must not be given beside [hazard] unit"
+            elif not is_drawn((hazard.intensity, hazard.annual_rate), study):
+                rule = (
+                    "must not be given: this hazard is not known to have drawn the study's "
+                    "earthquakes; leave it out, or use "
+                    "HazardCurve.annual_rate_of(..., drawn=True) in Python if they follow it"
+                )
+            if rule:
+                raise refused("drawn", rule, "true")
+            of_link: Any = {"gap": table.gap, "link": table.number}
+            rate = hazard.annual_rate_of(study, results.confidence, **of_link)
+            if not rate.value:
+                raise refused("store", "must hold runs with pounding to have a rate")
+            gaps = _required_gaps(hazard, table, study, results)
+            return LifetimeRisk(hazard, None, rate, gaps, results, table.intensity)
+    column, place_of_hazard = table.intensity, f"{file.name}: [hazard]"
+    study_measure = study.measure(column)
+    hazard, factor = _with_unit(place_of_hazard, lifetime.hazard.unit, hazard, study_measure)
+    measure = Measure.of_text(hazard.measure)
     with named(place):
-        curve = study.fragility(column, stored.gap, link=stored.number)
+        curve = study.fragility(column, table.gap, link=table.number)
     curve = dataclasses.replace(
         curve,
         median=curve.median / factor,
         intensity=curve.intensity / factor,
-        unit=ours.unit,
-        measure=str(dataclasses.replace(theirs, unit=ours.unit)),
+        unit=measure.unit,
+        measure=str(dataclasses.replace(study_measure, unit=measure.unit)),
     )
-    with named(f"{file.name}: [hazard]"):
+    with named(place_of_hazard):
         rate = hazard.annual_rate_of(curve, results.confidence)
-    in_their_unit = jp.HazardCurve(
+    in_study_unit = jp.HazardCurve(
         hazard.intensity * factor,
         hazard.annual_rate,
-        str(dataclasses.replace(ours, unit=theirs.unit)),
+        str(dataclasses.replace(measure, unit=study_measure.unit)),
     )
     with named(place):
-        gaps = {
-            share: in_their_unit.required_gap(
-                study,
-                share,
-                results.years,
-                intensity=column,
-                link=stored.number,
-                confidence=results.confidence,
-            )
-            for share in stored.gap_probabilities or ()
-        }
-    return Found(hazard, curve, rate, gaps, results)
+        gaps = _required_gaps(in_study_unit, table, study, results, column)
+    return LifetimeRisk(hazard, curve, rate, gaps, results)
 
 
-def straight(hazard: jp.HazardCurve, stored: Stored, study: jp.Study, results: Results) -> Found:
-    """The same by a study whose earthquakes the hazard has drawn."""
-    link, confidence = stored.number, results.confidence
-    rate = hazard.annual_rate_of(study, confidence, gap=stored.gap, link=link)
-    if not rate.value:
-        raise ValueError("store must hold runs with pounding, for its rate to be told")
-    gaps = {
-        share: hazard.required_gap(study, share, results.years, link=link, confidence=confidence)
-        for share in stored.gap_probabilities or ()
-    }
-    return Found(hazard, None, rate, gaps, results, stored.intensity)
+def _required_gaps(
+    hazard: jp.HazardCurve,
+    table: StudyTable,
+    study: jp.Study,
+    results: LifetimeResults,
+    intensity: str | None = None,
+) -> dict[float, Estimate]:
+    options: Any = {"link": table.number, "confidence": results.confidence, "intensity": intensity}
+    probabilities = table.gap_probabilities or ()
+    return {p: hazard.required_gap(study, p, results.years, **options) for p in probabilities}
 
 
-def _measured(
-    place: str, unit: str | None, hazard: jp.HazardCurve, theirs: Measure
+def _with_unit(
+    place: str, unit: str | None, hazard: jp.HazardCurve, study_measure: Measure
 ) -> tuple[jp.HazardCurve, float]:
-    """A hazard whose measure tells its unit, and that unit in the one of a study's column.
+    """A hazard whose measure has a unit, and the size of this unit in that of a study's column.
 
     The unit is that of the key, or of the measure, or else the usual one of hazard analyses.
     """
-    ours, sizes = Measure.of_text(hazard.measure), units_like(theirs.unit)
+    measure, sizes = Measure.of_text(hazard.measure), units_like(study_measure.unit)
     if not sizes:
         if unit is not None:
-            rule = f"must not be given: the unit of the study's column, {theirs}, is not known"
-            raise ValueError(f'{place} unit = "{unit}" {rule}')
+            rule = f"must not be given: the unit of the study's column, {study_measure}, is not "
+            raise refused(f"{place} unit", f"{rule}known", f'"{unit}"')
         return hazard, 1.0
-    stated = dataclasses.replace(
-        ours, unit=known_unit(unit or "") or ours.unit or next(iter(sizes))
-    )
-    if ours.unit and not stated.is_in_unit_of(ours):
-        raise ValueError(f'{place} unit = "{unit}" must be that of measure = "{hazard.measure}"')
-    if stated.unit not in sizes:
-        rule = f"must be one of {', '.join(sizes)}, as the study has {theirs}"
-        raise ValueError(f'{place} unit = "{stated.unit}" {rule}')
-    factor = sizes[stated.unit] / sizes[theirs.unit]
+    unit_of_hazard = measure_unit(unit or "") or measure.unit or next(iter(sizes))
+    stated = dataclasses.replace(measure, unit=unit_of_hazard)
+    rule = f"must be one of {', '.join(sizes)}, as the study has {study_measure}"
+    if clashing := measure.unit and not stated.is_in_unit_of(measure):
+        rule = f'must be that of measure = "{hazard.measure}"'
+    if clashing or stated.unit not in sizes:
+        raise refused(f"{place} unit", rule, f'"{unit if clashing else stated.unit}"')
+    factor = sizes[stated.unit] / sizes[study_measure.unit]
     return dataclasses.replace(hazard, measure=str(stated)), factor
 
 
-# --- the report ---------------------------------------------------------------------------------
-
-
-def summary(file: File, found: Found) -> dict[str, Any]:
+def summary(file: File, risk: LifetimeRisk) -> dict[str, Any]:
     """The rate in numbers, for JSON."""
-    rate, curve, years = found.rate, found.fragility, found.results.years
-    answers: dict[str, Any] = known(
-        {
-            **file.origin,
-            "measure": found.hazard.measure,
-            "hazard": {
-                "intensity": found.hazard.intensity.tolist(),
-                "annual_rate": found.hazard.annual_rate.tolist(),
-            },
-            "fragility": of_fragility(curve),
-            "confidence": found.results.confidence,
-            "annual_rate": {
-                "value": rate.value,
-                "low": rate.low,
-                "high": rate.high,
-                "cov": rate.cov,
-                "from_below_the_curve": rate.below,
-                "from_above_the_curve": rate.above,
-                "bounds": list(rate.bounds),
-            },
-            "return_period_years": rate.return_period,
-            "years": years,
-            "probability": _interval(rate.probability(years)),
-            "required_gap": {f"{p:g}": _interval(gap) for p, gap in found.gaps.items()},
-            "mean_intensity_at_pounding": found.deaggregation.mean,
-        }
-    )
-    return answers
+    rate, curve, years = risk.rate, risk.fragility, risk.results.years
+    return {
+        **file.origin,
+        "measure": risk.hazard.measure,
+        "hazard": {
+            "intensity": risk.hazard.intensity.tolist(),
+            "annual_rate": risk.hazard.annual_rate.tolist(),
+        },
+        "fragility": None if curve is None else files.of_fragility(curve),
+        "confidence": risk.results.confidence,
+        "annual_rate": {
+            **files.of_estimate(rate),
+            "cov": rate.cov,
+            "from_below_the_curve": rate.below,
+            "from_above_the_curve": rate.above,
+            "bounds": list(rate.bounds),
+        },
+        "return_period_years": rate.return_period,
+        "years": years,
+        "probability": files.of_estimate(rate.probability(years)),
+        "required_gap": {f"{p:g}": files.of_estimate(gap) for p, gap in risk.gaps.items()},
+        "mean_intensity_at_pounding": risk.deaggregation.mean,
+    }
 
 
-def _interval(found: Estimate) -> dict[str, float]:
-    return {"value": found.value, "low": found.low, "high": found.high}
-
-
-def tables(found: Found) -> list[Shown]:
+def tables(risk: LifetimeRisk) -> list[TextTable]:
     """The results for people."""
-    rate, curve, years = found.rate, found.fragility, found.results.years
-    (of_rate,) = rate._tables(years)
-    parts = [of_rate]
+    curve, years = risk.fragility, risk.results.years
+    parts = risk.rate._tables(years)
     if curve is not None:
-        numbers = [
-            ("median", _with_error(curve.median, curve.median_error)),
-            ("dispersion", _with_error(curve.dispersion, curve.dispersion_error)),
-        ]
-        parts.append(Shown(f"Fragility by {found.hazard.measure}", (), numbers))
-    if found.gaps:
-        rows = [(f"{100 * p:g} %", str(gap)) for p, gap in found.gaps.items()]
+        numbers = []
+        for name in ("median", "dispersion"):
+            value, error = getattr(curve, name), getattr(curve, f"{name}_error")
+            with_error = f"{value:.4g} ± {error:.2g}" if np.isfinite(error) else f"{value:.4g}"
+            numbers.append((name, with_error))
+        parts.append(TextTable(f"Fragility by {risk.hazard.measure}", (), numbers))
+    if risk.gaps:
+        rows = [(f"{100 * p:g} %", str(gap)) for p, gap in risk.gaps.items()]
         columns = (f"closes within {years:g} years with probability", "required gap (m)")
-        parts.append(Shown("Required gap", columns, rows))
-    return [*parts, *found.deaggregation._tables()]
-
-
-def _with_error(value: float, error: float) -> str:
-    return f"{value:.4g} ± {error:.2g}" if np.isfinite(error) else f"{value:.4g}"
-
-
-def page(found: Found, figures: Mapping[str, Any]) -> str:
-    """One page."""
-    what = "probability in an earthquake" if found.fragility is None else "fragility"
-    lines = ["# Pounding in a lifetime", "", f"jaxpound {jp.__version__}.", ""]
-    for part in tables(found):
-        notes = ". ".join(part.notes).replace(",. ", ", ")  # a note may go on in the next
-        table = part if any(part.columns) else part._replace(columns=("quantity", "value"))
-        lines += [f"## {part.title}", "", table.markdown(), ""]
-        lines += [f"{notes[0].upper()}{notes[1:]}.", ""] if notes else []
-    lines += [
-        "Earthquakes with pounding are taken for a Poisson process. The interval is that of the "
-        f"{what}; the hazard curve is taken as known.",
-        "",
-        *(f"![{name}]({name}.png)" for name in figures),
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def _csv(found: jp.Deaggregation) -> str:
-    """The rate by bands of intensity."""
-    text = io.StringIO()
-    cov = [x if np.isfinite(x) else "" for x in found.cov]
-    numbers = (found.edges[:-1], found.edges[1:], found.rate, found.share)
-    rows: Sequence[Any] = list(zip(*(x.tolist() for x in numbers), cov, strict=True))
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([("from", "to", "annual_rate", "share", "cov"), *rows])
-    return text.getvalue()
+        parts.append(TextTable("Required gap", columns, rows))
+    return [*parts, *risk.deaggregation._tables()]

@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
 import jaxpound as jp
-from jaxpound._tables import Table as Shown
-from jaxpound.cli.files import known, make_folder, write_figures, write_json, write_text
-from jaxpound.cli.notes import noted
-from jaxpound.cli.reading import Count, File, Range, Table, between, named, says
-from jaxpound.cli.results import of_fragility
-from jaxpound.cli.structures import Structured
+from jaxpound._errors import InvalidInput
+from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
+from jaxpound.cli.reading import Count, File, Range, Section, between, named, refused, says
+from jaxpound.cli.structures import Structured, compile_notice
 from jaxpound.cli.tables import require_threshold
-from jaxpound.risk.suite_runs import demand_in_words
+from jaxpound.hazard.suite_runs import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
-
-# --- the configuration --------------------------------------------------------------------------
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
 _LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorded")
@@ -33,7 +28,7 @@ _Ends = Annotated[tuple[float, float], says("two numbers, [low, high]")]
 _RANGES = {"asce 7": jp.PeriodRange.asce_7, "en 1998": jp.PeriodRange.en_1998}
 
 
-class Suite(Table):
+class SuiteTable(Section):
     """The records."""
 
     folder: str
@@ -42,7 +37,7 @@ class Suite(Table):
     dt: Annotated[float, between(1e-6, 10, "s", "a sample interval")] | None = None
 
 
-class Target(Table):
+class TargetTable(Section):
     """The spectrum to which the records are scaled, and how."""
 
     periods: _Numbers
@@ -58,20 +53,9 @@ class Target(Table):
         if (self.code is None) == (self.range is None):
             raise ValueError("must have the range of periods, by code or by range, not by both")
 
-    def scaled(
-        self, suite: jp.RecordSuite, first_periods: list[float], strict: bool
-    ) -> jp.ScaledSuite:
-        """The records scaled to the target."""
-        target = jp.TargetSpectrum(self.periods, self.accelerations, self.damping)
-        span = _RANGES[self.code](*first_periods) if self.code else self.range
-        assert span
-        return suite.scaled_to(
-            target, span, self.factors, best=self.best, least=self.least, strict=strict
-        )
 
-
-class Increments(Table):
-    """What is scaled, and until when."""
+class LadderTable(Section):
+    """The intensities, and the demand and threshold that they are scaled to reach."""
 
     intensities: _Levels
     measure: Literal["pga", "sa"] = "pga"
@@ -82,189 +66,144 @@ class Increments(Table):
 
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
-            raise ValueError('period must be given with measure = "sa" only')
+            raise refused("period", 'must be given with measure = "sa" only')
         if self.threshold is not None:
             require_threshold("threshold", self.demand, self.threshold)
 
 
-class Analysis(Structured, kw_only=True):
+class IdaConfig(Structured, kw_only=True):
     """The configuration of ``jaxpound ida``."""
 
-    suite: Suite
-    target: Target | None = None
-    ida: Increments
-
-
-# --- the command --------------------------------------------------------------------------------
+    suite: SuiteTable
+    target: TargetTable | None = None
+    ida: LadderTable
 
 
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "ida")
-    given = file.read(Analysis)
-    suite, scaled = records(file, given, args.strict)
-    found = analysed(file, given, suite, args.strict, args.store)
+    config = file.read(IdaConfig)
+    suite, scaled = records(file, config, args.strict)
+    analysis = analysed(file, config, suite, args.strict, args.store)
     make_folder(args.out)
-    curve, why = _fragility(found)
-    answers = summary(file, given, suite, scaled, found, curve)
-    print(found)
-    print(curve or why)
+    curve, remarks = None, []
+    try:
+        curve = analysis.fragility()
+    except InvalidInput as error:
+        remarks = [f"no fragility: {error.replaced(owner='')}"]
+    print(analysis)
+    print(curve or remarks[0])
 
     from jaxpound.plots import ida, suites
     from jaxpound.plots.style import drawn
 
-    figures = {"ida": drawn(ida.curves, found), "spectra": drawn(suites.spectra, scaled or suite)}
+    figures = {
+        "ida": drawn(ida.curves, analysis),
+        "spectra": drawn(suites.spectra, scaled or suite),
+    }
+    tables = [*(scaled._tables() if scaled else ()), *analysis._tables()]
     if curve is not None:
-        figures["fragility"] = drawn(ida.fragility, found)
-    write_json(args.out / "summary.json", answers)
-    write_text(args.out / "summary.md", page(answers, scaled, found, curve, why, figures))
-    write_text(args.out / "capacities.csv", _capacities(found))
-    write_text(args.out / "curves.csv", _curves(found))
-    write_figures(figures, args.out, args.pdf)
+        figures["fragility"] = drawn(ida.fragility, analysis)
+        tables += curve._tables()
+    parts = [VERSION, *tables, *map(sentence, remarks)]
+    numbers = (analysis.unscaled, analysis.capacities, analysis.factors)
+    capacities = zip(analysis.names, *(x.tolist() for x in numbers), strict=True)
+    curves = [
+        (name, im, demand)
+        for name, demands in zip(analysis.names, analysis.demands.tolist(), strict=True)
+        for im, demand in zip(analysis.intensities.tolist(), demands, strict=True)
+    ]
+    columns = ("record", "intensity_as_it_is", "capacity", "factor")
+    files = {
+        "capacities.csv": csv_text(columns, capacities),
+        "curves.csv": csv_text(("record", "intensity", "demand"), curves),
+    }
+    answers = summary(file, suite, scaled, analysis, curve)
+    write_report(args, answers, "Incremental dynamic analysis", parts, figures, files)
 
 
 def records(
-    file: File, given: Analysis, strict: bool = False
+    file: File, config: IdaConfig, strict: bool = False
 ) -> tuple[jp.RecordSuite, jp.ScaledSuite | None]:
     """The suite that is run, and how it was scaled if there is a target."""
-    table = given.suite
+    table = config.suite
     with named(f"{file.name}: [suite]"):
         suite = jp.read_suite(
             file.folder / table.folder, table.pattern, units=table.units, dt=table.dt
         )
-    if given.target is None:
+    if (to := config.target) is None:
         return suite, None
     with named(f"{file.name}: [target]"):
-        scaled = given.target.scaled(suite, _first_periods(given), strict)
+        periods = natural_periods(config.structures, config.scales)
+        span: Any = _RANGES[to.code](*periods) if to.code else to.range
+        target = jp.TargetSpectrum(to.periods, to.accelerations, to.damping)
+        scaled = suite.scaled_to(
+            target, span, to.factors, best=to.best, least=to.least, strict=strict
+        )
     return scaled.suite, scaled
 
 
 def analysed(
     file: File,
-    given: Analysis,
+    config: IdaConfig,
     suite: jp.RecordSuite,
     strict: bool = False,
     store: Path | None = None,
 ) -> jp.IncrementalDynamicAnalysis:
     """The analysis of the buildings under these records."""
-    how, place = given.ida, f"{file.name}: [run]"
+    ladder, system = config.ida, (config.structures, config.scales, config.scheme)
     finest = min(suite, key=lambda record: float(record.dt))
-    longest = given.run.duration or max(float(record.duration) for record in suite)
-    of_system = given.structures, given.scales, given.scheme
-    grid = record_grid(place, *of_system, finest, longest, given.run.dt)
-    period = how.period or max(_first_periods(given))
-    with named(f"{file.name}: [ida]"), noted(given.structures):
+    longest = config.run.duration or max(float(record.duration) for record in suite)
+    grid = record_grid(f"{file.name}: [run]", *system, finest, longest, config.run.dt)
+    period = ladder.period or max(natural_periods(config.structures, config.scales))
+    with named(f"{file.name}: [ida]"), compile_notice(config.structures):
         return jp.incremental_dynamic_analysis(
-            given.structures,
+            config.structures,
             suite,
             grid,
-            intensities=np.array(how.intensities),
-            measure="pga" if how.measure == "pga" else period,
-            demand=how.demand,
-            threshold=how.threshold,
-            refine=how.refine,
-            scales=given.scales,
-            scheme=given.scheme,
+            intensities=np.array(ladder.intensities),
+            measure="pga" if ladder.measure == "pga" else period,
+            demand=ladder.demand,
+            threshold=ladder.threshold,
+            refine=ladder.refine,
+            scales=config.scales,
+            scheme=config.scheme,
             strict=strict,
             store=store,
             progress=sys.stderr.isatty(),
         )
 
 
-def _first_periods(given: Analysis) -> list[float]:
-    return natural_periods(given.structures, given.scales)
-
-
-def _fragility(found: jp.IncrementalDynamicAnalysis) -> tuple[jp.Fragility | None, str]:
-    """The fragility of the capacities, or why there is none."""
-    try:
-        return found.fragility(), ""
-    except ValueError as error:
-        return None, f"no fragility: {str(error).partition(': ')[2]}"
-
-
-# --- the report ---------------------------------------------------------------------------------
-
-
 def summary(
     file: File,
-    given: Analysis,
     suite: jp.RecordSuite,
     scaled: jp.ScaledSuite | None,
-    found: jp.IncrementalDynamicAnalysis,
+    analysis: jp.IncrementalDynamicAnalysis,
     curve: jp.Fragility | None,
 ) -> dict[str, Any]:
     """The analysis in numbers; infinite capacities, of records that stay below, are null."""
-    of_target = None
-    if scaled is not None:
-        of_target = {
-            "range_s": list(scaled.range),
-            "factors": dict(zip(suite.names, map(float, scaled.factors), strict=True)),
-            "misfits": dict(zip(suite.names, map(float, scaled.misfits), strict=True)),
-            "misfit_of_mean": scaled.misfit,
-            "least_ratio_of_mean": scaled.least_ratio,
-            "at_bound": list(scaled.at_bound),
-        }
-    answers: dict[str, Any] = known(
-        {
-            **file.origin,
-            "target": of_target,
-            "measure": found.measure,
-            "demand": demand_in_words(found.demand, found.si),
-            "threshold": found.threshold,
-            "intensities": list(map(float, found.intensities)),
-            "fractiles": dict(
-                zip(("0.16", "0.5", "0.84"), map(list, found.fractiles().tolist()), strict=True)
-            ),
-            "capacities": dict(zip(found.names, map(float, found.capacities), strict=True)),
-            "factors": dict(zip(found.names, map(float, found.factors), strict=True)),
-            "returning": list(found.returning),
-            "fragility": of_fragility(curve),
-        }
-    )
-    return answers
 
+    def by_name(numbers: np.ndarray) -> dict[str, float]:
+        return dict(zip(suite.names, numbers.tolist(), strict=True))
 
-def page(
-    answers: Mapping[str, Any],
-    scaled: jp.ScaledSuite | None,
-    found: jp.IncrementalDynamicAnalysis,
-    curve: jp.Fragility | None,
-    why: str,
-    figures: Mapping[str, Any],
-) -> str:
-    """One page."""
-    parts: list[Shown] = [] if scaled is None else [*scaled._tables()]
-    parts += [*found._tables(), *([] if curve is None else curve._tables())]
-    lines = ["# Incremental dynamic analysis", "", f"jaxpound {answers['jaxpound']}.", ""]
-    for part in parts:
-        notes = [f"{note[0].upper()}{note[1:]}." for note in part.notes]
-        lines += [f"## {part.title}", "", part.markdown(), "", *(x for n in notes for x in (n, ""))]
-    lines += [f"{why[0].upper()}{why[1:]}.", ""] if why else []
-    lines += [*(f"![{name}]({name}.png)" for name in figures), ""]
-    return "\n".join(lines)
-
-
-def _capacities(found: jp.IncrementalDynamicAnalysis) -> str:
-    """The intensity and factor at which each record reaches the threshold; empty if it does not."""
-    rows = zip(found.names, found.unscaled, found.capacities, found.factors, strict=True)
-    return _csv(["record", "intensity_as_it_is", "capacity", "factor"], rows)
-
-
-def _curves(found: jp.IncrementalDynamicAnalysis) -> str:
-    """The demand of each record at each intensity."""
-    rows = (
-        (name, im, demand)
-        for name, demands in zip(found.names, found.demands, strict=True)
-        for im, demand in zip(found.intensities, demands, strict=True)
-    )
-    return _csv(["record", "intensity", "demand"], rows)
-
-
-def _csv(names: list[str], rows: Any) -> str:
-    def cell(x: Any) -> str:
-        if isinstance(x, str):
-            return '"' + x.replace('"', '""') + '"'
-        return repr(float(x)) if np.isfinite(x) else ""
-
-    return "".join(",".join(row) + "\n" for row in [names, *(map(cell, row) for row in rows)])
+    of_target = scaled and {
+        "range_s": list(scaled.range),
+        "factors": by_name(scaled.factors),
+        "misfits": by_name(scaled.misfits),
+        "misfit_of_mean": scaled.misfit,
+        "least_ratio_of_mean": scaled.least_ratio,
+        "at_bound": list(scaled.at_bound),
+    }
+    return {
+        **file.origin,
+        "target": of_target,
+        "measure": analysis.measure,
+        "demand": demand_in_words(analysis.demand, analysis.si),
+        "threshold": analysis.threshold,
+        "intensities": analysis.intensities.tolist(),
+        "fractiles": dict(zip(("0.16", "0.5", "0.84"), analysis.fractiles().tolist(), strict=True)),
+        "capacities": by_name(analysis.capacities),
+        "factors": by_name(analysis.factors),
+        "returning": list(analysis.returning),
+        "fragility": None if curve is None else of_fragility(curve),
+    }

@@ -7,26 +7,29 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
-from msgspec.structs import asdict
 
 import jaxpound as jp
-from jaxpound.cli.reading import Range, Table, between, named, says
-from jaxpound.cli.tables import Earthquakes, Stated
+from jaxpound.cli.reading import Range, Section, between, named, refused, says
+from jaxpound.cli.tables import DistributionSpec, Earthquakes
+from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.buildings import DURATION
-from jaxpound.study.ground_draw import GroundDraw
 
 _Instant = Annotated[float, between(1e-3, 3600, "s", "from the start of the noise")]
 _Frequency = Annotated[float, between(0.01, 100, "Hz", "of soil: soft has 0.5 Hz, rock 10 Hz")]
 _Damping = Annotated[float, between(0.01, 0.99, "", "of the critical damping")]
 _STRENGTH = Range(0, 10, "g", "the standard deviation of the acceleration at its strongest")
-_LEAST_STRENGTH = 1e-6  # of one that is not random: without shaking there is nothing to run
+_LEAST_STRENGTH = 1e-6  # if it is not random: a run needs shaking
+_Acceleration = Annotated[
+    float | DistributionSpec,
+    says("a standard deviation in g, or its distribution, {lognormal = [median, sigma]}"),
+]
 _OF_SOIL = ("frequency", "damping", "acceleration", "duration")
 _NEEDED = {"kanai-tajimi": _OF_SOIL, "clough-penzien": (*_OF_SOIL, "high_pass")}
 _SAMPLES_IN_A_PERIOD = 20
 _OF_GAMMA, _OF_PLATEAU = ("peak", "power"), ("rise", "end", "decay")
 
 
-class Envelope(Table):
+class EnvelopeTable(Section):
     """How the noise grows and fades: a gamma function, or a rise, a plateau and a decay."""
 
     peak: _Instant | None = None
@@ -36,22 +39,18 @@ class Envelope(Table):
     decay: Annotated[float, between(1e-3, 1e3, "1/s", "of the exponential decay")] | None = None
 
     def __post_init__(self) -> None:
-        if self._given().keys() not in ({*_OF_GAMMA}, {*_OF_PLATEAU}):
-            ways = f"{', '.join(_OF_GAMMA)}, or {', '.join(_OF_PLATEAU)}"
-            raise ValueError(f"must have {ways}")
+        if self.stated().keys() not in ({*_OF_GAMMA}, {*_OF_PLATEAU}):
+            raise ValueError(f"must have {', '.join(_OF_GAMMA)}, or {', '.join(_OF_PLATEAU)}")
         self.model()
-
-    def _given(self) -> dict[str, float]:
-        return {key: x for key, x in asdict(self).items() if x is not None}
 
     def model(self) -> jp.GammaEnvelope | jp.PlateauEnvelope:
         """The library's envelope, in seconds."""
         kind: Any = jp.GammaEnvelope if self.peak is not None else jp.PlateauEnvelope
         with named("", {"rise": "s", "end": "s"}):
-            return kind(**self._given())
+            return kind(**self.stated())
 
 
-class Shaking(Earthquakes):
+class NoiseOrEarthquakes(Earthquakes):
     """Random earthquakes: filtered white noise, sums of wavelets, or records."""
 
     filter: Literal["kanai-tajimi", "clough-penzien"] | None = None
@@ -61,43 +60,34 @@ class Shaking(Earthquakes):
     high_pass_damping: _Damping | None = None
     duration: Annotated[float, between(*DURATION)] | None = None
     dt: Annotated[float, between(1e-4, 10, "s", "an interval of samples")] | None = None
-    acceleration: (
-        Annotated[
-            float | Stated,
-            says("a standard deviation in g, or its distribution, {lognormal = [median, sigma]}"),
-        ]
-        | None
-    ) = None
-    envelope: Envelope | None = None
+    acceleration: _Acceleration | None = None
+    envelope: EnvelopeTable | None = None
 
     def __post_init__(self) -> None:
-        given = [key for key, x in asdict(self).items() if x is not None]
-        own = {*Shaking.__struct_fields__} - {*Earthquakes.__struct_fields__}
-        here, how = ({*own}, "with") if self.filter else ({*given} - own, "without")
-        if wrong := [key for key in given if key not in here]:
-            raise ValueError(f"{wrong[0]} must not be given {how} filter")
         if self.filter is None:
+            of_noise = {*self.__struct_fields__} - {*Earthquakes.__struct_fields__}
+            self.refuse_any(of_noise, "must not be given without filter")
             super().__post_init__()
             return
-        if missing := [key for key in _NEEDED[self.filter] if key not in given]:
-            raise ValueError(f"lacks the key {missing[0]!r}")
-        for key in ("high_pass", "high_pass_damping"):
-            if self.filter == "kanai-tajimi" and key in given:
-                raise ValueError(f'{key} must be given with filter = "clough-penzien" only')
-        if isinstance(self.acceleration, Stated):
+        self.refuse_any(Earthquakes.__struct_fields__, "must not be given with filter")
+        self.require_all(_NEEDED[self.filter])
+        if self.filter == "kanai-tajimi":
+            only = 'must be given with filter = "clough-penzien" only'
+            self.refuse_any(("high_pass", "high_pass_damping"), only)
+        if isinstance(self.acceleration, DistributionSpec):
             self.acceleration.require("acceleration", _STRENGTH)
         else:
             _STRENGTH._replace(low=_LEAST_STRENGTH).require("acceleration", self.acceleration)
         assert self.frequency
         if self.dt is not None and self.dt > 0.5 / self.frequency:
-            rule = f"at most half of the soil's period, {0.5 / self.frequency:.4g} s"
-            raise ValueError(f"dt = {self.dt:g} s must be {rule}")
+            rule = f"must be at most half of the soil's period, {0.5 / self.frequency:.4g} s"
+            raise refused("dt", rule, f"{self.dt:g} s")
         if self.high_pass is not None and self.high_pass >= self.frequency:
             rule = f"must be below frequency = {self.frequency:g} Hz"
-            raise ValueError(f"high_pass = {self.high_pass:g} Hz {rule}")
+            raise refused("high_pass", rule, f"{self.high_pass:g} Hz")
 
     def shapes(self, records: Sequence[jp.Record]) -> list[jp.Record]:
-        """These records and one of the noise: a time grid must be fine and long enough for them."""
+        """These records and a sample of the noise, for which a time grid must be fine enough."""
         if self.filter is None:
             return [*records]
         noise = self._noise()
@@ -110,22 +100,19 @@ class Shaking(Earthquakes):
         return scales.to_dimensionless(self._noise())
 
     def _noise(self) -> jp.FilteredNoise:
-        """The noise in seconds."""
-        assert self.frequency
-        assert self.damping
-        assert self.duration
-        ground = 2 * math.pi * self.frequency, self.damping
+        table: Any = self  # with all keys that its filter needs
+        ground = 2 * math.pi * table.frequency, self.damping
         filter: Any = jp.KanaiTajimi(*ground)
         if self.high_pass is not None:
             share = {"high_pass_damping": self.high_pass_damping} if self.high_pass_damping else {}
             filter = jp.CloughPenzien(*ground, high_pass=2 * math.pi * self.high_pass, **share)
-        dt = self.dt or 1 / (_SAMPLES_IN_A_PERIOD * self.frequency)
-        strength = self.acceleration
+        dt = self.dt or 1 / (_SAMPLES_IN_A_PERIOD * table.frequency)
+        strength = table.acceleration
         return jp.FilteredNoise(
             filter,
-            samples=max(2, math.ceil(self.duration / dt * (1 - 1e-9)) + 1),
+            samples=max(2, math.ceil(table.duration / dt * (1 - 1e-9)) + 1),
             dt=dt,
             envelope=self.envelope.model() if self.envelope else None,
-            intensity=strength.times(1.0) if isinstance(strength, Stated) else strength,
+            intensity=strength.times(1.0) if isinstance(strength, DistributionSpec) else strength,
             time_unit="s",
         )

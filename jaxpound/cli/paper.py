@@ -6,7 +6,7 @@ import argparse
 from itertools import zip_longest
 
 import jaxpound as jp
-from jaxpound._tables import Table
+from jaxpound._tables import TextTable
 from jaxpound.cli.files import make_folder, write_figures
 
 PAPER_SCHEME_ERROR = -6.4e-4  # of min(x2 − x1) by the paper's own scheme at its own step
@@ -21,13 +21,13 @@ def run(args: argparse.Namespace) -> None:
     make_folder(args.out)
     case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
     response = jp.simulate(*case)
-    papers_own = float(jp.demand(*case, jp.PAPER_SCHEME).min_gap) - case[0].initial_gap
-    print(page(response, papers_own, case[0].initial_gap))
+    by_paper_scheme = float(jp.demand(*case, jp.PAPER_SCHEME).min_gap) - case[0].initial_gap
+    print(page(response, by_paper_scheme, case[0].initial_gap))
     figures = {draw.__name__: drawn(draw, response) for draw in (plots.overview, *PAPER)}
     write_figures(figures, args.out, args.pdf)
 
 
-def page(response: jp.Response, papers_own: float, initial_gap: float) -> str:
+def page(response: jp.Response, by_paper_scheme: float, initial_gap: float) -> str:
     """The paper's case beside the reference: smallest gap, phase changes, energy residual."""
     reference = jp.paper.reference()
     changes = [(phase.start, phase.kind) for phase in response.phases()[1:]]
@@ -41,7 +41,7 @@ def page(response: jp.Response, papers_own: float, initial_gap: float) -> str:
         rows.append(row(f"  {kind or expected} from t", time, expected_time))
     rows += [
         row("energy residual / input", float(response.energy.relative_residual), None),
-        row("min by the paper's scheme", papers_own, reference.min_gap_change),
+        row("min by the paper's scheme", by_paper_scheme, reference.min_gap_change),
     ]
     return "\n".join(
         [
@@ -50,7 +50,7 @@ def page(response: jp.Response, papers_own: float, initial_gap: float) -> str:
             "Dimensionless: length g/omega1^2, time 1/omega1. The reference is an independent",
             "event-driven solver. The paper gives no initial gap; pounding is x2 - x1 <= -gap.",
             "",
-            Table.of(("", "jaxpound", "reference", "difference"), rows).text(),
+            TextTable.of(("", "jaxpound", "reference", "difference"), rows).text(),
             "",
             "The paper's scheme (order 1, switching friction) is known to miss the minimum by "
             f"{PAPER_SCHEME_ERROR:.1e}.",
@@ -60,9 +60,9 @@ def page(response: jp.Response, papers_own: float, initial_gap: float) -> str:
 
 def row(name: str, value: float | None, reference: float | None) -> tuple[str, ...]:
     """A number beside its reference; either may be missing."""
-    one, other = (
-        "-" if x is None else str(x) if isinstance(x, int) else f"{x:.8f}"
+    difference = "-" if value is None or reference is None else f"{value - reference:.1e}"
+    cells = (
+        "-" if x is None else f"{x:.8f}" if isinstance(x, float) else str(x)
         for x in (value, reference)
     )
-    difference = "-" if value is None or reference is None else f"{value - reference:.1e}"
-    return name, one, other, difference
+    return name, *cells, difference

@@ -1,281 +1,340 @@
 """The parameters of a file that may be random or chosen: their keys, paths, SI values and ranges.
 
-Of a pair a key is the field path of the dimensionless system. In a row it says where the parameter
-is, counted from 1: ``building.1.storey.2.stiffness``, ``building.2.floor.1.mass``,
-``link.1.friction_force``; ``*`` stands for any number.
+In a row a key says where the parameter is, counted from 1: ``building.1.storey.2.stiffness``,
+``building.2.floor.1.mass``, ``link.1.friction_force``; ``*`` stands for any number. Of a pair a key
+is the field path of the dimensionless system. What is random or chosen is a factor on the values
+of the file.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import operator
 import re
-from collections.abc import Mapping
-from typing import Any, NoReturn, Protocol, TypeVar
+from collections.abc import Mapping, Sequence
+from statistics import NormalDist
+from typing import Annotated, Any, Literal, NoReturn, TypeVar, cast
+
+import jax
+import numpy as np
+from msgspec import field
 
 import jaxpound as jp
 from jaxpound._checks import did_you_mean
-from jaxpound.cli.pair import UNITS, Building, Damper, Pair
-from jaxpound.cli.reading import Range, named, ranges, unknown_key
-from jaxpound.cli.row import FloorLink, Row
-from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import LAWS, Contact
-from jaxpound.model.parameters import get, in_words, paths, put
-from jaxpound.model.parameters import known as about
+from jaxpound.buildings import scaled_links
+from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSection
+from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
+from jaxpound.cli.structures import Shaken
+from jaxpound.cli.tables import LAWS, ContactSection, DistributionSpec, drawn
+from jaxpound.model.parameters import get, in_words, metadata, paths, put
 from jaxpound.model.places import link_places
-from jaxpound.model.rod import ZenerRod
-from jaxpound.model.shear_building import in_units
-from jaxpound.model.system import Structures
+from jaxpound.model.system import Structures, is_closable
 from jaxpound.quantities import unit
+from jaxpound.scenarios.distributions import RARE
 
 X = TypeVar("X")
 
+_OF_ROD = ("order", "tau_f", "tau_x")
+_OF_CONTACT = tuple(dict.fromkeys(path for law in LAWS.values() for path in paths(law)))
 
-class Parameters(Protocol):
-    """The parameters of a file."""
+_RANGES: dict[str, Range] = {
+    **{key: ranges(BlockSection)[key] for key in ("mass", "stiffness", *_OF_ROD)},
+    **{key: ranges(LinkSection)[key] for key in ("friction_force", "gap")},
+    **{f"contact.{key}": ranges(ContactSection)[key] for key in _OF_CONTACT},
+}
+"""Range of a parameter by the end of its key in a row."""
 
-    @property
-    def nominal(self) -> Structures:
-        """The dimensionless structures."""
+_ALIASES = {
+    "friction": ("[damper]", "friction_force"),
+    "initial_gap": ("", "gap"),
+    "mass_ratio": ("[building_2]", "mass"),
+    "stiffness_ratio": ("[building_2]", "stiffness"),
+    **{f"rod_{i}.{key}": (f"[building_{i}]", key) for i in (1, 2) for key in _OF_ROD},
+    **{f"contact.{key}": ("[contact]", f"contact.{key}") for key in _OF_CONTACT},
+}
+"""Keys of a pair: the table of the file that has the parameter, and the end of its key in a row."""
 
-    @property
-    def si(self) -> Structures:
-        """The same with their parameters in SI units: s^order, N, m.
 
-        Rules are the same in every unit, so that error messages have the units of the file.
-        """
+def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[str, tuple[str, X]]:
+    """What a table states of each path, and by which key; ``*`` stands for any number.
 
-    @property
-    def keys(self) -> Mapping[str, tuple[str, ...]]:
-        """The paths that each key of a file stands for."""
+    A key without ``*`` takes precedence over one with ``*``, which leaves out parameters that are
+    0.
+    """
+    by_path: dict[str, tuple[str, X]] = {}
+    for key, value in table.items():
+        fits = re.compile(re.escape(key).replace(r"\*", r"\d+"))
+        if not (matches := [x for x in parameters.keys if fits.fullmatch(x)]):
+            parameters.refuse(place, key)
+        several = [
+            path for x in matches for path in parameters.keys[x] if x == key or x not in table
+        ]
+        above_0 = [path for path in several if float(get(parameters.nominal, path))]
+        if not above_0:
+            raise refused(f"{place} {key}", "must be of a value above 0, for factors on it")
+        for path in above_0:
+            if path in by_path:
+                keys = f"{place} {by_path[path][0]} and {key}"
+                raise refused(keys, "must not stand for the same parameter")
+            by_path[path] = key, value
+    return by_path
 
-    @property
-    def key_of(self) -> Mapping[str, str]:
-        """What a file calls the parameter of each path."""
+
+class Parameters:
+    """The parameters of a file.
+
+    ``nominal`` are the dimensionless structures, ``si`` the same in SI units, but for ratios: rules
+    are the same in every unit, so that messages on these have the units of the file. ``keys`` has
+    the paths that each key of a file stands for, ``key_of`` the key of each path.
+    """
+
+    def __init__(self, layout: BuildingsLayout) -> None:
+        self._layout, self.nominal = layout, layout.structures
+        self.si = self._parameters_of(layout.si)
+        of_pair = {path: [path] for path in paths(self.nominal)} if layout.is_pair else None
+        self.keys = of_pair or _keys_of_row(layout)
+        self.key_of = {path: key for key, several in self.keys.items() for path in several}
 
     def refuse(self, place: str, key: str) -> NoReturn:
         """The ``ValueError`` for a key that is none of ``keys``."""
+        if self._layout.is_pair:
+            allowed, fault = [*_ALIASES], ""
+            if key in _ALIASES:
+                keys = [x.removeprefix("contact.") for x in self.keys if x.startswith("contact.")]
+                law = f"which has {', '.join(keys)}" if keys else "and the file has no [contact]"
+                fault = f"must be a parameter of the law of contact, {law}"
+        else:
+            allowed = [*dict.fromkeys(re.sub(r"\.\d+", ".*", x) for x in self.keys)]
+            fault = self._links_lack(key)
+            if not fault and re.sub(r"\.\d+", ".*", key) in allowed:
+                place_in_row = "building, floor, storey or [[link]]"
+                fault = f"must be of a {place_in_row} that is there, counted from 1"
+        if fault:
+            raise refused(f"{place} {key}", fault)
+        meant = did_you_mean(key, allowed) or f"allowed are {', '.join(allowed)}"
+        raise ValueError(unknown_key(place, key, meant))
 
-    def require(self, place: str, path: str, at: Any) -> None:
-        """A ``ValueError`` for a parameter outside of its key's range; ``at`` are in SI units."""
-
-    def require_periods(self, place: str, path: str, at: Any) -> None:
-        """A ``ValueError`` for a building with an implausible period."""
-
-    def unit_of(self, path: str) -> str:
-        """The unit of a parameter in a file."""
-
-
-def parameters_of(form: Pair | Row) -> Parameters:
-    """Those of a file."""
-    return RowParameters(form) if isinstance(form, Row) else PairParameters(form)
-
-
-def by_path(place: str, table: Mapping[str, X], known: Parameters) -> dict[str, tuple[str, X]]:
-    """What a table states of each path, and by which key; ``*`` stands for any number.
-
-    A key that is given itself goes before one with ``*``, which leaves out parameters that are 0.
-    """
-    found: dict[str, tuple[str, X]] = {}
-    for key, value in table.items():
-        fits = re.compile(re.escape(key).replace(r"\*", r"\d+"))
-        if not (matched := [one for one in known.keys if fits.fullmatch(one)]):
-            known.refuse(place, key)
-        many = [
-            path for one in matched for path in known.keys[one] if one == key or one not in table
-        ]
-        above_0 = [path for path in many if float(get(known.nominal, path))]
-        if not above_0:
-            raise ValueError(f"{place} {key} must be of a value above 0, for factors on it")
-        for path in above_0:
-            if path in found:
-                rule = "must not stand for the same parameter"
-                raise ValueError(f"{place} {found[path][0]} and {key} {rule}")
-            found[path] = key, value
-    return found
-
-
-# --- of a pair ----------------------------------------------------------------------------------
-
-_OF_CONTACT = tuple(dict.fromkeys(path for law in LAWS.values() for path in paths(law)))
-
-_STANDS_FOR = {
-    "friction": ("[damper] friction_force", ranges(Damper)["friction_force"]),
-    "initial_gap": ("gap", ranges(Structured)["gap"]),
-    "mass_ratio": ("[building_2] mass", ranges(Building)["mass"]),
-    "stiffness_ratio": ("[building_2] stiffness", ranges(Building)["stiffness"]),
-    **{
-        f"rod_{i}.{key}": (f"[building_{i}] {key}", ranges(Building)[key])
-        for i in (1, 2)
-        for key in ("order", "tau_f", "tau_x")
-    },
-    **{f"contact.{key}": (f"[contact] {key}", ranges(Contact)[key]) for key in _OF_CONTACT},
-}
-"""The key in a file that corresponds to each dimensionless parameter, and its range."""
-
-
-def in_si(structures: jp.AdjacentStructures, scales: jp.Scales) -> jp.AdjacentStructures:
-    """The parameters of a pair in SI units, but the ratios.
-
-    Stiffness of contact is in N/m, or N/m^1.5 for laws after Hertz.
-    """
-    left, right, friction_force, gap = scales.buildings(structures)
-    return dataclasses.replace(
-        structures,
-        rod_1=ZenerRod(left.order, left.tau_f, left.tau_x),
-        rod_2=ZenerRod(right.order, right.tau_f, right.tau_x),
-        friction=friction_force,
-        initial_gap=gap,
-        contact=scales.contact_to_si(structures.contact),
-    )
-
-
-class PairParameters:
-    """Those of two buildings: a key is a path."""
-
-    def __init__(self, form: Pair) -> None:
-        self.nominal = form.structures
-        self.scales = form.scales
-        self.si = in_si(self.nominal, self.scales)
-        self.keys = {path: (path,) for path in paths(self.nominal)}
-        self.key_of = {path: path for path in self.keys}
-
-    def refuse(self, place: str, key: str) -> NoReturn:
-        """As ``Parameters.refuse``."""
-        if key in _STANDS_FOR:  # of a law of contact
-            own = [x.removeprefix("contact.") for x in self.keys if x.startswith("contact.")]
-            what = f"which has {', '.join(own)}" if own else "and the file has no [contact]"
-            raise ValueError(f"{place} {key} must be a parameter of the law of contact, {what}")
-        _refuse(place, key, [*_STANDS_FOR])
-
-    def require(self, place: str, path: str, at: jp.AdjacentStructures) -> None:
-        """As ``Parameters.require``."""
-        key, allowed = _STANDS_FOR[path]
-        mass, stiffness = self.scales.mass, self.scales.mass * self.scales.frequency**2
-        of_second = {"mass_ratio": mass / at.mass_ratio}
-        of_second["stiffness_ratio"] = stiffness * at.stiffness_ratio
-        allowed.require(f"{place} {key}", of_second[path] if path in of_second else get(at, path))
-
-    def require_periods(self, place: str, path: str, at: jp.AdjacentStructures) -> None:
-        """As ``Parameters.require_periods``."""
-        table = _STANDS_FOR[path][0].rpartition(" ")[0]
-        if building := self._buildings(place, at).get(table):
-            period = ranges(Building)["period"]
-            period.require(f"{place} {table} natural period", building.natural_period)
-
-    def unit_of(self, path: str) -> str:
-        """As ``Parameters.unit_of``: that of the number in ``si``."""
-        if path.endswith("_ratio"):
+    def _links_lack(self, key: str) -> str:
+        """Why the links of a key, which exist, have no such gap or parameter of contact."""
+        parts = re.fullmatch(r"(link\.(?:\d+|\*)\.)(gap|contact)(\.\w+)?", key)
+        if parts is None or "".join(parts.groups("")[1:]) not in _RANGES:
             return ""
-        return _STANDS_FOR[path][1].unit or unit(about(self.nominal, path).kind, si=True)
-
-    def _buildings(self, place: str, at: jp.AdjacentStructures) -> dict[str, jp.Building]:
-        mass = self.scales.mass
-        stiffness = mass * self.scales.frequency**2
-        second = mass / at.mass_ratio, stiffness * at.stiffness_ratio
-        with named(place, UNITS):
-            return {
-                "[building_1]": jp.Building(mass, stiffness, **vars(at.rod_1)),
-                "[building_2]": jp.Building(*second, **vars(at.rod_2)),
-            }
-
-
-# --- of a row -----------------------------------------------------------------------------------
-
-_RANGES: dict[str, Range] = {
-    **{key: ranges(Building)[key] for key in ("mass", "stiffness", "order", "tau_f", "tau_x")},
-    **{key: ranges(FloorLink)[key] for key in ("friction_force", "gap")},
-    **{f"contact.{key}": ranges(Contact)[key] for key in _OF_CONTACT},
-}
-"""Range of a parameter by the end of its key."""
-
-
-class RowParameters:
-    """Those of a row: keys are counted from 1, those of links by their tables."""
-
-    def __init__(self, form: Row) -> None:
-        self.nominal = form.structures
-        self.si = jp.Row(tuple(in_units(b, 1.0, 1.0, 1.0) for b in form.buildings), form.links)
-        made: dict[str, list[str]] = {}
-        for b, building in enumerate(form.buildings):
-            for i in range(building.n_floors):
-                rod, storey = f"buildings.{b}.rods.{i}", f"building.{b + 1}.storey.{i + 1}"
-                made[f"building.{b + 1}.floor.{i + 1}.mass"] = [f"buildings.{b}.masses.{i}"]
-                made[f"{storey}.stiffness"] = [f"{rod}.stiffness"]
-                for key in ("order", "tau_f", "tau_x"):
-                    made[f"{storey}.{key}"] = [f"{rod}.material.{key}"]
-        for k, (table, link) in enumerate(zip(form.tables, form.links, strict=True)):
-            own = {"friction_force": "friction"} | (
-                {"gap": "gap"} if link.gap < float("inf") else {}
-            )
-            if link.contact is not None:
-                own |= {f"contact.{path}": f"contact.{path}" for path in paths(link.contact)}
-            for key, path in own.items():
-                made.setdefault(f"link.{table}.{key}", []).append(f"links.{k}.{path}")
-        self.keys = {key: tuple(one) for key, one in made.items()}
-        self.key_of = {path: key for key, several in made.items() for path in several}
-
-    def refuse(self, place: str, key: str) -> NoReturn:
-        """As ``Parameters.refuse``."""
-        numbers = re.sub(r"\.\d+", ".*", key)
-        general = dict.fromkeys(re.sub(r"\.\d+", ".*", one) for one in self.keys)
-        if numbers in general:
-            rule = "must be of a building, floor, storey or [[link]] that is there, counted from 1"
-            raise ValueError(f"{place} {key} {self._lacking(key) or rule}")
-        if lacking := self._lacking(key):
-            raise ValueError(f"{place} {key} {lacking}")
-        _refuse(place, key, [*general])
-
-    def _lacking(self, key: str) -> str:
-        """Why the links of a key, which are there, have no such gap or parameter of contact."""
-        found = re.fullmatch(r"(link\.(?:\d+|\*)\.)(gap|contact)(\.\w+)?", key)
-        if found is None or "".join(found.groups("")[1:]) not in _RANGES:
-            return ""
-        links = re.compile(re.escape(found[1]).replace(r"\*", r"\d+") + "(.*)")
-        ends = dict.fromkeys(own[1] for one in self.keys if (own := links.fullmatch(one)))
+        links = re.compile(re.escape(parts[1]).replace(r"\*", r"\d+") + "(.*)")
+        ends = dict.fromkeys(match[1] for x in self.keys if (match := links.fullmatch(x)))
         if not ends:
             return ""  # no such link
         of_law = [end.removeprefix("contact.") for end in ends if end.startswith("contact.")]
-        if found[2] == "contact" and of_law:
+        if parts[2] == "contact" and of_law:
             return f"must be a parameter of the law of contact, which has {', '.join(of_law)}"
-        whose = "links have" if "*" in found[1] else f"{found[1][:-1]} has"
-        what = "a gap" if found[2] == "gap" else "contact"
-        return f"must be of a [[link]] with {what}: {whose} no {found[2]}"
+        links_have = "links have" if "*" in parts[1] else f"{parts[1][:-1]} has"
+        feature = "a gap" if parts[2] == "gap" else "contact"
+        return f"must be of a [[link]] with {feature}: {links_have} no {parts[2]}"
 
-    def require(self, place: str, path: str, at: jp.Row) -> None:
-        """As ``Parameters.require``."""
-        _RANGES[self._end(path)].require(f"{place} {self.key_of[path]}", get(at, path))
+    def require_plausible(self, extremes: Sequence[tuple[str, str, Any]]) -> None:
+        """A ``ValueError`` for a parameter that can leave the plausible range of its key.
 
-    def in_si(self, structures: jp.Row) -> jp.Row:
-        """Such structures in SI units: every parameter differs from its SI value by a factor."""
-        values = {
-            path: float(get(structures, path)) * float(get(self.si, path)) / float(stated)
-            for path in self.key_of
-            if (stated := get(self.nominal, path))
-        }
-        return put(self.si, values)
+        ``extremes`` are a place in a file, the path of a parameter, and the structures in SI units
+        where it has an extreme value. Periods, of all parameters of a building, are checked last,
+        and only of a pair: in a row, masses and stiffnesses in their ranges hardly change one.
+        """
+        tables = [_ALIASES[path][0] if self._layout.is_pair else "" for _, path, _ in extremes]
+        first = self._layout.buildings[0]  # of a pair, whose own mass and stiffness are certain
+        for (place, path, at), table in zip(extremes, tables, strict=True):
+            value, key = get(at, path), self.key_of[path]
+            if path.endswith("_ratio"):
+                value = first.mass / value if path == "mass_ratio" else first.stiffness * value
+            if self._layout.is_pair:
+                key = f"{table} {_ALIASES[path][1].removeprefix('contact.')}".lstrip()
+            self._range(path).require(f"{place} {key}", value)
+        for (place, _, at), table in zip(extremes, tables, strict=True):
+            if table.startswith("[building"):
+                mass, stiffness, rod = first.mass, first.stiffness, at.rod_1
+                if table == "[building_2]":
+                    mass, stiffness = mass / at.mass_ratio, stiffness * at.stiffness_ratio
+                    rod = at.rod_2
+                with named(place, UNITS):
+                    building = jp.Building(mass, stiffness, **vars(rod))
+                period = ranges(BlockSection)["period"]
+                period.require(f"{place} {table} natural period", building.natural_period)
 
-    def in_words(self, path: str) -> str:
-        """What a parameter is, and where: ``slip force, 1–2, floor 2``."""
-        if not path.startswith("links."):
-            return in_words(path)
-        _, k, of_link = path.split(".", 2)
-        words = {"friction": "slip force", "gap": "gap at rest"}
-        told = words.get(of_link) or about(self.nominal, path).words
-        return f"{told}, {link_places(self.nominal.system().topology)[int(k)]}"
+    def in_si(self, structures: Structures) -> Structures:
+        """Such structures with their parameters in SI units, but for ratios."""
+        return self._parameters_of(self.buildings(structures))
+
+    def _parameters_of(self, buildings: jp.Buildings) -> Structures:
+        if not self._layout.is_pair:
+            return buildings.row_in(1.0, 1.0, 1.0)
+        (left, right), (link,) = cast("Any", buildings.buildings), buildings.links
+        return jp.AdjacentStructures(
+            rod_1=left.material(),
+            rod_2=right.material(),
+            mass_ratio=left.mass / right.mass,
+            stiffness_ratio=right.stiffness / left.stiffness,
+            friction=link.friction,
+            initial_gap=link.gap,
+            contact=link.contact,
+        )
+
+    def buildings(self, structures: Any) -> jp.Buildings:
+        """Such structures as buildings in SI units."""
+        scales, buildings = self._layout.scales, []
+        stiffness = scales.units["stiffness"]
+        if self._layout.is_pair:
+            left, right, friction_force, gap = scales.buildings(structures)
+            law = scales.contact_to_si(structures.contact)
+            link = jp.FloorLink(0, 0, friction=friction_force, gap=gap, contact=law)
+            return jp.Buildings.of("Buildings", (left, right), (link,))
+        for building, stated in zip(structures.buildings, self._layout.buildings, strict=True):
+            storeys = [
+                scales.storey(rod.material, mass * scales.mass, rod.stiffness * stiffness)
+                for mass, rod in zip(building.masses, building.rods, strict=True)
+            ]
+            buildings.append(jp.ShearBuilding(tuple(storeys), stated.heights))
+        links = scaled_links(structures.links, scales, "Buildings", operator.mul)
+        return jp.Buildings.of("Buildings", buildings, links)
 
     def unit_of(self, path: str) -> str:
-        """The unit of a parameter in a file."""
-        end = self._end(path)
-        return _RANGES[end].unit or unit(about(self.nominal, path).kind, si=True)
+        """The unit of a parameter in ``si``."""
+        if path.endswith("_ratio"):
+            return ""
+        return self._range(path).unit or unit(metadata(self.nominal, path).kind, si=True)
 
-    def _end(self, path: str) -> str:
+    def in_words(self, path: str) -> str:
+        """What a parameter of a row is, and where: ``slip force, 1–2, floor 2``."""
+        if not path.startswith("links."):
+            return in_words(path)
+        _, k, field = path.split(".", 2)
+        words = {"friction": "slip force", "gap": "gap at rest"}
+        quantity = words.get(field) or metadata(self.nominal, path).words
+        return f"{quantity}, {link_places(self.nominal.system().topology)[int(k)]}"
+
+    def _range(self, path: str) -> Range:
+        if self._layout.is_pair:
+            return _RANGES[_ALIASES[path][1]]
         key = self.key_of[path]
-        return ".".join(key.split(".")[-2 if ".contact." in key else -1 :])
-
-    def require_periods(self, place: str, path: str, at: jp.Row) -> None:
-        """Nothing: masses and stiffnesses in their ranges change a period by their square roots."""
+        return _RANGES[".".join(key.split(".")[-2 if ".contact." in key else -1 :])]
 
 
-def _refuse(place: str, key: str, allowed: list[str]) -> NoReturn:
-    words = did_you_mean(key, allowed) or f"allowed are {', '.join(allowed)}"
-    raise ValueError(unknown_key(place, key, words))
+def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
+    keys: dict[str, list[str]] = {}
+    for b, building in enumerate(layout.buildings):
+        for i in range(building.n_floors):
+            rod, storey = f"buildings.{b}.rods.{i}", f"building.{b + 1}.storey.{i + 1}"
+            keys[f"building.{b + 1}.floor.{i + 1}.mass"] = [f"buildings.{b}.masses.{i}"]
+            keys[f"{storey}.stiffness"] = [f"{rod}.stiffness"]
+            keys |= {f"{storey}.{key}": [f"{rod}.material.{key}"] for key in _OF_ROD}
+    for k, (table, link) in enumerate(zip(layout.tables, layout.si.links, strict=True)):
+        ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
+        if link.contact is not None:
+            ends |= {f"contact.{path}": f"contact.{path}" for path in paths(link.contact)}
+        for key, path in ends.items():
+            keys.setdefault(f"link.{table}.{key}", []).append(f"links.{k}.{path}")
+    return keys
+
+
+FACTOR = Range(0, 1e6, "", "a factor on the value above")
+Factor = Annotated[float, between(*FACTOR)]
+
+
+class VariableBounds(Section):
+    """Bounds of a variable, as factors on the value that the file states."""
+
+    low: Factor
+    high: Factor
+    scale: Literal["linear", "log"] = "linear"
+
+    def __post_init__(self) -> None:
+        with named(""):
+            self.times(1.0)
+        if not self.low <= 1 <= self.high:
+            rule = "must hold the factor 1 between them"
+            raise ValueError(f"low and high {rule}: the search starts at the buildings as they are")
+
+    def __str__(self) -> str:
+        return f'{{low = {self.low:g}, high = {self.high:g}, scale = "{self.scale}"}}'
+
+    def times(self, value: float) -> jp.Bounds:
+        """The bounds of the parameter itself, from its stated value."""
+        return jp.Bounds(self.low * value, self.high * value, self.scale)
+
+
+def uncertain_structures(
+    place: str,
+    table: Mapping[str, DistributionSpec],
+    parameters: Parameters,
+    correlation: float | None = None,
+) -> jp.UncertainStructures:
+    """Structures whose parameters are multiples of the stated ones by random factors."""
+    for key, factor in table.items():
+        factor.require(f"{place} {key}", FACTOR)
+    stated = by_path(place, table, parameters)
+    with named(f"{place}, in SI units:", keys=parameters.key_of):
+        physical = jp.UncertainStructures(parameters.si, _multiples(place, stated, parameters.si))
+    # Each parameter at both ends of its range, the others at their medians.
+    z = NormalDist().inv_cdf(RARE)
+    ends = np.array([z, -z])[:, None, None] * np.eye(len(stated))
+    rows = jax.jit(jax.vmap(jax.vmap(physical.parameters)))(ends)
+    extremes = []
+    for i, (path, (key, factor)) in enumerate(stated.items()):
+        key_place = f"{place} {key} = {factor}, once in {1 / RARE:,.0f} draws:"
+        for end in (0, 1):
+            with named(key_place, keys=parameters.key_of):
+                at = put(parameters.si, {x: float(rows[x][end, i]) for x in stated})
+            extremes.append((key_place, path, at))
+    parameters.require_plausible(extremes)
+    with named(f"{place}:", keys=parameters.key_of):
+        return jp.UncertainStructures(
+            parameters.nominal, _multiples(place, stated, parameters.nominal), correlation
+        )
+
+
+class Uncertain(Shaken, kw_only=True):
+    """Buildings under random earthquakes, some of whose parameters may be random too."""
+
+    uncertain: dict[str, Annotated[DistributionSpec, drawn(*FACTOR)]] = field(default_factory=dict)
+
+    def scenarios(
+        self, file: File, correlation: float | None = None
+    ) -> tuple[jp.Scenarios, jp.TimeGrid]:
+        """The structures in the random earthquakes, with what is uncertain; and the grid."""
+        structures: Any = self.structures
+        ground, grid = self.shaking(file)
+        if self.uncertain:
+            place, parameters = f"{file.name}: [uncertain]", Parameters(self.layout)
+            structures = uncertain_structures(place, self.uncertain, parameters, correlation)
+        elif not ground.dimension:
+            rule = "[uncertain], a factor on the record, or several records"
+            raise ValueError(f"{file.name}: nothing is random; it must have {rule}")
+        return jp.Scenarios(structures, ground), grid
+
+
+def design_space(
+    place: str, table: Mapping[str, VariableBounds], parameters: Parameters
+) -> jp.DesignSpace:
+    """Structures whose parameters may be chosen between multiples of the stated ones."""
+    # In SI units first, for messages in the units of the file.
+    stated = by_path(place, table, parameters)
+    bounds = _multiples(place, stated, parameters.si)
+    with named(place, UNITS, parameters.key_of):
+        physical = jp.DesignSpace(parameters.si, bounds)
+        start = physical.shares(parameters.si)
+    extremes = []
+    for i, path in enumerate(physical.names):
+        key, factors = stated[path]
+        for end in (0.0, 1.0):
+            numbers = physical.numbers(np.where(np.arange(len(start)) == i, end, start))
+            at = put(parameters.si, {x: float(y) for x, y in numbers.items()})
+            extremes.append((f"{place} {key} = {factors}, at a bound:", path, at))
+    parameters.require_plausible(extremes)
+    return jp.DesignSpace(parameters.nominal, _multiples(place, stated, parameters.nominal))
+
+
+def _multiples(
+    place: str,
+    stated: Mapping[str, tuple[str, DistributionSpec | VariableBounds]],
+    structures: Structures,
+) -> dict[str, Any]:
+    multiples = {}
+    for path, (key, factor) in stated.items():
+        with named(f"{place} {key}:"):
+            multiples[path] = factor.times(float(get(structures, path)))
+    return multiples

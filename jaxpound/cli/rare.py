@@ -3,69 +3,77 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
 import math
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import jax
-from msgspec import field
+import numpy as np
 
 import jaxpound as jp
-from jaxpound.cli.factors import FACTOR, random_scenarios
-from jaxpound.cli.files import make_folder, unfinished_search
-from jaxpound.cli.notes import noted
-from jaxpound.cli.parameters import Parameters, by_path, parameters_of
-from jaxpound.cli.rare_report import Found, Target, kind_of_demand, write_report
-from jaxpound.cli.reading import Count, File, Seed, Table, between, named, says
-from jaxpound.cli.structures import Shaken
-from jaxpound.cli.tables import Gap, Stated, drawn, require_threshold
-from jaxpound.ground.plausibility import first_of, of_many, tell
+from jaxpound._tables import TextTable
+from jaxpound.cli.files import VERSION, csv_text, kept_search, make_folder, write_report
+from jaxpound.cli.parameters import Parameters, Uncertain, by_path
+from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
+from jaxpound.cli.structures import compile_notice
+from jaxpound.cli.tables import Gap, require_threshold
+from jaxpound.ground.plausibility import first_of, of_many, warn
 from jaxpound.model.parameters import get
-from jaxpound.model.system import is_closable
-from jaxpound.risk.instants import REQUIRED_GAP
-from jaxpound.risk.reach import WITHOUT_JUMPS
-from jaxpound.risk.run import choice, event_of, require_smooth
-from jaxpound.study.scenarios import grounds_at
+from jaxpound.reliability.run import choice, event_of, require_smooth
+from jaxpound.reliability.target import WITHOUT_JUMPS
+from jaxpound.results.named import REQUIRED_GAP, in_words, kind_of, unit_of
+from jaxpound.scenarios.scenarios import grounds_at
 
-# --- the configuration --------------------------------------------------------------------------
-
-_LOOKED_AT = 64  # random earthquakes that must be plausible
-
-_Numbers = Annotated[list[float], says("a list of two numbers or more", min_length=2)]
+_CHECKED = 64  # random earthquakes that must be plausible
 
 
-class Limit(Table):
+class LimitTable(Section):
     """The event: that links close by a gap, or that a demand reaches a threshold."""
 
     gap: Gap | None = None
     demand: str | None = None
     threshold: float | None = None
-    thresholds: _Numbers | None = None
+    thresholds: Numbers | None = None
 
     def __post_init__(self) -> None:
-        if self.demand is None and self.threshold is not None:
-            raise ValueError("threshold must be given with demand; of the required gap it is gap")
-        if self.demand is not None and self.threshold is None:
-            raise ValueError("lacks the key 'threshold', which demand needs")
-        if self.demand is not None and self.gap is not None:
-            raise ValueError("gap must not be given with demand")
-        of_demand = self.demand or REQUIRED_GAP
-        for level in self.thresholds or ():
-            require_threshold("thresholds", of_demand, level)
-        if self.level is not None:
-            place = "gap" if self.demand is None else "threshold"
-            require_threshold(place, of_demand, self.level)
+        if self.demand is None:
+            rule = "must be given with demand; of the required gap it is gap"
+            self.refuse_any(("threshold",), rule)
+        else:
+            self.require_all(("threshold",), ", which demand needs")
+            self.refuse_any(("gap",), "must not be given with demand")
+        for threshold in self.thresholds or ():
+            require_threshold("thresholds", self.of, threshold)
+        if self.least is not None:
+            key = "gap" if self.demand is None else "threshold"
+            require_threshold(key, self.of, self.least)
 
     @property
-    def level(self) -> float | None:
-        """The threshold in SI units; None for pounding across the gaps of the structures."""
+    def of(self) -> str:
+        """The demand that reaches the thresholds."""
+        return self.demand or REQUIRED_GAP
+
+    @property
+    def least(self) -> float | None:
+        """The threshold; None for pounding across the gaps of the structures."""
         return self.gap if self.demand is None else self.threshold
 
+    @property
+    def unit(self) -> str:
+        """The SI unit of the demand; empty for a pure number."""
+        return unit_of(self.of, si=True)
 
-class Search(Table):
+    def __str__(self) -> str:
+        if self.least is None:
+            return "pounding"
+        least = f"{self.least:g} {self.unit}".rstrip()
+        return f"{in_words(self.of)} of {least} or more"
+
+
+class EstimationTable(Section):
     """How the probability is estimated."""
 
     cov: Annotated[float, between(1e-3, 0.99, "", "a coefficient of variation")] = 0.1
@@ -74,7 +82,7 @@ class Search(Table):
     max_runs: Annotated[int, Count] | None = None
 
 
-class Wanted(Table):
+class TargetSpec(Section):
     """The parameter that is changed until the event has a probability."""
 
     parameter: str
@@ -82,163 +90,246 @@ class Wanted(Table):
     tolerance: Annotated[float, between(0.01, 0.9, "", "of the probability, relative")] = 0.1
 
 
-class Rare(Shaken, kw_only=True):
+class RareConfig(Uncertain, kw_only=True):
     """The configuration of ``jaxpound rare``."""
 
-    uncertain: dict[str, Annotated[Stated, drawn(*FACTOR)]] = field(default_factory=dict)
-    limit: Limit = Limit()
-    search: Search = Search()
-    design: Wanted | None = None
+    limit: LimitTable = LimitTable()
+    search: EstimationTable = EstimationTable()
+    design: TargetSpec | None = None
+
+    def dimensionless(self, threshold: float | None) -> float | None:
+        """A threshold as one of the dimensionless system."""
+        size = float(self.scales.unit_of(kind_of(self.limit.of)))
+        return None if threshold is None else threshold / size
 
 
-# --- the command --------------------------------------------------------------------------------
+class RareResult(NamedTuple):
+    """The event, those of the curve, and the target."""
+
+    config: RareConfig
+    event: jp.RareEvent
+    curve: Mapping[float, jp.RareEvent]
+    """Events by other thresholds in SI units, which rise."""
+    target: dict[str, Any] | None = None
+    """``reached``, for JSON."""
 
 
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "rare")
-    given = file.read(Rare)
-    wanted = None if given.design is None else _path(file, given, given.design)
-    state = limit_state(file, given)
+    config = file.read(RareConfig)
+    path = None if config.design is None else _path(file, config, config.design)
+    state = limit_state(file, config)
     with named(f"{file.name}: [search]"):
-        choice(state, given.search.method)  # before a folder is made
-    if wanted is not None:
+        choice(state, config.search.method)  # before a folder is made
+    if path is not None:
         with named(f"{file.name}: [design]"):
             require_smooth("reach_probability", state.scenarios, WITHOUT_JUMPS)
-    tell("rare", _doubts(state, given.search.seed), args.strict)
+    size = first_of(_CHECKED, state.grid), state.dimension
+    z = jax.random.normal(jax.random.key(config.search.seed), size)
+    grounds = grounds_at(state.scenarios, state.grid)(z)
+    warn("rare", of_many(grounds, state.grid, in_g=True), args.strict)
     make_folder(args.out)
-    with contextlib.ExitStack() as stack:
-        if args.store is None:
-            args.store = stack.enter_context(unfinished_search(args.out, file.text.encode()))
-        with noted(given.structures):
-            found = searched(file, given, state, args.store)
-            if given.design is not None and wanted is not None:
-                target = reached(file, given, given.design, found, *wanted, store=args.store)
-                found = dataclasses.replace(found, target=target)
-        write_report(file, found, args.out, args.pdf)
+    with kept_search(args, "store", "", file.text.encode()):
+        with compile_notice(config.structures):
+            result = searched(file, config, state, args.store)
+            if config.design is not None and path is not None:
+                target = reached(file, config.design, result, path, args.store)
+                result = result._replace(target=target)
+        report_result(args, file, result)
 
 
-def _doubts(state: jp.LimitState, seed: int) -> list[str]:
-    """What is implausible in some of the random earthquakes."""
-    scenarios, grid = state.scenarios, state.grid
-    numbers = jax.random.normal(jax.random.key(seed), (first_of(_LOOKED_AT, grid), state.dimension))
-    return of_many(grounds_at(scenarios, grid)(numbers), grid, in_g=True)
-
-
-def limit_state(file: File, given: Rare) -> jp.LimitState:
+def limit_state(file: File, config: RareConfig) -> jp.LimitState:
     """The event, dimensionless."""
-    records = given.records(file)
-    ground = given.motion(file, records)
-    grid = given.grid(file, records)
-    scenarios = random_scenarios(file, given, ground, given.uncertain)
-    limit, place = given.limit, f"{file.name}: [limit]"
-    demand = limit.demand or REQUIRED_GAP
-    if demand == REQUIRED_GAP and not any(
-        is_closable(link.gap) for link in given.structures.system().links
-    ):
+    scenarios, grid = config.scenarios(file)
+    limit, place = config.limit, f"{file.name}: [limit]"
+    if limit.of == REQUIRED_GAP and not config.layout.gaps:
         rule = "must be of buildings with a gap: give a [[link]] one, or another demand"
-        raise ValueError(f"{place} gap {rule}")
+        raise refused(f"{place} gap", rule)
     with named(place):
-        # The demand is known by its name before its threshold can have a unit.
-        state = jp.LimitState(
-            scenarios, grid, given.scheme, demand, None if limit.level is None else 0.0
-        )
-    return _at(state, given, limit.level)
+        threshold = config.dimensionless(limit.least)
+        return jp.LimitState(scenarios, grid, config.scheme, limit.of, threshold)
 
 
-def _at(state: jp.LimitState, given: Rare, level: float | None) -> jp.LimitState:
-    """The same event at a threshold in SI units."""
-    unit = float(given.scales.unit_of(kind_of_demand(state)))
-    return dataclasses.replace(state, threshold=None if level is None else level / unit)
-
-
-def searched(file: File, given: Rare, state: jp.LimitState, store: Path | None = None) -> Found:
-    """The event and, where thresholds are given, those of the curve, each from the one before."""
-    how, limit = given.search, given.limit
-    levels: list[float | None] = sorted({*(limit.thresholds or ()), *_known(limit.level)})
-    of_event = limit.level
-    if limit.level is None:
-        gap = _gap_of_all(given)
-        of_event = next((x for x in levels if x is not None and math.isclose(gap, x)), None)
-        if of_event is None:
-            levels.append(None)
+def searched(
+    file: File, config: RareConfig, state: jp.LimitState, store: Path | None = None
+) -> RareResult:
+    """The event, and events at the stated thresholds, each started from the one before."""
+    options, curve_at = config.search.stated(), sorted(config.limit.thresholds or ())
+    options |= {"key": options.pop("seed"), "progress": sys.stderr.isatty()}
+    event_at, gaps = config.limit.least, {*config.layout.gaps}
+    if event_at is None and len(gaps) == 1 and not any("gap" in x for x in config.uncertain):
+        (gap,) = gaps  # of all links: a closing by it is pounding
+        event_at = next((x for x in curve_at if math.isclose(gap, x)), None)
+    thresholds = sorted({*curve_at, event_at}, key=lambda x: math.inf if x is None else x)
     start: jp.RareEvent | None = None
     events: dict[float | None, jp.RareEvent] = {}
-    for level in levels:
-        name = "pounding" if level is None else f"threshold-{level:.9g}"
-        if len(levels) > 1:
+    for threshold in thresholds:
+        name = "pounding" if threshold is None else f"threshold-{threshold:.9g}"
+        if len(thresholds) > 1:
             print(f"jaxpound: {name.replace('-', ' ')} ...", file=sys.stderr)
+        at = dataclasses.replace(state, threshold=config.dimensionless(threshold))
         with named(f"{file.name}: [search]"):
-            event = event_of(
-                _at(state, given, level),
-                cov=how.cov,
-                method=how.method,
-                key=how.seed,
-                start=start,
-                max_runs=how.max_runs,
-                store=None if store is None else store / name,
-                progress=sys.stderr.isatty(),
-            )
-        events[level] = event
+            event = event_of(at, start=start, store=store and store / name, **options)
+        events[threshold] = event
         # Without design points, where the event is common, the next search starts anew.
         start = event if len(event.design_points) else None
-    curve = [events[x] for x in sorted(limit.thresholds or ())]
-    return Found(events[of_event], curve, limit.level, given.scales)
+    return RareResult(config, events[event_at], {x: events[x] for x in curve_at})
 
 
-def _gap_of_all(given: Rare) -> float:
-    """The closing in SI units at which any link pounds; NaN where gaps differ or are random."""
-    links = given.structures.system().links
-    gaps = {float(link.gap) for link in links if is_closable(link.gap)}
-    if len(gaps) != 1 or any("gap" in key for key in given.uncertain):
-        return math.nan
-    return gaps.pop() * float(given.scales.length)
-
-
-def _known(level: float | None) -> list[float]:
-    return [] if level is None else [level]
-
-
-def _path(file: File, given: Rare, wanted: Wanted) -> tuple[Parameters, str]:
-    """The parameters of the file, and the path of the wanted one."""
-    known, place = parameters_of(given.form), f"{file.name}: [design] parameter:"
-    found = by_path(place, {wanted.parameter: None}, known)
-    if len(found) > 1:
-        raise ValueError(f"{place} {wanted.parameter} must stand for one parameter")
-    (path,) = found
-    return known, path
+def _path(file: File, config: RareConfig, target: TargetSpec) -> str:
+    """The path of the parameter that the design changes."""
+    place = f"{file.name}: [design] parameter:"
+    paths = by_path(place, {target.parameter: None}, Parameters(config.layout))
+    if len(paths) > 1:
+        raise refused(f"{place} {target.parameter}", "must stand for one parameter")
+    (path,) = paths
+    return path
 
 
 def reached(
-    file: File,
-    given: Rare,
-    wanted: Wanted,
-    found: Found,
-    known: Parameters,
-    path: str,
-    store: Path | None = None,
-) -> Target:
-    """The parameter at which the event has the wanted probability, in SI units.
-
-    The search starts from the design points of the event that was found.
-    """
-    event = found.event
-    state = _at(event.limit_state, given, found.level)
+    file: File, target: TargetSpec, result: RareResult, path: str, store: Path | None
+) -> dict[str, Any]:
+    """The parameter at which the event has the target probability, for JSON, in SI units."""
+    config, state = result.config, result.event.limit_state
     with named(f"{file.name}: [design]"):
         reach = jp.reach_probability(
             path,
-            wanted.probability,
+            target.probability,
             state.scenarios,
             state.grid,
             demand=state.demand,
-            threshold=state.threshold,
+            threshold=config.dimensionless(config.limit.least),
             scheme=state.scheme,
-            tolerance=wanted.tolerance,
-            key=given.search.seed,
-            start=event,
-            store=None if store is None else store / "design",
+            tolerance=target.tolerance,
+            key=config.search.seed,
+            start=result.event,
+            store=store and store / "design",
             progress=sys.stderr.isatty(),
         )
-    stated: Any = get(known.si, path)
-    unit = float(stated) / float(get(known.nominal, path))
-    return Target(reach, wanted.parameter, unit, known.unit_of(path), float(stated))
+    parameters = Parameters(config.layout)
+    before: Any = get(parameters.si, path)
+    scale = float(before) / float(get(parameters.nominal, path))
+    return {
+        "parameter": target.parameter,
+        "unit": parameters.unit_of(path),
+        "before": float(before),
+        "value": reach.value * scale,
+        "standard_error": reach.error * scale,
+        "wanted_probability": reach.target,
+        "probability": reach.event.probability,
+        "cov": reach.event.cov,
+        "runs": reach.runs,
+        "gradients": reach.gradients,
+        "warnings": list(reach.event.warnings),
+        "steps": [
+            {
+                "value": step.value * scale,
+                "probability": step.probability,
+                "cov": step.cov,
+                "slope_of_ln_probability": step.slope.value / scale,
+                "slope_error": step.slope.error / scale,
+            }
+            for step in reach.steps
+        ],
+    }
+
+
+def report_result(args: argparse.Namespace, file: File, result: RareResult) -> None:
+    """Print the results and write them to a folder."""
+    parts: list[Any] = tables(result)
+    print("\n".join(table.text() for table in parts))
+
+    from jaxpound.plots import rare_events as plots
+    from jaxpound.plots.style import drawn
+
+    answers, scales = summary(file, result), result.config.scales
+    figures, files, remarks = {}, {}, []
+    if len(result.event.design_points):
+        figures["design_earthquake"] = drawn(plots.design_earthquake, result.event, scales=scales)
+        first, state = result.event.design_earthquakes[0], result.event.limit_state
+        response = jp.simulate(first.structures, first.ground, state.grid, state.scheme)
+        time = np.asarray(response.time) * float(scales.time)
+        rows = zip(time, np.asarray(response.ground_acceleration), strict=True)
+        files["design_earthquake.csv"] = "".join(f"{t:.9g},{a:.9g}\n" for t, a in rows)
+        remarks.append(
+            "The design earthquake is the likeliest ground motion that brings the event about. "
+            "design_earthquake.csv has it (time in s, acceleration in g), as "
+            "`jaxpound simulate --record design_earthquake.csv --units g` reads it."
+        )
+    if curve := answers["curve"]:
+        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
+        figures["probability"] = drawn(
+            plots.probability_curve, [*result.curve.values()], scales=scales
+        )
+    parts = [VERSION, *parts, *remarks]
+    write_report(args, answers, "Probability of a rare event", parts, figures, files)
+
+
+def summary(file: File, result: RareResult) -> dict[str, Any]:
+    """The search in numbers, for JSON; lengths, times and forces are in SI units."""
+    event, limit, time = result.event, result.config.limit, float(result.config.scales.time)
+    earthquakes = [
+        {"reliability_index": float(np.linalg.norm(z)), "time_s": float(at) * time}
+        for z, at in zip(event.design_points, event.instants, strict=True)
+    ]
+    times, shares = event.failures_by_instant
+    return {
+        **file.origin,
+        "event": str(limit),
+        "demand": limit.of,
+        "unit": limit.unit,
+        "random_numbers": event.limit_state.dimension,
+        **_numbers(limit.least, event),
+        "method": event.method,
+        "warnings": list(event.warnings),
+        "largest_share_of_a_sample": event.largest_share,
+        "share_where_samples_are_thin": event.thin,
+        "mean_time_of_failure_s": float(times @ shares) * time if len(times) else None,
+        "design_earthquakes": earthquakes,
+        "curve": [_numbers(*pair) for pair in result.curve.items()],
+        "design": result.target,
+    }
+
+
+def _numbers(threshold: float | None, event: jp.RareEvent) -> dict[str, Any]:
+    return {
+        "threshold": threshold,
+        "probability": event.probability,
+        "low": event.estimate.low,
+        "high": event.estimate.high,
+        "cov": event.cov,
+        "reliability_index": event.beta,
+        "probability_by_form": event.form,
+        "runs": event.runs,
+        "gradients": event.gradients,
+    }
+
+
+def tables(result: RareResult) -> list[TextTable]:
+    """The results for people, in SI units."""
+    limit, (of_event,) = result.config.limit, result.event._tables()
+    parts = [of_event._replace(title=f"Rare event: {limit}")]
+    if result.curve:
+        words = in_words(limit.of) + (f" ({limit.unit})" if limit.unit else "")
+        columns = (words, "probability", "95 % from", "to", "by FORM", "runs", "gradients")
+        rows, notes = [], []
+        for threshold, event in result.curve.items():
+            rows.append((threshold, *event.estimate[:3], event.form, event.runs, event.gradients))
+            notes += [f"at {threshold:.4g}: warning: {warning}" for warning in event.warnings]
+        table = TextTable.of(columns, rows)
+        parts.append(table._replace(title="Probability by threshold", notes=notes))
+    if result.target is not None:
+        parts.append(_table_of_target(result.target))
+    return parts
+
+
+def _table_of_target(target: Mapping[str, Any]) -> TextTable:
+    key, symbol, keys = target["parameter"], target["unit"], ("value", "probability", "cov")
+    columns = ("step", f"{key} ({symbol or '-'})", "probability", "c.o.v.")
+    rows = [(str(i), *(step[x] for x in keys)) for i, step in enumerate(target["steps"], 1)]
+    value = f"{target['value']:.5g} ± {target['standard_error']:.2g} {symbol}".rstrip()
+    notes = [f"{target['runs']:,} runs, {target['gradients']:,} gradients"]
+    notes += [f"warning: {warning}" for warning in target["warnings"]]
+    title = f"For a probability of {target['wanted_probability']:g}: {key} = {value}"
+    return TextTable.of(columns, rows)._replace(title=title, notes=notes)

@@ -10,17 +10,18 @@ import json
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, TypeVar, dataclass_transform, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, dataclass_transform, get_args, get_origin
 
 import msgspec
 from msgspec import inspect
 
 from jaxpound._checks import Range, did_you_mean
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import Parameter, walk
 from jaxpound._version import __version__
 from jaxpound.cli.files import example
@@ -30,18 +31,36 @@ _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
 _MOST_SHOWN = 80  # characters of a value in a message
 _TOP = "the top level"
 
-T = TypeVar("T", bound="Table")
-
-
-# --- rules of fields ----------------------------------------------------------------------------
+T = TypeVar("T", bound="Section")
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
-class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+class Section(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A table of a file, or the whole file.
 
     A message of a ``ValueError`` in ``__post_init__`` is preceded by the name of the table.
     """
+
+    def stated(self) -> dict[str, Any]:
+        """The values that are not left out, by key."""
+        return {key: x for key, x in msgspec.structs.asdict(self).items() if x is not None}
+
+    def refuse_any(self, keys: Container[str], rule: str) -> None:
+        """A ``ValueError`` for the first of these keys that is stated."""
+        for key in self.stated():
+            if key in keys:
+                raise refused(key, rule)
+
+    def require_all(self, keys: Iterable[str], why: str = "") -> None:
+        """A ``ValueError`` for the first of these keys that is left out."""
+        for key in keys:
+            if getattr(self, key) is None:
+                raise ValueError(f"lacks the key {key!r}{why}")
+
+
+def refused(key: str, rule: str, value: str = "") -> InvalidInput:
+    """The error for a key of a table, or for its value as it is printed."""
+    return InvalidInput("", key, value, rule)
 
 
 def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.Meta:
@@ -57,50 +76,42 @@ def of_field(cls: type, name: str) -> msgspec.Meta:
 
 
 def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta:
-    """Annotation of a value that is no number: ``words`` complete 'must be'.
-
-    ``allowed`` is the range of the numbers in it.
-    """
+    """Annotation: ``words`` complete 'must be', ``allowed`` is the range of numbers inside."""
     return msgspec.Meta(extra={"says": words, "range": allowed}, **rules)
 
 
 def each(number: Any, alone: bool = True) -> msgspec.Meta:
-    """Annotation of a list with a number for every storey, or where ``alone`` one number for all.
-
-    ``number`` is the type of a number, with its range.
-    """
+    """Annotation of a list with a number for each storey, or where ``alone`` one for all."""
     words = "a list with a number for each storey" + (", or one number for all" if alone else "")
     extra = {"says": words, "each": number, "alone": alone}
     return msgspec.Meta(extra=extra, min_length=None if alone else 1)
 
 
+Numbers = Annotated[list[float], says("a list of two numbers or more", min_length=2)]
 Count = between(1, 2**31)
-"""Range of a count."""
-
 Seed = between(0, 2**32 - 1)
-"""Range of a seed of random numbers: 32 bits."""
 
 
-def ranges(kind: type[Table]) -> dict[str, Range]:
+def ranges(kind: type[Section]) -> dict[str, Range]:
     """The ranges of a table's numbers, by key."""
-    said = {name: _bare(field)[1].get("range") for name, field in entries(kind).items()}
-    return {name: allowed for name, allowed in said.items() if allowed}
+    by_key = {name: _bare(field)[1].get("range") for name, field in entries(kind).items()}
+    return {name: allowed for name, allowed in by_key.items() if allowed}
 
 
 def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
     """A field's type as msgspec describes it, without None, and the annotations of the field."""
     info: Any = inspect.type_info(kind)
-    said: dict[str, Any] = {}
+    annotations: dict[str, Any] = {}
     while isinstance(info, inspect.Metadata | inspect.UnionType):
         if isinstance(info, inspect.Metadata):
-            said |= info.extra or {}
+            annotations |= info.extra or {}
             info = info.type
             continue
-        given = [one for one in info.types if not isinstance(one, inspect.NoneType)]
-        if len(given) > 1:
+        types = [x for x in info.types if not isinstance(x, inspect.NoneType)]
+        if len(types) > 1:
             break
-        (info,) = given
-    return info, said
+        (info,) = types
+    return info, annotations
 
 
 def entries(kind: Any) -> dict[str, Any]:
@@ -113,8 +124,12 @@ def entries(kind: Any) -> dict[str, Any]:
 
 def is_table(kind: Any) -> bool:
     """Whether a field is written as a table below a [name], and not as a value after a key."""
-    info, said = _bare(kind)
-    return isinstance(info, inspect.StructType | inspect.DictType) and "says" not in said
+    info, annotations = _bare(kind)
+    return isinstance(info, inspect.StructType | inspect.DictType) and "says" not in annotations
+
+
+def _is_dict(kind: Any) -> bool:
+    return isinstance(_bare(kind)[0], inspect.DictType)
 
 
 def of_array(kind: Any) -> Any:
@@ -122,11 +137,7 @@ def of_array(kind: Any) -> Any:
     info, _ = _bare(kind)
     if not isinstance(info, inspect.ListType):
         return None
-    item = info.item_type
-    return item.cls if isinstance(item, inspect.StructType) else None
-
-
-# --- a file -------------------------------------------------------------------------------------
+    return getattr(info.item_type, "cls", None)
 
 
 @dataclass(frozen=True)
@@ -141,15 +152,7 @@ class File:
 
     @staticmethod
     def opened(path: Path | None, command: str) -> File:
-        """A file, or the example of a command if there is no path.
-
-        Raises
-        ------
-        OSError
-            If it cannot be read.
-        ValueError
-            If it is too large for a configuration, or no text in UTF-8.
-        """
+        """A file of text in UTF-8, or the example of a command if there is no path."""
         if path is None:
             return File(f"example of jaxpound {command}", example(command))
         with path.open("rb") as file:
@@ -163,29 +166,22 @@ class File:
 
     @property
     def origin(self) -> dict[str, Any]:
-        """What a summary begins with: the version, and what the file holds."""
+        """The beginning of a summary: the version, and the content of the file."""
         return {"jaxpound": __version__, "configuration": tomllib.loads(self.text)}
 
     def read(self, kind: type[T]) -> T:
-        """What the file holds.
-
-        Raises
-        ------
-        ValueError
-            If it is not TOML, has a key of more than 20 parts or one that is not allowed, lacks one
-            that is needed, or a value is of the wrong type or breaks its rule.
-        """
+        """What the file holds; a ``ValueError`` for its first fault."""
         if fault := long_key(self.text):
             raise ValueError(f"{self.name}{fault}")
-        given = self._parsed(self.text)
-        for name, entry in entries(kind).items():
-            if isinstance(_bare(entry)[0], inspect.DictType) and isinstance(given.get(name), dict):
-                given[name] = _by_path(given[name])
+        content, tables = self._parsed(self.text), entries(kind)
+        for name, table in content.items():
+            if isinstance(table, dict) and name in tables and _is_dict(tables[name]):
+                content[name] = _by_path(table)
         try:
-            return msgspec.convert(given, kind)
+            return msgspec.convert(content, kind)
         except msgspec.ValidationError as error:
-            words = _table_fault(kind, given, _TOP, kind) or str(error)
-            raise ValueError(f"{self.name}: {words}") from error
+            fault = _table_fault(kind, content, _TOP, kind) or str(error)
+            raise ValueError(f"{self.name}: {fault}") from error
 
     def _parsed(self, text: str) -> dict[str, Any]:
         try:
@@ -197,12 +193,9 @@ class File:
         except ValueError:
             # Python reads no whole number of more than 4,300 digits. Cut to 4,300 digits, it still
             # exceeds every range, and the message names its key.
-            return self._parsed(re.sub(r"\d[\d_]*", _shortened, text))
-
-
-def _shortened(digits: re.Match[str]) -> str:
-    most = sys.get_int_max_str_digits()
-    return digits[0] if len(digits[0]) <= most else digits[0].replace("_", "")[:most]
+            most = sys.get_int_max_str_digits()
+            long = rf"(?<![\d_])\d[\d_]{{{most},}}"
+            return self._parsed(re.sub(long, lambda x: x[0].replace("_", "")[:most], text))
 
 
 def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
@@ -210,8 +203,8 @@ def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in table.items():
         nested = isinstance(value, dict) and value
-        inside = nested and all(isinstance(one, dict) for one in value.values())
-        flat |= _by_path(value, f"{above}{key}.") if inside else {f"{above}{key}": value}
+        is_part = nested and all(isinstance(x, dict) for x in value.values())
+        flat |= _by_path(value, f"{above}{key}.") if is_part else {f"{above}{key}": value}
     return flat
 
 
@@ -219,74 +212,68 @@ def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
 def named(
     place: str, units: Mapping[str, str] | None = None, keys: Mapping[str, str] | None = None
 ) -> Iterator[None]:
-    """In messages of the core, replace the name of the class by the place in the file.
+    """Replace the owner in messages of the library by the place in the file.
 
-    Of runs that end in numbers that are not finite, too. ``units`` are those of the numbers in
-    these messages, by name, and ``keys`` are what a file calls the parameters of the core, by path.
+    ``units`` of the numbers in them are by name, ``keys`` of a file by the parameter's path.
     """
     try:
         yield
     except (ValueError, FloatingPointError) as error:
-        words = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
+        if isinstance(error, InvalidInput):
+            part = error.owner.partition(": ")[2]  # of the owner, such as storeys.2
+            message = str(error.replaced(owner=part))
+        else:
+            message = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
         if keys:
             paths = "|".join(map(re.escape, keys))
-            words = re.sub(rf"(?<![\w.])({paths})(?!\w)", lambda path: keys[path[0]], words)
+            message = re.sub(rf"(?<![\w.])({paths})(?!\w)", lambda path: keys[path[0]], message)
         for name, unit in (units or {}).items():
             if unit:
-                words = re.sub(rf"(?<!\w)({name} = -?[\w.+-]*\w)", rf"\1 {unit}", words)
-        raise ValueError(f"{place} {words}".lstrip()) from error
+                message = re.sub(rf"(?<!\w)({name} = -?[\w.+-]*\w)", rf"\1 {unit}", message)
+        raise ValueError(f"{place} {message}".lstrip()) from error
 
 
-# --- messages -----------------------------------------------------------------------------------
+def _table_fault(kind: Any, table: dict[str, Any], title: str, root: Any) -> str:
+    """The fault of a table, in words; empty if it has none.
 
-
-def _table_fault(kind: Any, given: dict[str, Any], title: str, root: Any) -> str:
-    """What is wrong with a table, in words; empty if nothing is.
-
-    ``title`` is ``_TOP`` for the whole file, a [table] of it, the second of the [[tables]] of an
-    array, a table in these, or "it" for the value of a key.
+    ``title`` is ``_TOP``, a [table], one of [[tables]] with its number, or "it": a key's value.
     """
     kinds, place = entries(kind), f"{title} " if title.startswith("[") else ""
-    if isinstance(_bare(kind)[0], inspect.DictType):  # the keys are judged with the structures
-        kinds = dict.fromkeys(given, get_args(kind)[1])
-    for key, value in given.items():
+    if _is_dict(kind):  # the keys are judged with the structures
+        kinds = dict.fromkeys(table, get_args(kind)[1])
+    for key, value in table.items():
         if key not in kinds:
             return unknown_key(title, key, _meant(key, kind, root))
+        inner = f"[{key}]" if title == _TOP else f"{place}{key}"
         if item := of_array(kinds[key]):
-            words = _array_fault(item, value, key, root)
+            fault = _array_fault(item, value, key, root)
         elif not is_table(kinds[key]):
-            words = _fault(kinds[key], value, f"{place}{key}")
+            fault = _fault(kinds[key], value, f"{place}{key}")
         elif isinstance(value, dict):
-            inner = f"[{key}]" if title == _TOP else f"{place}{key}"
-            words = _table_fault(kinds[key], value, inner, root)
+            fault = _table_fault(kinds[key], value, inner, root)
         else:
-            written = f", [{key}]" if title == _TOP else ""
-            words = f"{place}{key} = {shown(value)} must be a table{written}"
-        if words:
-            return words
+            heading = f", {inner}" if title == _TOP else ""
+            fault = f"{place}{key} = {shown(value)} must be a table{heading}"
+        if fault:
+            return fault
     for field in getattr(_bare(kind)[0], "fields", ()):
-        if field.required and field.encode_name not in given:
-            what = "the table [{}]" if is_table(kinds[field.encode_name]) else "the key '{}'"
-            return f"{title} lacks {what.format(field.encode_name)}"
-    own = _refusal(kind, given)
-    return f"{place}{own}" if own else ""
+        key = field.encode_name
+        if field.required and key not in table:
+            noun = f"the table [{key}]" if is_table(kinds[key]) else f"the key '{key}'"
+            return f"{title} lacks {noun}"
+    fault = _refusal(kind, table)
+    return f"{place}{fault}" if fault else ""
 
 
-def unknown_key(place: str, key: str, meant: str, what: str = "key") -> str:
-    """That a table has a key, or ``what`` else it is, that nobody knows; shortened if it is long.
-
-    ``meant`` is the question or the list that follows.
-    """
-    return f"{place} has an unknown {what} {_shortened_to_fit(repr(key))}; {meant}"
+def unknown_key(place: str, key: str, meant: str, noun: str = "key") -> str:
+    """The message on an unknown key, with the question or list that says what is ``meant``."""
+    return f"{place} has an unknown {noun} {_shortened_to_fit(repr(key))}; {meant}"
 
 
-def _array_fault(kind: type[Table], given: Any, key: str, root: Any) -> str:
-    """What is wrong with the tables below [[key]], in words; empty if nothing is."""
-    if not isinstance(given, list) or not all(isinstance(one, dict) for one in given):
-        return f"{key} = {shown(given)} must be tables, each below a line [[{key}]]"
-    faults = (
-        _table_fault(kind, one, f"[[{key}]] {number}", root) for number, one in enumerate(given, 1)
-    )
+def _array_fault(kind: type[Section], array: Any, key: str, root: Any) -> str:
+    if not isinstance(array, list) or not all(isinstance(table, dict) for table in array):
+        return f"{key} = {shown(array)} must be tables, each below a line [[{key}]]"
+    faults = (_table_fault(kind, table, f"[[{key}]] {i}", root) for i, table in enumerate(array, 1))
     return next(filter(None, faults), "")
 
 
@@ -297,29 +284,29 @@ def _meant(key: str, kind: Any, root: Any) -> str:
         return close
     tables = {f"[{name}]": x for name, x in entries(root).items() if is_table(x)}
     tables[f"{_TOP}, before the first [table]"] = root
-    if homes := [title for title, x in tables.items() if key in entries(x)]:
-        return f"it belongs in {' or '.join(homes)}"
+    if titles := [title for title, x in tables.items() if key in entries(x)]:
+        return f"it belongs in {' or '.join(titles)}"
     return f"allowed are {', '.join(allowed)}"
 
 
 def _fault(kind: Any, value: Any, place: str) -> str:
-    """What is wrong with the value of a key, in words; empty if nothing is."""
+    """The fault of the value of a key, in words; empty if it has none."""
     if not _refusal(kind, value):
         return ""
-    info, said = _bare(kind)
-    told, allowed = shown(value), said.get("range")
-    listed = isinstance(value, list) and value
-    if "each" in said and (listed or (said["alone"] and is_number(value))):
-        return _fault_of_each(said["each"], value, place)
-    if "says" in said:
-        rule = said["says"] + _inner_fault(info, value)
+    info, annotations = _bare(kind)
+    text, allowed = shown(value), annotations.get("range")
+    is_list = isinstance(value, list) and value
+    if "each" in annotations and (is_list or (annotations["alone"] and is_number(value))):
+        return _fault_of_each(annotations["each"], value, place)
+    if "says" in annotations:
+        rule = annotations["says"] + _inner_fault(info, value)
     elif allowed:
         if isinstance(info, inspect.IntType) and type(value) is not int:
             rule = "a whole number"
         elif not is_number(value):
             rule = "a finite number"
         else:
-            told, rule = allowed.told(told), allowed.rule
+            text, rule = allowed.with_unit(text), allowed.rule
     elif isinstance(info, inspect.LiteralType):
         words = _words(kind)
         rule = "one of " + ", ".join(f'"{word}"' for word in words)
@@ -328,11 +315,10 @@ def _fault(kind: Any, value: Any, place: str) -> str:
     else:
         words_of: dict[Any, str] = {inspect.BoolType: "true or false", inspect.StrType: "a text"}
         rule = words_of.get(type(info), "a finite number")
-    return f"{place} = {told} must be {rule}"
+    return f"{place} = {text} must be {rule}"
 
 
 def _inner_fault(info: Any, value: Any) -> str:
-    """What is wrong with a table that is the value of a key, if it is one."""
     faults = (
         f"; {_table_fault(inner.cls, value, 'it', inner.cls)}"
         for inner in getattr(info, "types", [info])
@@ -342,7 +328,6 @@ def _inner_fault(info: Any, value: Any) -> str:
 
 
 def _fault_of_each(number: Any, value: Any, place: str) -> str:
-    """What is wrong with a number for all storeys, or with the first wrong one of a list."""
     if not isinstance(value, list):
         return _fault(number, value, place)
     faults = (_fault(number, x, f"{place}: storey {i}") for i, x in enumerate(value, 1))
@@ -353,7 +338,7 @@ def _words(kind: Any) -> tuple[str, ...]:
     """The words of a literal, or of one that may be left out, in their order."""
     if get_origin(kind) is Literal:
         return get_args(kind)
-    return next((_words(one) for one in get_args(kind) if one is not NoneType), ())
+    return next((_words(x) for x in get_args(kind) if x is not NoneType), ())
 
 
 def _refusal(kind: Any, value: Any) -> str:

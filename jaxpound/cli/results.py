@@ -1,47 +1,107 @@
-"""What commands tell of results: of a run its gaps, contact and energy; of a fragility its fit."""
+"""Results of a run as numbers and words, for a row; a pair's file has some, by its own keys."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from typing import Any
 
 import numpy as np
 
 import jaxpound as jp
 from jaxpound._fields import quantities
-from jaxpound._tables import rounded
-from jaxpound.cli.files import known
+from jaxpound._tables import TextTable
+from jaxpound.cli.buildings import BuildingsLayout
+from jaxpound.cli.files import csv_text, json_safe, table_of
 from jaxpound.quantities import column
+from jaxpound.results.floors import FloorDemands
 from jaxpound.results.impacts import ImpactSeries
 
 
-def of_run(response: jp.Response) -> dict[str, Any]:
-    """Smallest gap and energies, in SI units."""
-    demand = response.demand
-    energy = response.energy
-    pounds = bool(demand.pounds)
-    touches = [first_contact(response, k) for k in range(len(response.links))]
+def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
+    """The scalars of a run; units are in the names, numbers count from 1."""
+    demand, energy = response.demand, response.energy
+    floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
+    pairs = zip(layout.buildings, floors, strict=True)
+    links = [_of_link(layout, response, k) for k in range(len(layout.si.links))]
+    contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
+    return json_safe(
+        {
+            "min_gap_m": float(demand.min_gap),
+            "min_gap_time_s": float(demand.min_gap_time),
+            "pounds": bool(demand.pounds),
+            "overlap_m": max(0.0, -float(demand.min_gap)),
+            "first_contact_s": min(contacts, default=None),
+            "input_energy_J": float(energy.input[-1]),
+            "damper_energy_J": float(energy.friction[-1]),
+            "rods_energy_J": float(energy.rods[-1]),
+            "kinetic_energy_J": float(energy.kinetic[-1]),
+            "energy_residual_over_input": float(energy.relative_residual),
+            "buildings": [_of_building(building, demands) for building, demands in pairs],
+            "links": links,
+        }
+    )
+
+
+def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
+    """Results by the keys of their file."""
+    links = results["links"]
+    if not is_pair:  # a link without a damper has no slip
+        no_slip: dict[str, Any] = {"slip_distance_m": None}
+        return results | {"links": [x if x["friction_force_N"] else x | no_slip for x in links]}
+    numbers = {key: x for key, x in results.items() if key not in ("buildings", "links")}
+    numbers |= {key: links[0][key] for key in ("slip_distance_m", "residual_offset_m", "contact")}
+    keys = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
+    for i, building in enumerate(results["buildings"], 1):
+        mode = building["modes"][0]
+        numbers[f"building_{i}"] = {key: mode[key] for key in ("period_s", "damping_ratio")}
+        numbers[f"building_{i}"] |= {key: building[key] for key in keys}
+    return numbers
+
+
+def _of_building(building: Any, floors: jp.FloorDemands) -> dict[str, Any]:
+    if isinstance(building, jp.Building):
+        building = jp.ShearBuilding((building,))
+    modes = building.modes()
+    columns = modes.periods, modes.damping_ratios, modes.participation
+    keys = ("period_s", "damping_ratio", "share_of_mass")
     return {
-        "min_gap_m": float(demand.min_gap),
-        "min_gap_time_s": float(demand.min_gap_time),
-        "pounds": pounds,
-        "overlap_m": max(0.0, -float(demand.min_gap)),
-        "first_contact_s": min(time for time in touches if time is not None) if pounds else None,
-        "input_energy_J": float(energy.input[-1]),
-        "damper_energy_J": float(energy.friction[-1]),
-        "rods_energy_J": float(energy.rods[-1]),
-        "kinetic_energy_J": float(energy.kinetic[-1]),
-        "energy_residual_over_input": float(energy.relative_residual),
+        "storeys": building.n_floors,
+        "height_m": float(building.elevations[-1]),
+        "series": [mass + 1 for mass in floors.masses],
+        "peak_displacement_m": float(np.max(floors.displacement)),
+        "peak_drift_m": float(np.max(floors.drift)),
+        "peak_drift_ratio": float(np.max(floors.drift / np.array(building.heights))),
+        "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
+        "base_shear_N": float(floors.shear[0]),
+        "modes": [
+            dict(zip(keys, map(float, mode), strict=True)) for mode in zip(*columns, strict=True)
+        ],
     }
 
 
-def of_fragility(curve: jp.Fragility | None) -> dict[str, float] | None:
-    """The parameters of a fragility, with their standard errors."""
-    names = ("median", "median_error", "dispersion", "dispersion_error")
-    return None if curve is None else {name: getattr(curve, name) for name in names}
+def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
+    link, demand = layout.si.links[k], response.demand.links[k]
+    ground = link.other_floor == jp.GROUND
+    return {
+        "table": layout.tables[k] if layout.tables else None,
+        "between": str(link),
+        "building": link.building + 1,
+        "floor": link.floor + 1,
+        "next_building": "ground" if ground else link.other_building + 1,
+        "next_floor": None if ground else link.other_floor + 1,
+        "gap_m": float(link.gap),
+        "friction_force_N": float(link.friction),
+        "min_gap_m": float(demand.min_gap),
+        "min_gap_time_s": float(demand.min_gap_time) if math.isfinite(link.gap) else None,
+        "first_contact_s": _first_contact(response, k),
+        "slip_distance_m": float(demand.slip_distance),
+        "damper_energy_J": float(demand.friction_work),
+        "residual_offset_m": float(demand.residual_offset),
+        "contact": _of_contact(response, k),
+    }
 
 
-def first_contact(response: jp.Response, link: int) -> float | None:
+def _first_contact(response: jp.Response, link: int) -> float | None:
     """When a gap first closes: at an impact, or by linear interpolation between instants."""
     if not float(response.demand.links[link].min_gap) <= 0:
         return None
@@ -55,54 +115,114 @@ def first_contact(response: jp.Response, link: int) -> float | None:
     return float(np.interp(0.0, gap[around], time[around]))
 
 
-def of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
-    """What a link's law of contact gave: its scalars, and the impacts one by one."""
+def _of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
+    """The contact of a link: its scalars and its impacts; None without a law of contact."""
     series, scalars = response.links[link], response.demand.links[link]
     if series.contact is None:
         return None
-    told = {
-        column(name, about.kind, si=True): float(getattr(scalars, name))
-        for name, about in quantities(type(scalars)).items()
-        if about.only == "contact"
-    }
-    kinds = {name: about.kind for name, about in quantities(ImpactSeries).items()}
-    impacts = [
-        {column(name, kind, si=True): getattr(impact, name) for name, kind in kinds.items()}
+    columns, of_impact = _columns(type(scalars), "contact"), _columns(ImpactSeries)
+    results: dict[str, Any] = {key: float(getattr(scalars, x)) for x, key in columns.items()}
+    results["stored_at_end_J"] = float(series.contact_stored[-1])
+    results["impacts"] = [
+        {key: getattr(impact, x) for x, key in of_impact.items()}
         for impact in response.impacts(link)
     ]
-    stored = {"stored_at_end_J": float(series.contact_stored[-1])}
-    found: dict[str, Any] = known(told | stored | {"impacts": impacts})
-    return found
+    return results
 
 
-def verdict(results: Mapping[str, Any], by_law: bool) -> str:
-    """Whether buildings pound, in words; ``by_law`` says whether their contact has a law."""
+def _columns(cls: type, only: str = "") -> dict[str, str]:
+    """The columns of a class of results in SI units, by field: all, or those of some elements."""
+    fields = quantities(cls).items()
+    return {x: column(x, y.kind, si=True) for x, y in fields if not only or y.only == only}
+
+
+def envelope(layout: BuildingsLayout, response: jp.Response) -> str:
+    """The envelope over the height of every building, floor by floor, as CSV.
+
+    ``series`` is the number of the floor in the names of the time series, such as x3_m.
+    """
+    names = _columns(FloorDemands)
+    columns = ["building", "floor", "series", "elevation_m", *names.values(), "drift_ratio"]
+    rows = []
+    envelopes = jp.floor_demands(layout.structures, response.demand, layout.buildings)
+    for building, floors in zip(layout.buildings, envelopes, strict=True):
+        for i, mass in enumerate(floors.masses):
+            peaks = [getattr(floors, name)[i] for name in names]
+            numbers = map(float, [building.elevations[i], *peaks, floors.drift_ratio[i]])
+            rows.append([floors.building + 1, i + 1, mass + 1, *numbers])
+    return csv_text(columns, rows)
+
+
+def lines(results: dict[str, Any]) -> list[str]:
+    """The results of ``of_simulation`` as text for the screen."""
+    buildings, links = results["buildings"], results["links"]
+    modes = [building["modes"][0] for building in buildings]
+    columns = {
+        "building": [str(i) for i, _ in enumerate(buildings, 1)],
+        "storeys": [x["storeys"] for x in buildings],
+        "period (s)": [mode["period_s"] for mode in modes],
+        "damping (%)": [100 * mode["damping_ratio"] for mode in modes],
+        "displacement (m)": [x["peak_displacement_m"] for x in buildings],
+        "drift (%)": [100 * x["peak_drift_ratio"] for x in buildings],
+        "acceleration (m/s²)": [x["peak_absolute_acceleration_m_per_s2"] for x in buildings],
+        "base shear (kN)": [x["base_shear_N"] / 1e3 for x in buildings],
+    }
+    texts = [table_of(columns).text(), ""]
+    if links:
+        texts += [_table_of_links(links).text(), ""]
+    closable = [link for link in links if link["gap_m"] is not None]
+    if closable:
+        closest = min(closable, key=lambda link: link["min_gap_m"])
+        smallest = f"{results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s"
+        words = _verdict(results, closest["contact"] is not None)
+        texts.append(f"Gaps     smallest {smallest}; {words}")
+    shares = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
+    if not any(link["friction_force_N"] for link in links):
+        del shares["damper"]
+    if laws := [link["contact"] for link in links if link["contact"]]:
+        shares["contact"] = sum(law["contact_work_J"] for law in laws)
+    total = results["input_energy_J"]
+    parts = ", ".join(
+        f"{name} {energy / 1e3:.4g} kJ ({energy / total if total else 0:.0%})"
+        for name, energy in shares.items()
+    )
+    residual = f"residual {results['energy_residual_over_input']:.1e} of the input"
+    return [*texts, f"Energy   input {total / 1e3:.4g} kJ: {parts}; {residual}"]
+
+
+def _verdict(results: dict[str, Any], by_law: bool) -> str:
+    """Whether buildings pound, in words, and whether by a law of contact."""
     if not results["pounds"]:
         return "no pounding"
-    told = f"POUNDS: {'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m, "
-    told += f"first contact at {results['first_contact_s']:.5g} s"
-    return told + ("" if by_law else "; contact itself is not modelled")
+    depth = f"{'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m"
+    remark = "" if by_law else "; contact itself is not modelled"
+    return f"POUNDS: {depth}, first contact at {results['first_contact_s']:.5g} s{remark}"
 
 
-def energy_line(
-    results: Mapping[str, Any], lost_by_contact: float | None, with_damper: bool
-) -> str:
-    """The energy's shares in one line."""
-    supplied = results["input_energy_J"]
-    takers = ("damper", "rods") if with_damper else ("rods",)
-    taken = {name: results[f"{name}_energy_J"] for name in takers}
-    if lost_by_contact is not None:
-        taken["contact"] = lost_by_contact
-    shares = ", ".join(
-        f"{name} {energy / 1e3:.4g} kJ ({energy / supplied if supplied else 0:.0%})"
-        for name, energy in taken.items()
-    )
-    return (
-        f"Energy   input {supplied / 1e3:.4g} kJ: {shares}; "
-        f"residual {results['energy_residual_over_input']:.1e} of the input"
-    )
-
-
-def in_thousands(number: float) -> str:
-    """A number in kN, kJ or kN s, in words."""
-    return rounded(number / 1e3)
+def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
+    columns: dict[str, list[Any]] = {"link": [link["between"] for link in links]}
+    gaps = [link["gap_m"] for link in links]
+    if any(gap is not None for gap in gaps):
+        columns |= {
+            "gap (m)": gaps,
+            "smallest (m)": [link["min_gap_m"] for link in links],
+            "at (s)": [link["min_gap_time_s"] for link in links],
+        }
+    if any(link["friction_force_N"] for link in links):
+        slips = [link if link["friction_force_N"] else None for link in links]
+        columns |= {
+            "slip force (kN)": [link and link["friction_force_N"] / 1e3 for link in slips],
+            "slid (m)": [link and link["slip_distance_m"] for link in slips],
+            "offset left (m)": [link and link["residual_offset_m"] for link in slips],
+            "took (kJ)": [link and link["damper_energy_J"] / 1e3 for link in slips],
+        }
+    laws = [link["contact"] for link in links]
+    if any(laws):
+        columns |= {
+            "impacts": [law and int(law["n_impacts"]) for law in laws],
+            # By Newton's law impacts have impulses, but no force.
+            "force (kN)": [law and (law["peak_contact_N"] / 1e3 or None) for law in laws],
+            "impulse (kN s)": [law and law["peak_impulse_N_s"] / 1e3 for law in laws],
+            "lost (kJ)": [law and law["contact_work_J"] / 1e3 for law in laws],
+        }
+    return table_of(columns)

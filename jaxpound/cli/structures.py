@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
+from threading import Timer
+from typing import Any
 
 import jaxpound as jp
-from jaxpound.cli.noise import Shaking
-from jaxpound.cli.pair import Building, Damper, Pair
-from jaxpound.cli.reading import File, Range, Table, named
-from jaxpound.cli.row import FloorLink, Row, RowBuilding
-from jaxpound.cli.tables import Contact, Gap, Run, read_records
-from jaxpound.ground.plausibility import tell
+from jaxpound.cli import buildings
+from jaxpound.cli.buildings import BlockSection, BuildingsLayout
+from jaxpound.cli.noise import NoiseOrEarthquakes
+from jaxpound.cli.reading import File, Range, Section, named, refused
+from jaxpound.cli.tables import ContactSection, Gap, RunSection, read_records
+from jaxpound.ground.plausibility import warn
 from jaxpound.model.plausibility import doubts, too_wide
+from jaxpound.model.system import Structures
+from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
-from jaxpound.simulation.scheme import require_followed
-from jaxpound.study.ground_draw import GroundDraw
+from jaxpound.simulation.scheme import require_local_flow
 
 _OF_PAIR = {
     "gap": "the key 'gap'",
@@ -26,69 +31,66 @@ _OF_PAIR = {
 _WRITTEN = {"gap": "gap", "building": "[[building]]", "link": "[[link]]"}
 
 
-class Structured(Table, dict=True):
-    """Two buildings of one storey, or a row of buildings; and the run.
-
-    Both forms become one model: the dimensionless ``structures`` and their ``scales``.
-    """
+class Structured(Section, dict=True):
+    """Two buildings of one storey, or a row of buildings, which become one model; and the run."""
 
     gap: Gap | None = None
-    building_1: Building | None = None
-    building_2: Building | None = None
-    damper: Damper | None = None
-    contact: Contact | None = None
-    building: list[RowBuilding] | None = None
-    link: list[FloorLink] | None = None
-    run: Run = Run()
+    building_1: BlockSection | None = None
+    building_2: BlockSection | None = None
+    damper: buildings.Damper | None = None
+    contact: ContactSection | None = None
+    building: list[buildings.BuildingSection] | None = None
+    link: list[buildings.LinkSection] | None = None
+    run: RunSection = RunSection()
 
     def __post_init__(self) -> None:
-        friction = self.run.friction
-        if self.form.laws and friction != "event-resolved":
+        friction, rule = f'"{self.run.friction}"', 'must be "event-resolved" where'
+        if self.layout.laws and self.run.friction != "event-resolved":
             where = "there is a [contact]" if self.contact else "a [[link]] has contact"
-            rule = f'must be "event-resolved" where {where}'
-            raise ValueError(f'[run] friction = "{friction}" {rule}')
+            raise refused("[run] friction", f"{rule} {where}", friction)
         try:
-            require_followed(self.structures.system(), self.scheme)
+            require_local_flow(self.structures.system(), self.scheme)
         except ValueError as error:
-            rule = 'must be "event-resolved" where floors have several links'
-            raise ValueError(f'[run] friction = "{friction}" {rule}') from error
-        tell("configuration", self.doubts(), strict=False)
+            several = f"{rule} floors have several links"
+            raise refused("[run] friction", several, friction) from error
+        warn("configuration", self.doubts(), strict=False)
 
     def doubts(self) -> list[str]:
         """What is implausible in buildings, dampers and contact."""
         return doubts(self.structures, self.scales)
 
     @cached_property
-    def form(self) -> Pair | Row:
+    def layout(self) -> BuildingsLayout:
         """The buildings and what is between them."""
         of_pair = [key for key in (*_OF_PAIR, "contact") if getattr(self, key) is not None]
         of_row = [key for key in ("building", "link") if getattr(self, key) is not None]
         if of_row:
             if of_pair:
-                both = [_WRITTEN.get(key, f"[{key}]") for key in (of_pair[0], of_row[0])]
+                first, second = (_WRITTEN.get(x, f"[{x}]") for x in (of_pair[0], of_row[0]))
                 rule = "these belong to two forms of a configuration, and a file has one"
-                raise ValueError(f"{both[0]} must not be given beside {both[1]}: {rule}")
+                raise refused(first, f"must not be given beside {second}: {rule}")
             if not self.building:
                 raise ValueError("the top level lacks a table [[building]]")
-            return Row.of(self.building, self.link or [])
+            return BuildingsLayout.of_row(self.building, self.link or [])
         for key, words in _OF_PAIR.items():
             if getattr(self, key) is None:
                 raise ValueError(f"the top level lacks {words}")
-        assert self.gap is not None
-        assert self.building_1
-        assert self.building_2
-        assert self.damper
-        return Pair(self.gap, self.building_1, self.building_2, self.damper, self.contact)
+        pair: Any = self  # with all keys of a pair
+        law = self.contact.model() if self.contact else None
+        link = jp.FloorLink(0, 0, None, pair.damper.friction_force, pair.gap, law)
+        blocks = pair.building_1.model(), pair.building_2.model()
+        laws = (self.contact.law,) if self.contact else ()
+        return BuildingsLayout.of(jp.Buildings.of("Buildings", blocks, (link,)), laws=laws)
 
     @property
     def structures(self) -> jp.AdjacentStructures | jp.Row:
         """The dimensionless system."""
-        return self.form.structures
+        return self.layout.structures
 
     @property
     def scales(self) -> jp.Scales:
         """Its units."""
-        return self.form.scales
+        return self.layout.scales
 
     @property
     def scheme(self) -> jp.Scheme:
@@ -99,38 +101,55 @@ class Structured(Table, dict=True):
 class Shaken(Structured, kw_only=True):
     """Buildings under random earthquakes."""
 
-    earthquakes: Shaking
+    earthquakes: NoiseOrEarthquakes
 
     def doubts(self) -> list[str]:
         """And in gaps, which no run of the buildings judges by what they move."""
         return super().doubts() + too_wide(self.structures, self.scales)
 
-    def records(self, file: File) -> list[jp.Record]:
-        """The records from which earthquakes are drawn; none if these are sums of wavelets."""
-        table = self.earthquakes
-        place = f"{file.name}: [earthquakes] records"
-        return read_records(place, file, table.records or [], table.units)
-
-    def motion(self, file: File, records: Sequence[jp.Record]) -> GroundDraw:
-        """The random ground motion of the dimensionless system."""
-        with named(f"{file.name}: [earthquakes]"):
-            return self.earthquakes.motion(records, self.scales)
-
-    def grid(self, file: File, records: Sequence[jp.Record]) -> jp.TimeGrid:
-        """The dimensionless time grid, fine and long enough for records."""
-        place, scales = f"{file.name}: [run]", self.scales
-        records = self.earthquakes.shapes(records)
+    def shaking(
+        self, file: File, recorded: Iterable[jp.Record] = ()
+    ) -> tuple[GroundDraw, jp.TimeGrid]:
+        """Random ground motion, dimensionless, and a grid fine enough for it and for records."""
+        table, place, scales = self.earthquakes, f"{file.name}: [earthquakes]", self.scales
+        names = table.records or []
+        records = read_records(f"{place} records", file.folder, names, table.units)
+        with named(place):
+            ground = table.motion(records, scales)
+        run, shapes = f"{file.name}: [run]", table.shapes([*records, *recorded])
         limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
-        shortest = min((float(record.dt) for record in records), default=float("inf"))
+        shortest = min((float(record.dt) for record in shapes), default=float("inf"))
         periods = natural_periods(self.structures, scales)
         dt = self.run.dt or time_step(periods, limit, shortest)
-        require_stable(place, dt, limit, "the nominal buildings")
-        longest = max((float(record.duration) for record in records), default=None)
+        require_stable(run, dt, limit, "the nominal buildings")
+        longest = max((float(record.duration) for record in shapes), default=None)
         duration = self.run.duration or longest
         if duration is None:
-            raise ValueError(f"{place} lacks the key 'duration'")
-        grid = time_grid(place, scales, duration, dt)
-        if self.earthquakes.arrivals:
+            raise ValueError(f"{run} lacks the key 'duration'")
+        grid = time_grid(run, scales, duration, dt)
+        if table.arrivals:
             within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
-            self.earthquakes.arrivals.require(f"{file.name}: [earthquakes] arrivals", within)
-        return grid
+            table.arrivals.require(f"{place} arrivals", within)
+        return ground, grid
+
+
+AFTER = 5.0
+"""Seconds until a notice of a compilation."""
+
+
+@contextmanager
+def compile_notice(structures: Structures) -> Iterator[None]:
+    """Print what is compiled and run if the block takes longer than ``AFTER``."""
+    system = structures.system()
+    floors, links = len(system.masses), len(system.links)
+    size = f"{floors} floor{'s' * (floors > 1)}"
+    if links:
+        size += f" and {links} link{'s' * (links > 1)}"
+    notice = f"jaxpound: compiling and running the program for {size} ..."
+    timer = Timer(AFTER, lambda: print(notice, file=sys.stderr))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

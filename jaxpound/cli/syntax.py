@@ -1,4 +1,4 @@
-"""What is wrong with a line that is not TOML, or that costs too much to read."""
+"""Messages for a line that is not TOML, or that costs too much to read."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _NUMBERS = {
 
 
 _MOST_PARTS = 20
-# Texts go on to their end, or to that of the line or file where they have none: nothing is read
-# twice. A text of several lines may end in up to two quotes of its own.
+# A text goes on to its end, or without one to the end of the line or file: nothing is read twice.
+# The content of a text of several lines may end in up to two quotes.
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]++|\\[^\n]?+)*+"?+|'[^'\n]*+'?+)"""
 _LINES = r"""(?:"{3}(?:[^"\\]++|\\.?+|"{1,2}(?!"))*+"{0,5}|'{3}(?:[^']++|'{1,2}(?!'))*+'{0,5})"""
 # A key of too many parts, or what is passed over as a whole: texts, comments and words.
@@ -25,10 +25,7 @@ _LONG_KEY = re.compile(
 
 
 def long_key(text: str) -> str:
-    """Message for a key of too many parts, with its line; empty if there is none.
-
-    Reading it would take memory as the square of their number.
-    """
+    """Message for a key whose parts, too many, would take memory as their number squared."""
     for match in _LONG_KEY.finditer(text):
         if match["key"]:
             line = text.count("\n", 0, match.start()) + 1
@@ -38,13 +35,13 @@ def long_key(text: str) -> str:
 
 def syntax_error(text: str, message: str) -> str:
     """Message for a line that is not TOML: its number, its table, its key, and the reason."""
-    found = re.search(r"at line (\d+)", message)
-    lines = text.splitlines()[: int(found[1]) if found else None]
-    written = [says for form, says in _NUMBERS.items() if lines and re.search(form, lines[-1])]
-    message = "; ".join([message, *written[:1]])
-    place, key = f":{found[1]}" if found else "", ""
+    number = re.search(r"at line (\d+)", message)
+    lines = text.splitlines()[: int(number[1]) if number else None]
+    hints = [hint for form, hint in _NUMBERS.items() if lines and re.search(form, lines[-1])]
+    message = "; ".join([message, *hints[:1]])
+    place, key = f":{number[1]}" if number else "", ""
     if "Unterminated" in message or (lines and lines[-1].lstrip().startswith("[")):
-        return f"{place}: {message}"  # where it begins is not known; or the line of a table
+        return f"{place}: {message}"  # its start is unknown; or the line of a table
     for line in reversed(lines):
         if table := re.match(r"\s*(\[[^][]+\])", line):
             return f"{place}: {table[1]}{key}: {message}"

@@ -3,53 +3,40 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from typing import Any
-
-import numpy as np
 
 import jaxpound as jp
 from jaxpound.cli.tables import LAWS
 
 
-def as_toml(structures: jp.AdjacentStructures, scales: jp.Scales) -> str:
-    """Two buildings as a configuration of ``jaxpound simulate``."""
-    left, right, friction_force, gap = scales.buildings(structures)
-    lines = [f"gap = {float(gap)!r}  # m", ""]
-    for i, building in enumerate((left, right), start=1):
-        numbers = [f"{name} = {float(np.asarray(x))!r}" for name, x in vars(building).items()]
-        lines += [f"[building_{i}]", *numbers, ""]
-    lines += ["[damper]", f"friction_force = {float(friction_force)!r}  # N", ""]
-    if (law := scales.contact_to_si(structures.contact)) is not None:
-        lines += ["[contact]", *_law(law), ""]
-    return "\n".join(lines)
-
-
-def row_as_toml(row: jp.Row, buildings: Sequence[jp.ShearBuilding]) -> str:
-    """A row whose parameters are in SI units as a configuration of ``jaxpound simulate``.
-
-    ``buildings`` have the heights.
-    """
+def as_toml(buildings: jp.Buildings) -> str:
+    """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair."""
+    first, *others = buildings.buildings
+    if isinstance(first, jp.Building):
+        (link,) = buildings.links
+        lines = [f"gap = {_written(link.gap)}  # m", ""]
+        for i, building in enumerate((first, *others), start=1):
+            numbers = [f"{key} = {_written(x)}" for key, x in vars(building).items()]
+            lines += [f"[building_{i}]", *numbers, ""]
+        lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
+        return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
     lines = []
-    for building, stated in zip(row.buildings, buildings, strict=True):
-        rods = building.rods
-        numbers = {
-            "masses": building.masses,
-            "stiffnesses": [rod.stiffness for rod in rods],
-            "order": [rod.material.order for rod in rods],
-            "tau_f": [rod.material.tau_f for rod in rods],
-            "tau_x": [rod.material.tau_x for rod in rods],
-            "heights": stated.heights,
-        }
-        written = [f"{key} = [{', '.join(map(_written, x))}]" for key, x in numbers.items()]
-        lines += ["[[building]]", "[building.storeys]", *written, ""]
-    for link in row.links:
+    for building in buildings.buildings:
+        lines += ["[[building]]", "[building.storeys]", *_storeys(building), ""]
+    for link in buildings.links:
         lines += ["[[link]]", *_link(link), ""]
     return "\n".join(lines)
 
 
+def _storeys(building: Any) -> list[str]:
+    storeys = [vars(storey) for storey in building.storeys]
+    plural = {"mass": "masses", "stiffness": "stiffnesses"}
+    numbers = {plural.get(key, key): [storey[key] for storey in storeys] for key in storeys[0]}
+    numbers["heights"] = building.heights
+    return [f"{key} = [{', '.join(map(_written, x))}]" for key, x in numbers.items()]
+
+
 def _link(link: jp.FloorLink) -> list[str]:
-    """The keys of a [[link]]."""
     lines = [f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
     if link.other_building == jp.GROUND:
         lines.append('next_building = "ground"')
@@ -66,7 +53,6 @@ def _link(link: jp.FloorLink) -> list[str]:
 
 
 def _law(law: Any) -> list[str]:
-    """The keys of a law of contact."""
     (name,) = (name for name, kind in LAWS.items() if isinstance(law, kind))
     return [f'law = "{name}"', *(f"{key} = {_written(x)}" for key, x in vars(law).items())]
 

@@ -3,91 +3,53 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import (
-    Rule,
-    count,
-    enforce,
-    finite,
-    instance,
-    number,
-    real,
-    require_share,
-    seed,
-)
+from jaxpound import _checks
+from jaxpound._checks import Rule, enforce, instance
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import quantities
-from jaxpound._tables import Shown, Table
+from jaxpound._tables import Shown, TextTable
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike, as_pytree
-from jaxpound.ground.plausibility import tell, unseen
-from jaxpound.model.system import Structures, System, is_closable
+from jaxpound.ground.motion import GroundLike
+from jaxpound.ground.plausibility import unseen, warn
+from jaxpound.ground.run_input import as_pytree, require_time_unit
+from jaxpound.model.system import Structures, System, gravity_of, is_closable
 from jaxpound.quantities import unit
 from jaxpound.results.elements import of_link
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import simulate
-from jaxpound.simulation.scheme import Scheme
+from jaxpound.simulation.scheme import Scheme, imprecise, single_system
 from jaxpound.study.statistics import Estimate
-from jaxpound.units import Scales
+from jaxpound.units import Scales, scales_for
 
 _AT_BOUND = 1e-4  # of the way between the bounds
 
 
-class Measurable(NamedTuple):
-    """What may be measured: its kind of quantity, and where a response has it."""
-
-    kind: str | None
-    group: str
-    """masses, accelerations, links or impacts."""
-    element: int
-    """The number of the mass or link, from 0."""
-    field: str = ""
-
-    @property
-    def of_impacts(self) -> bool:
-        """Whether it has a number for each impact, and not for each instant."""
-        return self.group == "impacts"
-
-    def of(self, response: Response) -> Any:
-        """The series of a response."""
-        if self.group == "accelerations":
-            return response.absolute_accelerations[self.element]
-        if self.of_impacts:
-            return getattr(response.links[self.element].impacts, self.field)
-        return getattr(getattr(response, self.group)[self.element], self.field)
-
-
-def measurables(system: System) -> dict[str, Measurable]:
-    """What may be measured of a system, by name.
-
-    Displacement, velocity and absolute acceleration of each mass, and the gap of each link that has
-    one, as series; of links with a law of contact the times, speeds, impulses and peak forces of
-    impacts, in order.
-    """
-    masses, n = range(len(system.masses)), len(system.links)
-    found = {f"x{i + 1}": Measurable("length", "masses", i, "x") for i in masses}
-    found |= {f"v{i + 1}": Measurable("velocity", "masses", i, "v") for i in masses}
-    found |= {f"a{i + 1}": Measurable("acceleration", "accelerations", i) for i in masses}
+def measurables(system: System) -> dict[str, str | None]:
+    """Kinds of quantity of a system's measurable series, by name (see ``calibrate``)."""
+    masses, n = range(1, len(system.masses) + 1), len(system.links)
+    of_masses = (("x", "length"), ("v", "velocity"), ("a", "acceleration"))
+    kinds: dict[str, str | None] = {f"{x}{i}": kind for x, kind in of_masses for i in masses}
     for k, link in enumerate(system.links):
         if is_closable(link.gap):
-            found[of_link("gap", k, n)] = Measurable("length", "links", k, "gap")
+            kinds[of_link("gap", k, n)] = "length"
         if link.contact is not None:
-            for field, known in quantities(ImpactSeries).items():
-                name = f"{of_link('impacts', k, n)}.{field}"
-                found[name] = Measurable(known.kind, "impacts", k, field)
-    return found
+            impacts, fields = of_link("impacts", k, n), quantities(ImpactSeries)
+            kinds |= {f"{impacts}.{field}": quantity.kind for field, quantity in fields.items()}
+    return kinds
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Shown):
-    """Structures that explain what was measured, and how well the parameters are known."""
+    """Calibrated structures, with confidence intervals of the parameters."""
 
     structures: Any
     """Of the kind of the space's nominal structures."""
@@ -106,19 +68,20 @@ class Calibration(Shown):
     simulations: int
     """Runs of the simulator, each with its derivatives."""
 
-    def _tables(self) -> list[Table]:
+    def _tables(self) -> list[TextTable]:
         si, kinds = self.response.si, measurables(self.structures.system())
+        units = "dimensionless" if gravity_of(self.structures) is None else "SI"
         return [
-            Table(
+            TextTable(
                 f"Calibration ({self.simulations} runs)",
-                ("parameter (dimensionless)", "estimate"),
+                (f"parameter ({units})", "estimate"),
                 [(path, str(estimate)) for path, estimate in self.parameters.items()],
                 [f"{path} is at a bound: its interval means nothing" for path in self.at_bounds],
             ),
-            Table(
+            TextTable(
                 "Noise, what is left of the measured series",
                 ("series", "standard deviation", "unit"),
-                [(name, std, unit(kinds[name].kind, si)) for name, std in self.noise.items()],
+                [(name, std, unit(kinds[name], si)) for name, std in self.noise.items()],
                 digits=4,
             ),
         ]
@@ -143,6 +106,10 @@ def calibrate(
 
     The fit's derivatives by μ are right with event-resolved friction, the default.
 
+    Raises ``ValueError`` if an argument breaks its rule; if the measured numbers are not more than
+    the parameters or do not determine them, or no start gives a finite response. Warns as
+    ``simulate``, for the run of the calibrated structures.
+
     Parameters
     ----------
     space
@@ -151,11 +118,10 @@ def calibrate(
         Series by name, shape (n_steps+1,) each, at the instants of the grid; NaN where nothing was
         measured: displacement x1, velocity v1 and absolute acceleration a1 of every mass, or floor,
         numbered from 1, and the gap (of several links gap_1 and so on). With a law of contact also
-        the first m impacts in order, shape (m,) each: ``impacts.time``, ``impacts.end``,
-        ``impacts.approach_velocity``, ``impacts.rebound_velocity``, ``impacts.impulse`` and
-        ``impacts.peak_force`` (``ImpactSeries``; of several links ``impacts_1.time`` and so on).
-        Where a run has fewer, an impact of speed, impulse and force 0 at its end is compared.
-    ground, grid, scheme
+        the first m impacts in order, shape (m,) each: ``impacts.time``, ``impacts.impulse`` and the
+        others of ``ImpactSeries`` (of several links ``impacts_1.time`` and so on). Where a run has
+        fewer, an impact of speed, impulse and force 0 at its end is compared.
+    ground, grid, scheme, strict
         See ``simulate``.
     noise
         Standard deviation > 0 of the errors of each series, which weights it; by default that of
@@ -166,60 +132,87 @@ def calibrate(
         Confidence level of the intervals.
     scales
         For measurements in SI units.
-    strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    ValueError
-        If an argument breaks its rule; if the measured numbers are not more than the parameters or
-        do not determine them, or no start gives a finite response. If ``strict``, also where there
-        would be a warning.
-
-    Warns
-    -----
-    PlausibilityWarning
-        As in ``simulate``, for the run of the calibrated structures.
     """
-    from scipy import optimize  # only here: it takes a second to import
-
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
-    require_share(owner, "confidence", confidence)
-    sources = measurables(space.nominal.system())
-    data = _data(owner, measured, grid, sources)
+    _checks.require_share(owner, "confidence", confidence)
+    system = single_system(owner, space.nominal)
+    data = _data(owner, measured, grid, measurables(system))
     weights = _weights(owner, data, noise)
+    scales = scales_for(owner, space.nominal, scales)
+    require_time_unit("ground", ground, si=gravity_of(space.nominal) is not None)
     shaking = as_pytree(ground, grid)
     if strict:  # before the time for the fit is spent
-        tell(owner, unseen(ground, grid), strict)
-    known = {name: np.isfinite(x) for name, x in data.items()}
-    n, d = sum(int(mask.sum()) for mask in known.values()), space.dimension
+        warn(owner, unseen(ground, grid) + imprecise(system, shaking), strict)
+    n, d = sum(int(np.isfinite(x).sum()) for x in data.values()), space.dimension
     enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
 
+    def run(structures: Any, strict: bool = False) -> Response:
+        response = simulate(structures, shaking, grid, scheme, strict=strict)
+        return response if scales is None else scales.to_si(response)
+
     def series(shares: Any) -> dict[str, jax.Array]:
-        response = simulate(space.structures(shares), shaking, grid, scheme)
-        return _series(response if scales is None else scales.to_si(response), data, sources)
+        return _series(run(space.structures(shares)), data)
+
+    residual, fit = _least_squares(series, data)
+    fits: list[Any] = []
+    first = start_shares(owner, space, start)
+    starts, key = _checks.count(owner, "starts", starts), _checks.seed(owner, "key", key)
+    for shares in spread_shares(first, starts, key):
+        if np.isfinite(residual(shares, weights)).all():
+            fits.append(fit(shares, weights))
+    if not fits:
+        raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
+    best = min(fits, key=lambda x: x.cost)
+    if noise is None:
+        # Each series weighted by the standard deviation of its residuals.
+        ends = np.cumsum([x.size for x in data.values()])[:-1]
+        parts = np.split(np.asarray(best.fun), ends)
+        for (name, x), part in zip(data.items(), parts, strict=True):
+            weights[name] *= _spread(part[np.isfinite(x)]) or 1.0
+        best = fit(best.x, weights)
+        fits.append(best)
+    shares = np.asarray(best.x)
+    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
+    structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
+    response = run(structures, strict)
+    simulated = _series(response, data)
+    residuals = {name: x - np.asarray(simulated[name]) for name, x in data.items()}
+    edges = (shares < _AT_BOUND) | (shares > 1 - _AT_BOUND)
+    return Calibration(
+        structures,
+        estimates,
+        correlation,
+        {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()},
+        response,
+        residuals,
+        tuple(name for name, at in zip(space.names, edges, strict=True) if at),
+        sum(x.nfev for x in fits),
+    )
+
+
+def _least_squares(
+    series: Callable[[Any], dict[str, jax.Array]], data: Mapping[str, np.ndarray]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Weighted residuals by scaled variables and weights, and the fit from a start."""
+    from scipy import optimize  # only here: it takes a second to import
 
     def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
-        found = series(shares)
+        simulated = series(shares)
         parts = [
-            jnp.where(known[name], (found[name] - np.nan_to_num(x)) / weights[name], 0.0)
+            jnp.where(np.isfinite(x), (simulated[name] - np.nan_to_num(x)) / weights[name], 0.0)
             for name, x in data.items()
         ]
         return jnp.concatenate(parts)
 
     residual, slope = jax.jit(difference), jax.jit(jax.jacfwd(difference))
 
-    def fitted(begun: np.ndarray, weights: Mapping[str, float]) -> Any:
+    def fit(start: np.ndarray, weights: Mapping[str, float]) -> Any:
         return optimize.least_squares(
             lambda shares: np.asarray(residual(shares, weights), np.float64),
-            np.clip(np.asarray(begun, np.float64), 1e-6, 1 - 1e-6),
+            np.clip(np.asarray(start, np.float64), 1e-6, 1 - 1e-6),
             jac=lambda shares: np.asarray(slope(shares, weights), np.float64),
             bounds=(0.0, 1.0),
             x_scale="jac",
@@ -228,40 +221,7 @@ def calibrate(
             gtol=1e-12,
         )
 
-    first = start_shares(owner, space, start)
-    fits: list[Any] = []
-    for begun in spread_shares(first, count(owner, "starts", starts), seed(owner, "key", key)):
-        if np.isfinite(residual(begun, weights)).all():
-            fits.append(fitted(begun, weights))
-    if not fits:
-        raise ValueError(f"{owner}: no start of {starts} gives a finite response")
-    best = min(fits, key=lambda fit: fit.cost)
-    if noise is None:
-        # Each series weighted by the standard deviation of its residuals.
-        ends = np.cumsum([x.size for x in data.values()])[:-1]
-        parts = dict(zip(data, np.split(np.asarray(best.fun), ends), strict=True))
-        left = {name: _spread(r[known[name]]) * weights[name] for name, r in parts.items()}
-        weights = {name: std or weights[name] for name, std in left.items()}
-        best = fitted(best.x, weights)
-        fits.append(best)
-    shares = np.asarray(best.x)
-    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
-    structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
-    response = simulate(structures, shaking, grid, scheme, strict=strict)
-    response = response if scales is None else scales.to_si(response)
-    found = _series(response, data, sources)
-    residuals = {name: x - np.asarray(found[name]) for name, x in data.items()}
-    edges = (shares < _AT_BOUND) | (shares > 1 - _AT_BOUND)
-    return Calibration(
-        structures,
-        estimates,
-        correlation,
-        {name: _spread(r[known[name]]) for name, r in residuals.items()},
-        response,
-        residuals,
-        tuple(name for name, at in zip(space.names, edges, strict=True) if at),
-        sum(fit.nfev for fit in fits),
-    )
+    return residual, fit
 
 
 def _spread(residual: np.ndarray) -> float:
@@ -269,49 +229,48 @@ def _spread(residual: np.ndarray) -> float:
     return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
 
 
-def _series(
-    response: Response, data: Mapping[str, np.ndarray], sources: Mapping[str, Measurable]
-) -> dict[str, jax.Array]:
+def _series(response: Response, data: Mapping[str, np.ndarray]) -> dict[str, jax.Array]:
     """The series of a run that were measured, of the measured shapes."""
-    found = {}
+    series = {}
     for name, x in data.items():
-        source = sources[name]
-        found[name] = source.of(response)
-        if source.of_impacts:
+        place, _, field = name.partition(".")
+        if field:  # of impacts
+            link = response.links[int(place.partition("_")[2] or 1) - 1]
+            first = getattr(link.impacts, field)[: x.size]
             lacking = 0.0 * response.demand.pga  # NaN in an invalid run
-            if source.kind == "time":
+            if quantities(ImpactSeries)[field].kind == "time":
                 lacking = lacking + response.time[-1]
-            first = found[name][: x.size]
-            found[name] = jnp.where(jnp.isnan(first), lacking, first)
-    return found
+            series[name] = jnp.where(jnp.isnan(first), lacking, first)
+        elif name[0] == "a":
+            series[name] = response.absolute_accelerations[int(name[1:]) - 1]
+        else:
+            series[name] = getattr(response, name)
+    return series
 
 
 def _data(
-    owner: str, measured: Any, grid: TimeGrid, sources: Mapping[str, Measurable]
+    owner: str, measured: Any, grid: TimeGrid, measurable: Collection[str]
 ) -> dict[str, np.ndarray]:
     instance(owner, "measured", measured, Mapping)
     if not measured:
-        raise ValueError(f"{owner}: measured = {{}} must hold a series")
+        raise InvalidInput(owner, "measured", "{}", "must hold a series")
     data = {}
     for name, values in measured.items():
-        if name not in sources:
-            rule = f"must be one of {', '.join(sources)}"
-            if str(name).startswith("impacts") and not any(x.of_impacts for x in sources.values()):
+        place = f"measured[{name!r}]"
+        if name not in measurable:
+            rule = f"must be one of {', '.join(measurable)}"
+            if str(name).startswith("impacts") and not any("." in x for x in measurable):
                 rule = "must not be given for structures without a law of contact"
-            raise ValueError(f"{owner}: measured[{name!r}] {rule}")
-        x = np.asarray(real(owner, f"measured[{name!r}]", values), float)
-        most = min(MOST, grid.n_steps)
-        if sources[name].of_impacts:
-            if not (x.ndim == 1 and 1 <= x.size <= most):
-                rule = f"(m,), m impacts from 1 to {most}"
-                raise ValueError(f"{owner}: measured[{name!r}] of shape {x.shape} must be {rule}")
-        elif x.shape != (grid.n_steps + 1,):
-            raise ValueError(
-                f"{owner}: measured[{name!r}] of shape {x.shape} must be ({grid.n_steps + 1},), "
-                "a number for every instant of the grid"
-            )
-        inside = ~np.isinf(x)
-        enforce(owner, [Rule(f"measured[{name!r}]", x, inside, "finite, or NaN for no number")])
+            raise InvalidInput(owner, place, "", rule)
+        x = np.asarray(_checks.real(owner, place, values), float)
+        most, n = min(MOST, grid.n_steps), grid.n_steps + 1
+        if "." in name:
+            right, rule = x.ndim == 1 and 1 <= x.size <= most, f"(m,), m impacts from 1 to {most}"
+        else:
+            right, rule = x.shape == (n,), f"({n},), a number for every instant of the grid"
+        if not right:
+            raise InvalidInput(owner, place, "", f"of shape {x.shape} must be {rule}")
+        enforce(owner, [Rule(place, x, ~np.isinf(x), "finite, or NaN for no number")])
         data[name] = x
     return data
 
@@ -323,35 +282,28 @@ def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str
     instance(owner, "noise", noise, Mapping)
     for name in data:
         if name not in noise:
-            raise ValueError(f"{owner}: noise lacks {name!r}, which was measured")
-        std = number(owner, f"noise[{name!r}]", noise[name])
-        right = (std > 0) & finite(std)
-        enforce(owner, [Rule(f"noise[{name!r}]", std, right, "positive and finite")])
+            raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
+        _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
     return {name: float(noise[name]) for name in data}
 
 
 def _estimates(
-    owner: str, space: DesignSpace, fit: Any, n: int, noise_known: bool, confidence: float
+    owner: str, space: DesignSpace, fit: Any, n: int, noise_is_set: bool, confidence: float
 ) -> tuple[dict[str, Estimate], np.ndarray]:
     """Values with intervals, and their correlation, from the Jacobian at the fit."""
     from scipy import stats
 
-    d = space.dimension
-    information = fit.jac.T @ fit.jac
+    d, shares = space.dimension, jnp.asarray(fit.x)
     if np.linalg.matrix_rank(fit.jac) < d:
-        raise ValueError(f"{owner}: measured must determine all of {', '.join(space.names)}")
-    spread = 1.0 if noise_known else 2 * fit.cost / (n - d)
-    shares = jnp.asarray(fit.x)
-
-    def values(shares: Any) -> Any:
-        return jnp.stack(list(space.values(shares).values()))
-
-    to = np.asarray(jax.jacfwd(values)(shares))
-    covariance = to @ (spread * np.linalg.inv(information)) @ to.T
+        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
+    spread = 1.0 if noise_is_set else 2 * fit.cost / (n - d)
+    by_shares = jax.jacfwd(space.values)(shares)
+    slopes = np.array([by_shares[name] for name in space.names])
+    covariance = slopes @ (spread * np.linalg.inv(fit.jac.T @ fit.jac)) @ slopes.T
     std = np.sqrt(np.diag(covariance))
-    half = std * stats.t.isf((1 - confidence) / 2, n - d)
-    found = {
-        name: Estimate(float(x), float(x - h), float(x + h), confidence)
-        for name, x, h in zip(space.names, values(shares), half, strict=True)
+    half_widths = std * stats.t.isf((1 - confidence) / 2, n - d)
+    estimates = {
+        name: Estimate(float(x), float(x - half), float(x + half), confidence)
+        for (name, x), half in zip(space.values(shares).items(), half_widths, strict=True)
     }
-    return found, covariance / np.outer(std, std)
+    return estimates, covariance / np.outer(std, std)

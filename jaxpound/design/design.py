@@ -3,38 +3,43 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, instance, require_share
-from jaxpound._tables import Shown, Table
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.objective import Objective
-from jaxpound.design.problem import DesignProblem, LogRatios
+from jaxpound.design.objective import Limit, Objective
+from jaxpound.design.problem import DesignProblem
+from jaxpound.design.search import Iterate, SearchResult
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.places import link_places
-from jaxpound.model.system import GROUND, Topology
+from jaxpound.model.system import GROUND, Topology, gravity_of
 from jaxpound.quantities import unit
-from jaxpound.results.demand import in_words, unit_of
+from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link, without_idle_dampers
-from jaxpound.risk.rare_event import RareEvent
+from jaxpound.results.named import in_words, unit_of
 from jaxpound.study.statistics import Estimate
 
-_REPLICATES = 500  # of the bootstrap
-_HARDLY = 0.5  # distance slid over the peak displacement below which a damper hardly slips
+_STATISTICS = ("mean_before", "mean_after", "tail_before", "tail_after")
+_RESAMPLES = 500  # of the bootstrap
+_STUCK = 0.5  # distance slid over the peak displacement below which a damper hardly slips
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Shown):
     """Demands before and after the design, in the same earthquakes.
 
-    ``before[name]`` and ``after[name]`` are columns, shape (n,): the smallest gap (of several links
-    also of each, ``min_gap_1`` and so on) and the gap at rest (the mean of those that are finite),
-    where there is one, and every demand that an ``Objective`` can limit. Intervals are of 95 %;
-    with fewer than two earthquakes their ends are NaN.
+    ``before[name]`` and ``after[name]`` are columns, shape (n,): smallest gap (of several links
+    also of each, ``min_gap_1``) and gap at rest (the mean of the finite ones), where there is one,
+    and every demand that an ``Objective`` can limit. Intervals are of 95 %; with fewer than two
+    earthquakes their ends are NaN.
     """
 
     before: dict[str, np.ndarray]
@@ -53,45 +58,42 @@ class Comparison(Shown):
         return "min_gap" in self.before
 
     def difference(self, name: str | None = None, confidence: float = 0.95) -> Estimate:
-        """Mean of after − before, earthquake by earthquake, with Student's interval.
-
-        Of a column by name; by default the one that the goal is of (``Objective.demand``).
-        """
+        """Mean of after − before of a column, by default the goal's, with Student's interval."""
         from scipy import stats  # only here: it takes a second to import
 
         require_share("difference", "confidence", confidence)
         name = self.objective_function.demand if name is None else name
         if name not in self.before:
-            raise ValueError(f"difference: {name!r} must be one of {', '.join(self.before)}")
+            rule = f"must be one of {', '.join(self.before)}"
+            raise InvalidInput("difference", repr(name), "", rule)
         d = self.after[name] - self.before[name]
-        mean, half = float(np.mean(d)), np.nan
+        mean, half_width = float(np.mean(d)), np.nan
         if len(d) > 1:  # ttest_1samp gives no interval where all differences are the same
-            half = float(stats.sem(d) * stats.t.isf((1 - confidence) / 2, len(d) - 1))
-        return Estimate(mean, mean - half, mean + half, confidence)
+            half_width = float(stats.sem(d) * stats.t.isf((1 - confidence) / 2, len(d) - 1))
+        return Estimate(mean, mean - half_width, mean + half_width, confidence)
 
     @cached_property
     def objective(self) -> dict[str, Estimate]:
         """Objective before, after, and after less before, with bootstrap intervals.
 
-        The intervals are not reliable for a goal that one earthquake decides (``WorstGap``).
+        They are not reliable for a goal that one earthquake decides (``WorstGap``).
         """
         from scipy import stats  # only here: it takes a second to import
 
         function = self.objective_function
-        value = jax.jit(
-            lambda columns, rows: function.value(jax.tree.map(lambda x: x[rows], columns))
-        )
+        value = jax.jit(lambda columns, i: function.value({k: x[i] for k, x in columns.items()}))
 
         def values(rows: np.ndarray, axis: int = -1) -> np.ndarray:  # rows: shape (1, n)
             before, after = (float(value(x, rows[0])) for x in (self.before, self.after))
             return np.array([[before], [after], [after - before]])
 
-        every, ends = np.arange(len(self)), np.full((2, 3), np.nan)
+        rows_of_all, ends = np.arange(len(self)), np.full((2, 3), np.nan)
         if len(self) > 1:
-            how: dict[str, Any] = {"method": "percentile", "batch": 1, "rng": 0}
-            resampled = stats.bootstrap((every,), values, n_resamples=_REPLICATES, **how)
+            options: dict[str, Any] = {"method": "percentile", "batch": 1, "rng": 0}
+            resampled = stats.bootstrap((rows_of_all,), values, n_resamples=_RESAMPLES, **options)
             ends = resampled.confidence_interval
-        rows = zip(("before", "after", "difference"), values(every[None])[:, 0], *ends, strict=True)
+        names = ("before", "after", "difference")
+        rows = zip(names, values(rows_of_all[None])[:, 0], *ends, strict=True)
         return {name: Estimate(*map(float, numbers)) for name, *numbers in rows}
 
     @property
@@ -101,81 +103,60 @@ class Comparison(Shown):
         return tuple(float(np.mean(x.get("min_gap", np.inf) <= 0)) for x in both)  # type: ignore[return-value]
 
     def rows(self) -> dict[str, dict[str, float]]:
-        """Mean and 95 % quantile (5 % of the smallest gap) of every demand, before and after.
-
-        The slip of links whose friction is 0 before and after is left out.
-        """
-        table = {}
-        for name in self._told():
+        """Mean and 95 % quantile (5 % of gaps) before and after; no slip without friction."""
+        names = [name for name in self.before if name != "initial_gap"]
+        both, table = (self.before, self.after), {}
+        for name in without_idle_dampers(names, lambda x: max(float(y[x].max()) for y in both)):
             q = 0.05 if name.startswith("min_gap") else 0.95
-            columns = (("before", self.before), ("after", self.after))
-            table[name] = {
-                f"{what}_{when}": float(f(x[name]))
-                for what, f in (("mean", np.mean), ("tail", lambda y, q=q: np.quantile(y, q)))
-                for when, x in columns
-            }
+            means = [float(np.mean(x[name])) for x in both]
+            tails = [float(np.quantile(x[name], q)) for x in both]
+            table[name] = dict(zip(_STATISTICS, means + tails, strict=True))
         return table
 
     @property
     def hardly_slipping(self) -> tuple[str, ...]:
         """Dampers that practically never slip after the design, each with its place if of several.
 
-        Such a damper slides less in a whole earthquake than half the larger of the peak
-        displacements that its ends have, all in the mean: it joins them as a rigid link would.
+        Such a damper slides less than half the larger peak displacement of its ends, in the mean.
         """
-        topology, found = self.topology or Topology(0, (), ()), []
+        topology, dampers = self.topology or Topology(0, (), ()), []
         places, n = link_places(topology), len(topology.links)
         for k, ends in enumerate(topology.links):
-            force, slid = (
+            force, slip = (
                 float(self.after[of_link(name, k, n)].mean())
                 for name in ("damper_force", "slip_distance")
             )
-            sways = (float(self.after[f"peak_x{i + 1}"].mean()) for i in ends if i != GROUND)
-            if force > 0 and slid < _HARDLY * max(sways):
-                found.append(f"damper {places[k]}" if n > 1 else "damper")
-        return tuple(found)
+            moving = [f"peak_x{i + 1}" for i in ends if i != GROUND]
+            if force > 0 and slip < _STUCK * max(float(self.after[x].mean()) for x in moving):
+                dampers.append(f"damper {places[k]}" if n > 1 else "damper")
+        return tuple(dampers)
 
-    def _told(self) -> list[str]:
-        """Names of the columns that tables tell of."""
-        names = [name for name in self.before if name != "initial_gap"]
-        both = self.before, self.after
-        return without_idle_dampers(names, lambda name: max(float(x[name].max()) for x in both))
-
-    def _tables(self) -> list[Table]:
-        return [
-            Table(
-                f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})",
-                ("", "mean before", "mean after", "quantile before", "quantile after", "unit"),
-                [
-                    (in_words(name, self.topology), *row.values(), unit_of(name, self.si))
-                    for name, row in self.rows().items()
-                ],
-                self._notes(),
-                digits=4,
-            )
+    def _tables(self) -> list[TextTable]:
+        title = f"{len(self):,} earthquakes ({'SI' if self.si else 'dimensionless'})"
+        columns = ("", "mean before", "mean after", "quantile before", "quantile after", "unit")
+        rows: list[tuple[str | float, ...]] = [
+            (in_words(name, self.topology), *row.values(), unit_of(name, self.si))
+            for name, row in self.rows().items()
         ]
-
-    def _notes(self) -> list[str]:
-        found = ["quantiles are of 95 %" + self.has_gaps * ", of the smallest gap of 5 %"]
+        notes = ["quantiles are of 95 %" + self.has_gaps * ", of the smallest gap of 5 %"]
         if self.has_gaps:
             shares = (100 * share for share in self.pounding)
-            found.append("pounding in {:.4g} % of them before, {:.4g} % after".format(*shares))
+            notes.append("pounding in {:.4g} % of them before, {:.4g} % after".format(*shares))
             wider = self.difference("min_gap")
-            found.append(f"min gap wider by {wider} {unit('length', self.si)} on average")
+            notes.append(f"min gap wider by {wider} {unit('length', self.si)} on average")
         if (name := self.objective_function.demand) != "min_gap":
-            of = unit_of(name, self.si)
-            words = in_words(name, self.topology)
-            found.append(f"{words} changed by {self.difference(name)} {of} on average")
-        found += [f"the {damper} practically never slips" for damper in self.hardly_slipping]
-        of = unit(self.objective_function.quantity, self.si)
-        return [*found, f"objective {self.objective['after']} {of}".rstrip()]
+            change = f"{self.difference(name)} {unit_of(name, self.si)}"
+            notes.append(f"{in_words(name, self.topology)} changed by {change} on average")
+        notes += [f"the {damper} practically never slips" for damper in self.hardly_slipping]
+        symbol = unit(self.objective_function.quantity, self.si)
+        notes.append(f"objective {self.objective['after']} {symbol}".rstrip())
+        return [TextTable(title, columns, rows, notes, digits=4)]
 
 
 class Landscape(NamedTuple):
-    """Objective and violation over two variables, shape (n, n) each.
+    """Objective and violation (largest relative excess over a limit) over two variables, (n, n).
 
-    The violation is the largest relative excess over a limit, negative within all limits. Limited
-    probabilities are by value and slopes of their logarithms at the design.
+    Limited probabilities are by value and slopes of their logarithms at the design.
     """
 
     x: str
@@ -186,7 +167,7 @@ class Landscape(NamedTuple):
     violation: np.ndarray
 
 
-class History(NamedTuple):
+class SearchHistory(NamedTuple):
     """All iterates of a search; a start that was dropped keeps its last design."""
 
     objective: np.ndarray
@@ -198,27 +179,26 @@ class History(NamedTuple):
     shares: np.ndarray
     """Scaled variables (0 to 1 between the bounds), shape (k, s, d)."""
     alive: np.ndarray
-    """Whether a start was still finite, shape (k, s)."""
+    """Whether all values of a start have been finite, shape (k, s)."""
+
+    @classmethod
+    def of(cls, iterates: Sequence[Iterate], limits: Sequence[Limit]) -> SearchHistory:
+        """The iterates of a search, stacked."""
+        points = jax.tree.map(lambda *rows: np.array(rows), *[x.here for x in iterates])
+        reached = [limit.reached(points.limited[..., i]) for i, limit in enumerate(limits)]
+        prices = np.stack(reached, axis=-1) if limits else points.limited
+        alive = np.array([iterate.alive for iterate in iterates])
+        return cls(points.objective, points.violation, prices, points.scaled, alive)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Design(Shown):
     """The best structures of a search, and how they were found."""
 
-    structures: Any
-    """The design, of the kind of the space's nominal structures; dimensionless."""
-    shares: np.ndarray
-    """Its scaled variables (0 to 1 between the bounds), shape (d,)."""
-    objective: float
-    """Goal less penalties on the ensemble that it was made for."""
-    prices: dict[str, float]
-    """Limited demands, by name; of a limit with a probability that which was estimated."""
-    events: dict[str, RareEvent]
-    """The rare events whose probabilities are limited, at the design, by the demand's name."""
     objective_function: Objective
-    history: History
-    winner: int
-    """The start that found it, from 0."""
+    history: SearchHistory
+    prices: dict[str, float]
+    """Limited demands, by name; of a limit with a probability the estimated probability."""
     active_bounds: dict[str, str]
     """Variables at an active bound, "low" or "high": the objective would be better beyond it."""
     gradient: dict[str, float]
@@ -227,17 +207,45 @@ class Design(Shown):
     """Gain of the objective per relative change of each limit, in the objective's unit."""
     limit_tolerance: float
     """Relative excess over a limit that is tolerated."""
-    stopped: str
-    """Why the search ended."""
     simulations: int
     """Runs with gradients in iterations and polishing; those of line searches are not counted."""
     trained: Comparison
-    """Before (at the first start) and after, on the ensemble that it was made for."""
+    """Before (at the first start) and after, on the ensemble of the search."""
     fresh: Comparison | None
-    """The same on earthquakes that it was not made for."""
+    """The same on earthquakes that the search did not use."""
     _first: np.ndarray
     _problem: DesignProblem
-    _log_ratios: LogRatios
+    _result: SearchResult
+
+    @cached_property
+    def structures(self) -> Any:
+        """The design, of the kind and in the units of the space's nominal structures."""
+        return jax.tree.map(float, self.space.structures(jnp.asarray(self.shares)))
+
+    @property
+    def shares(self) -> np.ndarray:
+        """Its scaled variables (0 to 1 between the bounds), shape (d,)."""
+        return np.asarray(self._result.point.scaled)
+
+    @property
+    def objective(self) -> float:
+        """Goal less penalties on the ensemble of the search."""
+        return float(self._result.point.objective)
+
+    @property
+    def winner(self) -> int:
+        """The start of the best design, from 0."""
+        return self._result.winner
+
+    @property
+    def stopped(self) -> str:
+        """Why the search ended."""
+        return self._result.stopped
+
+    @property
+    def events(self) -> dict[str, RareEvent]:
+        """The rare events whose probabilities are limited, at the design, by the demand's name."""
+        return self._result.rare.events
 
     @property
     def space(self) -> DesignSpace:
@@ -254,9 +262,9 @@ class Design(Shown):
     def active_limits(self) -> tuple[str, ...]:
         """The limits that the design reaches, to their tolerance."""
         return tuple(
-            price
-            for price, limit in self.objective_function.limits.items()
-            if limit.limited(self.prices[price]) / limit.bound > 1 - 2 * self.limit_tolerance
+            demand
+            for demand, limit in self.objective_function.limits.items()
+            if limit.limited(self.prices[demand]) / limit.bound > 1 - 2 * self.limit_tolerance
         )
 
     @property
@@ -279,99 +287,64 @@ class Design(Shown):
         """Before and after on other earthquakes."""
         instance("Design.compare", "ensemble", ensemble, Ensemble)
         self.space.require_certain("Design.compare", ensemble.uncertain)
-        return Comparison(
-            self._problem.evaluate(self._first, ensemble),
-            self._problem.evaluate(self.shares, ensemble),
-            self.objective_function,
-            self.trained.si,
-            self.trained.topology,
-        )
+        before, after = (self._problem.evaluate(x, ensemble) for x in (self._first, self.shares))
+        return dataclasses.replace(self.trained, before=before, after=after)
 
     def landscape(self, x: str, y: str, n: int = 15) -> Landscape:
         """Objective and violation over two variables, all others as designed.
 
-        Parameters
-        ----------
-        x, y
-            Paths of the variables.
-        n
-            Points along each, evenly spaced between the bounds on their scale.
-
-        Raises
-        ------
-        ValueError
-            If x or y is no variable, both are the same, or n < 2.
+        ``x`` and ``y`` are the paths of two variables; of each there are n ≥ 2 values, evenly
+        spaced between the bounds on their scale.
         """
         names = self.space.names
         for name, path in (("x", x), ("y", y)):
             if path not in names:
-                raise ValueError(f"landscape: {name} = {path!r} must be one of {', '.join(names)}")
+                rule = f"must be one of {', '.join(names)}"
+                raise InvalidInput("landscape", name, repr(path), rule)
         if x == y:
-            raise ValueError(f"landscape: x = y = {x!r} must be two variables")
+            raise InvalidInput("landscape", "x = y", repr(x), "must be two variables")
         enforce("landscape", [Rule("n", n, count("landscape", "n", n) >= 2, "at least 2")])
         i, j = names.index(x), names.index(y)
-        at = np.tile(self.shares, (n, n, 1))
-        at[..., i], at[..., j] = np.meshgrid(*[np.linspace(0, 1, n)] * 2)
-        problem = self._problem
-        found = [problem.evaluate(scaled, problem.ensemble) for scaled in at.reshape(n * n, -1)]
-        function = self.objective_function
-        objective = np.array([float(function.value(columns)) for columns in found])
+        shares = np.tile(self.shares, (n, n, 1))
+        shares[..., i], shares[..., j] = np.meshgrid(*[np.linspace(0, 1, n)] * 2)
+        problem, function = self._problem, self.objective_function
         limits = np.array([limit.bound for limit in function.limits.values()])
-        flat = zip(at.reshape(n * n, -1), found, strict=True)
-        prices = np.array([problem.limited(*one, self._log_ratios) for one in flat])
-        violation = (prices / limits - 1).max(axis=1, initial=-1.0)
-        values = self.space.numbers(at)
-        return Landscape(
-            x=x,
-            y=y,
-            x_values=values[x],
-            y_values=values[y],
-            objective=objective.reshape(n, n),
-            violation=violation.reshape(n, n),
-        )
+        objective, violation = np.empty((n, n)), np.empty((n, n))
+        for place in np.ndindex(n, n):
+            columns = problem.evaluate(shares[place], problem.ensemble)
+            limited = problem.limited(shares[place], columns, self._result.rare.log_ratios)
+            objective[place] = float(function.value(columns))
+            violation[place] = (np.asarray(limited) / limits - 1).max(initial=-1.0)
+        values = self.space.numbers(shares)
+        return Landscape(x, y, values[x], values[y], objective, violation)
 
-    def _tables(self) -> list[Table]:
-        before, si = self.start, self.trained.si
-        own = unit(self.objective_function.quantity, si)
-        tables = [
-            Table(
-                f"Design by start {self.winner + 1} of {self.history.objective.shape[1]}: "
-                f"objective {self.objective:.6g}{own and f' {own}'} "
-                f"({self.stopped}, {self.simulations:,} runs with gradient)",
-                ("variable (dimensionless)", "before", "after", "change", ""),
-                [
-                    (
-                        path,
-                        before[path],
-                        value,
-                        f"{100 * (value / before[path] - 1):+.3g} %" if before[path] else "",
-                        f"at its {self.active_bounds[path]} bound"
-                        if path in self.active_bounds
-                        else "",
-                    )
-                    for path, value in self.values.items()
-                ],
-                [
-                    f"gradient within the bounds {self.gradient_norm:.2g}",
-                    *(
-                        f"start {start + 1} dropped at iteration {iteration}: not finite"
-                        for start, iteration in self.dropped.items()
-                    ),
-                ],
-            )
-        ]
-        if limits := self.objective_function.limits:
-            rows = [
-                (
-                    limit.event(price) if price in self.events else price,
-                    self.prices[price],
-                    limit.most,
-                    "" if price in self.events else unit_of(price, si),
-                    "active limit" if price in self.active_limits else "",
-                )
-                for price, limit in limits.items()
-            ]
-            tables.append(Table("limits", ("", "reached", "at most", "unit", ""), rows))
+    def _tables(self) -> list[TextTable]:
+        si, symbol = self.trained.si, unit(self.objective_function.quantity, self.trained.si)
+        variables = []
+        for (path, x), before in zip(self.values.items(), self.start.values(), strict=True):
+            change = f"{100 * (x / before - 1):+.3g} %" if before else ""
+            end = self.active_bounds.get(path)
+            variables.append((path, before, x, change, f"at its {end} bound" if end else ""))
+        notes = [f"gradient within the bounds {self.gradient_norm:.2g}"]
+        for start, iteration in self.dropped.items():
+            notes.append(f"start {start + 1} dropped at iteration {iteration}: not finite")
+        title = (
+            f"Design by start {self.winner + 1} of {self.history.objective.shape[1]}: "
+            f"objective {self.objective:.6g}{symbol and f' {symbol}'} "
+            f"({self.stopped}, {self.simulations:,} runs with gradient)"
+        )
+        units = "dimensionless" if gravity_of(self.space.nominal) is None else "SI"
+        columns = (f"variable ({units})", "before", "after", "change", "")
+        tables = [TextTable(title, columns, variables, notes)]
+        limits = []
+        for demand, limit in self.objective_function.limits.items():
+            is_rare = demand in self.events
+            name = limit.event(demand) if is_rare else demand
+            demand_unit = "" if is_rare else unit_of(demand, si)
+            active = "active limit" if demand in self.active_limits else ""
+            limits.append((name, self.prices[demand], limit.most, demand_unit, active))
+        if limits:
+            tables.append(TextTable("limits", ("", "reached", "at most", "unit", ""), limits))
         for words, comparison in (("trained on", self.trained), ("fresh:", self.fresh)):
             if comparison is not None:
                 (table,) = comparison._tables()

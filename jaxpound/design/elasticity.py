@@ -9,17 +9,18 @@ import jax
 import numpy as np
 
 from jaxpound._checks import instance
-from jaxpound._tables import Shown, Table
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.prices import gathered, require_over
+from jaxpound.design.goals import gathered, require_over
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.plausibility import excessive, first_of, of_many, tell, unseen
+from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen, warn
 from jaxpound.model.parameters import get, paths, put
-from jaxpound.model.system import Structures
-from jaxpound.results.demand import unit_of
-from jaxpound.simulation.scheme import Scheme
+from jaxpound.model.system import Structures, gravity_of
+from jaxpound.results.named import unit_of
+from jaxpound.simulation.scheme import Scheme, imprecise, single_system
 from jaxpound.study.demands import demands_of
 
 
@@ -29,7 +30,7 @@ class Elasticities(Shown):
 
     demand: str
     value: float
-    """The demand, dimensionless."""
+    """The demand, dimensionless or in SI units."""
     parameters: dict[str, float]
     """The parameters, by path."""
     values: dict[str, float]
@@ -37,12 +38,14 @@ class Elasticities(Shown):
 
     Parameters that are uncertain or infinite have none.
     """
+    si: bool = False
+    """Whether the demand is in SI units, as of ``Buildings``."""
 
-    def _tables(self) -> list[Table]:
-        y = f"{self.demand} = {self.value:.6g} {unit_of(self.demand, False)}".rstrip()
+    def _tables(self) -> list[TextTable]:
+        y = f"{self.demand} = {self.value:.6g} {unit_of(self.demand, self.si)}".rstrip()
         ranked = sorted(self.values, key=lambda path: -abs(self.values[path]))
         rows = [(path, self.parameters[path], f"{self.values[path]:+.4f}") for path in ranked]
-        return [Table(f"{y}; percent of it per percent of a parameter", (), rows)]
+        return [TextTable(f"{y}; percent of it per percent of a parameter", (), rows)]
 
 
 def elasticities(
@@ -57,42 +60,33 @@ def elasticities(
 ) -> Elasticities:
     """Elasticities of a demand by every parameter of the structures.
 
+    Raises ``ValueError`` if an argument breaks its rule, or the demand is zero or not finite. Warns
+    with ``PlausibilityWarning`` if the grid does not resolve the ground motion, or more than 1 % of
+    the ensemble's (see ``simulate``), or records have a PGA above 5 g; if contact is run in single
+    precision.
+
     Parameters
     ----------
     structures
         The design.
     ground
         A ground motion, or an ensemble of them.
-    grid, scheme
+    grid, scheme, strict
         See ``simulate``.
     demand
         A column of ``Study``: a scalar of ``Demand``, a required gap, or a demand over all floors.
     over
         For an ensemble: "mean", "worst" (the largest) or a share, for the mean of the largest.
-    strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
-
-    Raises
-    ------
-    ValueError
-        If an argument breaks its rule, or the demand is zero or not finite. If ``strict``, also
-        where there would be a warning.
-
-    Warns
-    -----
-    PlausibilityWarning
-        If the grid does not resolve the ground motion, or more than 1 % of the ensemble's (see
-        ``simulate``), or records have a PGA above 5 g.
 
     Examples
     --------
     >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
-    >>> found = jp.elasticities(jp.paper.structures(), jp.paper.ground(), grid)
-    >>> round(found.values["friction"], 2)  # percent of min gap by a percent of friction
+    >>> result = jp.elasticities(jp.paper.structures(), jp.paper.ground(), grid)
+    >>> round(result.values["friction"], 2)  # percent of min gap by a percent of friction
     0.72
     """
     owner = "elasticities"
-    instance(owner, "structures", structures, Structures)
+    system = single_system(owner, structures)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_over(owner, over)
@@ -102,28 +96,29 @@ def elasticities(
     else:
         ensemble = Ensemble.of([ground], grid)
         findings = unseen(ground, grid) + excessive(ground, pga(ground, grid))
-    tell(owner, findings, strict)
+    warn(owner, imprecise(system, ensemble.grounds) + findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
-    chosen = {
-        path: x
-        for path, x in parameters.items()
-        if path not in ensemble.uncertain and np.isfinite(x)  # a gap may be infinite
-    }
+    certain = parameters.keys() - ensemble.uncertain.keys()  # and a gap may be infinite
+    variables = {path: x for path, x in parameters.items() if path in certain and np.isfinite(x)}
 
     @jax.jit
     @jax.value_and_grad
-    def value(chosen: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
-        def one(ground: Any, others: Any) -> jax.Array:
-            scalars = demands_of(put(structures, {**chosen, **others}), ground, grid, scheme)
+    def value(variables: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
+        def demand_in(ground: Any, others: Any) -> jax.Array:
+            scalars = demands_of(put(structures, {**variables, **others}), ground, grid, scheme)
             if demand not in scalars:
-                listed = ", ".join(scalars)
-                raise ValueError(f"{owner}: demand = {demand!r} must be one of {listed}")
+                rule = f"must be one of {', '.join(scalars)}"
+                raise InvalidInput(owner, "demand", repr(demand), rule)
             return scalars[demand]
 
-        return gathered(jax.vmap(one)(grounds, uncertain), over)
+        return gathered(jax.vmap(demand_in)(grounds, uncertain), over)
 
-    y, slopes = value(chosen, ensemble.grounds, dict(ensemble.uncertain))
+    y, slopes = value(variables, ensemble.grounds, dict(ensemble.uncertain))
     if not np.isfinite(y) or not y:
-        raise ValueError(f"{owner}: {demand} = {float(y):.6g} must be finite and not zero")
-    relative = {path: float(x * slopes[path] / abs(y)) for path, x in chosen.items()}
-    return Elasticities(demand, float(y), parameters, relative)
+        raise InvalidInput(owner, demand, f"{float(y):.6g}", "must be finite and not zero")
+    for path, slope in slopes.items():
+        if not np.isfinite(slope):
+            rule = "must be finite, which single precision and very strong motions may prevent"
+            raise InvalidInput(owner, f"derivative of {demand} by {path}", f"{slope:.6g}", rule)
+    relative = {path: float(x * slopes[path] / abs(y)) for path, x in variables.items()}
+    return Elasticities(demand, float(y), parameters, relative, gravity_of(structures) is not None)

@@ -1,4 +1,4 @@
-"""The earthquakes that a design is made for, the same for all designs."""
+"""The earthquakes of a design problem, the same for all designs of a search."""
 
 from __future__ import annotations
 
@@ -12,20 +12,15 @@ import numpy as np
 from jax.extend.core import Literal
 
 from jaxpound._checks import count, instance, require_memory, seed
+from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import (
-    DIMENSIONLESS,
-    Ground,
-    GroundLike,
-    require_dimensionless,
-    require_ground,
-    sampled,
-)
+from jaxpound.ground.motion import Ground, GroundLike, records_in, require_ground
 from jaxpound.ground.record import Record, derived
 from jaxpound.ground.ricker import Ricker
+from jaxpound.ground.run_input import sampled
 from jaxpound.model.parameters import get, paths
-from jaxpound.study.sampling import as_key, key_numbers, points, require_sampling
-from jaxpound.study.scenarios import ScenarioSet
+from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
+from jaxpound.scenarios.scenarios import ScenarioSet
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -49,43 +44,42 @@ class Ensemble:
     """The ground motions; every array has a leading axis of n."""
     uncertain: Mapping[str, np.ndarray]
     """Parameters of the structures that differ from earthquake to earthquake, by path, (n,)."""
+    time_unit: str | None = None
+    """Unit of time of the records among them; None if there is none."""
     scenarios: ScenarioSet | None = None
     """The random scenarios that it was drawn from; None if it was not."""
     _more: Callable[[int], Ensemble] | None = None
 
     @staticmethod
     def of(grounds: Sequence[GroundLike], grid: TimeGrid) -> Ensemble:
-        """Given ground motions, all equally likely.
+        """Ground motions, all equally likely, in one unit of time.
 
-        ``Ricker`` and ``Record`` may have any numbers of wavelets and samples. If there are others
-        (sums, multiples, functions of t), all are sampled at the instants of the grid.
-
-        Raises
-        ------
-        ValueError
-            If there is none, or one is no ground motion or a record in seconds.
+        If some are neither ``Ricker`` nor ``Record`` (sums, multiples, functions of t), all are
+        sampled at the instants of the grid.
         """
-        given = list(grounds) if isinstance(grounds, Sequence) else []
-        if not given:
-            raise ValueError(f"Ensemble: grounds = {grounds!r} must hold ground motions")
-        for i, ground in enumerate(given):
+        motions = list(grounds) if isinstance(grounds, Sequence) else []
+        if not motions:
+            raise InvalidInput("Ensemble", "grounds", repr(grounds), "must hold ground motions")
+        for i, ground in enumerate(motions):
             require_ground(f"Ensemble: grounds[{i}]", ground)
-            require_dimensionless(f"Ensemble: grounds[{i}]", ground)
-        waves = [ground for ground in given if isinstance(ground, Ricker)]
-        records = [ground for ground in given if isinstance(ground, Record)]
-        if len(waves) + len(records) < len(given):
-            return Ensemble(_stacked([sampled(ground, grid) for ground in given]), {})
+        units = {str(part.time_unit) for ground in motions for part in records_in(ground)}
+        if len(units) > 1:
+            rule = f"must be in one unit of time, but are in {' and '.join(sorted(units))}"
+            raise InvalidInput("Ensemble", "grounds", "", rule)
+        unit = min(units, default=None)
+        waves = [ground for ground in motions if isinstance(ground, Ricker)]
+        records = [ground for ground in motions if isinstance(ground, Record)]
+        if len(waves) + len(records) < len(motions):
+            return Ensemble(_stacked([sampled(ground, grid) for ground in motions]), {}, unit)
         if not (waves and records):
-            return Ensemble(_stacked(_as_long(given)), {})
+            return Ensemble(_stacked(_as_long(motions)), {}, unit)
         # Wavelets get a record of zeros, and records a wavelet of zero amplitude.
-        still = (
-            Record(np.zeros(2), records[0].dt, time_unit=DIMENSIONLESS),
-            Ricker(0.0, np.ravel(waves[0].periods)[:1], [0.0]),
-        )
-        left = [ground if isinstance(ground, Ricker) else still[1] for ground in given]
-        right = [ground if isinstance(ground, Record) else still[0] for ground in given]
+        no_record = Record(np.zeros(2), records[0].dt, time_unit=records[0].time_unit)
+        no_wave = Ricker(0.0, np.ravel(waves[0].periods)[:1], [0.0])
+        left = [ground if isinstance(ground, Ricker) else no_wave for ground in motions]
+        right = [ground if isinstance(ground, Record) else no_record for ground in motions]
         pairs = zip(_as_long(left), _as_long(right), strict=True)
-        return Ensemble(_stacked([one + other for one, other in pairs]), {})
+        return Ensemble(_stacked([wavelet + record for wavelet, record in pairs]), {}, unit)
 
     @staticmethod
     def drawn(
@@ -98,36 +92,25 @@ class Ensemble:
     ) -> Ensemble:
         """The random scenarios, n of them, that ``monte_carlo`` draws with the same key.
 
-        Parameters of their structures that are random belong to the ensemble; all others are those
-        of the design.
-
-        Parameters
-        ----------
-        scenarios, n, key, sampling
-            See ``monte_carlo``.
-        start
-            Index of the first point: from n on, the scenarios are new ones.
-
-        Raises
-        ------
-        ValueError
-            If an argument breaks its rule, memory has no room for n, or a scenario is not finite.
+        Random parameters of their structures belong to the ensemble, all others to the design.
+        ``start`` is the index of the first point: from n on, the scenarios are new ones. A
+        ``ValueError`` if memory has no room for n, or a scenario is not finite.
         """
         owner = "Ensemble.drawn"
         instance(owner, "scenarios", scenarios, ScenarioSet)
         n = count(owner, "n", n)
         most = require_sampling(owner, sampling)
-        key = as_key(
-            *key_numbers(owner, key if isinstance(key, jax.Array) else seed(owner, "key", key))
-        )
+        if not isinstance(key, jax.Array):
+            key = seed(owner, "key", key)
+        key = as_key(*key_numbers(owner, key))
         start = count(owner, "start + 1", start + 1) - 1
         normal = jax.ShapeDtypeStruct((scenarios.dimension,), jnp.zeros(()).dtype)
-        one = jax.eval_shape(scenarios.realize, normal)
-        size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(one))
+        scenario = jax.eval_shape(scenarios.realize, normal)
+        size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scenario))
         require_memory(owner, "n", n, n * (size + 8 * scenarios.dimension))
         if start + n > most:
-            rule = f"at most {most:,} for {sampling} sampling"
-            raise ValueError(f"{owner}: start + n = {start + n:,} must be {rule}")
+            rule = f"must be at most {most:,} for {sampling} sampling"
+            raise InvalidInput(owner, "start + n", f"{start + n:,}", rule)
         z = points(sampling, key, scenarios.dimension)(start, start + n)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)
         drawn = drawn_parameters(scenarios)
@@ -135,25 +118,23 @@ class Ensemble:
         grounds = jax.tree.map(np.asarray, grounds)
         for leaf in jax.tree.leaves((uncertain, grounds)):
             if not np.isfinite(leaf).all():
-                bad = int(np.argmin(np.isfinite(leaf).reshape(n, -1).all(axis=1)))
-                raise ValueError(f"{owner}: scenario {start + bad} must be finite")
+                first_invalid = int(np.argmin(np.isfinite(leaf).reshape(n, -1).all(axis=1)))
+                raise InvalidInput(owner, f"scenario {start + first_invalid}", "", "must be finite")
 
         def more(m: int) -> Ensemble:
             return Ensemble.drawn(scenarios, m, key, sampling=sampling, start=start + n)
 
-        return Ensemble(grounds, uncertain, scenarios, more)
+        units = [str(part.time_unit) for part in records_in(scenario[1])]
+        return Ensemble(grounds, uncertain, min(units, default=None), scenarios, more)
 
     def fresh(self, n: int) -> Ensemble | None:
         """The next n scenarios after those of a drawn ensemble; None if it was not drawn."""
         return None if self._more is None else self._more(n)
 
     def including(self, grounds: Sequence[GroundLike], grid: TimeGrid) -> Ensemble:
-        """The ensemble with given ground motions added (see ``of``); ``fresh`` draws as before.
+        """The ensemble with ground motions added (see ``of``); ``fresh`` draws as before.
 
-        Raises
-        ------
-        ValueError
-            As in ``of``; if structures are uncertain, since given ground motions have no values.
+        Its structures must be certain, since these ground motions have no values of parameters.
         """
         self._require_certain()
         both = Ensemble.of([*self, *grounds], grid)
@@ -167,13 +148,13 @@ class Ensemble:
         kinds = {type(self.grounds), type(other.grounds)}
         if not kinds <= {Ricker, Record}:
             names = " and ".join(kind.__name__ for kind in kinds)
-            raise ValueError(f"Ensemble: {names} cannot be added; use Ensemble.of for all")
+            raise InvalidInput("Ensemble", names, "", "cannot be added; use Ensemble.of for all")
         # The grid is not used: all are wavelets and records.
         return Ensemble.of([*self, *other], TimeGrid(1.0, 2))
 
     def _require_certain(self) -> None:
         for path in self.uncertain:
-            raise ValueError(f"Ensemble: {path} is uncertain; such ensembles cannot be added")
+            raise InvalidInput("Ensemble", path, "", "is uncertain; such ensembles cannot be added")
 
     def __len__(self) -> int:
         return len(jax.tree.leaves(self.grounds)[0])
@@ -186,8 +167,8 @@ class Ensemble:
         return jax.tree.map(lambda x: x[i], self.grounds)
 
     def __repr__(self) -> str:
-        what = f", with uncertain {', '.join(self.uncertain)}" if self.uncertain else ""
-        return f"Ensemble({len(self):,} earthquakes{what})"
+        uncertain = f", with uncertain {', '.join(self.uncertain)}" if self.uncertain else ""
+        return f"Ensemble({len(self):,} earthquakes{uncertain})"
 
 
 def _stacked(grounds: Sequence[Any]) -> Any:
@@ -199,26 +180,22 @@ def _as_long(grounds: Sequence[Any]) -> list[Any]:
     if isinstance(grounds[0], Record):
         most = max(ground.n_samples for ground in grounds)
         return [derived(_padded(g.samples, most), g.dt, "", g.time_unit) for g in grounds]
-    most = max(np.size(ground.arrivals) for ground in grounds)
-    return [
-        Ricker(
-            _padded(np.broadcast_to(ground.amplitude, np.size(ground.arrivals)), most),
-            _padded(ground.periods, most, mode="edge"),
-            _padded(ground.arrivals, most, mode="edge"),
-        )
-        for ground in grounds
-    ]
+    most, waves = max(np.size(ground.arrivals) for ground in grounds), []
+    for ground in grounds:
+        amplitude = np.broadcast_to(ground.amplitude, np.size(ground.arrivals))
+        times = (_padded(x, most, mode="edge") for x in (ground.periods, ground.arrivals))
+        waves.append(Ricker(_padded(amplitude, most), *times))
+    return waves
 
 
-def _padded(x: Any, n: int, **how: Any) -> np.ndarray:
-    return np.pad(np.ravel(np.asarray(x, float)), (0, n - np.size(x)), **how)
+def _padded(x: Any, n: int, **options: Any) -> np.ndarray:
+    return np.pad(np.ravel(np.asarray(x, float)), (0, n - np.size(x)), **options)
 
 
 def drawn_parameters(scenarios: ScenarioSet) -> list[str]:
-    """Paths of the structures' parameters that depend on what is drawn.
+    """Paths of the structures' parameters that the program of ``realize`` computes from z.
 
-    They are those that the program of ``realize`` computes from z, even where a parameter varies so
-    rarely that all draws agree.
+    Even where a parameter varies so rarely that all draws agree.
     """
     names: list[str] = []
 
@@ -232,5 +209,5 @@ def drawn_parameters(scenarios: ScenarioSet) -> list[str]:
     for equation in program.eqns:
         if any(x in drawn for x in equation.invars if not isinstance(x, Literal)):
             drawn.update(equation.outvars)
-    found = zip(names, program.outvars, strict=True)
-    return [path for path, x in found if not isinstance(x, Literal) and x in drawn]
+    outputs = zip(names, program.outvars, strict=True)
+    return [path for path, x in outputs if not isinstance(x, Literal) and x in drawn]

@@ -1,4 +1,4 @@
-"""Goals of a design: what is to be maximised over an ensemble of earthquakes."""
+"""Goals of a design, which a search maximises, and statistics over an ensemble of earthquakes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.special import logsumexp, ndtr
 
-from jaxpound._checks import Rule, enforce, finite, number, positive, require_share
-from jaxpound.design.prices import gathered, require_over, require_price, tail_mean
-from jaxpound.results.demand import kind_of
+from jaxpound._checks import Rule, enforce, finite, number, positive_number, require_share
+from jaxpound._errors import InvalidInput
+from jaxpound.results.named import kind_of, require_limited
 
 
 @runtime_checkable
 class Goal(Protocol):
-    """What is to be maximised: a function of the smallest gaps in all earthquakes.
+    """A function of the smallest gaps in all earthquakes, which a search maximises.
 
     Of several links, the smallest gap is that of all of them, and the gap at rest is the mean of
     those that are finite.
@@ -47,10 +47,9 @@ class WorstGap:
 
 @dataclasses.dataclass(frozen=True)
 class GapAtRest:
-    """Minus the gap at rest, for land is dear: the narrowest gap that keeps the limits.
+    """Minus the gap at rest: the search finds the narrowest gap within the limits.
 
-    Of several links it is minus the mean of their finite gaps. It is for structures whose gap is a
-    variable. Where it is not, this goal is constant, and the penalties alone are minimised.
+    Where no gap is a variable, this goal is constant, and the penalties alone are minimised.
     """
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
@@ -62,16 +61,13 @@ class GapAtRest:
 class SoftMinimum:
     """−T ln of the mean of e^(−ξ/T): between the smallest (T → 0) and the mean (T → ∞) gap.
 
-    Raises
-    ------
-    ValueError
-        If temperature, in the gap's unit, is not positive and finite.
+    The temperature T > 0 is in the gap's unit.
     """
 
     temperature: float
 
     def __post_init__(self) -> None:
-        positive("SoftMinimum", temperature=number("SoftMinimum", "temperature", self.temperature))
+        positive_number("SoftMinimum", temperature=self.temperature)
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
         """Their soft minimum."""
@@ -87,11 +83,6 @@ class CVaR:
     ----------
     share
         Between 0 and 1: 0.1 for the mean of the smallest tenth.
-
-    Raises
-    ------
-    ValueError
-        If share is not between 0 and 1.
 
     Examples
     --------
@@ -115,9 +106,8 @@ class PoundingProbability:
     """Minus the probability of pounding at a given gap, smoothed so that it has a derivative.
 
     Every earthquake counts as Φ((required gap − gap) / width), where required gap = initial gap −
-    smallest gap. This is for structures without a law of contact: where blocks that meet stop or
-    bounce, the smallest gap does not tell which gap they would have needed. Whether they meet is
-    the same with and without such a law.
+    smallest gap. This is for structures without a law of contact, by which the smallest gap would
+    not tell which gap they would have needed; whether they meet is the same.
 
     Parameters
     ----------
@@ -125,13 +115,8 @@ class PoundingProbability:
         The gap at rest ≥ 0, for structures all of whose links have one and the same; by default the
         gaps are those of the structures, and pounding is that of any link.
     width
-        Width of the smoothing, in the gap's unit; by default Silverman's rule, 1.06 s n^(−1/5),
+        Width > 0 of the smoothing, in the gap's unit; by default Silverman's rule, 1.06 s n^(−1/5),
         with the standard deviation s of the required gaps, taken as constant in the derivative.
-
-    Raises
-    ------
-    ValueError
-        If gap is negative or width not positive.
     """
 
     gap: float | None = None
@@ -144,7 +129,7 @@ class PoundingProbability:
             gap = number(owner, "gap", self.gap)
             enforce(owner, [Rule("gap", gap, (gap >= 0) & finite(gap), "finite, not negative")])
         if self.width is not None:
-            positive(owner, width=number(owner, "width", self.width))
+            positive_number(owner, width=self.width)
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
         """Minus the smoothed share of earthquakes with pounding."""
@@ -159,23 +144,14 @@ class PoundingProbability:
 
 @dataclasses.dataclass(frozen=True)
 class LeastDemand:
-    """Minus a demand, such as the largest storey drift: the design of the least response.
-
-    It needs no gap, as all goals of gaps do: it is the one for a building with braces alone, or for
-    dampers between buildings that stand far apart.
+    """Minus a demand: the design of the least response. Other goals need a gap.
 
     Parameters
     ----------
     demand
-        A demand that an ``Objective`` may limit, by name: ``peak_drift``, ``peak_acceleration``,
-        ``peak_x1``.
+        A demand that an ``Objective`` may limit, by name: ``peak_drift``, ``peak_x1``.
     over
         Its statistic over the earthquakes, as in ``Limit``.
-
-    Raises
-    ------
-    ValueError
-        If there is no such demand, or over is no statistic.
 
     Examples
     --------
@@ -188,7 +164,7 @@ class LeastDemand:
     over: str | float = "mean"
 
     def __post_init__(self) -> None:
-        require_price("LeastDemand", self.demand, "")
+        require_limited("LeastDemand", self.demand, "")
         require_over("LeastDemand", self.over)
 
     @property
@@ -205,28 +181,25 @@ class LeastDemand:
         return -self.value(demands)
 
 
-@dataclasses.dataclass(frozen=True)
-class OfGaps:
-    """A ``Goal`` as a function of all demands, of which it takes the gaps."""
+def require_over(owner: str, over: Any) -> None:
+    """An ``InvalidInput`` if ``over`` is not "worst", "mean" or a share."""
+    if not isinstance(over, str):
+        require_share(owner, "over", over)
+    elif over not in ("worst", "mean"):
+        raise InvalidInput(owner, "over", repr(over), "must be 'worst', 'mean' or a share")
 
-    goal: Goal
-    demand: ClassVar[str] = "min_gap"
 
-    @property
-    def quantity(self) -> str | None:
-        """Kind of quantity: a length, unless the goal has a ``size`` of its own."""
-        return "length" if self._own_size is None else None
+def gathered(values: jax.Array, over: str | float) -> jax.Array:
+    """One number for a demand in all earthquakes, shape (n,); ``over`` is that of ``Limit``."""
+    if over == "mean":
+        return jnp.mean(values)
+    if over == "worst":
+        return values[jnp.argmax(values)]
+    return tail_mean(values, float(over))
 
-    @property
-    def _own_size(self) -> Any:
-        return getattr(self.goal, "size", None)
 
-    def value(self, demands: Mapping[str, Any]) -> jax.Array:
-        """The goal of the smallest gaps and the gaps at rest, by name."""
-        return self.goal(demands["min_gap"], demands["initial_gap"])
-
-    def size(self, demands: Mapping[str, Any]) -> Any:
-        """Order of magnitude of the goal: its own, or the mean required gap."""
-        if self._own_size is not None:
-            return self._own_size
-        return jnp.mean(demands["initial_gap"] - demands["min_gap"])
+def tail_mean(x: jax.Array, share: float) -> jax.Array:
+    """Mean of the largest ``share`` of n numbers, shape (n,), the last of them weighted in part."""
+    whole = share * x.size
+    weights = jnp.clip(whole - jnp.arange(x.size), 0.0, 1.0).astype(x.dtype)
+    return jnp.sum(weights * jnp.sort(x, descending=True)) / whole

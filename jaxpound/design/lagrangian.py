@@ -1,12 +1,13 @@
-"""One iteration of a design search: an augmented Lagrangian at many designs at once.
+"""One iteration of a design search, first-order conditions, and polishing of the best design.
 
+An iteration takes an augmented Lagrangian at many designs at once.
 With the objective J to be maximised (in units of its size), the excesses c = limited demand / limit
 − 1, multipliers λ ≥ 0 and a weight w, an optimiser minimises −J + Σ (max(0, λ + w c)² − λ²) / 2 w,
 and every ten iterations λ becomes max(0, λ + w c) (Nocedal and Wright 2006, section 17.3). Bounds
 are kept by projection.
 
-An iteration is two programs: ``gradient`` does nearly all of the work, and is used for polishing
-and first-order conditions as well; ``update`` is the optimiser's step.
+An iteration is two programs: ``gradient``, which polishing and first-order conditions use as well,
+and ``update``, the optimiser's step.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.stages import Wrapped
+from scipy.optimize import minimize, nnls
 
 from jaxpound.design.problem import DesignProblem, Point, ProblemData, point
 
@@ -28,8 +30,16 @@ if TYPE_CHECKING:
 _MULTIPLIERS_EVERY = 10  # iterations
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # larger ones make steps and multipliers oscillate
 
+AT_BOUND = 0.005
+"""Scaled distance from a bound within which a variable counts as at that bound."""
 
-class State(NamedTuple):
+_NEAR_LIMIT = 0.01  # of the limit
+_STEPS = 30  # of polishing, at most
+_FAR = 1e6  # replaces an objective that is not finite, in units of size
+_EXACT = 1e-9  # a violation that is rounding only
+
+
+class SearchState(NamedTuple):
     """State of all starts; arrays with a leading axis of starts."""
 
     scaled: Any  # (s, d)
@@ -53,53 +63,53 @@ class AugmentedLagrangian:
         """Iterations of an epoch, in which every earthquake is used."""
         return -(-len(self.problem.ensemble) // self.batch)
 
-    def begin(self, scaled: np.ndarray) -> State:
+    def begin(self, scaled: np.ndarray) -> SearchState:
         """The state of starts, shape (s, d)."""
-        n, places = len(scaled), jnp.asarray(scaled)
-        begun = State(
-            scaled=places,
-            optimiser=jax.vmap(self.optimiser.init)(places),
+        n, designs = len(scaled), jnp.asarray(scaled)
+        state = SearchState(
+            scaled=designs,
+            optimiser=jax.vmap(self.optimiser.init)(designs),
             multipliers=jnp.zeros((n, len(self.problem.objective.limits))),
             weight=jnp.full(n, _FIRST_WEIGHT),
             violation=jnp.full(n, jnp.inf),
             alive=jnp.ones(n, bool),
         )
-        return jax.device_get(begun)
+        return jax.device_get(state)
 
-    def iterate(self, state: State, iteration: int, data: ProblemData) -> tuple[State, Point]:
+    def iterate(
+        self, state: SearchState, iteration: int, data: ProblemData
+    ) -> tuple[SearchState, Point]:
         """The next state, and the designs and values at this one; iterations count from 0."""
-        here, gradients = self.gradient(*_given(state), iteration, data)
-        following = self.update(state, here, gradients, iteration, data)
-        return jax.device_get((following, here))  # on one device or on all, it is the same program
+        point, gradients = self.gradient(*_gradient_arguments(state), iteration, data)
+        return jax.device_get((self.update(state, point, gradients, iteration, data), point))
 
-    def texts(self, state: State, data: ProblemData) -> tuple[str, str]:
+    def texts(self, state: SearchState, data: ProblemData) -> tuple[str, str]:
         """The programs of ``iterate`` as text, to distinguish one search from another."""
-        found = jax.eval_shape(self.gradient, *_given(state), 0, data)
+        results = jax.eval_shape(self.gradient, *_gradient_arguments(state), 0, data)
         return (
-            self.gradient.lower(*_given(state), 0, data).as_text(),
-            self.update.lower(state, *found, 0, data).as_text(),
+            self.gradient.lower(*_gradient_arguments(state), 0, data).as_text(),
+            self.update.lower(state, *results, 0, data).as_text(),
         )
 
     def jacobian(self, scaled: np.ndarray, starts: int, data: ProblemData) -> tuple[Point, Any]:
         """A design, and the derivatives of −J and every excess by its scaled variables, (1 + m, d).
 
-        Computed with the search's ``gradient`` program, since another would take as long to
-        compile: each row is the gradient of a Lagrangian with weight 1 for one term and 0 for all
-        others, ``starts`` rows at a time. With minibatches the rows are means over an epoch, and
-        the design's values are those of its last minibatch.
+        By the search's ``gradient`` program, since another would take as long to compile: each row
+        is the gradient of a Lagrangian with weight 1 for one term and 0 for all others, ``starts``
+        rows at a time. With minibatches rows are means over an epoch, and values of its last batch.
         """
         m = len(self.problem.objective.limits)
         weights = np.eye(-(-(1 + m) // starts) * starts, 1 + m)
         weights = weights.reshape(-1, starts, 1 + m).astype(scaled.dtype)
-        places, zero, rows = np.tile(scaled, (starts, 1)), np.zeros(starts, scaled.dtype), []
+        designs, zeros, rows = np.tile(scaled, (starts, 1)), np.zeros(starts, scaled.dtype), []
         for block in weights:
-            found = [
-                self.gradient(places, block[:, 0], block[:, 1:], zero, i, data)
+            results = [
+                self.gradient(designs, block[:, 0], block[:, 1:], zeros, i, data)
                 for i in range(self.per_epoch)
             ]
-            rows += [*np.mean([gradients for _, gradients in found], axis=0)]
-        here = jax.device_get(jax.tree.map(lambda x: x[0], found[-1][0]))
-        return here, np.array(rows[: 1 + m])
+            rows += [*np.mean([gradients for _, gradients in results], axis=0)]
+        point = jax.device_get(jax.tree.map(lambda x: x[0], results[-1][0]))
+        return point, np.array(rows[: 1 + m])
 
     @cached_property
     def gradient(self) -> Wrapped:
@@ -109,8 +119,8 @@ class AugmentedLagrangian:
         ordinary Lagrangian, which is linear in the multipliers.
         """
 
-        def one(
-            scaled: Any, of_goal: Any, multipliers: Any, w: Any, iteration: Any, data: ProblemData
+        def of_start(
+            scaled: Any, goal_factor: Any, multipliers: Any, w: Any, iteration: Any, data: Any
         ) -> tuple[Point, Any]:
             def lagrangian_terms(scaled: Any) -> Any:
                 rows = self._rows(iteration, data.key)
@@ -119,11 +129,11 @@ class AugmentedLagrangian:
                 return terms, (objective, limited)
 
             (_, excess), pull_back, values = jax.vjp(lagrangian_terms, scaled, has_aux=True)
-            (gradient,) = pull_back((of_goal, jax.nn.relu(multipliers + w * excess)))
+            (gradient,) = pull_back((goal_factor, jax.nn.relu(multipliers + w * excess)))
             objective, limited = values
             return point(scaled, objective, limited, data), gradient
 
-        return jax.jit(jax.vmap(one, in_axes=(0, 0, 0, 0, None, None)))
+        return jax.jit(jax.vmap(of_start, in_axes=(0, 0, 0, 0, None, None)))
 
     @cached_property
     def update(self) -> Wrapped:
@@ -131,46 +141,43 @@ class AugmentedLagrangian:
         return jax.jit(jax.vmap(self._update, in_axes=(0, 0, 0, None, None)))
 
     def _update(
-        self, state: State, here: Point, gradient: Any, iteration: Any, data: ProblemData
-    ) -> State:
+        self, state: SearchState, point: Point, gradient: Any, iteration: Any, data: ProblemData
+    ) -> SearchState:
         multipliers, weight = state.multipliers, state.weight
 
-        def raised(limited: Any) -> Any:
+        def projected_multipliers(limited: Any) -> Any:
             return jax.nn.relu(multipliers + weight * (limited / data.limits - 1))
 
         def lagrangian(objective: Any, limited: Any) -> Any:
-            terms = (raised(limited) ** 2 - multipliers**2) / (2 * weight)
+            terms = (projected_multipliers(limited) ** 2 - multipliers**2) / (2 * weight)
             return jnp.sum(terms) - objective / data.size
 
         def lagrangian_at(scaled: Any) -> Any:  # for line-search optimisers
             rows = self._rows(iteration, data.key)
             return lagrangian(*self.problem.values(jnp.clip(scaled, *data.box), data, rows))
 
-        value = lagrangian(here.objective, here.limited)
-        alive = state.alive & jnp.isfinite(value) & jnp.isfinite(gradient).all()
+        value = lagrangian(point.objective, point.limited)
+        finite = state.alive & jnp.isfinite(value) & jnp.isfinite(gradient).all()
         slope = jnp.where(at_active_bound(state.scaled, gradient, data.box), 0.0, gradient)
         steps, memory = self.optimiser.update(
             slope, state.optimiser, state.scaled, value=value, grad=slope, value_fn=lagrangian_at
         )
-        due = (iteration + 1) % _MULTIPLIERS_EVERY == 0
-        lagging = here.violation > jnp.maximum(10 * data.tolerance, state.violation / 2)
-        heavier = jnp.minimum(jnp.where(lagging, 2 * weight, weight), _LARGEST_WEIGHT)
-        following = State(
-            scaled=jnp.clip(state.scaled + steps, *data.box),
+        is_due = (iteration + 1) % _MULTIPLIERS_EVERY == 0
+        lags = point.violation > jnp.maximum(10 * data.tolerance, state.violation / 2)
+        increased_weight = jnp.minimum(jnp.where(lags, 2 * weight, weight), _LARGEST_WEIGHT)
+        next_state = SearchState(
+            scaled=projected(state.scaled + steps, data.box),
             optimiser=memory,
-            multipliers=jnp.where(due, raised(here.limited), multipliers),
-            weight=jnp.where(due, heavier, weight),
-            violation=jnp.where(due, here.violation, state.violation),
-            alive=alive,
+            multipliers=jnp.where(is_due, projected_multipliers(point.limited), multipliers),
+            weight=jnp.where(is_due, increased_weight, weight),
+            violation=jnp.where(is_due, point.violation, state.violation),
+            alive=finite,
         )
-        kept = jax.tree.map(lambda new, old: jnp.where(alive, new, old), following, state)
-        return kept._replace(alive=alive)
+        stopped = jax.tree.map(lambda new, old: jnp.where(finite, new, old), next_state, state)
+        return stopped._replace(alive=finite)
 
     def _rows(self, iteration: Any, key: Any) -> Any:
-        """Indices of an iteration's minibatch: each epoch uses all earthquakes once, reshuffled.
-
-        None if every iteration uses all earthquakes.
-        """
+        """Indices of a minibatch, reshuffled each epoch; None if it is of all earthquakes."""
         if self.per_epoch == 1:
             return None
         epoch, part = jnp.divmod(iteration, self.per_epoch)
@@ -179,14 +186,103 @@ class AugmentedLagrangian:
         return order[(part * self.batch + jnp.arange(self.batch)) % n]
 
 
-def _given(state: State) -> tuple[Any, ...]:
+def _gradient_arguments(state: SearchState) -> tuple[Any, ...]:
     """The arguments of ``AugmentedLagrangian.gradient`` at a state."""
     return state.scaled, np.ones_like(state.weight), state.multipliers, state.weight
+
+
+def projected(scaled: Any, box: Any) -> Any:
+    """Variables in the box; one that misses a bound by rounding only is at it."""
+    xp: Any = np if isinstance(scaled, np.ndarray) else jnp
+    rounding = 16 * jnp.finfo(scaled.dtype).eps
+    scaled = xp.where(scaled < box[0] + rounding, box[0], scaled)
+    return xp.where(scaled > box[1] - rounding, box[1], scaled)
 
 
 def at_active_bound(scaled: Any, gradient: Any, box: Any, within: float = 0.0) -> Any:
     """Variables at an active bound: the descent direction points out of the box."""
     low, high = box
-    return ((scaled <= low + within) & (gradient > 0)) | (
-        (scaled >= high - within) & (gradient < 0)
-    )
+    at_low, at_high = scaled <= low + within, scaled >= high - within
+    return (at_low & (gradient > 0)) | (at_high & (gradient < 0))
+
+
+class FirstOrder(NamedTuple):
+    """A design with derivatives by its scaled variables."""
+
+    point: Point
+    goal: np.ndarray  # gradient of minus the objective over its size, (d,)
+    slopes: np.ndarray  # gradients of limited demands over their limits, (m, d)
+
+
+@dataclasses.dataclass(frozen=True)
+class FirstOrderConditions:
+    """First-order conditions of a problem, kept for every design that was evaluated."""
+
+    lagrangian: AugmentedLagrangian
+    data: ProblemData
+    starts: int  # number of designs that the search's program has been compiled for
+    _evaluated: dict[bytes, FirstOrder] = dataclasses.field(default_factory=dict)
+
+    def at(self, scaled: np.ndarray) -> FirstOrder:
+        """A design with its derivatives; they are computed once for each design."""
+        key = scaled.tobytes()
+        if key not in self._evaluated:
+            point, rows = self.lagrangian.jacobian(scaled, self.starts, self.data)
+            self._evaluated[key] = FirstOrder(point, goal=rows[0], slopes=rows[1:])
+        return self._evaluated[key]
+
+    def polished(self, best: Point) -> tuple[Point, int]:
+        """The best design by sequential quadratic programming, and all runs with a gradient."""
+        limits, size = np.asarray(self.data.limits, np.float64), float(self.data.size)
+        low, high = np.asarray(self.data.box, np.float64)
+
+        def at(scaled: np.ndarray) -> FirstOrder:
+            return self.at(projected(scaled, (low, high)).astype(best.scaled.dtype))
+
+        def double(x: Any, replacement: float = 0.0) -> np.ndarray:  # SciPy needs float64
+            return np.nan_to_num(np.asarray(x, np.float64), nan=replacement)
+
+        constraint = {
+            "type": "ineq",
+            "fun": lambda x: double(1 - at(x).point.limited / limits, -1.0),
+            "jac": lambda x: -double(at(x).slopes),
+        }
+        minimize(
+            lambda x: float(double(-at(x).point.objective / size, _FAR)),
+            double(best.scaled),
+            jac=lambda x: double(at(x).goal),
+            bounds=[*zip(low, high, strict=True)],
+            constraints=[constraint] if limits.size else (),
+            method="SLSQP",
+            options={"maxiter": _STEPS, "ftol": 1e-10},
+        )
+        points = [evaluated.point for evaluated in self._evaluated.values()]
+        candidates = [best, *(point for point in points if np.isfinite(point.merit))]
+        runs = len(points) * -(-(limits.size + 1) // self.starts) * self.starts
+        tolerance = float(self.data.tolerance)
+
+        def least(excess: float) -> Point | None:
+            within = [point for point in candidates if point.violation <= excess]
+            return min(within, key=lambda point: point.merit, default=None)
+
+        # Prefer a design within the limits to one slightly above them with a slightly lower merit.
+        exact, tolerable = least(_EXACT), least(tolerance) or best
+        if exact is not None and exact.merit <= tolerable.merit + 5 * tolerance:
+            return exact, runs
+        return tolerable, runs
+
+    def multipliers(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Multipliers ≥ 0 of the active limits at a design, and the Lagrangian's gradient there.
+
+        The multipliers are those with the smallest gradient over variables at no active bound.
+        """
+        _, goal, slopes = self.at(point.scaled)
+        active = point.limited / np.asarray(self.data.limits) - 1 > -_NEAR_LIMIT
+        multipliers, gradient = np.zeros(active.size), goal
+        box = np.asarray(self.data.box)
+        for _ in range(3):  # which bounds are active depends on the multipliers
+            free = ~at_active_bound(point.scaled, gradient, box, AT_BOUND)
+            if active.any():
+                multipliers[active] = nnls(slopes[active][:, free].T, -goal[free])[0]
+            gradient = goal + multipliers @ slopes
+        return multipliers, gradient

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,15 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, finite, instance, number, positive, require_share
-from jaxpound.design.goals import Goal, LeastDemand, MeanGap, OfGaps
-from jaxpound.design.prices import gathered, require_over, require_price
-from jaxpound.risk.demanded import REQUIRED_GAP
+from jaxpound._checks import Rule, enforce, finite, instance, number, positive_number, require_share
+from jaxpound._errors import InvalidInput
+from jaxpound.design.goals import Goal, LeastDemand, MeanGap, gathered, require_over
+from jaxpound.results.named import REQUIRED_GAP, require_limited
 
 
 @dataclasses.dataclass(frozen=True)
 class Limit:
     """An upper bound on a demand, or on the probability that it is reached.
+
+    Raises ``ValueError`` if an argument breaks its rule.
 
     Parameters
     ----------
@@ -33,17 +34,15 @@ class Limit:
         Largest probability, between 0 and 1, with which the demand reaches ``at_most`` in a random
         earthquake, however rare: it is found by ``rare_event``, not from the ensemble.
 
-    Raises
-    ------
-    ValueError
-        If at_most is not positive and finite or missing, over is something else or given with a
-        probability, or the probability is not between 0 and 1.
-
     Examples
     --------
     >>> jp.Limit(0.4, over="mean")
     Limit(at_most=0.4, over='mean', probability=None)
-    >>> rarely = {"required_gap": jp.Limit(0.645, probability=1e-6)}  # a limit of an Objective
+
+    The least damper with which a gap of 0.645 is exceeded once in a million earthquakes:
+
+    >>> seldom = {"required_gap": jp.Limit(0.645, probability=1e-6)}
+    >>> objective = jp.Objective(jp.LeastDemand("damper_force"), limits=seldom)
     """
 
     at_most: float | None = None
@@ -52,22 +51,20 @@ class Limit:
 
     def __post_init__(self) -> None:
         if self.at_most is not None:
-            positive("Limit", at_most=number("Limit", "at_most", self.at_most))
+            positive_number("Limit", at_most=self.at_most)
         elif self.probability is None:
-            raise ValueError("Limit: at_most = None must be a number where there is no probability")
+            rule = "must be a number where there is no probability"
+            raise InvalidInput("Limit", "at_most", "None", rule)
         require_over("Limit", self.over)
         if self.probability is not None:
-            p = number("Limit", "probability", self.probability)
-            require_share("Limit", "probability", p)
+            require_share("Limit", "probability", number("Limit", "probability", self.probability))
             if self.over != "worst":
                 rule = "must be left out with a probability, which is of a single earthquake"
-                raise ValueError(f"Limit: over = {self.over!r} {rule}")
+                raise InvalidInput("Limit", "over", repr(self.over), rule)
 
     def event(self, demand: str) -> str:
         """The event whose probability is limited, in words."""
-        if self.at_most is None:
-            return "P(pounding)"
-        return f"P({demand} >= {self.at_most:.6g})"
+        return "P(pounding)" if self.at_most is None else f"P({demand} >= {self.at_most:.6g})"
 
     @property
     def most(self) -> float:
@@ -82,9 +79,9 @@ class Limit:
         return self.most if self.probability is None else 1.0
 
     def limited(self, reached: Any) -> Any:
-        """The limited number of what is reached: a demand itself, and 1 + ln(P/p) of a probability.
+        """The limited number of what is reached: the demand, or 1 + ln(P/p) of a probability.
 
-        It is the logarithm of a probability that is nearly linear in a design.
+        That is nearly linear in a design.
         """
         return reached if self.probability is None else 1 + np.log(reached / self.probability)
 
@@ -105,11 +102,6 @@ class Penalty:
         Loss ≥ 0 per unit of the demand, in the goal's unit.
     over
         See ``Limit``.
-
-    Raises
-    ------
-    ValueError
-        If weight is negative or not finite, or over is something else.
     """
 
     weight: float
@@ -123,31 +115,28 @@ class Penalty:
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """What a design is to achieve: the largest goal less penalties, within limits on demands.
+    """The objective of a design: the largest goal less penalties, within limits on demands.
 
-    For one pair more friction nearly always means a wider gap, up to locking the blocks together: a
-    goal of gaps alone needs a limit or a penalty.
+    More friction nearly always means a wider gap, up to locking the blocks together: a goal of gaps
+    alone needs a limit or a penalty.
+
+    Raises ``ValueError`` if goal is no function, a demand is unknown, or a penalty or limit is
+    neither.
 
     Parameters
     ----------
     goal
         ``MeanGap``, ``WorstGap``, ``SoftMinimum``, ``CVaR``, ``PoundingProbability``,
-        ``GapAtRest``, or any function of gaps and initial gaps that JAX can trace; or
-        ``LeastDemand``, for the least response.
+        ``GapAtRest``, any traceable function of gaps and initial gaps, or ``LeastDemand``.
     penalties
         By penalised demand: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
     limits
         By limited demand: ``{"peak_f1": Limit(0.4, over="mean")}``; a number limits the worst. With
         a probability also of ``required_gap``, the largest closing of any link.
 
-    Raises
-    ------
-    ValueError
-        If goal is no function, a demand is unknown, or a penalty or limit is neither.
-
     Notes
     -----
-    All are in dimensionless units, or in SI units where the design is given scales. Demands that
+    All are dimensionless, or in SI units where the design is given scales. Demands that
     can be limited or penalised are ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its
     slip force), ``peak_x1``, ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``,
     ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``; with a law of
@@ -161,19 +150,11 @@ class Objective:
 
     Examples
     --------
-    >>> budget = jp.Objective(jp.MeanGap(), limits={"total_damper_force": 0.5, "peak_drift": 0.2})
-    >>> budget.limits["total_damper_force"]
-    Limit(at_most=0.5, over='worst', probability=None)
     >>> objective = jp.Objective(jp.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
     >>> objective.penalties
     {'peak_f1': Penalty(weight=0.6, over='mean')}
     >>> objective.limits
     {'damper_force': Limit(at_most=0.3, over='worst', probability=None)}
-
-    The least damper with which a gap of 0.645 is exceeded once in a million earthquakes:
-
-    >>> seldom = {"required_gap": jp.Limit(0.645, probability=1e-6)}
-    >>> objective = jp.Objective(jp.LeastDemand("damper_force"), limits=seldom)
     """
 
     goal: Goal | LeastDemand = MeanGap()
@@ -181,30 +162,24 @@ class Objective:
     limits: Mapping[str, Limit] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        known = callable(self.goal) or isinstance(self.goal, LeastDemand)
-        if not known or isinstance(self.goal, type):
-            rule = "a function of gaps, or LeastDemand"
-            raise ValueError(f"Objective: goal = {self.goal!r} must be {rule}")
+        is_goal = callable(self.goal) or isinstance(self.goal, LeastDemand)
+        if not is_goal or isinstance(self.goal, type):
+            rule = "must be a function of gaps, or LeastDemand"
+            raise InvalidInput("Objective", "goal", repr(self.goal), rule)
         for name, kind in (("penalties", Penalty), ("limits", Limit)):
-            given = getattr(self, name)
-            instance("Objective", name, given, Mapping)
-            made: Any = {}
-            for price, x in given.items():
-                if price != REQUIRED_GAP or kind is Penalty:
-                    require_price("Objective", price, f" in {name}")
+            entries = getattr(self, name)
+            instance("Objective", name, entries, Mapping)
+            checked: Any = {}
+            for demand, x in entries.items():
+                if demand != REQUIRED_GAP or kind is Penalty:
+                    require_limited("Objective", demand, f" in {name}")
                 try:
-                    made[price] = x if isinstance(x, kind) else kind(x)
-                except ValueError as error:
-                    what = re.sub(r"^\w+: \w+", f"Objective: {name}: {price}", str(error))
-                    raise ValueError(what) from error
+                    checked[demand] = x if isinstance(x, kind) else kind(x)
+                except InvalidInput as error:
+                    raise error.replaced(owner=f"Objective: {name}", name=demand) from error
                 if kind is Limit:
-                    _require_meaning(price, made[price])
-            object.__setattr__(self, name, made)
-
-    @property
-    def _goal(self) -> LeastDemand | OfGaps:
-        """The goal as a function of all demands."""
-        return self.goal if isinstance(self.goal, LeastDemand) else OfGaps(self.goal)
+                    _require_meaning(demand, checked[demand])
+            object.__setattr__(self, name, checked)
 
     @property
     def needs_gap(self) -> bool:
@@ -214,23 +189,32 @@ class Objective:
     @property
     def demand(self) -> str:
         """The demand that the goal is of: ``min_gap``, or that of ``LeastDemand``."""
-        return self._goal.demand
+        return self.goal.demand if isinstance(self.goal, LeastDemand) else "min_gap"
 
     @property
     def quantity(self) -> str | None:
-        """The goal's kind of quantity; None for a pure number."""
-        return self._goal.quantity
+        """The goal's kind of quantity; None for a pure number, a goal of gaps with a ``size``."""
+        if isinstance(self.goal, LeastDemand):
+            return self.goal.quantity
+        return "length" if getattr(self.goal, "size", None) is None else None
 
     def size(self, demands: Mapping[str, Any]) -> float:
-        """Order of magnitude of the goal in these columns of demands, 1 where they have none."""
-        size = float(self._goal.size(demands))
-        return size if 0 < size < float("inf") else 1.0
+        """Order of magnitude of the goal in columns of demands, 1 where they have none."""
+        size = getattr(self.goal, "size", None)
+        if isinstance(self.goal, LeastDemand):
+            size = self.goal.size(demands)
+        elif size is None:
+            size = jnp.mean(demands["initial_gap"] - demands["min_gap"])
+        return float(size) if 0 < float(size) < float("inf") else 1.0
 
     def value(self, demands: Mapping[str, Any]) -> jax.Array:
         """Goal less penalties, from columns of demands by name (``DesignProblem.columns``)."""
-        total = self._goal.value(demands)
-        for price, penalty in self.penalties.items():
-            total = total - penalty.weight * gathered(demands[price], penalty.over)
+        if isinstance(self.goal, LeastDemand):
+            total = self.goal.value(demands)
+        else:
+            total = self.goal(demands["min_gap"], demands["initial_gap"])
+        for demand, penalty in self.penalties.items():
+            total = total - penalty.weight * gathered(demands[demand], penalty.over)
         return total
 
     @property
@@ -239,29 +223,23 @@ class Objective:
         return tuple(name for name, x in self.limits.items() if x.probability is not None)
 
     def prices(self, demands: Mapping[str, Any], rare: Any = ()) -> jax.Array:
-        """The limited numbers, in the order of the limits, shape (m,).
+        """The limited numbers in the order of the limits, (m,), from columns of demands by name.
 
-        Parameters
-        ----------
-        demands
-            Columns of demands by name.
-        rare
-            ``Limit.limited`` of the limited probabilities, in their order.
+        ``rare`` are those of the limited probabilities (``Limit.limited``), in their order.
         """
         probable = iter(rare)
-        found = [
-            gathered(demands[price], limit.over) if limit.probability is None else next(probable)
-            for price, limit in self.limits.items()
+        limited = [
+            gathered(demands[demand], limit.over) if limit.probability is None else next(probable)
+            for demand, limit in self.limits.items()
         ]
-        return jnp.stack(found) if found else jnp.zeros(0, next(iter(demands.values())).dtype)
+        return jnp.stack(limited) if limited else jnp.zeros(0, next(iter(demands.values())).dtype)
 
 
 def _require_meaning(name: str, limit: Limit) -> None:
-    """A ``ValueError`` for a limit that lacks what its demand needs."""
-    if name == REQUIRED_GAP:
-        if limit.probability is None:
-            rule = "must have a probability; of gaps over an ensemble there are goals"
-            raise ValueError(f"Objective: limits: {name} = {limit.at_most!r} {rule}")
-    elif limit.at_most is None:
+    """An ``InvalidInput`` for a limit that lacks what its demand needs."""
+    if name == REQUIRED_GAP and limit.probability is None:
+        rule = "must have a probability; of gaps over an ensemble there are goals"
+        raise InvalidInput("Objective: limits", name, repr(limit.at_most), rule)
+    if name != REQUIRED_GAP and limit.at_most is None:
         rule = f"must be given: only of {REQUIRED_GAP} it is that of the structures"
-        raise ValueError(f"Objective: limits: {name}: at_most = None {rule}")
+        raise InvalidInput(f"Objective: limits: {name}", "at_most", "None", rule)

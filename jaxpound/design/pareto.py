@@ -10,11 +10,11 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from jaxpound._checks import count, instance, positive, real
-from jaxpound._tables import Shown, Table
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
 from jaxpound.design.design import Design
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Limit, Objective
-from jaxpound.design.prices import prices_of
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.run import NO_LIMIT, Designer, InfeasibleError
 from jaxpound.design.search import Progress, SearchOptions
@@ -22,7 +22,7 @@ from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures
 from jaxpound.quantities import unit
-from jaxpound.results.demand import unit_of
+from jaxpound.results.named import limited_demands, unit_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
 
@@ -50,25 +50,18 @@ class ParetoFront(Shown):
         """The objective of each design, shape (k,)."""
         return np.array([design.objective for design in self.designs])
 
-    def _tables(self) -> list[Table]:
+    def _tables(self) -> list[TextTable]:
         first = self.designs[0]
-        price = unit_of(self.price, first.trained.si)
-        own = unit(first.objective_function.quantity, first.trained.si)
-        return [
-            Table(
-                f"Pareto front of {len(self.designs)} designs",
-                (
-                    f"{self.price} ({price})",
-                    f"objective ({own})" if own else "objective",
-                    *first.space.names,
-                ),
-                [
-                    (design.prices[self.price], design.objective, *design.values.values())
-                    for design in self.designs
-                ],
-                [f"no design for a limit of {x:.5g} {price}" for x in self.infeasible],
-            )
+        demand_unit = unit_of(self.price, first.trained.si)
+        symbol = unit(first.objective_function.quantity, first.trained.si)
+        objective = f"objective ({symbol})" if symbol else "objective"
+        columns = (f"{self.price} ({demand_unit})", objective, *first.space.names)
+        rows = [
+            (design.prices[self.price], design.objective, *design.values.values())
+            for design in self.designs
         ]
+        notes = [f"no design for a limit of {x:.5g} {demand_unit}" for x in self.infeasible]
+        return [TextTable(f"Pareto front of {len(self.designs)} designs", columns, rows, notes)]
 
 
 def pareto_front(
@@ -95,9 +88,11 @@ def pareto_front(
     Every search starts where the one before ended, and at other points of the space. All use one
     compiled program.
 
+    Raises ``ValueError`` as in ``design_damper``; if price is unknown or limited already.
+
     Parameters
     ----------
-    space, ensemble, grid, scheme, objective, start, key, iterations, optimiser, scales
+    space, ensemble, grid, scheme, objective, start, starts, key, iterations, optimiser, scales
         See ``design_damper``.
     price, over
         Name of the demand to be limited, and its statistic (see ``Limit``); the objective must not
@@ -107,48 +102,32 @@ def pareto_front(
         smallest among the iterates of that first search.
     limits
         The limits, instead of ``points``.
-    starts
-        Number of starts of each search.
     progress
         Whether to show a progress bar, of the iterations of all searches.
-
-    Raises
-    ------
-    ValueError
-        As in ``design_damper``; if price is unknown or limited already.
     """
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
     instance(owner, "space", space, DesignSpace)
-    prices = prices_of(space.nominal.system())
-    if price not in prices:
-        raise ValueError(f"{owner}: price = {price!r} must be one of {', '.join(prices)}")
+    limitable = limited_demands(space.nominal.system())
+    if price not in limitable:
+        raise InvalidInput(owner, "price", repr(price), f"must be one of {', '.join(limitable)}")
     if price in objective.limits:
-        raise ValueError(f"{owner}: price = {price!r} must not be limited by the objective")
+        raise InvalidInput(owner, "price", repr(price), "must not be limited by the objective")
     points = count(owner, "points", points)
     if limits is not None:
         limits = np.sort(np.ravel(real(owner, "limits", list(limits))))[::-1].tolist()
         positive(owner, limits=np.asarray(limits))
-    limited = dataclasses.replace(
-        objective, limits={**objective.limits, price: Limit(NO_LIMIT, over)}
-    )
+    all_limits = {**objective.limits, price: Limit(NO_LIMIT, over)}
+    limited = dataclasses.replace(objective, limits=all_limits)
 
     def report(where: Progress) -> None:
         bar.update()
         best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
         bar.set_postfix({"objective": best}, refresh=False)
 
-    designer = Designer(
-        DesignProblem(space, ensemble, grid, scheme, limited, scales),
-        SearchOptions(
-            starts=starts,
-            key=key,
-            iterations=iterations,
-            optimiser=optimiser,
-            callback=report,
-            progress=False,
-        ),
-    )
+    problem = DesignProblem(space, ensemble, grid, scheme, limited, scales)
+    options = SearchOptions(starts, key, iterations, optimiser, callback=report, progress=False)
+    designer = Designer(problem, options)
     searches = points if limits is None else 1 + len(limits)
     # Shown with the first iterations, so that an error message has no bar beside it.
     with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
@@ -159,11 +138,11 @@ def pareto_front(
         begin_search(searches)
         free = designer.design(start)
         if limits is None:
-            met = free.history.prices[..., [*limited.limits].index(price)]
-            met = met[np.isfinite(met) & (met > 0)]
-            least = min(met.min(initial=np.inf), free.prices[price])
-            lower = np.linspace(free.prices[price], least, points).tolist()[1:] if least > 0 else []
-            limits = [x for x in lower if x < free.prices[price]]
+            reached, most = free.history.prices[..., [*all_limits].index(price)], free.prices[price]
+            reached = reached[np.isfinite(reached) & (reached > 0)]
+            least = min(reached.min(initial=np.inf), most)
+            limits = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
+            limits = [x for x in limits if x < most]
         designs, infeasible, last = [free], [], free
         for i, limit in enumerate(limits):
             begin_search(len(limits) - i)
@@ -174,13 +153,8 @@ def pareto_front(
                 continue
             designs.append(last)
         begin_search(0)
-    return ParetoFront(price, over, _front(designs, price), tuple(infeasible))
-
-
-def _front(designs: Sequence[Design], price: str) -> tuple[Design, ...]:
-    """Designs that do not dominate each other in objective and limited demand."""
     front: list[Design] = []
-    for design in sorted(designs, key=lambda one: (one.prices[price], -one.objective)):
+    for design in sorted(designs, key=lambda design: (design.prices[price], -design.objective)):
         if not front or design.objective > front[-1].objective:
             front.append(design)
-    return tuple(front)
+    return ParetoFront(price, over, tuple(front), tuple(infeasible))

@@ -1,8 +1,11 @@
-"""Limits on the probability of rare events: their estimates at one design after another.
+"""Limits on the probabilities of rare events, by a sequence of searches.
 
-The logarithm of a small probability is nearly linear in a design, so that a search may take it as
-what its value and slopes at the last design say, which come from samples of the rare event. After
-the search it is estimated anew, at the design found.
+The logarithm of a small probability is nearly linear in a design. So this is sequential approximate
+optimisation in a trust region. In each round a search takes the logarithm of every limited
+probability as a quadratic model around the current design: value and slopes there come from samples
+of the rare event, curvatures from the slopes of earlier rounds. The trust region, a box around the
+current design, shrinks where the model is wrong. Rounds end at a design that is within all limits
+and meets first-order conditions, or that a round no longer changes.
 """
 
 from __future__ import annotations
@@ -11,32 +14,41 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, enforce
-from jaxpound.design.problem import OWNER, DesignProblem, LogRatios
+from jaxpound._errors import InvalidInput
+from jaxpound.design import lagrangian as iteration
+from jaxpound.design.lagrangian import AugmentedLagrangian, FirstOrderConditions
+from jaxpound.design.problem import OWNER, DesignProblem, LogRatios, ProblemData, RareEstimates
+from jaxpound.design.search import STOPPED_BY_CALLBACK, SearchOptions, SearchResult, search_once
 from jaxpound.model.parameters import get, put
 from jaxpound.model.system import Structures
-from jaxpound.results.demand import kind_of
-from jaxpound.risk.limit_state import LimitState
-from jaxpound.risk.rare_event import RAREST, RareEvent
-from jaxpound.risk.run import event_of
-from jaxpound.study.scenarios import ScenarioSet, discrete_coordinates, parameter_names
+from jaxpound.reliability.limit_state import LimitState
+from jaxpound.reliability.result import RAREST, RareEvent
+from jaxpound.reliability.run import event_of
+from jaxpound.results.named import kind_of
+from jaxpound.scenarios.scenarios import ScenarioSet, discrete_coordinates, parameter_names
 
 TOLERANCE = 0.1
 """Relative excess over a limit on a probability that is tolerated."""
 
 _COV = TOLERANCE / 3  # of each estimate
+_MOST_ROUNDS = 15
+_LARGEST_DECREASE = 3.0  # of ln P in a round: beyond it the slope changes
+_MODEL_ERROR = 1.0  # excess of ln P over the model at which a step is rejected
+_CURVATURE_STEP = 0.02  # change of a scaled variable from which slopes determine a curvature
+_STEP_TOLERANCE = 0.002  # change of a scaled variable
+_GRADIENT_TOLERANCE = 0.05  # gradient of the Lagrangian over that of the objective
+_DECAY = 0.5  # of curvatures, from round to round
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class OfDesign:
+class DesignScenarios:
     """Random scenarios of a design: its structures, but for those parameters that are drawn."""
 
     scenarios: ScenarioSet
@@ -64,35 +76,21 @@ class OfDesign:
         return put(self.nominal, {path: get(structures, path) for path in self.drawn}), ground
 
 
-class Estimated(NamedTuple):
-    """The rare events of a design, by the demand that is limited, and their slopes there."""
-
-    events: dict[str, RareEvent]
-    log_ratios: LogRatios
-
-
 def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
-    """The events whose probabilities a problem limits, by the demand's name.
-
-    Raises
-    ------
-    ValueError
-        If the ensemble was not drawn, a probability is too small to be estimated, or a demand is no
-        limit state.
-    """
+    """The events whose probabilities a problem limits, by the demand's name."""
     ensemble, nominal, states = problem.ensemble, problem.space.nominal, {}
     for name in problem.objective.rare:
         limit, place = problem.objective.limits[name], f"{OWNER}: objective: limits: {name}"
         if ensemble.scenarios is None:
             rule = "needs an ensemble that is drawn (Ensemble.drawn)"
-            raise ValueError(f"{place}: a probability {rule}")
-        enforce(
-            place, [Rule("probability", limit.most, limit.most >= RAREST, f"at least {RAREST:g}")]
-        )
+            raise InvalidInput(place, "a probability", "", rule)
+        if limit.most < RAREST:
+            rule = f"must be at least {RAREST:g}"
+            raise InvalidInput(place, "probability", f"{limit.most:.8g}", rule)
         at_most = limit.at_most
         if at_most is not None and problem.scales is not None:
             at_most /= float(problem.scales.unit_of(kind_of(name)))
-        scenarios = OfDesign(ensemble.scenarios, nominal, tuple(ensemble.uncertain))
+        scenarios = DesignScenarios(ensemble.scenarios, nominal, tuple(ensemble.uncertain))
         try:
             states[name] = LimitState(scenarios, problem.grid, problem.scheme, name, at_most)
         except ValueError as error:
@@ -100,78 +98,162 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
     return states
 
 
+@dataclasses.dataclass
 class RareLimits:
-    """Estimates of limited probabilities, at one design after another.
+    """Estimates of limited probabilities, at one design after another; kept beside ``save``."""
 
-    Parameters
-    ----------
-    problem
-        The problem.
-    states
-        Its ``limit_states``.
-    key
-        A seed: samples of all designs are drawn by it.
-    save
-        The file of the search, beside which the estimates are kept, or None.
-    progress
-        Whether to show bars.
-    """
+    problem: DesignProblem
+    states: Mapping[str, LimitState]
+    options: SearchOptions
+    made: int = 0
+    last: dict[str, RareEvent] = dataclasses.field(default_factory=dict)
 
-    def __init__(
-        self,
-        problem: DesignProblem,
-        states: Mapping[str, LimitState],
-        key: int,
-        save: str | PathLike[str] | None,
-        progress: bool,
-    ) -> None:
-        self._problem, self._states = problem, states
-        self._key, self._progress = key, progress
-        self._folder = None if save is None else Path(save).with_suffix(".events")
-        self._made = 0
-        self._last: dict[str, RareEvent] = {}
-
-    def at(self, scaled: np.ndarray) -> Estimated:
-        """Events at a design, with the slopes of their logarithms.
-
-        Raises
-        ------
-        ValueError
-            If the probability of one cannot be estimated, or it is certain.
-        """
-        events = {name: self._event(name, scaled) for name in self._states}
-        by_scaled = jax.jacobian(self._problem.space.values)(jnp.asarray(scaled))
-        logs, slopes = [], []
-        for name, event in events.items():
-            p = self._problem.objective.limits[name].most
-            logs.append(math.log(max(event.probability, RAREST) / p))
-            if math.isfinite(event.cov):
-                found = event.slopes
-                of_design = [found[path].value * np.asarray(x) for path, x in by_scaled.items()]
-                slopes.append(np.sum(of_design, axis=0))
-            else:  # rarer than can be estimated
-                slopes.append(np.zeros(len(scaled)))
-        d, k = len(scaled), len(logs)
+    def at(self, scaled: np.ndarray) -> RareEstimates:
+        """Events at a design, with the slopes of their logarithms; an error if one is certain."""
+        events = {name: self._event(name, scaled) for name in self.states}
+        by_scaled = jax.jacobian(self.problem.space.values)(jnp.asarray(scaled))
+        k, d = len(events), len(scaled)
+        logs, slopes = np.zeros(k), np.zeros((k, d))
+        for i, (name, event) in enumerate(events.items()):
+            most = self.problem.objective.limits[name].most
+            logs[i] = math.log(max(event.probability, RAREST) / most)
+            if math.isfinite(event.cov):  # else it is rarer than can be estimated
+                slopes[i] = sum(event.slopes[path].value * x for path, x in by_scaled.items())
         numbers = (scaled, logs, slopes, np.zeros((k, d, d)))
-        return Estimated(events, LogRatios(*(np.asarray(x, scaled.dtype) for x in numbers)))
+        return RareEstimates(events, LogRatios(*(np.asarray(x, scaled.dtype) for x in numbers)))
 
     def _event(self, name: str, scaled: np.ndarray) -> RareEvent:
-        values = self._problem.space.numbers(scaled)
-        changes = {path: float(x) for path, x in values.items()}
-        store = None if self._folder is None else self._folder / f"{self._made}-{name}"
-        self._made += 1
+        changes = {path: float(x) for path, x in self.problem.space.numbers(scaled).items()}
+        save, options = self.options.save, self.options
+        store = None if save is None else Path(save).with_suffix(".events") / f"{self.made}-{name}"
+        self.made += 1
         event = event_of(
-            dataclasses.replace(self._states[name], changes=changes),
+            dataclasses.replace(self.states[name], changes=changes),
             cov=_COV,
-            key=self._key,
-            start=self._last.get(name),
+            key=options.key,
+            start=self.last.get(name),
             store=store,
-            progress=self._progress,
+            progress=options.progress,
         )
         if event.probability == 1:
             listed = ", ".join(f"{path} = {x:.6g}" for path, x in changes.items())
             rule = f"must be rare enough to be estimated at {listed}: {'; '.join(event.warnings)}"
-            raise ValueError(f"{OWNER}: objective: limits: {name} {rule}")
+            raise InvalidInput(f"{OWNER}: objective: limits", name, "", rule)
         if len(event.design_points):
-            self._last[name] = event
+            self.last[name] = event
         return event
+
+
+def search_in_rounds(
+    states: Mapping[str, LimitState],
+    lagrangian: AugmentedLagrangian,
+    options: SearchOptions,
+    data: ProblemData,
+    first: np.ndarray,
+) -> SearchResult:
+    """The best design within limits on probabilities too; ``states`` are ``limit_states``."""
+    rare = RareLimits(lagrangian.problem, states, options)
+    region = TrustRegion(rare.at(first))
+    history: list[Any] = []
+    polishing, best, current = 0, None, options
+    for number in range(_MOST_ROUNDS):
+        if number and options.save is not None:  # a file for each round
+            path = Path(options.save)
+            current = dataclasses.replace(options, save=path.with_stem(f"{path.stem}.{number + 1}"))
+        approximate = data._replace(rare=region.model, box=jnp.asarray(region.box, data.box.dtype))
+        result = search_once(lagrangian, current, approximate, region.centre)
+        history, polishing = history + result.history, polishing + result.polishing
+        trial = rare.at(result.point.scaled)
+        ratios = trial.log_ratios
+        # A probability within half of the tolerance of its limit is at its limit.
+        at_limit = np.abs(ratios.values) <= TOLERANCE / 2
+        active = ratios._replace(values=np.where(at_limit, 0.0, ratios.values))
+        conditions = FirstOrderConditions(lagrangian, data._replace(rare=active), options.starts)
+        result = result._replace(rare=trial, conditions=conditions)
+        feasible = (ratios.values <= math.log1p(TOLERANCE)).all() and not result.point.infeasible
+        if feasible and (best is None or result.point.objective > best.point.objective):
+            best = result
+        converged = region.distance(trial) <= _STEP_TOLERANCE
+        if not region.accepts(trial):
+            continue
+        if result.stopped == STOPPED_BY_CALLBACK or (converged and result.point.infeasible):
+            break
+        if feasible and (converged or _is_optimal(conditions, result.point.scaled)):
+            best = result
+            break
+    final = result if best is None else best
+    return final._replace(
+        point=final.point._replace(infeasible=np.asarray(best is None)),
+        history=history,
+        polishing=polishing,
+        stopped=f"{result.stopped} of round {number + 1}",
+    )
+
+
+@dataclasses.dataclass
+class TrustRegion:
+    """The box around the current design in which the model of ln(P/p) is used (move limits)."""
+
+    current: RareEstimates
+    radius: float = 1.0  # half the edge of the box
+    last_step: Any = 0.0
+
+    @property
+    def centre(self) -> np.ndarray:
+        """The current design, (d,)."""
+        return self.current.log_ratios.scaled
+
+    @property
+    def box(self) -> np.ndarray:
+        """Smallest and largest scaled variables, (2, d)."""
+        low, high = self.centre - self.radius, self.centre + self.radius
+        return np.stack([np.maximum(low, 0.0), np.minimum(high, 1.0)])
+
+    @property
+    def model(self) -> LogRatios:
+        """The model that a search uses: no probability is too far above its limit for one step."""
+        ratios = self.current.log_ratios
+        return ratios._replace(values=np.minimum(ratios.values, _LARGEST_DECREASE))
+
+    def distance(self, trial: RareEstimates) -> float:
+        """Largest change of a scaled variable from the current design."""
+        return float(np.abs(trial.log_ratios.scaled - self.centre).max())
+
+    def accepts(self, trial: RareEstimates) -> bool:
+        """Move to a trial design, unless the model was wrong there; adapt radius and curvatures."""
+        model, reached = self.current.log_ratios, trial.log_ratios
+        step, size = reached.scaled - self.centre, self.distance(trial)
+        curvatures = updated_curvatures(model, reached)
+        predicted = np.maximum(model.at(reached.scaled), 0.0)
+        if size > _STEP_TOLERANCE and (reached.values > predicted + _MODEL_ERROR).any():
+            self.radius = size / 2
+            self.current = self.current._replace(log_ratios=model._replace(curvatures=curvatures))
+            return False
+        if (step * self.last_step < 0).any():  # oscillates
+            self.radius = max(size / 2, _STEP_TOLERANCE)
+        elif size > 0.8 * self.radius:
+            self.radius = min(2 * self.radius, 1.0)
+        self.current = trial._replace(log_ratios=reached._replace(curvatures=curvatures))
+        self.last_step = step
+        return True
+
+
+def updated_curvatures(old: LogRatios, new: LogRatios) -> np.ndarray:
+    """Curvatures, upwards only, that explain the slopes at both designs: symmetric rank-one."""
+    curvatures, step = _DECAY * old.curvatures, new.scaled - old.scaled
+    if np.abs(step).max() < _CURVATURE_STEP:
+        return curvatures
+    for curvature, change in zip(curvatures, new.slopes - old.slopes, strict=True):
+        residual = change - curvature @ step
+        along = residual @ step
+        if along > 1e-3 * np.linalg.norm(residual) * np.linalg.norm(step):
+            curvature += np.outer(residual, residual) / along
+    return curvatures
+
+
+def _is_optimal(conditions: FirstOrderConditions, scaled: np.ndarray) -> bool:
+    first_order, box = conditions.at(scaled), np.asarray(conditions.data.box)
+    _, gradient = conditions.multipliers(first_order.point)
+    free = ~iteration.at_active_bound(scaled, gradient, box, iteration.AT_BOUND)
+    largest = _GRADIENT_TOLERANCE * np.linalg.norm(first_order.goal)
+    return bool(np.linalg.norm(gradient[free]) <= largest)

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,18 +16,13 @@ import jax
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, instance, number, positive, seed
-from jaxpound.design.lagrangian import AugmentedLagrangian, State
-from jaxpound.design.problem import OWNER, Point, ProblemData, best_start, better
-from jaxpound.study.archives import (
-    Archive,
-    DamagedError,
-    digest,
-    opened,
-    sweep_parts,
-    write_archive,
-)
-from jaxpound.study.store import describe
+from jaxpound._checks import count, instance, positive_number, seed
+from jaxpound._errors import InvalidInput
+from jaxpound.design.lagrangian import AugmentedLagrangian, FirstOrderConditions, SearchState
+from jaxpound.design.problem import OWNER, Point, ProblemData, RareEstimates, best_start, better
+from jaxpound.design.space import spread_shares
+from jaxpound.store.archive import DamagedError, digest, opened, sweep_parts, write_archive
+from jaxpound.store.store import describe
 
 if TYPE_CHECKING:
     from optax import GradientTransformation
@@ -54,13 +50,7 @@ class Progress(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SearchOptions:
-    """How a design is searched for; ``design_damper`` says what each option is.
-
-    Raises
-    ------
-    ValueError
-        If an option breaks its rule.
-    """
+    """How a design is searched for; ``design_damper`` says what each option is."""
 
     starts: int = 4
     key: int = 0
@@ -76,19 +66,19 @@ class SearchOptions:
     polish: bool = True
 
     def __post_init__(self) -> None:
-        import optax  # takes as long as all the rest
+        import optax  # takes as long as all other imports
 
         for name in ("starts", "iterations", "patience"):
             count(OWNER, name, getattr(self, name))
         if self.batch is not None:
             count(OWNER, "batch", self.batch)
         for name in ("tolerance", "limit_tolerance"):
-            positive(OWNER, **{name: number(OWNER, name, getattr(self, name))})
+            positive_number(OWNER, **{name: getattr(self, name)})
         seed(OWNER, "key", self.key)
         if self.optimiser is not None:
             instance(OWNER, "optimiser", self.optimiser, optax.GradientTransformation)
         if self.save is not None and not Path(self.save).absolute().parent.is_dir():
-            raise ValueError(f"{OWNER}: save = {self.save} must be in a folder that exists")
+            raise InvalidInput(OWNER, "save", str(self.save), "must be in a folder that exists")
 
 
 class Iterate(NamedTuple):
@@ -108,15 +98,7 @@ class Descent:
     data: ProblemData
 
     def run(self, scaled: np.ndarray) -> tuple[Point, list[Iterate], str]:
-        """From starts, shape (s, d): the best of each, all iterates, and why the search ended.
-
-        Raises
-        ------
-        ValueError
-            If no start stays finite, or the file holds another search or is damaged.
-        OSError
-            If the file cannot be written to.
-        """
+        """From starts, shape (s, d): the best of each, all iterates, and why the search ended."""
         problem, options = self.lagrangian.problem, self.options
         whole = self.lagrangian.per_epoch == 1
         state, saved = self.lagrangian.begin(scaled), None
@@ -129,13 +111,13 @@ class Descent:
         written = time.monotonic()
         with tqdm(total=n, initial=len(history), unit=" iterations", disable=hidden) as bar:
             while not (reason := self._end(history)):
-                state, here = self.lagrangian.iterate(state, len(history), self.data)
+                state, point = self.lagrangian.iterate(state, len(history), self.data)
                 if whole:
-                    best = better(best, here, state.alive)
+                    best = better(best, point, state.alive)
                 elif len(history) % self.lagrangian.per_epoch == 0:
                     # A minibatch's objective is too noisy to compare designs.
-                    best = better(best, problem.points(here.scaled, self.data), state.alive)
-                history.append(Iterate(here, best, state.alive))
+                    best = better(best, problem.points(point.scaled, self.data), state.alive)
+                history.append(Iterate(point, best, state.alive))
                 if not state.alive.any():
                     raise ValueError(f"{OWNER}: {self._none_finite(history)}")
                 due = len(history) % _SAVE_EVERY == 0 or time.monotonic() > written + _SAVE_AFTER
@@ -153,22 +135,17 @@ class Descent:
 
     def _report(self, history: Sequence[Iterate], bar: tqdm) -> bool:
         """Show the last iteration, and say whether the callback ends the search."""
-        here, best, alive = history[-1]
+        point, best, alive = history[-1]
         reported = float(np.where(alive & ~best.infeasible, best.objective, -np.inf).max())
         bar.update()
-        if np.isfinite(reported):  # else nothing within the limits was found yet
+        if np.isfinite(reported):  # else no design is within the limits yet
             bar.set_postfix({"objective": f"{reported:.5g}"}, refresh=False)
         if self.options.callback is None:
             return False
-        progress = Progress(
-            iteration=len(history),
-            objective=here.objective,
-            violation=here.violation,
-            values=self.lagrangian.problem.space.numbers(here.scaled),
-            best=reported,
-        )
-        answer = self.options.callback(progress)
-        return isinstance(answer, bool | np.bool_) and bool(answer)
+        values = self.lagrangian.problem.space.numbers(point.scaled)
+        progress = Progress(len(history), point.objective, point.violation, values, reported)
+        stop = self.options.callback(progress)
+        return isinstance(stop, bool | np.bool_) and bool(stop)
 
     def _end(self, history: Sequence[Iterate]) -> str:
         """The reason to end, or an empty string."""
@@ -177,37 +154,37 @@ class Descent:
             return f"{self.options.iterations} iterations"
         if len(history) <= patience:
             return ""
-        (_, then, _), (_, now, alive) = history[-1 - patience], history[-1]
-        entered = then.infeasible & ~now.infeasible
-        gained = then.merit[alive] - now.merit[alive]
-        within = ~now.infeasible[alive]
-        if within.any() and not entered[alive].any() and (gained < self.options.tolerance).all():
+        (_, earlier, _), (_, latest, finite) = history[-1 - patience], history[-1]
+        entered = earlier.infeasible & ~latest.infeasible
+        gained = earlier.merit[finite] - latest.merit[finite]
+        within = ~latest.infeasible[finite]
+        if within.any() and not entered[finite].any() and (gained < self.options.tolerance).all():
             return f"no progress in {patience} iterations"
         return ""
 
     def _none_finite(self, history: Sequence[Iterate]) -> str:
         """Why no start is finite, and what the best design was."""
-        problem, (here, best, _) = self.lagrangian.problem, history[-1]
-        before = ""
-        if not best.infeasible.all():
-            i = best_start(best)
-            values = problem.space.numbers(best.scaled[i])
-            listed = ", ".join(f"{path} = {float(x):.6g}" for path, x in values.items())
-            before = f"; the best before was {float(best.objective[i]):.6g} at {listed}"
-        return (
+        problem, (point, best, _) = self.lagrangian.problem, history[-1]
+        reason = (
             f"all {len(best.merit)} starts must be finite, but after {len(history) - 1} iterations "
-            f"none is; of the first, {problem.not_finite(here.scaled[0])}{before}"
+            f"none is; of the first, {problem.not_finite(point.scaled[0])}"
         )
+        if best.infeasible.all():
+            return reason
+        i = best_start(best)
+        values = problem.space.numbers(best.scaled[i])
+        listed = ", ".join(f"{path} = {float(x):.6g}" for path, x in values.items())
+        return f"{reason}; the best before was {float(best.objective[i]):.6g} at {listed}"
 
-    def _identity(self, state: State) -> dict[str, Any]:
+    def _identity(self, state: SearchState) -> dict[str, Any]:
         """All that determines the numbers of a search."""
         data, problem = self.data, self.lagrangian.problem
-        posed = ("space", "objective", "grid", "scheme", "scales")
-        numbers = ("limits", "tolerance")
+        of_problem = ("space", "objective", "grid", "scheme", "scales")
         leaves = jax.tree.leaves((data.grounds, data.uncertain))
         return {
-            **{name: describe(getattr(problem, name)) for name in posed},
-            **{name: np.asarray(getattr(data, name)).tolist() for name in numbers},
+            **{name: describe(getattr(problem, name)) for name in of_problem},
+            "limits": np.asarray(data.limits).tolist(),
+            "tolerance": np.asarray(data.tolerance).tolist(),
             "key": np.asarray(jax.random.key_data(data.key)).tolist(),
             "ensemble": [digest(np.asarray(x).tobytes()) for x in leaves],
             "starts": digest(state.scaled.tobytes()),
@@ -215,10 +192,39 @@ class Descent:
         }
 
 
-def no_design(state: State) -> Point:
+def no_design(state: SearchState) -> Point:
     """Placeholders for the best designs, before any design was evaluated."""
-    far, none = np.full_like(state.weight, np.inf), np.zeros_like(state.multipliers)
-    return Point(state.scaled, -far, none, far, np.ones_like(state.alive), far)
+    infinite, zeros = np.full_like(state.weight, np.inf), np.zeros_like(state.multipliers)
+    return Point(state.scaled, -infinite, zeros, infinite, np.ones_like(state.alive), infinite)
+
+
+class SearchResult(NamedTuple):
+    """The best design of a search, and how it was found."""
+
+    point: Point
+    history: list[Iterate]
+    winner: int
+    stopped: str
+    polishing: int  # runs with a gradient
+    conditions: FirstOrderConditions
+    rare: RareEstimates  # at the design; no events without limited probabilities
+
+
+def search_once(
+    lagrangian: AugmentedLagrangian, options: SearchOptions, data: ProblemData, first: np.ndarray
+) -> SearchResult:
+    """The best design of one search, from a design and others spread over the box."""
+    low, high = np.asarray(data.box)
+    starts = spread_shares(first, options.starts, options.key)
+    starts[1:] = low + (high - low) * starts[1:]
+    designs, history, stopped = Descent(lagrangian, options, data).run(starts)
+    winner = best_start(designs, history[-1].alive)
+    best = jax.tree.map(lambda x: x[winner], designs)
+    conditions, runs = FirstOrderConditions(lagrangian, data, options.starts), 0
+    if options.polish and lagrangian.per_epoch == 1 and stopped != STOPPED_BY_CALLBACK:
+        best, runs = conditions.polished(best)
+    unlimited = RareEstimates({}, data.rare)
+    return SearchResult(best, history, winner, stopped, runs, conditions, unlimited)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,61 +234,48 @@ class SavedSearch:
     path: Path
     identity: dict[str, Any]
 
-    def read(self, state: State) -> tuple[State, list[Iterate]]:
-        """State and history; the given state and no history if there is no file.
-
-        Raises
-        ------
-        ValueError
-            If the file holds something else or is damaged, or the state cannot be stored as arrays.
-        """
+    def read(self, state: SearchState) -> tuple[SearchState, list[Iterate]]:
+        """State and history; the state passed and no history if there is no file."""
         if any(jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key) for x in jax.tree.leaves(state)):
-            raise ValueError(f"{OWNER}: save cannot keep an optimiser that draws at random")
+            raise InvalidInput(OWNER, "save", "", "cannot keep an optimiser that draws at random")
         with contextlib.suppress(OSError):
             sweep_parts(self.path.parent, self.path.name)
         best = no_design(state)
+        one = Iterate(best, best, state.alive)
         try:
             with opened(self.path) as archive:
                 self._require_same(archive.about)
                 (n,) = archive.read("iterations", (1,), np.int64).tolist()
-                held = _read(archive, state, ())
-                met = _read(archive, Iterate(best, best, state.alive), (n,))
+                all_of = jax.tree.map(lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), one)
+                stored = jax.tree.map_with_path(
+                    lambda path, x: archive.read(_name(path), x.shape, x.dtype),
+                    {"State": state, "Iterate": all_of},
+                )
         except FileNotFoundError:
             return state, []
         except DamagedError as error:
-            rule = f"holds no search, or a damaged one ({error})"
-            raise ValueError(f"{self._said(rule)}; move it away to begin anew") from error
-        return held, [jax.tree.map(lambda x, i=i: x[i], met) for i in range(n)]
+            rule = f"holds no search, or a damaged one ({error}); move it away to begin anew"
+            raise InvalidInput(OWNER, "save", str(self.path), rule) from error
+        rows = [jax.tree.map(lambda x, i=i: x[i], stored["Iterate"]) for i in range(n)]
+        return stored["State"], rows
 
-    def write(self, state: State, history: Sequence[Iterate]) -> None:
+    def write(self, state: SearchState, history: Sequence[Iterate]) -> None:
         """Write state and history to the file, replacing what it held."""
-        met = jax.tree.map(lambda *rows: np.stack(rows), *history)
-        arrays = {name: np.asarray(x) for name, x in (_named(state) | _named(met)).items()}
+        tree = {"State": state, "Iterate": jax.tree.map(lambda *rows: np.stack(rows), *history)}
+        arrays = {_name(path): np.asarray(x) for path, x in jax.tree.leaves_with_path(tree)}
         arrays["iterations"] = np.array([len(history)], np.int64)
         write_archive(self.path, arrays, {"format": _FORMAT, **self.identity})
 
-    def _require_same(self, theirs: Any) -> None:
-        if not isinstance(theirs, dict) or theirs.get("format") != _FORMAT:
+    def _require_same(self, about: Any) -> None:
+        rule, identity = "", json.loads(json.dumps(self.identity))
+        if not isinstance(about, dict) or about.get("format") != _FORMAT:
             rule = "holds no search, or one of another version of jaxpound"
-            raise ValueError(f"{self._said(rule)}; move it away to begin anew")
-        ours = json.loads(json.dumps(self.identity))
-        if other := [name for name, x in ours.items() if theirs.get(name) != x]:
-            raise ValueError(self._said(f"holds another search: {', '.join(other)} differs"))
-
-    def _said(self, rule: str) -> str:
-        return f"{OWNER}: save = {self.path} {rule}"
+            rule += "; move it away to begin anew"
+        elif differing := [name for name, x in identity.items() if about.get(name) != x]:
+            rule = f"holds another search: {', '.join(differing)} differs"
+        if rule:
+            raise InvalidInput(OWNER, "save", str(self.path), rule)
 
 
-def _named(tree: Any) -> dict[str, Any]:
-    """Arrays of a tree by their paths: ``State.scaled``, ``Iterate.best.merit``."""
-    kind = type(tree).__name__
-    return {
-        f"{kind}.{jax.tree_util.keystr(path, simple=True, separator='.')}": x
-        for path, x in jax.tree.leaves_with_path(tree)
-    }
-
-
-def _read(archive: Archive, like: Any, before: tuple[int, ...]) -> Any:
-    """A tree of arrays like another, with the leading axes ``before`` added to their shapes."""
-    leaves = [archive.read(name, (*before, *x.shape), x.dtype) for name, x in _named(like).items()]
-    return jax.tree.unflatten(jax.tree.structure(like), leaves)
+_name = partial(jax.tree_util.keystr, simple=True, separator=".")
+"""The name of an array by its path: ``State.scaled``, ``Iterate.best.merit``."""

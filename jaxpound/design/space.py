@@ -1,4 +1,4 @@
-"""What a designer may choose: parameters of the structures by path, each between two bounds.
+"""Design variables: parameters of the structures by path, each between two bounds.
 
 An optimiser works on scaled variables (``shares``), from 0 to 1 between their bounds;
 ``DesignSpace`` turns them into structures. So every iterate is physical.
@@ -15,17 +15,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import Rule, enforce, instance, number
+from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Checked, parameter
-from jaxpound.model.parameters import (
-    expanded,
-    get,
-    interval,
-    lower,
-    paths,
-    put,
-    require_paths,
-)
+from jaxpound.model.parameters import expanded, get, interval, lower, paths, put, require_paths
 from jaxpound.model.system import Structures
 
 _SLACK = 1e-6  # relative to a bound: rounding in single precision of a value and its inverse
@@ -43,11 +36,6 @@ class Bounds(Checked):
     scale
         "log" for ratios (low > 0), "linear" for differences.
 
-    Raises
-    ------
-    ValueError
-        If the bounds are not finite or not in this order, or the scale is unknown or does not fit.
-
     Examples
     --------
     >>> bounds = jp.Bounds(0.1, 10.0, "log")
@@ -61,7 +49,7 @@ class Bounds(Checked):
 
     def __post_init__(self) -> None:
         if self.scale not in ("linear", "log"):
-            raise ValueError(f"Bounds: scale = {self.scale!r} must be 'linear' or 'log'")
+            raise InvalidInput("Bounds", "scale", repr(self.scale), "must be 'linear' or 'log'")
         super().__post_init__()
         for name in ("low", "high"):
             object.__setattr__(self, name, float(getattr(self, name)))
@@ -85,7 +73,10 @@ class Bounds(Checked):
 
 @dataclasses.dataclass(frozen=True)
 class DesignSpace:
-    """Structures some of whose parameters may be chosen.
+    """Structures with the parameters that a search may choose.
+
+    Raises ``ValueError`` if a path or pattern matches no parameter, bounds are outside of what the
+    parameter may be, there is no variable, or a rod's τ_f could reach the largest τ_x.
 
     Parameters
     ----------
@@ -95,14 +86,8 @@ class DesignSpace:
         Bounds by field path: ``{"friction": (0.05, 1.0), "rod_1.tau_x": Bounds(0.5, 20, "log")}``;
         two numbers are ``Bounds`` of linear scale. In a pattern ``*`` stands for any number or name
         in its place: ``{"links.*.friction": (0.0, 0.5)}`` makes the friction of every link a
-        variable of its own; a path that is given itself goes before a pattern. Of τ_f and τ_x of
+        variable; a path goes before a pattern that matches it. Of τ_f and τ_x of
         one rod, τ_x is always the larger: where its lower bound is below τ_f, τ_f is its bound.
-
-    Raises
-    ------
-    ValueError
-        If a path is unknown or a pattern matches none, bounds are not bounds or are outside of what
-        the parameter may be, there is no variable, or a rod's τ_f could reach the largest τ_x.
 
     Examples
     --------
@@ -122,12 +107,12 @@ class DesignSpace:
         instance(owner, "nominal", self.nominal, Structures)
         instance(owner, "variables", self.variables, Mapping)
         if not self.variables:
-            raise ValueError(f"{owner}: variables = {{}} must name a parameter")
+            raise InvalidInput(owner, "variables", "{}", "must name a parameter")
         variables = expanded(owner, self.nominal, self.variables)
-        whatever = dict.fromkeys(paths(self.nominal))
+        unset = dict.fromkeys(paths(self.nominal))
         bounds = {
-            path: _bounds(path, given, *interval(self.nominal, path, whatever))
-            for path, given in variables.items()
+            path: _bounds(path, limits, *interval(self.nominal, path, unset))
+            for path, limits in variables.items()
         }
         ordered = {path: bounds[path] for path in paths(self.nominal) if path in bounds}
         object.__setattr__(self, "variables", ordered)
@@ -139,9 +124,9 @@ class DesignSpace:
                     for x in (below, path)
                 )
                 if not largest * _APART < ceiling:
-                    what = f"{below} = {largest:.8g}, as large as it may be,"
-                    name = path.rpartition(".")[2]
-                    raise ValueError(f"{owner}: {what} must be below {name} = {ceiling:.8g}")
+                    value = f"{largest:.8g}, as large as it may be,"
+                    rule = f"must be below {path.rpartition('.')[2]} = {ceiling:.8g}"
+                    raise InvalidInput(owner, below, value, rule)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -155,15 +140,15 @@ class DesignSpace:
 
     def values(self, shares: Float[Array, " d"]) -> dict[str, Any]:
         """The variables by path, from scaled variables between 0 and 1."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for path, share in zip(self.names, shares, strict=True):
-            found[path] = self.variables[path].value(share, self._low(path, found))
-        return found
+            values[path] = self.variables[path].value(share, self._low(path, values))
+        return values
 
     def numbers(self, shares: np.ndarray) -> dict[str, np.ndarray]:
         """``values`` of any number of designs: from shape (..., d) to numbers of shape (...)."""
-        found = self.values(jnp.moveaxis(jnp.asarray(shares), -1, 0))
-        return {path: np.asarray(x) for path, x in found.items()}
+        values = self.values(jnp.moveaxis(jnp.asarray(shares), -1, 0))
+        return {path: np.asarray(x) for path, x in values.items()}
 
     def structures(
         self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None
@@ -172,14 +157,9 @@ class DesignSpace:
         return put(self.nominal, {**(others or {}), **self.values(shares)})
 
     def shares(self, design: Structures | Mapping[str, float]) -> np.ndarray:
-        """Scaled variables of a design, shape (d,): the inverse of ``values``.
+        """Scaled variables of a design within the bounds, shape (d,): the inverse of ``values``.
 
-        A mapping may have patterns, as ``variables``.
-
-        Raises
-        ------
-        ValueError
-            If it lacks a variable or is outside the bounds.
+        A mapping has every variable and may have patterns, as ``variables``.
         """
         owner = "DesignSpace"
         instance(owner, "design", design, Structures, Mapping)
@@ -187,12 +167,13 @@ class DesignSpace:
             require_paths(owner, design, self.names)
             values = {path: float(get(design, path)) for path in self.names}
         else:
-            design = self._without_patterns(design)
+            if any("*" in path for path in design):
+                design = expanded(owner, self.nominal, design)
             if lacking := [path for path in self.names if path not in design]:
-                raise ValueError(f"{owner}: design lacks {lacking[0]!r}")
+                raise InvalidInput(owner, "design", "", f"lacks {lacking[0]!r}")
             if others := [path for path in design if path not in self.names]:
-                listed = ", ".join(self.names)
-                raise ValueError(f"{owner}: design has {others[0]!r}, which is none of {listed}")
+                rule = f"has {others[0]!r}, which is none of {', '.join(self.names)}"
+                raise InvalidInput(owner, "design", "", rule)
             values = {path: float(number(owner, path, design[path])) for path in self.names}
         shares = []
         for path, value in values.items():
@@ -204,43 +185,39 @@ class DesignSpace:
             shares.append(self.variables[path].share(value, low))
         return np.clip(shares, 0.0, 1.0)
 
-    def _without_patterns(self, design: Mapping[str, float]) -> Mapping[str, float]:
-        patterns = any("*" in path for path in design)
-        return expanded("DesignSpace", self.nominal, design) if patterns else design
-
     def require_certain(self, owner: str, uncertain: Iterable[str]) -> None:
         """Refuse uncertain parameters that are variables, bound one or are bounded by one."""
         for path in uncertain:
             if path in self.names:
-                raise ValueError(f"{owner}: {path} must not be both chosen and uncertain")
+                raise InvalidInput(owner, path, "", "must not be both chosen and uncertain")
             for other in self.names:
                 if path == lower(self.nominal, other) or other == lower(self.nominal, path):
                     rule = f"must not be chosen where {path} is uncertain"
-                    raise ValueError(f"{owner}: {other} {rule}")
+                    raise InvalidInput(owner, other, "", rule)
 
-    def _low(self, path: str, found: Mapping[str, Any]) -> Any:
+    def _low(self, path: str, values: Mapping[str, Any]) -> Any:
         """The lower bound, raised to the parameter that bounds this one from below."""
         low, below = self.variables[path].low, lower(self.nominal, path)
         if below is None:
             return low
-        return larger(low, _APART * found.get(below, get(self.nominal, below)))
+        return larger(low, _APART * values.get(below, get(self.nominal, below)))
 
 
-def _bounds(path: str, given: Any, low: float, high: float) -> Bounds:
+def _bounds(path: str, limits: Any, low: float, high: float) -> Bounds:
     """Bounds, as given or as two numbers, within what a parameter may be."""
-    if not isinstance(given, Bounds):
-        if not (isinstance(given, tuple | list) and len(given) == 2):
-            raise ValueError(f"DesignSpace: {path} = {given!r} must be Bounds or (low, high)")
+    if not isinstance(limits, Bounds):
+        if not (isinstance(limits, tuple | list) and len(limits) == 2):
+            raise InvalidInput("DesignSpace", path, repr(limits), "must be Bounds or (low, high)")
         try:
-            given = Bounds(*given)
-        except ValueError as error:
-            raise ValueError(f"DesignSpace: {path}: {error}") from error
+            limits = Bounds(*limits)
+        except InvalidInput as error:
+            raise error.replaced(owner=f"DesignSpace: {path}: {error.owner}") from error
     rules = [
-        Rule(f"{path}: low", given.low, given.low >= low, f"at least {low:.6g}"),
-        Rule(f"{path}: high", given.high, given.high <= high, f"at most {high:.6g}"),
+        Rule(f"{path}: low", limits.low, limits.low >= low, f"at least {low:.6g}"),
+        Rule(f"{path}: high", limits.high, limits.high <= high, f"at most {high:.6g}"),
     ]
     enforce("DesignSpace", rules)
-    return given
+    return limits
 
 
 def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:

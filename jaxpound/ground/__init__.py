@@ -1,12 +1,13 @@
-"""What shakes: ground motions, the files they are read from, and measures of their intensity.
+"""Ground motions, their files, and measures of their intensity.
 
-``motion`` defines the interface of a ground motion, with sums and scalings; ``ricker`` has
-wavelets, ``pulse`` those of near faults, ``record`` accelerograms, which ``reader`` reads from
-files of the layouts in ``formats``; ``noise``, ``envelope`` and ``evolving`` make artificial ones
-of white noise; ``intensity`` has measures; ``plausibility`` warns of implausible motions.
+``motion`` defines the interface of a ground motion, with sums and scalings, and ``run_input`` what
+a run takes of it; ``ricker`` has wavelets, ``pulse`` near-fault pulses, ``record`` accelerograms,
+which ``reader`` reads from files of the layouts in ``formats``; ``suite``, ``target`` and
+``scaling`` fit records to a spectrum; ``noise``, ``envelope`` and ``evolving`` make artificial
+motions of white noise; ``intensity`` and ``measure`` have intensity measures; ``plausibility``
+warns of implausible motions.
 """
 
-from jaxpound.ground.motion import Ground as Ground
-from jaxpound.ground.motion import GroundMotion as GroundMotion
-from jaxpound.ground.motion import Scaled as Scaled
-from jaxpound.ground.motion import Sum as Sum
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,19 +16,8 @@ from jaxpound._fields import parameter, pytree_dataclass
 class GammaEnvelope:
     r"""A gamma function of time with peak 1: :math:`q = (τ e^{1 - τ})^p`, with τ = t / peak.
 
-    Zero before t = 0.
-
-    Parameters
-    ----------
-    peak
-        When it is 1, > 0.
-    power
-        p > 0: the larger, the shorter.
-
-    Raises
-    ------
-    ValueError
-        If a known value is not positive and finite.
+    Zero before t = 0. ``peak`` > 0 is the instant of the peak, and ``power`` p > 0: the larger, the
+    shorter. Raises ``ValueError`` if a concrete value is not positive and finite.
 
     Examples
     --------
@@ -51,22 +40,11 @@ class GammaEnvelope:
 class PlateauEnvelope:
     r"""A quadratic rise, a plateau of height 1, and an exponential decay (Amin and Ang 1968).
 
-    :math:`(t / t_1)^2` up to t1, 1 up to t2, then :math:`e^{-c (t - t_2)}`; zero before t = 0. So
-    have Jennings, Housner and Tsai (1968) the envelopes of their artificial earthquakes.
+    :math:`(t / t_1)^2` up to t1, 1 up to t2, then :math:`e^{-c (t - t_2)}`; zero before t = 0. The
+    artificial earthquakes of Jennings, Housner and Tsai (1968) have this envelope.
 
-    Parameters
-    ----------
-    rise
-        t1 > 0, when the plateau begins.
-    end
-        t2 > t1, when the plateau ends.
-    decay
-        c > 0, in one over the unit of time.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
+    ``rise`` is t1 > 0 and ``end`` t2 > t1, begin and end of the plateau; ``decay`` is c > 0, in one
+    over the unit of time. Raises ``ValueError`` if a concrete value breaks its rule.
 
     Examples
     --------

@@ -12,11 +12,13 @@ import numpy as np
 from jax.scipy.integrate import trapezoid
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, number
+from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, number, positive
+from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, peak
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike, sampled
+from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.record import Record, stacked
+from jaxpound.ground.run_input import sampled
 
 
 def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
@@ -26,8 +28,6 @@ def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
     --------
     >>> float(jp.pga(jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)))
     0.2
-    >>> round(float(jp.pga(jp.paper.ground(), jp.paper.grid())), 2)
-    21.99
     """
     return peak(samples_of(ground, grid)[0])
 
@@ -44,8 +44,7 @@ def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) 
     0.4903
     """
     a, dt = samples_of(ground, grid)
-    velocity = gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2)
-    return peak(velocity)
+    return peak(gravity * dt * jnp.cumsum((a[1:] + a[:-1]) / 2))
 
 
 def arias_intensity(
@@ -53,13 +52,7 @@ def arias_intensity(
 ) -> Float[Array, ""]:
     """Arias intensity (π/2) ∫ u''² dt × gravity, u'' in g (Arias 1970), by the trapezoidal rule.
 
-    With a record in g and seconds, ``gravity=9.80665`` gives m/s.
-
-    Examples
-    --------
-    >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
-    >>> round(float(jp.arias_intensity(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
-    0.3851
+    With a record in g and seconds, ``gravity=9.80665`` gives m/s, as in ``pgv``.
     """
     a, dt = samples_of(ground, grid)
     return jnp.pi / 2 * gravity * trapezoid(a**2, dx=dt)
@@ -71,22 +64,12 @@ def spectral_acceleration(
     """Pseudo-spectral acceleration ω² max |x|, in g, of a linear oscillator from rest.
 
     Its motion is exact for ground acceleration that is linear between instants (Nigam and Jennings
-    1969), and so is its largest displacement, wherever between two instants it lies, for periods of
-    at least half the interval between instants. What comes after the last instant is not counted.
+    1969), and so is its largest displacement, also between instants, for periods of at least half
+    their interval. The motion after the last instant is not counted.
 
-    Parameters
-    ----------
-    ground, grid
-        The ground motion; a ``Record`` needs no grid.
-    period
-        Natural period T > 0, in the ground motion's unit of time.
-    damping
-        Damping ratio ζ, 0 ≤ ζ < 1.
-
-    Raises
-    ------
-    ValueError
-        If a known period or damping breaks its rule. Traced, the result is NaN.
+    ``period`` is the natural period > 0, in the ground motion's unit of time, and ``damping`` the
+    damping ratio, 0 ≤ ζ < 1. Raises ``ValueError`` if a concrete one breaks its rule; a traced one
+    makes the result NaN. A ``Record`` needs no grid.
 
     Examples
     --------
@@ -96,53 +79,49 @@ def spectral_acceleration(
     """
     owner = "spectral_acceleration"
     period, damping = number(owner, "period", period), number(owner, "damping", damping)
-    rules = [
-        Rule("period", period, (period > 0) & finite(period), "positive and finite"),
-        Rule("damping", damping, (damping >= 0) & (damping < 1), "at least 0 and below 1"),
-    ]
-    enforce(owner, rules)
+    is_positive = Rule("period", period, (period > 0) & finite(period), "positive and finite")
+    enforce(owner, rules := [is_positive, damping_rule(damping)])
     a, h = samples_of(ground, grid)
     parts = _SHORT_PARTS if is_traced((period, h)) or np.min(period) < _SHORT * h else 1
-    found = _pseudo_acceleration(_between(a, parts), h / parts, period, damping)
-    return jnp.where(all_hold(rules), found, jnp.nan)
+    value = _pseudo_acceleration(a, h, period, damping, parts)
+    return jnp.where(all_hold(rules), value, jnp.nan)
+
+
+def damping_rule(damping: Any) -> Rule:
+    """The rule for the damping ratio of a spectrum."""
+    return Rule("damping", damping, (damping >= 0) & (damping < 1), "at least 0 and below 1")
 
 
 def spectra(
-    records: Sequence[Record], periods: ArrayLike, damping: float = 0.05
+    owner: str, records: Sequence[Record], periods: ArrayLike, damping: Any
 ) -> Float[np.ndarray, "n m"]:
-    """``spectral_acceleration`` of n records at m periods, by one program.
-
-    Records may be of different lengths and sample intervals; all are in one unit of time, as the
-    periods, shape (m,), are.
-    """
+    """``RecordSuite.spectra``, by one program for records of all lengths and intervals."""
+    (at,), zeta = positive(owner, periods=periods), number(owner, "damping", damping)
+    if np.ndim(at) != 1 or not np.size(at):
+        name = f"periods of shape {np.shape(at)}"
+        raise InvalidInput(owner, name, "", "must be (m,) with m ≥ 1")
+    enforce(owner, [damping_rule(zeta)])
     sizes = np.array([record.n_samples for record in records])
     samples, intervals = stacked(records)
-    at = np.asarray(periods, float)
+    at = np.asarray(at, float)
     parts = _SHORT_PARTS if at.min() < _SHORT * intervals.max() else 1
-    return np.asarray(_spectra(samples, intervals, sizes, at, damping, parts))
+    return np.asarray(_spectra(samples, intervals, sizes, at, float(zeta), parts))
 
 
 @partial(jax.jit, static_argnames="parts")
 def _spectra(
     samples: Any, intervals: Any, sizes: Any, periods: Any, damping: Any, parts: int
 ) -> jax.Array:
-    def of_record(one: Any) -> jax.Array:
-        a, h, n = one
-        a, h, last = _between(a, parts), h / parts, (n - 1) * parts
-        return jax.vmap(lambda period: _pseudo_acceleration(a, h, period, damping, last))(periods)
+    def of_record(record: Any) -> jax.Array:
+        a, h, n = record
+        return jax.vmap(lambda t: _pseudo_acceleration(a, h, t, damping, parts, n - 1))(periods)
 
     # One after the other: the motions of all records would not fit into the memory.
     return jax.lax.map(of_record, (samples, intervals, sizes))
 
 
-# Periods below so many sample intervals are found on so many parts of each.
+# Periods below _SHORT sample intervals are computed on _SHORT_PARTS parts of each interval.
 _SHORT, _SHORT_PARTS = 4, 4
-
-
-def _pseudo_acceleration(a: Any, h: Any, period: Any, damping: Any, last: Any = None) -> Any:
-    w = 2 * jnp.pi / period
-    oscillator = _Oscillator(w, damping, w * jnp.sqrt(1 - damping**2), h)
-    return w**2 * _largest_displacement(oscillator, a, last)
 
 
 class _Oscillator(NamedTuple):
@@ -172,12 +151,16 @@ class _Oscillator(NamedTuple):
         return free_x + lag - (start + s * t) / w**2, free_v - s / w**2
 
 
-def _largest_displacement(oscillator: _Oscillator, a: jax.Array, last: Any) -> jax.Array:
-    """Largest |x| from rest under a ground acceleration of straight lines between samples a.
-
-    What comes after sample ``last``, if it is given, is not counted.
-    """
-    w, zeta, _, h = oscillator
+def _pseudo_acceleration(
+    a: jax.Array, h: Any, period: Any, zeta: Any, parts: int, last: Any = None
+) -> jax.Array:
+    """ω² max |x| from rest under straight lines between samples a, up to sample ``last``."""
+    # Samples interpolated linearly, with ``parts`` intervals in the place of each.
+    share = jnp.arange(parts) / parts
+    lines = a[:-1, None] + share[None].astype(a.dtype) * (a[1:, None] - a[:-1, None])
+    a, h = jnp.append(lines.reshape(-1), a[-1]), h / parts
+    w = 2 * jnp.pi / period
+    oscillator = _Oscillator(w, zeta, w * jnp.sqrt(1 - zeta**2), h)
     whole = oscillator.waves(h)
 
     def step(state: tuple[Any, Any], ends: tuple[Any, Any]) -> tuple[tuple[Any, Any], Any]:
@@ -187,15 +170,17 @@ def _largest_displacement(oscillator: _Oscillator, a: jax.Array, last: Any) -> j
     rest = jnp.zeros((), jnp.result_type(a, w, zeta))
     x, v = (jnp.pad(y, (1, 0)) for y in jax.lax.scan(step, (rest, rest), (a[:-1], a[1:]))[1])
 
-    # The interval of the largest displacement: where the velocity changes its sign, Hermite's cubic
-    # estimates the extremum; its instant follows by Newton's method.
+    # Where the velocity changes its sign, Hermite's cubic estimates the extremum, which decides the
+    # interval of the largest displacement; Newton's method finds the instant.
     x0, x1, v0, v1 = x[:-1], x[1:], v[:-1], v[1:]
     turns = ((v0 > 0) & (v1 <= 0)) | ((v0 < 0) & (v1 >= 0))
     place = jnp.where(turns, v0 / jnp.where(turns, v0 - v1, 1.0), 1.0)
     rise, run = place**2 * (3 - 2 * place), place * (1 - place) * h
-    about = x0 + rise * (x1 - x0) + run * ((1 - place) * v0 - place * v1)
-    size = jnp.where(turns, jnp.abs(about), jnp.maximum(jnp.abs(x0), jnp.abs(x1)))
-    i = jnp.argmax(size if last is None else jnp.where(jnp.arange(x0.size) < last, size, -1.0))
+    estimate = x0 + rise * (x1 - x0) + run * ((1 - place) * v0 - place * v1)
+    size = jnp.where(turns, jnp.abs(estimate), jnp.maximum(jnp.abs(x0), jnp.abs(x1)))
+    if last is not None:
+        size = jnp.where(jnp.arange(x0.size) < last * parts, size, -1.0)
+    i = jnp.argmax(size)
     state, ends = (x0[i], v0[i]), (a[i], a[i + 1])
 
     def improved(t: Any) -> Any:
@@ -208,14 +193,7 @@ def _largest_displacement(oscillator: _Oscillator, a: jax.Array, last: Any) -> j
         t = jax.lax.stop_gradient(improved(t))
     t = improved(t)
     at_turn = jnp.abs(oscillator.motion(state, ends, t, oscillator.waves(t))[0])
-    return jnp.where(turns[i], at_turn, larger(jnp.abs(x0[i]), jnp.abs(x1[i])))
-
-
-def _between(a: jax.Array, parts: int) -> jax.Array:
-    """Samples interpolated linearly, with ``parts`` intervals in the place of each."""
-    share = jnp.arange(parts) / parts
-    lines = a[:-1, None] + share[None].astype(a.dtype) * (a[1:, None] - a[:-1, None])
-    return jnp.append(lines.reshape(-1), a[-1])
+    return w**2 * jnp.where(turns[i], at_turn, larger(jnp.abs(x0[i]), jnp.abs(x1[i])))
 
 
 def samples_of(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, Any]:
@@ -223,5 +201,6 @@ def samples_of(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, An
     if grid is None and isinstance(ground, Record):
         return jnp.asarray(ground.samples), ground.dt
     if not isinstance(grid, TimeGrid):
-        raise ValueError(f"grid = {grid!r} must be a TimeGrid for a {type(ground).__name__}")
+        rule = f"must be a TimeGrid for a {type(ground).__name__}"
+        raise InvalidInput("", "grid", repr(grid), rule)
     return jnp.asarray(sampled(ground, grid).samples), grid.dt

@@ -18,7 +18,7 @@ _PLACES = 8  # in each interval of samples, where impulse responses are integrat
 
 @runtime_checkable
 class Filter(Protocol):
-    """What ``FilteredNoise`` needs of a filter: how it answers an impulse."""
+    """The interface of a filter of ``FilteredNoise``: its impulse response."""
 
     def impulse_response(self, t: Any) -> Any:
         """Output at t ≥ 0 for a unit impulse at t = 0, of the shape of ``t``."""
@@ -31,17 +31,9 @@ class KanaiTajimi:
     Its output is the absolute acceleration of an oscillator whose support is accelerated. The
     transfer function is :math:`(ω_g^2 + 2 i ζ_g ω_g ω) / (ω_g^2 - ω^2 + 2 i ζ_g ω_g ω)`.
 
-    Parameters
-    ----------
-    frequency
-        ω_g > 0, circular frequency of the ground, in radians per unit of time.
-    damping
-        ζ_g, its damping ratio, between 0 and 1, both excluded.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
+    ``frequency`` is ω_g > 0, the ground's circular frequency in radians per unit of time, and
+    ``damping`` its damping ratio ζ_g, between 0 and 1, both excluded. Raises ``ValueError`` if a
+    concrete value breaks its rule.
 
     Examples
     --------
@@ -54,8 +46,8 @@ class KanaiTajimi:
     damping: Any = parameter(r"\zeta_g", words="damping ratio of the ground", above=0, most=1)
 
     def more_rules(self, prefix: str) -> list[Rule]:
-        """The damping ratio is below 1: otherwise the ground does not vibrate."""
-        return [_below_one(f"{prefix}damping", self.damping)]
+        """The damping ratio is below 1, so that the ground vibrates."""
+        return [_underdamped(f"{prefix}damping", self.damping)]
 
     def impulse_response(self, t: ArrayLike) -> jax.Array:
         """h(t) at t ≥ 0, of the shape of ``t``."""
@@ -74,25 +66,14 @@ class KanaiTajimi:
 
 @pytree_dataclass
 class CloughPenzien:
-    r"""Kanai and Tajimi's filter, then a second one that takes out the lowest frequencies.
+    r"""Kanai and Tajimi's filter, then a high-pass filter.
 
-    Without it the ground's velocity and displacement drift. Clough and Penzien (1975) multiply the
-    transfer function of ``KanaiTajimi`` by
-    :math:`-ω^2 / (ω_f^2 - ω^2 + 2 i ζ_f ω_f ω)`.
-
-    Parameters
-    ----------
-    frequency, damping
-        ω_g and ζ_g, as of ``KanaiTajimi``.
-    high_pass
-        ω_f > 0, circular frequency of the second filter, below ω_g; usually a tenth of it.
-    high_pass_damping
-        ζ_f, its damping ratio, between 0 and 1, both excluded.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
+    The latter prevents drift of velocity and displacement. Clough and Penzien (1975) multiply the
+    transfer function of ``KanaiTajimi``, whose ``frequency`` ω_g and ``damping`` ζ_g these are, by
+    :math:`-ω^2 / (ω_f^2 - ω^2 + 2 i ζ_f ω_f ω)`. ``high_pass`` is ω_f > 0, the circular frequency
+    of the second filter, below ω_g, usually a tenth of it, and ``high_pass_damping`` its damping
+    ratio ζ_f, between 0 and 1, both excluded. Raises ``ValueError`` if a concrete value breaks its
+    rule.
 
     Examples
     --------
@@ -113,22 +94,22 @@ class CloughPenzien:
         low = f"below frequency = {self.frequency}"
         return [
             Rule(f"{prefix}high_pass", self.high_pass, self.high_pass < self.frequency, low),
-            _below_one(f"{prefix}damping", self.damping),
-            _below_one(f"{prefix}high_pass_damping", self.high_pass_damping),
+            _underdamped(f"{prefix}damping", self.damping),
+            _underdamped(f"{prefix}high_pass_damping", self.high_pass_damping),
         ]
 
     def impulse_response(self, t: ArrayLike) -> jax.Array:
         """h(t) at t ≥ 0, of the shape of ``t``, from the poles of the transfer function."""
         t = jnp.asarray(t)
-        ground, second = self._poles()
+        ground = _pole(self.frequency, self.damping)
+        second = _pole(self.high_pass, self.high_pass_damping)
         through = 2 * self.damping * self.frequency, self.frequency**2
 
         def part(pole: Any, other: Any) -> Any:
             numerator = pole**2 * (through[0] * pole + through[1])
-            far = (pole - other) * (pole - jnp.conj(other))
-            residue = numerator / (2j * pole.imag * far)
-            wave = residue * jax.lax.complex(jnp.cos(pole.imag * t), jnp.sin(pole.imag * t))
-            return 2 * jnp.exp(pole.real * t) * wave.real
+            separation = (pole - other) * (pole - jnp.conj(other))
+            residue = numerator / (2j * pole.imag * separation)
+            return 2 * jnp.exp(pole.real * t) * (residue * turned(pole.imag * t)).real
 
         return part(ground, second) + part(second, ground)
 
@@ -138,18 +119,18 @@ class CloughPenzien:
         share, zeta = jnp.asarray(frequency) / self.high_pass, self.high_pass_damping
         return ground * share**2 / jnp.sqrt((1 - share**2) ** 2 + (2 * zeta * share) ** 2)
 
-    def _poles(self) -> tuple[Any, Any]:
-        first = self.frequency, self.damping
-        pairs = first, (self.high_pass, self.high_pass_damping)
-        ground, second = (
-            jax.lax.complex(*jnp.broadcast_arrays(-zeta * w * 1.0, w * jnp.sqrt(1 - zeta**2)))
-            for w, zeta in pairs
-        )
-        return ground, second
+
+def _pole(w: Any, zeta: Any) -> Any:
+    return jax.lax.complex(*jnp.broadcast_arrays(-zeta * w * 1.0, w * jnp.sqrt(1 - zeta**2)))
 
 
-def _below_one(name: str, damping: Any) -> Rule:
+def _underdamped(name: str, damping: Any) -> Rule:
     return Rule(name, damping, damping < 1, "below 1")
+
+
+def turned(angle: Any) -> Any:
+    """e^(i·angle)."""
+    return jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
 
 def causal(kernel: Any, x: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -163,26 +144,12 @@ def causal(kernel: Any, x: Float[Array, " n"]) -> Float[Array, " n"]:
 def filtered(
     filter: Filter, z: Float[Array, " n"], dt: Any, spectral_density: Any = None
 ) -> Float[Array, " n"]:
-    """Samples of white noise through a filter, of one standard deviation at every instant.
+    """Samples of white noise through a filter, of constant standard deviation, shape (n,).
 
-    The straight lines that join them have the power spectral density of the filtered noise: up to
-    0.2 of the highest frequency π/dt to 0.2 %, up to 0.3 of it to 1 %.
-
-    Parameters
-    ----------
-    filter
-        With its ``impulse_response``.
-    z
-        Independent standard normal numbers, shape (n,): impulses at the instants j·dt.
-    dt
-        Interval between them.
-    spectral_density
-        S0, two-sided over circular frequency, of the white noise; None for the one with which the
-        filtered noise, which is continuous in time, has unit variance.
-
-    Returns
-    -------
-    Shape (n,), linear in z.
+    They are linear in the independent standard normal numbers z, impulses at the instants j·dt. The
+    straight lines between them have the power spectral density of the filtered noise, to 0.2 % up
+    to 0.2 of the highest frequency π/dt. ``spectral_density`` is that of ``FilteredNoise``; None
+    makes the variance of the filtered noise, which is continuous in time, 1.
     """
     kernel, power = _of_straight_lines(filter, z.shape[-1], dt, z.dtype)
     density = 1 / power if spectral_density is None else 2 * np.pi * spectral_density
@@ -194,13 +161,12 @@ def filtered(
 def _of_straight_lines(
     filter: Filter, n: int, dt: Any, dtype: Any
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
-    """Samples at j·dt that answer an impulse, shape (n,), and ∫ h² dt of the impulse response h.
+    """Samples at j·dt of the response to an impulse, shape (n,), and ∫ h² dt of the response h.
 
-    Samples of h itself fold all that is faster than π/dt into what is slower, and straight lines
-    between them lose some of what is fast. The polygon that is nearest to h, in least squares, does
-    neither. Its samples are ∫ h φ_j dt, with the triangle φ_j of unit area around j·dt, less a
-    correction by the triangles' own overlap, (2 + cos ω dt) / 3 in the domain of frequencies. The
-    causal one of this gain is taken: phases of a noise mean nothing.
+    The polygon that fits h in least squares neither aliases nor attenuates high frequencies. Its
+    samples are ∫ h φ_j dt, with the triangle φ_j of unit area around j·dt, corrected for the
+    overlap of the triangles, (2 + cos ω dt) / 3 in the frequency domain, by the causal filter of
+    this gain, as the phases of a noise are arbitrary.
     """
     place = (np.arange(_PLACES) + 0.5) / _PLACES
     instants = (np.arange(n)[:, None] + place).astype(dtype) * dt
@@ -214,5 +180,5 @@ def _of_straight_lines(
 
 def unit_variance(x: Any, variance: Any) -> Any:
     """Numbers over their standard deviations; 0 where the variance is."""
-    some = variance > 0
-    return jnp.where(some, x / jnp.sqrt(jnp.where(some, variance, 1.0)), 0.0)
+    positive = variance > 0
+    return jnp.where(positive, x / jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)

@@ -12,64 +12,48 @@ import numpy as np
 from jax.scipy.signal import detrend
 from jaxtyping import ArrayLike, Float
 
-from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive, real
+from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive_number, real
+from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
-from jaxpound._fields import assembled, check, label, parameter, pytree_dataclass, static
+from jaxpound._fields import check, label, parameter, pytree_dataclass, static, unchecked
 from jaxpound.grid import TimeGrid
+from jaxpound.ground import motion
 from jaxpound.ground.formats.units import UNITS, stated_unit
-from jaxpound.ground.motion import (
-    DIMENSIONLESS,
-    SECONDS,
-    Excitation,
-    GroundMotion,
-    instants,
-    known_unit,
-    mean_acceleration,
-    require_seconds,
-)
-from jaxpound.ground.plausibility import of_samples, tell
+from jaxpound.ground.plausibility import of_samples, warn
+from jaxpound.ground.run_input import instants
 from jaxpound.quantities import STANDARD_GRAVITY
 
+# Share of a record's energy, ∫ u''² dt, that a time step may lose: 0.5 % of the rms value.
 LOST_ENERGY = 0.01
-"""Share of a record's energy (∫ u''² dt) that a time step may lose: it is 0.5 % of the root mean
-square."""
 
 
 @pytree_dataclass
-class Record(GroundMotion):
+class Record(motion.GroundMotion):
     """A recorded accelerogram: uniform samples from t = 0, joined by straight lines.
 
-    Before the first sample and after the last the ground is at rest; the acceleration goes linearly
-    to zero within one sample interval there.
+    Before the first sample and after the last the acceleration goes linearly to zero within one
+    sample interval, and the ground is at rest.
+
+    Raises ``ValueError`` if the samples are not one-dimensional, fewer than two or not finite, dt
+    is not a number > 0, the name is not a string, or time_unit or units is unknown. Warns
+    (``PlausibilityWarning``) of at least a hundred samples in seconds if one is more than three
+    times all others, or no units are stated and the peak is above 1.5 g, as in few records in g and
+    many in m/s².
 
     Parameters
     ----------
     acceleration
-        Samples, shape (n,), n ≥ 2, in g, or in ``units``; the record's own ``samples`` are in g.
-    dt
-        Sample interval > 0, in the unit of time.
-    name
-        For titles and tables; transformations such as ``jit`` drop it.
+        Samples, shape (n,), n ≥ 2, in g, or in ``units``; the attribute ``samples`` is in g.
+    dt, name
+        Sample interval > 0, in the unit of time; a name for titles and tables, which
+        transformations such as ``jit`` drop.
     time_unit
         Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
         dimensionless model. Runs of dimensionless structures refuse a record in seconds;
-        ``Scales.to_dimensionless`` converts it, and ``simulate_buildings`` takes it as it is.
+        ``Scales.to_dimensionless`` converts it, and ``simulate_buildings`` takes it unchanged.
     units
-        What the samples are in: "g", "m/s2", "cm/s2" or another unit of ``read_record``; None, of
-        which nothing is stated, means g.
-
-    Raises
-    ------
-    ValueError
-        If the samples are not one-dimensional, fewer than two or not finite, dt is not a number
-        > 0, the name is not a string, or time_unit or units is none of these.
-
-    Warns
-    -----
-    PlausibilityWarning
-        Of a hundred samples and more in seconds: if one is more than three times all others, or no
-        units are stated and the peak is above 1.5 g, which few records in g reach and many in m/s²
-        do.
+        Unit of the samples: "g", "m/s2", "cm/s2" or another unit of ``read_record``; None, an
+        unstated unit, means g.
 
     Examples
     --------
@@ -85,69 +69,62 @@ class Record(GroundMotion):
     samples: Any
     dt: Any = parameter(r"\Delta t", "time", "sample interval", above=0)
     name: str = label(default="")
-    time_unit: str = static(default=SECONDS)
+    time_unit: str = static(default=motion.SECONDS)
 
     def __init__(
         self,
         acceleration: Any,
         dt: Any,
         name: str = "",
-        time_unit: str = SECONDS,
+        time_unit: str = motion.SECONDS,
         units: str | None = None,
     ) -> None:
         samples = real("Record", "acceleration", acceleration)
         if jnp.ndim(samples) != 1 or jnp.size(samples) < 2:
-            raise ValueError(
-                f"Record: acceleration of shape {jnp.shape(samples)} must be one-dimensional "
-                "with at least two samples"
-            )
+            name, rule = f"acceleration of shape {jnp.shape(samples)}", "must be one-dimensional"
+            raise InvalidInput("Record", name, "", f"{rule} with at least two samples")
         if units is not None:
             samples = samples * (UNITS[stated_unit("Record", units)] / STANDARD_GRAVITY)
         object.__setattr__(self, "samples", samples)
         if not isinstance(name, str):
-            raise ValueError(f"Record: name = {name!r} must be a string")
+            raise InvalidInput("Record", "name", repr(name), "must be a string")
         object.__setattr__(self, "dt", number("Record", "dt", dt))
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "time_unit", known_unit("Record", time_unit))
+        object.__setattr__(self, "time_unit", motion.time_unit_of("Record", time_unit))
         check(self)
-        if self.time_unit == SECONDS and not is_traced((samples, self.dt)):
-            known = np.asarray(samples), float(self.dt)
-            tell("Record", of_samples(*known, stated=units is not None), strict=False)
+        if self.time_unit == motion.SECONDS and not is_traced((samples, self.dt)):
+            concrete = np.asarray(samples), float(self.dt)
+            warn("Record", of_samples(*concrete, stated=units is not None), strict=False)
 
     def more_rules(self, prefix: str) -> list[Rule]:
-        """The rule of the samples, under the name of their argument."""
+        """The rule of the samples, under the name of the argument."""
         return [Rule(f"{prefix}acceleration", self.samples, finite(self.samples), "finite")]
 
     def acceleration(self, t: ArrayLike) -> jax.Array:
         """u''(t) by linear interpolation, of the shape of ``t``."""
-        samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
-        left, share = self._place(t)
+        samples, left, share = self._place(t)
         return (1 - share) * samples[left] + share * samples[left + 1]
 
     def velocity(self, t: ArrayLike) -> jax.Array:
         """u'(t), the exact integral of the straight lines from rest, of the shape of ``t``."""
-        samples = jnp.pad(jnp.asarray(self.samples), (1, 1))
+        samples, left, share = self._place(t)
         sums = jnp.pad(jnp.cumsum((samples[1:] + samples[:-1]) / 2), (1, 0))
-        left, share = self._place(t)
         slope = samples[left + 1] - samples[left]
         return self.dt * (sums[left] + share * (samples[left] + share * slope / 2))
 
-    def excitation(self, grid: TimeGrid, order: int) -> Excitation:
-        """Values and means over the steps, from exact integrals, of the whole grid at once.
-
-        For both orders: the kinks may lie on the instants of the grid, where u'' at a point has no
-        derivative by the sample interval, but its mean has.
-        """
+    def excitation(self, grid: TimeGrid, order: int) -> motion.Excitation:
+        """Values and exact means over the steps of the whole grid, for schemes of both orders."""
+        # At a kink on an instant u'' has no derivative by the sample interval, but its mean has.
         t = instants(grid, self)
-        series = self.acceleration(t), mean_acceleration(self.velocity, t, grid.dt)
-        return Excitation(series, lambda _, entry: entry)
+        series = self.acceleration(t), motion.mean_acceleration(self.velocity, t, grid.dt)
+        return motion.Excitation(series, lambda _, entry: entry)
 
-    def _place(self, t: ArrayLike) -> tuple[jax.Array, jax.Array]:
-        """Sample to the left of t, counting a zero at either end, and how far t is beyond it."""
+    def _place(self, t: ArrayLike) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Samples between two zeros, the one to the left of t, the distance of t from it."""
         last = self.n_samples + 1
         place = larger(smaller(jnp.asarray(t) / self.dt + 1, last), 0)
         left = jnp.minimum(place.astype(int), last - 1)
-        return left, place - left
+        return jnp.pad(jnp.asarray(self.samples), (1, 1)), left, place - left
 
     @property
     def n_samples(self) -> int:
@@ -162,42 +139,36 @@ class Record(GroundMotion):
     def scaled_to_pga(self, pga: ArrayLike) -> Record:
         """The record scaled to the peak ground acceleration ``pga`` > 0."""
         owner = "Record.scaled_to_pga"
-        (pga,) = positive(owner, pga=number(owner, "pga", pga))
+        (pga,) = positive_number(owner, pga=pga)
         peak = abs(self.samples).max()
         enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
-        return self._with((self.samples * (pga / peak)).astype(self.samples.dtype), self.dt)
+        return self._with((self.samples * (pga / peak)).astype(self.samples.dtype))
 
     def baseline_corrected(self, kind: str = "linear") -> Record:
         """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
+        owner = "Record.baseline_corrected"
         if kind not in ("mean", "linear"):
-            raise ValueError(
-                f"Record.baseline_corrected: kind = {kind!r} must be 'mean' or 'linear'"
-            )
-        samples = detrend(self.samples, type="linear" if kind == "linear" else "constant")
-        return self._with(samples, self.dt)
+            raise InvalidInput(owner, "kind", repr(kind), "must be 'mean' or 'linear'")
+        return self._with(detrend(self.samples, type="linear" if kind == "linear" else "constant"))
 
     def resampled(self, dt: float) -> Record:
         """The record at another sample interval.
 
         A finer one inserts points on the straight lines between samples, which leaves the motion
-        as the simulator sees it unchanged where the old samples are among the new ones; a coarser
-        one low-passes first (``scipy.signal.resample_poly``), so that nothing aliases.
-
-        Raises
-        ------
-        ValueError
-            If dt is not a positive number, is above the record's duration, or is coarser and no
-            ratio of whole numbers times the record's own; if either interval is traced.
+        unchanged where the old samples are among the new ones; a coarser one low-passes first
+        (``scipy.signal.resample_poly``). Raises ``ValueError`` if dt is not a positive number, is
+        above the record's duration, or is coarser and no ratio of whole numbers times the record's
+        dt; if either interval is traced.
         """
         owner = "Record.resampled"
         if is_traced((dt, self.dt)):
-            raise ValueError(f"{owner}: dt decides the number of samples and cannot be traced")
-        positive(owner, dt=number(owner, "dt", dt))
+            rule = "decides the number of samples and cannot be traced"
+            raise InvalidInput(owner, "dt", "", rule)
+        positive_number(owner, dt=dt)
         dt, old = float(dt), float(self.dt)
         if dt > self.duration:
-            raise ValueError(
-                f"{owner}: dt = {dt:.8g} must be at most the record's duration, {self.duration:.8g}"
-            )
+            rule = f"must be at most the record's duration, {self.duration:.8g}"
+            raise InvalidInput(owner, "dt", f"{dt:.8g}", rule)
         if dt <= old:
             n = int((self.n_samples - 1) * old / dt * (1 + 1e-7)) + 1
             place = np.minimum(np.arange(n) * (dt / old), self.n_samples - 1)
@@ -207,44 +178,40 @@ class Record(GroundMotion):
             return self._with(samples, dt)
         ratio = Fraction(old / dt).limit_denominator(1000)
         if abs(ratio * Fraction(dt) / Fraction(old) - 1) > 1e-7:
-            raise ValueError(
-                f"{owner}: dt = {dt:.8g} must be a ratio of whole numbers up to 1000 times "
-                f"the record's dt = {old:.8g}"
-            )
-        from scipy.signal import resample_poly  # takes as long to import as all the rest
+            rule = f"must be a ratio of whole numbers up to 1000 times the record's dt = {old:.8g}"
+            raise InvalidInput(owner, "dt", f"{dt:.8g}", rule)
+        from scipy.signal import resample_poly  # its import takes as long as the whole package's
 
         samples = resample_poly(np.asarray(self.samples), ratio.numerator, ratio.denominator)
         return self._with(samples, dt)
 
     def dimensionless(self, frequency: Any) -> Record:
         """The record, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
-        require_seconds("Record.dimensionless: record", self)
-        return Record(self.samples, self.dt * frequency, self.name, DIMENSIONLESS)
+        motion.require_seconds("Record.dimensionless: record", self)
+        return Record(self.samples, self.dt * frequency, self.name, motion.DIMENSIONLESS)
 
-    def _with(self, samples: Any, dt: Any) -> Record:
-        """Other samples under the same name, in the same unit of time."""
-        return derived(samples, dt, self.name, self.time_unit)
+    def _with(self, samples: Any, dt: Any = None, name: str | None = None) -> Record:
+        """Other samples, in g; of the same interval, name and unit of time by default."""
+        dt, name = self.dt if dt is None else dt, self.name if name is None else name
+        return derived(samples, dt, name, self.time_unit)
 
     def unresolved(self, dt: float) -> list[str]:
-        """Whether steps of ``dt`` lose much above their Nyquist frequency π/dt, in words.
-
-        Steps no longer than the sample interval lose nothing: they follow the straight lines.
-        """
-        own = float(self.dt)
-        if dt <= own * (1 + 1e-9):
+        """A sentence if steps of ``dt`` lose much energy above their Nyquist frequency π/dt."""
+        interval = float(self.dt)
+        if dt <= interval * (1 + 1e-9):  # such steps follow the straight lines
             return []
         power = np.abs(np.fft.rfft(np.asarray(self.samples, float))) ** 2
-        lost = power[np.fft.rfftfreq(self.n_samples, own) > 0.5 / dt].sum()
+        lost = power[np.fft.rfftfreq(self.n_samples, interval) > 0.5 / dt].sum()
         if not lost > LOST_ENERGY * (whole := power.sum()):
             return []
         return [
-            f"ground: time steps of {dt / own:.4g} sample intervals should lose at most "
+            f"ground: time steps of {dt / interval:.4g} sample intervals should lose at most "
             f"{LOST_ENERGY:.0%} of the energy of {self!r}, but lose {lost / whole:.0%}: steps no "
             "longer than the sample interval lose nothing"
         ]
 
     def energy(self, since: float) -> float:
-        """∫ u''² dt after an instant, by its samples; at its last sample nothing is left."""
+        """∫ u''² dt after an instant, as a sum over the later samples."""
         later = np.arange(self.n_samples) * float(self.dt) > since * (1 + 1e-9)
         return float(np.sum(np.square(self.samples, dtype=float)[later]) * float(self.dt))
 
@@ -260,18 +227,15 @@ class Record(GroundMotion):
         )
 
 
-def derived(samples: Any, dt: Any, name: str = "", time_unit: str = SECONDS) -> Record:
-    """A record of samples in g that were read, drawn, or made of another's: plausible as those."""
-    record = assembled(Record, samples=samples, dt=dt, name=name, time_unit=time_unit)
+def derived(samples: Any, dt: Any, name: str = "", time_unit: str = motion.SECONDS) -> Record:
+    """A record of samples in g, without the check of plausibility, which its source has passed."""
+    record = unchecked(Record, samples=samples, dt=dt, name=name, time_unit=time_unit)
     check(record)
     return record
 
 
 def stacked(records: Sequence[Record]) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-    """Samples of n records and their intervals, as arrays.
-
-    Zeros at the end change nothing: after a record the ground is at rest.
-    """
+    """Samples of n records, with zeros at the end, where the ground rests; and their intervals."""
     longest = max(record.n_samples for record in records)
     samples = [np.pad(record.samples, (0, longest - record.n_samples)) for record in records]
     return np.stack(samples), np.array([float(record.dt) for record in records])

@@ -10,13 +10,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, pytree_dataclass
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Excitation, GroundMotion
 
+# The mean of a sine over an eighth of its period is already 2.6 % less than its middle value.
 STEPS_PER_WAVELET = 8
-"""Steps that a wavelet's period should have: the mean of a sine over an eighth of its period, which
-is what moves the blocks in a step, is already 2.6 % less than its value in the middle."""
+
+
+def too_short(name: str, period: float, dt: float) -> list[str]:
+    """A sentence if a wavelet's period has too few steps of ``dt``."""
+    if not period < STEPS_PER_WAVELET * dt:
+        return []
+    return [
+        f"ground: {name} is {period / dt:.3g} time steps long and should be at least "
+        f"{STEPS_PER_WAVELET}: a finer time grid resolves it"
+    ]
 
 
 @pytree_dataclass
@@ -26,25 +36,19 @@ class Ricker(GroundMotion):
     With :math:`a = π/t_p`, :math:`s = t - t_s` and :math:`v = (a s)^2`, each wavelet is
     :math:`u = u_0 (2v - 1) e^{-v}`.
 
+    Raises ``ValueError`` if the shapes do not match, a period is not positive, or a known value is
+    not finite.
+
     Parameters
     ----------
     amplitude
-        u0, the displacement amplitude: one for all wavelets, as in the paper, or one each.
-    periods
-        t_p > 0, one per wavelet, shape (n,) (a number is one wavelet).
-    arrivals
-        t_s, the instants of the wavelets' centres, shape (n,).
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not match, a period is not positive, or a known value is not finite.
+        u0, the displacement amplitude: one number, as in the paper, or one per wavelet.
+    periods, arrivals
+        t_p > 0 and t_s, the instants of the centres, one per wavelet, shape (n,); or one number.
 
     Examples
     --------
     >>> ground = jp.Ricker(amplitude=0.5, periods=2.0, arrivals=3.0)
-    >>> float(ground.displacement(3.0))
-    -0.5
     >>> round(float(ground.acceleration(3.0)), 4)
     7.4022
     >>> round(float((0.1 * ground + jp.Ricker(0.2, 1.0, 5.0)).acceleration(3.0)), 4)
@@ -57,24 +61,16 @@ class Ricker(GroundMotion):
 
     def __post_init__(self) -> None:
         check(self)
-        amplitudes, periods, arrivals = (
-            jnp.shape(x) for x in (self.amplitude, self.periods, self.arrivals)
-        )
+        amplitude, periods, arrivals = map(jnp.shape, (self.amplitude, self.periods, self.arrivals))
         if periods != arrivals:
-            raise ValueError(
-                f"Ricker: periods of shape {periods} and arrivals of shape {arrivals} "
-                "must have one entry per wavelet"
-            )
+            shapes = f"periods of shape {periods} and arrivals of shape {arrivals}"
+            raise InvalidInput("Ricker", shapes, "", "must have one entry per wavelet")
         if len(periods) > 1:
-            raise ValueError(
-                f"Ricker: periods of shape {periods} must be a number or one-dimensional; "
-                "a batch of ground motions goes through jax.vmap"
-            )
-        if amplitudes not in ((), periods):
-            raise ValueError(
-                f"Ricker: amplitude of shape {amplitudes} must be one number or, like periods, "
-                f"of shape {periods}"
-            )
+            rule = "must be a number or one-dimensional; a batch of ground motions goes through"
+            raise InvalidInput("Ricker", f"periods of shape {periods}", "", f"{rule} jax.vmap")
+        if amplitude not in ((), periods):
+            rule = f"must be one number or, like periods, of shape {periods}"
+            raise InvalidInput("Ricker", f"amplitude of shape {amplitude}", "", rule)
 
     def displacement(self, t: ArrayLike) -> jax.Array:
         """u(t), of the shape of ``t``."""
@@ -89,9 +85,9 @@ class Ricker(GroundMotion):
         return self._sum(t, lambda a, s, v: 2 * a**2 * (4 * v**2 - 12 * v + 3))
 
     def excitation(self, grid: TimeGrid, order: int) -> Excitation:
-        """In closed form; for a scheme of order 2 the mean over a step to fourth order in dt.
+        """Closed forms of u'' and, for a scheme of order 2, its mean to fourth order in dt.
 
-        It is u'' + (h²/24) d²u''/dt²; the exponentials, most of the work, serve both.
+        The mean is u'' + (h²/24) d²u''/dt²; both share the exponentials, most of the work.
         """
         if order == 1:
             return super().excitation(grid, order)
@@ -109,18 +105,13 @@ class Ricker(GroundMotion):
         return Excitation((), at)
 
     def unresolved(self, dt: float) -> list[str]:
-        """Whether the shortest wavelet has too few steps of ``dt``, in words."""
+        """A sentence if the shortest wavelet has too few steps of ``dt``."""
         u0, periods = np.broadcast_arrays(np.asarray(self.amplitude), np.asarray(self.periods))
         shortest = float(periods[u0 != 0].min(initial=np.inf))
-        if not shortest < STEPS_PER_WAVELET * dt:
-            return []
-        return [
-            f"ground: the shortest of periods is {shortest / dt:.3g} time steps long and should "
-            f"be at least {STEPS_PER_WAVELET}: a finer time grid resolves it"
-        ]
+        return too_short("the shortest of periods", shortest, dt)
 
     def energy(self, since: float) -> float:
-        """∫ u''² dt of the wavelets whose centres are at an instant or later."""
+        """∫ u''² dt of the wavelets with centres at or after ``since``."""
         rate, later = np.pi / np.asarray(self.periods), np.asarray(self.arrivals) >= since
         each = 105 / 4 * np.sqrt(np.pi / 2) * np.asarray(self.amplitude) ** 2 * rate**3
         return float(np.sum(each * later))

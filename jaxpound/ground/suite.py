@@ -13,43 +13,27 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import (
-    Rule,
-    count,
-    enforce,
-    instance,
-    is_traced,
-    is_whole,
-    number,
-    positive,
-)
-from jaxpound._tables import Shown, Table
+from jaxpound._checks import count, instance, is_traced, is_whole, positive, positive_number
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
+from jaxpound.ground import scaling
 from jaxpound.ground.intensity import spectra
-from jaxpound.ground.plausibility import tell
+from jaxpound.ground.plausibility import warn
 from jaxpound.ground.reader import read_record
-from jaxpound.ground.record import Record, derived
-from jaxpound.ground.scaling import OWNER, Bounds, fitted_factors, misfit, raised
+from jaxpound.ground.record import Record
+from jaxpound.ground.scaling import OWNER, ScaledSuite
 from jaxpound.ground.target import PeriodRange, TargetSpectrum
 
-PERIODS = 100
-"""Number of periods at which spectra are compared with a target."""
+PERIODS = 100  # number of those at which spectra are compared with a target
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class RecordSuite(Shown):
     """Recorded accelerograms that are used together, of any lengths and sample intervals.
 
-    Parameters
-    ----------
-    records
-        The records, at least one, with names that differ; one without a name is called by its
-        number, "record 3".
-
-    Raises
-    ------
-    ValueError
-        If there is no record, or one is no ``Record``, a batch, traced, or without any motion; if
-        two have one name, or their units of time differ.
+    A record without a name gets its number: "record 3". Raises ``ValueError`` if there is no
+    record, or one is no ``Record``, a batch, traced or zero throughout; if names are equal, or
+    units of time differ.
 
     Examples
     --------
@@ -66,29 +50,27 @@ class RecordSuite(Shown):
     records: tuple[Record, ...]
 
     def __post_init__(self) -> None:
-        owner = "RecordSuite"
-        given = self.records
-        if not isinstance(given, Sequence) or not given:
-            shown = reprlib.repr(given)
-            raise ValueError(f"{owner}: records = {shown} must hold at least one record, in a list")
-        for i, record in enumerate(given):
-            instance(owner, f"records[{i}]", record, Record)
+        owner, members = "RecordSuite", self.records
+        if not isinstance(members, Sequence) or not members:
+            rule = "must hold at least one record, in a list"
+            raise InvalidInput(owner, "records", reprlib.repr(members), rule)
+        for i, record in enumerate(members):
+            name = f"records[{i}]"
+            instance(owner, name, record, Record)
             if is_traced(record) or np.ndim(record.samples) != 1:
-                raise ValueError(f"{owner}: records[{i}] = {record!r} must be known, and one alone")
+                raise InvalidInput(owner, name, repr(record), "must be known, and one alone")
             if not np.any(record.samples):
-                raise ValueError(f"{owner}: records[{i}] = {record!r} must move: all are zero")
-            if record.time_unit != given[0].time_unit:
-                rule = f"must be in the same unit of time as {given[0]!r}"
-                raise ValueError(f"{owner}: {record!r} {rule}")
+                raise InvalidInput(owner, name, repr(record), "must move: all are zero")
+            if record.time_unit != members[0].time_unit:
+                rule = f"must be in the same unit of time as {members[0]!r}"
+                raise InvalidInput(owner, repr(record), "", rule)
         records = tuple(
-            record
-            if record.name
-            else derived(record.samples, record.dt, f"record {i}", record.time_unit)
-            for i, record in enumerate(given, 1)
+            record if record.name else record._with(record.samples, name=f"record {i}")
+            for i, record in enumerate(members, 1)
         )
         object.__setattr__(self, "records", records)
-        if twice := [name for name in self.names if self.names.count(name) > 1]:
-            raise ValueError(f"{owner}: name = {twice[0]!r} must be that of one record only")
+        if repeated := [name for name in self.names if self.names.count(name) > 1]:
+            raise InvalidInput(owner, "name", repr(repeated[0]), "must be that of one record only")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -111,67 +93,45 @@ class RecordSuite(Shown):
     def __iter__(self) -> Iterator[Record]:
         return iter(self.records)
 
-    def __getitem__(self, which: int | str) -> Record:
+    def __getitem__(self, key: int | str) -> Record:
         """A record by its number, from 0, or by its name."""
-        if isinstance(which, str):
-            if which not in self.names:
-                listed = ", ".join(self.names)
-                raise ValueError(f"RecordSuite: name = {which!r} must be one of {listed}")
-            return self.records[self.names.index(which)]
-        return self.records[which]
+        if isinstance(key, str):
+            if key not in self.names:
+                rule = f"must be one of {', '.join(self.names)}"
+                raise InvalidInput("RecordSuite", "name", repr(key), rule)
+            return self.records[self.names.index(key)]
+        return self.records[key]
 
     def chosen(self, which: Sequence[int | str] | np.ndarray) -> RecordSuite:
         """The suite of some of the records, by their numbers from 0 or their names.
 
-        Raises
-        ------
-        ValueError
-            If there is no such record, none is chosen, or one twice.
+        Raises ``ValueError`` if there is no such record, none is chosen, or one is chosen twice.
         """
         n, records = len(self), []
-        for one in which:
-            if not isinstance(one, str) and not (is_whole(one) and -n <= one < n):
-                rule = f"a record's number, from 0 to {n - 1}, or its name"
-                raise ValueError(f"RecordSuite.chosen: {one!r} must be {rule}")
-            records.append(self[one])
+        for key in which:
+            if not isinstance(key, str) and not (is_whole(key) and -n <= key < n):
+                rule = f"must be a record's number, from 0 to {n - 1}, or its name"
+                raise InvalidInput("RecordSuite.chosen", repr(key), "", rule)
+            records.append(self[key])
         return RecordSuite(tuple(records))
 
     def spectra(self, periods: ArrayLike, damping: float = 0.05) -> np.ndarray:
         """``spectral_acceleration`` of each record at each period, g, shape (n, m).
 
-        Parameters
-        ----------
-        periods
-            Natural periods > 0, shape (m,), in the records' unit of time.
-        damping
-            Damping ratio, at least 0 and below 1.
-
-        Raises
-        ------
-        ValueError
-            If an argument breaks its rule.
+        ``periods`` > 0 have the shape (m,) and the records' unit of time; ``damping`` is at least 0
+        and below 1. Raises ``ValueError`` for others.
         """
-        owner = "RecordSuite.spectra"
-        (known,) = positive(owner, periods=periods)
-        at, zeta = np.asarray(known, float), np.asarray(number(owner, "damping", damping))
-        if at.ndim != 1 or not at.size:
-            raise ValueError(f"{owner}: periods of shape {at.shape} must be (m,) with m ≥ 1")
-        enforce(owner, [Rule("damping", zeta, (zeta >= 0) & (zeta < 1), "at least 0 and below 1")])
-        return spectra(self.records, at, float(zeta))
+        return spectra("RecordSuite.spectra", self.records, periods, damping)
 
     def scaled(self, factors: ArrayLike) -> RecordSuite:
-        """Each record times its factor > 0, shape (n,), or all times one."""
+        """Each record times its factor > 0, shape (n,), or times one number."""
         owner = "RecordSuite.scaled"
-        (known,) = positive(owner, factors=factors)
-        if np.shape(known) not in ((), (len(self),)):
-            raise ValueError(f"{owner}: factors of shape {np.shape(known)} must be ({len(self)},)")
-        each = np.broadcast_to(known, len(self))
-        return RecordSuite(
-            tuple(
-                derived(record.samples * factor, record.dt, record.name, record.time_unit)
-                for record, factor in zip(self.records, each, strict=True)
-            )
-        )
+        (valid,) = positive(owner, factors=factors)
+        if np.shape(valid) not in ((), (len(self),)):
+            name = f"factors of shape {np.shape(valid)}"
+            raise InvalidInput(owner, name, "", f"must be ({len(self)},)")
+        each = zip(self.records, np.broadcast_to(valid, len(self)), strict=True)
+        return RecordSuite(tuple(x._with(x.samples * factor) for x, factor in each))
 
     def scaled_to(
         self,
@@ -183,174 +143,89 @@ class RecordSuite(Shown):
         least: float | None = None,
         strict: bool = False,
     ) -> ScaledSuite:
-        """Each record times the factor with which its spectrum is nearest to a target.
+        """Each record times the factor with which its spectrum fits a target best.
 
         The factor minimises the squares of ln(record / target) at 100 periods, evenly spaced in
-        the logarithm. It applies to single horizontal components; codes compare the two
-        components' combined spectrum.
+        the logarithm. Records are single horizontal components; codes compare the combined
+        spectrum of both.
+
+        Raises ``ValueError`` if an argument breaks its rule, the range exceeds the target's periods
+        or those of a record, from two sample intervals to its duration, or the bounds prevent
+        ``least``.
 
         Parameters
         ----------
-        target
-            The spectrum to be met, of the damping at which the records' spectra are taken.
-        periods
-            The range in which it is to be met, in the records' unit of time, (low, high), or
+        target, periods
+            The spectrum to be met, of the damping at which the records' spectra are taken, and the
+            range in which it is to be met, in the records' unit of time, (low, high), or
             ``PeriodRange.asce_7(...)``, ``PeriodRange.en_1998(...)``.
         factors
-            Bounds of the factors, 0 < low ≤ high; a record that would need another one gets the
-            bound, and a warning says so.
+            Bounds of the factors, 0 < low ≤ high; a ``PlausibilityWarning`` names records whose
+            factor is a bound.
         best
-            Keep only so many records, those whose scaled spectra fit best.
+            The number of records to keep, those whose scaled spectra fit best.
         least
-            All factors of the suite are raised by a common one, as far as it takes for the mean of
-            the scaled spectra to be nowhere below this share of the target: 0.9 in both codes.
+            Smallest admissible ratio of the mean of the scaled spectra to the target, 0.9 in both
+            codes; a common factor raises all records to it.
         strict
             Whether a warning is raised as a ``ValueError``.
 
-        Raises
-        ------
-        ValueError
-            If an argument breaks its rule; if the range is not within the target's periods, or not
-            within those of every record, from two of its sample intervals to its duration; if
-            ``least`` cannot be reached within the bounds.
-
-        Warns
-        -----
-        PlausibilityWarning
-            If a factor is at a bound.
-
         Examples
         --------
-        >>> t = 0.02 * np.arange(500)
-        >>> burst = [0.2 * np.sin(w * t) * np.exp(-((t - 4) ** 2)) for w in (4.0, 7.0, 11.0)]
-        >>> suite = jp.RecordSuite([jp.Record(a, 0.02) for a in burst])
+        >>> waves = [0.2 * np.sin(w * 0.02 * np.arange(500)) for w in (4.0, 7.0, 11.0)]
+        >>> suite = jp.RecordSuite([jp.Record(wave, 0.02) for wave in waves])
         >>> target = jp.TargetSpectrum([0.1, 0.5, 2.0], [0.5, 0.5, 0.125])
         >>> scaled = suite.scaled_to(target, (0.3, 1.5), best=2, least=0.9)
         >>> scaled.suite.names, round(scaled.least_ratio, 3)
         (('record 2', 'record 3'), 0.9)
         """
         instance(OWNER, "target", target, TargetSpectrum)
-        span, bounds = PeriodRange.of(OWNER, periods), Bounds.of(factors)
+        span, bounds = PeriodRange.of(OWNER, periods), scaling.FactorBounds.of(factors)
         if best is not None and count(OWNER, "best", best) > len(self):
-            raise ValueError(f"{OWNER}: best = {best} must be at most {len(self)}, all records")
+            rule = f"must be at most {len(self)}, all records"
+            raise InvalidInput(OWNER, "best", str(best), rule)
         if least is not None:
-            positive(OWNER, least=number(OWNER, "least", least))
+            positive_number(OWNER, least=least)
         self._require_usable(span)
-        at = np.geomspace(*span, PERIODS)
+        periods_at = np.geomspace(*span, PERIODS)
         try:
-            wanted = target.at(at)
-        except ValueError as error:
-            raise ValueError(f"{OWNER}: {str(error).partition(': ')[2]}") from None
-        found = self.spectra(at, target.damping)
-        ratios = wanted / found
-        fitted = fitted_factors(ratios, bounds)
-        kept = np.arange(len(self))
+            ordinates = target.at(periods_at)
+        except InvalidInput as error:
+            raise error.replaced(owner=OWNER) from None
+        unscaled = self.spectra(periods_at, target.damping)
+        ratios = ordinates / unscaled
+        # Σ (ln factor − ln ratio)² is least at the vertex of a parabola or the nearest bound.
+        fitted = np.clip(np.exp(np.log(ratios).mean(axis=1)), *bounds)
+        selected = np.arange(len(self))
         if best is not None:
-            off = misfit(np.log(fitted[:, None] / ratios))
-            kept = np.sort(np.argsort(off, kind="stable")[:best])
-        ratios, fitted = ratios[kept], fitted[kept]
+            errors = scaling.misfit(np.log(fitted[:, None] / ratios))
+            selected = np.sort(np.argsort(errors, kind="stable")[:best])
+        ratios, fitted = ratios[selected], fitted[selected]
         if least is not None:
-            fitted = raised(fitted, ratios, bounds, least)
-        scaled = ScaledSuite(
-            self.chosen(kept).scaled(fitted),
-            fitted,
-            target,
-            span,
-            at,
-            fitted[:, None] * found[kept],
-            bounds,
-        )
-        tell(OWNER, scaled.findings(), strict)
+            fitted = scaling.raised_factors(fitted, ratios, bounds.high, least)
+        suite, at = self.chosen(selected).scaled(fitted), fitted[:, None] * unscaled[selected]
+        scaled = ScaledSuite(suite, fitted, target, span, periods_at, at, bounds)
+        warn(OWNER, scaled.findings(), strict)
         return scaled
 
     def _require_usable(self, span: PeriodRange) -> None:
-        """A ``ValueError`` for a range of periods that a record knows nothing of."""
+        """An ``InvalidInput`` for a range of periods that a record does not contain."""
         for record in self.records:
             low, high = 2 * float(record.dt), float(record.duration)
             if span.low < low * (1 - 1e-9) or span.high > high * (1 + 1e-9):
-                told = f"{span.low:.4g} to {span.high:.4g} {self.time_unit}"
-                rule = f"within what {record.name!r} holds, {low:.4g} to {high:.4g}"
-                why = "(two sample intervals, its duration)"
-                raise ValueError(f"{OWNER}: periods = {told} must be {rule} {why}")
+                periods = f"{span.low:.4g} to {span.high:.4g} {self.time_unit}"
+                limits = f"{low:.4g} to {high:.4g} (two sample intervals, its duration)"
+                rule = f"must be within what {record.name!r} holds, {limits}"
+                raise InvalidInput(OWNER, "periods", periods, rule)
 
-    def _tables(self) -> list[Table]:
+    def _tables(self) -> list[TextTable]:
         unit = self.time_unit
         rows = [
-            (one.name, one.n_samples, float(one.dt), float(one.duration), float(peak))
-            for one, peak in zip(self.records, self.pgas, strict=True)
+            (record.name, record.n_samples, float(record.dt), float(record.duration), float(peak))
+            for record, peak in zip(self.records, self.pgas, strict=True)
         ]
         columns = ("record", "samples", f"interval ({unit})", f"duration ({unit})", "PGA (g)")
-        return [Table(f"{len(self)} records", columns, rows, digits=4)]
-
-
-@dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ScaledSuite(Shown):
-    """Records scaled to a target spectrum; ``RecordSuite.scaled_to`` makes it."""
-
-    suite: RecordSuite
-    """The scaled records."""
-    factors: np.ndarray
-    """Factor of each record, shape (n,)."""
-    target: TargetSpectrum
-    range: PeriodRange
-    """In which the spectra were to meet."""
-    periods: np.ndarray
-    """Periods at which they were compared, evenly spaced in the logarithm, shape (m,)."""
-    accelerations: np.ndarray
-    """Spectral acceleration of each scaled record at them, g, shape (n, m)."""
-    bounds: tuple[float, float]
-    """Of the factors."""
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Arithmetic mean of the scaled records' spectra, g, shape (m,): that of the codes."""
-        return np.asarray(self.accelerations.mean(axis=0))
-
-    @property
-    def misfits(self) -> np.ndarray:
-        """Root mean square of ln(record / target) over the periods, of each record, shape (n,)."""
-        return misfit(np.log(self.accelerations / self.target.at(self.periods)))
-
-    @property
-    def misfit(self) -> float:
-        """Root mean square of ln(mean spectrum / target) over the periods."""
-        return float(misfit(np.log(self.mean / self.target.at(self.periods))))
-
-    @property
-    def least_ratio(self) -> float:
-        """Smallest ratio of the mean spectrum to the target; codes ask for at least 0.9."""
-        return float((self.mean / self.target.at(self.periods)).min())
-
-    @property
-    def at_bound(self) -> tuple[str, ...]:
-        """Names of the records whose factor is at one of the bounds."""
-        low, high = self.bounds
-        at = (self.factors <= low * (1 + 1e-12)) | (self.factors >= high * (1 - 1e-12))
-        return tuple(name for name, held in zip(self.suite.names, at, strict=True) if held)
-
-    def findings(self) -> list[str]:
-        """That factors are at a bound, in words; none if all are within."""
-        if not self.at_bound:
-            return []
-        listed = ", ".join(self.at_bound)
-        low, high = self.bounds
-        return [f"factors of {listed} are at a bound, {low:g} or {high:g}: they fit less well"]
-
-    def _tables(self) -> list[Table]:
-        low, high = self.range
-        rows = [
-            (name, factor, off, "at a bound" if name in self.at_bound else "")
-            for name, factor, off in zip(self.suite.names, self.factors, self.misfits, strict=True)
-        ]
-        name = f" {self.target.name!r}" if self.target.name else ""
-        notes = [
-            f"misfit: root mean square of ln(spectrum / target), periods {low:.4g} to {high:.4g}",
-            f"mean of the suite: misfit {self.misfit:.4g}, at least {self.least_ratio:.4g} of the "
-            "target",
-            *self.findings(),
-        ]
-        columns = ("record", "factor", "misfit", "")
-        return [Table(f"Scaled to the target spectrum{name}", columns, rows, notes, digits=4)]
+        return [TextTable(f"{len(self)} records", columns, rows, digits=4)]
 
 
 def read_suite(
@@ -360,61 +235,40 @@ def read_suite(
     dt: float | None = None,
     units: str | None = None,
 ) -> RecordSuite:
-    """Read the accelerograms of a folder, in the order of their names.
+    """Read the accelerograms of a folder, in the order of their names, which the records have.
 
-    Parameters
-    ----------
-    folder
-        The folder; those in it are not searched.
-    pattern
-        Which files, such as ``"*.csv"`` or ``"RSN*"``; capitals do not matter.
-    dt, units
-        Of files that do not state theirs, see ``read_record``.
-
-    Returns
-    -------
-    RecordSuite
-        Its records are named after the files.
-
-    Raises
-    ------
-    ValueError
-        If the folder is none, no file fits the pattern, or a file cannot be read as ``read_record``
-        says; the message names the file. If two files have one name but for their endings.
-
-    Warns
-    -----
-    PlausibilityWarning
-        As ``read_record``.
-
-    Examples
-    --------
-    ``jp.read_suite("records")`` reads all AT2 files of a folder,
-    ``jp.read_suite("records", "*.csv")`` all CSV files.
+    ``jp.read_suite("records", "*.csv")`` reads all CSV files of a folder, without its subfolders;
+    ``pattern`` is regardless of case, and ``dt`` and ``units`` are as in ``read_record``. Raises
+    ``ValueError`` if there is no such folder, no file matches the pattern, ``read_record`` refuses
+    a file, which the message names, or two files differ only in their extensions. Warns as
+    ``read_record``.
     """
     owner, place = "read_suite", Path(folder)
     if not place.is_dir():
-        raise ValueError(f"{owner}: folder = {str(folder)!r} must be a folder")
+        raise InvalidInput(owner, "folder", repr(str(folder)), "must be a folder")
     if not isinstance(pattern, str) or not pattern:
-        raise ValueError(f"{owner}: pattern = {pattern!r} must be a pattern such as '*.AT2'")
+        raise InvalidInput(owner, "pattern", repr(pattern), "must be a pattern such as '*.AT2'")
     files = sorted(path for path in place.iterdir() if path.is_file())
-    wanted = [path for path in files if fnmatchcase(path.name.lower(), pattern.lower())]
-    if not wanted:
+    matching = [path for path in files if fnmatchcase(path.name.lower(), pattern.lower())]
+    if not matching:
         kinds = ", ".join(sorted({f"*{path.suffix}" for path in files if path.suffix})[:8])
-        there = f"it has {kinds}" if kinds else "it is empty"
-        raise ValueError(f"{owner}: pattern = {pattern!r} must fit a file in {place}: {there}")
+        content = f"it has {kinds}" if kinds else "it is empty"
+        rule = f"must fit a file in {place}: {content}"
+        raise InvalidInput(owner, "pattern", repr(pattern), rule)
     try:
-        return RecordSuite(tuple(read_record(path, dt=dt, units=units) for path in wanted))
-    except ValueError as error:
-        words = str(error).removeprefix("read_record: ")
-        raise ValueError(f"{owner}: {words.replace('RecordSuite: ', f'{place}: ')}") from error
+        return RecordSuite(tuple(read_record(path, dt=dt, units=units) for path in matching))
+    except InvalidInput as error:
+        places = {"read_record": owner, "RecordSuite": f"{owner}: {place}"}
+        raise error.replaced(owner=places.get(error.owner, f"{owner}: {error.owner}")) from error
+    except ValueError as error:  # a file that could not be read
+        raise ValueError(f"{owner}: {error}") from error
 
 
 def as_suite(owner: str, records: Any) -> RecordSuite:
-    """A suite, or several records as one."""
+    """A suite, or several records as a suite."""
     if isinstance(records, RecordSuite):
         return records
     if not isinstance(records, Sequence):
-        shown = reprlib.repr(records)
-        raise ValueError(f"{owner}: records = {shown} must be a RecordSuite or a list of records")
+        rule = "must be a RecordSuite or a list of records"
+        raise InvalidInput(owner, "records", reprlib.repr(records), rule)
     return RecordSuite(tuple(records))

@@ -8,12 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, Rule, enforce, is_traced, not_negative, one_batch, positive
+from jaxpound._checks import Range, Rule, enforce, is_traced, not_negative, positive, require_batch
 from jaxpound._fields import check, like, parameter, pytree_dataclass, ranges
 from jaxpound.model.rod import ZenerRod
 
-# Wide enough for a laboratory's models and for the tallest towers, and narrow enough to catch a
-# wrong unit or a typing error.
+# Wide enough for laboratory models and the tallest towers, narrow enough to catch a wrong unit.
 PERIOD = Range(2e-3, 60, "s", "models shake at a hundredth of a second, towers in ten")
 DAMPING = Range(0, 1, "", "of the critical damping; 0.05 is 5 %")
 _MASS = Range(1e-3, 1e10, "kg", "from a model of a gram to ten times the heaviest tower")
@@ -26,6 +25,8 @@ _RELAXATION = Range(1e-12, 1e6, "s^order", "a relaxation time to the power of th
 class Building:
     """A building as one block on one fractional Zener rod, in SI units.
 
+    Raises ``ValueError`` if a concrete value breaks its rule.
+
     Parameters
     ----------
     mass
@@ -36,11 +37,6 @@ class Building:
         Order of the fractional derivative, in (0, 1].
     tau_f, tau_x
         Relaxation times, s^order, 0 < τ_f ≤ τ_x.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
 
     Examples
     --------
@@ -60,26 +56,23 @@ class Building:
     def __post_init__(self) -> None:
         check(self)
         enforce("Building", ranges(self))
-        one_batch("Building", **vars(self))
+        require_batch("Building", **vars(self))
 
     @classmethod
     def from_period(
-        cls,
-        mass: Any,
-        period: Any,
-        damping_ratio: Any,
-        order: Any = 0.5,
-        tau_f: Any = None,
+        cls, mass: Any, period: Any, damping_ratio: Any, order: Any = 0.5, tau_f: Any = None
     ) -> Building:
-        """The building whose equivalent natural period and damping ratio are the given ones.
+        """The building with this equivalent natural period and damping ratio.
 
         At ω = 2π / period the rod's storage modulus carries the mass, k K'(ω) = m ω², and half its
-        loss factor is the damping ratio: two equations for stiffness and τ_x.
+        loss factor is the damping ratio: two equations for stiffness and τ_x. So m ω² is the
+        ``dynamic_stiffness``. The ``stiffness`` k under a permanent load is smaller, since a
+        fractional rod creeps: at order 0.5 by 10 % at a damping ratio of 5 %, by 30 % at 15 %. With
+        ``order=1`` and a small τ_f the building is the viscous one of other programs (Kelvin and
+        Voigt's, c = 2 ζ m ω), and k approaches m ω².
 
-        So it is the ``dynamic_stiffness`` that is m ω². The ``stiffness`` k is that of a load that
-        stays, and smaller, since a fractional rod gives way for long: at order 0.5 by 10 % at a
-        damping ratio of 5 %, by 30 % at 15 %. With ``order=1`` and a small τ_f the building is the
-        viscous one of other programs (Kelvin and Voigt's, c = 2 ζ m ω), and k = m ω² but for τ_f.
+        Raises ``ValueError`` if a concrete value breaks its rule, or no rod of this order and τ_f
+        damps as much.
 
         Parameters
         ----------
@@ -93,11 +86,6 @@ class Building:
             Order of the fractional derivative, in (0, 1].
         tau_f
             Relaxation time of force, s^order; by default such that τ_f ω^order = 0.01.
-
-        Raises
-        ------
-        ValueError
-            If a known value breaks its rule, or no rod of this order and τ_f damps as much.
 
         Examples
         --------
@@ -116,18 +104,18 @@ class Building:
         omega = 2 * np.pi / period
         size = omega**order
         tau_f = 0.01 / size if tau_f is None else ZenerRod(order, tau_f, tau_f).tau_f
-        one_batch(owner, mass=mass, period=period, damping_ratio=zeta, order=order, tau_f=tau_f)
+        require_batch(owner, mass=mass, period=period, damping_ratio=zeta, order=order, tau_f=tau_f)
         xp = jnp if is_traced((period, order)) else np
         c, s = size * xp.cos(np.pi / 2 * order), size * xp.sin(np.pi / 2 * order)
         # Loss − 2ζ storage = 0 is linear in τ_x (numerators of K* over |1 + τ_f (iω)^γ|²).
         gain = s - 2 * zeta * (c + tau_f * size**2)
         largest = s / (c + tau_f * size**2) / 2
-        text = "below what a rod of this order and tau_f can give"
+        rule = "below what a rod of this order and tau_f can give"
         if not is_traced((largest, gain)):
             first = np.argmin(gain > 0)  # the building that the message names
-            text += f", {np.broadcast_to(largest, np.shape(gain)).flat[first]:.8g}"
-        enforce(owner, [Rule("damping_ratio", zeta, gain > 0, text)])
-        # As a sum of positive terms, so that τ_x ≥ τ_f to the last digit.
+            rule += f", {np.broadcast_to(largest, np.shape(gain)).flat[first]:.8g}"
+        enforce(owner, [Rule("damping_ratio", zeta, gain > 0, rule)])
+        # A sum of positive terms keeps τ_x ≥ τ_f to the last digit.
         tau_x = tau_f + 2 * zeta * (1 + 2 * tau_f * c + (tau_f * size) ** 2) / gain
         below = (1 + tau_f * c) ** 2 + (tau_f * s) ** 2
         storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
@@ -139,20 +127,16 @@ class Building:
         return ZenerRod(self.order, self.tau_f * size, self.tau_x * size)
 
     @property
-    def _rod(self) -> ZenerRod:
-        return ZenerRod(self.order, self.tau_f, self.tau_x)
-
-    @property
     def dynamic_stiffness(self) -> jax.Array:
         """Stiffness of a vibration at the natural frequency, m ω² = k K'(ω), N/m."""
-        return self.mass * self._rod.natural_frequency(self.stiffness, self.mass) ** 2
+        return self.mass * self.material().natural_frequency(self.stiffness, self.mass) ** 2
 
     @property
     def natural_period(self) -> jax.Array:
         """Equivalent natural period, s."""
-        return 2 * jnp.pi / self._rod.natural_frequency(self.stiffness, self.mass)
+        return 2 * jnp.pi / self.material().natural_frequency(self.stiffness, self.mass)
 
     @property
     def damping_ratio(self) -> jax.Array:
         """Equivalent viscous damping ratio at the natural frequency."""
-        return self._rod.damping_ratio(self.stiffness, self.mass)
+        return self.material().damping_ratio(self.stiffness, self.mass)

@@ -7,8 +7,7 @@ which they part over that at which they met. ``Newton`` has an impulse, all othe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import factorial
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -16,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxpound._checks import Range, hint, is_traced, one_batch, positive
-from jaxpound._extrema import larger, smaller
-from jaxpound._fields import assembled, check, like, parameter, pytree_dataclass, static
-
-STIFFER_THAN_A_STOREY = 20.0
-"""Stiffness of the contact over that of the stiffer storey (Anagnostopoulos 1988)."""
+from jaxpound._checks import Range, hint, require_batch
+from jaxpound._errors import InvalidInput
+from jaxpound._extrema import larger
+from jaxpound._fields import check, like, parameter, pytree_dataclass, static, unchecked
+from jaxpound.model.contact_numbers import contact_stiffness as contact_stiffness
+from jaxpound.model.contact_numbers import exact_damping_factor
 
 _STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
 _RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
@@ -29,18 +28,17 @@ _RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 fo
 
 @runtime_checkable
 class ContactLaw(Protocol):
-    """A law of contact with a force: one of those here, or one of one's own.
+    """A law of contact with a force, user-defined ones included.
 
-    A law is a pytree, whose numbers are traced and differentiated. It is a force alone: where
-    contact begins and ends is found by the run. What the force does with speed 0 is stored, the
-    rest of its work is lost.
+    A law is a pytree, whose numbers are traced and differentiated. It has a force only: the run
+    finds where contact begins and ends. The force at speed 0 is evaluated, too: its work is stored
+    energy, the rest of the work is lost.
 
-    Two more members may be there. ``tension``, a bool, says whether the force may pull while the
-    blocks are in contact; without it, or where it is False, the blocks let go: a negative force is
-    none. ``for_mass(effective_mass)`` returns a law with the force for blocks of that effective
-    mass. It is for laws whose damping follows from a restitution, and so from the mass, and for
-    what need not be computed again at every call of ``force``; such a law's own ``force`` is that
-    for effective mass 1.
+    Two more members are optional. ``tension``, a bool, says whether the force may pull while the
+    blocks are in contact; without it, or where it is False, the blocks separate instead. A law
+    whose damping depends on the mass has ``for_mass(effective_mass)``: a run calls it once for each
+    link and takes the force of the law that it returns. Outside of runs the law's own ``force`` is
+    that for effective mass 1. A law without ``for_mass`` does not get the mass.
 
     Examples
     --------
@@ -74,19 +72,20 @@ class ContactLaw(Protocol):
         """
 
 
-def bound(law: Any, effective_mass: Any) -> Any:
-    """A law with the force for blocks of this effective mass, at any penetration.
+def with_mass(law: Any, effective_mass: Any) -> Any:
+    """The law for blocks of this effective mass, whose force may be evaluated where they are apart.
 
-    A law of one's own is never asked for its force at a negative one.
+    A user-defined law then gets penetration 0.
     """
     for_mass = getattr(law, "for_mass", None)
-    found = law if for_mass is None else for_mass(effective_mass)
-    ours = (Newton, Hertz, _Viscous, _HertzFactored, _HertzInApproach)
-    return found if isinstance(found, ours) else assembled(_Pressed, law=found)
+    law = law if for_mass is None else for_mass(effective_mass)
+    if isinstance(law, Newton | Hertz | _ForMass):
+        return law
+    return unchecked(_Pressed, law=law, tension=may_pull(law))
 
 
 def may_pull(law: Any) -> bool:
-    """Whether a law's force may be negative; if not, the blocks let go."""
+    """Whether a law's force may be negative; if not, the blocks separate instead."""
     return bool(getattr(law, "tension", False))
 
 
@@ -94,19 +93,15 @@ def may_pull(law: Any) -> bool:
 class Newton:
     """Newton's law of impact: the blocks part at e times the speed at which they met.
 
-    Contact has no duration, penetration or force, but the impulse (1 + e) m* δ'. Blocks that are
-    pressed together at rest stay so, by the force that this takes.
+    Contact has no duration, penetration or force, but the impulse (1 + e) m* δ'. A reaction force
+    keeps blocks together that are pressed against each other at rest.
+
+    Raises ``ValueError`` if a concrete value breaks its rule; traced ones as in ``ZenerRod``.
 
     Parameters
     ----------
     restitution
         e, in (0, 1]; .65 is usual for concrete, .4 to .75 has been studied.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule. Traced values cannot raise: a run with an invalid law
-        returns NaN in every result. So it is with all laws.
     """
 
     restitution: Any = parameter(
@@ -114,16 +109,58 @@ class Newton:
     )
 
 
+class _DampedLaw:
+    """A law whose damping coefficient is computed once for an effective mass.
+
+    Its ``force`` is a function of ``stiffness`` and ``_damping``, by default for effective mass 1.
+    """
+
+    stiffness: Any
+    restitution: Any
+
+    def _damping_for(self: Any, effective_mass: Any) -> Any:
+        return 2 * self.damping_ratio * jnp.sqrt(self.stiffness * effective_mass)
+
+    @property
+    def _damping(self) -> Any:
+        return self._damping_for(1.0)
+
+    def _check(self) -> None:
+        check(self)
+        numbers = {"stiffness": self.stiffness, "restitution": self.restitution}
+        require_batch(type(self).__name__, **numbers)
+
+    def for_mass(self, effective_mass: Any) -> ContactLaw:
+        """The law for blocks of this effective mass."""
+        numbers = {"stiffness": self.stiffness, "_damping": self._damping_for(effective_mass)}
+        return unchecked(_ForMass, **numbers, law=type(self), tension=may_pull(self))
+
+
 @pytree_dataclass
-class KelvinVoigt:
+class _ForMass:
+    """A law with its damping coefficient for an effective mass."""
+
+    stiffness: Any
+    _damping: Any
+    law: Any = static()  # the class of the law, whose force reads the fields of this object
+    tension: bool = static()
+
+    def force(self, *state: Any) -> Any:
+        return self.law.force(self, *state)
+
+
+@pytree_dataclass
+class KelvinVoigt(_DampedLaw):
     r"""A spring and a dashpot, :math:`p = k δ + 2 ξ \sqrt{k m^*} δ'` (Anagnostopoulos 1988).
 
-    The damping ratio is :math:`ξ = -\ln e / \sqrt{π^2 + \ln^2 e}`. The force jumps to its dashpot's
-    as the blocks touch. Towards the end of contact it would pull; unless ``tension`` is set they
-    let go instead.
+    The damping ratio is :math:`ξ = -\ln e / \sqrt{π^2 + \ln^2 e}`. At the touch the force jumps to
+    that of the dashpot. Towards the end of contact it would pull; unless ``tension`` is set the
+    blocks separate instead.
 
-    Asked for e = .4, .65, .9, a free collision really returns .472, .675, .902, and with
+    With e = .4, .65, .9 the restitution of a free collision is .472, .675, .902, and with
     ``tension`` .4, .65, .9.
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
 
     Parameters
     ----------
@@ -133,12 +170,7 @@ class KelvinVoigt:
     restitution
         e, in (0, 1].
     tension
-        Whether the force may pull, until the penetration has gone.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
+        Whether the force may pull, until the penetration is 0.
 
     Examples
     --------
@@ -155,9 +187,10 @@ class KelvinVoigt:
 
     def __post_init__(self) -> None:
         if not isinstance(self.tension, bool | np.bool_):
-            raise ValueError(f"KelvinVoigt: tension = {self.tension!r} must be True or False")
+            rule = "must be True or False"
+            raise InvalidInput("KelvinVoigt", "tension", repr(self.tension), rule)
         object.__setattr__(self, "tension", bool(self.tension))
-        _check_one_batch(self)
+        self._check()
 
     @property
     def damping_ratio(self) -> jax.Array:
@@ -165,31 +198,23 @@ class KelvinVoigt:
         decrement = -jnp.log(self.restitution)
         return decrement / jnp.sqrt(jnp.pi**2 + decrement**2)
 
-    def for_mass(self, effective_mass: Any) -> ContactLaw:
-        """The law for blocks of this effective mass."""
-        damping = 2 * self.damping_ratio * jnp.sqrt(self.stiffness * effective_mass)
-        return assembled(_Viscous, stiffness=self.stiffness, damping=damping, tension=self.tension)
-
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        """The force for effective mass 1; neither clamped nor clipped."""
-        return self.for_mass(1.0).force(penetration, speed, touch_speed)
+        """The force; outside of runs for effective mass 1."""
+        return self.stiffness * penetration + self._damping * speed
 
 
 @pytree_dataclass
 class Hertz:
     r"""Hertz's elastic contact, :math:`p = k δ^{3/2}` (Hertz 1882).
 
-    Nothing is lost: a free collision returns 1.
+    It loses no energy: the restitution of a free collision is 1.
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
 
     Parameters
     ----------
     stiffness
         k > 0, in units of m1 ω1³/√g for a dimensionless system, where 10,000 to 30,000 is usual.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
     """
 
     stiffness: Any = parameter(
@@ -198,19 +223,19 @@ class Hertz:
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
         """The force; 0 without penetration."""
-        return self.stiffness * _power(penetration, _three_halves)
+        return _elastic(self.stiffness, penetration)
 
 
 @pytree_dataclass
-class HertzDamped:
-    r"""Hertz's contact with damping that grows with it, :math:`p = k δ^{3/2} (1 + Z δ'/v_0)`.
+class HertzDamped(_DampedLaw):
+    r"""Hertz's contact with damping in proportion to it, :math:`p = k δ^{3/2} (1 + Z δ'/v_0)`.
 
-    v0 is the speed at the touch. The form is that of Hunt and Crossley (1975); the laws of the
-    literature differ in Z:
+    v0 is the speed at the touch; for blocks that touch at rest the force is that of ``Hertz``. The
+    form is that of Hunt and Crossley (1975); the laws of the literature differ in Z:
 
     ===================  =============================  ===========================
-    ``damping``          Z                              really returned, asked for
-                                                        e = .4, .65, .9
+    ``damping``          Z                              restitution of a collision
+                                                        with e = .4, .65, .9
     ===================  =============================  ===========================
     ``"exact"``          Z (1 + e)                      .4, .65, .9
                          = ln((1 + Z)/(1 − Z e))
@@ -219,33 +244,23 @@ class HertzDamped:
     ``"hunt-crossley"``  1.5 (1 − e)                    .620, .739, .909
     ===================  =============================  ===========================
 
-    "exact" makes a free collision return what was asked for. "muthukumar" is by Muthukumar and
+    With "exact" the restitution of a free collision is e. "muthukumar" is by Muthukumar and
     DesRoches (2006) after Lankarani and Nikravesh (1990), "ye" by Ye et al. (2009) and Flores et
     al. (2011).
 
+    Raises ``ValueError`` if a concrete value breaks its rule, or the damping is unknown.
+
     Parameters
     ----------
-    stiffness
-        k > 0, as of ``Hertz``.
-    restitution
-        e, in (0, 1].
+    stiffness, restitution
+        As in ``Hertz`` and ``Newton``.
     damping
         "exact", "muthukumar", "ye" or "hunt-crossley".
 
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule, or the damping is unknown.
-
     Examples
     --------
-    >>> for damping in ("exact", "muthukumar", "ye", "hunt-crossley"):
-    ...     law = jp.HertzDamped(2e4, restitution=0.65, damping=damping)
-    ...     print(f"{damping}: {float(law.damping_factor):.4f}")
-    exact: 0.7931
-    muthukumar: 0.4331
-    ye: 0.8615
-    hunt-crossley: 0.5250
+    >>> round(float(jp.HertzDamped(2e4, restitution=0.65).damping_factor), 4)
+    0.7931
     """
 
     stiffness: Any = like(Hertz, "stiffness")
@@ -254,52 +269,48 @@ class HertzDamped:
 
     def __post_init__(self) -> None:
         if self.damping not in [*_DAMPING_FACTORS]:
-            told = f"HertzDamped: damping = {self.damping!r} must be the name of a law for Z"
-            raise ValueError(f"{told}; {hint(self.damping, _DAMPING_FACTORS)}")
-        _check_one_batch(self)
+            rule = f"must be the name of a law for Z; {hint(self.damping, _DAMPING_FACTORS)}"
+            raise InvalidInput("HertzDamped", "damping", repr(self.damping), rule)
+        self._check()
 
     @property
     def damping_factor(self) -> Any:
         """Z."""
         return _DAMPING_FACTORS[self.damping](self.restitution)
 
-    def for_mass(self, effective_mass: Any) -> ContactLaw:
-        """The law with Z computed once; the effective mass does not matter to it."""
-        return assembled(_HertzFactored, stiffness=self.stiffness, factor=self.damping_factor)
+    def _damping_for(self, effective_mass: Any) -> Any:
+        return self.damping_factor
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        """The force; 0 without penetration, that of ``Hertz`` for blocks that touch at rest."""
-        return self.for_mass(1.0).force(penetration, speed, touch_speed)
+        """The force; 0 without penetration."""
+        met = touch_speed > 0
+        share = jnp.where(met, speed / jnp.where(met, touch_speed, 1.0), 0.0)
+        return _elastic(self.stiffness, penetration) * (1 + self._damping * share)
 
 
 @pytree_dataclass
-class Jankowski:
-    r"""Hertz's contact with a dashpot in approach alone (Jankowski 2005).
+class Jankowski(_DampedLaw):
+    r"""Hertz's contact with a dashpot in approach only (Jankowski 2005).
 
     :math:`p = k δ^{3/2} + 2 ξ \sqrt{k \sqrt{δ} m^*} δ'` in approach and :math:`k δ^{3/2}` in
     return, with :math:`ξ = (9\sqrt{5}/2) (1 - e^2) / (e (e (9π - 16) + 16))` (Jankowski 2006). At
     the touch the force rises with an infinite slope.
 
-    Asked for e = .4, .65, .9, a free collision really returns .393, .647, .900.
+    With e = .4, .65, .9 the restitution of a free collision is .393, .647, .900.
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
 
     Parameters
     ----------
-    stiffness
-        k > 0, as of ``Hertz``.
-    restitution
-        e, in (0, 1].
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule.
+    stiffness, restitution
+        As in ``Hertz`` and ``Newton``.
     """
 
     stiffness: Any = like(Hertz, "stiffness")
     restitution: Any = like(Newton, "restitution")
 
     def __post_init__(self) -> None:
-        _check_one_batch(self)
+        self._check()
 
     @property
     def damping_ratio(self) -> Any:
@@ -307,116 +318,21 @@ class Jankowski:
         e = self.restitution
         return 4.5 * 5**0.5 * (1 - e**2) / (e * (e * (9 * np.pi - 16) + 16))
 
-    def for_mass(self, effective_mass: Any) -> ContactLaw:
-        """The law for blocks of this effective mass."""
-        damping = 2 * self.damping_ratio * jnp.sqrt(self.stiffness * effective_mass)
-        return assembled(_HertzInApproach, stiffness=self.stiffness, damping=damping)
-
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        """The force for effective mass 1; 0 without penetration, as is its derivative there."""
-        return self.for_mass(1.0).force(penetration, speed, touch_speed)
-
-
-def contact_stiffness(
-    *,
-    modulus: Any = None,
-    area: Any = None,
-    length: Any = None,
-    storeys: Sequence[Any] | None = None,
-) -> Any:
-    """A stiffness for ``KelvinVoigt``, from the colliding floor or from the storeys beside it.
-
-    The floor's is its axial stiffness E A/L (Maison and Kasai 1992); without floor plans 20 times
-    the stiffness of the stiffer storey will do (Anagnostopoulos 1988). Any consistent units.
-
-    Parameters
-    ----------
-    modulus
-        Young's modulus E > 0 of the floor.
-    area
-        Cross-section A > 0 of the floor, across the direction of impact.
-    length
-        Length L > 0 of the floor in the direction of impact.
-    storeys
-        Stiffness > 0 of the colliding storeys, two numbers.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule, or neither or both of floor and storeys are given.
-
-    Examples
-    --------
-    >>> f"{jp.contact_stiffness(modulus=30e9, area=2.0, length=15.0):.3g} N/m"
-    '4e+09 N/m'
-    >>> float(jp.contact_stiffness(storeys=(1.0, 2.5)))
-    50.0
-    """
-    owner, floor = "contact_stiffness", {"modulus": modulus, "area": area, "length": length}
-    if (storeys is None) == all(x is None for x in floor.values()):
-        raise ValueError(f"{owner}: give either modulus, area and length, or storeys")
-    if storeys is None:
-        modulus, area, length = positive(owner, **floor)
-        return modulus * area / length
-    try:
-        one, other = storeys
-    except (TypeError, ValueError):
-        raise ValueError(f"{owner}: storeys = {storeys!r} must be two numbers") from None
-    one, other = positive(owner, **{"storeys.0": one, "storeys.1": other})
-    stiffer = larger(one, other) if is_traced((one, other)) else np.maximum(one, other)
-    return STIFFER_THAN_A_STOREY * stiffer
-
-
-@pytree_dataclass
-class _Viscous:
-    """A spring and a dashpot."""
-
-    stiffness: Any
-    damping: Any
-    tension: bool = static()
-
-    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:
-        return self.stiffness * penetration + self.damping * speed
-
-
-@pytree_dataclass
-class _HertzFactored:
-    """k δ^(3/2) (1 + Z δ'/v0)."""
-
-    stiffness: Any
-    factor: Any
-
-    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        met = touch_speed > 0
-        share = jnp.where(met, speed / jnp.where(met, touch_speed, 1.0), 0.0)
-        return self.stiffness * _power(penetration, _three_halves) * (1 + self.factor * share)
-
-
-@pytree_dataclass
-class _HertzInApproach:
-    """k δ^(3/2) + c δ^(1/4) δ', the second term in approach."""
-
-    stiffness: Any
-    damping: Any
-
-    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        elastic = self.stiffness * _power(penetration, _three_halves)
-        dashpot = self.damping * _power(penetration, _fourth_root)
-        return elastic + dashpot * jnp.where(speed > 0, speed, 0.0)
+        """The force; outside of runs for effective mass 1."""
+        dashpot = self._damping * _power(penetration, lambda x: jnp.sqrt(jnp.sqrt(x)))
+        return _elastic(self.stiffness, penetration) + dashpot * jnp.where(speed > 0, speed, 0.0)
 
 
 @pytree_dataclass
 class _Pressed:
-    """A law that holds for δ ≥ 0; below it has its force without penetration."""
+    """A law for δ ≥ 0; below, its force is that at penetration 0."""
 
     law: Any
-
-    @property
-    def tension(self) -> bool:
-        return may_pull(self.law)
+    tension: bool = static()
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:
-        # At touch, where rounding may leave δ a little below 0, the derivative is that of contact.
+        # At the touch, where rounding may leave δ just below 0, the derivative is that of contact.
         limits = jnp.finfo(jnp.result_type(penetration, float))
         least = jnp.sqrt(limits.tiny)
         lifted = penetration + lax.stop_gradient(larger(least - penetration, 0.0))
@@ -424,72 +340,19 @@ class _Pressed:
         return self.law.force(pressed, speed, touch_speed)
 
 
-def _check_one_batch(law: Any) -> None:
-    check(law)
-    one_batch(type(law).__name__, stiffness=law.stiffness, restitution=law.restitution)
+def _elastic(k: Any, penetration: Any) -> jax.Array:
+    """Hertz's force, k δ^(3/2)."""
+    return k * _power(penetration, lambda x: x * jnp.sqrt(x))
 
 
-def _three_halves(x: jax.Array) -> jax.Array:
-    return x * jnp.sqrt(x)
-
-
-def _fourth_root(x: jax.Array) -> jax.Array:
-    return jnp.sqrt(jnp.sqrt(x))
-
-
-def _power(penetration: Any, of: Any) -> jax.Array:
-    """A power of the penetration; it and its derivative are 0 where there is none."""
+def _power(penetration: Any, power: Any) -> jax.Array:
+    """A power of the penetration; it and its derivative are 0 without penetration."""
     pressed = penetration > 0
-    return jnp.where(pressed, of(jnp.where(pressed, penetration, 1.0)), 0.0)
+    return jnp.where(pressed, power(jnp.where(pressed, penetration, 1.0)), 0.0)
 
-
-@jax.jit
-def _exact(restitution: Any) -> jax.Array:
-    """The root Z of Z (1 + e) = ln((1 + Z)/(1 − Z e)), with its derivatives up to the third.
-
-    This integrates m* w dw/(1 + Z w/v0) = −k δ^(3/2) dδ over a free collision, from w = v0 to w =
-    −e v0, both at δ = 0. In y = Z (1 + e) it can be solved for e (``_loss``), and nothing is
-    singular where Z comes near 1/e, as it does for small e.
-    """
-    wanted = (1 - restitution) / restitution
-    known = lax.stop_gradient(wanted)
-
-    def improve(y: jax.Array, _: None) -> tuple[jax.Array, None]:
-        value, slope = _with_slope(y)
-        return y + (known - value) / slope, None
-
-    # The loss is at least y/3 and at least y − 2; from there five of Newton's steps are enough.
-    y, _ = lax.scan(improve, smaller(3 * known, known + 2), length=5)
-    for _ in range(2):  # which can be differentiated
-        value, slope = _with_slope(y)
-        y = y + (wanted - value) / slope
-    return y / (1 + restitution)
-
-
-def _with_slope(y: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return jax.jvp(_loss, (y,), (jnp.ones_like(y),))
-
-
-def _loss(y: jax.Array) -> jax.Array:
-    """1/e − 1 = ((2 + y) exp(−y) − 2 + y) / (1 − (1 + y) exp(−y)), for y ≥ 0.
-
-    Near y = 0, where both differences cancel, by their series over y².
-    """
-    near, far = smaller(y, _NEAR), larger(y, _NEAR)
-    above = below = jnp.zeros_like(y)
-    for n in reversed(range(_TERMS)):
-        above = (n + 1) / factorial(n + 3) - near * above
-        below = (n + 1) / factorial(n + 2) - near * below
-    decay = jnp.exp(-far)
-    closed = ((2 + far) * decay - 2 + far) / (1 - (1 + far) * decay)
-    return jnp.where(y < _NEAR, near * above / below, closed)
-
-
-_NEAR = 2.0
-_TERMS = 25  # the first term left out is below 1e-17 of the sum
 
 _DAMPING_FACTORS: dict[str, Callable[[Any], Any]] = {
-    "exact": _exact,
+    "exact": exact_damping_factor,
     "muthukumar": lambda e: 0.75 * (1 - e**2),
     "ye": lambda e: 1.6 * (1 - e) / e,
     "hunt-crossley": lambda e: 1.5 * (1 - e),

@@ -1,10 +1,11 @@
-"""Where masses are at the start of a run, and how fast they move."""
+"""Displacements and velocities of masses at the start of a run."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from jaxpound._checks import Rule
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, pytree_dataclass
 from jaxpound.model.places import link_places
 from jaxpound.model.system import System, as_tuple, elongation
@@ -14,26 +15,22 @@ from jaxpound.model.system import System, as_tuple, elongation
 class InitialState:
     """Displacements and velocities of all masses at t = 0, relative to the ground.
 
-    The rods have been held at these displacements for ever: they start relaxed, with the forces K e
-    of their elongations e and without memory of how they came there. Blocks are then let go. (Rods
-    that were pulled there quickly would pull back harder at first, as their forces relax: simulate
-    the pulling for that.)
+    The rods have been held at these displacements for an infinite time: they start relaxed, with
+    the forces K e of their elongations e and no memory of the past. (Rods that were stretched
+    quickly pull back harder at first, until their forces relax: simulate the stretching for that.)
+
+    Raises ``ValueError`` if a concrete value is not finite.
 
     Parameters
     ----------
     displacements
-        One number a mass, in units of g/ω1²; () for 0 throughout.
+        One number a mass, in units of g/ω1², or in m with ``Buildings``; () for 0 throughout.
     velocities
-        One number a mass, in units of g/ω1; () for 0 throughout.
-
-    Raises
-    ------
-    ValueError
-        If a known value is not finite.
+        One number a mass, in units of g/ω1, or in m/s with ``Buildings``; () for 0 throughout.
 
     Examples
     --------
-    Two blocks of which one was pulled aside; friction between them holds it before it is back:
+    One of two blocks starts displaced; friction between them holds it before it is back:
 
     >>> still = jp.Ricker(0.0, [1.0], [0.0])
     >>> aside = jp.InitialState(displacements=(0.3, 0.0))
@@ -56,30 +53,24 @@ class InitialState:
         check(self)
 
     def of(self, system: System) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Displacements and velocities of a system's masses.
-
-        Raises
-        ------
-        ValueError
-            If there are not as many as masses.
-        """
+        """Displacements and velocities of a system's masses; an ``InvalidInput`` for too few."""
         n = len(system.masses)
         for name in ("displacements", "velocities"):
-            given = getattr(self, name)
-            if len(given) not in (0, n):
-                rule = f"one number for each of {n} masses, or ()"
-                raise ValueError(f"initial: {name} of {len(given)} numbers must be {rule}")
+            values = getattr(self, name)
+            if len(values) not in (0, n):
+                rule = f"must be one number for each of {n} masses, or ()"
+                raise InvalidInput("initial", f"{name} of {len(values)} numbers", "", rule)
         return self.displacements or (0.0,) * n, self.velocities or (0.0,) * n
 
 
 def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule]:
-    """What a state must be for a run with steps of ``dt``: links with a contact law are open."""
+    """The rules of a state for a run with steps of ``dt``: links with a contact law are open."""
     x, v = initial.of(system)
     rules = []
     for place, link in zip(link_places(system.topology), system.links, strict=True):
         if link.contact is not None:
             left = link.gap - elongation(link.ends, x)
             holds = left > dt * elongation(link.ends, v)
-            says = "open, and stay so for a step: a law of contact starts apart"
-            rules.append(Rule(f"gap of {place}", left, holds, says))
+            rule = "open, and stay so for a step: a law of contact starts apart"
+            rules.append(Rule(f"gap of {place}", left, holds, rule))
     return rules

@@ -1,8 +1,7 @@
 """Parameters of structures by path: ``friction``, ``rod_1.tau_x``, ``rods.3.material.tau_x``.
 
-A path names a field that is a ``parameter``, through any nesting of objects and tuples. That field
-holds the parameter's metadata, such as its admissible values (see ``_fields``). In a pattern ``*``
-stands for any number or name in its place: ``buildings.0.rods.*.stiffness``.
+A path names a ``parameter`` field (see ``_fields``) through any nesting of objects and tuples. In a
+pattern ``*`` stands for any number or name: ``buildings.0.rods.*.stiffness``.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from functools import reduce
 from typing import Any, TypeVar
 
 from jaxpound._checks import hint
+from jaxpound._errors import InvalidInput
 from jaxpound._extrema import smaller
 from jaxpound._fields import Parameter, walk
 
@@ -26,27 +26,24 @@ SMALLEST = 1e-30
 
 
 def paths(structures: Any) -> tuple[str, ...]:
-    """Paths of all parameters; the same parameter of several objects is listed together.
+    """Paths of all parameters, those of the same parameter of several objects together.
 
-    A parameter that bounds another comes before it (τ_f before τ_x): in this order they can be
-    drawn or chosen one after the other. ``structures`` may be a class without tuples, which does
-    not know of parts that may be missing, such as a contact law.
+    A parameter that bounds another comes before it (τ_f before τ_x), so that they can be drawn in
+    this order. ``structures`` may be a class without tuples; then optional parts, such as a contact
+    law, are left out.
     """
-    alike: dict[Parameter, list[str]] = {}
+    groups: dict[Parameter, list[str]] = {}
     for path, parameter, _ in walk(structures, Parameter):
-        alike.setdefault(parameter, []).append(path)
-    return tuple(path for group in alike.values() for path in group)
+        groups.setdefault(parameter, []).append(path)
+    return tuple(path for group in groups.values() for path in group)
 
 
-def known(structures: Any, path: str) -> Parameter:
+def metadata(structures: Any, path: str) -> Parameter:
     """Symbol, kind, words and rule of a parameter; ``structures`` may be a class.
 
-    Raises
-    ------
-    ValueError
-        If there is no such parameter; so do all functions of this module.
+    This and all functions of this module raise an ``InvalidInput`` for an unknown path.
     """
-    return _found(_table(structures), path)[0]
+    return _lookup(_table(structures), path)[0]
 
 
 def name(structures: Any, path: str, *, symbols: bool = True) -> str:
@@ -55,24 +52,23 @@ def name(structures: Any, path: str, *, symbols: bool = True) -> str:
     Without ``symbols``, which stand for dimensionless numbers, ``link 1: friction``. ``structures``
     may be a class.
     """
-    parameter = known(structures, path)
+    parameter = metadata(structures, path)
     owner, field, index = _split(path)
     words = parameter.words or field.replace("_", " ")
     symbol = f"${parameter.symbol}$" if parameter.symbol and symbols else ""
     if owner:
-        where = f"{owner}.{field}.{index}" if index else owner
-        return f"{in_words(where)}: {symbol or words}"
+        return f"{in_words(path if index else owner)}: {symbol or words}"
     number = str(int(index) + 1) if index else ""
     return " ".join(filter(None, (words, number, symbol)))
 
 
 def in_words(path: str) -> str:
-    """What a path leads to in words, numbered from 1: ``building 1, storey 2``."""
+    """The object of a path in words, numbered from 1: ``building 1, storey 2``."""
     words: list[str] = []
-    one_of = _OF_BUILDINGS if path.startswith("buildings.") else _OF_SYSTEMS
+    singular = _OF_BUILDINGS if path.startswith("buildings.") else _OF_SYSTEMS
     for part in path.split("."):
         if part.isdigit() and words:
-            words[-1] = f"{one_of.get(words[-1], words[-1])} {int(part) + 1}"
+            words[-1] = f"{singular.get(words[-1], words[-1])} {int(part) + 1}"
         elif part != "material":
             words.append(part.replace("_", " "))
     return ", ".join(words)
@@ -84,78 +80,60 @@ _OF_BUILDINGS = {"buildings": "building", "rods": "storey", "masses": "floor"}
 
 def get(structures: Any, path: str) -> Any:
     """Value of a parameter."""
-    return _found(_table(structures), path, "get")[1]
+    return _lookup(_table(structures), path, "get")[1]
 
 
 def put(structures: T, values: Mapping[str, Any]) -> T:
-    """Structures with the given parameters replaced; their rules are checked.
-
-    All values are put at once, so that their order does not matter.
-    """
+    """Structures with these parameters replaced, all at once; their rules are checked."""
     require_paths("put", structures, values)
     return _rebuilt(structures, {tuple(path.split(".")): x for path, x in values.items()})
 
 
 def lower(structures: Any, path: str) -> str | None:
-    """Path of the parameter that bounds this one from below: τ_f of the same rod for τ_x."""
-    return _lower(_found(_table(structures), path)[0], path)
+    """Path of the parameter that is the lower bound: τ_f of the same rod for τ_x."""
+    return _lower(_lookup(_table(structures), path)[0], path)
 
 
 def interval(
     structures: Any, path: str, others: Mapping[str, Any] | None = None
 ) -> tuple[Any, Any]:
-    """Smallest and largest value that a parameter may have, given the others.
+    """Smallest and largest admissible value of a parameter beside the values of the others.
 
-    Parameters
-    ----------
-    structures
-        The structures, with known or traced parameters.
-    path
-        The parameter.
-    others
-        Values of some of the others in the place of those in ``structures``; None for one that is
-        not known yet and does not bound this one.
+    ``others`` replaces values of ``structures``, by path; None stands for an undecided parameter,
+    which bounds no other.
     """
     table, others = _table(structures), others or {}
-    parameter, _ = _found(table, path)
+    parameter, _ = _lookup(table, path)
     values = {other: others.get(other, x) for other, (_, x) in table.items()}
-    bound = _lower(parameter, path)
-    if bound is None:
-        least = -math.inf if parameter.least is None else parameter.least
-        low = float(least) if parameter.above is None else SMALLEST
-    else:
+    if (bound := _lower(parameter, path)) is not None:
         low = values[bound]
         low = interval(structures, bound, others)[0] if low is None else low
-    highs: list[Any] = [] if parameter.most is None else [float(parameter.most)]
-    highs += [
-        values[other]
-        for other, (one, _) in table.items()
-        if _lower(one, other) == path and values[other] is not None
-    ]
+    else:
+        least = -math.inf if parameter.least is None else parameter.least
+        low = float(least) if parameter.above is None else SMALLEST
+    bounded = [values[other] for other, (x, _) in table.items() if _lower(x, other) == path]
+    highs = [parameter.most and float(parameter.most), *bounded]
+    highs = [x for x in highs if x is not None]
     return low, reduce(smaller, highs) if highs else math.inf
 
 
-def expanded(owner: str, structures: Any, given: Mapping[str, X]) -> dict[str, X]:
-    """What is given by path or pattern, by path: a pattern stands for all paths that it matches.
+def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[str, X]:
+    """Values by path, from values by path or pattern; a path takes precedence over patterns.
 
-    A path that is given itself goes before a pattern that matches it.
-
-    Raises
-    ------
-    ValueError
-        If a path is unknown, a pattern matches none, or two patterns match the same path.
+    Each pattern must match a path, and no path two patterns.
     """
-    found: dict[str, X] = {}
-    whose: dict[str, str] = {}
-    for key, value in given.items():
+    values: dict[str, X] = {}
+    sources: dict[str, str] = {}
+    for key, value in by_pattern.items():
         for path in [key] if "*" not in key else _matches(owner, structures, key):
-            if path != key and path in given:
+            if path != key and path in by_pattern:
                 continue
-            if path in found:
-                raise ValueError(f"{owner}: {whose[path]!r} and {key!r} must not both match {path}")
-            found[path], whose[path] = value, key
-    require_paths(owner, structures, found)
-    return found
+            if path in values:
+                patterns = f"{sources[path]!r} and {key!r}"
+                raise InvalidInput(owner, patterns, "", f"must not both match {path}")
+            values[path], sources[path] = value, key
+    require_paths(owner, structures, values)
+    return values
 
 
 def _matches(owner: str, structures: Any, pattern: str) -> list[str]:
@@ -165,7 +143,7 @@ def _matches(owner: str, structures: Any, pattern: str) -> list[str]:
     if matched := [path for path in every if fits.fullmatch(path)]:
         return matched
     general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in every)
-    raise ValueError(f"{owner}: no path matches {pattern!r}; {_hint(pattern, general)}")
+    raise InvalidInput(owner, "", "", f"no path matches {pattern!r}; {_hint(pattern, general)}")
 
 
 def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:
@@ -173,31 +151,31 @@ def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:
     return {path: (parameter, x) for path, parameter, x in walk(structures, Parameter)}
 
 
-def require_paths(owner: str, structures: Any, given: Iterable[str]) -> None:
-    """A ``ValueError`` for a path that names no parameter."""
+def require_paths(owner: str, structures: Any, names: Iterable[str]) -> None:
+    """An ``InvalidInput`` for a path that names no parameter."""
     table = _table(structures)
-    for path in given:
-        _found(table, path, owner)
+    for path in names:
+        _lookup(table, path, owner)
 
 
-def _found(
+def _lookup(
     table: Mapping[str, tuple[Parameter, Any]], path: str, owner: str = "parameters"
 ) -> tuple[Parameter, Any]:
     """The entry of a path; for a class ``*`` stands for any index."""
     if not isinstance(path, str):
-        raise ValueError(f"{owner}: path = {path!r} must be the name of a parameter")
-    for there in (path, re.sub(r"\.\d+\b", ".*", path)):
-        if there in table:
-            return table[there]
-    raise ValueError(f"{owner}: unknown path {path!r}; {_hint(path, table)}")
+        raise InvalidInput(owner, "path", repr(path), "must be the name of a parameter")
+    for key in (path, re.sub(r"\.\d+\b", ".*", path)):
+        if key in table:
+            return table[key]
+    raise InvalidInput(owner, "", "", f"unknown path {path!r}; {_hint(path, table)}")
 
 
-def _hint(path: str, known: Iterable[str]) -> str:
-    """What was meant by an unknown path, or why there is no such parameter."""
-    known, of_contact = list(known), re.compile(r"(?:.*\.)?contact\..*")
-    if of_contact.fullmatch(path) and not any(map(of_contact.fullmatch, known)):
+def _hint(path: str, available: Iterable[str]) -> str:
+    """The end of a message on an unknown path: the closest path, or why there is none."""
+    available, of_contact = list(available), re.compile(r"(?:.*\.)?contact\..*")
+    if of_contact.fullmatch(path) and not any(map(of_contact.fullmatch, available)):
         return "links have no contact"
-    return hint(path, known)
+    return hint(path, available)
 
 
 def _lower(parameter: Parameter, path: str) -> str | None:
@@ -213,16 +191,16 @@ def _split(path: str) -> tuple[str, str, str]:
 
 
 def _rebuilt(node: Any, values: Mapping[Sequence[str], Any]) -> Any:
-    """An object, tuple or number with new values in it, keyed by the rest of their paths."""
+    """An object, tuple or number with new values, keyed by their paths below it."""
     if () in values:
         return values[()]
     below: dict[str, dict[Sequence[str], Any]] = {}
-    for (first, *rest), value in values.items():
-        below.setdefault(first, {})[tuple(rest)] = value
+    for (first, *tail), value in values.items():
+        below.setdefault(first, {})[tuple(tail)] = value
     if isinstance(node, tuple | list):
         return type(node)(
             _rebuilt(item, below[str(i)]) if str(i) in below else item
             for i, item in enumerate(node)
         )
-    changed = {field: _rebuilt(getattr(node, field), rest) for field, rest in below.items()}
+    changed = {field: _rebuilt(getattr(node, field), tail) for field, tail in below.items()}
     return dataclasses.replace(node, **changed)

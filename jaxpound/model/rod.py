@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import one_batch, positive
+from jaxpound._checks import positive, require_batch
 from jaxpound._fields import check, parameter, pytree_dataclass
 
 
@@ -17,20 +17,17 @@ from jaxpound._fields import check, parameter, pytree_dataclass
 class ZenerRod:
     r"""A fractional Zener rod, :math:`f + τ_f D^γ f = K (x + τ_x D^γ x)`, per unit of stiffness K.
 
+    Raises ``ValueError`` if a concrete value breaks its rule. Traced values cannot raise: a run
+    with an invalid one returns NaN in every result.
+
     Parameters
     ----------
     order
         Order γ of the Riemann–Liouville derivative, in (0, 1]; 1 is the classical Zener solid.
     tau_f, tau_x
         Relaxation times of force and displacement in (unit of time)^order, dimensionless in
-        eq. (9) (τ̄ = τ ω1^γ). The second law of thermodynamics asks 0 < τ_f ≤ τ_x; equality is the
-        elastic rod. Each may be an array, which makes a batch of rods.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks one of these rules. Traced values cannot raise: a run with an
-        invalid rod returns NaN in every result.
+        eq. (9) (τ̄ = τ ω1^γ). The second law of thermodynamics requires 0 < τ_f ≤ τ_x; equality is
+        the elastic rod. An array makes a batch of rods.
 
     Examples
     --------
@@ -55,7 +52,7 @@ class ZenerRod:
 
     def __post_init__(self) -> None:
         check(self)
-        one_batch("ZenerRod", order=self.order, tau_f=self.tau_f, tau_x=self.tau_x)
+        require_batch("ZenerRod", order=self.order, tau_f=self.tau_f, tau_x=self.tau_x)
 
     @property
     def static_modulus(self) -> float:
@@ -111,22 +108,22 @@ class ZenerRod:
 @jax.jit
 def _natural_frequency(rod: ZenerRod, ratio: jax.Array) -> jax.Array:
     """The root ω of ω² = ratio K'(ω), with its derivatives up to the third."""
-    known_rod, known_ratio = jax.tree.map(lax.stop_gradient, (rod, ratio))
+    fixed_rod, fixed_ratio = jax.tree.map(lax.stop_gradient, (rod, ratio))
 
     def halve(bracket: tuple[jax.Array, jax.Array], _: None) -> tuple[Any, None]:
         low, high = bracket
         middle = jnp.sqrt(low * high)
-        above = middle**2 > known_ratio * known_rod.storage_modulus(middle)
+        above = middle**2 > fixed_ratio * fixed_rod.storage_modulus(middle)
         return (jnp.where(above, low, middle), jnp.where(above, middle, high)), None
 
-    # K'(ω)/ω² falls with ω, and 1 ≤ K' ≤ τ_x/τ_f brackets the root; 60 halvings reach rounding.
-    elastic = jnp.sqrt(known_ratio)
-    low = elastic * jnp.ones_like(known_rod.storage_modulus(elastic))
-    high = low * jnp.sqrt(known_rod.instantaneous_modulus)
+    # K'(ω)/ω² falls with ω, and 1 ≤ K' ≤ τ_x/τ_f brackets the root; 60 bisections reach rounding.
+    elastic = jnp.sqrt(fixed_ratio)
+    low = elastic * jnp.ones_like(fixed_rod.storage_modulus(elastic))
+    high = low * jnp.sqrt(fixed_rod.instantaneous_modulus)
     (low, high), _ = lax.scan(halve, (low, high), length=60)
     omega = jnp.sqrt(low * high)
 
-    # Bisection cannot be differentiated; Newton's steps from its result can.
+    # Newton's steps from the result of the bisection carry the derivatives.
     def excess(w: jax.Array) -> jax.Array:
         return w**2 - ratio * rod.storage_modulus(w)
 

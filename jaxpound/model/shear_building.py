@@ -10,8 +10,9 @@ from typing import Any, cast
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, Rule, count, enforce, hint, is_traced, number
-from jaxpound._fields import assembled, check, part, pytree_dataclass, static
+from jaxpound._checks import Range, Rule, count, enforce, hint, is_traced, number, positive_number
+from jaxpound._errors import InvalidInput
+from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.system import Rod, as_tuple
@@ -29,19 +30,16 @@ class ShearBuilding:
     below that floor. ``of_storeys`` makes one from lists of numbers, ``from_period`` from a period
     and a damping ratio, ``published`` has examples of the literature.
 
+    Raises ``ValueError`` if a concrete value breaks its rule, there is no storey, or there are not
+    as many heights as storeys.
+
     Parameters
     ----------
     storeys
         The storeys, from the ground up.
     heights
-        Height > 0 of each storey, m, or one for all; 3 m by default. Heights do not enter the
-        motion: they say which floors of neighbours meet, and are drawn in figures.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule, there is no storey, or there are not as many heights as
-        storeys.
+        Height > 0 of each storey, m, or one for all; 3 m by default. Heights do not affect the
+        motion: they decide which floors of neighbours meet, and figures draw them.
 
     Examples
     --------
@@ -61,24 +59,27 @@ class ShearBuilding:
         object.__setattr__(self, "storeys", as_tuple(owner, "storeys", self.storeys))
         n = self.n_floors
         if not n:
-            raise ValueError(f"{owner}: storeys = () must hold at least one storey")
+            raise InvalidInput(owner, "storeys", "()", "must hold at least one storey")
         heights = (heights,) * n if np.ndim(heights) == 0 else as_tuple(owner, "heights", heights)
         if len(heights) != n:
-            raise ValueError(f"{owner}: heights, {len(heights)} of them, must be {n}, as storeys")
+            name = f"heights, {len(heights)} of them,"
+            raise InvalidInput(owner, name, "", f"must be {n}, as storeys")
         check(self)
-        object.__setattr__(self, "heights", tuple(_height(i, h) for i, h in enumerate(heights)))
+        for i, height in enumerate(heights):
+            name = f"heights.{i}"
+            if is_traced(positive_number(owner, **{name: height})):
+                rule = "must be known, not traced: it does not enter the motion"
+                raise InvalidInput(owner, name, "", rule)
+            enforce(owner, [HEIGHT.of(name, height)])
+        object.__setattr__(self, "heights", tuple(map(float, heights)))
 
     @classmethod
     def of_storeys(
-        cls,
-        masses: Any,
-        stiffnesses: Any,
-        order: Any,
-        tau_f: Any,
-        tau_x: Any,
-        heights: Any = 3.0,
+        cls, masses: Any, stiffnesses: Any, order: Any, tau_f: Any, tau_x: Any, heights: Any = 3.0
     ) -> ShearBuilding:
         """A building from its floors' masses and its storeys' rods.
+
+        Raises ``ValueError`` if a concrete value breaks its rule, or lengths differ.
 
         Parameters
         ----------
@@ -89,12 +90,7 @@ class ShearBuilding:
         order, tau_f, tau_x
             The rods, as in ``Building``: a number for each storey, or one for all.
         heights
-            Height of each storey, m, or one for all.
-
-        Raises
-        ------
-        ValueError
-            If a known value breaks its rule, or lengths differ.
+            As in ``ShearBuilding``.
 
         Examples
         --------
@@ -106,14 +102,13 @@ class ShearBuilding:
         masses = as_tuple(owner, "masses", masses)
         n = len(masses)
         rods = {"stiffnesses": stiffnesses, "order": order, "tau_f": tau_f, "tau_x": tau_x}
-        listed = {name: _each(owner, name, value, n) for name, value in rods.items()}
+        listed = [_each(owner, name, value, n) for name, value in rods.items()]
         storeys = []
-        for i, numbers in enumerate(zip(masses, *listed.values(), strict=True)):
+        for i, numbers in enumerate(zip(masses, *listed, strict=True)):
             try:
                 storeys.append(Building(*numbers))
-            except ValueError as error:
-                words = str(error).replace("Building:", f"{owner}: storeys.{i}:", 1)
-                raise ValueError(words) from error
+            except InvalidInput as error:
+                raise error.replaced(owner=f"{owner}: storeys.{i}") from error
         return cls(tuple(storeys), _each(owner, "heights", heights, n))
 
     @classmethod
@@ -129,13 +124,12 @@ class ShearBuilding:
         taper: float = 1.0,
         height: Any = 3.0,
     ) -> ShearBuilding:
-        """The building of equal floors whose first mode has a given period and damping ratio.
+        """The building of equal floors with this period and damping ratio of the first mode.
 
-        All storeys have rods of one law, so that the modes' shapes are those of the stiffnesses
-        alone: in its first mode the building vibrates as one block, and the block's rod is that of
-        ``Building.from_period``. The storeys' long-time stiffnesses are smaller than those of the
-        elastic building with this period, by as much as there; ``order=1`` makes the viscous
-        building of other programs, damped in proportion to the stiffnesses.
+        All storeys have rods of one law, so that the stiffnesses alone determine the modes' shapes:
+        in its first mode the building vibrates as one block on the rod of ``Building.from_period``.
+        ``order=1`` makes the viscous building of other programs, damped in proportion to the
+        stiffnesses.
 
         Parameters
         ----------
@@ -143,43 +137,35 @@ class ShearBuilding:
             Number of storeys, at least 1.
         storey_mass
             Mass of each floor > 0, kg.
-        period
-            Equivalent natural period of the first mode > 0, s.
-        damping_ratio
-            Its equivalent viscous damping ratio ≥ 0 (0.05 is 5 %).
-        order, tau_f
-            As in ``Building.from_period``.
+        period, damping_ratio, order, tau_f
+            As in ``Building.from_period``, and so are errors; period and ratio of the first mode.
         taper
-            Stiffness of the top storey over that of the first > 0; those between vary linearly. 1
-            is a uniform building.
+            Stiffness of the top storey over that of the first > 0; those between vary linearly.
         height
             Height of each storey, m.
-
-        Raises
-        ------
-        ValueError
-            If a known value breaks its rule, or no rod of this order and τ_f damps as much.
         """
         owner = "ShearBuilding.from_period"
         n = count(owner, "n_storeys", n_storeys)
         if isinstance(storey_mass, list | tuple):
-            rule = "one number, that of every floor; floors that differ are given one by one, as"
-            rule += " ShearBuilding((Building(...), ...))"
-            raise ValueError(f"{owner}: storey_mass = {reprlib.repr(storey_mass)} must be {rule}")
+            rule = "must be one number, that of every floor; floors that differ are given one by "
+            rule += "one, as ShearBuilding((Building(...), ...))"
+            raise InvalidInput(owner, "storey_mass", reprlib.repr(storey_mass), rule)
         taper = number(owner, "taper", taper)
         if is_traced(taper):
-            raise ValueError(f"{owner}: taper must be known, not traced: the modes' shapes follow")
+            rule = "must be known, not traced: the modes' shapes follow"
+            raise InvalidInput(owner, "taper", "", rule)
         positive = Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")
         enforce(owner, [positive, TAPER.of("taper", taper)])
-        shares = np.linspace(1.0, float(taper), n) if n > 1 else np.ones(1)
+        shares = np.linspace(1.0, float(taper), n)
         # K φ = λ M φ with unit mass and stiffness of the first storey.
         matrix = np.diag(shares + np.append(shares[1:], 0)) - np.diag(shares[1:], 1)
         least = float(np.linalg.eigvalsh(matrix - np.diag(shares[1:], -1))[0])
         try:
             block = Building.from_period(storey_mass, period, damping_ratio, order, tau_f)
-        except ValueError as error:
-            words = str(error).replace("Building", "ShearBuilding", 1)
-            raise ValueError(words.replace(": mass ", ": storey_mass ", 1)) from error
+        except InvalidInput as error:
+            name = "storey_mass" if error.name == "mass" else error.name
+            owner = error.owner.replace("Building", "ShearBuilding")
+            raise error.replaced(owner=owner, name=name) from error
         stiffnesses = [block.stiffness * (share / least) for share in shares]
         rod = (block.order, block.tau_f, block.tau_x)
         return cls(tuple(Building(block.mass, k, *rod) for k in stiffnesses), height)
@@ -187,6 +173,8 @@ class ShearBuilding:
     @classmethod
     def published(cls, name: str) -> ShearBuilding:
         """A building of the literature, with fractional rods of 5 % damping in the first mode.
+
+        Raises ``ValueError`` if there is no such building.
 
         Parameters
         ----------
@@ -197,13 +185,8 @@ class ShearBuilding:
             (Earthquake-induced pounding between equal height buildings with substantially
             different dynamic properties, Engineering Structures 30, 2008), of 25 t a floor
             (1.2 s) and 1,000 t a floor (0.3 s); heights are not those of the paper, but 3 m.
-            The first period is that of the source. Higher ones are shorter than those of its
+            The first period is that of the source; higher ones are shorter than those of its
             elastic frame, since fractional rods stiffen with the frequency.
-
-        Raises
-        ------
-        ValueError
-            If there is no such building.
 
         Examples
         --------
@@ -211,16 +194,15 @@ class ShearBuilding:
         [2.0004, 0.661, 0.4103, 0.315, 0.274]
         """
         if not isinstance(name, str) or name not in _PUBLISHED:
-            raise ValueError(
-                f"ShearBuilding.published: unknown name {name!r}; {hint(str(name), _PUBLISHED)}"
-            )
+            rule = f"unknown name {name!r}; {hint(str(name), _PUBLISHED)}"
+            raise InvalidInput("ShearBuilding.published", "", "", rule)
         n, mass, stiffness, height = _PUBLISHED[name]
         elastic = 2 * np.sin(np.pi / (4 * n + 2)) * np.sqrt(stiffness / mass)
         return cls.from_period(n, mass, 2 * np.pi / elastic, 0.05, height=height)
 
     @property
     def n_floors(self) -> int:
-        """Number of floors, which is that of storeys."""
+        """Number of floors and of storeys."""
         return len(self.storeys)
 
     @property
@@ -244,14 +226,14 @@ def in_units(
     """A building in SI in units of a mass, kg, a stiffness, N/m, and a frequency, rad/s."""
     storeys = storeys_of(building)
     rods = tuple(
-        assembled(Rod, material=s.material(frequency), stiffness=s.stiffness / stiffness, ends=None)
+        unchecked(Rod, material=s.material(frequency), stiffness=s.stiffness / stiffness, ends=None)
         for s in storeys
     )
     return Storeys(tuple(s.mass / mass for s in storeys), rods)
 
 
 def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
-    """The storeys of a building: a ``Building`` is one itself."""
+    """The storeys of a building; a ``Building`` is its only storey."""
     return (building,) if isinstance(building, Building) else building.storeys
 
 
@@ -266,22 +248,12 @@ _PUBLISHED: dict[str, tuple[int, float, float, float]] = {
 }
 
 
-def _height(storey: int, value: Any) -> float:
-    """The height of a storey as a number, which shapes no motion and is not traced."""
-    owner, name = "ShearBuilding", f"heights.{storey}"
-    value = number(owner, name, value)
-    if is_traced(value):
-        raise ValueError(f"{owner}: {name} must be known, not traced: it does not enter the motion")
-    positive = Rule(name, value, (value > 0) & np.isfinite(value), "positive and finite")
-    enforce(owner, [positive, HEIGHT.of(name, value)])
-    return float(value)
-
-
 def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:
-    """A number for each of n storeys: as listed, or one for all."""
+    """A number for each of n storeys, from a list or from one number for all."""
     if not isinstance(value, Sequence) and jnp.ndim(value) == 0:
         return (value,) * n
     listed = as_tuple(owner, name, value)
     if len(listed) != n:
-        raise ValueError(f"{owner}: {name}, {len(listed)} of them, must be {n}, as masses, or one")
+        rule = f"must be {n}, as masses, or one"
+        raise InvalidInput(owner, f"{name}, {len(listed)} of them,", "", rule)
     return listed

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from jaxpound._fields import assembled, check, like, pytree_dataclass
+from jaxpound._errors import InvalidInput
+from jaxpound._fields import check, like, pytree_dataclass, unchecked
 from jaxpound.model.system import GROUND, Ends, Rod, System, as_tuple
 
 
@@ -12,8 +13,10 @@ from jaxpound.model.system import GROUND, Ends, Rod, System, as_tuple
 class Storeys:
     """A shear building from the ground up, dimensionless: storey i is between floors i − 1 and i.
 
-    Floors are numbered from 0, the lowest above the ground, as masses and storeys are; the ground
-    itself is ``GROUND``, −1.
+    Floors, masses and storeys are numbered from 0, the lowest; the ground is ``GROUND``, −1.
+
+    Raises ``ValueError`` if a concrete value breaks its rule, there are not as many rods as masses,
+    or the ends of a rod are not those of its storey.
 
     Parameters
     ----------
@@ -21,13 +24,7 @@ class Storeys:
         Mass > 0 of each floor, in units of m1.
     rods
         The rod of each storey, below the floor of the same number, its stiffness in units of
-        m1 ω1²; or one rod, which every storey has. Their ``ends`` may be left out.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule, there are not as many rods as masses, or a rod has other
-        ends than those of its storey.
+        m1 ω1²; or one rod for all. Their ``ends`` may be left out.
 
     Examples
     --------
@@ -46,38 +43,33 @@ class Storeys:
         if isinstance(rods, Rod):
             rods = (rods,) * self.n_floors
         elif not isinstance(rods, tuple | list):
-            kind = type(rods).__name__
-            raise ValueError(f"Storeys: rods of type {kind} must be a Rod, or a tuple of them")
+            name = f"rods of type {type(rods).__name__}"
+            raise InvalidInput("Storeys", name, "", "must be a Rod, or a tuple of them")
         object.__setattr__(self, "rods", tuple(rods))
         check(self)
         if not self.masses:
-            raise ValueError("Storeys: masses = () must hold at least one floor")
-        rods = self.rods
+            raise InvalidInput("Storeys", "masses", "()", "must hold at least one floor")
         if len(rods) != self.n_floors:
-            rule = f"one for each of the {self.n_floors} masses: storey i carries floor i"
-            raise ValueError(f"Storeys: rods, {len(rods)} of them, must be {rule}")
+            rule = f"must be one for each of the {self.n_floors} masses: storey i carries floor i"
+            raise InvalidInput("Storeys", f"rods, {len(rods)} of them,", "", rule)
         for i, rod in enumerate(rods):
             if rod.ends not in (None, storey_ends(i)):
-                rule = f"left out, or those of its storey, {storey_ends(i)}"
-                raise ValueError(f"Storeys: rods.{i}.ends = {rod.ends} must be {rule}")
+                rule = f"must be left out, or those of its storey, {storey_ends(i)}"
+                raise InvalidInput("Storeys", f"rods.{i}.ends", str(rod.ends), rule)
 
     @property
     def n_floors(self) -> int:
-        """Number of floors, which is that of storeys."""
+        """Number of floors and of storeys."""
         return len(self.masses)
 
     def system(self) -> System:
         """The building alone, without links."""
-        return assembled(System, masses=self.masses, rods=self.rods_from(0), links=())
+        return unchecked(System, masses=self.masses, rods=self.rods_from(0), links=())
 
     def rods_from(self, first: int) -> tuple[Rod, ...]:
         """The rods with their ends in a system where the lowest floor is the mass ``first``."""
-        return tuple(
-            assembled(
-                Rod, material=rod.material, stiffness=rod.stiffness, ends=storey_ends(i, first)
-            )
-            for i, rod in enumerate(self.rods)
-        )
+        fields = [{"material": rod.material, "stiffness": rod.stiffness} for rod in self.rods]
+        return tuple(unchecked(Rod, **x, ends=storey_ends(i, first)) for i, x in enumerate(fields))
 
 
 def storey_ends(storey: int, first: int = 0) -> Ends:

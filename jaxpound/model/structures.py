@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from jaxpound._fields import assembled, like, parameter, part, pytree_dataclass
+from jaxpound._fields import like, parameter, part, pytree_dataclass, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import GROUND, Link, Rod, System
@@ -15,6 +15,8 @@ from jaxpound.model.system import GROUND, Link, Rod, System
 @pytree_dataclass
 class AdjacentStructures:
     """Two adjacent structures joined by a friction damper, dimensionless (paper, eq. 9).
+
+    Raises ``ValueError`` if a concrete value breaks its rule; traced ones as in ``ZenerRod``.
 
     Parameters
     ----------
@@ -31,12 +33,6 @@ class AdjacentStructures:
     contact
         The law of contact when the gap closes, ``Newton`` or any ``ContactLaw``; None, the default,
         lets the structures pass through each other.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks one of these rules. Traced values cannot raise: a run of invalid
-        structures returns NaN in every result.
 
     Examples
     --------
@@ -61,28 +57,22 @@ class AdjacentStructures:
 
     def system(self) -> System:
         """Masses 1 and 1/ρ on rods of stiffness 1 and ε, and the link between them."""
-        ends = ((0, GROUND), (1, GROUND))
-        pairs = zip((self.rod_1, self.rod_2), (1.0, self.stiffness_ratio), ends, strict=True)
-        between = {"friction": self.friction, "gap": self.initial_gap, "contact": self.contact}
-        return assembled(
-            System,
-            masses=(1.0, 1 / self.mass_ratio),
-            rods=tuple(assembled(Rod, material=m, stiffness=k, ends=e) for m, k, e in pairs),
-            links=(assembled(Link, ends=(0, 1), **between),),
+        rods = (
+            unchecked(Rod, material=self.rod_1, stiffness=1.0, ends=(0, GROUND)),
+            unchecked(Rod, material=self.rod_2, stiffness=self.stiffness_ratio, ends=(1, GROUND)),
         )
+        between = {"friction": self.friction, "gap": self.initial_gap, "contact": self.contact}
+        link = unchecked(Link, ends=(0, 1), **between)
+        return unchecked(System, masses=(1.0, 1 / self.mass_ratio), rods=rods, links=(link,))
 
     @property
     def natural_frequencies(self) -> tuple[jax.Array, jax.Array]:
         """Natural frequencies of the two uncoupled structures, in units of ω1 = √(k1/m1)."""
-        return (
-            self.rod_1.natural_frequency(),
-            self.rod_2.natural_frequency(self.stiffness_ratio, 1 / self.mass_ratio),
-        )
+        second = self.rod_2.natural_frequency(self.stiffness_ratio, 1 / self.mass_ratio)
+        return self.rod_1.natural_frequency(), second
 
     @property
     def damping_ratios(self) -> tuple[jax.Array, jax.Array]:
         """Equivalent viscous damping ratios of the two uncoupled structures."""
-        return (
-            self.rod_1.damping_ratio(),
-            self.rod_2.damping_ratio(self.stiffness_ratio, 1 / self.mass_ratio),
-        )
+        second = self.rod_2.damping_ratio(self.stiffness_ratio, 1 / self.mass_ratio)
+        return self.rod_1.damping_ratio(), second

@@ -1,14 +1,15 @@
-"""Masses, rods and links: what every structure of this package is made of.
+"""Masses, rods and links, of which all structures are made.
 
 Masses move along one line. A rod joins a mass to the ground or to another mass; a link, with dry
-friction, a gap and a contact law, stands between two neighbours or between a mass and the ground.
-Two adjacent blocks, buildings of many storeys and sliding isolators are all a ``System``.
+friction, a gap and a contact law, joins two neighbours, or a mass and the ground. Two adjacent
+blocks, buildings of many storeys and sliding isolators are all a ``System``.
 """
 
 from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cache
 from types import NoneType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -16,7 +17,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from jaxpound._checks import Rule, finite, is_traced, is_whole
+from jaxpound._checks import Rule, finite, instead, is_traced, is_whole
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
@@ -31,6 +33,8 @@ Ends = tuple[int, int]
 class Rod:
     """A fractional Zener rod between two masses, or between a mass and the ground.
 
+    Raises ``ValueError`` if a concrete value breaks its rule, or the ends do not differ.
+
     Parameters
     ----------
     material
@@ -41,11 +45,6 @@ class Rod:
         Masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and by
         x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may leave
         them out, since they follow from the storey.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule, or the ends are not two different ones.
     """
 
     material: ZenerRod = part(ZenerRod)
@@ -60,13 +59,15 @@ class Rod:
 
 @pytree_dataclass
 class Link:
-    """What is between neighbours i and j: dry friction, a gap, and contact where the gap closes.
+    """A link between neighbours i and j: dry friction, a gap, and contact where the gap closes.
+
+    Raises ``ValueError`` if a concrete value breaks its rule, or the ends do not differ.
 
     Parameters
     ----------
     ends
-        Mass i, which stands left, and mass j, by number from 0; one of them may be ``GROUND``: a
-        sliding bearing. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s.
+        Mass i on the left and mass j, by number from 0; one of them may be ``GROUND``: a sliding
+        bearing. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s.
     friction
         Slip force μ ≥ 0, in units of m1 g.
     gap
@@ -74,11 +75,6 @@ class Link:
     contact
         The law of contact, ``Newton`` or any ``ContactLaw``, for which the gap must be finite;
         None, the default, lets the neighbours pass through each other.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule, or the ends are not two different ones.
     """
 
     ends: Ends = static()
@@ -101,7 +97,7 @@ class Link:
 
 
 class Topology(NamedTuple):
-    """Number of masses, and what joins which: static, it determines the compiled program."""
+    """Number of masses, and the ends of rods and links: static, it shapes the compiled program."""
 
     n_masses: int
     rods: tuple[Ends, ...]
@@ -110,10 +106,15 @@ class Topology(NamedTuple):
 
 @runtime_checkable
 class Structures(Protocol):
-    """What a run takes: a ``System``, or an object that can be written as one."""
+    """Structures that can be simulated: a ``System``, or an object that returns one."""
 
     def system(self) -> System:
-        """Its masses, rods and links."""
+        """Masses, rods and links."""
+
+
+def gravity_of(structures: Any) -> Any:
+    """Gravity, m/s², of structures in SI units (``Buildings``); None of dimensionless ones."""
+    return getattr(structures, "gravity", None)
 
 
 @pytree_dataclass
@@ -124,38 +125,30 @@ class System:
     links' friction q and contact force p, and the ground acceleration u''; displacements x are
     relative to the ground.
 
+    Raises ``ValueError`` if a concrete value breaks its rule, an end names no mass, a mass has no
+    path of rods to the ground, or links close a ring.
+
     Parameters
     ----------
     masses
         Masses > 0, one number each, in units of m1. Any of them may be m1; usually it is the first.
     rods
-        The rods. Every mass must be tied to the ground by rods, through other masses if need be.
+        The rods. They must tie every mass to the ground, directly or through other masses.
     links
         The links. They may not close a ring: the friction forces of a ring in stick are not
         determined.
-
-    Raises
-    ------
-    ValueError
-        If a known value breaks its rule, an end names no mass, a mass has no path of rods to the
-        ground, or links close a ring.
 
     Examples
     --------
     A building of two storeys beside one of one storey, with a friction damper between the roofs:
 
     >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
-    >>> system = jp.System(
-    ...     masses=(1.0, 1.0, 0.8),
-    ...     rods=(
-    ...         jp.Rod(steel, 1.0, (0, jp.GROUND)),
-    ...         jp.Rod(steel, 0.8, (1, 0)),
-    ...         jp.Rod(steel, 1.5, (2, jp.GROUND)),
-    ...     ),
-    ...     links=(jp.Link((1, 2), friction=0.1, gap=1.0),),
-    ... )
-    >>> found = jp.demand(system, jp.paper.ground(), jp.TimeGrid.until(20.0, dt=0.05))
-    >>> found.links[0].min_gap.shape, len(found.masses)
+    >>> storeys = {(0, jp.GROUND): 1.0, (1, 0): 0.8, (2, jp.GROUND): 1.5}
+    >>> rods = [jp.Rod(steel, stiffness, ends) for ends, stiffness in storeys.items()]
+    >>> damper = jp.Link((1, 2), friction=0.1, gap=1.0)
+    >>> system = jp.System(masses=(1.0, 1.0, 0.8), rods=rods, links=[damper])
+    >>> demand = jp.demand(system, jp.paper.ground(), jp.TimeGrid.until(20.0, dt=0.05))
+    >>> demand.links[0].min_gap.shape, len(demand.masses)
     ((), 3)
     """
 
@@ -169,11 +162,12 @@ class System:
         check(self)
         for k, rod in enumerate(self.rods):
             if rod.ends is None:
-                raise ValueError(f"System: rods.{k}.ends = None must be two masses, or GROUND")
+                rule = "must be two masses, or GROUND"
+                raise InvalidInput("System", f"rods.{k}.ends", "None", rule)
         _check_topology(self.topology)
 
     def system(self) -> System:
-        """Itself."""
+        """The system, unchanged."""
         return self
 
     @property
@@ -187,62 +181,86 @@ class System:
 
 
 def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
-    """A sequence as a tuple; a ``ValueError`` for anything else."""
+    """A sequence as a tuple; an ``InvalidInput`` for anything else."""
     if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
-        raise ValueError(f"{owner}: {name} = {reprlib.repr(value)} must be a tuple")
+        rule = f"must be a tuple{instead(value, 'tuple')}"
+        raise InvalidInput(owner, name, reprlib.repr(value), rule)
     return tuple(value)
 
 
 def _two_ends(owner: str, value: Any) -> Ends:
-    """Two different ends, each a mass's number or ``GROUND``."""
-    rule = "two different masses by number, from 0, of which one may be GROUND"
+    """Two different ends, each the number of a mass or ``GROUND``."""
     try:
         i, j = value
-        whole = all(is_whole(end) and end >= GROUND for end in (i, j))
+        valid = all(is_whole(end) and end >= GROUND for end in (i, j))
     except (TypeError, ValueError):
-        whole = False
-    if not whole or i == j:
-        raise ValueError(f"{owner}: ends = {value!r} must be {rule}")
+        valid = False
+    if not valid or i == j:
+        rule = "must be two different masses by number, from 0, of which one may be GROUND"
+        raise InvalidInput(owner, "ends", repr(value), rule)
     return int(i), int(j)
 
 
 def _check_topology(topology: Topology) -> None:
-    """A ``ValueError`` for a topology that cannot be simulated."""
+    """An ``InvalidInput`` for a topology that cannot be simulated."""
     n = topology.n_masses
     if not n:
-        raise ValueError("System: masses = () must hold at least one mass")
+        raise InvalidInput("System", "masses", "()", "must hold at least one mass")
     for name, ends_of_all in (("rods", topology.rods), ("links", topology.links)):
         for k, ends in enumerate(ends_of_all):
             if max(ends) >= n:
-                rule = f"name masses from 0 to {n - 1}, or GROUND (-1)"
-                raise ValueError(f"System: {name}.{k}.ends = {ends} must {rule}")
-    held = _groups(n, topology.rods)
+                rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
+                raise InvalidInput("System", f"{name}.{k}.ends", str(ends), rule)
+    group = _groups(n, topology.rods)
     for mass in range(n):
-        if held[mass] != held[GROUND]:
+        if group[mass] != group[GROUND]:
             rule = "must be tied to the ground by rods, directly or through other masses"
-            raise ValueError(f"System: masses.{mass} {rule}")
+            raise InvalidInput("System", f"masses.{mass}", "", rule)
     closing = ring(topology)
     if closing is not None:
-        rule = "must not close a ring with the links before it"
-        raise ValueError(f"System: links.{closing}.ends = {topology.links[closing]} {rule}")
+        ends, rule = topology.links[closing], "must not close a ring with the links before it"
+        raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
 
 
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""
     for k, (i, j) in enumerate(topology.links):
-        joined = _groups(topology.n_masses, topology.links[:k])
-        if joined[i] == joined[j]:
+        group = _groups(topology.n_masses, topology.links[:k])
+        if group[i] == group[j]:
             return k
     return None
 
 
 def is_closable(gap: Any) -> bool:
-    """Whether a gap is finite; one known only when the program runs counts as such."""
+    """Whether a gap is finite; a traced one counts as finite."""
     return is_traced(gap) or bool(np.isfinite(gap).all())
 
 
+def common_gap(structures: Structures) -> Any:
+    """The gap at rest that all links with a finite one share; None if none is, or they differ.
+
+    Traced gaps count as equal only if they are the same object.
+    """
+    gaps = [link.gap for link in structures.system().links if is_closable(link.gap)]
+    first, *others = gaps or [None]
+    concrete = not is_traced(gaps)
+    same = (gap is first or (concrete and np.array_equal(gap, first)) for gap in others)
+    return first if all(same) else None
+
+
+def without_contact(structures: Structures) -> Structures:
+    """The structures without laws of contact, so that blocks may pass through each other.
+
+    Whether they meet is the same with and without one; how far they close is known only without.
+    """
+    system = structures.system()
+    if all(link.contact is None for link in system.links):
+        return structures
+    return replace(system, links=tuple(replace(link, contact=None) for link in system.links))
+
+
 def is_storey(ends: Ends) -> bool:
-    """Whether a rod is between two masses."""
+    """Whether a rod, or a link, is between two masses."""
     return GROUND not in ends
 
 
@@ -250,26 +268,24 @@ def is_storey(ends: Ends) -> bool:
 def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     """The floors of each building, from the ground up: each a mass and the rod of its storey.
 
-    Raises
-    ------
-    ValueError
-        If the masses are no shear buildings: floors one above the other, each on one rod.
+    An ``InvalidInput`` for masses that are no floors one above the other, each on one rod.
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
     for rod, (i, j) in enumerate(topology.rods):
         beside[i].append((j, rod))
         beside[j].append((i, rod))
-    found = []
+    buildings = []
     for first in beside[GROUND]:
-        building, seen = [first], {GROUND, first[0]}
-        while len(nexts := [one for one in beside[building[-1][0]] if one[0] not in seen]) == 1:
-            building += nexts
-            seen.add(nexts[0][0])
-        found.append(tuple(building))
-    masses = sorted(mass for building in found for mass, _ in building)
+        building, visited = [first], {GROUND, first[0]}
+        while len(above := [end for end in beside[building[-1][0]] if end[0] not in visited]) == 1:
+            building += above
+            visited.add(above[0][0])
+        buildings.append(tuple(building))
+    masses = sorted(mass for building in buildings for mass, _ in building)
     if masses != list(range(topology.n_masses)):
-        raise ValueError("structures: masses must be shear buildings, each floor on one rod")
-    return tuple(sorted(found))
+        rule = "must be shear buildings, each floor on one rod"
+        raise InvalidInput("structures", "masses", "", rule)
+    return tuple(sorted(buildings))
 
 
 def elongation(ends: Ends, x: Sequence[Any]) -> Any:
@@ -281,7 +297,7 @@ def elongation(ends: Ends, x: Sequence[Any]) -> Any:
 
 
 def load_on(ends_of_all: Sequence[Ends], mass: int, forces: Sequence[Any]) -> Any:
-    """The load on a mass by all forces that pull their ends together, of which it has one."""
+    """The load on a mass of the forces that pull it and their other end together."""
     load: Any = None
     for (i, j), force in zip(ends_of_all, forces, strict=True):
         if mass in (i, j):
@@ -296,16 +312,15 @@ class LinkGroup(NamedTuple):
     links: tuple[int, ...]
     masses: tuple[int, ...]
     root: int
-    """The ground if a link ends there, else the left end of the first link."""
+    """The ground if it is the end of a link, else the left end of the first link."""
     hanging: tuple[tuple[int, int, int], ...]
-    """Link, the end nearer to the root and the other end, which *hangs* on it; from the root on."""
+    """Link, parent end and child end, which *hangs* on the parent; from the root on."""
 
 
 @cache
 def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
     """The groups of links, in the order of their first links."""
-    between = [ends for ends in topology.links if GROUND not in ends]
-    member = _groups(topology.n_masses, between)
+    member = _groups(topology.n_masses, filter(is_storey, topology.links))
     joined: dict[int, list[int]] = {}
     for k, ends in enumerate(topology.links):
         joined.setdefault(member[max(ends)], []).append(k)
@@ -314,33 +329,33 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
 
 def _link_group(topology: Topology, links: tuple[int, ...]) -> LinkGroup:
     ends = {k: topology.links[k] for k in links}
-    everyone = {end for pair in ends.values() for end in pair}
-    root = GROUND if GROUND in everyone else ends[links[0]][0]
+    members = {end for pair in ends.values() for end in pair}
+    root = GROUND if GROUND in members else ends[links[0]][0]
     reached = {root}
     hanging: list[tuple[int, int, int]] = []
     while len(hanging) < len(links):
         for k, (i, j) in ends.items():
             if (i in reached) != (j in reached):
-                near, far = (i, j) if i in reached else (j, i)
-                hanging.append((k, near, far))
-                reached.add(far)
-    masses = tuple(sorted(everyone - {GROUND}))
-    return LinkGroup(links, masses, root, tuple(hanging))
+                parent, child = (i, j) if i in reached else (j, i)
+                hanging.append((k, parent, child))
+                reached.add(child)
+    return LinkGroup(links, tuple(sorted(members - {GROUND})), root, tuple(hanging))
 
 
 @cache
 def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
     """Groups of masses that are connected by rods: the buildings of a system."""
-    between = [ends for ends in topology.rods if GROUND not in ends]
-    group = _groups(topology.n_masses, between)
-    first = sorted({group[mass] for mass in range(topology.n_masses)})
-    return [tuple(m for m in range(topology.n_masses) if group[m] == one) for one in first]
+    group = _groups(topology.n_masses, filter(is_storey, topology.rods))
+    members: dict[int, tuple[int, ...]] = {}
+    for mass in range(topology.n_masses):
+        members[group[mass]] = (*members.get(group[mass], ()), mass)
+    return list(members.values())
 
 
 def _groups(n: int, edges: Iterable[Ends]) -> dict[int, int]:
-    """For each mass, and for the ground, the smallest member of the group that edges join it to."""
+    """The smallest member of the group of each mass, and of the ground, that edges make."""
     group = {end: end for end in range(GROUND, n)}
     for i, j in edges:
         low, high = sorted((group[i], group[j]))
-        group = {end: low if of == high else of for end, of in group.items()}
+        group = {end: low if member == high else member for end, member in group.items()}
     return group

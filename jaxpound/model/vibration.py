@@ -9,8 +9,9 @@ import jax
 import numpy as np
 
 from jaxpound._checks import instance, is_traced
-from jaxpound._tables import Shown, Table
-from jaxpound.model.system import GROUND, Structures, System
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
+from jaxpound.model.system import Structures, elongation, gravity_of
 from jaxpound.quantities import unit
 
 _ITERATIONS = 50
@@ -21,8 +22,7 @@ _NONE = complex("nan+nanj")
 class Modes(Shown):
     """Modes of masses on rods, without friction and contact, from the slowest to the fastest.
 
-    In the unit of time of the structures: frequencies in ω1 for dimensionless ones, in rad/s for
-    those in SI.
+    Frequencies of dimensionless structures are in ω1, those of structures in SI in rad/s.
 
     The steady vibration at a real frequency ω has the complex stiffness K*(iω). Mode j is where a
     complex eigenvalue of it, K*(iω_j) φ = λ M φ, has the real part ω_j²; its damping ratio is
@@ -41,7 +41,7 @@ class Modes(Shown):
     eigenvalues: np.ndarray
     """s of the free vibration of each mode, s² M φ + K*(s) φ = 0 with Im s > 0, shape (n,).
 
-    NaN where there is none: for a mode that is damped about critically or more."""
+    NaN for a mode that is damped about critically or more."""
     participation: np.ndarray
     """Effective modal mass of each mode over the whole mass, of the real parts of the shapes."""
     si: bool = False
@@ -52,92 +52,78 @@ class Modes(Shown):
         """Natural periods 2π / ω_j, shape (n,)."""
         return 2 * np.pi / self.frequencies
 
-    def _tables(self) -> list[Table]:
-        rows = [
-            (f"{j + 1}", w, 2 * np.pi / w, zeta, share)
-            for j, (w, zeta, share) in enumerate(
-                zip(self.frequencies, self.damping_ratios, self.participation, strict=True)
-            )
-        ]
-        frequency, period = ("rad/s", "s") if self.si else ("ω1", unit("time", si=False))
+    def _tables(self) -> list[TextTable]:
+        columns = self.frequencies, self.periods, self.damping_ratios, self.participation
+        rows = [(f"{j}", *numbers) for j, numbers in enumerate(zip(*columns, strict=True), 1)]
+        frequency, period = "rad/s" if self.si else "ω1", unit("time", self.si)
         times = f"frequency ({frequency})", f"period ({period})"
         heading = ("mode", *times, "damping ratio", "share of mass")
-        return [Table("Modes", heading, rows, digits=4)]
+        return [TextTable("Modes", heading, rows, digits=4)]
 
 
 def modes(structures: Structures) -> Modes:
     """Natural frequencies, damping ratios and shapes of structures, by their fractional rods.
 
+    Raises ``ValueError`` if structures are traced or a batch.
+
     Parameters
     ----------
     structures
-        ``Storeys``, a ``System`` or any other structures with known numbers. Their links are left
-        out: friction and contact have no modes. ``ShearBuilding.modes`` is that of one in SI.
-
-    Raises
-    ------
-    ValueError
-        If structures are traced or a batch.
+        ``Storeys``, a ``System`` or any other structures with concrete numbers. Their links are
+        left out: friction and contact have no modes. Those of ``Buildings`` are in rad/s and s; for
+        a single building there is ``ShearBuilding.modes``.
 
     Examples
     --------
     >>> elastic = jp.ZenerRod(order=1.0, tau_f=1e-9, tau_x=1e-9)
-    >>> found = jp.modes(jp.Storeys((1.0, 1.0), jp.Rod(elastic, 1.0)))
-    >>> found.frequencies.round(6).tolist()  # the golden section and its inverse
+    >>> modes = jp.modes(jp.Storeys((1.0, 1.0), jp.Rod(elastic, 1.0)))
+    >>> modes.frequencies.round(6).tolist()  # the golden section and its inverse
     [0.618034, 1.618034]
     """
-    linear = _Linear.of("modes", structures)
-    found = [linear.steady(j) for j in range(linear.n)]
-    found.sort(key=lambda mode: mode[0])
-    omega, values, vectors = (np.array(x) for x in zip(*found, strict=True))
+    linear = _Linear("modes", structures)
+    steady_modes = [linear.steady(j) for j in range(linear.n)]
+    steady_modes.sort(key=lambda mode: mode[0])
+    omega, values, vectors = (np.array(x) for x in zip(*steady_modes, strict=True))
     shapes = vectors.T / vectors.T[np.abs(vectors).argmax(1), np.arange(linear.n)]
     real = shapes.real
-    part = linear.masses @ real
-    effective = part**2 / np.einsum("ij,i,ij->j", real, linear.masses, real)
+    effective = (linear.masses @ real) ** 2 / np.einsum("ij,i,ij->j", real, linear.masses, real)
     return Modes(
         frequencies=omega,
         damping_ratios=values.imag / values.real / 2,
         shapes=shapes,
-        eigenvalues=np.array([linear.free(*mode) for mode in found]),
+        eigenvalues=np.array([linear.free(*mode) for mode in steady_modes]),
         participation=effective / linear.masses.sum(),
+        si=gravity_of(structures) is not None,
     )
 
 
 def first_frequency(structures: Structures) -> float:
-    """Natural frequency of the first mode, as ``modes`` has it."""
-    return _Linear.of("first_frequency", structures).steady(0)[0]
+    """Natural frequency of the first mode, as in ``modes``."""
+    return _Linear("first_frequency", structures).steady(0)[0]
 
 
 class _Linear:
-    """The masses and rods of a system as matrices, scaled so that the mass matrix is 1."""
+    """Masses and rods of concrete structures as matrices, scaled so that the mass matrix is 1."""
 
-    @classmethod
-    def of(cls, owner: str, structures: Any) -> _Linear:
-        """Those of known structures; a ``ValueError`` for others."""
+    def __init__(self, owner: str, structures: Any) -> None:
         if hasattr(structures, "modes"):
-            raise ValueError(f"{owner}: structures in SI units have a method of their own, modes()")
+            rule = "in SI units have a method of their own, modes()"
+            raise InvalidInput(owner, "structures", "", rule)
         instance(owner, "structures", structures, Structures)
         system = structures.system()
         leaves = jax.tree.leaves((system.masses, system.rods))
         if is_traced(leaves):
-            raise ValueError(f"{owner}: structures must be known, not traced")
+            raise InvalidInput(owner, "structures", "", "must be known, not traced")
         if any(np.ndim(leaf) for leaf in leaves):
-            raise ValueError(f"{owner}: structures must be one, not a batch")
-        return cls(system)
-
-    def __init__(self, system: System) -> None:
+            raise InvalidInput(owner, "structures", "", "must be one, not a batch")
         self.masses = np.array([float(mass) for mass in system.masses])
         self.n = self.masses.size
         self._rods: list[tuple[Any, Any]] = []
-        for rod in system.rods:
-            way = np.zeros(self.n)
-            for end, sign in zip(rod.ends or (), (1.0, -1.0), strict=True):
-                if end != GROUND:
-                    way[end] = sign
-            way /= np.sqrt(self.masses)
+        for ends, rod in zip(system.topology.rods, system.rods, strict=True):
+            influence = elongation(ends, [*np.eye(self.n)]) / np.sqrt(self.masses)
             law = rod.material
             numbers = [float(x) for x in (rod.stiffness, law.order, law.tau_f, law.tau_x)]
-            self._rods.append((np.outer(way, way), numbers))
+            self._rods.append((np.outer(influence, influence), numbers))
 
     def stiffness(self, s: complex) -> tuple[np.ndarray, np.ndarray]:
         """K*(s) and its derivative by s."""
@@ -152,14 +138,14 @@ class _Linear:
 
     def steady(self, j: int) -> tuple[float, complex, np.ndarray]:
         """ω, λ and shape of the j-th mode at a real frequency: where Re λ_j(ω) = ω²."""
-        from scipy.optimize import brentq  # only here: it takes half a second to import
+        from scipy.optimize import brentq  # its import takes half a second
 
         def excess(log_omega: float) -> float:
             omega = np.exp(log_omega)
             values = np.linalg.eigvals(self.stiffness(1j * omega)[0])
             return float(np.sort(values.real)[j] / omega**2) - 1
 
-        # At low frequencies the modulus stays, at high ones it is bounded: there is a root between.
+        # The modulus is positive at low frequencies and bounded at high ones: a root lies between.
         soft = sum(k * matrix for matrix, (k, *_) in self._rods)
         low = high = float(np.log(np.linalg.eigvalsh(soft)[j])) / 2
         while excess(low) < 0:
@@ -174,8 +160,8 @@ class _Linear:
     def free(self, omega: float, value: complex, shape: np.ndarray) -> complex:
         """Exponent s of the free vibration that belongs to a steady one, by inverse iteration.
 
-        With T(s) = s² + K*(s) and T(s) y = T'(s) u, the step of s is −1/(w y) where w u = 1. NaN
-        where it does not converge to a vibration: one that is damped more than critically creeps.
+        With T(s) = s² + K*(s) and T(s) y = T'(s) u, the step of s is −1/(w y) where w u = 1. NaN if
+        it does not converge to a vibration: overdamped motions creep.
         """
         s, u = 1j * omega * np.sqrt(value / value.real), shape * np.sqrt(self.masses)
         for _ in range(_ITERATIONS):
@@ -184,7 +170,7 @@ class _Linear:
             matrix = stiffness + s**2 * np.eye(self.n)
             try:
                 y = np.linalg.solve(matrix, 2 * s * u + slope @ u)
-            except np.linalg.LinAlgError:  # s is the exponent, to the last digit
+            except np.linalg.LinAlgError:  # s is exact to the last digit
                 break
             size = w @ y
             if not np.isfinite(size) or size == 0:

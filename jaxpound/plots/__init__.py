@@ -4,8 +4,12 @@
 many links, ``rows`` a row of buildings; their functions are those of ``jaxpound.plots``.
 ``records``, ``studies``, ``designs`` and ``convergence`` draw what their names say; ``system`` the
 blocks and rods; ``animation`` animates a run, ``explorer`` redraws it while sliders are moved.
+
+A function with an argument ``ax`` draws into these axes, by default those of a new figure, and
+returns them.
 """
 
+from jaxpound.plots.curves import same_units as same_units
 from jaxpound.plots.floors import envelope as envelope
 from jaxpound.plots.floors import envelopes as envelopes
 from jaxpound.plots.floors import mode_shapes as mode_shapes
@@ -24,7 +28,6 @@ from jaxpound.plots.runs import overview as overview
 from jaxpound.plots.runs import paper_figures as paper_figures
 from jaxpound.plots.runs import rod_forces as rod_forces
 from jaxpound.plots.runs import rod_hysteresis as rod_hysteresis
-from jaxpound.plots.runs import same_units as same_units
 from jaxpound.plots.runs import side_by_side as side_by_side
 from jaxpound.plots.runs import velocities as velocities
 from jaxpound.plots.style import COLOURS as COLOURS

@@ -18,33 +18,18 @@ def errors_by_step(
 ) -> Axes:
     """Errors over the time step, both logarithmic, with the order fitted to each line.
 
-    Parameters
-    ----------
-    steps
-        Time steps h > 0, shape (n,), in units of 1/ω1.
-    errors
-        Errors by name, shape (n,) each; their absolute values are drawn. The order is given
-        where the errors lie on a straight line.
-    ax
-        Where to draw.
-    what
-        The error's name and unit.
+    ``steps`` are time steps h > 0, shape (n,), in units of 1/ω1; ``errors`` are by name, shape (n,)
+    each, and ``what`` is their name and unit. Absolute values are drawn, with the order where they
+    lie on a straight line.
     """
     ax, h = new_axes(ax), np.asarray(steps, float)
     for i, (name, values) in enumerate(errors.items()):
         size = np.abs(np.asarray(values, float))
         order = _order(h, size)
         words = name if order is None else f"{name} (order {order:.2f})"
-        ax.plot(
-            h,
-            size,
-            color=CYCLE[i % len(CYCLE)],
-            marker="osD^vP"[i % 6],
-            markersize=3.5,
-            label=words,
-        )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+        style: Any = {"color": CYCLE[i % len(CYCLE)], "marker": "osD^vP"[i % 6]}
+        ax.plot(h, size, markersize=3.5, label=words, **style)
+    ax.set(xscale="log", yscale="log")
     ax.set_xticks(h, [f"{step:g}" for step in h])
     ax.minorticks_off()
     label(ax, r"time step $h$ ($1/\omega_1$)", what)

@@ -1,22 +1,30 @@
-"""What figures draw of a run: a curve for each mass, rod and link, with its name and colour."""
+"""Curves of a run, one for each mass, rod or link, with name and colour, and how they are drawn."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from itertools import cycle
+from itertools import count, cycle
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from scipy.interpolate import CubicHermiteSpline
 
-from jaxpound.model.contact import bound, may_pull
-from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.system import GROUND, floors
-from jaxpound.plots.style import CYCLE, building_colour, ends_named, numbered_colours, tones
+from jaxpound._checks import instance
+from jaxpound._errors import InvalidInput
+from jaxpound.model.contact import may_pull, with_mass
+from jaxpound.model.places import link_places
+from jaxpound.model.system import GROUND, elongation, floors
+from jaxpound.plots import style as house
+from jaxpound.plots.style import COLOURS, label, new_axes
+from jaxpound.results.demand import PLACES
 from jaxpound.results.impacts import Impact
-from jaxpound.results.response import LinkResponse, Response
+from jaxpound.results.named import PAIR
+from jaxpound.results.response import LinkResponse, Response, require_single
 
+_LINE_ALPHA = 0.85  # where two lines run close together, both are seen
 _NAMED = 4  # masses, rods or links in a legend; of more, buildings or groups of links are named
 
 
@@ -29,34 +37,39 @@ class Curve(NamedTuple):
 
 
 def is_pair(response: Response) -> bool:
-    """Whether a run is of two masses, each on a rod of its own, with one link between them."""
-    rods, links = ([one.ends for one in each] for each in (response.rods, response.links))
-    return len(response.masses) == 2 and rods == [(0, GROUND), (1, GROUND)] and links == [(0, 1)]
+    """Whether a run is of two masses, each on its own rod, with one link between them."""
+    return response.topology == PAIR
 
 
-def of_masses(response: Response, field: str, name: str) -> list[Curve]:
-    """A series of each mass: of a pair by ``name`` with its number, else by its place.
+def of_each(response: Response, group: str, field: str, name: str) -> list[Curve]:
+    """A series of each mass or rod: of a pair by ``name`` with its number, else by its place.
 
-    Of many masses that are the floors of buildings only the buildings are named; a building's
-    floors are drawn from light to full colour, from the ground up.
+    Of many floors of buildings only the buildings are named; floors are from light to full colour.
     """
-    return _of_each(response, "mass", [getattr(one, field) for one in response.masses], name)
-
-
-def of_rods(response: Response, name: str) -> list[Curve]:
-    """Force of each rod: of a pair by ``name`` with its number, else as masses."""
-    return _of_each(response, "rod", [rod.force for rod in response.rods], name)
+    series = [getattr(element, field) for element in getattr(response, group)]
+    if is_pair(response):
+        return [Curve(name.format(i), f"structure {i}", x) for i, x in enumerate(series, 1)]
+    is_rod = group == "rods"
+    places = PLACES[group](response.topology)
+    members = {
+        f"building {b}": [floor[is_rod] for floor in building]
+        for b, building in enumerate(buildings_of(response), 1)
+    }
+    if not members:
+        return _named(places, series)
+    curves = _grouped(members, map(house.building_colour, count()), series)
+    if len(series) <= _NAMED:
+        return [curve._replace(label=place) for curve, place in zip(curves, places, strict=True)]
+    return curves
 
 
 def frictions(owner: str, response: Response) -> list[Curve]:
     """Friction force of each damper, or of links without one where there is no damper at all.
 
-    A ``ValueError`` where there is no link.
-
     Of many links those between the same buildings have one name and one colour, from light to full.
     """
     if not response.links:
-        raise ValueError(f"{owner}: response must have a link")
+        raise InvalidInput(owner, "response", "", "must have a link")
     damped = dampers(response)
     series = [link.friction if link in damped else None for link in response.links]
     return _of_links("$q$", response, series)
@@ -73,28 +86,24 @@ def touching(response: Response) -> list[LinkResponse]:
 
 
 def contacts(owner: str, response: Response) -> list[Curve]:
-    """Contact force of each link with a law of contact; a ``ValueError`` where there is none."""
-    found = touching(response)
-    if not found:
-        raise ValueError(f"{owner}: response must have a link with a law of contact")
+    """Contact force of each link with a law of contact; an ``InvalidInput`` if none has one."""
+    links = touching(response)
+    if not links:
+        raise InvalidInput(owner, "response", "", "must have a link with a law of contact")
     if len(response.links) == 1:
-        return [Curve("$p$", "pounding", found[0].contact)]
+        return [Curve("$p$", "pounding", links[0].contact)]
     return _of_links("$p$", response, [link.contact for link in response.links])
 
 
-_LOOP = 60  # points of the loop of an impact
-
-
 def contact_loops(response: Response, link: LinkResponse) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Penetration and contact force along each impact of a link in a single run; [] if not known.
+    """Penetration and contact force along each impact of a link in a single run; [] of a batch.
 
-    The motion between the instants is the cubic that has their closings and velocities, and those
-    of the touch.
+    Motion between instants is the cubic with their closings and velocities, and those of the touch.
     """
     if response.batch or link.law is None or link.impacts is None:
         return []
     inverse = [1 / float(response.masses[end].mass) for end in link.ends if end != GROUND]
-    law, time = bound(link.law, 1 / sum(inverse)), np.asarray(response.time)
+    law, time = with_mass(link.law, 1 / sum(inverse)), np.asarray(response.time)
     return [_loop(law, impact, time, link) for impact in link.impacts.entries(0)]
 
 
@@ -107,7 +116,7 @@ def _loop(law: Any, impact: Impact, time: np.ndarray, link: LinkResponse) -> Any
         np.append(0.0, -np.asarray(link.gap)[between]),
         np.append(impact.approach_velocity, np.asarray(link.slip_velocity)[between]),
     )
-    at = np.linspace(impact.time, end, _LOOP)
+    at = np.linspace(impact.time, end, 60)
     penetration = np.maximum(motion(at), 0.0)
     force = np.asarray(law.force(penetration, motion(at, 1), impact.approach_velocity))
     force = force if may_pull(link.law) else np.maximum(force, 0.0)
@@ -117,13 +126,13 @@ def _loop(law: Any, impact: Impact, time: np.ndarray, link: LinkResponse) -> Any
 
 
 def gaps_of(owner: str, response: Response) -> list[Curve]:
-    """Gap of each link, NaN in runs without one; a ``ValueError`` where there is no gap at all."""
-    every = [np.asarray(link.gap) for link in response.links]
-    known = [None if np.isposinf(x).all() else np.where(np.isposinf(x), np.nan, x) for x in every]
-    found = _of_links(r"$\xi$", response, known)
-    if not found:
-        raise ValueError(f"{owner}: response must have a link with a finite gap")
-    return found
+    """Gap of each link, NaN in runs without one; an ``InvalidInput`` if no link has one."""
+    gaps = [np.asarray(link.gap) for link in response.links]
+    finite = [None if np.isposinf(x).all() else np.where(np.isposinf(x), np.nan, x) for x in gaps]
+    curves = _of_links(r"$\xi$", response, finite)
+    if not curves:
+        raise InvalidInput(owner, "response", "", "must have a link with a finite gap")
+    return curves
 
 
 def buildings_of(response: Response) -> tuple[tuple[tuple[int, int], ...], ...]:
@@ -133,47 +142,150 @@ def buildings_of(response: Response) -> tuple[tuple[tuple[int, int], ...], ...]:
     return ()
 
 
-def _of_each(response: Response, what: str, series: Sequence[Any], name: str) -> list[Curve]:
-    numbers = range(1, len(series) + 1)
-    if is_pair(response):
-        named = zip(numbers, series, strict=True)
-        return [Curve(name.format(i), f"structure {i}", values) for i, values in named]
-    member = what == "rod"
-    places = (rod_places if member else mass_places)(response.topology)
-    buildings = [[floor[member] for floor in building] for building in buildings_of(response)]
-    if not buildings:
-        return _named(places, series)
-    names: dict[int, str] = {}
-    colours: dict[int, str] = {}
-    for b, building in enumerate(buildings):
-        colours |= dict(zip(building, tones(building_colour(b), len(building)), strict=True))
-        names |= dict.fromkeys(building[:-1], "_floor") | {building[-1]: f"building {b + 1}"}
-    if len(series) <= _NAMED:
-        names = dict(enumerate(places))
-    return [Curve(names[i], colours[i], values) for i, values in enumerate(series)]
+def homes_of(response: Response) -> dict[int, tuple[int, int]]:
+    """Building and floor of each mass; {} of other systems."""
+    return {
+        mass: (b, i)
+        for b, building in enumerate(buildings_of(response))
+        for i, (mass, _) in enumerate(building)
+    }
 
 
 def _of_links(symbol: str, response: Response, series: Sequence[Any]) -> list[Curve]:
     """Series of the links that have one, by place; of many, those between two buildings as one."""
+    numbers = [k for k, values in enumerate(series) if values is not None]
     if len(series) == 1:
-        return [Curve(symbol, "damper", values) for values in series if values is not None]
-    given = [k for k, values in enumerate(series) if values is not None]
+        return [Curve(symbol, "damper", series[k]) for k in numbers]
     places = link_places(response.topology)
-    if len(given) <= _NAMED or not buildings_of(response):
+    if len(numbers) <= _NAMED or not buildings_of(response):
         curves = _named(places, series)
-        return [curves[k] for k in given]
+        return [curves[k] for k in numbers]
     between: dict[str, list[int]] = {}
-    for k in given:
+    for k in numbers:
         between.setdefault(places[k].partition(",")[0], []).append(k)
-    names: dict[int, str] = {}
-    colours: dict[int, str] = {}
-    for (buildings, members), colour in zip(between.items(), cycle(CYCLE), strict=False):
-        colours |= dict(zip(members, tones(colour, len(members)), strict=True))
-        names |= dict.fromkeys(members[:-1], "_link") | {members[-1]: buildings}
-    return [Curve(names[k], colours[k], series[k]) for k in given]
+    return _grouped(between, cycle(house.CYCLE), series)
+
+
+def _grouped(
+    members: Mapping[str, Sequence[int]], colours: Iterable[str], series: Sequence[Any]
+) -> list[Curve]:
+    """Series by number, each group in one colour from light to full, the last with its name."""
+    curves: dict[int, Curve] = {}
+    for (name, numbers), colour in zip(members.items(), colours, strict=False):
+        for i, tone in zip(numbers, house.tones(colour, len(numbers)), strict=True):
+            curves[i] = Curve(name if i == numbers[-1] else "_", tone, series[i])
+    return [curves[i] for i in sorted(curves)]
 
 
 def _named(names: Sequence[str], series: Sequence[Any]) -> list[Curve]:
     """Where there are many, from dark to light, and only the ends of the list named."""
-    colours = numbered_colours(len(series))
-    return [Curve(*one) for one in zip(ends_named(names), colours, series, strict=True)]
+    names, colours = house.ends_named(names), house.numbered_colours(len(series))
+    return [Curve(*arguments) for arguments in zip(names, colours, series, strict=True)]
+
+
+def over_time(
+    response: Response,
+    ax: Axes | None,
+    words: str,
+    quantity: str,
+    curves: Sequence[Curve],
+    symbol: str,
+    more: Any = (),
+) -> Axes:
+    """Curves over time, in the unit for their largest number and those of ``more``.
+
+    The axis has their labels where these are symbols, else the symbol.
+    """
+    ax = run_axes(response, ax)
+    named = all(curve.label.startswith("$") for curve in curves)
+    symbols = ", ".join(curve.label for curve in curves) if named else symbol
+    series = [*(curve.values for curve in curves), more]
+    factor, words = series_axis(response, f"{words} {symbols}", quantity, series)
+    for curve in curves:
+        draw_curve(ax, response.time, factor, curve)
+    ax.margins(x=0)
+    label(ax, time_label(response), words)
+    if len(curves) > 1:
+        house.legend(ax, 4 if named else 3)
+    return ax
+
+
+def over_elongation(
+    response: Response,
+    ax: Axes | None,
+    members: Sequence[Any],
+    curves: Sequence[Curve],
+    across: str,
+    up: str,
+) -> Axes:
+    """Forces of rods or links over the elongation or slip of each."""
+    ax = run_axes(response, ax)
+    factor, up = series_axis(response, up, "force", [curve.values for curve in curves])
+    x = [mass.x for mass in response.masses]
+    for member, curve in zip(members, curves, strict=True):
+        draw_curve(ax, elongation(member.ends, x), factor, curve)
+    label(ax, length_label(response, across), up)
+    if len(curves) > 1:
+        house.legend(ax, columns=3)
+    return ax
+
+
+def run_axes(response: Response, ax: Axes | None) -> Axes:
+    """The axes, or those of a new figure; an ``InvalidInput`` for an invalid run."""
+    invalid = np.ravel(~np.isfinite(response.demand.pga))
+    if invalid.any():
+        several = f"{invalid.sum()} of {invalid.size} runs are"
+        subject = several if invalid.size > 1 else "the run is"
+        raise InvalidInput("plots", subject, "", "invalid (NaN)")
+    return new_axes(ax)
+
+
+def require_valid(owner: str, response: Response) -> None:
+    """An ``InvalidInput`` for a batch or an invalid run."""
+    require_single(owner, response)
+    if not np.isfinite(response.demand.pga):
+        raise InvalidInput(owner, "the run", "", "is invalid (its results are NaN)")
+
+
+def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
+    """The runs, at least one and all in the same units; ``name`` begins the error's message."""
+    instance(name, "responses", responses, Mapping)
+    if not responses:
+        raise InvalidInput(name, "responses", "", "must hold at least one run")
+    for run, response in responses.items():
+        instance(name, f"responses[{run!r}]", response, Response)
+    if len({response.si for response in responses.values()}) > 1:
+        rule = "must all be in SI units, or all be dimensionless"
+        raise InvalidInput(name, "responses", "", rule)
+    return dict(responses)
+
+
+def draw_curve(ax: Axes, x: Any, factor: float, curve: Curve, **style: Any) -> None:
+    """A curve over x; of a batch the curves of all runs, the fainter the more there are."""
+    x, y = np.asarray(x), factor * np.asarray(curve.values)
+    style |= {"color": COLOURS.get(curve.colour, curve.colour), "label": curve.label}
+    if x.ndim == 1:
+        ax.plot(x, y, alpha=_LINE_ALPHA, **style)
+        return
+    runs = np.stack([x, y], -1).reshape(-1, x.shape[-1], 2)
+    alpha = max(0.03, _LINE_ALPHA / len(runs) ** 0.4)
+    ax.add_collection(LineCollection(list(runs), alpha=alpha, **style))
+    ax.autoscale_view()
+
+
+def series_axis(
+    response: Response, words: str, kind: str, series: Iterable[Any]
+) -> tuple[float, str]:
+    """Factor of the unit for the largest number of the series, and words with the unit."""
+    peak = max((float(np.max(np.abs(x), initial=0.0)) for x in series), default=0.0)
+    return house.with_unit(words, kind, response.si, peak)
+
+
+def time_label(response: Response) -> str:
+    """Label of the time axis."""
+    return house.with_unit("time $t$", "time", response.si)[1]
+
+
+def length_label(response: Response, words: str) -> str:
+    """Label of an axis of lengths."""
+    return house.with_unit(words, "length", response.si)[1]

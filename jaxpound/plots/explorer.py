@@ -13,24 +13,21 @@ import jax
 import numpy as np
 
 from jaxpound._checks import instance
+from jaxpound._errors import InvalidInput
 from jaxpound._extras import require
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import require_dimensionless
 from jaxpound.ground.record import Record
 from jaxpound.ground.ricker import Ricker
+from jaxpound.ground.run_input import require_time_unit
 from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.plots.panels import LivePanels
 from jaxpound.quantities import unit
 from jaxpound.results.response import Response
+from jaxpound.scenarios.random_ground import WAVELET_KINDS
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.random_ground import WAVELET_KINDS
 from jaxpound.units import Scales
-
-_DAMPER = ("friction", "initial_gap")
-_BUILDINGS = ("mass_ratio", "stiffness_ratio")
-_RODS = tuple(f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_x", "tau_f"))
 
 
 class Explorer:
@@ -44,31 +41,14 @@ class Explorer:
     field beside it or set by code, also outside of the slider's range, and stays as it was set.
     Structures with a contact law have sliders for its parameters too (``"contact.stiffness"``).
 
-    Parameters
-    ----------
-    structures
-        The single pair to begin with, dimensionless.
-    ground
-        A ``Ricker`` motion, whose wavelets get sliders, or a ``Record`` (in units of g and 1/ω1),
-        which gets one for its strength.
-    grid
-        The instants; about a thousand are fast enough to be redrawn live.
-    scheme
-        The discretisation.
-    scales
-        Shows results in SI units; the sliders stay dimensionless.
+    ``structures`` are the single pair to begin with, dimensionless; ``ground`` is a ``Ricker``
+    motion, whose wavelets get sliders, or a ``Record`` (in units of g and 1/ω1), which gets one for
+    its strength. About a thousand instants of ``grid`` are fast enough to be redrawn live.
+    ``scales`` shows results in SI units; the sliders stay dimensionless.
 
-    Raises
-    ------
-    ImportError
-        If ipywidgets is not installed.
-    ValueError
-        If an argument is of another kind, or the first run is invalid.
-
-    Notes
-    -----
-    Where a choice breaks a rule (τf above τx, a step above the stability limit) the picture does
-    not change, and the line below it says why.
+    An ``ImportError`` if ipywidgets is not installed; a ``ValueError`` if an argument is of another
+    kind, or the first run is invalid. Where a choice breaks a rule (τf above τx, a step above the
+    stability limit) the picture does not change, and the line below it says why.
     """
 
     def __init__(
@@ -82,24 +62,24 @@ class Explorer:
         widgets = require("Explorer", "ipywidgets")
         instance("Explorer", "structures", structures, AdjacentStructures)
         instance("Explorer", "ground", ground, Ricker, Record)
-        require_dimensionless("Explorer: ground", ground)
+        require_time_unit("Explorer: ground", ground)
         instance("Explorer", "grid", grid, TimeGrid)
         instance("Explorer", "scheme", scheme, Scheme)
         if scales is not None:
             instance("Explorer", "scales", scales, Scales)
         if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
-            raise ValueError("Explorer: structures must be a single pair, not a batch")
+            raise InvalidInput("Explorer", "structures", "", "must be a single pair, not a batch")
         self._first = jax.tree.map(float, structures)
         self._ground, self._grid, self._scheme, self._scales = ground, grid, scheme, scales
 
         self.sliders: dict[str, Any] = {}
-        self._starts: dict[str, float] = {}
         self._quiet = False  # while many sliders move at once
-        tabs = {"damper": self._group(_DAMPER)}
         of_contact = [p for p in parameters.paths(self._first) if p.startswith("contact.")]
-        tabs |= {"contact": self._group(of_contact)} if of_contact else {}
-        tabs |= {"rods": self._group(_RODS)}
-        tabs |= {"buildings": self._group(_BUILDINGS), "ground": self._group_of_ground()}
+        rods = [f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_x", "tau_f")]
+        groups = {"damper": ["friction", "initial_gap"], "contact": of_contact, "rods": rods}
+        groups["buildings"] = ["mass_ratio", "stiffness_ratio"]
+        tabs = {name: self._group(paths) for name, paths in groups.items() if paths}
+        tabs["ground"] = self._group_of_ground()
         back = widgets.Button(description="reset", tooltip="back to the first values")
         back.on_click(lambda _: self.reset())
 
@@ -110,14 +90,15 @@ class Explorer:
         self.picture = widgets.Image(format="png", layout=narrow)
         self.words = widgets.HTML()
         self._show()
-        tab = widgets.Tab([_scrolled(group) for group in tabs.values()], titles=list(tabs))
+        # Scrolled, and low enough that the picture stays in view.
+        low = {"flex_flow": "column", "max_height": "15em", "overflow": "hidden auto"}
+        boxes = [widgets.Box(group, layout=widgets.Layout(**low)) for group in tabs.values()]
+        tab = widgets.Tab(boxes, titles=list(tabs))
         tab.layout.width = "37em"
         beside = widgets.VBox([self.picture, self.words])
         beside.layout = widgets.Layout(flex="1 1 40em", align_items="flex-start")
-        self.widget = widgets.HBox(
-            [widgets.VBox([tab, back]), beside],
-            layout=widgets.Layout(flex_flow="row wrap"),
-        )
+        wrapped = widgets.Layout(flex_flow="row wrap")
+        self.widget = widgets.HBox([widgets.VBox([tab, back]), beside], layout=wrapped)
 
     def _repr_mimebundle_(self, **kwargs: Any) -> dict[str, Any]:
         # The picture is for viewers without live widgets.
@@ -133,43 +114,33 @@ class Explorer:
         slider = ExactSlider(words, value, marks(min(low, value), max(high, value)))
         slider.observe(self._changed, names="value")
         self.sliders[name] = slider
-        self._starts[name] = value
         return slider
 
     def _group(self, paths: Iterable[str]) -> list[Any]:
         sliders = []
         for path in paths:
-            known = parameters.known(self._first, path)
+            field = parameters.metadata(self._first, path)
             words = plain(parameters.name(self._first, path))
-            if known.kind:
-                words += f" ({unit(known.kind, False)})"
+            if field.kind:
+                words += f" ({unit(field.kind, False)})"
             value = parameters.get(self._first, path)
-            low, high = known.usual or (value, value)
-            sliders.append(self._slider(path, words, value, low, high, known.is_ratio))
+            low, high = field.usual or (value, value)
+            sliders.append(self._slider(path, words, value, low, high, field.is_ratio))
         return sliders
 
     def _group_of_ground(self) -> list[Any]:
         strength = self._slider("strength", "strength", 1.0, 0.0, 3.0)
         if not isinstance(self._ground, Ricker):
             return [strength]
-        ground = self._ground
-        sizes = np.broadcast_to(ground.amplitude, np.shape(ground.periods))
-        ranges = {
-            "amplitude": (np.ravel(sizes), -1.0, 1.0),
-            "period": (np.ravel(ground.periods), 0.3, 6.0),
-            "arrival": (np.ravel(ground.arrivals), 0.0, self._grid.duration),
-        }
-        return [strength] + [
-            self._slider(
-                f"{name}_{i + 1}",
-                f"{name} {i + 1} ({unit(WAVELET_KINDS[name], False)})",
-                float(x[i]),
-                low,
-                high,
-            )
-            for i in range(np.size(sizes))
-            for name, (x, low, high) in ranges.items()
-        ]
+        ranges = {"amplitude": (-1.0, 1.0), "period": (0.3, 6.0)}
+        ranges["arrival"] = (0.0, self._grid.duration)
+        ground, sliders = self._ground, [strength]
+        series = np.broadcast_arrays(ground.amplitude, ground.periods, ground.arrivals)
+        for i, numbers in enumerate(zip(*map(np.ravel, series), strict=True)):
+            for (kind, ends), number in zip(ranges.items(), numbers, strict=True):
+                words = f"{kind} {i + 1} ({unit(WAVELET_KINDS[kind], False)})"
+                sliders.append(self._slider(f"{kind}_{i + 1}", words, float(number), *ends))
+        return sliders
 
     def _chosen(self) -> tuple[AdjacentStructures, Any]:
         """Structures and ground set by the sliders; ValueError where they break a rule."""
@@ -179,12 +150,11 @@ class Explorer:
         ground: Any = self._ground
         if isinstance(ground, Ricker):
             shape = np.shape(ground.periods)
-            n = int(np.prod(shape))
-            amplitudes, periods, arrivals = (
-                np.reshape([value[f"{kind}_{i + 1}"] for i in range(n)], shape)
+            amplitudes, *times = (
+                np.reshape([x for name, x in value.items() if name.startswith(f"{kind}_")], shape)
                 for kind in ("amplitude", "period", "arrival")
             )
-            return structures, Ricker(value["strength"] * amplitudes, periods, arrivals)
+            return structures, Ricker(value["strength"] * amplitudes, *times)
         return structures, value["strength"] * ground
 
     def _run(self, structures: AdjacentStructures, ground: Any) -> Response:
@@ -206,28 +176,24 @@ class Explorer:
     def reset(self) -> None:
         """Back to the first values."""
         self._quiet = True
-        for name, slider in self.sliders.items():
-            slider.value = self._starts[name]
+        for slider in self.sliders.values():
+            slider.value = slider.first
         self._quiet = False
         self._changed(None)
 
     def _show(self) -> None:
         self.picture.value = self._panels.png(self.response)
-        d = self.response.demand
-        si = self.response.si
+        d, si = self.response.demand, self.response.si
         length, second = (" m", " s") if si else ("", "")
         phases = len(self.response.phases())
         pounds = " <b>The buildings pound.</b>" if d.pounds else ""
         if d.pounds and d.links[0].n_impacts is not None:
-            n, work = int(d.n_impacts), float(d.contact_work)
-            times = f"{n} {'time' if n == 1 else 'times'}"
-            pounds = (
-                f" <b>The buildings pound {times}</b> and lose {work:.3g} {unit('energy', si)}."
-            )
+            n, lost = int(d.n_impacts), f"{float(d.contact_work):.3g} {unit('energy', si)}"
+            times = f"{n} time{'s' * (n != 1)}"
+            pounds = f" <b>The buildings pound {times}</b> and lose {lost}."
         self.words.value = (
             f"min gap {float(d.min_gap):.4g}{length} at t = {float(d.min_gap_time):.4g}{second}; "
-            f"{phases} {'phase' if phases == 1 else 'phases'}, "
-            f"slid {float(d.slip_distance):.3g}{length}, "
+            f"{phases} phase{'s' * (phases != 1)}, slid {float(d.slip_distance):.3g}{length}, "
             f"offset left {float(d.residual_offset) + 0.0:.3g}{length}.{pounds}"
         )
 
@@ -236,11 +202,3 @@ def plain(text: str) -> str:
     """A name with its mathematics as plain text, for places that do not render it: ``τ_x``."""
     text = re.sub(r"\$|\\bar|(?<=\\)var", "", text)
     return re.sub(r"\\([a-z]+)", lambda letter: lookup(f"GREEK SMALL LETTER {letter[1]}"), text)
-
-
-def _scrolled(sliders: list[Any]) -> Any:
-    """Sliders in a scrolling box, low enough that the picture stays in view."""
-    widgets = require("Explorer", "ipywidgets")
-    box = widgets.Box(sliders)
-    box.layout = widgets.Layout(flex_flow="column", max_height="15em", overflow="hidden auto")
-    return box

@@ -8,87 +8,44 @@ is drawn from floor to floor; what belongs to a storey, drift and shear, is cons
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from itertools import chain
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import setp
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from jaxpound._checks import count, hint, instance
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import Quantity, quantities
-from jaxpound.model.shear_building import ShearBuilding
+from jaxpound.buildings import Buildings
+from jaxpound.model.shear_building import ShearBuilding, in_units
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.vibration import modes
+from jaxpound.plots import style as house
 from jaxpound.plots.rows import floor_heights, heights_above_ground
-from jaxpound.plots.style import (
-    CYCLE,
-    building_colour,
-    in_house_style,
-    label,
-    legend_above,
-    new_axes,
-    new_figure,
-    shades,
-    unit_for,
-)
+from jaxpound.plots.style import in_house_style, label, new_axes, unit_for
 from jaxpound.results.floors import FloorDemands
 
 _BAND = (0.16, 0.5, 0.84)
-_APART = 0.12  # between the points of compared runs, in storeys
-_TICKS = 4.0  # of the vertical axis, per inch
 _FROM_ZERO = "displacement"
-_OF_STOREYS = ("drift", "shear")
+_OF_MODES = ("-", "--", ":", "-.")
 _DRAWN: dict[str, Quantity] = {
-    name: known
-    for name, known in quantities(FloorDemands).items()
+    name: field
+    for name, field in quantities(FloorDemands).items()
     if not name.startswith("contact")
 } | {"contact": Quantity("force", "peak contact force", symbol="peak $p$")}
 
 Floors = Sequence[FloorDemands]
 
 
-class _Envelope(NamedTuple):
-    """A quantity of a building over its height in a run or batch."""
-
-    demands: FloorDemands
-    quantity: str
-
-    @property
-    def values(self) -> np.ndarray:
-        """Of the valid runs, shape (runs, floors)."""
-        values = np.asarray(getattr(self.demands, self.quantity))
-        values = values.reshape(-1, values.shape[-1])
-        return values[np.isfinite(values).all(-1)]
-
-    def draw(self, ax: Axes, heights: np.ndarray, factor: float, **style: Any) -> None:
-        """A single run as a line; the median of a batch, and 16 to 84 % of it as a band."""
-        values = factor * self.values
-        low, middle, high = np.quantile(values, _BAND, axis=0)
-        up = heights
-        points: dict[str, Any] = {"marker": "o", "markersize": 2.5, "clip_on": False}
-        if self.quantity in _OF_STOREYS:
-            up, points = np.repeat(np.append(0.0, heights), 2)[1:-1], {}
-            low, middle, high = (np.repeat(one, 2) for one in (low, middle, high))
-        elif self.quantity == _FROM_ZERO:
-            up = np.append(0.0, heights)
-            low, middle, high = (np.append(0.0, one) for one in (low, middle, high))
-        ax.plot(middle, up, **points, **style)
-        if len(values) > 1:
-            ax.fill_betweenx(up, low, high, color=style["color"], alpha=0.2, linewidth=0)
-
-    def draw_apart(self, ax: Axes, heights: np.ndarray, factor: float, **style: Any) -> None:
-        """What acts on some floors only: a point for each, and a line from zero to it."""
-        values = factor * self.values
-        acts = values.any(0)
-        if not acts.any():
-            return
-        values, heights = values[:, acts], heights[acts]
-        low, middle, high = np.quantile(values, _BAND, axis=0)
-        ax.plot(middle, heights, "o", markersize=3, clip_on=False, **style)
-        ax.hlines(heights, 0, middle, color=style["color"], linewidth=0.9)
-        if len(values) > 1:
-            ax.hlines(heights, low, high, color=style["color"], alpha=0.3, linewidth=4)
+def _values(demands: FloorDemands, quantity: str) -> np.ndarray:
+    """A quantity of the valid runs, shape (runs, floors)."""
+    values = np.asarray(getattr(demands, quantity))
+    values = values.reshape(-1, values.shape[-1])
+    return values[np.isfinite(values).all(-1)]
 
 
 @in_house_style
@@ -102,51 +59,31 @@ def envelope(
 
     Of a batch the line is the median of the valid runs, the band reaches from 16 to 84 %.
 
-    Parameters
-    ----------
-    floors
-        The building's demands, from ``floor_demands``, or such demands by name, to be compared.
-    quantity
-        "displacement", "drift", "acceleration", "shear" or "contact", the largest force of contact
-        from either side.
-    elevations
-        Height of each floor above the ground, m; by default the floors' numbers.
-    ax
-        Where to draw.
+    ``floors`` are the building's demands, from ``floor_demands``, or such demands by name, to be
+    compared. The quantity is "displacement", "drift", "acceleration", "shear" or "contact", the
+    largest force of contact from either side. ``elevations`` are the height of each floor above the
+    ground, m; by default the floors' numbers.
 
-    Raises
-    ------
-    ValueError
-        If there is no such quantity, no run is valid, elevations are not one for each floor in
-        ascending order, or runs to be compared are of other buildings or units.
+    A ``ValueError`` if there is no such quantity, no run is valid, elevations are not one for each
+    floor in ascending order, or runs to be compared are of other buildings or units.
 
-    Examples
-    --------
-    >>> from jaxpound.plots import envelope
-    >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
-    >>> row = jp.Row(tuple(jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (3, 2)))
-    >>> found = jp.demand(row, jp.Ricker(0.3, 2.0, 4.0), jp.TimeGrid.until(20.0, dt=0.05))
-    >>> high, low = jp.floor_demands(row, found)
-    >>> envelope(high, "drift").get_ylabel()
-    'floor'
+    For an example see ``envelopes``.
     """
     runs = _runs("envelope", floors, FloorDemands)
     if quantity not in _DRAWN:
-        words = hint(quantity, _DRAWN)
-        raise ValueError(f"envelope: quantity = {quantity!r} must be a demand of floors; {words}")
-    one = next(iter(runs.values()))
+        rule = f"must be a demand of floors; {hint(quantity, _DRAWN)}"
+        raise InvalidInput("envelope", "quantity", repr(quantity), rule)
+    first = next(iter(runs.values()))
     ax = new_axes(ax)
-    n = len(one.masses)
-    heights = np.arange(1.0, n + 1)
+    heights = np.arange(1.0, len(first.masses) + 1)
     if elevations is not None:
-        heights = heights_above_ground("envelope", "elevations", elevations, n)
-    lines = [_Envelope(each, quantity) for each in runs.values()]
-    for name, line in zip(runs, lines, strict=True):
-        _require_valid("envelope", name, line)
-    in_metres, styles = elevations is not None, _styles(runs, one.building)
-    _draw(ax, lines, heights, in_metres, _unit(lines), styles)
+        heights = heights_above_ground("envelope", "elevations", elevations, heights.size)
+    profiles = [_values(demands, quantity) for demands in runs.values()]
+    _require_valid("envelope", runs, profiles)
+    unit, styles = _unit(quantity, first.si, profiles), _styles(runs, first.building)
+    _draw(ax, quantity, profiles, heights, elevations is not None, unit, styles)
     if len(runs) > 1:
-        legend_above(ax, 2)
+        house.legend_above(ax, 2)
     return ax
 
 
@@ -159,24 +96,13 @@ def envelopes(
     """Peak demands of buildings over their height: a row of panels for each building.
 
     The panels of a row are displacement, storey drift, acceleration, storey shear and, where there
-    is any, contact force; each has one scale for all buildings. Of a batch the line is the median
-    of the valid runs, the band reaches from 16 to 84 %.
+    is any, contact force; each has one scale for all buildings. A batch is as in ``envelope``.
 
-    Parameters
-    ----------
-    floors
-        What ``floor_demands`` gives, one for each building, of a run or a batch; or such tuples by
-        name, to be compared: the first is grey.
-    elevations
-        For each building the height of its floors above the ground, m
-        (``[building.elevations for building in buildings]``); by default the floors' numbers.
-    labels
-        A name for each building; by default "building 1" and so on.
+    ``floors`` are what ``floor_demands`` gives, one for each building, of a run or a batch; or such
+    tuples by name, to be compared: the first is grey. ``elevations`` are those of ``row``, by
+    default the floors' numbers; ``labels`` name the buildings, by default "building 1" and so on.
 
-    Raises
-    ------
-    ValueError
-        As ``envelope``, or if elevations or labels are not one for each building.
+    A ``ValueError`` as by ``envelope``, or if elevations or labels are not one for each building.
 
     Examples
     --------
@@ -192,32 +118,34 @@ def envelopes(
     runs = _runs(owner, floors, Sequence)
     buildings = next(iter(runs.values()))
     if labels is None:
-        labels = [f"building {one.building + 1}" for one in buildings]
+        labels = [f"building {building.building + 1}" for building in buildings]
     elif len(labels) != len(buildings):
-        rule = f"one for each of the {len(buildings)} buildings"
-        raise ValueError(f"{owner}: labels, {len(labels)} of them, must be {rule}")
-    heights = floor_heights(owner, [len(one.masses) for one in buildings], elevations)
-    lines = {
-        name: [[_Envelope(each[b], name) for each in runs.values()] for b in range(len(buildings))]
+        rule = f"must be one for each of the {len(buildings)} buildings"
+        raise InvalidInput(owner, f"labels, {len(labels)} of them,", "", rule)
+    heights = floor_heights(owner, [len(building.masses) for building in buildings], elevations)
+    profiles = {
+        name: [[_values(run[b], name) for run in runs.values()] for b in range(len(buildings))]
         for name in _DRAWN
     }
-    for of_runs in lines[_FROM_ZERO]:
-        for name, line in zip(runs, of_runs, strict=True):
-            _require_valid(owner, name, line)
-    if not any(line.values.any() for of_runs in lines["contact"] for line in of_runs):
-        del lines["contact"]
+    for of_runs in profiles[_FROM_ZERO]:
+        _require_valid(owner, runs, of_runs)
+    if not any(values.any() for of_runs in profiles["contact"] for values in of_runs):
+        del profiles["contact"]
 
-    sizes = [0.5 + 0.06 * one.size for one in heights]
-    figure = new_figure(2, sum(sizes) + 0.35)
-    panels = figure.subplots(len(buildings), len(lines), squeeze=False, height_ratios=sizes)
-    styles = [_styles(runs, one.building) for one in buildings]
-    for column, of_buildings in zip(panels.T, lines.values(), strict=True):
-        _draw_column(column, of_buildings, heights, elevations is not None, styles)
+    sizes = [0.5 + 0.06 * building.size for building in heights]
+    figure = house.new_figure(2, sum(sizes) + 0.35)
+    panels = figure.subplots(len(buildings), len(profiles), squeeze=False, height_ratios=sizes)
+    styles = [_styles(runs, building.building) for building in buildings]
+    for column, (name, of_buildings) in zip(panels.T, profiles.items(), strict=True):
+        unit = _unit(name, buildings[0].si, list(chain(*of_buildings)))
+        for ax, values, y, style in zip(column, of_buildings, heights, styles, strict=True):
+            _draw(ax, name, values, y, elevations is not None, unit, style)
+            ax.locator_params(axis="x", nbins=3)
+        setp(column, xlim=(0, max(ax.get_xlim()[1] for ax in column)))
     for ax, words in zip(panels[:, 0], labels, strict=True):
         ax.set_ylabel(f"{words}\n{ax.get_ylabel()}")
-    for ax in panels[:, 1:].flat:
-        ax.set_ylabel("")
-        ax.tick_params(labelleft=False)
+    for ax in panels.flat:
+        ax.label_outer()
     figure.align_ylabels(panels[:, 0])
     if len(runs) > 1:
         handles = panels[0, 0].get_lines()
@@ -226,24 +154,19 @@ def envelopes(
 
 
 @in_house_style
-def mode_shapes(structures: Storeys | ShearBuilding, n: int = 3, ax: Axes | None = None) -> Axes:
-    r"""The first mode shapes of a building over its height, with periods and damping ratios.
+def mode_shapes(
+    structures: Storeys | ShearBuilding | Buildings, n: int = 3, ax: Axes | None = None
+) -> Axes:
+    r"""The first mode shapes of each building over its height, with periods and damping ratios.
 
     Shapes are the real parts of ``modes``, with the largest entry 1 and the top floor to the right.
+    Those of several buildings have the building's colour and a line style for each mode; links are
+    left out.
 
-    Parameters
-    ----------
-    structures
-        A building, dimensionless or in SI.
-    n
-        How many modes, from the slowest on, at least 1; of a building with fewer floors all.
-    ax
-        Where to draw.
+    ``structures`` are a building, dimensionless or in SI, or ``Buildings``; drawn are the first
+    ``n`` modes of each, at least 1, from the slowest on; of fewer floors all.
 
-    Raises
-    ------
-    ValueError
-        If structures are no such building, traced or a batch, or n is below 1.
+    A ``ValueError`` if structures are of another kind, traced or a batch, or n is below 1.
 
     Examples
     --------
@@ -252,32 +175,33 @@ def mode_shapes(structures: Storeys | ShearBuilding, n: int = 3, ax: Axes | None
     >>> print(mode_shapes(building, n=2).get_legend().get_texts()[0].get_text())
     mode 1: $T$ = 0.6 s, $\zeta$ = 5 %
     """
-    instance("mode_shapes", "structures", structures, Storeys, ShearBuilding)
+    instance("mode_shapes", "structures", structures, Storeys, ShearBuilding, Buildings)
     n = count("mode_shapes", "n", n)
-    si = isinstance(structures, ShearBuilding)
-    found = structures.modes() if isinstance(structures, ShearBuilding) else modes(structures)
-    heights = (
-        structures.elevations
-        if isinstance(structures, ShearBuilding)
-        else np.arange(1.0, structures.n_floors + 1)
-    )
+    buildings = structures.buildings if isinstance(structures, Buildings) else (structures,)
+    si, several = not isinstance(structures, Storeys), len(buildings) > 1
+    in_metres = all(isinstance(building, ShearBuilding) for building in buildings)
     ax = new_axes(ax, height=1.3)
-    unit = unit_for("time", si, 0.0)[1]
-    for j in range(min(n, structures.n_floors)):
-        shape = found.shapes[:, j].real
-        ax.plot(
-            np.append(0.0, shape * np.sign(shape[-1])),
-            np.append(0.0, heights),
-            marker="o",
-            markersize=2.5,
-            color=CYCLE[j % len(CYCLE)],
-            label=f"mode {j + 1}: $T$ = {found.periods[j]:.3g} {unit}, "
-            rf"$\zeta$ = {100 * found.damping_ratios[j]:.2g} %",
-        )
+    unit, tallest = unit_for("time", si, 0.0)[1], np.zeros(1)
+    for b, building in enumerate(buildings):
+        storeys = building if isinstance(building, Storeys) else in_units(building, 1.0, 1.0, 1.0)
+        vibration, heights = modes(storeys), np.arange(1.0, storeys.n_floors + 1)
+        if in_metres and isinstance(building, ShearBuilding):
+            heights = building.elevations
+        tallest = max(tallest, heights, key=lambda floors: floors[-1])
+        for j in range(min(n, storeys.n_floors)):
+            shape = vibration.shapes[:, j].real
+            x, y = np.append(0.0, shape * np.sign(shape[-1])), np.append(0.0, heights)
+            period, damping = vibration.periods[j], 100 * vibration.damping_ratios[j]
+            words = rf"mode {j + 1}: $T$ = {period:.3g} {unit}, $\zeta$ = {damping:.2g} %"
+            line: dict[str, Any] = {"color": house.CYCLE[j % len(house.CYCLE)]}
+            if several:
+                words = f"building {b + 1}, {words}"
+                line = {"color": house.building_colour(b), "linestyle": _OF_MODES[j % 4]}
+            ax.plot(x, y, marker="o", markersize=2.5, label=words, **line)
     ax.axvline(0, color="black", linewidth=0.7, zorder=1)
     label(ax, r"mode shape $\varphi$", "")
-    _over_height(ax, heights, si)
-    legend_above(ax, 1)
+    _over_height(ax, tallest, in_metres)
+    house.legend_above(ax, 1)
     return ax
 
 
@@ -285,82 +209,95 @@ def _runs(owner: str, floors: Any, kind: type) -> dict[str, Any]:
     """Runs by name, of the same buildings in the same units."""
     runs = dict(floors) if isinstance(floors, Mapping) else {"": floors}
     if not runs:
-        raise ValueError(f"{owner}: floors must hold at least one run")
-    kinds = []
-    for name, each in runs.items():
-        where = f"floors[{name!r}]" if name else "floors"
-        instance(owner, where, each, kind)
-        buildings = [each] if isinstance(each, FloorDemands) else list(each)
+        raise InvalidInput(owner, "floors", "", "must hold at least one run")
+    descriptions = set()
+    for name, demands in runs.items():
+        place = f"floors[{name!r}]" if name else "floors"
+        instance(owner, place, demands, kind)
+        buildings = [demands] if isinstance(demands, FloorDemands) else list(demands)
         if not buildings:
-            raise ValueError(f"{owner}: {where} = () must hold at least one building")
-        for b, one in enumerate(buildings):
-            instance(owner, where if one is each else f"{where}[{b}]", one, FloorDemands)
-        kinds.append([(one.building, len(one.masses), one.si) for one in buildings])
-    if any(one != kinds[0] for one in kinds):
-        rule = "of the same buildings, all in SI units or all dimensionless"
-        raise ValueError(f"{owner}: floors to be compared must be {rule}")
+            raise InvalidInput(owner, place, "()", "must hold at least one building")
+        for b, building in enumerate(buildings):
+            number = "" if building is demands else f"[{b}]"
+            instance(owner, place + number, building, FloorDemands)
+        descriptions.add(tuple((each.building, len(each.masses), each.si) for each in buildings))
+    if len(descriptions) > 1:
+        rule = "must be of the same buildings, all in SI units or all dimensionless"
+        raise InvalidInput(owner, "floors to be compared", "", rule)
     return runs
 
 
-def _require_valid(owner: str, name: str, line: _Envelope) -> None:
-    if not line.values.size:
-        which = f"all runs of {name!r} are" if name else "the run is"
-        raise ValueError(f"{owner}: {which} invalid (NaN)")
+def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Sequence[np.ndarray]) -> None:
+    for name, values in zip(runs, profiles, strict=True):
+        if not values.size:
+            subject = f"all runs of {name!r} are" if name else "the run is"
+            raise InvalidInput(owner, subject, "", "invalid (NaN)")
 
 
-def _unit(lines: Sequence[_Envelope]) -> tuple[float, str]:
-    largest = max(float(line.values.max()) for line in lines)
-    return unit_for(str(_DRAWN[lines[0].quantity].kind), lines[0].demands.si, largest)
+def _unit(quantity: str, si: bool, profiles: Sequence[np.ndarray]) -> tuple[float, str]:
+    largest = max(float(values.max()) for values in profiles)
+    return unit_for(str(_DRAWN[quantity].kind), si, largest)
 
 
 def _styles(runs: Mapping[str, Any], building: int) -> list[dict[str, Any]]:
     """Colour and name of each line: of a single run that of the building."""
-    colours = shades(len(runs)) if len(runs) > 1 else [building_colour(building)]
+    colours = house.shades(len(runs)) if len(runs) > 1 else [house.building_colour(building)]
     return [{"color": c, "label": name} for c, name in zip(colours, runs, strict=True)]
 
 
 def _draw(
     ax: Axes,
-    lines: Sequence[_Envelope],
+    quantity: str,
+    profiles: Sequence[np.ndarray],
     heights: np.ndarray,
     in_metres: bool,
     unit: tuple[float, str],
     styles: Sequence[dict[str, Any]],
 ) -> None:
-    known = _DRAWN[lines[0].quantity]
-    apart = _APART * np.diff(heights, prepend=0.0).min()
-    for k, (line, style) in enumerate(zip(lines, styles, strict=True)):
-        if line.quantity == "contact":
-            line.draw_apart(ax, heights - apart * k, unit[0], **style)
+    """A quantity of a building in each of several runs or batches."""
+    factor, field = unit[0], _DRAWN[quantity]
+    offset = 0.12 * np.diff(heights, prepend=0.0).min()  # between the points of compared runs
+    for k, (values, style) in enumerate(zip(profiles, styles, strict=True)):
+        if quantity == "contact":
+            _draw_points(ax, factor * values, heights - offset * k, style)
         else:
-            line.draw(ax, heights, unit[0], **style)
-    symbol = known.symbol.partition(" $")[2]
-    words = known.words.removeprefix("peak ")
-    label(ax, f"{words}\npeak ${symbol} ({unit[1]})", "")
+            _draw_line(ax, quantity, factor * values, heights, style)
+    symbol = field.symbol.partition(" $")[2]
+    label(ax, f"{field.words.removeprefix('peak ')}\npeak ${symbol} ({unit[1]})", "")
     # Of a batch as far as the band reaches.
-    highest = max(float(np.quantile(line.values, _BAND[-1], axis=0).max()) for line in lines)
-    ax.set_xlim(0, 1.08 * unit[0] * highest or 1.0)
+    highest = max(float(np.quantile(values, _BAND[-1], axis=0).max()) for values in profiles)
+    ax.set_xlim(0, 1.08 * factor * highest or 1.0)
     _over_height(ax, heights, in_metres)
 
 
-def _draw_column(
-    column: Sequence[Axes],
-    of_buildings: Sequence[Sequence[_Envelope]],
-    heights: Sequence[np.ndarray],
-    in_metres: bool,
-    styles: Sequence[Sequence[dict[str, Any]]],
+def _draw_line(
+    ax: Axes, quantity: str, values: np.ndarray, heights: np.ndarray, style: dict[str, Any]
 ) -> None:
-    """A quantity of all buildings, one below the other, to one scale."""
-    unit = _unit([line for lines in of_buildings for line in lines])
-    for ax, lines, up, style in zip(column, of_buildings, heights, styles, strict=True):
-        _draw(ax, lines, up, in_metres, unit, style)
-        ax.locator_params(axis="x", nbins=3)
-    for ax in column[:-1]:
-        ax.set_xlabel("")
-        ax.tick_params(labelbottom=False)
-    largest = max(ax.get_xlim()[1] for ax in column)
-    for ax in column:
-        ax.set_xlim(0, largest)
+    """A single run as a line; the median of a batch, and 16 to 84 % of it as a band."""
+    curves = np.quantile(values, _BAND, axis=0)
+    points: dict[str, Any] = {"marker": "o", "markersize": 2.5, "clip_on": False}
+    if quantity in ("drift", "shear"):
+        heights, points = np.repeat(np.append(0.0, heights), 2)[1:-1], {}
+        curves = np.repeat(curves, 2, axis=1)
+    elif quantity == _FROM_ZERO:
+        heights, curves = np.append(0.0, heights), np.pad(curves, ((0, 0), (1, 0)))
+    low, middle, high = curves
+    ax.plot(middle, heights, **points, **style)
+    if len(values) > 1:
+        ax.fill_betweenx(heights, low, high, color=style["color"], alpha=0.2, linewidth=0)
+
+
+def _draw_points(ax: Axes, values: np.ndarray, heights: np.ndarray, style: dict[str, Any]) -> None:
+    """What acts on some floors only: a point for each, and a line from zero to it."""
+    loaded = values.any(0)
+    if not loaded.any():
+        return
+    heights = heights[loaded]
+    low, middle, high = np.quantile(values[:, loaded], _BAND, axis=0)
+    ax.plot(middle, heights, "o", markersize=3, clip_on=False, **style)
+    ax.hlines(heights, 0, middle, color=style["color"], linewidth=0.9)
+    if len(values) > 1:
+        ax.hlines(heights, low, high, color=style["color"], alpha=0.3, linewidth=4)
 
 
 def _over_height(ax: Axes, heights: np.ndarray, in_metres: bool) -> None:
@@ -368,7 +305,6 @@ def _over_height(ax: Axes, heights: np.ndarray, in_metres: bool) -> None:
     ax.set_ylabel("height (m)" if in_metres else "floor")
     ax.set_ylim(0, 1.03 * heights[-1])
     drawing: Any = ax.figure
-    rows = int(ax.get_position().height * drawing.get_size_inches()[1] * _TICKS)
-    ax.yaxis.set_major_locator(
-        MaxNLocator(min(max(rows, 2), 8), steps=[1, 2, 3, 5, 10], integer=not in_metres)
-    )
+    rows = int(ax.get_position().height * drawing.get_size_inches()[1] * 4.0)  # per inch
+    most, steps = min(max(rows, 2), 8), [1, 2, 3, 5, 10]
+    ax.yaxis.set_major_locator(MaxNLocator(most, steps=steps, integer=not in_metres))

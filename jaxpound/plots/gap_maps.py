@@ -6,30 +6,21 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, to_rgb
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch
 
-from jaxpound._checks import number, positive
+from jaxpound._checks import positive_number
 from jaxpound.model.places import link_places
-from jaxpound.model.system import GROUND, Ends
-from jaxpound.plots.curves import buildings_of, gaps_of
-from jaxpound.plots.runs import same_units
-from jaxpound.plots.style import (
-    COLOURS,
-    FIGURE_SIZE,
-    FONT_SIZE,
-    in_house_style,
-    label,
-    new_axes,
-    unit_for,
-)
-from jaxpound.results.response import Response, require_single
+from jaxpound.model.system import GROUND
+from jaxpound.plots import curves
+from jaxpound.plots import style as house
+from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes
+from jaxpound.results.response import Response
 
 _COLUMNS = 800  # of the map: more would not be seen
-_NEAR, _FAR = np.array(to_rgb("#10404f")), np.array(to_rgb("#f2f7f8"))
-_GAPS = ListedColormap(
-    [tuple(_NEAR + (_FAR - _NEAR) * s) for s in np.linspace(0, 1, 256)]
-).with_extremes(under=COLOURS["pounding"])
+_GAPS = LinearSegmentedColormap.from_list("gaps", ["#10404f", "#f2f7f8"]).with_extremes(
+    under=COLOURS["pounding"]
+)
 
 
 @in_house_style
@@ -40,20 +31,11 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     lost between pixels: each has the narrowest gap of its instants. Links without a finite gap are
     left out.
 
-    Parameters
-    ----------
-    response
-        A single run, in SI or not.
-    ax
-        Where to draw.
-    widest
-        The gap at the light end of the scale, for maps of several runs to one scale; by default
-        that of the run.
+    ``response`` is a single run, in SI or not; ``widest`` the gap at the light end of the scale,
+    for maps of several runs to one scale, by default that of the run.
 
-    Raises
-    ------
-    ValueError
-        If the response is a batch or invalid, no link has a finite gap, or widest is not positive.
+    A ``ValueError`` if the response is a batch or invalid, no link has a finite gap, or widest is
+    not positive.
 
     Examples
     --------
@@ -62,13 +44,11 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     >>> [tick.get_text() for tick in gap_map(run).get_yticklabels()]
     ['1–2, floor 1']
     """
-    same_units("gap_map", {"": response})
+    curves.same_units("gap_map", {"": response})
     if widest is not None:
-        (widest,) = positive("gap_map", widest=number("gap_map", "widest", widest))
-    require_single("gap_map", response)
-    if not np.isfinite(response.demand.pga):
-        raise ValueError("gap_map: the run is invalid (its results are NaN)")
-    gaps_of("gap_map", response)
+        (widest,) = positive_number("gap_map", widest=widest)
+    curves.require_valid("gap_map", response)
+    curves.gaps_of("gap_map", response)
     links = [k for k, link in enumerate(response.links) if np.isfinite(link.gap).all()]
     order, groups = _order(response, links)
     gaps = np.array([np.asarray(response.links[k].gap) for k in order])
@@ -78,20 +58,14 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
             row[np.asarray(touching) > 0] = -1.0
     gaps = np.where(gaps <= 0, -1.0, gaps)
 
-    ax = new_axes(ax, height=max(0.8, (0.17 * len(order) + 0.9) / FIGURE_SIZE[1]))
+    ax = new_axes(ax, height=max(0.8, (0.17 * len(order) + 0.9) / house.FIGURE_SIZE[1]))
     time = np.asarray(response.time)
     start = np.unique(np.linspace(0, time.size, min(_COLUMNS, time.size) + 1).astype(int))[:-1]
     extent = (float(time[0]), float(time[-1]), len(order) - 0.5, -0.5)
-    shown = ax.imshow(
-        np.minimum.reduceat(gaps, start, axis=1),
-        cmap=_GAPS,
-        vmin=0.0,
-        vmax=widest_gap(response) if widest is None else widest,
-        aspect="auto",
-        interpolation="nearest",
-        extent=extent,
-    )
-    label(ax, f"time $t$ ({unit_for('time', response.si, 0)[1]})", "")
+    scale: Any = {"cmap": _GAPS, "vmin": 0.0, "vmax": widest or widest_gap(response)}
+    image: Any = {"aspect": "auto", "interpolation": "nearest", "extent": extent}
+    shown = ax.imshow(np.minimum.reduceat(gaps, start, axis=1), **scale, **image)
+    label(ax, curves.time_label(response), "")
     ax.grid(False)
     places = link_places(response.topology)
     ax.set_yticks(range(len(order)), [places[k] for k in order])
@@ -101,53 +75,31 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
         ax.axhline(row - 0.5, color="white", linewidth=2.4 if apart else 0.6)
     figure: Any = ax.figure
     bar = figure.colorbar(shown, ax=ax, pad=0.02, aspect=12, extend="min")
-    bar.set_label(rf"gap $\xi$ ({unit_for('length', response.si, 0)[1]})", size=FONT_SIZE)
-    bar.ax.tick_params(labelsize=FONT_SIZE)
-    ax.legend(
-        handles=[Patch(color=COLOURS["pounding"], label=_words(response, links))],
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        borderaxespad=0.1,
-    )
+    bar.set_label(curves.length_label(response, r"gap $\xi$"), size=house.FONT_SIZE)
+    bar.ax.tick_params(labelsize=house.FONT_SIZE)
+    modelled = any(response.links[k].contact is not None for k in links)
+    words = rf"{'contact' if modelled else 'pounding'}, $\xi \leq 0$"
+    closed = Patch(color=COLOURS["pounding"], label=words)
+    ax.legend(handles=[closed], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
     return ax
 
 
 def widest_gap(response: Response) -> float:
-    """The widest of all gaps that are finite, or 1 where none opens."""
+    """The widest of all finite gaps, or 1 where none opens."""
     gaps = [np.asarray(link.gap) for link in response.links]
     return max(float(np.max(gap, initial=0.0, where=np.isfinite(gap))) for gap in gaps) or 1.0
 
 
-def _homes(response: Response) -> dict[int, tuple[int, int]]:
-    """Building and floor of each mass, and of the ground; {} of other systems than buildings."""
-    buildings = buildings_of(response)
-    home = {
-        mass: (b, i) for b, building in enumerate(buildings) for i, (mass, _) in enumerate(building)
-    }
-    return home | {GROUND: (GROUND, GROUND)} if home else {}
-
-
-def _upward(ends: Ends) -> Ends:
-    """Ends with the ground last."""
-    return ends if ends[0] != GROUND else (ends[1], ends[0])
-
-
 def _order(response: Response, links: list[int]) -> tuple[list[int], list[Any]]:
     """Links from the top of the map on, and the buildings that each is between."""
-    home = _homes(response)
-    if not home:
+    home = curves.homes_of(response) | {GROUND: (GROUND, GROUND)}
+    if len(home) == 1:  # no buildings
         return links, [0] * len(links)
-    places = {k: [home[end] for end in _upward(response.links[k].ends)] for k in links}
 
     def key(k: int) -> tuple[int, int, int]:
-        (a, i), (b, _) = places[k]
+        ends = response.links[k].ends
+        (a, i), (b, _) = (home[end] for end in (ends if ends[0] != GROUND else ends[::-1]))
         return a, b, -i
 
     order = sorted(links, key=key)
     return order, [key(k)[:2] for k in order]
-
-
-def _words(response: Response, links: list[int]) -> str:
-    """What the colour of a closed gap stands for."""
-    modelled = any(response.links[k].contact is not None for k in links)
-    return r"contact, $\xi \leq 0$" if modelled else r"pounding, $\xi \leq 0$"

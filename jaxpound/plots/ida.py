@@ -8,26 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
+from jaxpound.hazard.cloud import Cloud
+from jaxpound.hazard.ida import FRACTILES, IncrementalDynamicAnalysis
 from jaxpound.plots import studies
-from jaxpound.plots.style import (
-    COLOURS,
-    in_house_style,
-    label,
-    legend,
-    legend_above,
-    new_axes,
-    ratio_ticks,
-    shade,
-    unit_for,
-)
-from jaxpound.results.demand import in_words
-from jaxpound.risk.cloud import Cloud
-from jaxpound.risk.demanded import OVERLAP, REQUIRED_GAP
-from jaxpound.risk.ida import FRACTILES, IncrementalDynamicAnalysis
-from jaxpound.risk.suite_runs import demand_kind
-
-_STYLES = ("--", "-", "--")
-_DOTS = 40  # of a band's curve
+from jaxpound.plots import style as house
+from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
+from jaxpound.results.named import OVERLAP, REQUIRED_GAP, in_words, kind_of
 
 
 @in_house_style
@@ -38,32 +24,29 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     the 84 % fractile and three times the threshold. Where the threshold is 0,
     pounding by the overlap, the demand without shaking is minus the smallest gap at rest.
 
-    Raises
-    ------
-    ValueError
-        If it is no incremental dynamic analysis.
+    Raises a ``ValueError`` if it is no incremental dynamic analysis.
     """
     instance("curves", "analysis", analysis, IncrementalDynamicAnalysis)
     ax = new_axes(ax)
     shares = analysis.fractiles()
     unit, words = _demand(analysis.demand, analysis.si, shares.max())
     im, limit, demands = analysis.intensities, unit * analysis.threshold, unit * analysis.demands
-    for i, one in enumerate(demands):
+    for i, curve in enumerate(demands):
         name = f"{len(analysis.names)} records" if i == 0 else "_record"
-        ax.plot(one, im, color=COLOURS["residual"], alpha=0.6, linewidth=0.6, label=name)
-    for share, one, style in zip(FRACTILES, unit * shares, _STYLES, strict=True):
+        ax.plot(curve, im, color=COLOURS["residual"], alpha=0.6, linewidth=0.6, label=name)
+    for share, curve, style in zip(FRACTILES, unit * shares, ("--", "-", "--"), strict=True):
         name = {0.16: "16 and 84 %", 0.5: "median"}.get(share, "_84 %")
-        ax.plot(one, im, style, color=COLOURS["damper"], label=name)
+        ax.plot(curve, im, style, color=COLOURS["damper"], label=name)
     ax.axvline(limit, color=COLOURS["limit"], linewidth=0.9, label="threshold")
-    known = analysis.capacities[np.isfinite(analysis.capacities)]
-    if known.size:
-        dots = np.full(known.size, limit)
-        ax.plot(dots, known, "o", color=COLOURS["limit"], markersize=3, label="first reached")
+    capacities = analysis.capacities[np.isfinite(analysis.capacities)]
+    if capacities.size:
+        dots = np.full(capacities.size, limit)
+        ax.plot(dots, capacities, "o", color=COLOURS["limit"], markersize=3, label="first reached")
     low, high = min(0.0, demands.min()), min(demands.max(), max(3 * limit, unit * shares.max()))
     ax.set_xlim(low, high if high > low else None)  # of a single run there is no range
     ax.set_ylim(0, im[-1])
     label(ax, words, in_symbols(analysis.measure))
-    legend_above(ax, 3)
+    house.legend_above(ax, 3)
     return ax
 
 
@@ -71,10 +54,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
 def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes:
     """Fragility of the capacities with its 95 % band, and their empirical distribution.
 
-    Raises
-    ------
-    ValueError
-        If it is no incremental dynamic analysis, or as ``IncrementalDynamicAnalysis.fragility``.
+    Raises a ``ValueError`` if it is no analysis, or as ``IncrementalDynamicAnalysis.fragility``.
     """
     instance("fragility", "analysis", analysis, IncrementalDynamicAnalysis)
     ax = studies.fragility(analysis.fragility(), ax, in_symbols(analysis.measure))
@@ -87,48 +67,37 @@ def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> A
 def cloud(found: Cloud, ax: Axes | None = None) -> Axes:
     """Demands of records over intensity, both logarithmic, and the line fitted with its ± σ.
 
-    Demands of which only a lower bound is known are triangles.
-
-    Raises
-    ------
-    ValueError
-        If it is no cloud.
+    Demands of which only a lower bound is known are triangles. A ``ValueError`` if it is no cloud.
     """
     instance("cloud", "found", found, Cloud)
     ax = new_axes(ax)
-    unit, words = _demand(found.name, found.si, float(found.demand.max()))
-    at = np.geomspace(found.intensity.min(), found.intensity.max(), _DOTS)
+    im, demand, censored = found.intensity, found.demand, found.censored
+    unit, words = _demand(found.name, found.si, float(demand.max()))
+    at = np.geomspace(im.min(), im.max(), 40)
     middle, spread = unit * found.median(at), np.exp(found.dispersion)
     ax.fill_between(at, middle / spread, middle * spread, label=r"$\pm\sigma$", **shade("damper"))
     ax.plot(at, middle, color=COLOURS["damper"], label=rf"median, $b$ = {found.slope:.3g}")
-    for which, marker, name in (
-        (~found.censored, "o", f"{np.count_nonzero(~found.censored)} records"),
-        (found.censored, "^", "at least so much"),
+    for selected, marker, name in (
+        (~censored, "o", f"{np.count_nonzero(~censored)} records"),
+        (censored, "^", "at least so much"),
     ):
-        if which.any():
-            points = found.intensity[which], unit * found.demand[which]
+        if selected.any():
+            points = im[selected], unit * demand[selected]
             ax.plot(*points, marker, color="black", markersize=3, label=name)
     if found.threshold is not None:
         ax.axhline(unit * found.threshold, color=COLOURS["limit"], linewidth=0.9, label="threshold")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ratio_ticks(ax.xaxis)
-    ratio_ticks(ax.yaxis)
+    house.log_log(ax)
     label(ax, in_symbols(found.measure), words)
-    legend(ax, columns=3)
+    house.legend(ax, columns=3)
     return ax
 
 
 def _demand(name: str, si: bool, size: float) -> tuple[float, str]:
     """Factor of a demand's unit, and its name with the unit."""
-    kind = demand_kind(name)
-    if kind is None:
-        return 1.0, in_words(name)
-    factor, unit = unit_for(kind, si, size)
-    return factor, f"{in_words(name)} ({unit})"
+    return house.with_unit(in_words(name), kind_of(name), si, size)
 
 
 def in_symbols(measure: str) -> str:
     """A measure of intensity as axes have it."""
-    known = re.sub(r"^Sa\(", "$S_a$(", measure).replace("1/ω1", r"$/\omega_1$")
-    return known.replace("(g)", "($g$)")
+    symbols = re.sub(r"^Sa\(", "$S_a$(", measure).replace("1/ω1", r"$/\omega_1$")
+    return symbols.replace("(g)", "($g$)")

@@ -1,51 +1,37 @@
-"""A row of buildings in motion: the scene of an animation."""
+"""The scene of an animation: buildings in a row, a pair too, that sway over the ground."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.patches import FancyArrowPatch, Rectangle
+from matplotlib.patches import Rectangle
 
-from jaxpound.model.system import GROUND
-from jaxpound.plots.curves import buildings_of
-from jaxpound.plots.style import COLOURS, building_colour, in_house_style
-from jaxpound.results.response import LinkResponse, Response
+from jaxpound.model.system import GROUND, elongation
+from jaxpound.plots.curves import buildings_of, homes_of
+from jaxpound.plots.rows import floor_heights
+from jaxpound.plots.style import COLOURS, arrow, building_colour, in_house_style
+from jaxpound.results.response import Response
 
-STAR: dict[str, Any] = {
-    "marker": (11, 1, 0),
-    "color": COLOURS["pounding"],
-    "zorder": 6,
-    "clip_on": False,
-    "in_layout": False,
-}
-"""The flash of an impact: whole at the edge of its axes, for which it makes no room."""
+Pair = tuple[float, float]
 
-_COLUMN = 12  # points along a bent column
+_DAMPER = ("damper", "stick")  # its colour in slip and in stick
 
 
-class MovingRow:
-    """Buildings in a row between two instants: floors on bending columns, dampers and contacts.
+class Scene:
+    """Floors on bending columns, dampers and contacts of a single run, at one instant or another.
 
     Drawn relative to the ground; motions and gaps are to one scale, widths and heights of the
     buildings are not. Floors reach out to where the gaps of their links are. Dampers are green,
-    those in stick blue; a floor link whose gap is closed is marked in orange, and with a law of
-    contact a star flashes at each impact and fades, the larger the stronger its impulse.
+    those in stick blue; of a single one an arrow is its force q on the left building, to the left
+    where q is positive. A link whose gap is closed is marked in orange; with a law of contact a
+    star flashes at each impact and fades, the larger the stronger its impulse.
 
-    Parameters
-    ----------
-    response
-        A single run of shear buildings, which stand in the order of their masses.
-    ax
-        Where to draw.
-    heights
-        For each building the heights of its floors.
-    reach
-        The largest displacement to leave room for.
-    lasts
-        How long a flash lasts, in the run's time.
+    ``reach`` is the largest displacement to leave room for, by default that of the run;
+    ``elevations`` are those of ``row``, and errors begin with ``owner``.
     """
 
     @in_house_style
@@ -53,30 +39,34 @@ class MovingRow:
         self,
         response: Response,
         ax: Axes,
-        heights: Sequence[Any],
-        reach: float,
-        lasts: float,
+        reach: float | None = None,
+        elevations: Sequence[Any] | None = None,
+        owner: str = "",
     ) -> None:
         buildings = buildings_of(response)
-        home = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
+        heights = floor_heights(owner, [len(building) for building in buildings], elevations)
+        reach = largest_displacement(response) if reach is None else reach
+        building_of = {mass: b for mass, (b, _) in homes_of(response).items()}
         self._time = np.asarray(response.time)
         self._shaking = np.asarray(response.ground_acceleration)
         self._strongest = float(np.abs(self._shaking).max()) or 1.0
-        rests = [_rest(link, response) for link in response.links]
-        between = [_between(link, home) for link in response.links]
-        gaps = [(r, b) for r, b in zip(rests, between, strict=True) if r is not None]
-        apart = [
-            max((rest for rest, b in gaps if b == left), default=2.2 * reach)
-            for left in range(len(buildings) - 1)
-        ]
-        self._width = w = 1.1 * max(reach + max(apart, default=0.0), 2 * reach)
-        left_ends = np.cumsum([0.0, *(w + one for one in apart)])
+        start = [np.asarray(mass.x)[0] for mass in response.masses]
+        between = []  # neighbours: the left one's number, a link's finite gap at rest, its ends
+        for link in response.links:
+            homes = sorted(building_of.get(end, GROUND) for end in link.ends)
+            rest = float(np.asarray(link.gap)[0] + elongation(link.ends, start))
+            if GROUND not in homes and homes[1] - homes[0] == 1 and np.isfinite(rest):
+                between.append((homes[0], rest, link.ends))
+        gaps = [[gap for left, gap, _ in between if left == b] for b in range(len(buildings) - 1)]
+        spaces = [max(of_links, default=2.2 * reach) for of_links in gaps]
+        self._width = w = 1.1 * max(reach + max(spaces, default=0.0), 2 * reach) or 1.0
+        left_ends = np.cumsum([0.0, *(w + space for space in spaces)])
         right = float(left_ends[-1]) + w
-        top = max(float(each[-1]) for each in heights)
-        lowest = min(float(np.diff(each, prepend=0.0).min()) for each in heights)
-        storey = min(0.5 * w, 0.8 * (right + 2 * reach) * lowest / top)
-        scale = storey / lowest
-        self._slab = slab = 0.22 * storey
+        top = max(float(floors[-1]) for floors in heights)
+        lowest = min(float(np.diff(floors, prepend=0.0).min()) for floors in heights)
+        least = max(0.5, 1.4 * lowest / top) * w  # so that buildings are higher than wide
+        storey = min(least, 0.8 * (right + 2 * reach) * lowest / top)
+        scale, slab = storey / lowest, 0.22 * storey
 
         ax.set_xlim(-reach - 0.1 * w, right + reach + 0.1 * w)
         deep, high = 0.12 * w, scale * top + slab
@@ -86,177 +76,152 @@ class MovingRow:
         low, far = ax.get_xlim()
         ax.add_patch(Rectangle((low, -deep), far - low, deep, facecolor="0.8", linewidth=0))
         self._floors: dict[int, _Floor] = {}
-        for b, (building, up) in enumerate(zip(buildings, heights, strict=True)):
+        for b, (building, ups) in enumerate(zip(buildings, heights, strict=True)):
             below = None
-            for (mass, _), height in zip(building, up, strict=True):
+            for (mass, _), height in zip(building, ups, strict=True):
                 x = np.asarray(response.masses[mass].x)
-                place = _Place(float(left_ends[b]), w, scale * float(height) - slab, slab)
-                below = _Floor(ax, x, place, building_colour(b), below)
+                corner = float(left_ends[b]), scale * float(height) - slab
+                below = _Floor(ax, x, corner, (w, slab), building_colour(b), below)
                 self._floors[mass] = below
-        for link, rest, left in zip(response.links, rests, between, strict=True):
-            if left is not None and rest is not None and rest < apart[left]:
-                for end in link.ends:
-                    self._floors[end].reach_out((apart[left] - rest) / 2, home[end] == left)
-        hardest = max((impact.impulse for impact in response.impacts()), default=1.0)
-        self._links = [
-            _MovingLink(ax, response, k, self._floors, _Flash(lasts, hardest))
-            for k in range(len(response.links))
-        ]
+        for left, rest, ends in between:
+            if rest < spaces[left]:
+                for end in ends:
+                    self._floors[end].reach_out((spaces[left] - rest) / 2, building_of[end] == left)
         self._centre, self._deep = (low + far) / 2, deep
-        self._words = ax.text(self._centre, high + 1.7 * deep, "", ha="center", va="center")
+        self._words = ax.text(self._centre, high + 2.4 * deep, "", ha="center", va="center")
         ax.text(low, -2.4 * deep, "ground $u''$", va="center")
-        self._ground = FancyArrowPatch((0, 0), (0, 0), arrowstyle="-|>", mutation_scale=8)
-        self._ground.set(color=COLOURS["ground"])
-        ax.add_patch(self._ground)
+        self._ground = arrow(ax, (0, 0), (0, 0), COLOURS["ground"], 8)
+        numbers = range(len(response.links))
+        self._links = [_MovingLink(ax, response, k, self._floors) for k in numbers]
 
     def show(self, i: int) -> None:
         """Move everything to instant i of the run."""
         for floor in self._floors.values():
             floor.show(i)
-        met = [link for link in self._links if link.show(i, float(self._time[i]))]
+        closed = [link for link in self._links if link.show(i, float(self._time[i]))]
         shift = 0.4 * self._width * self._shaking[i] / self._strongest
-        self._ground.set_positions(
-            (self._centre - shift, -2.4 * self._deep), (self._centre + shift, -2.4 * self._deep)
-        )
-        modelled = all(link.collides for link in met)
-        what = "contact" if modelled else "POUNDING (not modelled)"
-        which = f" at {len(met)} of {len(self._links)} links" if len(self._links) > 1 else ""
-        self._words.set_text(what + which if met else "")
-        self._words.set_color(COLOURS["pounding"])
-
-
-class _Place(NamedTuple):
-    """Left end, width, lower edge and thickness of a floor."""
-
-    left: float
-    width: float
-    low: float
-    slab: float
+        low = -2.4 * self._deep
+        self._ground.set_positions((self._centre - shift, low), (self._centre + shift, low))
+        words, colour = "", "pounding"
+        if closed:
+            modelled = all(link.collides for link in closed)
+            words = "contact" if modelled else "POUNDING (not modelled)"
+            if len(self._links) > 1:
+                words += f" at {len(closed)} of {len(self._links)} links"
+        elif len(self._links) == 1 and self._links[0].has_damper:
+            sticks = self._links[0].sticks(i)
+            words, colour = f"damper: {'stick' if sticks else 'slip'}", _DAMPER[sticks]
+        self._words.set_text(words)
+        self._words.set_color(COLOURS[colour])
 
 
 class _Floor:
-    """A floor and the columns below it."""
+    """A floor and the columns below it, at rest from ``left`` and ``low`` on."""
 
     def __init__(
-        self, ax: Axes, x: np.ndarray, place: _Place, colour: str, below: _Floor | None
+        self, ax: Axes, x: np.ndarray, corner: Pair, size: Pair, colour: str, below: _Floor | None
     ) -> None:
-        self.x, self.place, self._below = x, place, below
-        self._out = [0.0, 0.0]
-        self._body = Rectangle((0, place.low), 0, place.slab, facecolor=colour, alpha=0.8)
+        self.x, self._below = x, below
+        (self.left, self.low), (self.width, slab) = corner, size
+        self.high = self.low + slab
+        self._extensions = [0.0, 0.0]  # to the left and to the right
+        self._body = Rectangle(corner, *size, facecolor=colour, alpha=0.8)
         ax.add_patch(self._body)
         self._columns = [ax.plot([], [], color=colour, linewidth=1.8)[0] for _ in range(2)]
 
     def reach_out(self, by: float, to_the_right: bool) -> None:
         """Widen the floor on the side of a link with a narrower gap."""
-        self._out[to_the_right] = max(self._out[to_the_right], by)
+        self._extensions[to_the_right] = max(self._extensions[to_the_right], by)
 
     def face(self, i: int, to_the_right: bool) -> float:
         """Where its side is at instant i."""
-        place, x = self.place, float(self.x[i])
         if to_the_right:
-            return place.left + place.width + self._out[1] + x
-        return place.left - self._out[0] + x
-
-    def middle(self) -> float:
-        """Its height."""
-        return self.place.low + self.place.slab / 2
+            return self.left + self.width + self._extensions[1] + float(self.x[i])
+        return self.left - self._extensions[0] + float(self.x[i])
 
     def show(self, i: int) -> None:
         left = self.face(i, False)
         self._body.set_x(left)
         self._body.set_width(self.face(i, True) - left)
         below = self._below
-        base = 0.0 if below is None else below.place.low + below.place.slab
-        start = 0.0 if below is None else float(below.x[i])
-        s = np.linspace(0, 1, _COLUMN)
+        base, start = (0.0, 0.0) if below is None else (below.high, float(below.x[i]))
+        s = np.linspace(0, 1, 12)
         bent = start + (float(self.x[i]) - start) * (3 * s**2 - 2 * s**3)
-        for line, at in zip(self._columns, (0.1, 0.9), strict=True):
-            foot = self.place.left + at * self.place.width
-            line.set_data(foot + bent, base + s * (self.place.low - base))
-
-
-class _Flash(NamedTuple):
-    lasts: float
-    hardest: float
+        for line, share in zip(self._columns, (0.1, 0.9), strict=True):
+            foot = self.left + share * self.width
+            line.set_data(foot + bent, base + s * (self.low - base))
 
 
 class _MovingLink:
     """A link: its damper, a mark where its gap is closed, and flashes of its impacts."""
 
-    def __init__(
-        self, ax: Axes, response: Response, k: int, floors: dict[int, _Floor], flash: _Flash
-    ) -> None:
-        link = response.links[k]
+    def __init__(self, ax: Axes, response: Response, k: int, floors: dict[int, _Floor]) -> None:
+        link, time = response.links[k], response.time
         self.collides = link.contact is not None
-        self._gap, self._flash = np.asarray(link.gap), flash
-        self._touching = None if link.touching is None else np.asarray(link.touching)
-        self._stick = np.asarray(link.phase) == 0
-        self._impacts = response.impacts(k)
-        i, j = link.ends
-        self._ends = floors.get(i), floors.get(j)
-        known = [floor for floor in self._ends if floor is not None]
-        self._inside = len(known) == 1 or known[0].place.left == known[1].place.left
-        known.sort(key=lambda floor: floor.place.low if self._inside else floor.place.left)
-        self._sorted = known
-        acts = bool(np.any(np.asarray(link.friction) != 0))
+        self._closed = np.asarray(link.gap) <= 0
+        if link.touching is not None:  # by Newton's law the gap itself is never below 0
+            self._closed = self._closed | (np.asarray(link.touching) > 0)
+        self._phase, self._impacts = np.asarray(link.phase), response.impacts(k)
+        self._hardest = max((impact.impulse for impact in response.impacts()), default=1.0)
+        self._flash = 1 / 30 * float(time[-1] - time[0])  # three of a hundred frames
+        ends = [floors[end] for end in link.ends if end in floors]
+        self._inside = len(ends) == 1 or ends[0].left == ends[1].left
+        ends.sort(key=lambda floor: floor.low if self._inside else floor.left)
+        self._ends, self.has_damper = ends, link.has_damper
+        friction = np.asarray(link.friction)
+        largest = float(np.abs(friction).max()) or 1.0
+        self._pull = 0.6 * ends[0].width * friction / largest
         (self._line,) = ax.plot([], [], color=COLOURS["damper"], linewidth=1.3, zorder=4)
         (self._clamp,) = ax.plot([], [], "s", markersize=4, zorder=5)
-        for part in (self._line, self._clamp):
-            part.set_visible(acts)
+        self._arrow = arrow(ax, (0, 0), (0, 0), COLOURS["damper"], 8)
+        self._letter = ax.text(0, 0, "$q$", color=COLOURS["damper"], va="center")
+        alone = len(response.links) == 1 and not self._inside
+        of_damper: list[Artist] = [self._line, self._clamp, self._arrow, self._letter]
+        for i, artist in enumerate(of_damper):
+            artist.set_visible(self.has_damper and (i < 2 or alone))
         (self._mark,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=4, zorder=5)
-        (self._star,) = ax.plot([], [], linestyle="none", **STAR)
+        star: Any = {"marker": (11, 1, 0), "color": COLOURS["pounding"], "linestyle": "none"}
+        # Whole at the edge of its axes, which make no room for it.
+        (self._star,) = ax.plot([], [], zorder=6, clip_on=False, in_layout=False, **star)
+
+    def sticks(self, i: int) -> bool:
+        """Whether its damper sticks at instant i."""
+        return bool(self._phase[i] == 0)
 
     def show(self, i: int, time: float) -> bool:
         """Move to instant i; whether the gap is closed there."""
-        x, y = self._inner(i) if self._inside else self._outer(i)
+        x, y = self._span(i)
         self._line.set_data(x, y)
         across, up = sum(x) / 2, sum(y) / 2
         self._clamp.set_data([across], [up])
-        self._clamp.set_color(COLOURS["stick" if self._stick[i] else "damper"])
-        closed = bool(self._gap[i] <= 0)
-        if self._touching is not None:
-            closed = closed or bool(self._touching[i] > 0)
-        half = self._sorted[0].place.slab
-        faces = [(x[0] + x[1]) / 2] * 2 if closed else []
-        self._mark.set_data(faces, [up - half, up] if closed else [])
-        begun = [hit for hit in self._impacts if 0 <= time - hit.time < self._flash.lasts]
-        self._star.set_visible(bool(begun))
-        if begun:
-            self._star.set_data([across], [up - half / 2])
-            self._star.set_markersize(7 + 13 * begun[-1].impulse / self._flash.hardest)
-            self._star.set_alpha(1 - (time - begun[-1].time) / self._flash.lasts)
+        self._clamp.set_color(COLOURS[_DAMPER[self.sticks(i)]])
+        width, slab = self._ends[0].width, self._ends[0].high - self._ends[0].low
+        start = x[0], up + 0.14 * width
+        self._arrow.set_positions(start, (start[0] - self._pull[i], start[1]))
+        self._letter.set_position((start[0], start[1] + 0.1 * width))
+        closed = bool(self._closed[i])
+        self._mark.set_data(*([across] * 2, [up - slab, up]) if closed else ([], []))
+        recent = [hit for hit in self._impacts if 0 <= time - hit.time < self._flash]
+        self._star.set_visible(bool(recent))
+        if recent:
+            self._star.set_data([across], [up - slab / 2])
+            self._star.set_markersize(7 + 13 * recent[-1].impulse / self._hardest)
+            self._star.set_alpha(1 - (time - recent[-1].time) / self._flash)
         return closed
 
-    def _outer(self, i: int) -> tuple[list[float], list[float]]:
-        """From the face of one floor to that of its neighbour, above both."""
-        left, right = self._sorted
-        grip = 0.12 * left.place.width
-        x = [left.face(i, True) - grip, right.face(i, False) + grip]
-        return x, [left.place.low + left.place.slab, right.place.low + right.place.slab]
-
-    def _inner(self, i: int) -> tuple[list[float], list[float]]:
-        """From the lower floor, or the ground, to the upper one."""
-        upper = self._sorted[-1]
-        inset = 0.14 * upper.place.width
-        if len(self._sorted) == 1:
-            start, low = upper.place.left + inset, 0.0
-        else:
-            lower = self._sorted[0]
-            start, low = lower.face(i, False) + inset, lower.place.low + lower.place.slab
-        return [start, upper.face(i, True) - inset], [low, upper.place.low]
+    def _span(self, i: int) -> tuple[list[float], list[float]]:
+        """From a floor's face to that of its neighbour, or from a lower floor to an upper one."""
+        first, last = self._ends[0], self._ends[-1]
+        if not self._inside:
+            grip = 0.12 * first.width
+            x = [first.face(i, True) - grip, last.face(i, False) + grip]
+            return x, [first.high, last.high]
+        inset, start, low = 0.14 * last.width, last.left, 0.0
+        if first is not last:  # else the lower end is the ground
+            start, low = first.face(i, False), first.high
+        return [start + inset, last.face(i, True) - inset], [low, last.low]
 
 
-def _rest(link: LinkResponse, response: Response) -> float | None:
-    """Gap at rest, if it is finite: it says where buildings stand."""
-    gap = float(np.asarray(link.gap)[0])
-    for end, sign in zip(link.ends, (1, -1), strict=True):
-        gap += 0.0 if end == GROUND else sign * float(np.asarray(response.masses[end].x)[0])
-    return gap if np.isfinite(gap) else None
-
-
-def _between(link: LinkResponse, home: dict[int, int]) -> int | None:
-    """The left one of the two neighbouring buildings that a link is between, if it is."""
-    if GROUND in link.ends:
-        return None
-    left, right = sorted(home[end] for end in link.ends)
-    return left if right == left + 1 else None
+def largest_displacement(response: Response) -> float:
+    """The largest displacement of any mass."""
+    return max(float(np.abs(mass.x).max()) for mass in response.masses)

@@ -17,79 +17,73 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from numpy.typing import NDArray
 
-from jaxpound.plots.style import COLOURS, in_house_style, label, shade, unit_for
+from jaxpound.plots.curves import series_axis, time_label
+from jaxpound.plots.style import COLOURS, in_house_style, label, shade
 from jaxpound.results.response import Response
 
-_SIZE = (4.1, 2.1)  # of a panel, in inches
-_FRAME = (0.18, 0.2, 0.77, 0.76)  # left, bottom, width, height in shares of it
-_DPI = 110
 _LEAST_USED = 0.35  # of an axis, before it is rescaled
 
 
-class _Drawn(NamedTuple):
+class _PanelSpec(NamedTuple):
     words: str
     quantity: str
     lines: Mapping[str, tuple[str, str]]  # symbol and colour by the name of the series
 
+    def axis(self, response: Response) -> tuple[float, str]:
+        """Factor and label of the vertical axis, in the unit for a run."""
+        symbols = ", ".join(symbol for symbol, _ in self.lines.values())
+        series = [getattr(response, name) for name in self.lines]
+        return series_axis(response, f"{self.words} {symbols}", self.quantity, series)
 
+
+_MASSES = {"x1": ("$x_1$", "structure 1"), "x2": ("$x_2$", "structure 2")}
 _PANELS = (
-    _Drawn("ground acceleration", "acceleration", {"ground_acceleration": ("$u''$", "ground")}),
-    _Drawn(
-        "displacement",
-        "length",
-        {"x1": ("$x_1$", "structure 1"), "x2": ("$x_2$", "structure 2")},
-    ),
-    _Drawn("friction force", "force", {"friction": ("$q$", "damper")}),
-    _Drawn("gap", "length", {"gap": (r"$\xi$", "damper")}),
+    _PanelSpec("ground acceleration", "acceleration", {"ground_acceleration": ("$u''$", "ground")}),
+    _PanelSpec("displacement", "length", _MASSES),
+    _PanelSpec("friction force", "force", {"friction": ("$q$", "damper")}),
+    _PanelSpec("gap", "length", {"gap": (r"$\xi$", "damper")}),
 )
-
-
-def _unit(drawn: _Drawn, response: Response) -> tuple[float, str]:
-    largest = max(float(np.abs(getattr(response, name)).max()) for name in drawn.lines)
-    return unit_for(drawn.quantity, response.si, largest)
 
 
 class _Panel:
     """One picture with one pair of axes."""
 
     @in_house_style
-    def __init__(self, drawn: _Drawn, response: Response) -> None:
-        figure = Figure(figsize=_SIZE, dpi=_DPI)
+    def __init__(self, spec: _PanelSpec, response: Response) -> None:
+        figure = Figure(figsize=(4.1, 2.1), dpi=110)
         figure.set_layout_engine("none")
         self._canvas = FigureCanvasAgg(figure)
-        self._ax = ax = figure.add_axes(_FRAME)
-        self._factor, unit = self.unit = _unit(drawn, response)
-        self._lines = {
+        self.ax = ax = figure.add_axes((0.18, 0.2, 0.77, 0.76))
+        self._factor, words = self.axis = spec.axis(response)
+        self.lines = {
             name: ax.plot([], [], color=COLOURS[colour], label=symbol)[0]
-            for name, (symbol, colour) in drawn.lines.items()
+            for name, (symbol, colour) in spec.lines.items()
         }
-        self._moving: list[Any] = list(self._lines.values())
+        self._moving: list[Any] = list(self.lines.values())
         across = ax.get_xaxis_transform()
         self._stick = self._lowest = None
-        if "friction" in drawn.lines:
+        if "friction" in spec.lines:
             self._stick = PolyCollection([], transform=across, **shade("stick"))
             ax.add_collection(self._stick, autolim=False)
             ax.fill_between([], [], label="stick", **shade("stick"))
             self._moving.insert(0, self._stick)
-        if "gap" in drawn.lines:
+        if "gap" in spec.lines:
             (self._lowest,) = ax.plot([], [], "o", color=COLOURS["damper"], markersize=4)
             ax.axhspan(-1e9, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
             self._moving.append(self._lowest)
         for artist in self._moving:
             artist.set_animated(True)  # so that it is not in the kept image
-        symbols = ", ".join(symbol for symbol, _ in drawn.lines.values())
-        time = unit_for("time", response.si, 0)[1]
-        label(ax, f"time $t$ ({time})", f"{drawn.words} {symbols} ({unit})")
+        label(ax, time_label(response), words)
         ax.set_xlim(float(response.time[0]), float(response.time[-1]))
         ax.yaxis.set_label_coords(-0.165, 0.5)
         ax.ticklabel_format(axis="y", style="plain", useOffset=False)
         ax.legend(loc="upper right", ncols=2)
-        self._axes_alone: Any = None
+        self.axes_alone: Any = None
 
     def pixels(self, response: Response) -> NDArray[np.uint8]:
         """The run's picture, shape (height, width, 3)."""
         low, high = 0.0, 0.0
-        for name, line in self._lines.items():
+        for name, line in self.lines.items():
             values = self._factor * np.asarray(getattr(response, name))
             line.set_data(np.asarray(response.time), values)
             low, high = min(low, float(values.min())), max(high, float(values.max()))
@@ -100,49 +94,33 @@ class _Panel:
             demand = response.demand
             self._lowest.set_data([float(demand.min_gap_time)], [float(demand.min_gap)])
             low = min(low, float(demand.min_gap))
-        if self._axes_alone is None or not self._fits(low, high):
+        bottom, top = self.ax.get_ylim()
+        room = top - bottom
+        fits = bottom <= low and high <= top - 0.2 * room and high - low > _LEAST_USED * room
+        if self.axes_alone is None or not fits:
             span = (high - low) or 1.0  # with room to grow, and for the legend
-            self._ax.set_ylim(low - 0.15 * span, high + 0.45 * span)
+            self.ax.set_ylim(low - 0.15 * span, high + 0.45 * span)
             self._canvas.draw()
-            self._axes_alone = self._canvas.copy_from_bbox(self._ax.figure.bbox)
-        self._canvas.restore_region(self._axes_alone)
+            self.axes_alone = self._canvas.copy_from_bbox(self.ax.figure.bbox)
+        self._canvas.restore_region(self.axes_alone)
         for artist in self._moving:
-            self._ax.draw_artist(artist)
+            self.ax.draw_artist(artist)
         return np.asarray(self._canvas.buffer_rgba())[..., :3]
-
-    def limits(self) -> tuple[float, float, list[Any]]:
-        """Ends of the vertical axis, and the values drawn there."""
-        return *self._ax.get_ylim(), [line.get_ydata() for line in self._lines.values()]
-
-    def _fits(self, low: float, high: float) -> bool:
-        bottom, top = self._ax.get_ylim()
-        span = top - bottom
-        return bottom <= low and high <= top - 0.2 * span and high - low > _LEAST_USED * span
 
 
 class LivePanels:
-    """Four panels over time, first of one run, then of others on the same grid.
-
-    Parameters
-    ----------
-    response
-        A single run, which determines the units and the time axis.
-    """
+    """Four panels over time of a single run, which sets units and time axis, and of others."""
 
     def __init__(self, response: Response) -> None:
-        self._panels = [_Panel(drawn, response) for drawn in _PANELS]
-
-    def limits(self) -> list[tuple[float, float, list[Any]]]:
-        """Ends of each panel's vertical axis, and the values drawn there."""
-        return [panel.limits() for panel in self._panels]
+        self._panels = [_Panel(spec, response) for spec in _PANELS]
 
     def png(self, response: Response) -> bytes:
         """The picture of a run on the same grid, as a PNG file."""
-        for i, drawn in enumerate(_PANELS):
-            if self._panels[i].unit != _unit(drawn, response):
-                self._panels[i] = _Panel(drawn, response)
-        one, two, three, four = (panel.pixels(response) for panel in self._panels)
+        for i, spec in enumerate(_PANELS):
+            if self._panels[i].axis != spec.axis(response):
+                self._panels[i] = _Panel(spec, response)
+        upper_left, upper_right, *lower = (panel.pixels(response) for panel in self._panels)
         file = io.BytesIO()
-        pixels = np.vstack([np.hstack([one, two]), np.hstack([three, four])])
+        pixels = np.vstack([np.hstack([upper_left, upper_right]), np.hstack(lower)])
         imsave(file, pixels, format="png", pil_kwargs={"compress_level": 1})
         return file.getvalue()

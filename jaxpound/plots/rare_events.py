@@ -3,100 +3,86 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxpound._checks import instance, is_whole
+from jaxpound._errors import InvalidInput
+from jaxpound.plots import style as house
+from jaxpound.plots.curves import time_label
 from jaxpound.plots.runs import displacements, ground_motion
-from jaxpound.plots.style import (
-    COLOURS,
-    in_house_style,
-    label,
-    legend,
-    legend_above,
-    new_axes,
-    new_figure,
-    quantity_of,
-    shade,
-    unit_for,
-)
+from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
+from jaxpound.reliability.instants import Series
+from jaxpound.reliability.result import RareEvent
+from jaxpound.results.named import kind_of
 from jaxpound.results.response import Response
-from jaxpound.risk.rare_event import RareEvent
 from jaxpound.simulation.run import simulate
-from jaxpound.units import Scales
+from jaxpound.units import Scales, scales_for
 
 
 @in_house_style
 def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | None = None) -> Figure:
     """The likeliest earthquake that reaches the limit state, and the response to it, over time.
 
-    Below the ground acceleration is the series that reaches the threshold (a closing, drift or
-    displacement), at the instant that is marked; of a demand that has no instants, the
-    displacements.
+    Below the ground acceleration is the series that reaches the threshold (a closing, drift,
+    displacement, acceleration or force), at the instant that is marked; of a demand that has no
+    instants, or that impacts make, the displacements.
 
-    Parameters
-    ----------
-    event
-        The event, with design points.
-    number
-        Which of ``RareEvent.design_earthquakes``, the likeliest being 0.
-    scales
-        For a figure in SI units; without, it is dimensionless.
-
-    Raises
-    ------
-    ValueError
-        If the event has no design earthquake of this number.
+    ``number`` is that of ``RareEvent.design_earthquakes``, the likeliest being 0; a ``ValueError``
+    if there is none. The figure is in SI units with ``scales``, dimensionless without.
     """
     instance("design_earthquake", "event", event, RareEvent)
     n = len(event.design_points)
     if not (is_whole(number) and 0 <= number < n):
         rule = f"from 0 to {n - 1}" if n else "of an event with design points; this one has none"
-        raise ValueError(f"design_earthquake: number = {number!r} must be {rule}")
-    state, found = event.limit_state, event.design_earthquakes[number]
-    response = simulate(found.structures, found.ground, state.grid, state.scheme)
-    at, level = found.time, state.level
+        raise InvalidInput("design_earthquake", "number", repr(number), f"must be {rule}")
+    state, earthquake = event.limit_state, event.design_earthquakes[number]
+    scales = scales_for("design_earthquake", state.programs.nominal, scales)
+    response = simulate(earthquake.structures, earthquake.ground, state.grid, state.scheme)
     if scales is not None:
         response = scales.to_si(response)
-        at, level = at * float(scales.time), level * float(scales.length)
-    figure = new_figure(1.0, 1.6)
+    figure = house.new_figure(1.0, 1.6)
     above, below = figure.subplots(2, sharex=True)
     ground_motion(response, above)
-    if not state.series:
+    if not state.series or state.searches_overlaps:
         displacements(response, below)
         return figure
-    one, time = state.series[int(event.series[number])], np.asarray(response.time)
-    below.plot(time, _series(response, one.row), color=COLOURS["damper"], label=one.words)
+    series, time, level = state.series[int(event.series[number])], earthquake.time, state.level
+    if scales is not None:
+        time, level = time * float(scales.time), level * float(scales.unit_of(series.kind))
+    values, words = _values(response, series), series.words.partition(",")[0]
+    factor, words = house.with_unit(words, series.kind, response.si, float(np.abs(values).max()))
+    values, level = factor * values, factor * level
+    below.plot(np.asarray(response.time), values, color=COLOURS["damper"], label=series.words)
     below.axhline(level, color=COLOURS["limit"], linestyle="--", label="threshold")
     for ax in (above, below):
-        ax.axvline(at, color=COLOURS["residual"], linewidth=0.7, zorder=1)
-    words = rf"$t$ = {at:.3g}{' s' if response.si else ''}, $\beta$ = {found.beta:.3g}"
-    below.plot(at, level, "o", color=COLOURS["limit"], markersize=4, label=words)
-    time_unit, unit = (unit_for(kind, response.si, 0.0)[1] for kind in ("time", "length"))
-    label(below, f"time $t$ ({time_unit})", f"{_kind(one.words)} ({unit})")
-    legend(below, columns=2)
+        ax.axvline(time, color=COLOURS["residual"], linewidth=0.7, zorder=1)
+    instant = rf"$t$ = {time:.3g}{' s' if response.si else ''}, $\beta$ = {earthquake.beta:.3g}"
+    below.plot(time, level, "o", color=COLOURS["limit"], markersize=4, label=instant)
+    label(below, time_label(response), words)
+    house.legend(below, columns=2)
     above.set_xlabel("")
     return figure
 
 
-def _kind(words: str) -> str:
-    """What a series is, without its place."""
-    return words.partition(",")[0]
+def _values(response: Response, series: Series) -> np.ndarray:
+    """A series of ``LimitState.series`` over the instants of a response.
 
-
-def _series(response: Response, row: np.ndarray) -> np.ndarray:
-    """A series of ``LimitState.series`` over the instants of a response."""
-    gaps = [np.asarray(link.gap) for link in response.links]
-    at_rest = [np.full_like(gap, gap[0]) for gap in gaps]
-    closings = [
-        rest - gap if np.isfinite(gap[0]) else np.zeros_like(gap)
-        for rest, gap in zip(at_rest, gaps, strict=True)
-    ]
-    known = [*(np.asarray(mass.x) for mass in response.masses), *closings, *at_rest]
-    used = np.flatnonzero(row)
-    return np.sum([row[i] * known[i] for i in used], axis=0)
+    Lengths are each mass's displacement, each link's closing and each link's gap at rest.
+    """
+    terms: list[Any] = [rod.force for rod in response.rods]
+    if series.kind == "acceleration":
+        terms = list(response.absolute_accelerations)
+    elif series.kind == "length":
+        gaps = [np.asarray(link.gap) for link in response.links]
+        closings = [gap[0] - gap if np.isfinite(gap[0]) else np.zeros_like(gap) for gap in gaps]
+        at_rest = [np.full_like(gap, gap[0]) for gap in gaps]
+        terms = [*(mass.x for mass in response.masses), *closings, *at_rest]
+    shares = [series.row[i] * np.asarray(terms[i]) for i in np.flatnonzero(series.row)]
+    return np.sum(shares, axis=0)
 
 
 @in_house_style
@@ -105,43 +91,37 @@ def probability_curve(
 ) -> Axes:
     """Probability over the threshold, with its 95 % interval and the values by FORM.
 
-    Parameters
-    ----------
-    events
-        Two or more of one demand, each at another threshold (``rare_event`` with ``start``).
-    ax
-        Where to draw.
-    scales
-        For thresholds in SI units; without, they are dimensionless.
+    ``events`` are two or more of one demand, each at another threshold (``rare_event`` with
+    ``start``). Thresholds are in SI units with ``scales``, dimensionless without.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two events with a threshold, or of different demands.
+    A ``ValueError`` if there are fewer than two events with a threshold, or of different demands.
     """
-    found = list(events)
-    for i, event in enumerate(found):
+    for i, event in enumerate(events):
         instance("probability_curve", f"events[{i}]", event, RareEvent)
-    states = [event.limit_state for event in found]
-    if len(found) < 2 or any(state.threshold is None for state in states):
-        raise ValueError("probability_curve: events must be two or more, each with a threshold")
+    states = [event.limit_state for event in events]
+    if len(states) < 2 or any(state.threshold is None for state in states):
+        rule = "must be two or more, each with a threshold"
+        raise InvalidInput("probability_curve", "events", "", rule)
     if any(state.demand != states[0].demand for state in states):
-        raise ValueError("probability_curve: events must be of one demand")
+        raise InvalidInput("probability_curve", "events", "", "must be of one demand")
     ax = new_axes(ax)
-    found.sort(key=lambda event: event.limit_state.level)
-    demand, si = states[0].demand, scales is not None
-    kind, words = quantity_of(demand) if isinstance(demand, str) else (None, "demand")
-    unit = 1.0 if scales is None else float(scales.unit_of(kind))
-    at = np.array([event.limit_state.level for event in found]) * unit
-    factor, written = unit_for(kind, si, float(at.max())) if kind else (1.0, "")
-    at = at * factor
-    estimates = np.array([event.estimate[:3] for event in found])
+    ranked = sorted(events, key=lambda event: event.limit_state.level)
+    demand = states[0].demand
+    scales = scales_for("probability_curve", states[0].programs.nominal, scales)
+    at = np.array([event.limit_state.level for event in ranked])
+    factor, words = 1.0, "demand"
+    if isinstance(demand, str):
+        scale = float(scales.unit_of(kind_of(demand))) if scales else 1.0
+        factor, words = house.demand_axis(demand, scales is not None, scale * float(at.max()))
+        factor *= scale
+    at = factor * at
+    estimates = np.array([event.estimate[:3] for event in ranked])
     ax.fill_between(at, estimates[:, 1], estimates[:, 2], label="95 % interval", **shade("damper"))
     ax.plot(at, estimates[:, 0], "o-", color=COLOURS["damper"], markersize=3, label="estimate")
-    form = np.array([event.form for event in found])
+    form = np.array([event.form for event in ranked])
     if np.isfinite(form).any():
         ax.plot(at, form, "--", color=COLOURS["residual"], label="by FORM")
     ax.set_yscale("log")
-    label(ax, f"{words} ({written})" if kind else words, "probability of exceedance")
-    legend_above(ax, 3)
+    label(ax, words, "probability of exceedance")
+    house.legend_above(ax, 3)
     return ax

@@ -5,38 +5,27 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
+from matplotlib.patches import Patch, Rectangle
 
 from jaxpound._checks import instance, is_traced, real
-from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.system import GROUND, Link, Structures, System, floors
-from jaxpound.plots.style import (
-    COLOURS,
-    FIGURE_SIZE,
-    FONT_SIZE,
-    building_colour,
-    in_house_style,
-    new_axes,
-    unit_for,
-)
-from jaxpound.units import Scales
+from jaxpound._errors import InvalidInput
+from jaxpound.model.system import GROUND, Link, Structures, floors
+from jaxpound.plots import style as house
+from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
+from jaxpound.units import Scales, scales_for
 
-Written = Callable[[str, Any], str]
-"""Writes a number of a kind."""
+Written = Callable[[str, Any], str]  # writes a number of a kind
+Lines = list[tuple[str, str]]  # words and their colours
 
-_WIDTH, _APART, _FREE = 3.0, 2.6, 0.8  # of a building, between two with links, between others
+_WIDTH, _LINKED, _UNLINKED = 3.0, 2.6, 0.8  # of a building, of a space with links, without
 _PAD = 0.09  # width of the pads of a contact law
-_STOREY, _SLAB, _LINE = (
-    0.45,
-    0.18,
-    0.15,
-)  # least height of a storey, of a floor, of a number, inches
+_STOREY, _SLAB, _LINE = 0.45, 0.18, 0.15  # least height of a storey, floor, number in inches
 
 
 @in_house_style
@@ -49,76 +38,69 @@ def row(
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
     Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ and gaps at rest ξ0 at
-    the links, in SI units if ``scales`` are given, else dimensionless; masses, rods and links have
-    the numbers of their series.
-    Dampers are green, also braces between floors of one building and dampers to the ground; pads
-    are orange where contact has a law; an arrow is a gap.
+    the links, with the numbers of their series; in SI units of ``Buildings`` or if ``scales`` are
+    given, else dimensionless. Dampers are green, also braces within a building and dampers to the
+    ground; pads are orange where contact has a law; an arrow is a gap.
 
-    Parameters
-    ----------
-    structures
-        ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of shear buildings, which stand
-        in the order of their masses.
-    elevations
-        For each building the height of its floors above the ground, m
-        (``[building.elevations for building in buildings]``); by default all storeys are as high.
-    ax
-        Where to draw; by default a new figure, high enough for the numbers to be read.
-    scales
-        The units of the structures (``dimensionless_row`` returns them), for numbers in SI.
+    Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
+    shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
+    floors of each building above the ground, m (each one's ``elevations``); by default all storeys
+    are as high. ``scales`` are the units of dimensionless structures (``dimensionless_row``), for
+    numbers in SI. A new figure is high enough for the numbers to be read.
 
-    Raises
-    ------
-    ValueError
-        If structures are no shear buildings, traced or a batch, or elevations are not one for each
-        floor of each building, finite, from the lowest up.
+    A ``ValueError`` if structures are no shear buildings, traced or a batch, ``Buildings`` have
+    scales, or elevations are not one for each floor of each building, finite, from the lowest up.
 
     Examples
     --------
     >>> from jaxpound.plots import row
-    >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
-    >>> houses = tuple(jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (3, 2))
-    >>> links = jp.floor_links(houses, friction=0.1, gap=0.2)
-    >>> ax = row(jp.Row(houses, links))
+    >>> ax = row(jp.paper.structures())
     """
     instance("row", "structures", structures, Structures)
+    scales = scales_for("row", structures, scales)
     system = structures.system()
     leaves = jax.tree.leaves(system)
     if is_traced(leaves) or any(np.ndim(leaf) for leaf in leaves):
-        raise ValueError("row: structures must be known and one row, not a batch")
+        raise InvalidInput("row", "structures", "", "must be known and one row, not a batch")
     buildings = floors(system.topology)
-    heights = floor_heights("row", [len(one) for one in buildings], elevations)
-    joined = {frozenset(link.ends) for link in system.links}
-    lefts: list[float] = [0.0]
-    home: dict[int, int] = {}
-    for b, building in enumerate(buildings):
-        home |= {mass: b for mass, _ in building}
+    heights = floor_heights("row", [len(building) for building in buildings], elevations)
+    building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
+    linked = [{building_of.get(end) for end in link.ends} for link in system.links]
+    lefts = [0.0]
     for b in range(1, len(buildings)):
-        beside = any({home.get(end) for end in ends} == {b - 1, b} for ends in joined)
-        lefts.append(lefts[-1] + _WIDTH + (_APART if beside else _FREE))
+        lefts.append(lefts[-1] + _WIDTH + (_LINKED if {b - 1, b} in linked else _UNLINKED))
 
-    top, right = max(each[-1] for each in heights), lefts[-1] + _WIDTH
-    storey = min(float(np.diff(each, prepend=0.0).min()) for each in heights)
+    top, right = max(ups[-1] for ups in heights), lefts[-1] + _WIDTH
+    storey = min(float(np.diff(ups, prepend=0.0).min()) for ups in heights)
     write = partial(_written, scales)
-    inside = _numbers_inside(system.links, home, write)
-    lines = max(map(len, inside.values()), default=0)
+    numbers = [_numbers(k, link, write) for k, link in enumerate(system.links)]
+    inside: dict[int, Lines] = {}  # of links within buildings, by the upper floor
+    for link, homes, lines in zip(system.links, linked, numbers, strict=True):
+        if len(homes) == 1 or None in homes:
+            inside.setdefault(max(link.ends), []).extend(lines)
+    storey_inches = _STOREY + _LINE * max(map(len, inside.values()), default=0)
     if ax is None:
-        storey_inches = _STOREY + _LINE * lines
         inches = storey_inches * top / storey + 0.7
         width = min(2.0, 0.15 * right + 0.3) if right < 14 else 2.0 * right / 14
-        ax = new_axes(None, width, inches / FIGURE_SIZE[1])
-    slab = storey * _SLAB / (_STOREY + _LINE * lines)
+        ax = new_axes(None, width, inches / house.FIGURE_SIZE[1])
+    slab = storey * _SLAB / storey_inches
     ax.set_xlim(-0.4, right + 0.4)
     ax.set_ylim(-0.95 * storey, top + 1.2 * slab)
-    _ground(ax, right, storey)
-    places: dict[int, _Place] = {}
-    for b, (building, up, left) in enumerate(zip(buildings, heights, lefts, strict=True)):
-        drawn = _Building(ax, left, slab, building_colour(b), write)
-        drawn.draw(building, up, system, inside)
-        _text(ax, left + _WIDTH / 2, -0.65 * storey, f"building {b + 1}", drawn.colour)
-        places |= {mass: _Place(left, h) for (mass, _), h in zip(building, up, strict=True)}
-    for k, link in enumerate(system.links):
-        _link(ax, link, places, slab, _numbers(k, link, write))
+    ax.plot([-0.4, right + 0.4], [0, 0], color=COLOURS["ground"], linewidth=1.0)
+    hatch: Any = {"facecolor": "0.85", "hatch": "////", "edgecolor": "0.6", "linewidth": 0}
+    ax.add_patch(Rectangle((-0.4, -storey / 4), right + 0.8, storey / 4, **hatch))
+    places: dict[int, tuple[float, float]] = {}
+    for b, (building, ups, left) in enumerate(zip(buildings, heights, lefts, strict=True)):
+        colour, storeys = house.building_colour(b), []
+        for (mass, rod), up in zip(building, ups.tolist(), strict=True):
+            in_floor = f"$m_{{{mass + 1}}}$ = {write('mass', system.masses[mass])}"
+            words = f"$K_{{{rod + 1}}}$ = {write('stiffness', system.rods[rod].stiffness)}"
+            storeys.append((up, in_floor, [(words, colour), *inside.get(mass, [])]))
+            places[mass] = left, up
+        _building(ax, left, slab, colour, storeys)
+        text_at(ax, left + _WIDTH / 2, -0.65 * storey, f"building {b + 1}", colour)
+    for link, lines in zip(system.links, numbers, strict=True):
+        _link(ax, link, places, slab, lines)
     _finish(ax, system.links, elevations is not None)
     return ax
 
@@ -129,72 +111,51 @@ def floor_heights(
     """Height of each floor of each building above the ground: as given, or its number."""
     if elevations is None:
         return [np.arange(1.0, n + 1) for n in n_floors]
-    rule = f"one for each of the {len(n_floors)} buildings"
+    rule = f"must be one for each of the {len(n_floors)} buildings"
     if isinstance(elevations, str) or not isinstance(elevations, Sequence | np.ndarray):
-        raise ValueError(f"{owner}: elevations = {reprlib.repr(elevations)} must be {rule}")
+        raise InvalidInput(owner, "elevations", reprlib.repr(elevations), rule)
     if len(elevations) != len(n_floors):
-        raise ValueError(f"{owner}: elevations, {len(elevations)} of them, must be {rule}")
+        raise InvalidInput(owner, f"elevations, {len(elevations)} of them,", "", rule)
     return [
-        heights_above_ground(owner, f"elevations[{b}]", each, n)
-        for b, (each, n) in enumerate(zip(elevations, n_floors, strict=True))
+        heights_above_ground(owner, f"elevations[{b}]", elevation, n)
+        for b, (elevation, n) in enumerate(zip(elevations, n_floors, strict=True))
     ]
 
 
-def heights_above_ground(owner: str, name: str, given: Any, n: int) -> np.ndarray:
+def heights_above_ground(owner: str, name: str, elevations: Any, n: int) -> np.ndarray:
     """The heights of a building's n floors, as numbers."""
-    heights = np.asarray(real(owner, name, given), float)
+    heights = np.asarray(real(owner, name, elevations), float)
     rises = heights.shape == (n,) and (np.diff(heights, prepend=0.0) > 0).all()
     if not (rises and np.isfinite(heights).all()):
         floors = f"{n} floor{'s' * (n > 1)}"
-        rule = f"the heights of {floors} above the ground, finite, from the lowest up"
-        raise ValueError(f"{owner}: {name} = {reprlib.repr(given)} must be {rule}")
+        rule = f"must be the heights of {floors} above the ground, finite, from the lowest up"
+        raise InvalidInput(owner, name, reprlib.repr(elevations), rule)
     return heights
 
 
-class _Place(NamedTuple):
-    """Left end and height of a floor."""
-
-    left: float
-    up: float
-
-
-class _Building(NamedTuple):
-    ax: Axes
-    left: float
-    slab: float
-    colour: str
-    write: Written
-
-    def draw(
-        self,
-        building: Sequence[tuple[int, int]],
-        heights: np.ndarray,
-        system: System,
-        inside: Mapping[int, list[tuple[str, str]]],
-    ) -> None:
-        """Floors and storeys with their numbers, and those of the links inside."""
-        below, middle = 0.0, self.left + _WIDTH / 2
-        for (mass, rod), up in zip(building, heights.tolist(), strict=True):
-            under = up - self.slab / 2
-            for at in (0.1, 0.9):
-                x = self.left + at * _WIDTH
-                self.ax.plot([x, x], [below, under], color=self.colour, linewidth=2.2)
-            for style in ({"alpha": 0.25, "linewidth": 0}, {"fill": False, "linewidth": 1.0}):
-                shape: Any = {"edgecolor": self.colour, "facecolor": self.colour, **style}
-                self.ax.add_patch(Rectangle((self.left, under), _WIDTH, self.slab, **shape))
-            words = f"$m_{{{mass + 1}}}$ = {self.write('mass', system.masses[mass])}"
-            _text(self.ax, middle, up, words, self.colour)
-            words = f"$K_{{{rod + 1}}}$ = {self.write('stiffness', system.rods[rod].stiffness)}"
-            lines = [(words, self.colour), *inside.get(mass, [])]
-            for i, (text, colour) in enumerate(lines):
-                at = below + (under - below) * (1 - (i + 0.5) / len(lines))
-                if len(lines) == 1:
-                    _text(self.ax, middle, at, text, colour)
-                else:  # on either side of the brace, which is hidden where a number is wide
-                    align, shift = ("right", 0.36) if i else ("left", -0.36)
-                    behind = {"facecolor": "white", "linewidth": 0, "pad": 1}
-                    _text(self.ax, middle + shift * _WIDTH, at, text, colour, align, behind)
-            below = under + self.slab
+def _building(
+    ax: Axes, left: float, slab: float, colour: str, storeys: Sequence[tuple[float, str, Lines]]
+) -> None:
+    """Storeys with the heights of their floors, the words in these and the lines below them."""
+    below, middle = 0.0, left + _WIDTH / 2
+    for up, in_floor, lines in storeys:
+        under = up - slab / 2
+        for at in (0.1, 0.9):
+            x = left + at * _WIDTH
+            ax.plot([x, x], [below, under], color=colour, linewidth=2.2)
+        for style in ({"alpha": 0.25, "linewidth": 0}, {"fill": False, "linewidth": 1.0}):
+            shape: Any = {"edgecolor": colour, "facecolor": colour, **style}
+            ax.add_patch(Rectangle((left, under), _WIDTH, slab, **shape))
+        text_at(ax, middle, up, in_floor, colour)
+        for i, (text, of_text) in enumerate(lines):
+            at = below + (under - below) * (1 - (i + 0.5) / len(lines))
+            x, align, behind = middle, "center", None
+            if len(lines) > 1:  # on either side of the brace, which a wide number hides
+                behind = {"facecolor": "white", "linewidth": 0, "pad": 1}
+                align, shift = ("right", 0.36) if i else ("left", -0.36)
+                x += shift * _WIDTH
+            text_at(ax, x, at, text, of_text, align, bbox=behind)
+        below = under + slab
 
 
 def _written(scales: Scales | None, kind: str, number: Any) -> str:
@@ -206,7 +167,7 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
     return f"{factor * in_si:.3g} {unit}"
 
 
-def _numbers(k: int, link: Link, write: Written) -> list[tuple[str, str]]:
+def _numbers(k: int, link: Link, write: Written) -> Lines:
     """Slip force and gap of a link, where it has them, in words and colours."""
     words = []
     if float(link.friction):
@@ -216,35 +177,19 @@ def _numbers(k: int, link: Link, write: Written) -> list[tuple[str, str]]:
     return words
 
 
-def _numbers_inside(
-    links: Sequence[Link], home: Mapping[int, int], write: Written
-) -> dict[int, list[tuple[str, str]]]:
-    """Numbers of the links inside of buildings, by their upper floor."""
-    found: dict[int, list[tuple[str, str]]] = {}
-    for k, link in enumerate(links):
-        if GROUND in link.ends or home[link.ends[0]] == home[link.ends[1]]:
-            found.setdefault(max(link.ends), []).extend(_numbers(k, link, write))
-    return found
-
-
 def _link(
-    ax: Axes,
-    link: Link,
-    places: Mapping[int, _Place],
-    slab: float,
-    numbers: Sequence[tuple[str, str]],
+    ax: Axes, link: Link, places: Mapping[int, tuple[float, float]], slab: float, numbers: Lines
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
     i, j = link.ends if link.ends[0] != GROUND else link.ends[::-1]
-    one = places[i]
-    other = _Place(one.left, 0.0) if j == GROUND else places[j]
-    between = one.left != other.left
+    first = places[i]
+    second = (first[0], 0.0) if j == GROUND else places[j]
+    (left, low), (right, high) = sorted((first, second))
+    between = left != right
     if between:
-        left, right = sorted((one, other))
-        x, y = np.array([left.left + _WIDTH, right.left]), np.array([left.up, right.up])
+        x, y = np.array([left + _WIDTH, right]), np.array([low, high])
     else:  # from the lower floor's left to the upper one's right
-        low, high = sorted((one.up, other.up))
-        x = one.left + np.array([0.12, 0.88]) * _WIDTH
+        x = left + np.array([0.12, 0.88]) * _WIDTH
         y = np.array([low + slab / 2 * (low > 0), high - slab / 2])
     if float(link.friction):
         style: Any = {"color": COLOURS["damper"]}
@@ -256,22 +201,14 @@ def _link(
             ax.add_patch(Rectangle(corner, _PAD, 0.8 * slab, color=COLOURS["pounding"], zorder=3))
     if between:
         slope = (y[1] - y[0]) / (x[1] - x[0])
-        away = 0.2 * _APART * abs(slope)  # clear of the line's higher end
+        away = 0.2 * _LINKED * abs(slope)  # clear of the line's higher end
         sides = (0.6 * slab + away, -0.9 * slab - away)  # above the line, below the arrow
         for (text, colour), side in zip(numbers, sides, strict=False):
-            _text(ax, x.mean(), y.mean() + side, text, colour)
+            text_at(ax, x.mean(), y.mean() + side, text, colour)
         if np.isfinite(float(link.gap)):
             pad = _PAD * (link.contact is not None)
             ends = (x[0] + pad, y[0] - 0.3 * slab), (x[1] - pad, y[1] - 0.3 * slab)
-            arrow: Any = {"arrowstyle": "<|-|>", "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}
-            ax.add_patch(FancyArrowPatch(*ends, color=COLOURS["ground"], linewidth=0.6, **arrow))
-
-
-def _ground(ax: Axes, right: float, storey: float) -> None:
-    ax.plot([-0.4, right + 0.4], [0, 0], color=COLOURS["ground"], linewidth=1.0)
-    depth = 0.25 * storey
-    hatch: Any = {"facecolor": "0.85", "hatch": "////", "edgecolor": "0.6", "linewidth": 0}
-    ax.add_patch(Rectangle((-0.4, -depth), right + 0.8, depth, **hatch))
+            house.arrow(ax, *ends, COLOURS["ground"], 6, "<|-|>", linewidth=0.6)
 
 
 def _finish(ax: Axes, links: Sequence[Link], in_metres: bool) -> None:
@@ -283,48 +220,21 @@ def _finish(ax: Axes, links: Sequence[Link], in_metres: bool) -> None:
     if any(np.isfinite(float(link.gap)) for link in links):
         arrow: Any = {"color": COLOURS["ground"], "linewidth": 0.6, "markersize": 4}
         handles.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
-    laws = sorted({_name(link.contact) for link in links if link.contact is not None})
+    laws = {type(link.contact).__name__ for link in links if link.contact is not None}
     if laws:
-        words = f"contact ({', '.join(laws)})"
+        words = f"contact ({', '.join(sorted(laws))})"
         handles.append(Patch(color=COLOURS["pounding"], label=words))
     if handles:
-        ax.legend(
-            handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(handles)
-        )
+        place: Any = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+        ax.legend(handles=handles, ncols=len(handles), **place)
     ax.set_xticks([])
     ax.grid(False)
     for side in ("top", "right", "bottom", "left"):
         ax.spines[side].set_visible(side == "left" and in_metres)
     if in_metres:
-        ax.set_ylabel("height (m)", fontsize=FONT_SIZE)
+        ax.set_ylabel("height (m)", fontsize=house.FONT_SIZE)
         ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= ax.get_ylim()[1]])
         ax.spines["left"].set_bounds(0, ax.get_yticks()[-1])
-        ax.tick_params(labelsize=FONT_SIZE)
+        ax.tick_params(labelsize=house.FONT_SIZE)
     else:
         ax.set_yticks([])
-
-
-def _name(law: ContactLaw | Newton) -> str:
-    return type(law).__name__
-
-
-def _text(
-    ax: Axes,
-    x: float,
-    y: float,
-    words: str,
-    colour: str,
-    align: str = "center",
-    box: dict[str, Any] | None = None,
-) -> None:
-    ax.text(
-        x,
-        y,
-        words,
-        color=colour,
-        ha=align,
-        va="center",
-        fontsize=FONT_SIZE,
-        zorder=5,
-        bbox=box,
-    )

@@ -1,58 +1,41 @@
 """A slider with a text field for one number, which stays exactly what it was set to.
 
-The float sliders of ipywidgets send the browser's rounding of a value back as the new value, as
-soon as they are shown and whenever code sets them. Here the browser's slider counts marks: whole
-numbers are not rounded, so that it sends a value only when a user moves it. The number itself is
-kept in Python, and shown in the text field with all its digits.
+The float sliders of ipywidgets send the browser's rounding of a value back as the new value. Here
+the browser's slider counts marks, whole numbers that are not rounded: it sends a value only when a
+user moves it. The number itself is kept in Python, and shown in the text field with all its digits.
 """
 
 from __future__ import annotations
 
-from itertools import count
 from typing import Any
 
 import ipywidgets as widgets
 import numpy as np
 import traitlets
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from jaxpound._checks import Rule, enforce, finite
-
-_MOST_MARKS = 250  # of an even scale; a pixel or so each
-_DECADE = 100  # marks of a logarithmic scale for each factor of ten
 
 
 class ExactSlider(widgets.HBox):
     """Words, a slider and a text field in a row; ``value`` is the number, which can be observed.
 
-    Parameters
-    ----------
-    words
-        What stands before the slider.
-    value
-        The number to begin with. Like every later one it need not be a mark, nor lie between them:
-        the slider then shows the nearest mark.
-    marks
-        The values that the slider can be dragged to, increasing, shape (n,).
-
-    Raises
-    ------
-    ValueError
-        If ``value`` is not finite, at first or when it is set.
+    The slider can be dragged to ``marks``, increasing, shape (n,). ``value`` need not be a mark,
+    nor lie between them: the slider then shows the nearest. A ``ValueError`` if it is not finite.
     """
 
     value = traitlets.CFloat()
 
     def __init__(self, words: str, value: float, marks: NDArray[np.float64]) -> None:
-        self._marks, self._words = marks, words
+        self._marks, self._words, self.first = marks, words, value
         self._middles = (marks[1:] + marks[:-1]) / 2
         name = widgets.Label(words, layout=_fixed(width="12em"))
         track = widgets.Layout(width="auto", flex="1 1 auto")
         place, last = self._nearest(value), len(marks) - 1
         self.position = widgets.IntSlider(place, 0, last, readout=False, layout=track)
         self.number = widgets.FloatText(value, layout=_fixed(width="7.5em"))
-        parts = [name, self.position, self.number]
-        super().__init__(parts, value=value, layout=_fixed())
+        super().__init__([name, self.position, self.number], value=value, layout=_fixed())
         self.observe(self._show, names="value")
         self.position.observe(self._dragged, names="value")
         self.number.observe(self._typed, names="value")
@@ -89,12 +72,9 @@ def even_marks(low: float, high: float) -> NDArray[np.float64]:
     >>> print(even_marks(0.0, 1.5)[[0, 1, 2, -1]])
     [0.   0.01 0.02 1.5 ]
     """
-    finest = (high - low) / _MOST_MARKS
-    power = int(np.floor(np.log10(finest)))
-    sizes = ((n, k) for k in count(power) for n in (1, 2, 5))
-    n, k = next((n, k) for n, k in sizes if n * 10.0**k >= finest)
-    step = n * 10.0**k
-    return np.round(_whole(low / step, high / step) * step, max(-k, 0))
+    # A pixel or so each.
+    marks = MaxNLocator(250, steps=[1, 2, 5, 10]).tick_values(low, high)
+    return np.round(marks, 12)  # with no more than their own digits
 
 
 def ratio_marks(low: float, high: float) -> NDArray[np.float64]:
@@ -103,10 +83,6 @@ def ratio_marks(low: float, high: float) -> NDArray[np.float64]:
     >>> print(ratio_marks(0.2, 5.0)[[0, 1, 70, -1]])
     [0.2   0.204 1.    5.01 ]
     """
-    powers = _whole(_DECADE * np.log10(low), _DECADE * np.log10(high)) / _DECADE
+    first, last = 100 * np.log10([low, high])  # included but for rounding
+    powers = np.arange(np.floor(first + 1e-6), np.ceil(last - 1e-6) + 1) / 100
     return np.array([float(f"{10**power:.3g}") for power in powers])
-
-
-def _whole(low: float, high: float) -> NDArray[np.float64]:
-    """Whole numbers from low to high, both included but for rounding."""
-    return np.arange(np.floor(low + 1e-6), np.ceil(high - 1e-6) + 1)

@@ -1,7 +1,7 @@
-"""What all figures share: colours, sizes, units, labels, legends.
+"""Colours, sizes, units, labels and legends of all figures.
 
 Sizes are those of the style file ``house.mplstyle``, which ``plt.style.use("jaxpound.house")``
-takes for figures of one's own. Every public function that draws is decorated by ``in_house_style``:
+takes for user-defined figures. Every public function that draws is decorated by ``in_house_style``:
 its figures do not depend on the caller's settings of matplotlib, nor change them. ``label`` sets
 fonts and grid of axes that the caller made under other settings.
 """
@@ -9,32 +9,30 @@ fonts and grid of axes that the caller made under other settings.
 from __future__ import annotations
 
 import functools
-import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib import resources
-from os import PathLike
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from matplotlib import colormaps, rc_context, rc_params_from_file, rcParams
+from matplotlib import colormaps, rc_params_from_file, rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import FancyArrowPatch
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from jaxpound._checks import require_folder
 from jaxpound.model import parameters
 from jaxpound.model.row import Row
 from jaxpound.model.storeys import Storeys
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System
 from jaxpound.quantities import DIMENSIONLESS, SI, STANDARD_GRAVITY
-from jaxpound.results.demand import known_of
-from jaxpound.study.random_ground import WAVELET_KINDS
+from jaxpound.results.named import kind_and_symbol
+from jaxpound.scenarios.random_ground import WAVELET_KINDS
 
 # Okabe and Ito's colours, which are distinct for every kind of colour vision, by what they stand
 # for; series that are merely compared have those of CYCLE.
@@ -65,27 +63,12 @@ FIGURE_SIZE = tuple(_HOUSE["figure.figsize"])
 FONT_SIZE = _HOUSE["font.size"]
 LINE_WIDTH = _HOUSE["lines.linewidth"]
 CYCLE = [style["color"] for style in _HOUSE["axes.prop_cycle"]]
-_SHADE = 0.3
-
-
-def quantity_of(name: str) -> tuple[str | None, str]:
-    """Kind of a scalar, and its name in a figure; of another column None, and its own name."""
-    known = known_of(name)
-    if known is None or not known.symbol:
-        return None, name.replace("_", " ")
-    return known.kind, known.symbol
-
-
-# Classes by which a path is looked up where no object is at hand (a study that was opened).
-_WITH_PARAMETERS = (AdjacentStructures, System, Row, Storeys)
 
 
 def parameter_name(path: str, *, symbols: bool = True) -> str:
     """Name of a parameter in a figure; ``symbols`` are dimensionless."""
     owner = _owner(path)
-    if owner is None:
-        return parameters.in_words(path)
-    return parameters.name(owner, path, symbols=symbols)
+    return parameters.name(owner, path, symbols=symbols) if owner else parameters.in_words(path)
 
 
 def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
@@ -94,32 +77,26 @@ def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
     ``scales``, if given, convert it to SI units; ``largest`` is its dimensionless size. A parameter
     without a unit, such as a ratio or an order, has a name alone.
     """
-    name, owner = parameter_name(path), _owner(path)
-    wavelet = path.rpartition("_")[0]
-    kind = WAVELET_KINDS.get(wavelet) if owner is None else parameters.known(owner, path).kind
-    if kind is None:
-        return 1.0, name
-    if scales is None:
-        return 1.0, f"{name} ({unit_for(kind, False, largest)[1]})"
-    scale = float(getattr(scales, kind))
-    factor, unit = unit_for(kind, True, scale * largest)
-    return scale * factor, f"{parameter_name(path, symbols=False)} ({unit})"
+    owner, si = _owner(path), scales is not None
+    of_wavelet = WAVELET_KINDS.get(path.rpartition("_")[0])
+    kind = parameters.metadata(owner, path).kind if owner else of_wavelet
+    scale = float(scales.unit_of(kind)) if si else 1.0
+    name = parameter_name(path, symbols=kind is None or not si)
+    factor, words = with_unit(name, kind, si, scale * largest)
+    return scale * factor, words
 
 
 def _owner(path: str) -> type | None:
-    """The kind of structures that have a parameter of this path."""
-    for kind in _WITH_PARAMETERS:
+    """The kind of structures with a parameter of a path, as an opened study holds no object."""
+    for kind in (AdjacentStructures, System, Row, Storeys):
         with suppress(ValueError):
-            parameters.known(kind, path)
+            parameters.metadata(kind, path)
             return kind
     return None
 
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
-    """Factor and name of a quantity's unit: as it is, or in kN, MN, kJ, MJ if the peak is large.
-
-    Accelerations are in g, as in hazard analyses and codes.
-    """
+    """Factor and name of a unit: g of accelerations, of forces kN or MN where the peak is large."""
     unit = (SI if si else DIMENSIONLESS)[quantity]
     if not si:
         for plain, drawn in (("ω1", r"\omega_1"), ("m1", "m_1"), ("²", "^2")):
@@ -132,6 +109,20 @@ def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
             if peak * factor >= 10:
                 return factor, prefix + unit
     return 1.0, unit
+
+
+def with_unit(words: str, kind: str | None, si: bool, peak: float = 0.0) -> tuple[float, str]:
+    """Factor of ``unit_for``, and words for an axis with its unit; of a pure number words alone."""
+    if not kind:
+        return 1.0, words
+    factor, unit = unit_for(kind, si, peak)
+    return factor, f"{words} ({unit})"
+
+
+def demand_axis(name: str, si: bool, peak: float, over: str = "") -> tuple[float, str]:
+    """``with_unit`` of a demand, or another column of a study, by its name."""
+    kind, words = kind_and_symbol(name)
+    return with_unit(words + over, kind, si, peak)
 
 
 def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
@@ -151,47 +142,24 @@ def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:
     return drawn
 
 
-class _Drawing(Figure):
-    """A figure whose vector files keep text as text."""
+def new_figure(width: float = 1.0, height: float = 1.0, *, standalone: bool = True) -> Figure:
+    """A new pyplot figure; width in columns, height in usual heights.
 
-    def savefig(self, *args: Any, **kwargs: Any) -> None:
-        """Save the figure; vector files keep text as text."""
-        if args and isinstance(args[0], str | PathLike):
-            require_folder(args[0])
-        fonts = logging.getLogger("fontTools")  # it complains of the dates in matplotlib's fonts
-        level = fonts.level
-        fonts.setLevel(logging.ERROR)
-        try:
-            with rc_context({"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}):
-                super().savefig(*args, **kwargs)
-        finally:
-            fonts.setLevel(level)
-
-
-def new_figure(width: float = 1.0, height: float = 1.0) -> Figure:
-    """A new pyplot figure to be returned; width in columns, height in usual heights.
-
-    A notebook shows the figure that is a cell's value, and all figures that pyplot has: there
-    pyplot forgets this one, or it would be shown twice.
+    A notebook shows what a cell returns and all figures that pyplot has: a ``standalone`` one,
+    which is returned itself, is taken from pyplot there, or it would be shown twice.
     """
-    from matplotlib import pyplot
+    from matplotlib import pyplot  # only here, so that no window system is asked for
 
-    result = _pyplot_figure(width, height)
-    if "inline" in pyplot.get_backend():
-        pyplot.close(result)
-    return result
+    size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
+    figure = pyplot.figure(figsize=size, layout="constrained")
+    if standalone and "inline" in pyplot.get_backend():
+        pyplot.close(figure)
+    return figure
 
 
 def new_axes(ax: Axes | None, width: float = 1.0, height: float = 1.0) -> Axes:
     """The given axes, or those of a new pyplot figure (width in columns, usual heights)."""
-    return _pyplot_figure(width, height).add_subplot() if ax is None else ax
-
-
-def _pyplot_figure(width: float, height: float) -> Figure:
-    from matplotlib import pyplot  # only here, so that no window system is asked for
-
-    size = (width * FIGURE_SIZE[0], height * FIGURE_SIZE[1])
-    return pyplot.figure(FigureClass=_Drawing, figsize=size, layout="constrained")
+    return new_figure(width, height, standalone=False).add_subplot() if ax is None else ax
 
 
 def drawn(draw: Callable[..., Any], *args: Any, **options: Any) -> Figure:
@@ -208,9 +176,13 @@ def drawn(draw: Callable[..., Any], *args: Any, **options: Any) -> Figure:
 def shades(n: int) -> list[str]:
     """Colours of n results to be compared: grey for the first, then greens from light to dark."""
     green = np.array(to_rgb(COLOURS["damper"]))
-    light, dark = 0.35 + 0.65 * green, 0.45 * green
-    mixed = [light + (dark - light) * k for k in np.linspace(0, 1, n - 1)] if n > 2 else [green]
-    return [COLOURS["residual"], *(to_hex(tuple(colour)) for colour in mixed)][:n]
+    greens = _mixed(0.35 + 0.65 * green, 0.45 * green, n - 1) if n > 2 else [to_hex(tuple(green))]
+    return [COLOURS["residual"], *greens][:n]
+
+
+def _mixed(start: Any, end: Any, n: int) -> list[str]:
+    """As many colours from the one to the other."""
+    return [to_hex(tuple(start + (end - start) * share)) for share in np.linspace(0, 1, n)]
 
 
 def numbered_colours(n: int) -> list[str]:
@@ -227,27 +199,22 @@ def ends_named(names: Sequence[str]) -> list[str]:
     return [names[0], *(f"_{name}" for name in names[1:-1]), names[-1]]
 
 
-# Of a cycle's colours those that letters can be read in, and that are unlike the first two.
-_BUILDINGS = (COLOURS["structure 1"], COLOURS["structure 2"], CYCLE[2], CYCLE[3], CYCLE[5])
-
-
 def building_colour(number: int) -> str:
     """Colour of a building of a row, by its number from 0; the first two are those of a pair."""
-    return _BUILDINGS[number % len(_BUILDINGS)]
+    # Of the cycle's colours those that letters can be read in, and that are unlike the first two.
+    colours = (COLOURS["structure 1"], COLOURS["structure 2"], CYCLE[2], CYCLE[3], CYCLE[5])
+    return colours[number % len(colours)]
 
 
 def tones(colour: str, n: int) -> list[str]:
-    """A colour from light to full, of n floors one above the other; of a single one as it is."""
+    """A colour from light to full, of n floors one above the other; of a single floor full."""
     full = np.array(to_rgb(colour))
-    light, dark = 0.65 + 0.35 * full, full
-    mixed = [light + (dark - light) * k for k in np.linspace(0, 1, n)] if n > 1 else [full]
-    return [to_hex(tuple(tone)) for tone in mixed]
+    return _mixed(0.65 + 0.35 * full, full, n) if n > 1 else [to_hex(tuple(full))]
 
 
 def shade(colour: str) -> dict[str, Any]:
     """Style of a shaded region, of a colour by its name in ``COLOURS`` or of any other."""
-    face = COLOURS.get(colour, colour)
-    return {"facecolor": face, "alpha": _SHADE, "linewidth": 0, "zorder": 0.5}
+    return {"facecolor": COLOURS.get(colour, colour), "alpha": 0.3, "linewidth": 0, "zorder": 0.5}
 
 
 def label(ax: Axes, x: str, y: str) -> None:
@@ -261,11 +228,26 @@ def label(ax: Axes, x: str, y: str) -> None:
     ax.set_axisbelow(True)
 
 
-def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
-    """A legend in a strip of its own, above everything drawn; the axis may begin at ``bottom``.
+def text_at(
+    ax: Axes, x: float, y: float, words: str, colour: str, align: str = "center", **options: Any
+) -> None:
+    """Words in a drawing, above all lines."""
+    how: dict[str, Any] = {"fontsize": FONT_SIZE, "linespacing": 1.4, "zorder": 5} | options
+    ax.text(x, y, words, color=colour, ha=align, va="center", **how)
 
-    It has fewer columns where they would be wider than the axes.
-    """
+
+def arrow(
+    ax: Axes, start: Any, end: Any, colour: str, size: float, style: str = "-|>", **options: Any
+) -> FancyArrowPatch:
+    """An arrow between two points with heads of a size in points."""
+    options |= {"arrowstyle": style, "mutation_scale": size, "shrinkA": 0, "shrinkB": 0}
+    patch = FancyArrowPatch(start, end, color=colour, **options)
+    ax.add_patch(patch)
+    return patch
+
+
+def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
+    """A legend above everything drawn, of columns as they fit; the axis may begin at ``bottom``."""
     ax.autoscale(axis="y")
     low, high = ax.get_ylim()
     low = low if bottom is None else bottom
@@ -281,11 +263,7 @@ def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
     log = ax.get_yscale() == "log"
     ax.set_ylim(low, high * (high / low) ** room if log else high + room * (high - low))
     shown = ax.legend(
-        loc="upper right",
-        ncols=columns,
-        handlelength=1.2,
-        columnspacing=1.0,
-        borderaxespad=0.2,
+        loc="upper right", ncols=columns, handlelength=1.2, columnspacing=1.0, borderaxespad=0.2
     )
     for handle in shown.legend_handles:
         if isinstance(handle, Line2D):
@@ -294,30 +272,22 @@ def legend(ax: Axes, columns: int = 4, bottom: float | None = None) -> None:
 
 def _legend_width(names: Sequence[str], columns: int) -> float:
     """About how wide a legend is, in points: a letter is about half as wide as it is high."""
-    letters = [len(re.sub(r"\\[a-zA-Z]+", "x", name).translate(_NO_LETTERS)) for name in names]
+    letters = [len(re.sub("[${}_^]", "", re.sub(r"\\[a-zA-Z]+", "x", name))) for name in names]
     widest = [max(column, default=0) for column in np.array_split(letters, columns)]
     return FONT_SIZE * (0.55 * sum(widest) + 3.0 * columns - 1.0)
 
 
-_NO_LETTERS = str.maketrans("", "", "${}_^")
-
-
 def legend_above(ax: Axes, columns: int) -> None:
     """A legend above the axes, for drawings that leave no corner free."""
-    ax.legend(
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=columns,
-        columnspacing=1.0,
-    )
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.0)
 
 
 def same_height(panels: Iterable[Axes]) -> None:
     """One vertical scale for all, as wide as the widest."""
     panels = list(panels)
-    ends = np.array([ax.get_ylim() for ax in panels])
+    lows, highs = np.transpose([ax.get_ylim() for ax in panels])
     for ax in panels:
-        ax.set_ylim(ends[:, 0].min(), ends[:, 1].max())
+        ax.set_ylim(lows.min(), highs.max())
 
 
 def only_shares(ax: Axes) -> None:
@@ -332,20 +302,27 @@ def ratio_ticks(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def bars(ax: Axes | None, names: Sequence[str]) -> Axes:
-    """Axes with room for so many bars."""
-    if ax is None:
-        ax = new_axes(ax)
-        figure: Any = ax.figure
-        figure.set_size_inches(FIGURE_SIZE[0], max(FIGURE_SIZE[1], 0.27 * len(names) + 0.8))
-    return ax
+def log_log(ax: Axes) -> None:
+    """Both axes logarithmic, with ``ratio_ticks``."""
+    ax.set(xscale="log", yscale="log")
+    ratio_ticks(ax.xaxis)
+    ratio_ticks(ax.yaxis)
+
+
+def bars(
+    ax: Axes | None, sizes: Mapping[str, float], words: str
+) -> tuple[Axes, list[str], np.ndarray]:
+    """Axes for horizontal bars of parameters, the largest of twelve on top: paths and places."""
+    paths = sorted(sizes, key=lambda path: sizes[path])[-12:]
+    ax = new_axes(ax, height=max(1.0, (0.27 * len(paths) + 0.8) / FIGURE_SIZE[1]))
+    label(ax, words, "")
+    ax.set_yticks(range(len(paths)), [parameter_name(path) for path in paths])
+    return ax, paths, np.arange(len(paths))
 
 
 def signed_bars(ax: Axes | None, values: Mapping[str, float], words: str) -> Axes:
-    """A bar for each name, to the left or right of zero, in their order from below."""
-    ax, place = bars(ax, list(values)), np.arange(len(values))
-    ax.barh(place, list(values.values()), 0.6, color=CYCLE[0], alpha=0.8)
+    """A bar to the left or right of zero for each of twelve parameters, the largest on top."""
+    ax, paths, places = bars(ax, {path: abs(value) for path, value in values.items()}, words)
+    ax.barh(places, [values[path] for path in paths], 0.6, color=CYCLE[0], alpha=0.8)
     ax.axvline(0, color="black", linewidth=0.7)
-    label(ax, words, "")
-    ax.set_yticks(place, list(values))
     return ax

@@ -9,18 +9,12 @@ from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
 from jaxpound.ground.motion import SECONDS
-from jaxpound.ground.suite import RecordSuite, ScaledSuite
+from jaxpound.ground.scaling import ScaledSuite
+from jaxpound.ground.suite import RecordSuite
 from jaxpound.ground.target import PeriodRange, TargetSpectrum
-from jaxpound.plots.style import (
-    COLOURS,
-    in_house_style,
-    label,
-    legend_above,
-    new_axes,
-    ratio_ticks,
-    shade,
-    unit_for,
-)
+from jaxpound.plots import style as house
+from jaxpound.plots.records import spectral_axes
+from jaxpound.plots.style import COLOURS, in_house_style, new_axes, shade
 
 _POINTS = 100
 
@@ -35,26 +29,14 @@ def spectra(
 ) -> Axes:
     """Spectra of a suite's records, their mean and a target, over the period, both logarithmic.
 
-    Parameters
-    ----------
-    suite
-        The records; of a ``ScaledSuite`` the scaled ones, with its target, whose range of periods
-        is shaded, and 90 % of it there, below which codes do not want the mean.
-    ax
-        Where to draw.
-    target
-        The target spectrum; by default that of a ``ScaledSuite``, else none.
-    periods
-        Natural periods > 0 in the records' unit of time; by default 100 over the target's range, or
-        half as low and twice as high as the range of a ``ScaledSuite``, but no lower than two
-        sample intervals.
-    damping
-        Damping ratio of the spectra; if there is a target, its.
+    Of a ``ScaledSuite`` they are the scaled records and its target, whose range of periods is
+    shaded, and 90 % of it there, below which codes do not want the mean; another ``target`` may be
+    given, of a ``RecordSuite`` too. ``periods`` are natural periods > 0 in the records' unit of
+    time; by default 100 over the target's range, or half as low and twice as high as the range of a
+    ``ScaledSuite``, but no lower than two sample intervals. ``damping`` is the ratio of the
+    spectra; if there is a target, its.
 
-    Raises
-    ------
-    ValueError
-        If an argument is of another type or breaks its rule.
+    A ``ValueError`` if an argument is of another type or breaks its rule.
     """
     instance("spectra", "suite", suite, RecordSuite, ScaledSuite)
     records, span = (suite.suite, suite.range) if isinstance(suite, ScaledSuite) else (suite, None)
@@ -62,32 +44,26 @@ def spectra(
         target = target or suite.target
     ax = new_axes(ax)
     at = _periods(records, target, span) if periods is None else np.asarray(periods, float)
-    found = records.spectra(at, damping if target is None else target.damping)
-    for i, one in enumerate(found):
-        name = f"{len(found)} records" if i == 0 else "_record"
-        ax.plot(at, one, color=COLOURS["residual"], alpha=0.5, linewidth=0.6, label=name)
-    ax.plot(at, found.mean(axis=0), color=COLOURS["damper"], label="their mean")
+    damping = damping if target is None else target.damping
+    accelerations = records.spectra(at, damping)
+    for i, spectrum in enumerate(accelerations):
+        name = f"{len(accelerations)} records" if i == 0 else "_record"
+        ax.plot(at, spectrum, color=COLOURS["residual"], alpha=0.5, linewidth=0.6, label=name)
+    ax.plot(at, accelerations.mean(axis=0), color=COLOURS["damper"], label="their mean")
     if target is not None:
         inside = (at >= target.periods[0]) & (at <= target.periods[-1])
         ax.plot(at[inside], target.at(at[inside]), color=COLOURS["ground"], label="target")
         if span is not None:
             within = np.geomspace(*span, _POINTS)
-            ax.plot(
-                within, 0.9 * target.at(within), ":", color=COLOURS["ground"], label="90 % of it"
-            )
+            share = 0.9 * target.at(within)
+            ax.plot(within, share, ":", color=COLOURS["ground"], label="90 % of it")
     if span is not None:
         ax.axvspan(*span, label="period range", **(shade("stick") | {"alpha": 0.15}))
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    spectral_axes(ax, records.time_unit == SECONDS, damping)
     ax.set_xlim(at[0], at[-1])
-    ratio_ticks(ax.xaxis)
-    ratio_ticks(ax.yaxis)
-    unit = unit_for("time", records.time_unit == SECONDS, 0.0)[1]
-    zeta = damping if target is None else target.damping
-    label(ax, f"natural period $T$ ({unit})", f"$S_a$ at {100 * zeta:.3g} % damping ($g$)")
-    lowest = found.mean(axis=0).min() if target is None else target.accelerations.min()
+    lowest = accelerations.mean(axis=0).min() if target is None else target.accelerations.min()
     ax.set_ylim(bottom=lowest / 5)
-    legend_above(ax, 3)
+    house.legend_above(ax, 3)
     return ax
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 
+from jaxpound._errors import InvalidInput
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.plots.style import COLOURS, FONT_SIZE, in_house_style, new_axes
+from jaxpound.plots.style import COLOURS, FONT_SIZE, arrow, in_house_style, new_axes, text_at
 
 _LINE = 1.0
 
@@ -19,25 +22,20 @@ def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | N
 
     Each rod is a spring in parallel with a spring and a springpot (the diamond) in series, which is
     the fractional Zener solid; the damper is two plates pressed together. Forces and motions are
-    positive as the arrows show.
-
-    Parameters
-    ----------
-    structures
-        A single pair, whose dimensionless numbers are written beside the symbols.
-    ax
-        Where to draw; by default a new figure of two columns' width.
+    positive as the arrows show. The dimensionless numbers of ``structures``, a single pair, are
+    written beside the symbols.
     """
+    if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
+        rule = "must be a single pair, not a batch"
+        raise InvalidInput("mechanical_system", "structures", "", rule)
     ax = new_axes(ax, 2.0, 0.95 if structures is None else 1.2)
     ink = COLOURS["ground"]
 
     # Ground: a frame that moves with u, on which everything stands.
     ax.plot([0, 0, 20, 20], [5.4, 0.8, 0.8, 5.4], color=ink, linewidth=_LINE)
-    ground = Rectangle((-0.6, 0.3), 21.2, 0.5, facecolor="0.85", hatch="////", edgecolor="0.6")
-    ax.add_patch(ground)
-    for x in (-0.6, 20):
-        wall = Rectangle((x, 0.3), 0.6, 5.1, facecolor="0.85", hatch="////", edgecolor="0.6")
-        ax.add_patch(wall)
+    for x, width, height in ((-0.6, 21.2, 0.5), (-0.6, 0.6, 5.1), (20, 0.6, 5.1)):
+        hatch: Any = {"facecolor": "0.85", "hatch": "////", "edgecolor": "0.6"}
+        ax.add_patch(Rectangle((x, 0.3), width, height, **hatch))
 
     _rod(ax, 0, 5, COLOURS["structure 1"])
     _rod(ax, 20, 15, COLOURS["structure 2"])
@@ -45,30 +43,37 @@ def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | N
     _block(ax, 12, "$m_2$", COLOURS["structure 2"])
 
     # Damper: a plate on either block, pressed together between them.
-    ax.plot([8, 10.7], [3.22, 3.22], color=COLOURS["damper"], linewidth=3, solid_capstyle="butt")
-    ax.plot([9.3, 12], [2.98, 2.98], color=COLOURS["damper"], linewidth=3, solid_capstyle="butt")
+    plate: Any = {"color": COLOURS["damper"], "linewidth": 3, "solid_capstyle": "butt"}
+    ax.plot([8, 10.7], [3.22, 3.22], **plate)
+    ax.plot([9.3, 12], [2.98, 2.98], **plate)
     for start, end in ((4.1, 3.4), (2.1, 2.8)):
-        _arrow(ax, (10, start), (10, end), COLOURS["damper"])
+        arrow(ax, (10, start), (10, end), COLOURS["damper"], 7, linewidth=0.9)
 
     # Gap, motions, ground.
-    _arrow(ax, (8, 1.35), (12, 1.35), ink, "<|-|>")
+    arrow(ax, (8, 1.35), (12, 1.35), ink, 7, "<|-|>", linewidth=0.9)
     for x, name, colour in ((6.5, "$x_1$", "structure 1"), (13.5, "$x_2$", "structure 2")):
         ax.plot([x, x], [4.7, 5.5], color=COLOURS[colour], linewidth=0.6)
-        _arrow(ax, (x, 5.3), (x + 1.6, 5.3), COLOURS[colour])
-        _text(ax, x + 1.8, 5.3, name, COLOURS[colour], "left")
-    _arrow(ax, (8.2, -0.3), (10.2, -0.3), ink)
-    _text(ax, 10.4, -0.3, "ground $u(t)$", ink, "left")
+        arrow(ax, (x, 5.3), (x + 1.6, 5.3), COLOURS[colour], 7, linewidth=0.9)
+        text_at(ax, x + 1.8, 5.3, name, COLOURS[colour], "left")
+    arrow(ax, (8.2, -0.3), (10.2, -0.3), ink, 7, linewidth=0.9)
+    text_at(ax, 10.4, -0.3, "ground $u(t)$", ink, "left")
 
-    rods = [
-        rf"$f_{i}:\ {order},\ \bar\tau_{{f{i}}},\ \bar\tau_{{x{i}}}$"
-        for i, order in ((1, r"\alpha"), (2, r"\beta"))
-    ]
-    _text(ax, 10, 1.75, r"$\xi = \xi_0 + x_2 - x_1$", ink)
-    _text(ax, 10, 4.5, r"$q \in \mu\,\mathrm{Sgn}(x_1' - x_2')$", COLOURS["damper"])
-    for x, name, text in ((2.5, "structure 1", rods[0]), (17.5, "structure 2", rods[1])):
-        _text(ax, x, 4.75, text, COLOURS[name])
+    text_at(ax, 10, 1.75, r"$\xi = \xi_0 + x_2 - x_1$", ink)
+    text_at(ax, 10, 4.5, r"$q \in \mu\,\mathrm{Sgn}(x_1' - x_2')$", COLOURS["damper"])
+    for x, i, order in ((2.5, 1, r"\alpha"), (17.5, 2, r"\beta")):
+        symbols = order, rf"\bar\tau_{{f{i}}}", rf"\bar\tau_{{x{i}}}"
+        words = rf"$f_{i}:\ " + r",\ ".join(symbols) + "$"
+        text_at(ax, x, 4.75, words, COLOURS[f"structure {i}"])
+        if structures is not None:
+            rod = (structures.rod_1, structures.rod_2)[i - 1]
+            lines = map(_equation, symbols, (rod.order, rod.tau_f, rod.tau_x))
+            text_at(ax, x, -1.4, "\n".join(lines), COLOURS[f"structure {i}"])
     if structures is not None:
-        _numbers(ax, structures)
+        friction = _equation(r"\mu", structures.friction)
+        gap = _equation(r"\xi_0", structures.initial_gap)
+        masses = _equation(r"\rho = m_1/m_2", structures.mass_ratio)
+        stiffnesses = _equation(r"\varepsilon = k_2/k_1", structures.stiffness_ratio)
+        text_at(ax, 10, -1.75, f"{friction},  {gap}\n{masses},  {stiffnesses}", ink)
 
     ax.set_xlim(-0.8, 20.8)
     ax.set_ylim(-0.8 if structures is None else -2.7, 5.8)
@@ -77,36 +82,14 @@ def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | N
     return ax
 
 
-def _numbers(ax: Axes, s: AdjacentStructures) -> None:
-    if any(np.ndim(leaf) for leaf in jax.tree.leaves(s)):
-        raise ValueError("mechanical_system: structures must be a single pair, not a batch")
-    for x, name, i, order, rod in (
-        (2.5, "structure 1", 1, r"\alpha", s.rod_1),
-        (17.5, "structure 2", 2, r"\beta", s.rod_2),
-    ):
-        lines = (
-            rf"${order} = {float(rod.order):.3g}$"
-            "\n"
-            rf"$\bar\tau_{{f{i}}} = {float(rod.tau_f):.3g}$"
-            "\n"
-            rf"$\bar\tau_{{x{i}}} = {float(rod.tau_x):.3g}$"
-        )
-        _text(ax, x, -1.4, lines, COLOURS[name])
-    pair = (
-        rf"$\mu = {float(s.friction):.3g}$,  $\xi_0 = {float(s.initial_gap):.3g}$"
-        "\n"
-        rf"$\rho = m_1/m_2 = {float(s.mass_ratio):.3g}$,  "
-        rf"$\varepsilon = k_2/k_1 = {float(s.stiffness_ratio):.3g}$"
-    )
-    _text(ax, 10, -1.75, pair, COLOURS["ground"])
+def _equation(symbol: str, number: Any) -> str:
+    return f"${symbol} = {float(number):.3g}$"
 
 
 def _block(ax: Axes, left: float, name: str, colour: str) -> None:
-    body = Rectangle((left, 1.15), 3, 3.2, facecolor=colour, alpha=0.25, linewidth=0)
-    edge = Rectangle((left, 1.15), 3, 3.2, fill=False, edgecolor=colour, linewidth=_LINE)
-    ax.add_patch(body)
-    ax.add_patch(edge)
-    _text(ax, left + 1.5, 2.75, name, colour, size=FONT_SIZE + 3)
+    ax.add_patch(Rectangle((left, 1.15), 3, 3.2, facecolor=colour, alpha=0.25, linewidth=0))
+    ax.add_patch(Rectangle((left, 1.15), 3, 3.2, fill=False, edgecolor=colour, linewidth=_LINE))
+    text_at(ax, left + 1.5, 2.75, name, colour, fontsize=FONT_SIZE + 3)
     for x in (left + 0.6, left + 2.4):  # rollers
         ax.add_patch(Circle((x, 0.975), 0.175, fill=False, linewidth=0.8))
 
@@ -135,29 +118,3 @@ def _rod(ax: Axes, wall: float, block: float, colour: str) -> None:
     corners = [(0.58, 1.95), (0.7, 2.4), (0.82, 1.95), (0.7, 1.5)]
     diamond = [(wall + (block - wall) * x, y) for x, y in corners]
     ax.add_patch(Polygon(diamond, closed=True, fill=False, edgecolor=colour, linewidth=_LINE))
-
-
-def _arrow(
-    ax: Axes,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    colour: str,
-    style: str = "-|>",
-) -> None:
-    arrow = FancyArrowPatch(
-        start, end, arrowstyle=style, mutation_scale=7, color=colour, linewidth=0.9, shrinkA=0,
-        shrinkB=0,
-    )  # fmt: skip
-    ax.add_patch(arrow)
-
-
-def _text(
-    ax: Axes,
-    x: float,
-    y: float,
-    words: str,
-    colour: str,
-    align: str = "center",
-    size: float = FONT_SIZE,
-) -> None:
-    ax.text(x, y, words, color=colour, ha=align, va="center", fontsize=size, linespacing=1.4)

@@ -1,5 +1,9 @@
-"""What comes out: the series and scalars of a run, and tables of them.
+"""Results: the series and scalars of a run, and tables of them.
 
-``response`` has the series, ``demand`` the scalars, by mass, rod and link as ``elements`` says;
-``columns`` makes tables.
+``response`` has the series, ``demand`` the scalars, both by mass, rod and link (``elements``);
+``named`` knows every demand by its name; ``columns`` makes tables.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

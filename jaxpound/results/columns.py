@@ -33,13 +33,7 @@ class Columnar:
         return index | columns
 
     def to_pandas(self) -> DataFrame:
-        """All columns as a data frame.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed; the extra ``tables`` brings it.
-        """
+        """All columns as a data frame; an ``ImportError`` without pandas (extra ``tables``)."""
         pandas = require("to_pandas", "pandas")
         index, columns = self._index_and_columns()
         return pandas.DataFrame(index | columns).set_index([*index])
@@ -47,38 +41,24 @@ class Columnar:
     def to_csv(self, file: str | PathLike[str] | BinaryIO) -> None:
         """All columns as comma-separated values, below a line of their names.
 
-        Numbers have 17 digits, so that the same numbers are read back.
-
-        Parameters
-        ----------
-        file
-            Its path, or a file that is open for binary writing.
-
-        Raises
-        ------
-        FileNotFoundError
-            If its folder is missing.
+        Numbers have 17 digits, so that the same numbers are read back. ``file`` is open for binary
+        writing, or a path, whose folder exists (else ``FileNotFoundError``).
         """
         if isinstance(file, str | PathLike):
             require_folder(file)
             with open(file, "wb") as opened:
-                return self.to_csv(opened)
-        columns = self.to_columns()
-        heading = io.StringIO()
+                self.to_csv(opened)
+            return
+        columns, heading = self.to_columns(), io.StringIO()
         csv.writer(heading, lineterminator="\n").writerow(columns)
         file.write(heading.getvalue().encode())
         np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", delimiter=",")
-        return None
 
     def to_parquet(self, path: str | PathLike[str]) -> None:
         """All columns as a Parquet file, which is smaller and faster than text.
 
-        Raises
-        ------
-        ImportError
-            If pandas or pyarrow is not installed; the extra ``tables`` brings both.
-        FileNotFoundError
-            If its folder is missing.
+        An ``ImportError`` without pandas or pyarrow (extra ``tables``), a ``FileNotFoundError`` if
+        the folder is missing.
         """
         for library in ("pandas", "pyarrow"):
             require("to_parquet", library)

@@ -1,9 +1,9 @@
-"""The scalars of a run, by mass, rod and link, and what they are called in tables."""
+"""The scalars of a run, by mass, rod and link."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -11,193 +11,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import hint
-from jaxpound._fields import Quantity, part, pytree_dataclass, quantities, quantity, static
-from jaxpound._tables import Shown, Table
+from jaxpound._errors import InvalidInput
+from jaxpound._fields import part, pytree_dataclass, quantities, quantity, static
+from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.system import Topology, is_storey
+from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results.columns import Columnar
+from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import (
     ByElement,
-    are_known,
+    are_concrete,
     chosen,
-    columns_of,
+    kind_in,
     place_of,
     run_numbers,
     without_idle_dampers,
 )
-
-
-@pytree_dataclass
-class MassDemand:
-    """Scalars of a mass."""
-
-    peak_x: Any = quantity(
-        "length",
-        "peak displacement of building {}",
-        "peak_x{}",
-        "peak $|x_{}|$",
-        rank=2,
-        limited=True,
-    )
-    """Largest |x|, displacement relative to the ground."""
-    peak_acceleration: Any = quantity(
-        "acceleration",
-        "peak absolute acceleration of building {}",
-        "peak_acceleration_{}",
-        "peak $|a_{}|$",
-        rank=4,
-        limited=True,
-    )
-    """Largest absolute acceleration |x'' + u''|, contact forces included; by ``Newton``'s law,
-    whose impacts have no force, the largest between impacts."""
-
-
-@pytree_dataclass
-class RodDemand:
-    """Scalars of a rod."""
-
-    peak_force: Any = quantity(
-        "force",
-        "peak base shear of building {}",
-        "peak_f{}",
-        "peak $|f_{}|$",
-        rank=3,
-        limited=True,
-    )
-    """Largest |f|, the rod's force (of a rod to the ground, the base shear)."""
-    peak_drift: Any = quantity(
-        "length",
-        "peak drift of storey {}",
-        "peak_drift_{}",
-        "peak drift $|d_{}|$",
-        rank=2,
-        limited=True,
-        only="storey",
-        default=None,
-    )
-    """Largest |e|, the elongation of a rod between two masses: the drift of a storey. None for a
-    rod to the ground, of which it is ``peak_x`` of its mass."""
-
-
-@pytree_dataclass
-class LinkDemand:
-    """Scalars of a link."""
-
-    min_gap: Any = quantity("length", "smallest gap", "min_gap", r"min gap $\xi$", rank=0)
-    """Smallest gap ξ, where the slip velocity vanishes or at an end of the run."""
-    min_gap_time: Any = quantity(
-        "time", "time of the smallest gap", "min_gap_time", "time of min gap $t$", rank=1
-    )
-    """When the gap is smallest."""
-    slip_distance: Any = quantity(
-        "length",
-        "distance slid by the damper",
-        "slip_distance",
-        "slip distance",
-        rank=5,
-        limited=True,
-    )
-    """Distance slid by the damper, ∫ |w| dt with the slip velocity w."""
-    friction_work: Any = quantity(
-        "energy",
-        "energy taken by the damper",
-        "friction_work",
-        "friction work",
-        rank=6,
-        limited=True,
-    )
-    """Energy taken by the damper, ∫ q w dt."""
-    residual_offset: Any = quantity(
-        "length", "residual offset", "residual_offset", "residual offset", rank=7, limited=True
-    )
-    """x_j − x_i at the end of the run: by how much the gap has changed."""
-    soft_min_gap: Any = quantity(
-        "length",
-        "soft minimum of the gap",
-        "soft_min_gap",
-        r"soft min gap $\xi$",
-        rank=10,
-        default=None,
-    )
-    """−T log of the mean of e^(−ξ/T) over the run, for the temperature T given to ``demand``."""
-    peak_contact: Any = quantity(
-        "force",
-        "peak contact force",
-        "peak_contact",
-        "peak contact force $p$",
-        rank=11,
-        limited=True,
-        only="contact",
-        default=None,
-    )
-    """Largest contact force p; of ``Newton``'s law, whose impacts have impulses but no force, the
-    largest with which blocks are pressed together at rest. None, as all below, without contact."""
-    peak_impulse: Any = quantity(
-        "impulse",
-        "impulse of the strongest impact",
-        "peak_impulse",
-        "peak impulse",
-        rank=12,
-        limited=True,
-        only="contact",
-        default=None,
-    )
-    """Impulse ∫ p dt of the strongest impact."""
-    peak_penetration: Any = quantity(
-        "length",
-        "peak penetration",
-        "peak_penetration",
-        r"peak penetration $\delta$",
-        rank=13,
-        limited=True,
-        only="contact",
-        default=None,
-    )
-    """Largest penetration −ξ, 0 where the gap never closes."""
-    n_impacts: Any = quantity(
-        None,
-        "number of impacts",
-        "n_impacts",
-        "number of impacts",
-        rank=14,
-        only="contact",
-        default=None,
-    )
-    """Touches after the link was apart, faster than 1e-4 of the fastest before."""
-    first_impact_time: Any = quantity(
-        "time",
-        "time of the first impact",
-        "first_impact_time",
-        "time of first impact $t$",
-        rank=15,
-        only="contact",
-        default=None,
-    )
-    """When the first impact begins; infinite if there is none."""
-    contact_work: Any = quantity(
-        "energy",
-        "energy lost by contact",
-        "contact_work",
-        "energy lost by contact",
-        rank=16,
-        limited=True,
-        only="contact",
-        default=None,
-    )
-    """Energy lost by contact, the work of p less what its spring has stored."""
-    soft_peak_contact: Any = quantity(
-        "force",
-        "soft maximum of the impacts' peak forces",
-        "soft_peak_contact",
-        "soft peak contact force",
-        rank=17,
-        limited=True,
-        only="contact",
-        default=None,
-    )
-    """(Σ P⁸)^(1/8) of all impacts' peak forces P: smooth also where two are equally strong. Zero by
-    ``Newton``'s law, whose impacts have no force."""
 
 
 @pytree_dataclass
@@ -213,19 +43,15 @@ class Demand(ByElement, Columnar, Shown):
 
     Examples
     --------
-    >>> found = jp.demand(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
-    >>> table = found.to_pandas()
+    >>> demand = jp.demand(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+    >>> table = demand.to_pandas()
     >>> table.index.name, round(float(table["min_gap"][0]), 3)
     ('run', 0.305)
-    >>> bool(found.peak_x2 == found.masses[1].peak_x)
+    >>> bool(demand.peak_x2 == demand.masses[1].peak_x)
     True
     """
 
-    _elements: ClassVar[dict[str, type]] = {
-        "masses": MassDemand,
-        "rods": RodDemand,
-        "links": LinkDemand,
-    }
+    _elements: ClassVar = {"masses": MassDemand, "rods": RodDemand, "links": LinkDemand}
 
     masses: tuple[MassDemand, ...] = part()
     """Scalars of each mass."""
@@ -240,80 +66,71 @@ class Demand(ByElement, Columnar, Shown):
     si: bool = static(default=False)
     """Whether the numbers are SI."""
     topology: Topology | None = static(default=None)
-    """Of which masses, rods and links they are, for the places that tables tell."""
+    """Masses, rods and links of the run, by which tables name places."""
 
     @classmethod
     def of_columns(cls, columns: Mapping[str, Any], *, si: bool) -> Demand:
-        """The demand with the scalars in ``columns``, by flat name; other columns are ignored.
-
-        The inverse of ``scalars``.
-        """
-        found: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
-        own: dict[str, Any] = {"si": si}
+        """The inverse of ``scalars``: a demand from columns by flat name; others are ignored."""
+        elements: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
+        fields: dict[str, Any] = {}
         several = "min_gap_1" in columns
         for name, value in columns.items():
             if (place := place_of(cls, name)) is None:
                 continue
             if not place.group:
-                own[place.field] = value
-            elif not (several and name == place.known.column):  # of all links
-                found[place.group].setdefault(place.element, {})[place.field] = value
+                fields[place.field] = value
+            elif not (several and name == place.quantity.column):  # of all links
+                elements[place.group].setdefault(place.element, {})[place.field] = value
         try:
             groups: dict[str, Any] = {
-                group: tuple(kind(**found[group][i]) for i in sorted(found[group]))
+                group: tuple(kind(**elements[group][i]) for i in sorted(elements[group]))
                 for group, kind in cls._elements.items()
             }
-            return cls(**groups, **own)
+            return cls(**groups, **fields, si=si)
         except TypeError as error:
-            raise ValueError(f"Demand.of_columns: columns must be complete: {error}") from error
+            rule = f"must be complete: {error}"
+            raise InvalidInput("Demand.of_columns", "columns", "", rule) from error
 
     def only(self, names: Iterable[str]) -> Demand:
-        """The scalars with these flat names; all others are None.
+        """The scalars with these flat names, a ``ValueError`` if it has none; all others are None.
 
         ``min_gap`` and ``min_gap_time`` of several links are of all of them.
-
-        Raises
-        ------
-        ValueError
-            If a name is none of a scalar that the demand has.
         """
-        known = [name for _, of in self.columns() for name in of]
-        known = [name for name in known if getattr(self, name) is not None]
+        all_names = [name for _, names_of in self.columns() for name in names_of]
+        present_names = [name for name in all_names if getattr(self, name) is not None]
         over_links = ["min_gap", "min_gap_time"] if len(self.links) > 1 else []
-        wanted: set[tuple[str, int, str]] = set()
+        kept: set[tuple[str, int, str]] = set()
         for name in names:
-            if name in over_links:  # which link is the closest, the gaps tell
-                wanted |= {
-                    ("links", k, x) for k in range(len(self.links)) for x in ("min_gap", name)
-                }
-            elif name in known and (place := place_of(type(self), name)):
-                wanted.add((place.group, place.element, place.field))
+            if name in over_links:  # needs all gaps, to find the smallest
+                kept |= {("links", k, x) for k in range(len(self.links)) for x in ("min_gap", name)}
+            elif name in present_names and (place := place_of(type(self), name)):
+                kept.add((place.group, place.element, place.field))
             else:
-                raise ValueError(f"only: unknown {name!r}; {hint(name, [*over_links, *known])}")
+                meant = hint(name, [*over_links, *present_names])
+                raise InvalidInput("only", "", "", f"unknown {name!r}; {meant}")
 
-        def left(group: str, i: int, item: Any, fields: Iterable[str]) -> Any:
-            unwanted = {name: None for name in fields if (group, i, name) not in wanted}
-            return dataclasses.replace(item, **unwanted)
+        def reduced(group: str, i: int, item: Any) -> Any:
+            fields = quantities(type(item))
+            dropped = {name: None for name in fields if (group, i, name) not in kept}
+            return dataclasses.replace(item, **dropped)
 
         elements = {
-            group: tuple(
-                left(group, i, item, quantities(kind))
-                for i, item in enumerate(getattr(self, group))
-            )
-            for group, kind in self._elements.items()
+            group: tuple(reduced(group, i, item) for i, item in enumerate(getattr(self, group)))
+            for group in self._elements
         }
-        return dataclasses.replace(left("", 0, self, quantities(type(self))), **elements)
+        return dataclasses.replace(reduced("", 0, self), **elements)
 
     @property
     def min_gap(self) -> Any:
         """Smallest gap of all links; infinite where there is no link."""
-        return self._closest()[0]
+        return self._closest[0]
 
     @property
     def min_gap_time(self) -> Any:
         """Time of the smallest gap."""
-        return self._closest()[1]
+        return self._closest[1]
 
+    @property
     def _closest(self) -> tuple[Any, Any]:
         if not self.links:
             return jnp.full(self.batch, jnp.inf), jnp.full(self.batch, jnp.nan)
@@ -341,26 +158,22 @@ class Demand(ByElement, Columnar, Shown):
         return np.shape(next(iter(jax.tree.leaves(self)), 0.0))
 
     def scalars(self) -> dict[str, Any]:
-        """All of them by flat name, with ``pounds``: a row of a table, or the columns of a batch.
+        """All scalars by flat name, with ``pounds``: a row of a table, or the columns of a batch.
 
-        Python's numbers for a single run, arrays for a batch, tracers under ``jit``, ``vmap`` or
-        ``grad``.
+        Python's numbers for a single run, arrays for a batch, tracers in a transformed function.
         """
-        values: dict[str, Any] = {}
+        names = [name for _, names_of in self.columns() for name in names_of]
         if self.links:  # of all links; that of a single one is the same
-            values = {"min_gap": self.min_gap, "min_gap_time": self.min_gap_time}
-        for _, names in self.columns():
-            values |= {name: getattr(self, name) for name in names}
-        values |= {"pounds": self.pounds} if self.links else {}
-        known = {name: value for name, value in values.items() if value is not None}
-        if not are_known(self) or any(map(jnp.ndim, known.values())):
-            return known
-        return {name: float(value) for name, value in known.items()}
+            names = [*dict.fromkeys(["min_gap", "min_gap_time", *names]), "pounds"]
+        present = {name: x for name in names if (x := getattr(self, name)) is not None}
+        if not are_concrete(self) or any(map(jnp.ndim, present.values())):
+            return present
+        return {name: float(value) for name, value in present.items()}
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         batch = self.batch
         values = {
-            column(name, kind_of(name), self.si): np.broadcast_to(value, batch).ravel()
+            column(name, kind_in(Demand, name), self.si): np.broadcast_to(value, batch).ravel()
             for name, value in self.scalars().items()
         }
         return run_numbers(batch or (1,)), values
@@ -369,150 +182,54 @@ class Demand(ByElement, Columnar, Shown):
         """Runs of a batch by number, slice or mask, as an array is indexed."""
         return chosen(self, index, self.batch)
 
-    def _tables(self) -> list[Table]:
+    def _tables(self) -> list[TextTable]:
         return [self._table("Demand", [])]
 
-    def _table(self, title: str, rows: list[tuple[str, str]]) -> Table:
-        """Of a single run its scalars or the ``rows`` given, of a batch the range of each."""
-        batch, about = self.batch, "SI" if self.si else "dimensionless"
+    def _table(self, title: str, rows: list[tuple[str, str]]) -> TextTable:
+        """A single run's scalars or these ``rows``; of a batch the range of each scalar."""
+        batch, unit_words = self.batch, "SI" if self.si else "dimensionless"
         if batch:
-            about += f", batch of shape {batch}"
-        if not are_known(self):
-            return Table(f"{title} ({about}, traced: not known before the program runs)")
+            unit_words += f", batch of shape {batch}"
+        if not are_concrete(self):
+            return TextTable(f"{title} ({unit_words}, traced: not known before the program runs)")
         scalars = self.scalars()
-        good = ~np.isnan(next(iter(scalars.values()), 0.0))
-        valid = {name: np.where(good, x, 0.0) for name, x in scalars.items()}
-        wanted = without_idle_dampers(scalars, lambda name: float(valid[name].max()))
-        scalars = {name: scalars[name] for name in wanted}
+        is_valid = ~np.isnan(next(iter(scalars.values()), 0.0))
+        valid = {name: np.where(is_valid, x, 0.0) for name, x in scalars.items()}
+        names = without_idle_dampers(scalars, lambda name: float(valid[name].max()))
+        scalars = {name: scalars[name] for name in names}
+        units = {name: (unit(kind_in(Demand, name), self.si), *self._where(name)) for name in names}
         if not batch:
-            if not good:
-                return Table(f"{title} ({about}): an invalid run, every result is NaN")
-            numbers = [
-                (name, x, unit_of(name, self.si), *self._where(name)) for name, x in scalars.items()
-            ]
-            return Table(f"{title} ({about})", (), rows or numbers, digits=8)
+            if not is_valid:
+                return TextTable(f"{title} ({unit_words}): an invalid run, every result is NaN")
+            numbers = [(name, x, *units[name]) for name, x in scalars.items()]
+            return TextTable(f"{title} ({unit_words})", (), rows or numbers, digits=8)
         pounds, notes = scalars.pop("pounds", None), []
         if pounds is not None:
-            share = f"{int(np.count_nonzero(pounds == 1)):,} of {good.sum():,}"
+            share = f"{int(np.count_nonzero(pounds == 1)):,} of {is_valid.sum():,}"
             notes.append(f"pounding in {share} valid runs")
-        if not good.all():
-            notes.append(f"{(~good).sum():,} invalid, with NaN for every result")
-        ranges: list[tuple[Any, ...]] = [
-            (
-                name,
-                *_range(np.broadcast_to(x, batch)[good]),
-                unit_of(name, self.si),
-                *self._where(name),
-            )
-            for name, x in scalars.items()
-            if good.any()
-        ]
+        if not is_valid.all():
+            notes.append(f"{(~is_valid).sum():,} invalid, with NaN for every result")
+        ranges: list[tuple[Any, ...]] = []
+        for name, x in scalars.items() if is_valid.any() else ():
+            values = np.broadcast_to(x, batch)[is_valid]
+            range_of_values = (float(f(values)) for f in (np.min, np.median, np.max))
+            ranges.append((name, *range_of_values, *units[name]))
         where = self._where("") and ("of",)
         columns = ("", "smallest", "median", "largest", "unit", *where)
-        return Table(f"{title} ({about})", columns, ranges, notes)
+        return TextTable(f"{title} ({unit_words})", columns, ranges, notes)
 
     def _where(self, name: str) -> tuple[str, ...]:
-        """Where a scalar's mass, rod or link is; () for all of a pair, whose numbers say it."""
+        """Place of a scalar's mass, rod or link; () for a pair, where numbers suffice."""
         if self.topology is None or max(self.topology.n_masses, len(self.topology.links) + 1) < 3:
             return ()
         place = place_of(type(self), name)
         of_all = len(self.topology.links) > 1 and name in ("min_gap", "min_gap_time")
         if place is None or not place.group or of_all:
             return ("",)
-        return (_PLACES[place.group](self.topology)[place.element],)
+        return (PLACES[place.group](self.topology)[place.element],)
 
     __repr__ = Shown.__repr__  # else a dataclass makes its own
 
 
-_PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}
-"""Where the elements of each group are."""
-
-
-def _range(values: np.ndarray) -> tuple[float, float, float]:
-    return float(values.min()), float(np.median(values)), float(values.max())
-
-
-_OTHERS = {
-    "damper_force": Quantity(
-        "force", "slip force of the damper", "damper_force", "slip force", limited=True
-    ),
-    "total_damper_force": Quantity(
-        "force", "slip forces of all dampers together", symbol="total slip force", limited=True
-    ),
-    "required_gap": Quantity("length", "required gap", "required_gap", "required gap"),
-    "initial_gap": Quantity("length", "gap at rest"),
-    "peak_drift": Quantity(
-        "length", "largest storey drift", symbol="largest peak drift $|d|$", limited=True
-    ),
-    "peak_acceleration": Quantity(
-        "acceleration",
-        "largest absolute acceleration",
-        symbol="largest peak $|a|$",
-        limited=True,
-    ),
-    "spectral_acceleration": Quantity(
-        "acceleration", "spectral acceleration at period {}", "spectral_acceleration_{}"
-    ),
-}
-"""Further columns of studies and designs; of links those that have a name of a column."""
-
-
-def known_of(name: str) -> Quantity | None:
-    """Metadata of a scalar by its flat name; None if it is a pure number or no scalar."""
-    place = place_of(Demand, name)
-    if place is not None:
-        return place.known
-    base, _, number = name.rpartition("_")
-    known = _OTHERS.get(base)
-    if name not in _OTHERS and known is not None and known.column and number.isdigit():
-        return known.of(number)
-    return _OTHERS.get(name)
-
-
-def in_words(name: str, topology: Topology | None = None) -> str:
-    """Name of a scalar in words; the name itself of any other column.
-
-    With the masses, rods and links that it is of, by floor and storey; without, every mass is taken
-    for a building.
-    """
-    place, known = place_of(Demand, name), known_of(name)
-    if known is None:
-        return name.replace("_", " ")
-    what, of_link, number = known.words.rpartition(" of link ")
-    if topology is not None and of_link:
-        return f"{what}, {_PLACES['links'](topology)[int(number) - 1]}"
-    if topology is None or place is None or place.group not in ("masses", "rods"):
-        return known.words
-    where = _PLACES[place.group](topology)[place.element]
-    what = known.words.rpartition(" of ")[0]
-    return f"{what if where.startswith('building') else what.replace('base ', '')} of {where}"
-
-
-def kind_of(name: str) -> str | None:
-    """Kind of quantity of a scalar; None for a pure number and for any other column."""
-    known = known_of(name)
-    return None if known is None else known.kind
-
-
-def unit_of(name: str, si: bool) -> str:
-    """Unit of a scalar; empty for a column whose unit is not known."""
-    return unit(kind_of(name), si)
-
-
-def limited_columns(topology: Topology, touching: Sequence[bool]) -> list[str]:
-    """Flat names of what a design may be limited in.
-
-    Given are the masses, rods and links, and of each link whether it has a law of contact.
-    """
-    has = {
-        "contact": touching,
-        "storey": [is_storey(ends) for ends in topology.rods],
-    }
-    sizes = {"masses": topology.n_masses, "rods": len(topology.rods), "links": len(touching)}
-    return [
-        name
-        for known, names in columns_of(Demand, sizes)
-        if known.limited
-        for i, name in enumerate(names)
-        if not known.only or has[known.only][i]
-    ]
+PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}
+"""Names of places of the elements of each group."""

@@ -17,19 +17,18 @@ import numpy as np
 
 from jaxpound._checks import is_traced
 from jaxpound._fields import Quantity, quantities
+from jaxpound.model.system import Topology
 
 T = TypeVar("T")
 
-GROUPS = ("masses", "rods", "links")
 
-
-class Place(NamedTuple):
-    """Where a flat name belongs: group ("" for the result itself), element from 0, and field."""
+class FlatName(NamedTuple):
+    """The place of a flat name: group ("" for the result itself), element from 0, and field."""
 
     group: str
     element: int
     field: str
-    known: Quantity
+    quantity: Quantity
 
 
 class ByElement:
@@ -40,26 +39,26 @@ class ByElement:
 
     def flat(self, field: str) -> dict[str, Any]:
         """A quantity of all elements that have it, by flat name."""
-        group, known = _fields_of_elements(type(self))[field]
+        group, quantity = _fields_of_elements(type(self))[field]
         items = getattr(self, group)
-        return {
-            _flat_name(known, i, len(items)): getattr(item, field) for i, item in enumerate(items)
-        }
+        names = _flat_names(quantity, len(items))
+        return {name: getattr(item, field) for name, item in zip(names, items, strict=True)}
 
     def columns(self) -> list[tuple[Quantity, list[str]]]:
         """Every quantity and its flat names, in the order of tables."""
-        return columns_of(type(self), {group: len(getattr(self, group)) for group in GROUPS})
+        sizes = {group: len(getattr(self, group)) for group in self._elements}
+        return columns_of(type(self), sizes)
 
     def __getattr__(self, name: str) -> Any:
-        place = None if name in GROUPS or name[:2] == "__" else place_of(type(self), name)
+        place = None if name in self._elements or name[:2] == "__" else place_of(type(self), name)
         if place is None or not place.group:
             message = f"{type(self).__name__!r} object has no attribute {name!r}"
             if hasattr(vars(self).get("demand"), name):
                 message += f"; its demand has it: .demand.{name}"
             raise AttributeError(message, name=name, obj=self)
-        group, i, field, known = place
+        group, i, field, quantity = place
         items = getattr(self, group)
-        if i < len(items) and _flat_name(known, i, len(items)) == name:
+        if name in _flat_names(quantity, len(items)):
             return getattr(items[i], field)
         rule = f"{group}[i].{field} has it of each of its {len(items)} {group}"
         raise AttributeError(f"{type(self).__name__} has no {name!r}: {rule}", name=name, obj=self)
@@ -70,42 +69,50 @@ class ByElement:
 
 
 def columns_of(cls: type[ByElement], sizes: Mapping[str, int]) -> list[tuple[Quantity, list[str]]]:
-    """Every quantity of a class of results, and its flat names, in the order of tables.
-
-    ``sizes`` are the numbers of masses, rods and links.
-    """
-    ranked = [(known, [name]) for name, known in quantities(cls).items()]
-    for group, known in _fields_of_elements(cls).values():
-        n = sizes[group]
-        ranked.append((known, [_flat_name(known, i, n) for i in range(n)]))
-    return sorted(ranked, key=lambda one: one[0].rank)
+    """Quantities of a class in the order of tables, with the flat names for sizes of groups."""
+    ranked = [(quantity, [name]) for name, quantity in quantities(cls).items()]
+    for group, quantity in _fields_of_elements(cls).values():
+        ranked.append((quantity, _flat_names(quantity, sizes[group])))
+    return sorted(ranked, key=lambda entry: entry[0].rank)
 
 
-def place_of(cls: type[ByElement], name: str) -> Place | None:
-    """Where a flat name belongs in a class of results; None if it is no such name."""
-    if name in (own := quantities(cls)):
-        return Place("", 0, name, own[name])
-    for field, (group, known) in _fields_of_elements(cls).items():
-        if found := re.fullmatch(_pattern(known), name):
-            known = known.of(found[1]) if found[1] else known
-            return Place(group, int(found[1] or 1) - 1, field, known)
+def place_of(cls: type[ByElement], name: str) -> FlatName | None:
+    """The place of a flat name in a class of results; None for other names."""
+    if name in (fields := quantities(cls)):
+        return FlatName("", 0, name, fields[name])
+    for field, (group, quantity) in _fields_of_elements(cls).items():
+        numbered = quantity.column if "{}" in quantity.column else f"{quantity.column}(?:_{{}})?"
+        if match := re.fullmatch(numbered.replace("{}", "([1-9][0-9]*)"), name):
+            quantity = quantity.of(match[1]) if match[1] else quantity
+            return FlatName(group, int(match[1] or 1) - 1, field, quantity)
     return None
+
+
+def kind_in(cls: type[ByElement], name: str) -> str | None:
+    """Kind of the quantity with a flat name in a class of results; None for a pure number."""
+    place = place_of(cls, name)
+    return None if place is None else place.quantity.kind
 
 
 def _fields_of_elements(cls: type[ByElement]) -> dict[str, tuple[str, Quantity]]:
     """Group and metadata of each quantity of an element that has a flat name, by field."""
     return {
-        field: (group, known)
+        field: (group, quantity)
         for group, kind in cls._elements.items()
-        for field, known in quantities(kind).items()
-        if known.column
+        for field, quantity in quantities(kind).items()
+        if quantity.column
     }
 
 
-def _flat_name(known: Quantity, i: int, n: int) -> str:
-    if "{}" in known.column:
-        return known.column.format(i + 1)
-    return of_link(known.column, i, n)
+def _flat_names(quantity: Quantity, n: int) -> list[str]:
+    """The names of a quantity of n elements."""
+    name = quantity.column
+    return [name.format(i + 1) if "{}" in name else of_link(name, i, n) for i in range(n)]
+
+
+def sizes_of(topology: Topology) -> dict[str, int]:
+    """Number of elements of each group."""
+    return {"masses": topology.n_masses, "rods": len(topology.rods), "links": len(topology.links)}
 
 
 def of_link(name: str, link: int, n_links: int) -> str:
@@ -128,18 +135,12 @@ def without_idle_dampers(names: Iterable[str], largest: Callable[[str], float]) 
         work, slip = f"friction_work{link}", f"slip_distance{link}"
         return {work, slip} <= {*names} and largest(work) == 0 < largest(slip)
 
-    found = {name: re.fullmatch(_OF_A_DAMPER, name) for name in names}
-    return [name for name, match in found.items() if match is None or not is_idle(match[1])]
+    matches = {name: re.fullmatch(_OF_A_DAMPER, name) for name in names}
+    return [name for name, match in matches.items() if match is None or not is_idle(match[1])]
 
 
-def _pattern(known: Quantity) -> str:
-    if "{}" in known.column:
-        return known.column.replace("{}", "([1-9][0-9]*)")
-    return f"{known.column}(?:_([1-9][0-9]*))?"
-
-
-def are_known(results: Any) -> bool:
-    """Whether all values are numbers, and not tracers or other placeholders of JAX."""
+def are_concrete(results: Any) -> bool:
+    """Whether all values are numbers, not tracers or other placeholders of JAX."""
     leaves = jax.tree.leaves(results)
     numbers = (float, int, np.generic, np.ndarray, jax.Array)
     return bool(leaves) and not is_traced(leaves) and all(isinstance(x, numbers) for x in leaves)
@@ -147,9 +148,10 @@ def are_known(results: Any) -> bool:
 
 def run_numbers(batch: tuple[int, ...], each: int = 1) -> dict[str, np.ndarray]:
     """The number of every run along each axis of a batch, repeated for ``each`` rows of a run."""
-    names = ["run"] if len(batch) == 1 else [f"run_{axis}" for axis in range(len(batch))]
-    numbers = np.indices(batch)
-    return {name: np.repeat(x.ravel(), each) for name, x in zip(names, numbers, strict=True)}
+    return {
+        f"run_{axis}" if len(batch) > 1 else "run": np.repeat(x.ravel(), each)
+        for axis, x in enumerate(np.indices(batch))
+    }
 
 
 def chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:

@@ -9,22 +9,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import instance
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import pytree_dataclass, quantities, quantity, static
-from jaxpound._tables import Shown, Table
+from jaxpound._tables import Shown, TextTable
 from jaxpound.model.building import Building
 from jaxpound.model.shear_building import ShearBuilding, storeys_of
-from jaxpound.model.system import Structures, Topology, as_tuple, floors, is_storey
+from jaxpound.model.system import Structures, Topology, as_tuple, floors, gravity_of, is_storey
 from jaxpound.quantities import unit
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import are_known
+from jaxpound.results.elements import are_concrete, sizes_of
 
 
 @pytree_dataclass
 class FloorDemands(Shown):
     """Peak demands of a building over its height, from the ground up.
 
-    Each has the shape (..., n_floors), with the axes of a batch in front; dimensionless, or in SI
-    as the ``Demand`` they are of. ``floor_demands`` makes them.
+    Each has the shape (..., n_floors) in the units of the ``Demand``; ``floor_demands`` makes them.
     """
 
     building: int = static()
@@ -50,16 +50,10 @@ class FloorDemands(Shown):
 
     @property
     def drift_ratio(self) -> Any:
-        """Largest drift of the storey below each floor over the storey's height.
-
-        Raises
-        ------
-        ValueError
-            If heights or drifts are not known in m.
-        """
+        """Largest drift of the storey below each floor over its height; needs SI and heights."""
         if not (self.heights and self.si):
             rule = "needs drifts in SI and the buildings: floor_demands(row, found, buildings)"
-            raise ValueError(f"FloorDemands.drift_ratio: it {rule}")
+            raise InvalidInput("FloorDemands.drift_ratio", "it", "", rule)
         return self.drift / np.array(self.heights)
 
     @property
@@ -67,20 +61,21 @@ class FloorDemands(Shown):
         """Largest force of contact on each floor, from either side."""
         return jnp.maximum(self.contact_left, self.contact_right)
 
-    def _tables(self) -> list[Table]:
+    def _tables(self) -> list[TextTable]:
         title = f"Building {self.building + 1}, floor by floor"
-        if not are_known(self) or np.ndim(self.displacement) != 1:
-            return [Table(f"{title} (of shape {jnp.shape(self.displacement)})")]
-        columns = [(name, about.kind) for name, about in quantities(FloorDemands).items()]
-        has = bool(self.heights) and self.si
-        ratios = [[float(100 * x)] for x in self.drift_ratio] if has else [[]] * len(self.masses)
+        if not are_concrete(self) or np.ndim(self.displacement) != 1:
+            return [TextTable(f"{title} (of shape {jnp.shape(self.displacement)})")]
+        columns = {
+            f"{name.replace('_', ' ')} ({unit(quantity.kind, self.si)})": getattr(self, name)
+            for name, quantity in quantities(FloorDemands).items()
+        }
+        if self.heights and self.si:
+            columns["drift ratio (%)"] = 100 * self.drift_ratio
         rows: list[list[str | float]] = [
-            [str(i + 1), *(float(getattr(self, name)[i]) for name, _ in columns), *ratios[i]]
+            [str(i + 1), *(float(x[i]) for x in columns.values())]
             for i in reversed(range(len(self.masses)))
         ]
-        words = [f"{name.replace('_', ' ')} ({unit(kind, self.si)})" for name, kind in columns]
-        words += ["drift ratio (%)"] * has
-        return [Table(title, ("floor", *words), rows, digits=4)]
+        return [TextTable(title, ("floor", *columns), rows, digits=4)]
 
     __repr__ = Shown.__repr__  # else a dataclass makes its own
 
@@ -90,27 +85,21 @@ def floor_demands(
     found: Demand,
     buildings: Sequence[Building | ShearBuilding] | None = None,
 ) -> tuple[FloorDemands, ...]:
-    """Peak demands of each building over its height.
+    """Peak demands of each building over its height, from left to right.
+
+    A ``ValueError`` if the structures are no shear buildings, or ``found`` or ``buildings`` are not
+    theirs.
 
     Parameters
     ----------
     structures
-        ``Row``, ``Storeys``, ``AdjacentStructures``, or a ``System`` whose masses are the floors of
-        shear buildings.
+        ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures``, or a ``System`` whose masses
+        are the floors of shear buildings.
     found
         The scalars of a run or a batch of runs of these structures.
     buildings
-        The buildings of ``dimensionless_row``, from left to right: their heights make
-        ``drift_ratio`` of drifts in SI. A ``Building`` has none.
-
-    Returns
-    -------
-    One for each building, from left to right.
-
-    Raises
-    ------
-    ValueError
-        If the structures are no shear buildings, or ``found`` or ``buildings`` are other ones.
+        The buildings of ``dimensionless_row``, from left to right; by default those of
+        ``Buildings``. Their heights make ``drift_ratio`` of drifts in SI.
 
     Examples
     --------
@@ -124,64 +113,54 @@ def floor_demands(
     instance("floor_demands", "structures", structures, Structures)
     instance("floor_demands", "found", found, Demand)
     topology = structures.system().topology
-    sizes = {"masses": topology.n_masses, "rods": len(topology.rods), "links": len(topology.links)}
-    for name, n in sizes.items():
-        if (given := len(getattr(found, name))) != n:
-            rule = f"be of these structures, which have {n}"
-            raise ValueError(f"floor_demands: found has {given} {name}; it must {rule}")
-    drifting = [rod.peak_drift is not None for rod in found.rods]
-    if drifting != [is_storey(ends) for ends in topology.rods]:
-        raise ValueError(
-            "floor_demands: found must be of these structures, but is of other storeys"
-        )
-    all_floors = floors(topology)
-    sizes_of = [len(building) for building in all_floors]
-    heights: list[tuple[float, ...]] = [()] * len(all_floors)
+    for name, n in sizes_of(topology).items():
+        if (count := len(getattr(found, name))) != n:
+            rule = f"has {count} {name}; it must be of these structures, which have {n}"
+            raise InvalidInput("floor_demands", "found", "", rule)
+    if [rod.peak_drift is not None for rod in found.rods] != [*map(is_storey, topology.rods)]:
+        rule = "must be of these structures, but is of other storeys"
+        raise InvalidInput("floor_demands", "found", "", rule)
+    n_floors = [len(building) for building in floors(topology)]
+    if buildings is None and gravity_of(structures) is not None:
+        buildings = getattr(structures, "buildings", None)
+    heights: list[tuple[float, ...]] = [()] * len(n_floors)
     if buildings is not None:
-        stated = as_tuple("floor_demands", "buildings", buildings)
-        for b, building in enumerate(stated):
+        buildings = as_tuple("floor_demands", "buildings", buildings)
+        for b, building in enumerate(buildings):
             instance("floor_demands", f"buildings.{b}", building, ShearBuilding, Building)
-        if [len(storeys_of(building)) for building in stated] != sizes_of:
-            rule = f"be those of the structures, of {sizes_of} floors"
-            raise ValueError(f"floor_demands: buildings must {rule}")
-        heights = [getattr(building, "heights", ()) for building in stated]
-    return tuple(
-        _of_building(b, building, topology, found, heights[b])
-        for b, building in enumerate(all_floors)
-    )
+        if [len(storeys_of(building)) for building in buildings] != n_floors:
+            rule = f"must be those of the structures, of {n_floors} floors"
+            raise InvalidInput("floor_demands", "buildings", "", rule)
+        heights = [getattr(building, "heights", ()) for building in buildings]
+    return tuple(_of_building(b, topology, found, each) for b, each in enumerate(heights))
 
 
 def _of_building(
-    number: int,
-    building: Sequence[tuple[int, int]],
-    topology: Topology,
-    found: Demand,
-    heights: tuple[float, ...],
+    number: int, topology: Topology, demand: Demand, heights: tuple[float, ...]
 ) -> FloorDemands:
-    masses, rods = zip(*building, strict=True)
-    zero = jnp.zeros_like(jnp.asarray(found.masses[0].peak_x))
+    masses, rods = zip(*floors(topology)[number], strict=True)
+    zero = jnp.zeros_like(jnp.asarray(demand.masses[0].peak_x))
 
     def stacked(values: Sequence[Any]) -> Any:
         return jnp.stack([jnp.asarray(value) + zero for value in values], axis=-1)
 
     def contact(side: int) -> Any:
         largest = dict.fromkeys(masses, zero)
-        for link, ends in zip(found.links, topology.links, strict=True):
+        for link, ends in zip(demand.links, topology.links, strict=True):
             if link.peak_contact is not None and ends[side] in largest:
                 largest[ends[side]] = jnp.maximum(largest[ends[side]], link.peak_contact)
         return stacked(list(largest.values()))
 
+    displacements = [demand.masses[m].peak_x for m in masses]
     return FloorDemands(
         building=number,
         masses=masses,
-        displacement=stacked([found.masses[m].peak_x for m in masses]),
-        drift=stacked(
-            [found.masses[masses[0]].peak_x, *(found.rods[r].peak_drift for r in rods[1:])]
-        ),
-        acceleration=stacked([found.masses[m].peak_acceleration for m in masses]),
-        shear=stacked([found.rods[r].peak_force for r in rods]),
+        displacement=stacked(displacements),
+        drift=stacked([displacements[0], *(demand.rods[r].peak_drift for r in rods[1:])]),
+        acceleration=stacked([demand.masses[m].peak_acceleration for m in masses]),
+        shear=stacked([demand.rods[r].peak_force for r in rods]),
         contact_left=contact(1),
         contact_right=contact(0),
-        si=found.si,
+        si=demand.si,
         heights=heights,
     )

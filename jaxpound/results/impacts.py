@@ -1,12 +1,16 @@
-"""The impacts of a link in a run, one by one."""
+"""The impacts of a link in a run, one by one, and its phases of stick and slip."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import itertools
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from jaxpound._fields import pytree_dataclass, quantities, quantity
+
+if TYPE_CHECKING:
+    from jaxpound.results.response import LinkResponse
 
 MOST = 256
 """Number of impacts of a link that a response keeps."""
@@ -37,8 +41,7 @@ class Impact(NamedTuple):
 class ImpactSeries:
     """The first impacts of a link in order, as arrays of one length that end with NaN.
 
-    Fields are as in ``Impact``. They are traced and differentiated, so that a fit to measured
-    impacts can use them.
+    Fields are as in ``Impact``, and differentiable, so that a fit to measured impacts can use them.
     """
 
     time: Any = quantity("time")
@@ -55,3 +58,61 @@ class ImpactSeries:
             Impact(link=link, between=between, **{name: float(x[i]) for name, x in fields.items()})
             for i in np.flatnonzero(np.isfinite(fields["time"]))
         ]
+
+
+class Phase(NamedTuple):
+    """An interval of 'stick', 'slip right' (x1' > x2') or 'slip left', and its ends."""
+
+    kind: str
+    """'stick', 'slip right' or 'slip left'."""
+    start: float
+    """When it begins."""
+    end: float
+    """When it ends."""
+    contact: bool = False
+    """Whether the neighbours are in contact, or at rest in touch by Newton's law; to half a step
+    where they are after the impacts that ``impacts`` lists, or were from the start."""
+
+
+def phases_of(link: LinkResponse, time: Any) -> list[Phase]:
+    """Intervals of stick and slip in order, of a single valid run with these instants."""
+    time, phase = np.asarray(time), np.asarray(link.phase)
+    changes = np.flatnonzero(np.diff(phase)) + 1
+    instants = np.clip(np.asarray(link.change_time)[changes], time[0], time[-1])
+    bounds = [float(time[0]), *instants.tolist(), float(time[-1])]
+    kinds = {0: "stick", 1: "slip right", -1: "slip left"}
+    contacts, phases = _contacts(link, time), list[Phase]()
+    directions = phase[[0, *changes]].tolist()
+    for direction, ends in zip(directions, itertools.pairwise(bounds), strict=True):
+        phases += _split(Phase(kinds[direction], *ends), contacts)
+    return phases
+
+
+def _contacts(link: LinkResponse, time: np.ndarray) -> list[tuple[float, float]]:
+    """Beginnings and ends of contact: of impacts exactly, of all else to half a step."""
+    if link.impacts is None:
+        return []
+    last = float(time[-1])
+    entries = link.impacts.entries(0)
+    contacts = [(impact.time, last if np.isnan(impact.end) else impact.end) for impact in entries]
+    ends = np.clip(time[:, None] + np.array([-0.5, 0.5]) * (time[1] - time[0]), time[0], last)
+    covered = np.zeros(time.shape, bool)
+    for begin, end in contacts:
+        covered |= (begin <= ends[:, 1]) & (end >= ends[:, 0])
+    unlisted = np.pad((np.asarray(link.touching) > 0) & ~covered, 1).astype(int)
+    first, after = (np.flatnonzero(np.diff(unlisted) == 1), np.flatnonzero(np.diff(unlisted) == -1))
+    runs = zip(ends[first, 0].tolist(), ends[after - 1, 1].tolist(), strict=True)
+    return [*contacts, *runs]
+
+
+def _split(phase: Phase, contacts: list[tuple[float, float]]) -> list[Phase]:
+    """A phase cut where contact begins and ends."""
+    cuts = {t for contact in contacts for t in contact if phase.start < t < phase.end}
+    parts: list[Phase] = []
+    for start, end in itertools.pairwise([phase.start, *sorted(cuts), phase.end]):
+        touching = any(a <= (start + end) / 2 < b for a, b in contacts)
+        if parts and parts[-1].contact == touching:
+            parts[-1] = parts[-1]._replace(end=end)
+        else:
+            parts.append(Phase(phase.kind, start, end, touching))
+    return parts

@@ -1,7 +1,14 @@
-"""How it moves: the discretisation of the model, the time loop, and the runs.
+"""Simulation: the discretisation of the model, the time loop, and the runs.
 
 ``run`` has ``simulate`` and ``demand``. ``scheme`` chooses the discretisation: ``history`` and
-``rod`` of the rods, ``friction`` of the links. ``stepping`` is one step, ``scan`` the loop over
-time, ``tally`` accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI
-units.
+``rod`` of the rods, ``friction`` of the links. ``rollout`` prepares a run, ``stepping`` is one
+step, ``scan`` the loop over time, ``state`` what a step hands to the next. A link that is alone
+slides by ``coulomb`` in closed form; ``contact`` follows links that touch or share masses through
+the step by the local flow of ``events``, which ``local_flow`` makes differentiable. ``tally``
+accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI units.
+``docs/numerics.md`` has the equations.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

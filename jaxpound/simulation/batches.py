@@ -14,6 +14,7 @@ from jax.custom_batching import custom_vmap
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from jaxpound._checks import count, is_traced
+from jaxpound._errors import InvalidInput
 
 T = TypeVar("T")
 
@@ -26,6 +27,8 @@ _CPU_RUNS = 480
 
 # Longer series that all runs share, such as a record, are not copied for each run.
 _SMALL = 64
+
+_RUNS = PartitionSpec("runs")
 
 
 def use_cores(n: int | None = None) -> int:
@@ -41,22 +44,15 @@ def use_cores(n: int | None = None) -> int:
     Parameters
     ----------
     n
-        Number of cores; by default all that this process may use.
+        Number of cores, a positive whole number; by default all that this process may use.
 
     Returns
     -------
-    The number of CPU devices, ``n``.
-
-    Raises
-    ------
-    ValueError
-        If n is not a positive whole number.
-    RuntimeError
-        If JAX has started with another number of CPU devices already.
+    The number of CPU devices, ``n``; a ``RuntimeError`` if JAX has started with another already.
     """
     if n is None:
-        known = hasattr(os, "sched_getaffinity")
-        n = len(os.sched_getaffinity(0)) if known else os.cpu_count() or 1
+        has_affinity = hasattr(os, "sched_getaffinity")
+        n = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
     n = count("use_cores", "n", n)
     try:
         jax.config.update("jax_num_cpu_devices", n)
@@ -75,10 +71,9 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
 
     Memory beyond arguments and results does not grow with the batch, and a chunk that fits the
     caches is faster too. ``function`` takes and returns pytrees of arrays; every argument is
-    batched along its first axis. Chunks are spread over the devices that JAX has. They are of one
-    size, the last filled up with copies of its last run; a batch smaller than a chunk is filled up
-    to a power of two. The result compiles at its first call, and once for each size: keep it for
-    later calls.
+    batched along its first axis. Chunks are spread over the devices that JAX has, and filled up to
+    one size (a batch smaller than a chunk to a power of two). The result compiles at its first
+    call, and once for each size: keep it for later calls.
 
     Parameters
     ----------
@@ -92,14 +87,9 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
 
     Returns
     -------
-    A function of the same arguments whose results are NumPy arrays with a leading axis.
-
-    Raises
-    ------
-    ValueError
-        If chunk_size is not a positive whole number, or (when called) if the arguments are not
-        arrays with one and the same length, at least 1, if the results are not numbers, or inside
-        ``jit``, ``vmap`` or ``grad``.
+    A function of the same arguments whose results are NumPy arrays with a leading axis. It raises a
+    ``ValueError`` if the arguments are not arrays with one and the same length, at least 1, if the
+    results are not numbers, and inside ``jit``, ``vmap`` or ``grad``.
 
     Examples
     --------
@@ -111,7 +101,7 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
     [0.172, 0.26, 0.314]
     """
     if not callable(function):
-        raise ValueError(f"in_chunks: function = {function!r} must be a function")
+        raise InvalidInput("in_chunks", "function", repr(function), "must be a function")
     if chunk_size is not None:
         chunk_size = count("in_chunks", "chunk_size", chunk_size)
     run = jax.jit(jax.vmap(function))
@@ -124,8 +114,9 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
         most = chunk_size or runs_at_a_time()
         size = 1 << (n - 1).bit_length()
         if n > most:  # evenly, so that the last is not filled up with many copies
-            size = _rounded_up(even_share(n, most), 2 * _SMALLEST_SHARE * len(devices))
-        size = _rounded_up(min(size, most), len(devices))
+            unit = 2 * _SMALLEST_SHARE * len(devices)
+            size = -(-even_share(n, most) // unit) * unit
+        size = -(-min(size, most) // len(devices)) * len(devices)
         mesh = _mesh()
         results: Any = None
 
@@ -156,12 +147,8 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
 
 
 def even_share(n: int, most: int) -> int:
-    """The length of n things' fewest equal parts of at most ``most`` each, rounded up."""
+    """Length of the fewest equal parts of n items, of at most ``most`` each, rounded up."""
     return -(-n // -(-n // most))
-
-
-def _rounded_up(n: int, step: int) -> int:
-    return -(-n // step) * step
 
 
 def runs_at_a_time() -> int:
@@ -187,7 +174,7 @@ def _spread(*leaves: Any) -> list[Any]:
 
 
 def _spread_jvp(primals: Any, tangents: Any) -> Any:
-    # What is not differentiated stays so: its derivatives would be computed at every step.
+    # Else zero derivatives would be computed at every step.
     return _spread(*primals), list(tangents)
 
 
@@ -201,32 +188,27 @@ def _placed(*leaves: Any) -> list[Any]:
 
 @_placed.def_vmap
 def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
-    def given(x: Any) -> Any:
-        return jnp.broadcast_to(x, (size, *jnp.shape(x)))
-
-    own = [b or jnp.size(x) <= _SMALL for x, b in zip(leaves, batched, strict=True)]
-    rows = [given(x) if o and not b else x for x, b, o in zip(leaves, batched, own, strict=True)]
+    in_batch = [b or jnp.size(x) <= _SMALL for x, b in zip(leaves, batched, strict=True)]
+    rows = [
+        jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not is_batched else x
+        for x, is_batched, is_in in zip(leaves, batched, in_batch, strict=True)
+    ]
     mesh = _mesh_for(size)
     if mesh is None:
-        return _spread(*rows), own  # an outer vmap may still divide its own axis
+        return _spread(*rows), in_batch  # an outer vmap may still divide its own axis
     split = _split(mesh)
-    pairs = zip(rows, own, strict=True)
-    return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], own
+    pairs = zip(rows, in_batch, strict=True)
+    return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], in_batch
 
 
 def on_each_device(work: Callable[..., T], *args: Any) -> T:
-    """``work`` of the runs on each device, where a batch is spread; arrays of its length.
-
-    For work that looks at the runs of a batch together, which would make devices wait for each
-    other.
-    """
+    """``work`` of the runs on each device apart: where it looks at runs together, devices wait."""
     mesh = _mesh_for(jax.tree.leaves(args)[0].shape[0])
     if mesh is None:
         return work(*args)
-    runs = PartitionSpec("runs")
-    local = jax.shard_map(work, mesh=mesh, in_specs=runs, out_specs=runs, check_vma=False)
-    found: T = local(*args)
-    return found
+    local = jax.shard_map(work, mesh=mesh, in_specs=_RUNS, out_specs=_RUNS, check_vma=False)
+    result: T = local(*args)
+    return result
 
 
 def _mesh_for(size: int) -> Mesh | None:
@@ -249,7 +231,7 @@ def _mesh() -> Mesh | None:
 
 
 def _split(mesh: Mesh) -> NamedSharding:
-    return NamedSharding(mesh, PartitionSpec("runs"))
+    return NamedSharding(mesh, _RUNS)
 
 
 def _batch_size(args: tuple[Any, ...]) -> int:

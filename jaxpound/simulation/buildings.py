@@ -5,14 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 
 from jaxpound._checks import Range, instance, is_traced, number
+from jaxpound.buildings import Buildings, pair_of
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import excessive, tell
+from jaxpound.ground.plausibility import excessive, warn
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
@@ -22,9 +23,9 @@ from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.response import Response
-from jaxpound.simulation.run import of_links, respond
+from jaxpound.simulation.run import implausible_links, respond
 from jaxpound.simulation.scheme import Scheme, stability_limit
-from jaxpound.units import Scales, pair_of, row_of
+from jaxpound.units import Scales
 
 STEPS_PER_PERIOD = 50
 """Steps in a natural period, at least: the scheme's error in a free vibration is then below 0.1 %
@@ -52,7 +53,9 @@ def simulate_buildings(
 ) -> Response:
     """Response of two buildings with a friction damper between them to a record; all in SI units.
 
-    ``dimensionless``, ``simulate`` and ``Scales`` in one call, as in ``jaxpound simulate``.
+    ``dimensionless``, ``simulate`` and ``Scales`` in one call, as in ``jaxpound simulate``. Works
+    under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over slip force, gap, the contact law's numbers
+    and the record's samples.
 
     Parameters
     ----------
@@ -72,12 +75,10 @@ def simulate_buildings(
     dt
         Time step, s; by default the record's sample interval, or the largest 1/n of it, n whole,
         with at least 50 steps in the shorter natural period and within half of the stability limit.
-    scheme
-        The discretisation.
     gravity
         g > 0, m/s².
-    strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
+    scheme, strict
+        See ``simulate``.
 
     Returns
     -------
@@ -86,25 +87,16 @@ def simulate_buildings(
 
     Raises
     ------
-    ValueError
-        If a known value breaks its rule: dt must be positive, below the stability limit and at most
-        the record's, and the duration from 2 to 1,000,000 steps. If the contact law is of one's
-        own: the units of its numbers are not known. If buildings or sample interval are traced: the
-        time step follows from them. If ``strict``, also where there would be a warning.
-    FloatingPointError
-        If the run ends in non-finite numbers although its input was valid.
+    ValueError, FloatingPointError
+        As in ``simulate``; dt must be positive, below the stability limit and at most the record's,
+        the duration from 2 to 1,000,000 steps. Also if the contact law is of one's own, since the
+        units of its numbers are not known, or if buildings or sample interval are traced, since the
+        time step follows from them.
 
     Warns
     -----
     PlausibilityWarning
-        As ``dimensionless``; if the record has a PGA above 5 g, or the penetration is more than a
-        quarter of the displacements (peak |x1| + peak |x2|).
-        Not where slip force, gap or samples are traced.
-
-    Notes
-    -----
-    Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over slip force, gap, the numbers of the
-    contact law and the record's samples.
+        As ``dimensionless`` and ``simulate``, but not where slip force, gap or samples are traced.
 
     Examples
     --------
@@ -117,14 +109,15 @@ def simulate_buildings(
     0.061 m
     """
     owner = "simulate_buildings"
-    known = {"building_1": building_1, "building_2": building_2}
-    between = friction_force, gap
+    by_name = {"building_1": building_1, "building_2": building_2}
     _require_single(owner, friction_force=friction_force, gap=gap, gravity=gravity)
-    structures, scales = pair_of(owner, building_1, building_2, *between, gravity, contact)
+    structures, scales = pair_of(
+        owner, (building_1, building_2), friction_force, gap, contact, gravity
+    )
     # Neither damper nor gap nor contact, which may be traced, matters to the time step.
-    alone = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
-    run = _Run(owner, structures, scales, scheme, ("gap", "contact"), strict)
-    return run.under(record, known, alone, duration, dt)
+    unlinked = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
+    inputs = (owner, structures, scales, unlinked, by_name, record, ("gap", "contact"))
+    return _respond(*inputs, duration, dt, scheme, strict)
 
 
 def simulate_row(
@@ -149,16 +142,10 @@ def simulate_row(
         is to the right.
     links
         What is between their floors: friction in N, gap in m, contact laws in SI units.
-    record
-        The ground acceleration, in g and seconds, as ``read_record`` gives it.
-    duration
-        Duration of the run, s; by default the record's.
-    dt
-        Time step, s; by default the record's sample interval, or the largest 1/n of it, n whole,
-        with at least 50 steps in the shortest of the buildings' first periods and within half of
-        the stability limit, which the highest mode sets.
-    scheme, gravity, strict
-        As in ``simulate_buildings``.
+    record, duration, dt, scheme, gravity, strict
+        See ``simulate_buildings``; by default dt has at least 50 steps in the shortest of the
+        buildings' first periods, and is within half of the stability limit, which the highest mode
+        sets.
 
     Returns
     -------
@@ -167,10 +154,8 @@ def simulate_row(
 
     Raises
     ------
-    ValueError
+    ValueError, FloatingPointError
         As in ``simulate_buildings`` and ``dimensionless_row``.
-    FloatingPointError
-        If the run ends in non-finite numbers although its input was valid.
 
     Warns
     -----
@@ -191,10 +176,11 @@ def simulate_row(
     """
     owner = "simulate_row"
     _require_single(owner, gravity=gravity)
-    structures, scales = row_of(owner, buildings, links, gravity)
-    known = {f"buildings.{i}": building for i, building in enumerate(buildings)}
-    run = _Run(owner, structures, scales, scheme, None, strict)
-    return run.under(record, known, dataclasses.replace(structures, links=()), duration, dt)
+    structures, scales = Buildings.of(owner, buildings, links, gravity).dimensionless_for(owner)
+    by_name = {f"buildings.{i}": building for i, building in enumerate(buildings)}
+    unlinked = dataclasses.replace(structures, links=())
+    inputs = (owner, structures, scales, unlinked, by_name, record, None)
+    return _respond(*inputs, duration, dt, scheme, strict)
 
 
 def _require_single(owner: str, **values: Any) -> None:
@@ -205,70 +191,56 @@ def _require_single(owner: str, **values: Any) -> None:
             raise ValueError(f"{owner}: {name} of shape {shape} {rule}")
 
 
-class _Run(NamedTuple):
-    """A run of structures in SI units for the function ``owner``."""
-
-    owner: str
-    structures: AdjacentStructures | Row
-    scales: Scales
-    scheme: Scheme
-    alone: tuple[str, str] | None
-    strict: bool
-
-    def under(
-        self,
-        record: Record,
-        known: Mapping[str, Building | ShearBuilding],
-        unlinked: AdjacentStructures | Row,
-        duration: float | None,
-        dt: float | None,
-    ) -> Response:
-        """The response to a record; buildings must be ``known``, by name, for the time step."""
-        owner, scales = self.owner, self.scales
-        instance(owner, "record", record, Record)
-        instance(owner, "scheme", self.scheme, Scheme)
-        if is_traced((tuple(known.values()), record.dt)):
-            rule = (
-                "must be known, since the time step follows from them; simulate takes traced ones"
-            )
-            raise ValueError(f"{owner}: buildings and record.dt {rule}")
-        for name, building in known.items():
-            if shape := np.broadcast_shapes(*map(np.shape, jax.tree.leaves(building))):
-                raise ValueError(
-                    f"{owner}: {name} of shape {shape} must be one building, not a batch"
-                )
-        shaking = scales.to_dimensionless(record)
-        findings = doubts(self.structures, scales) + too_wide(self.structures, scales)
-        tell(owner, findings, self.strict)
-        with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
-            grid = record_grid(f"{owner}:", unlinked, scales, self.scheme, record, duration, dt)
-        response = respond(owner, self.structures, shaking, grid, self.scheme, self.strict)
-        in_si = scales.to_si(response)
-        findings = excessive(record, response.demand.pga, "record")
-        links = [
-            dataclasses.replace(link, gap=link.gap * scales.length)
-            for link in self.structures.system().links
-        ]
-        findings += of_links(links, in_si.demand, self.alone, gaps=False)
-        tell(owner, findings, self.strict)
-        return in_si
+def _respond(
+    owner: str,
+    structures: AdjacentStructures | Row,
+    scales: Scales,
+    unlinked: AdjacentStructures | Row,
+    buildings: Mapping[str, Building | ShearBuilding],
+    record: Record,
+    single_link_names: tuple[str, str] | None,
+    duration: float | None,
+    dt: float | None,
+    scheme: Scheme,
+    strict: bool,
+) -> Response:
+    """The response to a record; buildings, by name, must be known for the time step."""
+    instance(owner, "record", record, Record)
+    instance(owner, "scheme", scheme, Scheme)
+    if is_traced((tuple(buildings.values()), record.dt)):
+        rule = "must be known, since the time step follows from them; simulate takes traced ones"
+        raise ValueError(f"{owner}: buildings and record.dt {rule}")
+    for name, building in buildings.items():
+        if shape := np.broadcast_shapes(*map(np.shape, jax.tree.leaves(building))):
+            raise ValueError(f"{owner}: {name} of shape {shape} must be one building, not a batch")
+    shaking = scales.to_dimensionless(record)
+    warn(owner, doubts(structures, scales) + too_wide(structures, scales), strict)
+    with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
+        grid = record_grid(f"{owner}:", unlinked, scales, scheme, record, duration, dt)
+    response = respond(owner, structures, shaking, grid, scheme, strict)
+    in_si = scales.to_si(response)
+    links = [
+        dataclasses.replace(link, gap=link.gap * scales.length)
+        for link in structures.system().links
+    ]
+    findings = excessive(record, response.demand.pga, "record")
+    findings += implausible_links(links, in_si.demand, single_link_names, gaps=False)
+    warn(owner, findings, strict)
+    return in_si
 
 
 def record_grid(
     place: str,
-    structures: AdjacentStructures | Row,
+    structures: AdjacentStructures | Row | Buildings,
     scales: Scales,
     scheme: Scheme,
     record: Record,
     duration: float | None = None,
     dt: float | None = None,
 ) -> TimeGrid:
-    """The dimensionless time grid of a run under a record; duration and dt in s if they are given.
+    """The dimensionless time grid of a run under a record; duration and dt are in s.
 
-    Raises
-    ------
-    ValueError
-        If dt or duration breaks its rule; ``place`` is what the message starts with.
+    A ``ValueError`` if one of them breaks its rule, whose message starts with ``place``.
     """
     own = float(record.dt)
     limit = stability_limit(structures, scheme) * float(scales.time)
@@ -287,7 +259,9 @@ def record_grid(
     return time_grid(place, scales, whole, dt)
 
 
-def natural_periods(structures: AdjacentStructures | Row, scales: Scales) -> list[float]:
+def natural_periods(
+    structures: AdjacentStructures | Row | Buildings, scales: Scales
+) -> list[float]:
     """Natural period of the first mode of each building, uncoupled, s."""
     return [2 * math.pi / float(w) * float(scales.time) for w in structures.natural_frequencies]
 

@@ -16,7 +16,7 @@ from jaxpound._extrema import larger, smaller
 
 
 class SlipStick(NamedTuple):
-    """A step of a link with Coulomb friction; see ``LinkMotion`` for what is named alike."""
+    """A step of a link with Coulomb friction; see ``LinkMotion`` for fields of the same name."""
 
     velocity: jax.Array  # w at t_m + h/2
     resistance: jax.Array  # R q at t_m
@@ -25,14 +25,14 @@ class SlipStick(NamedTuple):
     turns: jax.Array  # 1 or 0
     turn_time: jax.Array
     turn: jax.Array
-    before: jax.Array  # R q before it, and after it
+    before: jax.Array  # R q just before the turn, and just after it
     after: jax.Array
     phase: jax.Array
     change_time: jax.Array
 
 
 class _Events(NamedTuple):
-    """What happens within a step, in the direction ``way`` of slip before it."""
+    """Events within a step, in the direction ``way`` of slip before it."""
 
     way: jax.Array
     speed: jax.Array  # |w| / h
@@ -63,7 +63,7 @@ class _Events(NamedTuple):
 
     @property
     def opposed(self) -> Any:
-        """Time in which friction has opposed the slip before, until t_m, less that of the other."""
+        """Time until t_m in which friction opposed the first slip, less the time after its turn."""
         return smaller(self.theta, 0.5) + self.after * larger(0.5 - self.theta, 0.0)
 
     @property
@@ -109,29 +109,9 @@ def _events(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Events:
     slipping = theta >= 0.5
     # A reversal that gains no velocity leaves the link in stick, with the force that holds it.
     rests = (sticks & (left <= 0.5)) | (stops & (gained == 0))
-    return _Events(
-        way,
-        speed,
-        a,
-        d,
-        hold,
-        slips_first,
-        drive,
-        solves,
-        moves,
-        root,
-        theta,
-        stops,
-        sticks,
-        breaks,
-        a_stop,
-        a_rest,
-        left,
-        after,
-        gained,
-        slipping,
-        ~slipping & rests,
-    )
+    until_stop = way, speed, a, d, hold, slips_first, drive, solves, moves, root, theta
+    from_stop = stops, sticks, breaks, a_stop, a_rest, left, after, gained
+    return _Events(*until_stop, *from_stop, slipping, ~slipping & rests)
 
 
 def _outcome(e: _Events, h: Any) -> SlipStick:
@@ -171,15 +151,12 @@ def _velocities_now(e: _Events, w_new: Any, h: Any) -> tuple[Any, Any]:
 def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
     """R q of a link in stick that is pulled by a."""
     # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost. Nor a minimum
-    # of |a|: nothing may be pulled at all, as between structures that move alike.
+    # of |a|: the pull may be zero, as between structures with the same motion.
     return jnp.where(jnp.abs(a) < hold, a, jnp.sign(a) * hold)
 
 
 def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> SlipStick:
-    """Derivatives of the outcome along (w, pull, rise, hold), by case.
-
-    Automatic differentiation of the formulas gives the same, by several times as many operations.
-    """
+    """Derivatives along (w, pull, rise, hold), in fewer operations than by differentiation."""
     d_speed, d_a, d_d = (e.way * tangent for tangent in tangents[:3])
     d_speed, d_hold = d_speed / h, tangents[3]
     theta, after, d, late = e.theta, e.after, e.d, e.late

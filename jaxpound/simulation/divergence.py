@@ -1,4 +1,4 @@
-"""How sure a run with impacts is: the growth of a small change of its gaps."""
+"""Growth of a small change of the gaps: the finite-time sensitivity of a run with impacts."""
 
 from __future__ import annotations
 
@@ -8,19 +8,22 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._checks import instance, positive
+from jaxpound._checks import instance, is_traced, positive
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import pytree_dataclass, quantity
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
+from jaxpound.ground.plausibility import warn
+from jaxpound.ground.run_input import as_run, sampled
 from jaxpound.model import parameters
-from jaxpound.model.system import Structures
+from jaxpound.model.system import Structures, gravity_of
 from jaxpound.simulation.run import simulate
-from jaxpound.simulation.scheme import Scheme, require_stable, system_of
+from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
 
 
 @pytree_dataclass
 class Growth:
-    """By how much a run magnifies a small change of its gaps; dimensionless, as the run."""
+    """Factor by which a run magnifies a small change of its gaps; dimensionless, as the run."""
 
     time: Any = quantity("time")
     """Instants t of the grid, shape (n_steps+1,)."""
@@ -35,24 +38,17 @@ class Growth:
         return self.factor[..., -1]
 
     def horizon(self, uncertainty: Any, share: Any = 0.1) -> Any:
-        """Until when the trajectory means something; infinite if it does so until the end.
+        """Time until which the trajectory is predictable; infinite if it is so until the end.
+
+        It is the first instant at which the factor times the uncertainty exceeds the share.
 
         Parameters
         ----------
         uncertainty
-            What the gaps, and so the closing at the first impact, are known to, > 0, in units of
-            g/ω1²: of the structure, of the ground motion, or of the scheme.
+            Uncertainty of the gaps, and so of the closing at the first impact, > 0, in units of
+            g/ω1²: that of the structure, of the ground motion, or of the scheme.
         share
             The error that the state may have, > 0, as a share of the motion's size.
-
-        Returns
-        -------
-        The first instant at which the factor times the uncertainty exceeds that share.
-
-        Raises
-        ------
-        ValueError
-            If uncertainty or share is known and not positive.
         """
         uncertainty, share = positive("horizon", uncertainty=uncertainty, share=share)
         lost = self.factor * uncertainty > share * self.motion
@@ -66,22 +62,23 @@ def growth(
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
 ) -> Growth:
-    """By how much a run with impacts magnifies a small change of the gaps, at every instant.
+    """Factor by which a run with impacts magnifies a small change of its gaps, at every instant.
 
     The factor is the largest singular value of the derivative of the state, that is the
     displacements and velocities of all masses, by the gaps at rest of all links with a law of
     contact; for a single link the norm of one column. A gap acts by shifting the first impact, as
     does any other small error before it. From impact to impact the change is magnified: for a
-    chaotic motion exponentially in the mean, and a trajectory and its derivatives, exact as they
-    are, tell nothing of a real structure after ``horizon``. Statistics of many runs still do (see
-    the page on chaos).
+    chaotic motion exponentially in the mean, and a trajectory and its derivatives say nothing about
+    a real structure after ``horizon``. Statistics of many runs still do (see the page on chaos).
 
-    The derivative is found by forward mode in one run; it costs a few runs, and their memory.
+    Forward mode finds the derivative in one run, which costs a few runs and their memory. Works
+    under ``jit`` and ``vmap``; an invalid run, which cannot raise there, gives NaN, as does one
+    that ends in non-finite numbers.
 
     Parameters
     ----------
     structures, ground, grid, scheme
-        As of ``simulate``; at least one link must have a law of contact.
+        See ``simulate``; at least one link must have a law of contact.
 
     Returns
     -------
@@ -93,30 +90,36 @@ def growth(
     ValueError
         As ``simulate``, and if no link has a law of contact.
 
-    Notes
+    Warns
     -----
-    Works under ``jit`` and ``vmap``. An invalid run, which cannot raise there, gives NaN; so does
-    one that ends in non-finite numbers.
+    PlausibilityWarning
+        If contact is run in single precision.
 
     Examples
     --------
     >>> structures = replace(jp.paper.structures(), initial_gap=0.3, contact=jp.Newton(0.65))
-    >>> found = jp.growth(structures, jp.paper.ground(), jp.TimeGrid.until(8.0, dt=0.05))
-    >>> 0.1 < float(found.end) < 10
+    >>> growth = jp.growth(structures, jp.paper.ground(), jp.TimeGrid.until(8.0, dt=0.05))
+    >>> 0.1 < float(growth.end) < 10
     True
     """
-    system = system_of("growth", structures)
+    system = single_system("growth", structures)
     touching = [k for k, link in enumerate(system.links) if link.contact is not None]
     if not touching:
-        raise ValueError("growth: structures must have a link with a law of contact")
+        raise InvalidInput("growth", "structures", "", "must have a link with a law of contact")
     instance("growth", "grid", grid, TimeGrid)
     instance("growth", "scheme", scheme, Scheme)
-    require_stable(system, grid, scheme)  # which the run, whose gaps are traced, cannot
+    # The run, whose gaps are traced, cannot check it.
+    require_stable(structures, system, grid, scheme)
+    shaking = as_run(ground, scheme.finest(grid), gravity_of(structures))
+    if gravity_of(structures) is not None:  # the system below knows no unit of time
+        shaking = sampled(shaking, scheme.finest(grid))
+    if not is_traced((system, shaking)):
+        warn("growth", imprecise(system, shaking), strict=False)
     paths = [f"links.{k}.gap" for k in touching]
 
     def state(gaps: list[Any]) -> Any:
         changed = parameters.put(system, dict(zip(paths, gaps, strict=True)))
-        run = simulate(changed, ground, grid, scheme)
+        run = simulate(changed, shaking, grid, scheme)
         series = [mass.x for mass in run.masses] + [mass.v for mass in run.masses]
         along = jnp.stack(series, -1)
         return along, (run.time, along)

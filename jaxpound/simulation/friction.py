@@ -15,12 +15,13 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._checks import Rule, enforce, is_traced, number
+from jaxpound._checks import is_traced, positive_number
+from jaxpound._errors import InvalidInput
 from jaxpound.simulation.coulomb import slip_stick
 
 
 class LinkStep(NamedTuple):
-    """What a friction law is given for a step, from t_m − h/2 to t_m + h/2."""
+    """Inputs of a friction law for a step from t_m − h/2 to t_m + h/2."""
 
     velocity: jax.Array  # w at t_m − h/2
     phase: jax.Array  # direction of slip before the step, 0 in stick
@@ -36,7 +37,7 @@ class LinkMotion(NamedTuple):
 
     ``jump`` is the part of x_i − x_j that the drift from t_m to t_{m+1} misses because friction
     changed within the step. ``turns`` says whether w vanished in the step, ``turn_time`` when
-    (after t_m) and ``turn`` by how much x_i − x_j differs there from its value at t_m. ``phase`` is
+    (after t_m) and ``turn`` the difference of x_i − x_j there from its value at t_m. ``phase`` is
     the direction of slip after the step, 0 in stick; ``change_time`` is when that phase began
     (after t_m).
     """
@@ -53,6 +54,13 @@ class LinkMotion(NamedTuple):
     phase: jax.Array
     change_time: jax.Array
     contact: Any = None  # a ``ContactMotion`` of a link that may touch
+
+    @property
+    def total_force(self) -> jax.Array:
+        """The force q + p at t_m."""
+        if self.contact is None:
+            return self.force
+        return self.force + self.contact.result.now.contact
 
 
 @runtime_checkable
@@ -73,9 +81,8 @@ class EventResolved:
     The step is slip until θ, stick until φ, slip until its end; θ = 1 is a step without event, θ <
     φ < 1 a stop with a breakaway after it, θ = φ a reversal. All three follow in closed form from
     the linear A(τ). Value and gradient of a run are second-order accurate in h, in the root mean
-    square over where events fall within a step. More events than these in one step, such as a
-    breakaway that turns back within it, are not followed, so that phases shorter than a step may be
-    missed; the force stays within ±μ all the same.
+    square over where events fall within a step. More events than these in one step are not
+    resolved, so that phases shorter than a step may be missed; the force stays within ±μ.
     """
 
     set_valued: ClassVar[bool] = True
@@ -147,18 +154,12 @@ class Smoothed:
 
     The gradient tends to that of ``EventResolved`` as v_s falls, if steps resolve it: a v_s that
     steps jump over spoils the gradient, much more than the value. Take at least h/2 times the
-    largest relative acceleration, half of ``abs(diff(v1 - v2)).max()`` of a run, and shorten the
-    step to go narrower (``benchmarks/gradients.py``).
+    largest relative acceleration, half of ``abs(diff(v1 - v2)).max()`` of a run.
 
     Parameters
     ----------
     velocity
         v_s > 0, the slip velocity at which friction reaches 76 % of μ, in units of g/ω1.
-
-    Raises
-    ------
-    ValueError
-        If velocity is not positive and finite.
     """
 
     velocity: float
@@ -166,10 +167,9 @@ class Smoothed:
 
     def __post_init__(self) -> None:
         if is_traced(self.velocity):
-            raise ValueError("Smoothed: velocity shapes the program and cannot be traced")
-        velocity = number("Smoothed", "velocity", self.velocity)
-        rule = Rule("velocity", velocity, 0 < velocity < float("inf"), "positive and finite")
-        enforce("Smoothed", [rule])
+            rule = "shapes the program and cannot be traced"
+            raise InvalidInput("Smoothed", "velocity", "", rule)
+        (velocity,) = positive_number("Smoothed", velocity=self.velocity)
         object.__setattr__(self, "velocity", float(velocity))
 
     def slide(self, before: LinkStep) -> LinkMotion:

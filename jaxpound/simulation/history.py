@@ -1,14 +1,14 @@
 """Grünwald–Letnikov weights (paper, eq. 11) and the history sums S_m = Σ_{j≥1} ω_j c_{m−j}.
 
 The full sum is the reference; the modal sum replaces the weights by a short sum of exponentials,
-with an error bound that is known before a run.
+with an error bound before a run.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -18,6 +18,7 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, number
+from jaxpound._errors import InvalidInput
 
 
 def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... {n}+1"]:
@@ -41,7 +42,7 @@ NEAR = 2 * BLOCK - 1  # the longest lag within the two
 
 
 @runtime_checkable
-class History(Protocol):
+class HistorySum(Protocol):
     """How the history sum S_m = Σ_{j≥1} ω_j c_{m−j} is computed, by blocks of steps.
 
     The block that starts at step m0 sums c_{m0−BLOCK}, c_{m0−BLOCK+1}, … term by term; all older c
@@ -102,7 +103,7 @@ class FullHistory:
 _GROUP = 16
 
 
-class _Modes(NamedTuple):
+class _ModeGroup(NamedTuple):
     weight: jax.Array  # W_k, with ω_j ≈ Σ_k W_k s_k^{j−BLOCK−1} for j > BLOCK
     decay: jax.Array  # s_k over a block
     ahead: jax.Array  # s_k^i, shape (modes, BLOCK)
@@ -119,15 +120,10 @@ class ModalHistory:
     Parameters
     ----------
     modes
-        Number of exponentials; None chooses the smallest that keeps both numbers of
+        Number of exponentials, from 1 to 48; None chooses the smallest that keeps both numbers of
         ``error_bounds`` below ``tolerance`` for every order in (0, 1] over the steps of the run.
     tolerance
-        Largest Σ_j |Δω_j|, and largest Σ_j |dΔω_j/dγ|, allowed when ``modes`` is None.
-
-    Raises
-    ------
-    ValueError
-        If modes is not a positive whole number or tolerance not in [1e-9, 1).
+        Largest Σ_j |Δω_j|, and largest Σ_j |dΔω_j/dγ|, allowed when modes is None; in [1e-9, 1).
 
     Examples
     --------
@@ -164,7 +160,7 @@ class ModalHistory:
         value, slope = _weight_errors(np.array([order]), n_steps, self.n_modes(n_steps), j)
         return float(value.sum()), float(slope.sum())
 
-    def kernel(self, order: jax.Array, n_steps: int) -> list[_Modes]:
+    def kernel(self, order: jax.Array, n_steps: int) -> list[_ModeGroup]:
         """Exponents and weights for a run of ``n_steps`` steps; differentiable in the order."""
         decay, fit = _modes(n_steps, self.n_modes(n_steps))
         widest = jax.dtypes.canonicalize_dtype(float)
@@ -176,24 +172,24 @@ class ModalHistory:
         weight = weight.astype(order.dtype)
         groups = np.array_split(np.arange(decay.size), -(-decay.size // _GROUP))
         parts = [slice(group[0], group[-1] + 1) for group in groups]
-        return [_Modes(weight[k], far[k], ahead[k], absorb[k].T) for k in parts]
+        return [_ModeGroup(weight[k], far[k], ahead[k], absorb[k].T) for k in parts]
 
-    def near(self, kernel: list[_Modes], order: jax.Array) -> jax.Array:
+    def near(self, kernel: list[_ModeGroup], order: jax.Array) -> jax.Array:
         """The first weights exact, the others from the modes, as in later blocks."""
         parts = [m.weight @ m.ahead[:, : NEAR - BLOCK] for m in kernel]
         return jnp.concatenate([gl_weights(order, BLOCK)[1:], sum(parts[1:], parts[0])])
 
-    def empty(self, kernel: list[_Modes]) -> list[jax.Array]:
+    def empty(self, kernel: list[_ModeGroup]) -> list[jax.Array]:
         """The modes y_k = Σ_{j>BLOCK} s_k^{j−BLOCK−1} c_{m0−j}."""
         return [jnp.zeros_like(modes.weight) for modes in kernel]
 
-    def ahead(self, kernel: list[_Modes], memory: list[jax.Array], start: jax.Array) -> jax.Array:
+    def ahead(self, kernel: list[_ModeGroup], memory: list[Any], start: jax.Array) -> jax.Array:
         """Σ_k W_k s_k^i y_k for i = 0 … BLOCK − 1."""
         parts = [(m.weight * y) @ m.ahead for m, y in zip(kernel, memory, strict=True)]
         return sum(parts[1:], parts[0])
 
     def absorb(
-        self, kernel: list[_Modes], memory: list[jax.Array], start: jax.Array, c: jax.Array
+        self, kernel: list[_ModeGroup], memory: list[jax.Array], start: jax.Array, c: jax.Array
     ) -> list[jax.Array]:
         """Let the modes decay over a block, and add its c."""
         return [m.decay * y + c @ m.absorb for m, y in zip(kernel, memory, strict=True)]
@@ -204,6 +200,7 @@ class ModalHistory:
 # for j > BLOCK only, where the weights are smooth in j.
 _LOG_STEP = 0.125
 _MOST_MODES = 48
+_HORIZON = 2.0  # of the Gramian: decay that is slower than the run need not be resolved
 
 
 @lru_cache(maxsize=256)
@@ -224,14 +221,9 @@ def _spectrum(order: Any, n_steps: int, xp: Any) -> Any:
 @lru_cache(maxsize=256)
 def _principal_directions(n_steps: int) -> np.ndarray:
     """Eigenvectors of the dense sum's Gramian at γ = 1/2, the most important last."""
-    u = _decay_rates(n_steps)
+    u, shift = _decay_rates(n_steps), _HORIZON / n_steps
     b = np.sqrt(-_spectrum(0.5, n_steps, np))
-    return np.linalg.eigh(np.outer(b, b) / -np.expm1(-(u[:, None] + u) - 2 * _shift(n_steps)))[1]
-
-
-def _shift(n_steps: int) -> float:
-    """Finite horizon of the Gramian: decay that is slower than the run need not be resolved."""
-    return 2.0 / n_steps
+    return np.linalg.eigh(np.outer(b, b) / -np.expm1(-(u[:, None] + u) - 2 * shift))[1]
 
 
 def _lags(n_steps: int, count: int) -> np.ndarray:
@@ -243,10 +235,10 @@ def _lags(n_steps: int, count: int) -> np.ndarray:
 @lru_cache(maxsize=256)
 def _modes(n_steps: int, modes: int) -> tuple[np.ndarray, np.ndarray]:
     """Exponents s (K,) and the map (K, dense) from dense to modal weights, for any order."""
-    u = _decay_rates(n_steps)
+    u, shift = _decay_rates(n_steps), _HORIZON / n_steps
     leading = _principal_directions(n_steps)[:, -modes:]
-    reduced = leading.T @ (np.exp(-u - _shift(n_steps))[:, None] * leading)
-    decay = np.minimum(np.linalg.eigvalsh(reduced) * np.exp(_shift(n_steps)), 1.0)
+    reduced = leading.T @ (np.exp(-u - shift)[:, None] * leading)
+    decay = np.minimum(np.linalg.eigvalsh(reduced) * np.exp(shift), 1.0)
 
     j = _lags(n_steps, 400)
     importance = j * np.sqrt(np.gradient(j.astype(float)) / j)
@@ -258,7 +250,7 @@ def _modes(n_steps: int, modes: int) -> tuple[np.ndarray, np.ndarray]:
 def _weight_errors(
     orders: np.ndarray, n_steps: int, modes: int, j: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """|Δω_j| and |dΔω_j/dγ| at the given j > BLOCK, for each order: shape (j, orders) each."""
+    """|Δω_j| and |dΔω_j/dγ| at lags j > BLOCK, for each order: shape (j, orders) each."""
     decay, fit = _modes(n_steps, modes)
     step = 1e-30  # complex step: the derivative without any cancellation
     shifted = orders + 1j * step
@@ -275,23 +267,20 @@ def _modes_for(n_steps: int, tolerance: float) -> int:
     j = _lags(n_steps, 4000)
     spacing = np.gradient(j.astype(float))
 
+    @cache
     def enough(modes: int) -> bool:
         errors = _weight_errors(orders, n_steps, modes, j)
         return all(bool((spacing @ error <= 0.98 * tolerance).all()) for error in errors)
 
-    # Every count that is tried takes a fit: from one that is right within one or two on.
+    # Every trial takes a fit: start from a count that is right to within one or two.
     digits, log_steps = -math.log10(tolerance), math.log(n_steps)
     guess = round(-2.4 + 1.27 * log_steps + (0.29 + 0.227 * log_steps) * digits)
     modes = min(max(guess, 1), _MOST_MODES)
-    if enough(modes):
-        while modes > 1 and enough(modes - 1):
-            modes -= 1
-        return modes
-    while modes < _MOST_MODES:
+    while not enough(modes):
+        if modes == _MOST_MODES:
+            rule = f"cannot be kept over n_steps = {n_steps} with {_MOST_MODES} modes"
+            raise InvalidInput("ModalHistory", "tolerance", str(tolerance), rule)
         modes += 1
-        if enough(modes):
-            return modes
-    raise ValueError(
-        f"ModalHistory: tolerance = {tolerance} cannot be kept over n_steps = {n_steps} "
-        f"with {_MOST_MODES} modes"
-    )
+    while modes > 1 and enough(modes - 1):  # of a guess that was too many
+        modes -= 1
+    return modes

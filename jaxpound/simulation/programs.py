@@ -1,4 +1,4 @@
-"""Compiled programs: kept from one process to the next, and told of where compiling takes long."""
+"""Compiled programs: kept from one process to the next; a note where compiling takes long."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LARGEST = 1 << 30  # bytes, above which those used longest ago are removed
 _WORTH_KEEPING = 0.3  # s of compilation
 _ENTRY = re.compile(r".+-[0-9a-f]{64}-(cache|atime)")  # the files of JAX
 _MARK = "looked-through"  # an empty file, as old as the last look at the entries
-_ZSTANDARD = b"\x28\xb5\x2f\xfd"  # how what is compressed by it begins
+_ZSTANDARD = b"\x28\xb5\x2f\xfd"  # first bytes of what it compresses
 
 AFTER = 10.0
 """Seconds of a compilation until the note."""
@@ -44,16 +44,16 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     ``jax_persistent_cache_min_compile_time_secs`` of ``jax.config``.
 
     Programs are in the sub-folder ``jaxpound/programs``. Above 1 GiB those used longest ago are
-    removed, damaged ones at the next call; no other file ever is. Whoever may write to the folder
-    could make you execute any code: the sub-folders are made for you alone, and the folder, those
-    above it and these are refused if they belong to somebody else or others may write to them.
+    removed, damaged ones at the next call; no other file ever is. Whoever can write to the folder
+    can make you execute any code: it is refused if it, or one above it, belongs to somebody else or
+    others may write to it.
 
     Parameters
     ----------
     folder
         Folder for caches; made if it does not exist. By default that of the environment variable
         ``JAXPOUND_CACHE``, which "off" switches off, or else the user's (``~/.cache`` on Linux);
-        nothing is changed then if JAX has a folder of its own (``JAX_COMPILATION_CACHE_DIR``).
+        then nothing changes if JAX already has a folder (``JAX_COMPILATION_CACHE_DIR``).
 
     Returns
     -------
@@ -62,8 +62,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     Warns
     -----
     UserWarning
-        If a folder is refused, or the one that was asked for cannot be made or written to: no
-        programs are kept.
+        If a folder is refused, or the requested one cannot be made or written to.
 
     Examples
     --------
@@ -84,8 +83,8 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
         _look_through(programs)
     except (OSError, RuntimeError, _RefusedError) as error:  # RuntimeError: a user without a home
         if chosen or isinstance(error, _RefusedError):
-            said = f"keep_programs: {error}; compiled programs are not kept"
-            warnings.warn(said, stacklevel=2)
+            message = f"keep_programs: {error}; compiled programs are not kept"
+            warnings.warn(message, stacklevel=2)
         return None
     jax.config.update("jax_compilation_cache_dir", str(programs))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING)
@@ -99,52 +98,41 @@ class _RefusedError(Exception):
 
 
 def _private(caches: Path) -> Path:
-    """The folder for programs in one for caches, made if needed.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made or written to.
-    _RefusedError
-        If somebody else could put programs there.
-    """
+    """The folder for programs in one for caches, made if needed; refused if others may write."""
     caches.mkdir(mode=0o700, parents=True, exist_ok=True)
     caches = caches.resolve()
-    ours = caches / "jaxpound"
-    programs = ours / "programs"
-    for folder in (ours, programs):
+    package_folder = caches / "jaxpound"
+    programs = package_folder / "programs"
+    for folder in (package_folder, programs):
         folder.mkdir(mode=0o700, exist_ok=True)
     if hasattr(os, "getuid"):
         user, root = os.getuid(), 0
         for folder in (caches, *caches.parents):
             _require_private(folder, {user, root}, allowed=stat.S_ISVTX)
-        for folder in (ours, programs):
+        for folder in (package_folder, programs):
             _require_private(folder, {user}, first="empty it, then ")
     return programs
 
 
 def _require_private(folder: Path, owners: set[int], allowed: int = 0, first: str = "") -> None:
-    """Refuse a folder of others, or that others may write to unless a bit of its mode forbids it.
+    """Refuse a folder of others, or that others may write to unless its mode has the bit allowed.
 
-    That bit is the sticky one, as ``/tmp`` has it: nobody replaces the folders of others there.
-    The message says what to do, and what must be done ``first``.
+    That is the sticky one, as ``/tmp`` has it: nobody replaces the folders of others there. The
+    message says what to do, and what must be done ``first``.
     """
     status = folder.lstat()
-    shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not status.st_mode & allowed
-    theirs = status.st_uid not in owners or not stat.S_ISDIR(status.st_mode)
-    if theirs or shared:
+    is_shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not status.st_mode & allowed
+    is_foreign = status.st_uid not in owners or not stat.S_ISDIR(status.st_mode)
+    if is_foreign or is_shared:
         rule = "must be a folder of yours that nobody else may write to: what is in it is executed"
         remedy = f"{first}run chmod go-w {shlex.quote(str(folder))}"
-        if theirs:
+        if is_foreign:
             remedy = f"name another folder by {VARIABLE}"
         raise _RefusedError(f"{folder} {rule}; {remedy}")
 
 
 def _look_through(programs: Path) -> None:
-    """Remove damaged entries, of those written since the last look, and make room for new ones.
-
-    JAX itself replaces no entry, and warns of a damaged one in every process.
-    """
+    """Remove damaged entries, of which JAX warns in every process, and make room for new ones."""
     mark = programs / _MARK
     last = mark.stat().st_mtime if mark.exists() else 0.0
     mark.touch()
@@ -166,10 +154,7 @@ def _look_through(programs: Path) -> None:
 
 
 def _is_damaged(path: Path) -> bool:
-    """Whether a compressed entry cannot be read, as one that a killed process has begun to write.
-
-    One that is compressed by a library which is not here is that of another process.
-    """
+    """Whether a compressed entry cannot be read: a killed process may have begun to write it."""
     if path.name.endswith("-atime"):
         return False
     entry = path.read_bytes()
@@ -184,7 +169,7 @@ def _is_damaged(path: Path) -> bool:
             import zstandard
 
             zstandard.ZstdDecompressor().decompress(entry)
-    except ImportError:
+    except ImportError:  # of another process
         return False
     except Exception:  # each library has its own
         return True
@@ -208,21 +193,18 @@ _notes: dict[int, threading.Timer] = {}  # by the thread that compiles
 
 @cache
 def note_long_compilations() -> None:
-    """From now on say in one line that a program is compiled, if that takes ``AFTER`` seconds.
-
-    By the logger "jaxpound", as a warning: what nobody hears of otherwise.
-    """
+    """From now on warn by the logger "jaxpound" if compiling a program takes ``AFTER`` seconds."""
     jax.monitoring.register_scalar_listener(_begin)
     jax.monitoring.register_event_duration_secs_listener(_finish)
 
 
 def _begin(event: str, value: float, **_: Any) -> None:
     if event == _COMPILING and threading.get_ident() not in _notes:
-        said = (
-            f"jaxpound: compiling a program, for {AFTER:g} s so far; it is done once in a process"
+        message = (
+            f"jaxpound: compiling a program, for {AFTER:g} s so far; it is done once in a process, "
+            "or once for all processes after jaxpound.keep_programs()"
         )
-        more = f"{said}, or once for all processes after jaxpound.keep_programs()"
-        note = _notes[threading.get_ident()] = threading.Timer(AFTER, _log.warning, [more])
+        note = _notes[threading.get_ident()] = threading.Timer(AFTER, _log.warning, [message])
         note.daemon = True
         note.start()
 

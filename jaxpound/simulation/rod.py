@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, real
 from jaxpound.model.rod import ZenerRod
-from jaxpound.simulation.history import History, ModalHistory
+from jaxpound.simulation.history import HistorySum, ModalHistory
 from jaxpound.simulation.scan import scan_with_history
 
 
@@ -35,7 +35,7 @@ class RodLaw(NamedTuple):
 
 
 def rod_law(rod: ZenerRod, modulus: ArrayLike, dt: float, order: int) -> RodLaw:
-    """The rod as the scheme of the given order sees it at step ``dt``.
+    """The rod in the scheme of this order, at step ``dt``.
 
     Order 1 is the paper's eq. (10). Order 2 puts the whole Zener law at t_m − γh/2, where the
     Grünwald–Letnikov sum is second-order accurate.
@@ -79,9 +79,12 @@ def rod_force(
     *,
     stiffness: ArrayLike = 1.0,
     order: int = 2,
-    history: History | None = None,
+    history: HistorySum | None = None,
 ) -> Float[Array, " time"]:
-    """Force of a rod that follows a given displacement from rest.
+    """Force f_0, f_1, …, shape (n,), of a rod under a prescribed displacement, from rest.
+
+    Where the displacement jumps, order 2 needs the mean of both sides as the sample: for x = 1 from
+    t = 0 on, x_0 = 1/2. An argument that breaks its rule is a ``ValueError``.
 
     Parameters
     ----------
@@ -90,27 +93,13 @@ def rod_force(
     displacement
         Samples x_0, x_1, … at interval ``dt``, shape (n,), n ≥ 3.
     dt
-        Sample interval, in the unit of time of the rod's relaxation times.
+        Sample interval > 0, in the unit of time of the rod's relaxation times.
     stiffness
         K, in the unit of force per unit of displacement.
     order
         Order of accuracy in dt, 1 (paper, eq. 10) or 2.
     history
         ``ModalHistory()`` by default.
-
-    Returns
-    -------
-    f_0, f_1, …, shape (n,).
-
-    Raises
-    ------
-    ValueError
-        If an argument breaks its rule.
-
-    Notes
-    -----
-    Where the displacement jumps, order 2 needs the mean of both sides as the sample: for x = 1 from
-    t = 0 on, x_0 = 1/2.
 
     Examples
     --------
@@ -120,15 +109,13 @@ def rod_force(
     [0.0, 0.325, 0.569, 0.804, 1.028]
     """
     x = jnp.asarray(real("rod_force", "displacement", displacement))
-    enforce(
-        "rod_force",
-        [
-            Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
-            Rule("order", order, order in (1, 2), "1 or 2"),
-            Rule("displacement", x, finite(x), "finite"),
-            Rule("number of samples", x.size, x.ndim == 1 and x.size > 2, "at least 3, in one row"),
-        ],
-    )
+    rules = [
+        Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
+        Rule("order", order, order in (1, 2), "1 or 2"),
+        Rule("displacement", x, finite(x), "finite"),
+        Rule("number of samples", x.size, x.ndim == 1 and x.size > 2, "at least 3, in one row"),
+    ]
+    enforce("rod_force", rules)
     history = ModalHistory() if history is None else history
     dtype = jnp.result_type(x, float)
     x, rod = jax.tree.map(lambda a: jnp.asarray(a, dtype), (x, rod))

@@ -41,26 +41,11 @@ _ROWS: tuple[tuple[float, ...], ...] = (
     (-0.42889630158379194, 0, 0, 0, 0, -4.697621415361164, 7.683421196062599, 4.06898981839711,
      0.3567271874552811, 0, 0, 0, -0.0013990241651590145, 2.9475147891527724, -9.15095847217987),
 )
-# fmt: on
-STAGES = np.array([[0.0] * 16, *([*row, *[0.0] * (16 - len(row))] for row in _ROWS)])
-"""Weights of the slopes before it in each stage."""
-
-END = STAGES[12]
-"""Weights of the slopes in the result; the thirteenth stage is there."""
-
-# fmt: off
 _ORDER_5 = (
     0.01312004499419488, 0, 0, 0, 0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864,
-    -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294, 0, 0, 0,
-    0,
+    -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294,
+    0, 0, 0, 0,
 )
-# fmt: on
-
-_THIRD = {0: 0.2440944881889764, 8: 0.7338466882816119, 11: 0.022058823529411766}
-_ORDER_3 = END - [_THIRD.get(i, 0.0) for i in range(16)]
-"""Weights of the errors that the embedded methods estimate, by stage."""
-
-# fmt: off
 _BETWEEN = (
     (-8.428938276109013, 0, 0, 0, 0, 0.5667149535193777, -3.0689499459498917, 2.38466765651207,
      2.117034582445028, -0.871391583777973, 2.2404374302607883, 0.6315787787694688,
@@ -76,6 +61,17 @@ _BETWEEN = (
      -43.53345659001114, 96.32455395918828, -39.17726167561544, -149.72683625798564),
 )
 # fmt: on
+
+STAGES = np.array([[0.0] * 16, *([*row, *[0.0] * (16 - len(row))] for row in _ROWS)])
+"""Weights of the slopes before it in each stage."""
+
+END = STAGES[12]
+"""Weights of the slopes in the result; the thirteenth stage is there."""
+
+_THIRD = {0: 0.2440944881889764, 8: 0.7338466882816119, 11: 0.022058823529411766}
+_ORDER_3 = END - [_THIRD.get(i, 0.0) for i in range(16)]
+"""Weights of the errors that the embedded methods estimate, by stage."""
+
 _FIRST, _LAST = np.eye(16)[0], np.eye(16)[12]
 _INTERPOLATION = np.array([END, _FIRST - END, 2 * END - _FIRST - _LAST, *_BETWEEN])
 """Weights by stage of the products θ, θ (1 − θ), θ² (1 − θ), … that interpolate."""

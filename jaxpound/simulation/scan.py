@@ -2,12 +2,12 @@
 
 block of steps m0 … m0 + 3                          next block
 ┌──────────────────────────────────────────────┐
-│ ahead: contribution of all c before the last │    history.ahead
-│        block to S of these four steps        │
+│ ahead: contribution of all c older than the  │    history.ahead
+│        previous block to S of these steps    │
 │ step m0     S = ahead + near · recent c      │    advance → c of m0
 │ step m0+1   S = ahead + near · recent c      │    advance → c of m0+1
 │ …                                            │
-│ absorb: the last block's c enter the memory  │    history.absorb
+│ absorb: the previous block's c enter memory  │    history.absorb
 └──────────────────────────────────────────────┘
 """
 
@@ -15,34 +15,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound.simulation.history import BLOCK, NEAR, History
+from jaxpound.simulation.history import BLOCK, NEAR, HistorySum
 
 Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
 
 
-class _Layout(NamedTuple):
-    """How steps are laid out: ``segments`` scans of ``segment`` blocks, the first steps idle."""
-
-    segments: int
-    segment: int
-    idle: int
-
-
-def _layout(n_steps: int, segmented: bool) -> _Layout:
-    """Whole blocks for steps 0 … n_steps; about as many segments as blocks in each."""
+def _layout(n_steps: int, segmented: bool) -> tuple[int, int, int]:
+    """Numbers of segments, of blocks in each (about as many), and of idle steps before step 0."""
     blocks = -(-(n_steps + 1) // BLOCK)
     segment = blocks
     if segmented:
         root = math.isqrt(blocks - 1) + 1
         segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
     segments = -(-blocks // segment)
-    return _Layout(segments, segment, segments * segment * BLOCK - (n_steps + 1))
+    return segments, segment, segments * segment * BLOCK - (n_steps + 1)
 
 
 def scan_with_history(
@@ -50,7 +42,7 @@ def scan_with_history(
     carry: Any,
     n_steps: int,
     orders: Sequence[jax.Array],
-    history: History,
+    history: HistorySum,
     inputs: Any = None,
     segmented: bool = False,
     checkpoint: bool = False,
@@ -66,17 +58,15 @@ def scan_with_history(
     each only. ``looped`` makes the steps of a block a loop of their own instead of writing them out
     one after the other, so that the program of a long step is compiled once.
     """
-    layout = _layout(n_steps, segmented or checkpoint)
+    segments, segment, idle = _layout(n_steps, segmented or checkpoint)
     advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
     kernels = [history.kernel(order, n_steps) for order in orders]
-    near = [
-        lax.split(history.near(kernel, order), (1,) * NEAR)
-        for kernel, order in zip(kernels, orders, strict=True)
-    ]
+    weights = map(history.near, kernels, orders)
+    near = [lax.split(weights_of_rod, (1,) * NEAR) for weights_of_rod in weights]
 
-    def one(state: Any, given: Any) -> tuple[Any, Any]:
+    def single_step(state: Any, item: Any) -> tuple[Any, Any]:
         m, carry, past = state
-        far, entry = given
+        far, entry = item
         sums = [
             ahead.squeeze() + sum(w.squeeze() * y for w, y in zip(weight, c[::-1], strict=False))
             for ahead, weight, c in zip(far, near, past, strict=True)
@@ -86,25 +76,23 @@ def scan_with_history(
 
     def block(state: Any, entries: Any) -> tuple[Any, Any]:
         start, carry, memories, recent = state  # c_{m0−BLOCK} and on
-        ahead = [
-            history.ahead(kernel, memory, start)
-            for kernel, memory in zip(kernels, memories, strict=True)
-        ]
+        of_rods = zip(kernels, memories, strict=True)
+        ahead = [history.ahead(kernel, memory, start) for kernel, memory in of_rods]
         inside = start, carry, recent
         if looped:
             # A window of constant length: c before c_{m0−BLOCK} are in ``ahead``.
-            def slid(state: Any, given: Any) -> tuple[Any, Any]:
-                (m, carry, past), seen = one(state, given)
+            def slid(state: Any, item: Any) -> tuple[Any, Any]:
+                (m, carry, past), seen = single_step(state, item)
                 return (m, carry, [c[1:] for c in past]), seen
 
-            inside = start, carry, [[rest] * (NEAR - BLOCK) + c for c in recent]
+            inside = start, carry, [[zero] * (NEAR - BLOCK) + c for c in recent]
             (_, carry, past), out = lax.scan(slid, inside, (ahead, entries))
         else:
             split = [lax.split(far, (1,) * BLOCK) for far in ahead]
             out = []
             for i in range(BLOCK):
                 entry = jax.tree.map(lambda x, i=i: x[i], entries)
-                inside, seen = one(inside, ([far[i] for far in split], entry))
+                inside, seen = single_step(inside, ([far[i] for far in split], entry))
                 out.append(seen)
             _, carry, past = inside
         memories = [
@@ -114,27 +102,27 @@ def scan_with_history(
         return (start + BLOCK, carry, memories, [c[-BLOCK:] for c in past]), out
 
     def run(state: Any, entries: Any) -> tuple[Any, Any]:
-        return lax.scan(block, state, entries, length=layout.segment)
+        return lax.scan(block, state, entries, length=segment)
 
-    # Zeros derived from the carry, so that they vary over the mesh axes as it does (shard_map).
-    rest = 0 * jax.tree.leaves(carry)[0]
-    memories = [jax.tree.map(lambda y: y + rest, history.empty(kernel)) for kernel in kernels]
-    recent = [[rest] * BLOCK for _ in kernels]
-    state = jnp.asarray(-layout.idle), carry, memories, recent
+    # Derived from the carry, so that it varies over the mesh axes as the carry does (shard_map).
+    zero = 0 * jax.tree.leaves(carry)[0]
+    memories = [jax.tree.map(lambda y: y + zero, history.empty(kernel)) for kernel in kernels]
+    recent = [[zero] * BLOCK for _ in kernels]
+    state = jnp.asarray(-idle), carry, memories, recent
     if checkpoint:
         run = jax.checkpoint(run, prevent_cse=False)
-    inputs = jax.tree.map(lambda x: _in_blocks(x, layout), inputs)
-    if layout.segments > 1:
-        state, out = lax.scan(run, state, inputs, length=layout.segments)
+    inputs = jax.tree.map(lambda x: _in_blocks(x, segments, segment, idle), inputs)
+    if segments > 1:
+        state, out = lax.scan(run, state, inputs, length=segments)
     else:
         state, out = run(state, jax.tree.map(lambda x: x[0], inputs))
     if not looped:
         out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
-    series = jax.tree.map(lambda x: x.reshape(-1)[layout.idle :], out)
+    series = jax.tree.map(lambda x: x.reshape(-1)[idle:], out)
     return state[1], series
 
 
-def _in_blocks(x: jax.Array, layout: _Layout) -> jax.Array:
+def _in_blocks(x: jax.Array, segments: int, segment: int, idle: int) -> jax.Array:
     """A series with idle zeros before it, shape (segments, segment, BLOCK, ...)."""
-    padded = jnp.pad(x, [(layout.idle, 0), *[(0, 0)] * (x.ndim - 1)])
-    return padded.reshape(layout.segments, layout.segment, BLOCK, *x.shape[1:])
+    padded = jnp.pad(x, [(idle, 0), *[(0, 0)] * (x.ndim - 1)])
+    return padded.reshape(segments, segment, BLOCK, *x.shape[1:])

@@ -10,11 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import instance, instead, is_traced
+from jaxpound._checks import enforce, instance, instead, is_traced
+from jaxpound._errors import InvalidInput
+from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
-from jaxpound.model.system import Structures, System, link_groups, rod_groups
+from jaxpound.model.system import Structures, System, gravity_of, link_groups, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
-from jaxpound.simulation.history import FullHistory, History, ModalHistory
+from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
 
 
@@ -35,15 +37,13 @@ class Scheme:
         ``"paper"`` sets x_0 = x_1 = 0, first-order accurate.
     checkpoint
         For reverse-mode differentiation of long runs: keep the state at about √n_steps instants
-        only, and recompute each segment in the backward pass. Memory falls from O(n_steps) to
-        O(√n_steps) states; results and derivatives stay the same.
+        only, and recompute each segment in the backward pass, with the same results.
     extrapolated
-        Whether every run is made at dt and at dt/2 as well, and the errors of second order cancel
+        Whether each run is repeated at dt/2, so that errors of second order cancel
         (Richardson 1911): positions, velocities, rods' forces and all scalars are (4 y(dt/2) −
         y(dt))/3; forces and phases of links are those at dt. It takes three times as long, and pays
-        from relative errors of some 1e-4 downwards. Derivatives stay of second order: how they
-        change as an event crosses an instant does not cancel. Only for schemes of second order and
-        links without contact laws.
+        from relative errors of some 1e-4 downwards. Derivatives stay of second order. Only for
+        schemes of second order and links without contact laws.
 
     Examples
     --------
@@ -55,27 +55,29 @@ class Scheme:
 
     friction: FrictionLaw = EventResolved()
     order: int = 2
-    history: History = ModalHistory()
+    history: HistorySum = ModalHistory()
     start: str = "rest"
     checkpoint: bool = False
     extrapolated: bool = False
 
     def __post_init__(self) -> None:
-        if not hasattr(self.friction, "slide") or isinstance(self.friction, type):
-            raise ValueError(f"Scheme: friction = {self.friction!r} must be a friction law")
-        if self.order not in (1, 2):
-            raise ValueError(f"Scheme: order = {self.order!r} must be 1 or 2")
-        if not hasattr(self.history, "kernel") or isinstance(self.history, type):
-            raise ValueError(f"Scheme: history = {self.history!r} must be a history")
-        if self.start not in ("rest", "paper"):
-            raise ValueError(f"Scheme: start = {self.start!r} must be 'rest' or 'paper'")
-        for name in ("checkpoint", "extrapolated"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"Scheme: {name} = {getattr(self, name)!r} must be True or False")
-        second = self.order == 2 and self.start == "rest"
-        if self.extrapolated and not (second and not isinstance(self.friction, Switching)):
-            rule = 'must have order 2, start "rest" and another friction than Switching()'
-            raise ValueError(f"Scheme: extrapolated = True {rule}")
+        is_law = hasattr(self.friction, "slide") and not isinstance(self.friction, type)
+        is_history = hasattr(self.history, "kernel") and not isinstance(self.history, type)
+        second_order = self.order == 2 and self.start == "rest"
+        switches = isinstance(self.friction, Switching)
+        extrapolates = not self.extrapolated or (second_order and not switches)
+        suitable = 'have order 2, start "rest" and another friction than Switching()'
+        for name, holds, rule in (
+            ("friction", is_law, "be a friction law"),
+            ("order", self.order in (1, 2), "be 1 or 2"),
+            ("history", is_history, "be a history"),
+            ("start", self.start in ("rest", "paper"), "be 'rest' or 'paper'"),
+            ("checkpoint", isinstance(self.checkpoint, bool), "be True or False"),
+            ("extrapolated", isinstance(self.extrapolated, bool), "be True or False"),
+            ("extrapolated", extrapolates, suitable),
+        ):
+            if not holds:
+                raise InvalidInput("Scheme", name, repr(getattr(self, name)), f"must {rule}")
 
     def finest(self, grid: TimeGrid) -> TimeGrid:
         """The finest grid of a run."""
@@ -87,25 +89,21 @@ PAPER_SCHEME = Scheme(Switching(), order=1, history=FullHistory(), start="paper"
 
 
 def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
-    """Largest stable time step, in units of 1/ω1, of structures whose values are known.
+    """Largest stable time step of structures with concrete values: in units of 1/ω1, or in s.
 
-    Where the scheme loses stability the fastest motion of the grid, x_m = (−1)^m, neither grows nor
-    decays: h² λ = 4 with the largest eigenvalue λ of M⁻¹ K, where K has each rod's stiffness for
-    that motion (for the paper's pair λ is the larger of K1 and ρ K2). Links in stick never raise λ.
-    The limit says nothing of accuracy, which asks for some 50 steps in the shortest natural period.
+    There the fastest motion of the grid, x_m = (−1)^m, neither grows nor decays: h² λ = 4 with the
+    largest eigenvalue λ of M⁻¹ K, where K has each rod's stiffness for that motion (for the paper's
+    pair λ is the larger of K1 and ρ K2). Links in stick never raise λ. Accuracy needs shorter
+    steps, some 50 in the shortest natural period.
 
     Parameters
     ----------
     structures
-        ``AdjacentStructures``, a ``System`` or anything else with ``system()``; for a batch, the
-        result is the smallest limit.
+        ``Buildings``, whose limit is in s; ``AdjacentStructures``, a ``System`` or anything else
+        with ``system()``, in units of 1/ω1. For a batch, the result is the smallest limit. Traced
+        values are a ``ValueError``.
     scheme
         The discretisation.
-
-    Raises
-    ------
-    ValueError
-        If structures is something else, or its values are traced.
 
     Examples
     --------
@@ -117,82 +115,110 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     """
     system = system_of("stability_limit", structures)
     if is_traced(system):
-        raise ValueError("stability_limit: structures must be known, not traced")
-    known = jax.tree.map(np.asarray, system)
-    static = _largest_eigenvalue(known, [rod.stiffness for rod in known.rods])
-    low, high = 0.0, 2 / float(np.max(static)) ** 0.5  # a rod is never softer than at rest
+        raise InvalidInput("stability_limit", "structures", "", "must be known, not traced")
+    concrete = jax.tree.map(np.asarray, system)
+    at_rest = _largest_eigenvalue(concrete, [rod.stiffness for rod in concrete.rods])
+    low, high = 0.0, 2 / float(np.max(at_rest)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
-        stable = (_courant(known, middle, scheme) < 1).all()
+        stable = (_courant(concrete, middle, scheme) < 1).all()
         low, high = (middle, high) if stable else (low, middle)
     return float(low)
 
 
 def system_of(owner: str, structures: Any) -> System:
-    """The system of structures; a ``ValueError`` for what is none."""
+    """The system of structures; an ``InvalidInput`` for other objects."""
     if not isinstance(structures, Structures) or isinstance(structures, type):
-        rule = "AdjacentStructures, a System, or anything else with system()"
-        rule += instead(structures, rule)
-        raise ValueError(f"{owner}: structures = {reprlib.repr(structures)} must be {rule}")
+        types = "AdjacentStructures, a System, Buildings or anything else with system()"
+        rule = f"must be {types}{instead(structures, types)}"
+        raise InvalidInput(owner, "structures", reprlib.repr(structures), rule)
     system = structures.system()
     instance(owner, "structures.system()", system, System)
     return system
 
 
-def require_stable(system: System, grid: TimeGrid, scheme: Scheme) -> None:
-    """A ``ValueError`` for a step with which a known system diverges."""
+def single_system(owner: str, structures: Any) -> System:
+    """The system of structures that are no batch; a ``ValueError`` for others, or invalid ones."""
+    system = system_of(owner, structures)
+    # A system of the user's own making is judged by its parts, ours by their own parameters.
+    rules_of_all = rules(structures) or rules(system)
+    for rule in rules_of_all:
+        if shape := jnp.shape(rule.value):
+            raise ValueError(
+                f"{owner}: structures: {rule.name} of shape {shape} must be one number; "
+                "a batch of structures goes through jax.vmap"
+            )
+    enforce("structures", rules_of_all)
+    return system
+
+
+def imprecise(system: System, numbers: Any) -> list[str]:
+    """A finding for contact in single precision; ``numbers`` are all others of a run."""
+    dtype = jnp.result_type(float, *jax.tree.leaves((system, numbers)))
+    if dtype == jnp.float64 or all(link.contact is None for link in system.links):
+        return []
+    return [
+        f"contact is run in {dtype}, in which forces are off by up to 1e-4 of themselves and "
+        'impacts may be missed: jax.config.update("jax_enable_x64", True) first makes it float64'
+    ]
+
+
+def require_stable(structures: Structures, system: System, grid: TimeGrid, scheme: Scheme) -> None:
+    """An ``InvalidInput`` for a step with which the concrete system of structures diverges."""
     if is_traced(system):
         return
-    known = jax.tree.map(np.asarray, system)
-    if not _courant(known, grid.dt, scheme) < 1:
-        limit = stability_limit(system, scheme)
-        rule = f"below the stability limit {limit:.8g} of these structures"
-        raise ValueError(f"grid: dt = {grid.dt:.8g} must be {rule}")
+    concrete = jax.tree.map(np.asarray, system)
+    if not _courant(concrete, grid.dt, scheme) < 1:
+        unit = "/ω1" if gravity_of(structures) is None else " s"
+        limit = f"{stability_limit(system, scheme):.8g}{unit}"
+        rule = f"must be below the stability limit {limit} of these structures"
+        raise InvalidInput("grid", "dt", f"{grid.dt:.8g}{unit}", rule)
 
 
-def require_followed(system: System, scheme: Scheme) -> None:
-    """A ``ValueError`` for a scheme that cannot follow a system's links from event to event."""
+def require_local_flow(system: System, scheme: Scheme) -> None:
+    """An ``InvalidInput`` for a scheme that cannot run the local flow of a system's links."""
     if scheme.extrapolated:
         for k, link in enumerate(system.links):
             if link.contact is not None:
                 rule = (
                     "must have no contact: impacts leave no error that extrapolation could take out"
                 )
-                raise ValueError(f"scheme: extrapolated = True: links.{k} {rule}")
+                raise InvalidInput("scheme: extrapolated = True", f"links.{k}", "", rule)
     if isinstance(scheme.friction, EventResolved) and scheme.start == "rest":
         return
     for group in link_groups(system.topology):
         several = len(group.links) > 1
         law = system.links[group.links[0]].contact
         if several or law is not None:
-            what = "links that share masses" if several else f"contact = {type(law).__name__}"
-            rule = 'friction EventResolved() and start "rest"'
-            raise ValueError(
-                f"scheme: friction = {scheme.friction} with start {scheme.start!r} must be {rule} "
-                f"for links.{group.links[0]} with {what}"
-            )
+            reason = "links that share masses" if several else f"contact = {type(law).__name__}"
+            where = f"links.{group.links[0]} with {reason}"
+            value = f"{scheme.friction} with start {scheme.start!r}"
+            rule = f'must be friction EventResolved() and start "rest" for {where}'
+            raise InvalidInput("scheme", "friction", value, rule)
 
 
 def is_stable(system: System, dt: Any, scheme: Scheme) -> Any:
     """Whether explicit stepping is stable, traceable (see ``stability_limit``).
 
-    1 − (h²/4) M^(−1/2) K M^(−1/2) is then positive definite. Elimination tells so without a call of
-    LAPACK: two of these at a time in a large batch, one for each building of a row, wait for each
-    other for ever in XLA's threads on a machine of two cores.
+    1 − (h²/4) M^(−1/2) K M^(−1/2) is then positive definite, which elimination shows. Not
+    ``eigvalsh``: concurrent LAPACK calls, one for each building of a row, deadlock in XLA's CPU
+    thread pool.
     """
     stable: Any = True
     for matrix in _scaled_stiffness(system, _nyquist(system, dt, scheme), jnp):
-        one = jnp.eye(matrix.shape[-1], dtype=matrix.dtype)
-        rest = jax.lax.stop_gradient(one - dt**2 / 4 * matrix)  # no derivative is asked for
-        while rest.shape[-1]:
-            pivot, column = rest[0, 0], rest[1:, 0]
+        identity = jnp.eye(matrix.shape[-1], dtype=matrix.dtype)
+        remaining = jax.lax.stop_gradient(identity - dt**2 / 4 * matrix)  # needs no derivative
+        while remaining.shape[-1]:
+            pivot, column = remaining[0, 0], remaining[1:, 0]
             stable &= pivot > 0  # false for NaN
-            rest = rest[1:, 1:] - jnp.outer(column, column) / jnp.where(pivot > 0, pivot, 1.0)
+            remaining = remaining[1:, 1:] - jnp.outer(column, column) / jnp.where(
+                pivot > 0, pivot, 1.0
+            )
     return stable
 
 
 def _courant(system: System, dt: Any, scheme: Scheme) -> Any:
-    """h² λ / 4 of a known system, below 1 where explicit stepping is stable."""
+    """h² λ / 4 of a concrete system, below 1 where explicit stepping is stable."""
     return dt**2 / 4 * _largest_eigenvalue(system, _nyquist(system, dt, scheme))
 
 
@@ -202,7 +228,7 @@ def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
 
 
 def _largest_eigenvalue(system: System, stiffness: list[Any]) -> Any:
-    """The largest eigenvalue of M⁻¹ K of a known system, with a stiffness for each rod."""
+    """The largest eigenvalue of M⁻¹ K of a concrete system, with a stiffness for each rod."""
     matrices = _scaled_stiffness(system, stiffness, np)
     return np.max([np.linalg.eigvalsh(matrix)[..., -1] for matrix in matrices], axis=0)
 

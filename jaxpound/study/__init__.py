@@ -1,8 +1,10 @@
-"""Many earthquakes: scenarios, Monte Carlo studies, their statistics and their files.
+"""Monte Carlo studies: many earthquakes, statistics of their demands, fragilities, sensitivities.
 
-``scenarios``, ``random_structures``, ``random_ground``, ``random_noise``, ``random_pulse``,
-``site_noise``, their sums in ``ground_draw``, and ``distributions`` define what is random,
-``sampling`` draws, ``chunk`` runs a part and ``run`` all of a study; ``store`` and ``archives`` are
-its files; ``study`` is the result, from which ``statistics``, ``gaps``, ``fragility`` and
-``sensitivity`` follow.
+``run`` runs a study ``chunk`` by chunk; ``study`` is the result, with the ``demands`` in its
+``columns``, their ``statistics`` (with ``weighting`` for samples of unequal weight), required
+``gaps`` and ``fragility`` (fitted by ``probit``). ``sensitivity`` computes Sobol indices.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Gaps that buildings need, as a study answers: link by link, and beside those of code rules."""
+"""Gaps that buildings need: those that a study requires, and those of code rules."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxpound._checks import instance, not_negative, number, positive
-from jaxpound._tables import Shown, Table
+from jaxpound._checks import instance, not_negative, positive_number
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
 from jaxpound.quantities import unit
 from jaxpound.study.statistics import Estimate
 
@@ -18,24 +19,19 @@ class RequiredGaps(Shown):
     """The gap that each link requires at a probability of pounding; ``Study.required_gaps``."""
 
     probability: float
-    """The probability of pounding at the link."""
     gaps: dict[int, Estimate]
-    """By number of the link, from 0 as in ``links``; those whose required gap can be told."""
+    """By number of the link, from 0; without links whose required gap is unknown."""
     places: tuple[str, ...]
-    """Where every link is, in words."""
+    """The place of every link, in words."""
     si: bool
     """Whether the gaps are in m."""
 
-    def _tables(self) -> list[Table]:
+    def _tables(self) -> list[TextTable]:
         of = unit("length", self.si)
-        return [
-            Table(
-                f"Required gap at a probability of pounding of {self.probability:.4g}",
-                ("link", "between", f"gap ({of})", f"from ({of})", f"to ({of})"),
-                [(str(k + 1), self.places[k], *gap[:3]) for k, gap in self.gaps.items()],
-                digits=4,
-            )
-        ]
+        title = f"Required gap at a probability of pounding of {self.probability:.4g}"
+        columns = ("link", "between", f"gap ({of})", f"from ({of})", f"to ({of})")
+        rows = [(str(k + 1), self.places[k], *gap[:3]) for k, gap in self.gaps.items()]
+        return [TextTable(title, columns, rows, digits=4)]
 
 
 class Separation(NamedTuple):
@@ -54,18 +50,15 @@ class Separation(NamedTuple):
     correlation: float
     """ρ for the median structures without damper (``double_difference_correlation``)."""
 
-    def _table(self) -> Table:
-        rules = (self.absolute_sum, self.srss, self.double_difference)
-        names = ("absolute sum", "SRSS", "double difference")
-        return Table(
-            "Separation",
-            (),
-            [
-                ("required gap", str(self.required_gap)),
-                *((name, f"{x:.4g}") for name, x in zip(names, rules, strict=True)),
-            ],
-            [f"double difference with a correlation of {self.correlation:.3g}"],
-        )
+    def _table(self) -> TextTable:
+        rows = [
+            ("required gap", str(self.required_gap)),
+            ("absolute sum", f"{self.absolute_sum:.4g}"),
+            ("SRSS", f"{self.srss:.4g}"),
+            ("double difference", f"{self.double_difference:.4g}"),
+        ]
+        note = f"double difference with a correlation of {self.correlation:.3g}"
+        return TextTable("Separation", (), rows, [note])
 
     def __repr__(self) -> str:
         return self._table().text()
@@ -80,29 +73,22 @@ def srss(displacement_1: Any, displacement_2: Any) -> Any:
 
 
 def en_1998_gap(displacement_1: Any, displacement_2: Any, *, level_floors: bool = False) -> Any:
-    """The gap that EN 1998-1:2004 asks for between buildings of one property.
+    """The gap that EN 1998-1:2004 requires between buildings of one property.
 
     Clause 4.4.2.7(2)b: √(d_s1² + d_s2²), at each level at which the buildings may touch; by (3),
     0.7 of it where their floors are at the same heights. Towards a neighbour's land, (2)a, each
     building keeps its own d_s away from the line.
 
+    Raises ``ValueError`` if a displacement is negative or not finite, or level_floors is no bool.
+
     Parameters
     ----------
     displacement_1, displacement_2
         d_s1, d_s2 ≥ 0, largest horizontal displacements of the buildings at the level, of any
-        shape, in any unit: peaks of runs under the design earthquake, or q_d d_e of a linear
-        analysis with behaviour factor (4.23).
+        shape, in any unit, which are the gap's too: peaks of runs under the design earthquake, or
+        q_d d_e of a linear analysis with behaviour factor (4.23).
     level_floors
         Whether all floors of the two buildings are at the same heights.
-
-    Returns
-    -------
-    The gap, of the displacements' shape and in their unit.
-
-    Raises
-    ------
-    ValueError
-        If a known displacement is negative or not finite, or level_floors is not a truth value.
 
     Examples
     --------
@@ -113,8 +99,8 @@ def en_1998_gap(displacement_1: Any, displacement_2: Any, *, level_floors: bool 
     """
     owner = "en_1998_gap"
     instance(owner, "level_floors", level_floors, bool, np.bool_)
-    pair = {"displacement_1": displacement_1, "displacement_2": displacement_2}
-    return (0.7 if level_floors else 1.0) * srss(*not_negative(owner, **pair))
+    pair = not_negative(owner, displacement_1=displacement_1, displacement_2=displacement_2)
+    return (0.7 if level_floors else 1.0) * srss(*pair)
 
 
 def asce_7_gap(
@@ -124,31 +110,24 @@ def asce_7_gap(
     amplification: float | tuple[float, float],
     importance: float | tuple[float, float] = 1.0,
 ) -> Any:
-    """The gap that ASCE/SEI 7-16 asks for between structures on one property.
+    """The gap that ASCE/SEI 7-16 requires between structures on one property.
 
     Section 12.12.3: δ_MT = √(δ_M1² + δ_M2²), with δ_M = C_d δ_max / I_e of each. From the property
     line each structure keeps at least its own δ_M.
+
+    Raises ``ValueError`` if a displacement is negative or not finite, or a factor is neither a
+    positive number nor two.
 
     Parameters
     ----------
     displacement_1, displacement_2
         δ_max ≥ 0, largest elastic displacements of the structures at the critical place, under the
-        design forces, which are reduced by R; of any shape, in any unit.
+        design forces (reduced by R); of any shape, in any unit, which are the gap's too.
     amplification
-        C_d > 0, deflection amplification factor (table 12.2-1): of both, or of each. 1 for peaks of
-        runs under the unreduced earthquake.
+        C_d > 0, deflection amplification factor (table 12.2-1), for both structures or for each. 1
+        for peaks of runs under the unreduced earthquake.
     importance
-        I_e > 0, importance factor: of both, or of each. 1 for such runs.
-
-    Returns
-    -------
-    The gap, of the displacements' shape and in their unit.
-
-    Raises
-    ------
-    ValueError
-        If a known displacement is negative or not finite, or a factor is neither a positive number
-        nor two of them.
+        I_e > 0, importance factor, for both structures or for each. 1 for such runs.
 
     Examples
     --------
@@ -158,19 +137,19 @@ def asce_7_gap(
     0.1
     """
     owner = "asce_7_gap"
-    pair = {"displacement_1": displacement_1, "displacement_2": displacement_2}
-    first, second = not_negative(owner, **pair)
+    pair = not_negative(owner, displacement_1=displacement_1, displacement_2=displacement_2)
     c_d = _of_each(owner, "amplification", amplification)
     i_e = _of_each(owner, "importance", importance)
-    return srss(c_d[0] * first / i_e[0], c_d[1] * second / i_e[1])
+    return srss(*(c * x / i for c, x, i in zip(c_d, pair, i_e, strict=True)))
 
 
 def _of_each(owner: str, name: str, factor: Any) -> tuple[float, float]:
-    """A factor of both structures, or of each, as two positive numbers."""
+    """A factor of both structures or of each, as two positive numbers."""
     both = factor if isinstance(factor, tuple | list) else (factor, factor)
     if len(both) != 2:
-        raise ValueError(f"{owner}: {name} = {factor!r} must be one number or one for each of two")
-    first, second = (positive(owner, **{name: number(owner, name, x)})[0] for x in both)
+        rule = "must be one number or one for each of two"
+        raise InvalidInput(owner, name, repr(factor), rule)
+    first, second = (positive_number(owner, **{name: x})[0] for x in both)
     return float(first), float(second)
 
 

@@ -7,6 +7,7 @@ process that runs it.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,22 +23,24 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from jaxpound._checks import count, instance, require_memory
+from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import of_many, tell
+from jaxpound.ground.plausibility import of_many, warn
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.model.system import Structures, Topology
+from jaxpound.model.system import Topology, is_closable
+from jaxpound.results.named import PAIR
+from jaxpound.scenarios.sampling import key_numbers, require_sampling
+from jaxpound.scenarios.scenarios import ScenarioSet, structures_of
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.archives import digest
-from jaxpound.study.chunk import Measure, Outcome, Task, total
-from jaxpound.study.demands import unreached
-from jaxpound.study.sampling import key_numbers, require_sampling
-from jaxpound.study.scenarios import ScenarioSet
-from jaxpound.study.store import MANIFEST, Store, describe
+from jaxpound.store.store import MANIFEST, Store, describe
+from jaxpound.study.chunk import Columns, Measure, Outcome, Task, finished, total
+from jaxpound.study.demands import doubts, unreached
+from jaxpound.study.statistics import Moments
 from jaxpound.study.study import Study
-from jaxpound.units import Scales
+from jaxpound.units import Scales, scales_for
 
 _CHUNK_SIZE = 16_384
-_MOMENTS_BYTES = 250  # of one column of one chunk
+_MOMENTS_BYTES = 250  # of a column of a chunk
 
 
 def monte_carlo(
@@ -62,16 +65,18 @@ def monte_carlo(
 ) -> Study:
     """Demands of n random scenarios.
 
-    With a store, the same call resumes an earlier one, wherever it was stopped, and ends with the
-    same files; a larger n extends the study. Only chunks that were being run are lost. Damaged
-    chunks are named in a warning and run again. Several processes may fill one store at once, with
-    the same n or others. (Results agree to the last bit if the numbers of JAX devices and of
-    threads of the linear algebra are the same; else to rounding.)
+    With a store, the same call resumes a call that was stopped at any moment; a larger n extends
+    the study. A warning names damaged chunks, which are run again. Several processes may fill one
+    store at once, even with different n. (Results agree to the last bit if the numbers of JAX
+    devices and of threads of the linear algebra are the same; else to rounding.)
+
+    The study's columns are all scalars of ``Demand``, required gaps of links without a law of
+    contact, demands over all floors, measures and parameters; for a shard, those of its chunks.
 
     Parameters
     ----------
     scenarios
-        What is random: ``Scenarios``, or any object with ``dimension`` and ``realize``.
+        ``Scenarios``, or any other ``ScenarioSet``.
     n
         Number of samples, at most 2^31 (2^30 for Sobol points).
     grid, scheme
@@ -86,52 +91,46 @@ def monte_carlo(
         Samples per chunk; by default 16,384, or that of the store.
     measures
         Further columns by name: traceable functions of (structures, ground) to one number. A name
-        has 1 to 200 printable characters, no slash among them.
+        has 1 to 200 printable characters without a slash. A callable dataclass may state what its
+        column is, for ``Study.measure``, in a field ``measure``, such as ``"Sa(0.9 s) (g)"``.
     keep_parameters
-        Whether the scenarios' parameters are columns too. Otherwise ``Study.parameters`` recomputes
+        Whether the scenarios' parameters are columns too; else ``Study.parameters`` recomputes
         them.
     keep_failures
         Whether failed runs are kept as NaN and left out of all statistics; else they raise.
     scales
-        Given for results in SI units.
+        Units of the results of dimensionless structures in SI; None for dimensionless results.
+        Those of ``Buildings`` are in SI without.
     notes
-        Anything that JSON can hold, kept with the study.
+        Anything that JSON can hold; the study keeps it in ``about``.
     executor
-        Where chunks run: an executor of ``concurrent.futures``, such as Dask's
-        ``Client.get_executor()``. By default here, one after the other, each spread over all
-        devices. Its workers must see the store's folder; other processes must be started by
-        "spawn": forked ones, which inherit JAX's locks but not its threads, never return.
+        An executor of ``concurrent.futures`` that runs the chunks, such as Dask's
+        ``Client.get_executor()``. By default this process runs them in order, each spread over all
+        devices. Workers must see the store's folder; processes must be started by "spawn", since
+        forked ones inherit JAX's locks but not its threads, and never return.
     shard
-        (i, k), i from 1 to k: only every k-th chunk from the i-th, so that k independent processes
-        fill one store.
+        (i, k), i from 1 to k: run only every k-th chunk from the i-th, so that k independent
+        processes fill one store. The study is that of these chunks.
     progress
-        Whether to show a progress bar with rate and time left.
+        Whether to show a progress bar.
     strict
         Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
-
-    Returns
-    -------
-    Study
-        The columns (all of ``Demand``, required gaps of links without a law of contact, demands
-        over all floors, measures, parameters) and what follows from them; for a shard, of its own
-        chunks.
 
     Raises
     ------
     ValueError
-        If an argument breaks its rule, or memory has no room for the study. If a scenario is
-        invalid or its run fails, with its index and the reason. If the store holds another study,
-        with what differs. If ``strict``, also where there would be a warning.
+        If an argument breaks its rule, the study exceeds the memory, a scenario is invalid or its
+        run fails (with its index and the reason), or the store holds another study (with the
+        differences).
     OSError
-        If the store cannot be written to. Finished chunks stay, and are used by the next call.
+        If the store cannot be written to. Its finished chunks are kept for the next call.
 
     Warns
     -----
     PlausibilityWarning
         Before the first run: if, of the first 256 scenarios, more than 1 % have a ground motion
-        that the grid does not resolve (see ``simulate``), or a PGA above 5 g. After the first
-        chunk: if the gap of a link is more than 100 times the displacements at its ends (peak
-        |x1| + peak |x2|).
+        that the grid does not resolve, or a PGA above 5 g; if contact is run in single precision.
+        After the first chunk: if a gap is more than 100 times the displacements at its ends.
 
     Examples
     --------
@@ -142,118 +141,57 @@ def monte_carlo(
     >>> print(study.pounding_probability(gap=0.03))
     0.1406 (95%: 0.06637 to 0.2502)
     """
-    _check(scenarios, n, grid, scheme, sampling, measures or {}, scales, shard)
-    if store is None and shard != (1, 1):
-        raise ValueError(f"monte_carlo: shard = {shard} must come with a store to fill")
-    begun = store is not None and os.path.lexists(Path(store) / MANIFEST)
-    if store is not None and begun and chunk_size is None:
-        chunk_size = Store(store).chunk_size
-    size = count("monte_carlo", "chunk_size", _CHUNK_SIZE if chunk_size is None else chunk_size)
+    owner = "monte_carlo"
+    _check(scenarios, n, grid, scheme, sampling, measures or {})
+    findings = doubts(owner, scenarios)
+    scales = scales_for(owner, structures_of(scenarios), scales)
+    size = _chunk_size(chunk_size, store)
     task = Task(
-        scenarios=scenarios,
-        grid=grid,
-        scheme=scheme,
-        key=key_numbers("monte_carlo", key),
-        sampling=sampling,
-        n=int(n),
-        chunk_size=size,
+        *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n), size),
         measures=dict(measures or {}),
         keep_parameters=bool(keep_parameters),
         keep_failures=bool(keep_failures),
         x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
     )
-    chunks = range(-(-task.n // size))
-    own = chunks[shard[0] - 1 :: shard[1]]
-    if not own:
-        rule = f"leave a chunk for each shard: the study has {len(chunks)}"
-        raise ValueError(f"monte_carlo: shard = {shard} must {rule}")
-    try:
-        json.dumps(notes, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"monte_carlo: notes must be what JSON can hold ({error})") from error
+    chunks = _chunks_of_shard(shard, task, in_memory=store is None)
     identity = task.identity() | {"scales": describe(scales)}
-    _require_room(task, len(identity["columns"]), len(own), in_memory=store is None)
-    program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
-    # A store that exists has its own.
-    topology, oscillators = _median(scenarios)
-    context: dict[str, Any] = {}
-    if not begun:
-        context = {"notes": notes, "oscillators": oscillators, "topology": topology}
-    task = dataclasses.replace(
-        task,
-        names=tuple(identity["columns"]),
-        fingerprint=digest(json.dumps(program).encode()),
-    )
-    tell("monte_carlo", of_many(task.first_grounds(), grid, in_g=True), strict)
-    made = None
-    if store is not None:
-        made = Store.create(store, identity, task.n, context)
-        task = dataclasses.replace(task, folder=made.folder.resolve(), most=made.asked())
+    task = task.identified(identity)
+    _require_memory(task, len(chunks), in_memory=store is None)
+    context = _context(scenarios, notes)
 
-    outcomes = dict(task.finished(own))
-    missing = [chunk for chunk in own if chunk not in outcomes]
-    rows = {chunk: len(task.rows(chunk)) for chunk in own}
-    with tqdm(
-        total=sum(rows.values()),
-        initial=sum(rows[chunk] for chunk in outcomes),
-        unit=" runs",
-        unit_scale=True,
-        disable=not progress,
-    ) as bar:
-        for i, (chunk, outcome) in enumerate(_outcomes(task, missing, executor)):
-            if i == 0:  # before the time for all is spent
-                findings = _unreached(outcome, topology, oscillators is not None, scales)
-                tell("monte_carlo", findings, strict)
-            outcomes[chunk] = outcome
-            bar.update(rows[chunk])
+    warn(owner, findings + of_many(task.first_grounds(), grid, in_g=True), strict)
+    moments: dict[int, dict[str, Moments]] = {}
+    stored = None if store is None else Store.create(store, identity, task.n, context)
+    if stored is not None:
+        folder, requested = stored.folder.resolve(), stored.requested()
+        task = dataclasses.replace(task, folder=folder, requested=requested)
+        moments = dict(finished(Store(folder, task.n), chunks))
+    columns: dict[int, Columns] = {}  # empty ones with a store
+    sizes = {chunk: len(task.rows(chunk)) for chunk in chunks}
+    missing = [chunk for chunk in chunks if chunk not in moments]
+    done, whole = sum(sizes[chunk] for chunk in moments), sum(sizes.values())
+    scale: dict[str, Any] = {"unit": " runs", "unit_scale": True}
+    with tqdm(total=whole, initial=done, disable=not progress, **scale) as bar:
+        for i, (chunk, outcome) in enumerate(_run(task, missing, executor)):
+            moments[chunk], columns[chunk] = outcome
+            if i == 0:  # warn before the other chunks are run
+                warn(owner, _unreached(moments[chunk], scenarios, context, scales), strict)
+            bar.update(sizes[chunk])
 
-    more: dict[str, Any] = {
-        "scenarios": scenarios,
-        "points": partial(task.points, own),
-        "scales": scales,
-    }
-    if made is not None:
-        made.sweep()
-        moments = {chunk: outcomes[chunk].moments for chunk in own}
-        study = Study.of_store(made, moments, **more)
-    else:
-        kept = [outcomes.pop(chunk) for chunk in own]
-        study = Study(
-            [range(task.n)],
-            {"n": task.n, **context, "identity": identity},
-            total([x.moments for x in kept]),
-            lambda name: (outcome.columns[name] for outcome in kept),
-            **more,
-        )
-    return study
+    moments, points = {chunk: moments[chunk] for chunk in chunks}, partial(task.points, chunks)
+    sources: dict[str, Any] = {"scenarios": scenarios, "points": points, "scales": scales}
+    if stored is not None:
+        stored.sweep()
+        return Study.of_store(stored, moments, **sources)
+    about = {"n": task.n, **context, "identity": identity}
+
+    def parts(name: str) -> Iterator[np.ndarray]:
+        return (columns[chunk][name] for chunk in chunks)
+
+    return Study([range(task.n)], about, total(moments.values()), parts, **sources)
 
 
-def _unreached(
-    outcome: Outcome, topology: Topology, pair: bool, scales: Scales | None
-) -> list[str]:
-    """Findings if gaps are out of proportion to the displacements in a chunk."""
-    size = 1.0 if scales is None else float(scales.length)
-    moments = outcome.moments
-    return unreached(
-        topology,
-        lambda name: size * moments[name].smallest,
-        lambda name: size * moments[name].largest,
-        pair=pair,
-        si=scales is not None,
-    )
-
-
-def _check(
-    scenarios: Any,
-    n: Any,
-    grid: Any,
-    scheme: Any,
-    sampling: Any,
-    measures: Any,
-    scales: Any,
-    shard: Any,
-) -> None:
-    """Refuse invalid arguments, by name."""
+def _check(scenarios: Any, n: Any, grid: Any, scheme: Any, sampling: Any, measures: Any) -> None:
     owner = "monte_carlo"
     instance(owner, "scenarios", scenarios, ScenarioSet)
     count(owner, "scenarios.dimension", scenarios.dimension)
@@ -262,66 +200,101 @@ def _check(
     instance(owner, "measures", measures, Mapping)
     for name, measure in measures.items():
         if not callable(measure):
-            raise ValueError(f"{owner}: measures[{name!r}] = {measure!r} must be a function")
-    if scales is not None:
-        instance(owner, "scales", scales, Scales)
+            raise InvalidInput(owner, f"measures[{name!r}]", repr(measure), "must be a function")
     most = require_sampling(owner, sampling)
     if count(owner, "n", n) > most:
-        raise ValueError(f"{owner}: n = {n} must be at most {most:,} for {sampling} sampling")
-    right = isinstance(shard, tuple) and len(shard) == 2
-    if not (right and all(isinstance(x, int) for x in shard) and 1 <= shard[0] <= shard[1]):
-        raise ValueError(f"{owner}: shard = {shard!r} must be (i, k) with 1 ≤ i ≤ k")
+        raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
 
 
-def _require_room(task: Task, columns: int, chunks: int, in_memory: bool) -> None:
+def _chunk_size(chunk_size: Any, store: str | PathLike[str] | None) -> int:
+    """The requested size of a chunk; by default that of an existing store."""
+    if chunk_size is None:
+        exists = store is not None and os.path.lexists(Path(store) / MANIFEST)
+        chunk_size = Store(store).chunk_size if store is not None and exists else _CHUNK_SIZE
+    return count("monte_carlo", "chunk_size", chunk_size)
+
+
+def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
+    """Numbers of the chunks that this process runs."""
+    rule, chunks = "", range(-(-task.n // task.chunk_size))
+    pair = isinstance(shard, tuple) and len(shard) == 2 and all(isinstance(x, int) for x in shard)
+    if not (pair and 1 <= shard[0] <= shard[1]):
+        rule = "must be (i, k) with 1 ≤ i ≤ k"
+    elif in_memory and shard != (1, 1):
+        rule = "must come with a store to fill"
+    elif shard[0] > len(chunks):
+        rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
+    if rule:
+        raise InvalidInput("monte_carlo", "shard", repr(shard), rule)
+    return chunks[shard[0] - 1 :: shard[1]]
+
+
+def _require_memory(task: Task, chunks: int, in_memory: bool) -> None:
     """Refuse a study that exceeds the memory: its points, columns, and moments of columns."""
-    owner, number, d = "monte_carlo", task.normal().dtype.itemsize, task.scenarios.dimension
-    size = min(task.n, task.chunk_size)
+    owner, number, d = "monte_carlo", task.z_type().dtype.itemsize, task.scenarios.dimension
+    size, columns = min(task.n, task.chunk_size), len(task.names)
     require_memory(owner, "samples of a chunk", size, size * (d + columns) * number)
     if in_memory:
         require_memory(owner, "n (without a store)", task.n, task.n * columns * number)
     require_memory(owner, "number of chunks", chunks, chunks * columns * _MOMENTS_BYTES)
 
 
-def _median(scenarios: ScenarioSet) -> tuple[Topology, list[float] | None]:
-    """Topology of the median scenario, z = 0, and its oscillators.
+def _context(scenarios: ScenarioSet, notes: Any) -> dict[str, Any]:
+    """Notes, and topology and oscillators of the structures in the median scenario, z = 0.
 
-    These are period and damping ratio of both structures of a pair, uncoupled; of others None.
+    Oscillators are period and damping ratio of both blocks of a pair, uncoupled; else None.
     """
+    owner = "monte_carlo"
+    try:
+        json.dumps(notes, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(owner, "notes", "", f"must be what JSON can hold ({error})") from error
     topologies: list[Topology] = []
 
     @jax.jit
     def median(z: jax.Array) -> list[jax.Array]:
-        structures: Any = scenarios.realize(z)[0]
-        instance("monte_carlo", "scenarios: structures", structures, Structures)
-        topologies.append(structures.system().topology)
-        if not isinstance(structures, AdjacentStructures):
+        system = scenarios.realize(z)[0].system()
+        topologies.append(system.topology)
+        if system.topology != PAIR or not is_closable(system.links[0].gap):
             return []
-        (w1, w2), (z1, z2) = structures.natural_frequencies, structures.damping_ratios
-        return [2 * jnp.pi / w1, z1, 2 * jnp.pi / w2, z2]
+        oscillators = []
+        for rod, mass in zip(system.rods, system.masses, strict=True):
+            frequency = rod.material.natural_frequency(rod.stiffness, mass)
+            damping = rod.material.damping_ratio(rod.stiffness, mass)
+            oscillators += [2 * jnp.pi / frequency, damping]
+        return oscillators
 
-    found = [float(x) for x in median(jnp.zeros(scenarios.dimension))]
-    if not np.isfinite(found).all():
-        shown = ", ".join(f"{x:.4g}" for x in found)
-        rule = "must be valid, but periods and damping ratios of its structures are"
-        raise ValueError(f"monte_carlo: the scenario of z = 0 {rule} {shown}")
-    return topologies[0], found or None
+    oscillators = [float(x) for x in median(jnp.zeros(scenarios.dimension))]
+    if not np.isfinite(oscillators).all():
+        values = ", ".join(f"{x:.4g}" for x in oscillators)
+        rule = f"must be valid, but periods and damping ratios of its structures are {values}"
+        raise InvalidInput(owner, "the scenario of z = 0", "", rule)
+    return {"notes": notes, "oscillators": oscillators or None, "topology": topologies[0]}
 
 
-def _outcomes(
+def _unreached(
+    moments: Mapping[str, Moments], scenarios: ScenarioSet, context: Any, scales: Scales | None
+) -> list[str]:
+    """Findings on gaps out of proportion to the displacements in a chunk."""
+    length = 1.0 if scales is None else float(scales.length)
+    return unreached(
+        context["topology"],
+        lambda name: length * moments[name].smallest,
+        lambda name: length * moments[name].largest,
+        pair=isinstance(structures_of(scenarios), AdjacentStructures),
+        si=scales is not None,
+    )
+
+
+def _run(
     task: Task, chunks: Sequence[int], executor: Executor | None
 ) -> Iterator[tuple[int, Outcome]]:
-    """Chunks as they are finished."""
+    """Run chunks; each is returned when it is finished."""
     if executor is None:
-        with ThreadPoolExecutor(1) as keeper:  # one chunk is written while the next is run
-            before = None
-            for chunk in chunks:
-                columns = task.compute(chunk)
-                if before is not None:
-                    yield before[0], before[1].result()
-                before = chunk, keeper.submit(task.keep, chunk, columns)
-            if before is not None:
-                yield before[0], before[1].result()
+        with ThreadPoolExecutor(1) as writer:  # a chunk is written while the next is run
+            writing = ((x, writer.submit(task.keep, x, task.compute(x))) for x in chunks)
+            delayed: Any = itertools.pairwise(itertools.chain(writing, [None]))
+            yield from ((chunk, written.result()) for (chunk, written), _ in delayed)
         return
     store = None if task.folder is None else Store(task.folder, task.n)
     futures = {executor.submit(task.finish, chunk): chunk for chunk in chunks}
@@ -329,10 +302,8 @@ def _outcomes(
         for future in as_completed(futures):
             chunk, outcome = futures[future], future.result()
             if store is not None and not store.has(chunk):
-                raise ValueError(
-                    f"monte_carlo: chunk {chunk} is not in {task.folder}: the executor's workers "
-                    "must see that folder"
-                )
+                rule = f"is not in {task.folder}: the executor's workers must see that folder"
+                raise ValueError(f"monte_carlo: chunk {chunk} {rule}")
             yield chunk, outcome
     finally:
         for future in futures:

@@ -1,23 +1,25 @@
-"""Which uncertain parameter matters: Sobol indices of a demand."""
+"""Sobol indices of a demand: the shares of its variance by uncertain parameter."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
-from jaxpound._tables import Shown, Table
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import as_pytree
-from jaxpound.ground.plausibility import first_of, of_many, tell
+from jaxpound.ground.plausibility import first_of, of_many, warn
+from jaxpound.model.system import gravity_of
+from jaxpound.scenarios.sampling import points
+from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, parameter_names, structures_of
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.study.demands import demands_of
-from jaxpound.study.sampling import points
-from jaxpound.study.scenarios import ScenarioSet, parameter_names
+from jaxpound.study.demands import demands_of, doubts
 from jaxpound.study.statistics import Estimate
 
 _REPLICATES = 500  # of the bootstrap
@@ -25,13 +27,11 @@ _REPLICATES = 500  # of the bootstrap
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Sensitivity(Shown):
-    """Sobol indices of one demand, by parameter, with bootstrap intervals.
+    """Sobol indices of a demand, by parameter, with bootstrap intervals.
 
     ``first`` is the share of the demand's variance that vanishes if the parameter is known,
-    ``total`` the share that remains if all others are known. Of correlated parameters
-    (``UncertainStructures``) each stands for what those before it do not tell of it: ``first`` of
-    the first of them is the share that vanishes if it is known, with all that it tells of the
-    others.
+    ``total`` the share that remains if all others are known. Each of several correlated parameters
+    (``UncertainStructures``) stands for the part of it that does not follow from those before it.
     """
 
     demand: str
@@ -39,10 +39,10 @@ class Sensitivity(Shown):
     first: dict[str, Estimate]
     total: dict[str, Estimate]
 
-    def _tables(self) -> list[Table]:
+    def _tables(self) -> list[TextTable]:
         rows = [(name, str(x), str(self.total[name])) for name, x in self.first.items()]
         title = f"Sobol indices of {self.demand} ({self.runs:,} runs)"
-        return [Table(title, ("parameter", "first order", "total"), rows)]
+        return [TextTable(title, ("parameter", "first order", "total"), rows)]
 
 
 def sobol_sensitivity(
@@ -58,42 +58,28 @@ def sobol_sensitivity(
 ) -> Sensitivity:
     """Sobol indices of a demand to a scenario set's parameters, as ``scipy.stats`` estimates them.
 
+    Raises ``ValueError`` if an argument breaks its rule, a scenario fails, or the demand does not
+    vary, and warns before the runs as ``monte_carlo``; without units only records have a PGA in g.
+
     Parameters
     ----------
-    scenarios, grid, scheme
+    scenarios, grid, scheme, strict
         See ``monte_carlo``.
     demand
         A column of ``Study``: a scalar of ``Demand``, or "required_gap" (gap at rest − smallest
-        gap), which there is where a gap is finite and no link has a law of contact.
+        gap), if a gap is finite and no link has a law of contact.
     n
-        Base sample, a power of 2; n (d + 2) scenarios are run for d parameters.
+        Size of the base sample, a power of 2; n (d + 2) scenarios are run for d parameters.
     key
         A seed.
     confidence
         Confidence level of the bootstrap intervals.
-    strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
-
-    Raises
-    ------
-    ValueError
-        If an argument breaks its rule, a scenario fails, or the demand does not vary. If
-        ``strict``, also where there would be a warning.
-
-    Warns
-    -----
-    PlausibilityWarning
-        If, of the first 256 scenarios, more than 1 % have a ground motion that the grid does not
-        resolve (see ``simulate``), or a record with a PGA above 5 g.
     """
-    from scipy import stats  # only here: it takes a second to import
-
     owner = "sobol_sensitivity"
-    instance(owner, "scenarios", scenarios, ScenarioSet)
+    findings = doubts(owner, scenarios)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
-    n = count(owner, "n", n)
-    key = seed(owner, "key", key)
+    n, key = count(owner, "n", n), seed(owner, "key", key)
     enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
     require_share(owner, "confidence", confidence)
 
@@ -105,50 +91,52 @@ def sobol_sensitivity(
             if demand == "required_gap":
                 rule += ": there is no required gap unless a gap at rest is finite and no link has"
                 rule += " a law of contact"
-            raise ValueError(f"{owner}: demand = {demand!r} {rule}")
+            raise InvalidInput(owner, "demand", repr(demand), rule)
         return values[demand]
 
-    run_all: Any = in_chunks(run)
-
     names = parameter_names(scenarios)
-    d = len(names)
-    enforce(owner, [Rule("scenarios.dimension", d, d >= 2, "at least 2: one has all the variance")])
+    d, rule = len(names), "at least 2: one has all the variance"
+    enforce(owner, [Rule("scenarios.dimension", d, d >= 2, rule)])
     z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
-    one, other = z[:, :d], z[:, d:]
-    grounds = jax.jit(jax.vmap(lambda z: as_pytree(scenarios.realize(z)[1], grid)))
-    tell(owner, of_many(grounds(one[: first_of(n, grid)]), grid, in_g=False), strict)
-    mixed = [np.where(np.arange(d) == i, other, one) for i in range(d)]
-    found = run_all(np.concatenate([one, other, *mixed])).astype(float)
-    if np.isposinf(found).any():
-        lacking = "impact in some scenarios" if demand.startswith("first_impact") else "gap"
-        raise ValueError(f"{owner}: {demand} must be finite, but there is no {lacking}")
-    if bad := np.count_nonzero(~np.isfinite(found)):
-        raise ValueError(f"{owner}: {bad} of {found.size} scenarios fail; monte_carlo says why")
-    if not np.ptp(found):
-        raise ValueError(f"{owner}: {demand} = {found[0]:.8g} must vary, but does not")
-    runs = found.reshape(d + 2, n)
+    a, b = z[:, :d], z[:, d:]
+    grounds = grounds_at(scenarios, grid)(a[: first_of(n, grid)])
+    si = gravity_of(structures_of(scenarios)) is not None
+    warn(owner, findings + of_many(grounds, grid, in_g=si), strict)
+    mixed = [np.where(np.arange(d) == i, b, a) for i in range(d)]
+    run_all: Any = in_chunks(run)
+    demands = run_all(np.concatenate([a, b, *mixed])).astype(float)
+    if np.isposinf(demands).any():
+        missing = "impact in some scenarios" if demand.startswith("first_impact") else "gap"
+        raise InvalidInput(owner, demand, "", f"must be finite, but there is no {missing}")
+    if failed := np.count_nonzero(~np.isfinite(demands)):
+        fault = f"{failed} of {demands.size} scenarios fail; monte_carlo gives the reason"
+        raise ValueError(f"{owner}: {fault}")
+    if not np.ptp(demands):
+        raise InvalidInput(owner, demand, f"{demands[0]:.8g}", "must vary, but does not")
+    first, total = _indices(demands.reshape(d + 2, n), names, confidence, key)
+    return Sensitivity(demand, demands.size, first, total)
+
+
+def _indices(
+    demands: np.ndarray, names: Sequence[str], confidence: float, key: int
+) -> list[dict[str, Estimate]]:
+    """First-order and total indices; rows of ``demands`` are a, b, and a with one column of b."""
+    from scipy import stats  # only here: it takes a second to import
+
+    n = demands.shape[1]
 
     def indices(rows: Any) -> np.ndarray:
-        f = runs[:, rows]
-        given = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
-        shares = stats.sobol_indices(func=given, n=n)
-        return np.stack([shares.first_order, shares.total_order]).reshape(2, d)
+        f = demands[:, rows]
+        values = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
+        shares = stats.sobol_indices(func=values, n=n)
+        return np.stack([shares.first_order, shares.total_order]).reshape(2, len(names))
 
-    every = np.arange(n)
-    low, high = stats.bootstrap(
-        (every,),
-        indices,
-        vectorized=False,
-        n_resamples=_REPLICATES,
-        confidence_level=confidence,
-        method="percentile",
-        rng=np.random.default_rng(key),
-    ).confidence_interval
-    first, total = (
-        {
-            name: Estimate(float(value), float(low), float(high), confidence)
-            for name, value, low, high in zip(names, *of_order, strict=True)
-        }
-        for of_order in zip(indices(every), low, high, strict=True)
-    )
-    return Sensitivity(demand, found.size, first, total)
+    rows, random = np.arange(n), np.random.default_rng(key)
+    resampling = {"n_resamples": _REPLICATES, "vectorized": False, "method": "percentile"}
+    resampling |= {"confidence_level": confidence, "rng": random}
+    low, high = stats.bootstrap((rows,), indices, **resampling).confidence_interval
+    values = [indices(rows), low, high, np.full_like(low, confidence)]
+    return [
+        {name: Estimate(*map(float, x)) for name, x in zip(names, of_order, strict=True)}
+        for of_order in np.stack(values, axis=-1)
+    ]

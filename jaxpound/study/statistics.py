@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxpound._checks import Rule, enforce, require_share
-from jaxpound._tables import Table
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import TextTable
 
 
 class Estimate(NamedTuple):
-    """An estimate and its confidence interval; an end that is not known is infinite or NaN."""
+    """An estimate and its confidence interval; an unknown end is infinite or NaN."""
 
     value: float
     low: float
@@ -24,54 +25,28 @@ class Estimate(NamedTuple):
         return f"{self.value:.4g} ({self.confidence:.0%}: {self.low:.4g} to {self.high:.4g})"
 
     def _repr_html_(self) -> str:
-        return Table("", (), [("estimate", str(self))]).html()
+        return TextTable("", (), [("estimate", str(self))]).html()
 
 
 def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
-    """Probability of an event that occurred ``successes`` times in n, with its exact interval.
-
-    Its coverage is at least ``confidence`` (Clopper and Pearson 1934).
-
-    Raises
-    ------
-    ValueError
-        If n < 1, successes is not between 0 and n, or confidence not between 0 and 1.
-    """
+    """Probability of an event with ``successes`` in n; interval of Clopper and Pearson (1934)."""
     from scipy import stats  # only here: it takes a second to import
 
     owner = "probability"
     require_share(owner, "confidence", confidence)
-    enforce(
-        owner,
-        [
-            Rule("n", n, n >= 1, "at least 1"),
-            Rule("successes", successes, 0 <= successes <= n, f"between 0 and n = {n}"),
-        ],
-    )
+    between = Rule("successes", successes, 0 <= successes <= n, f"between 0 and n = {n}")
+    enforce(owner, [Rule("n", n, n >= 1, "at least 1"), between])
     interval = stats.binomtest(int(successes), int(n)).proportion_ci(confidence, method="exact")
     return Estimate(successes / n, float(interval.low), float(interval.high), confidence)
 
 
 def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Estimate:
-    """Quantile of the distribution of a sample, with a distribution-free interval.
+    """Quantile of the distribution of independent draws, shape (n,), with an interval.
 
-    The interval's ends are order statistics: the number of draws below the quantile is binomial
-    (Conover 1999, section 3.2). An end is infinite if the sample is too small for any order
-    statistic to have that confidence.
-
-    Parameters
-    ----------
-    sample
-        Independent draws, shape (n,).
-    share
-        Between 0 and 1: the probability of not exceeding the quantile.
-    confidence
-        Between 0 and 1; each end errs with a probability of at most (1 − confidence) / 2.
-
-    Raises
-    ------
-    ValueError
-        If the sample is empty or not finite, or share or confidence is not between 0 and 1.
+    ``share``, between 0 and 1, is the probability of not exceeding the quantile. The interval's
+    ends are order statistics: the number of draws below the quantile is binomial (Conover 1999,
+    section 3.2). Each end errs with a probability of at most (1 − confidence) / 2; it is infinite
+    if the sample is too small for any order statistic to have that confidence.
     """
     from scipy import stats
 
@@ -80,13 +55,12 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     require_share(owner, "confidence", confidence)
     sample = np.asarray(sample, float)
     if sample.ndim != 1 or not sample.size:
-        raise ValueError(f"{owner}: sample of shape {sample.shape} must be (n,) with n ≥ 1")
+        rule = f"of shape {sample.shape} must be (n,) with n ≥ 1"
+        raise InvalidInput(owner, "sample", "", rule)
     enforce(owner, [Rule("sample", sample, np.isfinite(sample), "finite")])
     ends = stats.quantile_test(sample, p=share).confidence_interval(confidence)
-    low, high = (
-        float(beyond if np.isnan(end) else end)  # if no order statistic suffices
-        for end, beyond in zip(ends, (-np.inf, np.inf), strict=True)
-    )
+    # NaN if no order statistic suffices.
+    low, high = np.where(np.isnan(ends), (-np.inf, np.inf), ends).tolist()
     return Estimate(float(np.quantile(sample, share)), low, high, confidence)
 
 
@@ -101,7 +75,7 @@ class Moments(NamedTuple):
 
     @staticmethod
     def of(sample: np.ndarray) -> Moments:
-        """Moments of one part, shape (n,)."""
+        """Moments of a part, shape (n,)."""
         sample = np.asarray(sample, float)
         if not sample.size:
             return Moments()
@@ -114,14 +88,11 @@ class Moments(NamedTuple):
         if not self.n or not other.n:
             return self if self.n else other
         m, n = self.n, other.n
-        total, apart = m + n, other.mean - self.mean
-        return Moments(
-            n=total,
-            mean=self.mean + apart * n / total,
-            square=self.square + other.square + apart**2 * m * n / total,
-            smallest=min(self.smallest, other.smallest),
-            largest=max(self.largest, other.largest),
-        )
+        total, difference = m + n, other.mean - self.mean
+        mean = self.mean + difference * n / total
+        square = self.square + other.square + difference**2 * m * n / total
+        ends = min(self.smallest, other.smallest), max(self.largest, other.largest)
+        return Moments(total, mean, square, *ends)
 
     def times(self, factor: float) -> Moments:
         """Moments of the sample times a factor > 0."""

@@ -40,6 +40,27 @@ def edited(text: str, changes: dict[str, str]) -> str:
     return text
 
 
+def faults(lines: str) -> list[list[str]]:
+    """Changes of an example, and what is refused, on either side of => in each line."""
+    found = re.findall(r"(?m)^\S.*(?:\n +.*)*", lines)
+    return [re.sub(r"\n +", " ", line).split(" => ") for line in found]
+
+
+def changed(text: str, changes: str) -> str:
+    """A configuration with lines replaced, between &; ; parts the new lines.
+
+    ``key = value`` replaces the line of the key, ``a -> b`` the line that begins with a.
+    """
+    for change in changes.split(" & "):
+        old, _, new = change.replace(" ; ", "\n").rpartition(" -> ")
+        new = new.removeprefix("nothing")
+        key = re.escape(re.match(r'\[\w+\]|[\w".*-]*', new)[0])
+        old = re.escape(old) if old else rf"(?:# )?{key}(?: ?=|(?<=]))"
+        text, n = re.subn(rf"(?m)^{old}.*$", lambda _, new=new: new, text, count=1)
+        assert n, change
+    return text
+
+
 def refusal(capsys, *arguments: object) -> str:
     """The one line on stderr of a command that must fail."""
     assert cli.main([str(argument) for argument in arguments]) == 2

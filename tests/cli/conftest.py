@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxpound.cli import notes
+from jaxpound.cli import structures
 from jaxpound.cli.files import example
 from tests.cli.commands import PULSE, edited, run
 
@@ -13,7 +13,7 @@ from tests.cli.commands import PULSE, edited, run
 @pytest.fixture(autouse=True)
 def without_notes(monkeypatch) -> None:
     """No note on compilation: whether there is one depends on the machine."""
-    monkeypatch.setattr(notes, "AFTER", 600.0)
+    monkeypatch.setattr(structures, "AFTER", 600.0)
 
 
 @pytest.fixture(scope="module")
@@ -25,13 +25,13 @@ def pulse(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def write(tmp_path):
-    """A configuration: the example with lines replaced."""
+def write(tmp_path, request):
+    """A configuration: the module's example with lines replaced."""
 
     def write_config(changes: dict[str, str] | None = None, text: str | None = None) -> Path:
-        text = edited(example("simulate") if text is None else text, changes or {})
-        path = tmp_path / "buildings.toml"
-        path.write_text(text)
+        standard = getattr(request.module, "EXAMPLE", example("simulate"))
+        path = tmp_path / "config.toml"
+        path.write_text(edited(standard if text is None else text, changes or {}))
         return path
 
     return write_config

@@ -9,12 +9,9 @@ import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound.cli import hazard
-from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
-from jaxpound.cli.reading import File, entries
 from jaxpound.quantities import STANDARD_GRAVITY
-from tests.cli.commands import edited, is_figure, number, refusal, run, tables
+from tests.cli.commands import changed, edited, faults, is_figure, number, refusal, run, tables
 
 EXAMPLE = example("hazard")
 OPENQUAKE = """\
@@ -73,7 +70,8 @@ def drawn(folder):
     """The folder, with a study whose intensities the example's hazard has drawn."""
     text = (folder / "study.toml").read_text()
     curve = f"intensity = {{hazard = {CURVE}}}"
-    (folder / "drawn.toml").write_text(edited(text, {"intensity": curve}))
+    changes = {"intensity": curve, "spectral": "spectral_acceleration = false"}
+    (folder / "drawn.toml").write_text(edited(text, changes))
     run("montecarlo", folder / "drawn.toml", "--store", folder / "drawn")
     return folder
 
@@ -89,16 +87,6 @@ def told(folder, text):
     (folder / "hazard.toml").write_text(text)
     screen = run("hazard", folder / "hazard.toml", "--out", folder / "out")
     return screen, json.loads((folder / "out" / "summary.json").read_text())
-
-
-def test_the_example_names_every_key_and_is_printed(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["hazard", "--example-config"])
-    assert capsys.readouterr().out == EXAMPLE
-    File("example", EXAMPLE).read(hazard.Lifetime)
-    for table in entries(hazard.Lifetime):
-        for key in entries(entries(hazard.Lifetime)[table]):
-            assert re.search(rf"(?m)^(# )?{key} = ", EXAMPLE), key
 
 
 def test_a_power_law_gives_cornell_s_rate(tmp_path):
@@ -191,6 +179,12 @@ def test_spectral_accelerations_of_the_study_meet_a_hazard_of_them(folder):
     study = jp.Study.open(folder / "study")
     curve = jp.fit_fragility(study["spectral_acceleration_1"], study.pounding(0.04) == 1)
     assert answers["fragility"]["median"] == pytest.approx(curve.median / STANDARD_GRAVITY)
+    assert answers["measure"] == "SA(0.9) (g)"
+    measures = [str(study.measure(f"spectral_acceleration_{i}")) for i in (1, 2)]
+    assert measures == ["Sa(0.9 s) (m/s²)", "Sa(0.6 s) (m/s²)"]
+    in_g = jp.HazardCurve([0.1, 1.0], [1e-2, 1e-5], "SA(0.9) (g)")
+    with pytest.raises(ValueError, match="must be in the unit of the fragility, m/s²"):
+        in_g.annual_rate_of(study.fragility("spectral_acceleration_1", 0.04))
 
 
 def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
@@ -213,93 +207,63 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
     assert "The interval is that of the probability in an earthquake" in page
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (
-            of_drawn().replace("gap = 0.005", "gap = 9.0"),
-            "[study] store must hold runs with pounding",
-        ),
-        (
-            of_drawn().replace("# unit =", "unit = 'g' #"),
-            "[study] drawn = true must not be given beside [hazard] unit",
-        ),
-        (of_study("drawn = true"), "[study] drawn = true must not be given: this hazard is not"),
-        (
-            of_drawn().replace("8e-5", "9e-5"),
-            "[study] drawn = true must not be given: this hazard is not",
-        ),
-        (
-            of_study().replace('"PGA (g)"', '"SA(0.2) (g)"'),
-            "[hazard] measure = 'SA(0.2) (g)' must be that of the fragility, peak ground accel",
-        ),
-        (
-            of_study().replace("# unit =", "unit = 'gal' #"),
-            '[hazard] unit = "gal" must be that of measure = "PGA (g)"',
-        ),
-        (
-            edited(EXAMPLE, {"# unit": "unit = 'g'"}),
-            "[hazard] unit must be given with [study] only",
-        ),
-        (EXAMPLE.replace("bands = 20", "bands = 2001"), "[results] bands = 2001 must be from 1 to"),
-        (
-            of_study().replace('"pga"', '"peak_x1"'),
-            '[study] intensity = "peak_x1" must measure the shaking, such as pga',
-        ),
-        (
-            of_drawn().replace("0.05]", "0.99]"),
-            "[study] the annual rate of probability = 0.99 in 50",
-        ),
-        (
-            of_study().replace('"pga"', '"spectral_acceleration_1"'),
-            "[hazard] measure = 'PGA (g)' must be that of the fragility, spectral acceleration",
-        ),
-        (EXAMPLE.replace("1.6]", "1e300]"), "[hazard] intensity = 1e+300 (at index [5]) must be"),
-        (EXAMPLE.replace("[3e-2", "[3e4"), "[hazard] annual_rate = 30000 (at index [0]) must be"),
-        (
-            EXAMPLE.replace("median_error = 0.05", "median_error = 50000"),
-            "[fragility] median_error = 50000 must be at most the median itself, 0.6",
-        ),
-        (edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2]"}), "[hazard] intensity (6,) and"),
-        (
-            edited(EXAMPLE, {"annual_rate": "annual_rate = [1, 2, 3, 4, 5, 6]"}),
-            "[hazard] annual_rate = 2 ",
-        ),
-        (edited(EXAMPLE, {"annual_rate": ""}), "[hazard] must have intensity and annual_rate, or"),
-        (edited(EXAMPLE, {"measure": 'file = "x"'}), "[hazard] intensity must not be given beside"),
-        (edited(EXAMPLE, {"# unit": "unit = 'x'"}), '[hazard] unit = "x" must be one of g, m/s²'),
-        (
-            edited(EXAMPLE, {"# unit": f"unit = '{'y' * 3000}'"}),
-            f'[hazard] unit = "{"y" * 75} ... must be one of g',
-        ),
-        (edited(EXAMPLE, {"median =": "median = 0"}), "[fragility] median = 0 must be between"),
-        (edited(EXAMPLE, {"median_error": ""}), "[fragility] must have median_error and"),
-        (EXAMPLE + STUDY, "must have the table [fragility] or the table [study], one of them"),
-        (of_file(""), "curve.csv: site must be one of 2, from 1"),
-        (of_file(3), "curve.csv: site = 3 must be a row from 1 to 2"),
-        (of_study().replace('"pga"', '"pgx"'), "[study] column 'pgx' must be one of"),
-        (
-            of_study().replace("link = 1", "link = 3"),
-            "[study] link = 3 must be one of the study's links",
-        ),
-        (
-            of_study().replace("# unit =", "unit = 'cm/s' #").replace('"PGA (g)"', '"PGA"'),
-            '[hazard] unit = "cm/s" must be one of g, m/s²,',
-        ),
-        (of_study().replace('"study"', '"none"'), "none"),
-        (
-            of_study().replace("0.1, 0.02", "0.99"),
-            "[study] the target, 0.0921 a year, must be the rate of pounding at a gap",
-        ),
-    ],
-)
+EXAMPLES = {"EXAMPLE": EXAMPLE, "STUDY": of_study(), "DRAWN": of_drawn(), "FILE": of_file("")}
+FAULTS = r"""
+DRAWN: gap = 9.0 => [study] store must hold runs with pounding
+DRAWN: unit = 'g' => [study] drawn = true must not be given beside [hazard] unit
+STUDY: link = 1 ; drawn = true
+    => leave it out, or use HazardCurve.annual_rate_of(..., drawn=True
+DRAWN: annual_rate = [3e-2, 1e-2, 3e-3, 6e-4, 9e-5, 6e-6]
+    => [study] drawn = true must not be given: this hazard is not
+STUDY: measure = "SA(0.2) (g)"
+    => [hazard] measure = 'SA(0.2) (g)' must be that of the fragility, peak ground accel
+STUDY: unit = 'gal' => [hazard] unit = "gal" must be that of measure = "PGA (g)"
+EXAMPLE: unit = 'g' => [hazard] unit must be given with [study] only
+EXAMPLE: bands = 2001 => [results] bands = 2001 must be from 1 to
+STUDY: intensity = "pga" -> intensity = "peak_x1"
+    => [study] intensity = "peak_x1" must measure the shaking, such as pga
+DRAWN: gap_probabilities = [0.1, 0.99] => [study] the annual rate of probability = 0.99 in 50
+STUDY: intensity = "pga" -> intensity = "spectral_acceleration_1"
+    => [hazard] measure = 'PGA (g)' must be that of the fragility, Sa(0.9 s) (g)
+STUDY: measure = "SA(0.2)" & intensity = "pga" -> intensity = "spectral_acceleration_1"
+    => [hazard] measure = 'SA(0.2) (g)' must be that of the fragility, Sa(0.9 s) (g)
+EXAMPLE: intensity = [0.05, 0.1, 0.2, 0.4, 0.8, 1e300]
+    => [hazard] intensity = 1e+300 (at index [5]) must be
+EXAMPLE: annual_rate = [3e4, 1e-2, 3e-3, 6e-4, 8e-5, 6e-6]
+    => [hazard] annual_rate = 30000 (at index [0]) must be
+EXAMPLE: median_error = 50000
+    => [fragility] median_error = 50000 must be at most the median itself, 0.6
+EXAMPLE: annual_rate = [1, 2] => [hazard] intensity (6,) and
+EXAMPLE: annual_rate = [1, 2, 3, 4, 5, 6] => [hazard] annual_rate = 2
+EXAMPLE: annual_rate -> nothing => [hazard] must have intensity and annual_rate, or
+EXAMPLE: measure -> file = "x" => [hazard] intensity must not be given beside
+EXAMPLE: unit = 'x' => [hazard] unit = "x" must be one of g, m/s²
+EXAMPLE: median = 0 => [fragility] median = 0 must be between
+EXAMPLE: median_error -> nothing => [fragility] must have median_error and
+FILE: file = "curve.csv" => curve.csv: site must be one of 2, from 1
+FILE: file = "curve.csv" ; site = 3 => curve.csv: site = 3 must be a row from 1 to 2
+STUDY: intensity = "pga" -> intensity = "pgx" => [study] column 'pgx' must be one of
+STUDY: link = 3 => [study] link = 3 must be one of the study's links
+STUDY: measure = "PGA" & unit = 'cm/s' => [hazard] unit = "cm/s" must be one of g, m/s²,
+STUDY: store = "none" => none
+STUDY: gap_probabilities = [0.99]
+    => [study] the target, 0.0921 a year, must be the rate of pounding at a gap
+"""
+CASES = [
+    (changed(EXAMPLES[x], y), says) for f, says in faults(FAULTS) for x, y in [f.split(": ", 1)]
+]
+CASES += [
+    (EXAMPLE + STUDY, "must have the table [fragility] or the table [study], one of them"),
+    (changed(EXAMPLE, f"unit = '{'y' * 3000}'"), f'[hazard] unit = "{"y" * 75} ... must be one of'),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), CASES)
 def test_wrong_input_is_named(text, words, drawn, capsys):
-    folder = drawn
-    path = folder / "wrong.toml"
+    path, out = drawn / "wrong.toml", drawn / "nothing"
     path.write_text(text)
-    line = refusal(capsys, "hazard", path, "--out", folder / "nothing")
-    assert words in line
-    assert not (folder / "nothing").exists()
+    assert words in refusal(capsys, "hazard", path, "--out", out)
+    assert not out.exists()
 
 
 def test_probabilities_in_fifty_years_given_as_rates_are_told_of_once(tmp_path, capsys):

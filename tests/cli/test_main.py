@@ -14,7 +14,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
-from jaxpound.study.store import Store
+from jaxpound.store.store import Store
 from tests.cli.commands import edited, refusal
 
 
@@ -35,10 +35,7 @@ from tests.cli.commands import edited, refusal
         (["simulate", "--record", "PULSE", "--dt", "0.1", "--out", "OUT"], "dt = 0.1 must agree"),
         (["simulate", "--record", "PULSE", "--scale", "2", "--out", "OUT"], "--scale"),
         (["paper", "--out", ""], "argument --out: must not be empty"),
-        (
-            ["montecarlo", "PULSE", "--store", "OUT", "--samples", "0"],
-            "--samples: '0' must be",
-        ),
+        (["montecarlo", "PULSE", "--store", "OUT", "--samples", "0"], "--samples: '0' must be"),
     ],
 )
 def test_faulty_arguments(arguments, says, pulse, tmp_path, capsys):
@@ -151,13 +148,8 @@ def ended(*arguments: object, when: str, number: int = signal.SIGINT, **env: str
     """Run a command, signal once a line on stderr has ``when``; what stderr says after that."""
     own = {name: x for name, x in os.environ.items() if not name.startswith("JAX_")}
     command = [sys.executable, "-X", "importtime", "-c", PROGRAM, *map(str, arguments)]
-    with subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=own | env,
-    ) as process:
+    out, err = subprocess.DEVNULL, subprocess.PIPE
+    with subprocess.Popen(command, stdout=out, stderr=err, text=True, env=own | env) as process:
         assert any(when in line for line in process.stderr)
         process.send_signal(number)
         rest = process.stderr.read()
@@ -187,10 +179,13 @@ def test_interrupted_while_jax_is_imported(command, tmp_path):
 
 
 @posix
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_before_anything_is_imported(number, tmp_path):
+@pytest.mark.parametrize(
+    ("number", "when"),
+    [(signal.SIGINT, "argparse"), (signal.SIGTERM, "argparse"), (signal.SIGTERM, "jaxlib")],
+)
+def test_interrupted_before_anything_is_imported(number, when, tmp_path):
     """What the command line itself needs, such as argparse."""
-    said = ended("paper", "--out", tmp_path / "out", when="argparse", number=number)
+    said = ended("paper", "--out", tmp_path / "out", when=when, number=number)
     word = "interrupted" if number == signal.SIGINT else "terminated"
     assert said == [f"jaxpound: {word}; nothing was written"]
 
@@ -204,12 +199,6 @@ def test_the_process_ends_when_all_is_written():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, f"jaxpound {jp.__version__}\n")
-
-
-@posix
-def test_terminated(tmp_path):
-    said = ended("paper", "--out", tmp_path / "out", when="jaxlib", number=signal.SIGTERM)
-    assert said == ["jaxpound: terminated; nothing was written"]
 
 
 @posix

@@ -9,9 +9,10 @@ import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound.cli import notes, row_results, simulate
+from jaxpound.cli import simulate, structures
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
+from jaxpound.cli.results import lines
 from tests.cli.commands import edited, run
 
 
@@ -25,7 +26,7 @@ def short() -> str:
 
 @pytest.fixture(scope="module")
 def simulated(pulse, tmp_path_factory):
-    """The row of the example under the pulse: screen, folder, form, and the same by the API."""
+    """The row of the example under the pulse: screen, folder, layout, and the same by the API."""
     folder = tmp_path_factory.mktemp("row")
     path, out = folder / "row.toml", folder / "out"
     path.write_text(short())
@@ -33,12 +34,13 @@ def simulated(pulse, tmp_path_factory):
     file = File.opened(path, "simulate")
     given = file.read(simulate.Simulation)
     record = simulate.shaking(file, given.ground, jp.read_record(pulse))
-    form = given.form
-    return screen, out, form, jp.simulate_row(form.buildings, form.links, record, duration=1.6)
+    layout = given.layout
+    response = jp.simulate_row(layout.si.buildings, layout.si.links, record, duration=1.6)
+    return screen, out, layout, response
 
 
 def test_the_summary_has_the_api_s_numbers(simulated):
-    _, out, form, response = simulated
+    _, out, layout, response = simulated
     summary = json.loads((out / "summary.json").read_text())
     told, demand = summary["results"], response.demand
     assert summary["run"]["steps"] == response.time.size - 1
@@ -47,7 +49,7 @@ def test_the_summary_has_the_api_s_numbers(simulated):
         sum(one["damper_energy_J"] for one in told["links"]),
         rel=1e-3,  # by two quadratures
     )
-    for one, building in zip(told["buildings"], form.buildings, strict=True):
+    for one, building in zip(told["buildings"], layout.si.buildings, strict=True):
         modes = building.modes()
         assert [x["period_s"] for x in one["modes"]] == pytest.approx(modes.periods)
         assert [x["damping_ratio"] for x in one["modes"]] == pytest.approx(modes.damping_ratios)
@@ -55,7 +57,7 @@ def test_the_summary_has_the_api_s_numbers(simulated):
         assert one["peak_displacement_m"] == max(peaks)
         assert one["base_shear_N"] == float(demand.rods[one["series"][0] - 1].peak_force)
     assert [one["series"] for one in told["buildings"]] == [[1, 2], [3, 4, 5], [6, 7]]
-    for one, link, scalars in zip(told["links"], form.links, demand.links, strict=True):
+    for one, link, scalars in zip(told["links"], layout.si.links, demand.links, strict=True):
         assert one["floor"] == link.floor + 1
         assert one["slip_distance_m"] == (float(scalars.slip_distance) if link.friction else None)
         assert (one["contact"] is None) == (link.contact is None)
@@ -79,24 +81,24 @@ def test_impacts_are_told_by_link(simulated):
     assert gap[np.searchsorted(response.time, touched[1])] <= 0
     assert f"POUNDS: overlap {told['overlap_m']:.4g} m" in screen
     row = next(line for line in screen.splitlines() if line.startswith("1–2, floor 2")).split()
-    assert row[-3:][0] == str(int(told["links"][0]["contact"]["n_impacts"]))
+    assert row[-4] == str(int(told["links"][0]["contact"]["n_impacts"]))
 
 
 def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
-    _, out, form, response = simulated
+    _, out, layout, response = simulated
     series = np.load(out / "series.npz")
     with (out / "floors.csv").open() as file:
         floors = list(csv.DictReader(file))
     assert [(row["building"], row["floor"]) for row in floors] == [
         (str(b + 1), str(i + 1))
-        for b, one in enumerate(form.buildings)
+        for b, one in enumerate(layout.si.buildings)
         for i in range(one.n_floors)
     ]
-    demands = jp.floor_demands(form.structures, response.demand, form.buildings)
+    demands = jp.floor_demands(layout.structures, response.demand, layout.si.buildings)
     assert "drift ratio (%)" in str(demands[0])
     for row in floors:
         b, i = int(row["building"]) - 1, int(row["floor"]) - 1
-        assert float(row["elevation_m"]) == form.buildings[b].elevations[i]
+        assert float(row["elevation_m"]) == layout.si.buildings[b].elevations[i]
         x = series[f"x{row['series']}_m"]
         assert 0 <= float(row["displacement_m"]) / np.abs(x).max() - 1 < 1e-2
         below = series[f"x{int(row['series']) - 1}_m"] if i else 0
@@ -129,22 +131,22 @@ def test_a_row_without_links_or_contact(simulated):
     results = answers["results"]
     for link in results["links"]:
         link |= {"contact": None, "friction_force_N": 0.0}
-    told = "\n".join(row_results.lines(answers))
+    told = "\n".join(lines(results))
     assert "slid" not in told
     assert "impacts" not in told
     assert "POUNDS: overlap" in told
     results["links"] = results["links"][2:]
-    assert "smallest" not in "\n".join(row_results.lines(answers))
+    assert "smallest" not in "\n".join(lines(results))
     results["links"] = []
-    assert "link" not in "\n".join(row_results.lines(answers))
+    assert "link" not in "\n".join(lines(results))
 
 
 def test_a_note_says_what_is_compiled_where_that_takes_long(capsys, monkeypatch):
     row = File.opened(None, "simulate").read(simulate.Simulation).structures
-    with notes.noted(row):
+    with structures.compile_notice(row):
         pass
-    monkeypatch.setattr(notes, "AFTER", 0.01)
-    with notes.noted(row):
+    monkeypatch.setattr(structures, "AFTER", 0.01)
+    with structures.compile_notice(row):
         sleep(0.2)
     words = "jaxpound: compiling and running the program for 2 floors and 1 link ...\n"
     assert capsys.readouterr().err == words

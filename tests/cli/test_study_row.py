@@ -13,7 +13,7 @@ from jaxpound.cli.reading import File
 from jaxpound.cli.report import fragilities_of_links
 from jaxpound.cli.simulate import Simulation
 from jaxpound.model.places import link_places
-from tests.cli.commands import edited, number, refusal, run, tables
+from tests.cli.commands import edited, number, run, tables
 
 STUDY, DESIGN = (example(command, "row") for command in ("montecarlo", "design"))
 SHORT = {
@@ -25,14 +25,14 @@ SHORT = {
 
 
 def prepared(text):
-    """A study's scenarios and their form."""
+    """A study's scenarios and their layout."""
     file = File("row.toml", text)
-    given = file.read(montecarlo.Study)
-    return montecarlo.prepared(file, given)[0], given.form
+    given = file.read(montecarlo.StudyConfig)
+    return montecarlo.prepared(file, given)[0], given.layout
 
 
 def test_the_example_s_random_storeys():
-    scenarios, form = prepared(STUDY)
+    scenarios, layout = prepared(STUDY)
     structures = scenarios.structures
     names = [*structures.uncertain]
     stiffness = [f"buildings.{b}.rods.{i}.stiffness" for b, n in ((0, 2), (1, 3)) for i in range(n)]
@@ -43,73 +43,14 @@ def test_the_example_s_random_storeys():
     drawn = structures.parameters(np.zeros(len(names)))
     for path in stiffness:
         b, i = (int(part) for part in re.findall(r"\d+", path))
-        stated = form.structures.buildings[b].rods[i].stiffness
+        stated = layout.structures.buildings[b].rods[i].stiffness
         assert float(drawn[path]) == pytest.approx(float(stated))
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({'"link.2': '"link.1.friction_force" = {uniform = [1, 2]}'}, "must be of a value above 0"),
-        (
-            {'"link.2': '"link.2.gap" = {uniform = [1, 2]}'},
-            "[uncertain] link.2.gap must be of a [[link]] with a gap: link.2 has no gap",
-        ),
-        (
-            {'"link.2': '"link.*.contact.stiffness" = {uniform = [1, 2]}'},
-            "link.*.contact.stiffness must be of a [[link]] with contact: links have no contact",
-        ),
-        (
-            {
-                "gap": 'gap = 0.05\ncontact = {law = "newton", restitution = 0.65}',
-                '"link.2': '"link.1.contact.stiffness" = {uniform = [1, 2]}',
-            },
-            "must be a parameter of the law of contact, which has restitution",
-        ),
-        (
-            {'"link.2': '"link.3.gap" = {uniform = [1, 2]}'},
-            "[uncertain] link.3.gap must be of a",
-        ),
-        (
-            {'"link.2': '"building.1.storey.3.stiffness" = {uniform = [1, 2]}'},
-            "[uncertain] building.1.storey.3.stiffness must be of a building, floor, storey or ",
-        ),
-        (
-            {'"link.2': '"building.*.storey.*.stifness" = {uniform = [1, 2]}'},
-            "'building.*.storey.*.stifness'; did you mean 'building.*.storey.*.stiffness'",
-        ),
-        (
-            {'"link.2': '"building.2.storey.*.tau_f" = {uniform = [1, 900]}'},
-            "[uncertain], in SI units: building.2.storey.1.tau_f ~ Uniform",
-        ),
-        ({'"link.2': '"friction" = {uniform = [1, 2]}'}, "has an unknown key 'friction'"),
-        (
-            {'"link.2': '"building.2.storey.*.stiffness" = {uniform = [1, 2]}'},
-            "building.*.storey.*.stiffness and building.2.storey.*.stiffness must not stand for",
-        ),
-        (
-            {'"building.*.f': '"building.*.floor.*.mass" = {uniform = [1, 1e5]}'},
-            "building.1.floor.1.mass = 2e+10 kg must be between 0.001 and 1e+10 kg",
-        ),
-        (
-            {"correlation": "correlation = 1.5"},
-            "[study] correlation = 1.5 must be between",
-        ),
-        ({"correlation": "correlation = -0.9"}, "[uncertain]: correlation = -0.9 must be"),
-    ],
-)
-def test_what_is_wrong_with_random_storeys(changes, says, tmp_path, capsys):
-    path = tmp_path / "row.toml"
-    path.write_text(edited(STUDY, changes))
-    line = refusal(capsys, "montecarlo", path, "--store", tmp_path / "st")
-    assert line.startswith(f"jaxpound: error: {path}: ")
-    assert says in line
 
 
 def test_a_study_of_a_row_and_its_report(tmp_path):
     path, store, out = (tmp_path / name for name in ("row.toml", "store", "out"))
     changes = {"samples": "samples = 40", "# spectral": "spectral_acceleration = true"}
-    path.write_text(edited(STUDY, SHORT | changes))
+    path.write_text(edited(STUDY, SHORT | changes).replace("number = 3", "number = 2"))
     screen = run("montecarlo", path, "--store", store)
     assert "probability of pounding" in screen
     assert re.findall(r"slip_distance_\d|friction_work_\d", screen) == [
@@ -134,7 +75,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     value = answers["links"][1]["pounding_probability"]["value"]
     assert number(links[1]["probability of pounding"]) == pytest.approx(value, rel=1e-3)
     assert "absolute sum" not in page
-    assert "peak displacement of floor 3 of building 2" in page
+    assert "peak displacement of floor 2 of building 2" in page
     fitted = [one["fragility_by_pga"] for one in answers["links"]]
     assert any(fitted)
     assert ("No fragility curve fits a link" in page) == (None in fitted)
@@ -144,29 +85,6 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert "![fragility of links](fragility_of_links.png)" in page
     for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
         assert (out / f"{figure}.png").exists()
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        (
-            {"total_damper": "total_damper_force = -1.0"},
-            "[limits] total_damper_force = -1 N must",
-        ),
-        ({"total_damper": "total_damper_forc = 1.0"}, "did you mean 'total_damper_force'?"),
-        ({"total_damper": "peak_x6 = 1.0"}, "[limits] has an unknown key 'peak_x6'"),
-        (
-            {'"link.*': '"link.9.friction_force" = {low = 0, high = 2}'},
-            "[variables] link.9.frict",
-        ),
-    ],
-)
-def test_what_is_wrong_with_a_design_of_a_row(changes, says, tmp_path, capsys):
-    path = tmp_path / "row.toml"
-    path.write_text(edited(DESIGN, changes))
-    line = refusal(capsys, "design", path, "--out", tmp_path / "out")
-    assert line.startswith(f"jaxpound: error: {path}: ")
-    assert says in line
 
 
 BRACES = """
@@ -188,10 +106,10 @@ def test_braces_alone_have_a_response_to_be_least(tmp_path):
     with pytest.raises(
         ValueError, match=r'\[objective\] goal = "mean gap" must be "least demand" '
     ):
-        design.prepared(file, file.read(design.Wanted))
+        design.prepared(file, file.read(design.DesignConfig))
     changes = {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_drift"'}
     file = File("row.toml", edited(file.text, changes))
-    posed = design.prepared(file, file.read(design.Wanted))
+    posed = design.prepared(file, file.read(design.DesignConfig))
     assert posed.objective.goal == jp.LeastDemand("peak_drift")
     assert posed.space.names == ("links.0.friction", "links.1.friction")
 
@@ -209,20 +127,22 @@ def test_dampers_of_a_row_share_a_budget(tmp_path, monkeypatch):
     text = edited(DESIGN, SHORT | search | fewer).replace("number = 3", "number = 2")
     head, tail = text.split("[[link]]\nbuilding = 2", 1)
     path.write_text(head + tail[tail.index("# Random earthquakes") :])
-    screen = run("design", path, "--out", out)
+    screen = run("design", path, "--out", out, "--save", tmp_path / "search.npz")
+    assert (tmp_path / "search.npz").exists()
     answers = json.loads((out / "summary.json").read_text())
     assert answers["limits"]["total_damper_force"]["reached"] <= 400e3 * 1.001
     *chosen, together = answers["answer"]
     assert [row["quantity"] for row in chosen] == [f"slip force, 1–2, floor {i}" for i in (1, 2)]
     assert together["after"] == pytest.approx(sum(row["after"] for row in chosen))
     assert "slip forces of all dampers together" in screen
-    form = File.opened(out / "buildings.toml", "simulate").read(Simulation).form
-    forces = [float(link.friction) for link in form.links]
+    layout = File.opened(out / "buildings.toml", "simulate").read(Simulation).layout
+    forces = [float(link.friction) for link in layout.si.links]
+    assert all(force == 0 or force > 1e3 for force in forces)  # no rounding next to a bound
     assert forces == pytest.approx([row["after"] for row in chosen])
-    given = File("row.toml", path.read_text()).read(design.Wanted).form
-    for ours, theirs in zip(form.buildings, given.buildings, strict=True):
-        assert ours.modes().periods == pytest.approx(theirs.modes().periods)
-        assert ours.elevations.tolist() == theirs.elevations.tolist()
+    stated = File("row.toml", path.read_text()).read(design.DesignConfig).layout
+    for building, original in zip(layout.si.buildings, stated.si.buildings, strict=True):
+        assert building.modes().periods == pytest.approx(original.modes().periods)
+        assert building.elevations.tolist() == original.elevations.tolist()
     page = (out / "summary.md").read_text()
     assert "# Design of buildings in a row" in page
     assert "slip forces of all dampers together" in page

@@ -1,5 +1,7 @@
 """Known parameters, found again from noisy motion."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,9 +32,14 @@ def measured(seed):
     return {k: np.asarray(x) + STD[k] * random.normal(size=x.size) for k, x in series.items()}
 
 
+@functools.cache
+def calibrated():
+    return jp.calibrate(SPACE, measured(0), GROUND, GRID, start=START, starts=2, noise=STD)
+
+
 def test_known_parameters_are_found_within_their_intervals():
     """From a start far off; the true values are in 95 % intervals, and these are narrow."""
-    found = jp.calibrate(SPACE, measured(0), GROUND, GRID, start=START, starts=2, noise=STD)
+    found = calibrated()
     for path, value in VALUES.items():
         estimate = found.parameters[path]
         assert estimate.low < value < estimate.high, path
@@ -51,8 +58,7 @@ def test_known_parameters_are_found_within_their_intervals():
 
 def test_intervals_cover_as_often_as_they_say():
     """By the linearised estimate: its spread over many draws of noise is what intervals state."""
-    found = jp.calibrate(SPACE, measured(1), GROUND, GRID, starts=1, noise=STD)
-    half = np.array([(x.high - x.low) / 2 for x in found.parameters.values()])
+    half = np.array([(x.high - x.low) / 2 for x in calibrated().parameters.values()])
 
     def series(values):
         structures = SPACE.structures(values)
@@ -61,9 +67,9 @@ def test_intervals_cover_as_often_as_they_say():
 
     shares = SPACE.shares(TRUTH)
     jacobian = np.asarray(jax.jit(jax.jacfwd(series))(shares))
-    to = np.asarray(jax.jacfwd(lambda s: jnp.stack(list(SPACE.values(s).values())))(shares))
+    to = jax.jit(jax.jacfwd(lambda s: jnp.stack(list(SPACE.values(s).values()))))(shares)
     noise = np.random.default_rng(2).normal(size=(4000, len(jacobian)))
-    errors = noise @ np.linalg.pinv(jacobian).T @ to.T
+    errors = noise @ np.linalg.pinv(jacobian).T @ np.asarray(to).T
     covered = (np.abs(errors) < half).mean(axis=0)
     np.testing.assert_allclose(covered, 0.95, atol=0.02)
 
@@ -106,15 +112,8 @@ def test_bad_calibrations_are_named(change, message):
 
 def test_a_parameter_at_its_bound_is_named():
     space = jp.DesignSpace(TRUTH, {"friction": (0.3, 1.0)})
-    found = jp.calibrate(
-        space,
-        {"x1": measured(0)["x1"]},
-        GROUND,
-        GRID,
-        noise={"x1": 0.01},
-        start={"friction": 0.5},
-        starts=1,
-    )
+    series, more = {"x1": measured(0)["x1"]}, {"noise": {"x1": 0.01}, "start": {"friction": 0.5}}
+    found = jp.calibrate(space, series, GROUND, GRID, starts=1, **more)
     assert found.at_bounds == ("friction",)
     assert "friction is at a bound: its interval means nothing" in assert_shown(found)
 

@@ -1,7 +1,6 @@
 """Designs, elasticities and calibrations of blocks that touch."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.cli import design
-from jaxpound.cli.parameters import PairParameters
+from tests.design.layouts import parameters_of_pair
 
 GRID = jp.TimeGrid(0.1, 50)
 TOUCHING = dataclasses.replace(
@@ -21,11 +20,19 @@ def wave(amplitude):
     return jp.Ricker(amplitude, [2.5], [2.0])
 
 
+RUNS = 62
+
+
 @jax.jit
 @jax.vmap
-def demands(amplitude, gap, restitution):
+def run(amplitude, gap, restitution):
     structures = dataclasses.replace(TOUCHING, initial_gap=gap, contact=jp.Newton(restitution))
     return jp.demand(structures, wave(amplitude), GRID)
+
+
+def demands(*numbers):
+    """Demands by amplitude, gap and restitution; one program of as many runs serves all tests."""
+    return run(*(np.resize(x, RUNS) for x in numbers))
 
 
 def test_the_smallest_gap_within_a_limit_of_the_impulse():
@@ -43,7 +50,7 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
         progress=False,
     )
     gaps = np.linspace(0.25, 0.4, 31)
-    runs = demands(np.repeat(amplitudes, 31), np.tile(gaps, 2), np.full(62, 0.65))
+    runs = demands(np.repeat(amplitudes, 31), np.tile(gaps, 2), 0.65)
     impulses = runs.peak_impulse.reshape(2, 31).mean(axis=0)
     assert (np.diff(impulses) < 0).all()
     expected = np.interp(-limit, -impulses, gaps)
@@ -51,8 +58,8 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
     assert found.prices["peak_impulse"] <= limit * (1 + 1e-3)
     assert found.objective == pytest.approx(-found.values["initial_gap"])
     scales = jp.Scales(mass=500e3, frequency=7.0)
-    form = SimpleNamespace(structures=found.space.nominal, scales=scales)
-    told = design.summary(found, {}, scales, PairParameters(form))
+    parameters = parameters_of_pair(found.space.nominal, scales)
+    told = design.summary(found, {}, parameters)
     (row,) = (row for row in told["answer"] if row["quantity"] == "gap at rest")
     length = jp.STANDARD_GRAVITY / 7.0**2
     assert (row["before"], row["unit"]) == (pytest.approx(0.05 * length), "m")
@@ -71,7 +78,7 @@ def test_whether_blocks_meet_does_not_depend_on_the_law():
             lambda a, gap: jp.demand(dataclasses.replace(free, initial_gap=gap), wave(a), GRID)
         )
     )(amplitudes, gaps)
-    bouncing = demands(amplitudes, gaps, np.full(62, 0.65))
+    bouncing = demands(amplitudes, gaps, 0.65)
     assert 12 < np.sum(passing.pounds) < 50
     np.testing.assert_array_equal(bouncing.pounds, passing.pounds)
     with pytest.raises(ValueError, match="PoundingProbability must be of structures without a law"):
@@ -86,7 +93,7 @@ def test_whether_blocks_meet_does_not_depend_on_the_law():
 def test_elasticities_by_the_gap_and_the_law_of_contact():
     found = jp.elasticities(TOUCHING, wave(0.3), GRID, demand="contact_work")
     h = 1e-4 * np.array([1, -1, 0, 0])
-    runs = demands(np.full(4, 0.3), 0.05 * (1 + h[::-1]), 0.65 * (1 + h))
+    runs = demands(0.3, 0.05 * (1 + h[::-1]), 0.65 * (1 + h))
     lost = np.log(np.asarray(runs.contact_work))
     by_restitution, by_gap = (lost[0] - lost[1]) / 2e-4, (lost[3] - lost[2]) / 2e-4
     assert found.values["contact.restitution"] == pytest.approx(by_restitution, rel=1e-3)

@@ -1,11 +1,10 @@
 """The search for a design: known optima of stand-ins, and the paper's case."""
 
 import dataclasses
+import functools
 import inspect
 import json
 import re
-from functools import partial
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +16,14 @@ from tqdm.auto import tqdm
 
 import jaxpound as jp
 from jaxpound.cli import design as command
-from jaxpound.cli.parameters import PairParameters
+from jaxpound.cli.design_report import parts_of_page
 from jaxpound.design import search as design_search
 from jaxpound.design.design import Comparison
 from jaxpound.design.lagrangian import AugmentedLagrangian
-from jaxpound.design.prices import PRICES
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.search import SearchOptions
+from jaxpound.results.named import LIMITED_OF_PAIR
+from tests.design.layouts import parameters_of_pair
 from tests.test_tables import assert_shown
 
 PAPER = jp.paper.structures()
@@ -39,7 +39,7 @@ def bowl(friction, mass_ratio, a):
     return 1 - (friction - 0.6 - a) ** 2 - 0.5 * (mass_ratio - 1.5) ** 2
 
 
-MEAN = jp.Objective()
+MEAN, LOOSE = jp.Objective(), {"damper_force": 0.9}
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def stand_in(monkeypatch):
     def install(gap=bowl):
         def demands(self, structures, ground):
             s, a = structures, ground.amplitude[0]
-            values = dict.fromkeys(PRICES, s.friction)
+            values = dict.fromkeys(LIMITED_OF_PAIR, s.friction)
             values |= {"peak_x1": s.mass_ratio, "initial_gap": 2.0}
             values |= {"min_gap": gap(s.friction, s.mass_ratio, a)}
             return {name: jnp.asarray(x, float) for name, x in values.items()}
@@ -65,11 +65,17 @@ def search(objective=MEAN, space=SPACE, **more):
     return jp.design_damper(space, ENSEMBLE, GRID, objective=objective, **more)
 
 
+@functools.cache
+def bowl_design():
+    """The design of the bowl; for tests with the stand-in."""
+    return search()
+
+
 # Known optima.
 
 
 def test_the_optimum_of_a_bowl(stand_in):
-    found = search()
+    found = bowl_design()
     assert found.values["friction"] == pytest.approx(0.6, abs=1e-3)
     assert found.values["mass_ratio"] == pytest.approx(1.5, abs=1e-3)
     assert found.objective == pytest.approx(1 - np.mean(AMPLITUDES**2), abs=1e-6)
@@ -81,10 +87,27 @@ def test_the_optimum_of_a_bowl(stand_in):
     np.testing.assert_allclose(ends, np.broadcast_to([0.5, 0.6], ends.shape), atol=1e-2)
 
 
-def test_line_searches_of_optax_will_do(stand_in):
-    found = search(optimiser=optax.lbfgs(), iterations=12)
-    assert found.values["friction"] == pytest.approx(0.6, abs=1e-6)
-    assert found.values["mass_ratio"] == pytest.approx(1.5, abs=1e-6)
+PEAK = {"friction": 0.6, "mass_ratio": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("objective", "more", "optimum", "within"),
+    [
+        (MEAN, {"optimiser": optax.lbfgs(), "iterations": 12}, PEAK, 1e-6),
+        (jp.Objective(penalties={"damper_force": 0.2}), {}, {"friction": 0.5}, 1e-3),
+        (jp.Objective(jp.WorstGap()), {"iterations": 150}, {"friction": 0.6}, 5e-3),
+        # A penalty of any size is no violation.
+        (jp.Objective(penalties={"peak_x1": 1e7}, limits=LOOSE), {}, {"mass_ratio": 0.5}, 1e-6),
+    ],
+    ids=["line searches", "a penalty", "the worst earthquake", "a large penalty"],
+)
+def test_known_optima(stand_in, objective, more, optimum, within):
+    found = search(objective, **more)
+    for path, value in optimum.items():
+        assert found.values[path] == pytest.approx(value, abs=within)
+    if objective.goal == jp.WorstGap():  # its optimum is between the extremes
+        assert found.objective == pytest.approx(1 - 0.2**2, abs=3e-3)
+    assert found.prices.get("damper_force", 0.0) <= 0.9
 
 
 def test_bounds_that_hold_the_optimum_are_active(stand_in):
@@ -108,7 +131,7 @@ def test_a_limit_is_kept_and_its_multiplier_is_its_worth(stand_in):
     assert found.active_limits == ("damper_force",)
     assert re.search(r"damper_force +0\.5.* +active limit", str(found))
     assert found.gradient_norm < 5e-3
-    loose = search(jp.Objective(limits={"damper_force": 0.9}))
+    loose = search(jp.Objective(limits=LOOSE))
     assert loose.values["friction"] == pytest.approx(0.6, abs=2e-3)
     assert loose.multipliers["damper_force"] == 0
     assert loose.active_limits == ()
@@ -123,17 +146,6 @@ def test_a_damper_that_practically_never_slips_is_named():
         Comparison(x, x, jp.Objective(), False, topology).hardly_slipping for x in after.values()
     )
     assert (hardly, often) == (("damper",), ())
-
-
-def test_a_penalty_moves_the_optimum_by_its_weight(stand_in):
-    found = search(jp.Objective(penalties={"damper_force": 0.2}))
-    assert found.values["friction"] == pytest.approx(0.5, abs=1e-3)
-
-
-def test_the_worst_earthquake_s_optimum_is_between_the_extremes(stand_in):
-    found = search(jp.Objective(jp.WorstGap()), iterations=150)
-    assert found.values["friction"] == pytest.approx(0.6, abs=5e-3)
-    assert found.objective == pytest.approx(1 - 0.2**2, abs=3e-3)
 
 
 def test_the_winner_is_polished(stand_in):
@@ -165,13 +177,6 @@ def test_parts_end_with_where_they_came_to(stand_in):
     ]
     assert found.objective >= max(ends) - 0.02
     assert found.values["friction"] == pytest.approx(0.6, abs=0.2)
-
-
-def test_the_size_of_an_objective_is_its_own_affair(stand_in):
-    """A penalty of any size is no violation."""
-    found = search(jp.Objective(penalties={"peak_x1": 1e7}, limits={"damper_force": 0.9}))
-    assert found.values["mass_ratio"] == pytest.approx(0.5)
-    assert found.prices["damper_force"] <= 0.9
 
 
 def test_single_precision_searches_too(stand_in):
@@ -247,19 +252,20 @@ def test_the_best_is_told_when_the_last_start_is_lost(stand_in):
         search(starts=1)
 
 
-def test_starts_none_of_which_is_finite_are_refused(stand_in):
-    stand_in(lambda mu, rho, a: jnp.nan * mu)
-    with pytest.raises(
-        ValueError, match=r"all 3 starts must be finite.*earthquake 0 of 8 gives no"
-    ):
-        search()
-
-
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
-def test_the_reason_why_nothing_is_finite_is_the_simulator_s(stand_in):
+def test_why_no_start_is_finite(stand_in):
+    """The simulator has the reason, or a rule that a parameter of an earthquake breaks."""
     stand_in(lambda mu, rho, a: jnp.nan * mu)
-    with pytest.raises(ValueError, match=r"earthquake 0: .*must be below the stability limit"):
-        jp.design_damper(SPACE, ENSEMBLE, jp.TimeGrid(1.5, 20), starts=1, progress=False)
+    for grid, message in (
+        (GRID, r"all 3 starts must be finite.*earthquake 0 of 8 gives no"),
+        (jp.TimeGrid(1.5, 20), r"earthquake 0: .*must be below the stability limit"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jp.design_damper(SPACE, ENSEMBLE, grid, starts=3, progress=False)
+    ensemble = dataclasses.replace(ENSEMBLE, uncertain={"mass_ratio": -np.ones(8)})
+    space = jp.DesignSpace(PAPER, {"friction": (0.0, 1.0)})
+    reason = DesignProblem(space, ensemble, GRID, jp.Scheme(), MEAN).not_finite(np.array([0.5]))
+    assert reason.startswith("earthquake 0: AdjacentStructures: mass_ratio = -1 must be positive")
 
 
 def test_limits_that_nothing_meets_are_refused_with_the_least_excess(stand_in):
@@ -290,11 +296,6 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
         search(iterations=60, save=path)
 
 
-def test_any_true_answer_of_a_callback_ends_a_search(stand_in):
-    found = search(callback=lambda told: told.objective.max() > 0)
-    assert len(found.history.objective) == 1
-
-
 def test_seeds_repeat_a_search_and_others_do_not(stand_in):
     one, same, other = (search(key=key, batch=4, iterations=20) for key in (1, 1, 2))
     np.testing.assert_array_equal(one.history.shares, same.history.shares)
@@ -317,6 +318,8 @@ def test_a_callback_is_told_where_every_start_is(stand_in):
         mu, rho = one.values["friction"], one.values["mass_ratio"]
         np.testing.assert_allclose(one.objective, bowl(mu, rho, AMPLITUDES[:, None]).mean(0))
     assert told[-1].best == found.objective == found.history.objective.max()
+    ended = search(callback=lambda progress: progress.objective.max() > 0)  # a bool of NumPy
+    assert len(ended.history.objective) == 1
 
 
 def test_si_units_are_those_of_the_demands():
@@ -386,7 +389,7 @@ def test_the_paper_s_case_from_several_starts_to_one_optimum():
 
 
 def test_a_comparison_is_paired(stand_in):
-    found = search()
+    found = bowl_design()
     compared = found.trained
     d = compared.after["min_gap"] - compared.before["min_gap"]
     low, high = stats.ttest_1samp(d, 0).confidence_interval(0.95)
@@ -426,31 +429,27 @@ def test_a_drawn_ensemble_has_fresh_earthquakes(stand_in):
     assert found.fresh.difference().low > 0
 
 
-def test_what_is_not_finite_is_null_in_a_summary(stand_in):
-    """A single fresh earthquake has no interval."""
-    one = jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID)
-    scales = jp.Scales(mass=500e3, frequency=7.0)
-    found = search(iterations=3, fresh=one)
-    form = SimpleNamespace(structures=found.space.nominal, scales=scales)
-    alone = {"alone": search().trained}
-    answers = command.summary(found, alone, scales, PairParameters(form))
-    told = json.loads(json.dumps(answers, allow_nan=False))
-    assert told["fresh"]["min_gap_wider_by"]["low"] is None
-    assert "(no 95 % interval)" in command.page(answers, [], found.trained.topology)
-
-
 def test_of_one_earthquake_there_is_no_interval(stand_in):
-    one = search(iterations=3).compare(jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID))
-    for estimate in (one.difference(), *one.objective.values()):
+    """In a summary it is null."""
+    scales = jp.Scales(mass=500e3, frequency=7.0)
+    found = search(iterations=3, fresh=jp.Ensemble.of([jp.Ricker(0.1, [1.0], [1.0])], GRID))
+    for estimate in (found.fresh.difference(), *found.fresh.objective.values()):
         assert np.isfinite(estimate.value)
         assert np.isnan([estimate.low, estimate.high]).all()
-    assert "(no 95% interval) g/ω1² on average" in repr(one)
-    assert "inf" not in repr(one)
+    assert "(no 95% interval) g/ω1² on average" in repr(found.fresh)
+    assert "inf" not in repr(found.fresh)
+    parameters = parameters_of_pair(found.space.nominal, scales)
+    alone = {"alone": bowl_design().trained}
+    answers = command.summary(found, alone, parameters)
+    read = json.loads(json.dumps(answers, allow_nan=False))
+    assert read["fresh"]["min_gap_wider_by"]["low"] is None
+    parts = parts_of_page(answers, found.trained.topology)
+    assert "(no 95 % interval)" in "".join(map(str, parts))
 
 
 @pytest.mark.usefixtures("stand_in")
 def test_no_best_is_shown_until_there_is_one(monkeypatch, capsys):
-    monkeypatch.setattr(design_search, "tqdm", partial(tqdm, mininterval=0, miniters=1))
+    monkeypatch.setattr(design_search, "tqdm", functools.partial(tqdm, mininterval=0, miniters=1))
     objective = jp.Objective(limits={"damper_force": 0.05})
     start, told = {"friction": 0.9, "mass_ratio": 1.0}, []
     search(objective, start=start, starts=1, iterations=40, callback=told.append, progress=True)

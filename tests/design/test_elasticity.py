@@ -38,15 +38,14 @@ def test_elasticities_are_relative_derivatives():
 
 
 def test_one_earthquake_is_an_ensemble_of_one():
-    grid = jp.TimeGrid(0.1, 60)
-    alone = jp.elasticities(PAPER, GROUNDS[0], grid)
-    run = jp.demand(PAPER, GROUNDS[0], grid)
+    alone = jp.elasticities(PAPER, GROUNDS[0], GRID)
+    run = jp.demand(PAPER, GROUNDS[0], GRID)
     assert alone.value == pytest.approx(float(run.min_gap))
     assert alone.values["initial_gap"] == pytest.approx(1 / float(run.min_gap))
     still = dataclasses.replace(PAPER, initial_gap=0.0)
     silence = dataclasses.replace(GROUNDS[0], amplitude=np.zeros(5))
     with pytest.raises(ValueError, match="min_gap = 0 must be finite and not zero"):
-        jp.elasticities(still, silence, grid)
+        jp.elasticities(still, silence, GRID)
 
 
 def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
@@ -63,7 +62,7 @@ def test_bad_questions_are_named():
     for change, message in (
         ({"demand": "gap"}, "demand = 'gap' must be one of min_gap"),
         ({"over": "median"}, "over = 'median' must be 'worst', 'mean' or a share"),
-        ({"structures": 3}, "structures = 3 must be of type Structures"),
+        ({"structures": 3}, "structures = 3 must be AdjacentStructures, a System"),
     ):
         with pytest.raises(ValueError, match=message):
             jp.elasticities(**({"structures": PAPER, "ground": GROUNDS[0], "grid": GRID} | change))

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound import Ensemble, Ricker
 from tests.study.test_run import RANDOM, study
 
 PAPER = jp.paper.structures()
 GRID = jp.TimeGrid(0.05, 200)
 T = 0.05 * np.arange(201)
-WAVES = [jp.Ricker(0.3, [1.5], [2.0]), jp.Ricker([0.1, 0.2, -0.3], [1.0, 2.0, 3.0], [1, 2, 3])]
+WAVES = [Ricker(0.3, [1.5], [2.0]), Ricker([0.1, 0.2, -0.3], [1.0, 2.0, 3.0], [1, 2, 3])]
 RECORDS = [
     jp.Record(np.sin(T), 0.05, "sine", "1/ω1"),
     jp.Record(np.cos(T[:50]), 0.1, time_unit="1/ω1"),
@@ -27,8 +28,8 @@ def accelerations(ensemble):
 @pytest.mark.parametrize(
     "grounds",
     [
-        [jp.Ricker(0.2, 2.0, 1.0), WAVES[1]],
-        [jp.Ricker(0.2, 2.0, 1.0), RECORDS[0]],
+        [Ricker(0.2, 2.0, 1.0), WAVES[1]],
+        [Ricker(0.2, 2.0, 1.0), RECORDS[0]],
         WAVES,
         RECORDS,
         [*WAVES, *RECORDS],
@@ -38,7 +39,7 @@ def accelerations(ensemble):
     ids=["one wave", "one and a record", "waves", "records", "both", "mixed", "sampled"],
 )
 def test_given_earthquakes_are_what_they_were(grounds):
-    ensemble = jp.Ensemble.of(grounds, GRID)
+    ensemble = Ensemble.of(grounds, GRID)
     expected = np.stack([ground.acceleration(T) for ground in grounds])
     np.testing.assert_allclose(accelerations(ensemble), expected, atol=1e-12)
     assert len(ensemble) == len(grounds)
@@ -46,24 +47,24 @@ def test_given_earthquakes_are_what_they_were(grounds):
 
 
 def test_functions_of_time_are_taken_on_the_grid():
-    ensemble = jp.Ensemble.of([np.sin, WAVES[0]], GRID)
+    ensemble = Ensemble.of([np.sin, WAVES[0]], GRID)
     np.testing.assert_allclose(accelerations(ensemble)[0], np.sin(GRID.times()))
 
 
 def test_ensembles_of_waves_and_records_add_up():
-    both = jp.Ensemble.of(WAVES, GRID) + jp.Ensemble.of(RECORDS, GRID)
+    both = Ensemble.of(WAVES, GRID) + Ensemble.of(RECORDS, GRID)
     expected = np.stack([ground.acceleration(T) for ground in (*WAVES, *RECORDS)])
     np.testing.assert_allclose(accelerations(both), expected, atol=1e-12)
 
 
 def test_drawn_earthquakes_are_monte_carlo_s():
     drawn = study(n=12, key=3)
-    ensemble = jp.Ensemble.drawn(RANDOM, 8, 3)
+    ensemble = Ensemble.drawn(RANDOM, 8, 3)
     structures, grounds = jax.jit(jax.vmap(RANDOM.realize))(drawn.points())
     np.testing.assert_allclose(ensemble.grounds.amplitude, grounds.amplitude[:8])
     np.testing.assert_allclose(ensemble.uncertain["friction"], structures.friction[:8])
     assert list(ensemble.uncertain) == ["friction"]
-    assert list(jp.Ensemble.drawn(RANDOM, 1).uncertain) == ["friction"]
+    assert list(Ensemble.drawn(RANDOM, 1).uncertain) == ["friction"]
     fresh = ensemble.fresh(4)
     np.testing.assert_allclose(fresh.grounds.periods, grounds.periods[8:])
     assert "8 earthquakes, with uncertain friction" in repr(ensemble)
@@ -76,42 +77,42 @@ def test_what_depends_on_a_draw_is_uncertain_even_where_it_seldom_varies():
         return dataclasses.replace(PAPER, rod_1=rod, friction=friction, initial_gap=jnp.cos(0.5))
 
     scenarios = jp.Scenarios(jp.CustomDraw(rarely_weak, 1), WAVES[0])
-    ensemble = jp.Ensemble.drawn(scenarios, 3)
+    ensemble = Ensemble.drawn(scenarios, 3)
     assert list(ensemble.uncertain) == ["friction"]
     np.testing.assert_array_equal(ensemble.uncertain["friction"], 0.3)
 
 
 def test_given_earthquakes_join_those_that_are_drawn():
     wave = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0))
-    drawn = jp.Ensemble.drawn(jp.Scenarios(PAPER, wave), 3)
+    drawn = Ensemble.drawn(jp.Scenarios(PAPER, wave), 3)
     both = drawn.including(RECORDS, GRID)
     expected = [*accelerations(drawn), *(one.acceleration(T) for one in RECORDS)]
     np.testing.assert_allclose(accelerations(both), expected, atol=1e-12)
     fresh, same = both.fresh(4), drawn.fresh(4)
     np.testing.assert_array_equal(accelerations(fresh), accelerations(same))
-    assert jp.Ensemble.of(WAVES, GRID).including(RECORDS, GRID).fresh(4) is None
+    assert Ensemble.of(WAVES, GRID).including(RECORDS, GRID).fresh(4) is None
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: jp.Ensemble.of([], GRID), "must hold ground motions"),
-        (lambda: jp.Ensemble.of([3], GRID), r"grounds\[0\] = 3 must have acceleration"),
-        (lambda: jp.Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
-        (lambda: jp.Ensemble.drawn(RANDOM, 2, -1), "key = -1 must be a whole number from 0"),
-        (lambda: jp.Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
-        (lambda: jp.Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
-        (lambda: jp.Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
+        (lambda: Ensemble.of([], GRID), "must hold ground motions"),
+        (lambda: Ensemble.of([3], GRID), r"grounds\[0\] = 3 must have acceleration"),
+        (lambda: Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
+        (lambda: Ensemble.drawn(RANDOM, 2, -1), "key = -1 must be a whole number from 0"),
+        (lambda: Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
+        (lambda: Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
+        (lambda: Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
         (
-            lambda: jp.Ensemble.drawn(RANDOM, 2) + jp.Ensemble.of(WAVES, GRID),
+            lambda: Ensemble.drawn(RANDOM, 2) + Ensemble.of(WAVES, GRID),
             "friction is uncertain; such ensembles cannot be added",
         ),
         (
-            lambda: jp.Ensemble.drawn(RANDOM, 2).including(WAVES, GRID),
+            lambda: Ensemble.drawn(RANDOM, 2).including(WAVES, GRID),
             "friction is uncertain; such ensembles cannot be added",
         ),
         (
-            lambda: jp.Ensemble.of([np.sin], GRID) + jp.Ensemble.of(WAVES, GRID),
+            lambda: Ensemble.of([np.sin], GRID) + Ensemble.of(WAVES, GRID),
             "cannot be added; use Ensemble.of for all",
         ),
     ],
@@ -123,8 +124,8 @@ def test_bad_ensembles_are_named(call, message):
 
 @pytest.mark.usefixtures("small_machine")
 def test_more_earthquakes_than_memory_has_room_for_are_refused():
-    drawn = jp.Ensemble.drawn(RANDOM, 2)
-    for make in (lambda n: jp.Ensemble.drawn(RANDOM, n), drawn.fresh):
+    drawn = Ensemble.drawn(RANDOM, 2)
+    for make in (lambda n: Ensemble.drawn(RANDOM, n), drawn.fresh):
         with pytest.raises(ValueError, match=r"n = 1,000,000,000,000 would take \d+ TB of memory"):
             make(10**12)
 
@@ -132,4 +133,4 @@ def test_more_earthquakes_than_memory_has_room_for_are_refused():
 def test_points_end_where_their_sampling_does():
     for sampling, most in (("plain", 2**31), ("sobol", 2**30)):
         with pytest.raises(ValueError, match=f"start . n = {most + 1:,} must be at most {most:,}"):
-            jp.Ensemble.drawn(RANDOM, 2, sampling=sampling, start=most - 1)
+            Ensemble.drawn(RANDOM, 2, sampling=sampling, start=most - 1)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.design.prices import PRICES, prices_of
 from jaxpound.design.problem import DesignProblem
-from jaxpound.study.demands import OF_CONTACTS
+from jaxpound.results.named import LIMITED_OF_PAIR, OF_CONTACTS, limited_demands
 from tests.study.test_demands import GRID, OPEN, SYSTEM, linked
 
 ENSEMBLE = jp.Ensemble.of([jp.Ricker(a, [2.0], [1.5]) for a in (0.08, 0.1)], GRID)
@@ -24,13 +23,13 @@ def problem(system, variables=FRICTION, **objective):
 def test_prices_are_those_that_the_system_has():
     paper = jp.paper.structures()
     of_contact = {"peak_contact", "peak_impulse", "contact_work", "soft_peak_contact"}
-    without = problem(paper, {"friction": (0.0, 1.0)}).prices
+    without = problem(paper, {"friction": (0.0, 1.0)}).limitable
     assert {"damper_force", "peak_x2", "peak_f2", "slip_distance"} <= {*without}
     assert not of_contact & {*without}
     touching = dataclasses.replace(paper, contact=jp.Newton(0.65))
-    assert problem(touching, {"contact.restitution": (0.5, 0.8)}).prices == PRICES
-    assert {*PRICES} - {*without} == of_contact | {"peak_penetration"}
-    several = prices_of(linked(0.3, 0.3))
+    assert problem(touching, {"contact.restitution": (0.5, 0.8)}).limitable == LIMITED_OF_PAIR
+    assert {*LIMITED_OF_PAIR} - {*without} == of_contact | {"peak_penetration"}
+    several = limited_demands(linked(0.3, 0.3))
     assert {"peak_x4", "peak_f4", "slip_distance_2"} <= {*several}
     assert {"damper_force_1", "damper_force_2", "total_damper_force"} <= {*several}
     assert not {"damper_force", "slip_distance", "peak_x5", "peak_drift"} & {*several}
@@ -38,10 +37,10 @@ def test_prices_are_those_that_the_system_has():
     mixed = dataclasses.replace(
         linked(0.3, 0.3), links=(first, dataclasses.replace(second, contact=jp.Newton(0.65)))
     )
-    own = {f"{name}_2" for name in {*PRICES} - {*without}}
-    assert {*prices_of(mixed)} - {*several} == own | {*OF_CONTACTS}
-    assert {"peak_drift", "peak_acceleration"} <= {*prices_of(SYSTEM)}
-    every = prices_of(mixed)
+    own = {f"{name}_2" for name in {*LIMITED_OF_PAIR} - {*without}}
+    assert {*limited_demands(mixed)} - {*several} == own | {*OF_CONTACTS}
+    assert {"peak_drift", "peak_acceleration"} <= {*limited_demands(SYSTEM)}
+    every = limited_demands(mixed)
     assert [*jp.Objective(limits=dict.fromkeys(every, 1.0)).limits] == [*every]
 
 
@@ -61,7 +60,7 @@ def test_a_system_is_designed():
     assert found.structures.links[0].friction == friction
     runs = [jp.demand(found.structures, ENSEMBLE.ground(i), GRID) for i in range(2)]
     after = found.trained.after
-    assert list(after) == ["min_gap", "initial_gap", *prices_of(SYSTEM)]
+    assert list(after) == ["min_gap", "initial_gap", *limited_demands(SYSTEM)]
     for name in ("min_gap", "peak_x3", "peak_f2", "slip_distance"):
         wanted = [getattr(run, name) for run in runs]
         np.testing.assert_allclose(after[name], wanted, rtol=1e-9, err_msg=name)
@@ -84,7 +83,7 @@ def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
         with pytest.raises(ValueError, match=named):
             problem(system, variables, goal=goal)
     posed = problem(system, variables, goal=jp.LeastDemand("peak_drift"))
-    assert posed.columns == posed.prices
+    assert posed.columns == posed.limitable
     demands = jax.eval_shape(posed.demands, system, ENSEMBLE.ground(0))
     assert {*demands} == {*posed.columns}
     with pytest.raises(ValueError, match="objective: 'peak_contact' in goal must be one of"):

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.cli.design_report import page, summary
-from jaxpound.cli.parameters import RowParameters
-from jaxpound.cli.row import Row as Form
+from jaxpound.cli.buildings import BuildingsLayout
+from jaxpound.cli.design_report import parts_of_page, summary
+from jaxpound.cli.files import page
+from jaxpound.cli.parameters import Parameters
 from jaxpound.plots import designs as plots
 from tests.rows import GAPS, GRID, ROW, WAVES
 from tests.test_tables import assert_shown
@@ -31,9 +32,15 @@ def with_friction(slip_forces):
 
 @jax.jit
 @jax.vmap
-def mean_gap(slip_forces):
+def mean_gap_in_chunk(slip_forces):
     row = with_friction(tuple(slip_forces))
     return jax.vmap(lambda g: jp.demand(row, g, GRID).min_gap)(EARTHQUAKES.grounds).mean()
+
+
+def mean_gap(every):
+    """Mean gap of each placement; one program of 21 runs them all."""
+    chunks = np.resize(every, (-(-len(every) // 21), 21, 2))
+    return np.concatenate([mean_gap_in_chunk(chunk) for chunk in chunks])[: len(every)]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +48,7 @@ def placements():
     """Every placement on a grid of slip forces, and its mean gap."""
     mu = np.linspace(0, BUDGET, 21)
     every = np.stack(np.meshgrid(mu, mu), -1).reshape(-1, 2)
-    return every, np.asarray(mean_gap(every))
+    return every, mean_gap(every)
 
 
 @pytest.fixture(scope="module")
@@ -120,10 +127,10 @@ def test_a_front_over_budgets(design, placements):
 def test_elasticities_by_the_dampers_of_a_row(design):
     row = with_friction((0.3, 0.4))
     found = jp.elasticities(row, EARTHQUAKES, GRID, demand="min_gap")
-    h = 1e-5 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    gaps = np.asarray(mean_gap(np.array([0.3, 0.4]) * (1 + h)))
-    assert found.value == pytest.approx(float(mean_gap(np.array([[0.3, 0.4]]))[0]))
-    slopes = (gaps[::2] - gaps[1::2]) / 2e-5 / abs(found.value)
+    h = 1e-5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    gap, *gaps = mean_gap(np.array([0.3, 0.4]) * (1 + h))
+    assert found.value == pytest.approx(gap)
+    slopes = np.subtract(gaps[::2], gaps[1::2]) / 2e-5 / abs(found.value)
     for k, slope in enumerate(slopes):
         assert found.values[f"links.{k}.friction"] == pytest.approx(slope, rel=1e-4)
     assert {"buildings.1.rods.1.stiffness", "links.1.gap"} <= {*found.values}
@@ -196,22 +203,17 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert plots.convergence(found).get_ylabel() == "objective ($g$)"
     ax = plots.before_and_after(compared)
     assert ax.get_xlabel() == "peak $|a_1|$ ($g$)"
-    parameters = RowParameters(Form(buildings, links, (1,), []))
-    answers = summary(
-        found, {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}, scales, parameters
-    )
-    told = page(json.loads(json.dumps(answers, allow_nan=False)), [], compared.topology)
+    parameters = Parameters(BuildingsLayout.of(jp.Buildings(buildings, links), (1,)))
+    answers = summary(found, {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}, parameters)
+    parts = parts_of_page(json.loads(json.dumps(answers, allow_nan=False)), compared.topology)
+    told = page("Design", parts, [])
     assert "gap" not in told
     assert "pounded" not in told
     assert "the peak absolute acceleration of building 1 changes by -" in told
     assert "peak absolute acceleration of building 1 before" in told
 
 
-def test_a_budget_below_zero_is_refused():
-    with pytest.raises(ValueError, match="total_damper_force = -1 must be positive and fin"):
-        jp.Objective(limits={"total_damper_force": -1.0})
-    with pytest.raises(ValueError, match=r"unknown demand 'total_damper'.* mean 'total_damper_f"):
-        jp.Objective(limits={"total_damper": 1.0})
+def test_paths_that_a_row_lacks_are_refused():
     with pytest.raises(ValueError, match=r"DesignSpace: no path matches 'links\.\*\.frction'"):
         jp.DesignSpace(ROW, {"links.*.frction": (0.0, 1.0)})
     for path in ("links.*.contact.stiffness", "links.1.contact.restitution"):

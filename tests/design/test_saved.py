@@ -14,9 +14,9 @@ import jaxpound as jp
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.search import Iterate, SavedSearch, no_design
-from jaxpound.study.archives import opened, write_archive
-from tests.study.test_archives import part
-from tests.study.test_store import flipped
+from jaxpound.store.archive import opened, write_archive
+from tests.store.test_archive import part
+from tests.store.test_store import flipped
 
 IDENTITY = {"space": {"friction": [0.0, 1.0]}, "limits": [0.5], "key": (0, 1)}
 SCALED = np.array([[0.25, 0.5], [0.5, 0.75], [1.0, 0.0]])

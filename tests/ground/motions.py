@@ -1,5 +1,8 @@
-"""Ground motions that several tests use."""
+"""Ground motions that several tests use, and their values by one program."""
 
+from functools import partial
+
+import jax
 import numpy as np
 
 import jaxpound as jp
@@ -11,3 +14,9 @@ RECORD = jp.Record(SAMPLES, 0.5, "quake")
 
 def sine(t):
     return 0.3 * np.sin(2 * t)
+
+
+@partial(jax.jit, static_argnames="quantity")
+def values(ground, quantity, t):
+    """The displacement, velocity or acceleration of a pytree at t."""
+    return getattr(ground, quantity)(t)

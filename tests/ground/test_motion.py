@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.ground.motion import sampled
-from tests.ground.motions import GRID, RECORD, sine
+from jaxpound.ground.run_input import sampled
+from tests.ground.motions import GRID, RECORD, sine, values
 
 
 def scalar_sine(t):
@@ -48,12 +48,13 @@ COMBINATIONS = {
 @pytest.mark.parametrize(("ground", "expected"), COMBINATIONS.values(), ids=COMBINATIONS)
 def test_combinations_combine_the_accelerations(ground, expected):
     t = np.linspace(0, 1.4, 15)
-    parts = RECORD.acceleration(t), jp.Ricker(1, 1, 1).acceleration(t), sine(t)
-    np.testing.assert_allclose(ground.acceleration(t), expected(*parts), rtol=1e-12, atol=1e-14)
-    grid = jp.TimeGrid(0.1, 14)
-    np.testing.assert_allclose(
-        sampled(ground, grid).samples, expected(*parts), rtol=1e-12, atol=1e-14
-    )
+    terms = (np.asarray(values(x, "acceleration", t)) for x in (RECORD, jp.Ricker(1, 1, 1)))
+    combined = expected(*terms, sine(t))
+    by_program, at_instants = jax.jit(
+        lambda: (ground.acceleration(t), sampled(ground, jp.TimeGrid(0.1, 14)).samples)
+    )()
+    np.testing.assert_allclose(by_program, combined, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(at_instants, combined, rtol=1e-12, atol=1e-14)
 
 
 def test_combinations_are_differentiable_pytrees():

@@ -25,6 +25,7 @@ def test_factors_are_the_bounded_least_squares():
         own = found.misfits[found.suite.names.index(name)]
         assert own == pytest.approx(np.sqrt(2 * best.cost / wanted.size), rel=1e-6)
     assert found.at_bound == ("fast",)
+    assert (found.bounds.low, found.bounds.high) == (0.25, 3.0)
     np.testing.assert_allclose(found.accelerations, found.suite.spectra(found.periods), rtol=1e-9)
     off = np.log(found.accelerations.mean(axis=0) / TARGET.at(found.periods))
     assert found.misfit == pytest.approx(np.sqrt(np.mean(off**2)))

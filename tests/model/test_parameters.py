@@ -148,7 +148,7 @@ def test_intervals_of_traced_structures_are_traced():
 def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
     for owner in (tree, type(tree)):
         assert parameters.name(owner, path) == name
-        assert parameters.known(owner, path).kind == KINDS.get(path)
+        assert parameters.metadata(owner, path).kind == KINDS.get(path)
 
 
 def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
@@ -157,11 +157,11 @@ def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
         (BUMPER, "links.0.contact.restitution", "link 1, contact: $e$", None),
     ):
         assert parameters.name(tree, path) == name
-        assert parameters.known(tree, path).kind == kind
+        assert parameters.metadata(tree, path).kind == kind
         with pytest.raises(ValueError, match=f"unknown path '{path}'"):
-            parameters.known(type(tree), path)
+            parameters.metadata(type(tree), path)
     soft = dataclasses.replace(PAPER, contact=jp.Hertz(1e4))
-    assert parameters.known(soft, "contact.stiffness").kind == "hertz stiffness"
+    assert parameters.metadata(soft, "contact.stiffness").kind == "hertz stiffness"
     with pytest.raises(ValueError, match=r"unknown path 'contact\.restitution'"):
         parameters.get(soft, "contact.restitution")
 
@@ -212,7 +212,7 @@ def test_an_unknown_path_is_told_with_what_was_meant():
         lambda path: parameters.put(PAPER, {"mass_ratio": 1.0, path: 1.0}),
         lambda path: parameters.interval(PAPER, path),
         lambda path: parameters.name(PAPER, path),
-        lambda path: parameters.known(jp.AdjacentStructures, path),
+        lambda path: parameters.metadata(jp.AdjacentStructures, path),
     )
     for call in calls:
         with pytest.raises(ValueError, match="unknown path 'frction'; did you mean 'friction'"):

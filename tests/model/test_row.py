@@ -5,21 +5,23 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound import FloorLink, Rod, Row, Storeys
+from jaxpound.model import parameters
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
-ROD = jp.Rod(STEEL, 5.0)
-HIGH = jp.Storeys((1.0, 0.9, 0.8), ROD)
-LOW = jp.Storeys((1.2, 1.1), (jp.Rod(STEEL, 4.0), jp.Rod(STEEL, 3.0, (1, 0))))
+ROD = Rod(STEEL, 5.0)
+HIGH = Storeys((1.0, 0.9, 0.8), ROD)
+LOW = Storeys((1.2, 1.1), (Rod(STEEL, 4.0), Rod(STEEL, 3.0, (1, 0))))
 
 
 def test_a_row_is_its_system():
     links = (
-        jp.FloorLink(0, 1, friction=0.1, gap=0.3),
-        jp.FloorLink(0, 2, next_floor=1, gap=0.2, contact=jp.Newton(0.6)),
-        jp.FloorLink(1, 0, friction=0.2, next_building=1),
-        jp.FloorLink(1, 1, friction=0.3, next_building=jp.GROUND),
+        FloorLink(0, 1, friction=0.1, gap=0.3),
+        FloorLink(0, 2, next_floor=1, gap=0.2, contact=jp.Newton(0.6)),
+        FloorLink(1, 0, friction=0.2, next_building=1),
+        FloorLink(1, 1, friction=0.3, next_building=jp.GROUND),
     )
-    system = jp.Row((HIGH, LOW), links).system()
+    system = Row((HIGH, LOW), links).system()
     assert system.masses == (1.0, 0.9, 0.8, 1.2, 1.1)
     assert [rod.ends for rod in system.rods] == [(0, -1), (1, 0), (2, 1), (3, -1), (4, 3)]
     assert [float(rod.stiffness) for rod in system.rods] == [5.0, 5.0, 5.0, 4.0, 3.0]
@@ -28,16 +30,6 @@ def test_a_row_is_its_system():
     assert system.links[1].contact == links[1].contact
     # The checks of a system find nothing to complain of.
     jp.System(system.masses, system.rods, system.links[:2])
-
-
-def test_parameters_of_a_row_have_paths():
-    from jaxpound.model import parameters
-
-    row = jp.Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
-    changed = parameters.put(row, {"buildings.1.rods.0.stiffness": 7.0, "links.1.gap": 0.5})
-    assert changed.system().rods[3].stiffness == 7.0
-    assert [link.gap for link in changed.system().links] == [0.3, 0.5]
-    assert "buildings.0.masses.2" in parameters.paths(row)
 
 
 def test_common_floors_are_those_of_one_number_or_one_height():
@@ -68,32 +60,32 @@ def test_links_of_one_gap_are_those_of_its_buildings():
 @pytest.mark.parametrize(
     ("links", "message"),
     [
-        ((jp.FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
+        ((FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
         (
-            (jp.FloorLink(0, 2),),
+            (FloorLink(0, 2),),
             r"links.0: next_floor = 2 must be from 0 to 1: building 2 has 2 floors",
         ),
-        ((jp.FloorLink(1, 0),), "links.0: next_building = 2 must be from 0 to 1"),
-        ((jp.FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
+        ((FloorLink(1, 0),), "links.0: next_building = 2 must be from 0 to 1"),
+        ((FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
         (
-            (jp.FloorLink(1, 0, next_building=0),),
+            (FloorLink(1, 0, next_building=0),),
             r"next_building = 0 must be 2 \(to the right\), 1 itself or the ground",
         ),
         (
-            (jp.FloorLink(0, 1, next_floor=1, next_building=0),),
+            (FloorLink(0, 1, next_floor=1, next_building=0),),
             "in 1, floor 2 must be two different floors",
         ),
         (
-            (jp.FloorLink(0, 0), jp.FloorLink(0, 1), jp.FloorLink(0, 1)),
+            (FloorLink(0, 0), FloorLink(0, 1), FloorLink(0, 1)),
             "links.2 \\(1–2, floor 2\\) must not stand where "
             "links.1 does: one link has friction, gap and contact",
         ),
         (
             (
-                jp.FloorLink(0, 0),
-                jp.FloorLink(0, 0, next_floor=1),
-                jp.FloorLink(0, 1, 0),
-                jp.FloorLink(0, 1),
+                FloorLink(0, 0),
+                FloorLink(0, 0, next_floor=1),
+                FloorLink(0, 1, 0),
+                FloorLink(0, 1),
             ),
             "links.3 \\(1–2, floor 2\\) must not close a ring",
         ),
@@ -101,40 +93,37 @@ def test_links_of_one_gap_are_those_of_its_buildings():
 )
 def test_links_that_cannot_be_are_refused(links, message):
     with pytest.raises(ValueError, match=message):
-        jp.Row((HIGH, LOW), links)
+        Row((HIGH, LOW), links)
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: jp.FloorLink(0, -1), "FloorLink: floor = -1 must be a whole number from 0 on"),
-        (lambda: jp.FloorLink(True, 0), "building = True must be a whole number"),
-        (lambda: jp.FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
+        (lambda: FloorLink(0, -1), "FloorLink: floor = -1 must be a whole number from 0 on"),
+        (lambda: FloorLink(True, 0), "building = True must be a whole number"),
+        (lambda: FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
+        (lambda: FloorLink(0, 0, gap=-0.1), "1–2, floor 1: gap = -0.1 must be not neg"),
         (
-            lambda: jp.FloorLink(0, 0, gap=-0.1),
-            "1–2, floor 1: gap = -0.1 must be not neg",
-        ),
-        (
-            lambda: jp.FloorLink(0, 0, next_floor=3, next_building=jp.GROUND),
+            lambda: FloorLink(0, 0, next_floor=3, next_building=jp.GROUND),
             "next_floor = 3 must be left out: the other end is the ground",
         ),
         (
-            lambda: jp.FloorLink(0, 0, next_floor=jp.GROUND, next_building=5),
+            lambda: FloorLink(0, 0, next_floor=jp.GROUND, next_building=5),
             "next_building = 5 must be left out",
         ),
-        (lambda: jp.Storeys((1.0,), STEEL), "rods of type ZenerRod must be a Rod, or a tuple"),
+        (lambda: Storeys((1.0,), STEEL), "rods of type ZenerRod must be a Rod, or a tuple"),
         (lambda: jp.floor_links((HIGH, jp.Building(1.0, 1.0, 1.0, 1.0, 1.0))), r"buildings.1"),
-        (lambda: jp.FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
-        (lambda: jp.FloorLink(0, 0, contact=jp.Newton(0.5)), "gap = inf must be finite"),
-        (lambda: jp.Storeys((), ()), r"masses = \(\) must hold at least one floor"),
-        (lambda: jp.Storeys((1.0, 1.0), (ROD,)), "rods, 1 of them, must be one for each of the 2"),
-        (lambda: jp.Storeys((1.0, -1.0), ROD), "Storeys: masses.1 = -1 must be positive"),
+        (lambda: FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
+        (lambda: FloorLink(0, 0, contact=jp.Newton(0.5)), "gap = inf must be finite"),
+        (lambda: Storeys((), ()), r"masses = \(\) must hold at least one floor"),
+        (lambda: Storeys((1.0, 1.0), (ROD,)), "rods, 1 of them, must be one for each of the 2"),
+        (lambda: Storeys((1.0, -1.0), ROD), "Storeys: masses.1 = -1 must be positive"),
         (
-            lambda: jp.Storeys((1.0,), (jp.Rod(STEEL, 1.0, (0, 1)),)),
+            lambda: Storeys((1.0,), (Rod(STEEL, 1.0, (0, 1)),)),
             r"rods.0.ends = \(0, 1\) must be left out, or those of its storey",
         ),
-        (lambda: jp.Row(()), r"buildings = \(\) must hold at least one building"),
-        (lambda: jp.Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
+        (lambda: Row(()), r"buildings = \(\) must hold at least one building"),
+        (lambda: Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
         (lambda: jp.System((1.0,), (ROD,)), "rods.0.ends = None must be two masses, or GROUND"),
     ],
 )
@@ -143,10 +132,14 @@ def test_bad_input(make, message):
         make()
 
 
-def test_a_row_is_a_pytree_whose_numbers_are_leaves():
-    row = jp.Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
+def test_a_row_is_a_pytree_whose_numbers_are_leaves_with_paths():
+    row = Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
     batch = jax.tree.map(lambda x: np.stack([x, x]), row)
-    assert isinstance(batch, jp.Row)
+    assert isinstance(batch, Row)
     assert batch.links[0].floor == 0
     assert batch.links[0].gap.shape == (2,)
     assert jax.tree.structure(batch) == jax.tree.structure(row)
+    changed = parameters.put(row, {"buildings.1.rods.0.stiffness": 7.0, "links.1.gap": 0.5})
+    assert changed.system().rods[3].stiffness == 7.0
+    assert [link.gap for link in changed.system().links] == [0.3, 0.5]
+    assert "buildings.0.masses.2" in parameters.paths(row)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound import Link, Rod, System
 from jaxpound._checks import all_hold
 from jaxpound._fields import rules
 from jaxpound.model.system import Structures, rod_groups
@@ -32,11 +33,11 @@ class KnownCushion(Cushion):
 
 
 def rods(*ends):
-    return tuple(jp.Rod(ROD, 1.0, each) for each in ends)
+    return tuple(Rod(ROD, 1.0, each) for each in ends)
 
 
 def links(*ends):
-    return tuple(jp.Link(each, 0.1, 1.0) for each in ends)
+    return tuple(Link(each, 0.1, 1.0) for each in ends)
 
 
 GROUNDED = rods(*((i, jp.GROUND) for i in range(4)))
@@ -45,78 +46,75 @@ GROUNDED = rods(*((i, jp.GROUND) for i in range(4)))
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: jp.System((), ()), r"System: masses = \(\) must hold at least one mass"),
-        (lambda: jp.System(1.0, GROUNDED), r"System: masses = 1.0 must be a tuple"),
+        (lambda: System((), ()), r"System: masses = \(\) must hold at least one mass"),
+        (lambda: System(1.0, GROUNDED), r"System: masses = 1.0 must be a tuple"),
         (
-            lambda: jp.System((1.0, -2.0), GROUNDED[:2]),
+            lambda: System((1.0, -2.0), GROUNDED[:2]),
             r"System: masses.1 = -2 must be positive and finite",
         ),
+        (lambda: System((1.0,), (ROD,)), r"System: rods.0 = ZenerRod.* must be of type Rod"),
         (
-            lambda: jp.System((1.0,), (ROD,)),
-            r"System: rods.0 = ZenerRod.* must be of type Rod",
-        ),
-        (
-            lambda: jp.System((1.0,), GROUNDED[:1], (ROD,)),
+            lambda: System((1.0,), GROUNDED[:1], (ROD,)),
             r"System: links.0 = ZenerRod.* must be of type Link",
         ),
         (
-            lambda: jp.System((1.0, 1.0), GROUNDED[:3]),
+            lambda: System((1.0, 1.0), GROUNDED[:3]),
             r"System: rods.2.ends = \(2, -1\) must name masses from 0 to 1, or GROUND",
         ),
         (
-            lambda: jp.System((1.0, 1.0), GROUNDED[:2], links((0, 2))),
+            lambda: System((1.0, 1.0), GROUNDED[:2], links((0, 2))),
             r"System: links.0.ends = \(0, 2\) must name masses from 0 to 1",
         ),
         (
-            lambda: jp.System((1.0,) * 4, rods((0, -1), (1, 0), (2, 3)), links((1, 2))),
+            lambda: System((1.0,) * 4, rods((0, -1), (1, 0), (2, 3)), links((1, 2))),
             r"System: masses.2 must be tied to the ground by rods, directly or through",
         ),
         (
-            lambda: jp.System((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2), (2, 0))),
+            lambda: System((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2), (2, 0))),
             r"System: links.2.ends = \(2, 0\) must not close a ring with the links before it",
         ),
         (
-            lambda: jp.System((1.0,) * 2, GROUNDED[:2], links((0, 1), (1, 0))),
+            lambda: System((1.0,) * 2, GROUNDED[:2], links((0, 1), (1, 0))),
             r"System: links.1.ends = \(1, 0\) must not close a ring",
         ),
         (
-            lambda: jp.System((1.0,) * 2, GROUNDED[:2], links((0, -1), (1, -1), (0, 1))),
+            lambda: System((1.0,) * 2, GROUNDED[:2], links((0, -1), (1, -1), (0, 1))),
             r"System: links.2.ends = \(0, 1\) must not close a ring",
         ),
-        (lambda: jp.Link((1, 1)), r"Link: ends = \(1, 1\) must be two different masses by number"),
-        (lambda: jp.Link((0, -2)), r"Link: ends = \(0, -2\) must be two different masses"),
-        (lambda: jp.Link((0, 1.0)), r"Link: ends = \(0, 1.0\) must be two different masses"),
-        (lambda: jp.Link((0, True)), r"Link: ends = \(0, True\) must be two different masses"),
-        (lambda: jp.Link(3), r"Link: ends = 3 must be two different masses"),
-        (lambda: jp.Link((0, 1), -0.1), r"Link: friction = -0.1 must be finite and not negative"),
-        (lambda: jp.Link((0, 1), 0.1, -1.0), r"Link: gap = -1 must be not negative"),
+        (lambda: Link((1, 1)), r"Link: ends = \(1, 1\) must be two different masses by number"),
+        (lambda: Link((0, -2)), r"Link: ends = \(0, -2\) must be two different masses"),
+        (lambda: Link((0, 1.0)), r"Link: ends = \(0, 1.0\) must be two different masses"),
+        (lambda: Link((0, True)), r"Link: ends = \(0, True\) must be two different masses"),
+        (lambda: Link(3), r"Link: ends = 3 must be two different masses"),
+        (lambda: Link((0, 1), -0.1), r"Link: friction = -0.1 must be finite and not negative"),
+        (lambda: Link((0, 1), 0.1, -1.0), r"Link: gap = -1 must be not negative"),
         (
-            lambda: jp.Link((0, 1), contact=jp.Newton(0.5)),
+            lambda: Link((0, 1), contact=jp.Newton(0.5)),
             r"Link: gap = inf must be finite \(contact needs a finite gap\)",
         ),
         (
-            lambda: jp.Link((0, 1), gap=np.nan, contact=jp.Newton(0.5)),
+            lambda: Link((0, 1), gap=np.nan, contact=jp.Newton(0.5)),
             r"Link: gap = nan must be not negative",
         ),
         (
-            lambda: jp.Link((0, 1), gap=[1.0, np.inf], contact=jp.Hertz(1e4)),
+            lambda: Link((0, 1), gap=[1.0, np.inf], contact=jp.Hertz(1e4)),
             r"Link: gap = inf \(at index \[1\]\) must be finite \(contact needs",
         ),
         (
-            lambda: jp.Link((0, 1), gap=1.0, contact=0.65),
+            lambda: Link((0, 1), gap=1.0, contact=0.65),
             r"Link: contact = 0.65 must be of type ContactLaw or Newton or None",
         ),
         (
-            lambda: jp.Link((0, 1), gap=1.0, contact=jp.Hertz),
+            lambda: Link((0, 1), gap=1.0, contact=jp.Hertz),
             r"Link: contact = <class .*Hertz'> must be of type ContactLaw or Newton or None",
         ),
         (
-            lambda: jp.Link((0, 1), gap=1.0, contact=Cushion(50.0)),
+            lambda: Link((0, 1), gap=1.0, contact=Cushion(50.0)),
             r"Link: contact of type Cushion must be a pytree: put @jax.tree_util.regist",
         ),
-        (lambda: jp.Rod(ROD, 0.0, (0, -1)), r"Rod: stiffness = 0 must be positive and finite"),
-        (lambda: jp.Rod(1.0, 1.0, (0, -1)), r"Rod: material = 1.0 must be of type ZenerRod"),
-        (lambda: jp.Rod(ROD, 1.0, (-1, -1)), r"Rod: ends = \(-1, -1\) must be two different"),
+        (lambda: Rod(ROD, 0.0, (0, -1)), r"Rod: stiffness = 0 must be positive and finite"),
+        (lambda: Rod(1.0, 1.0, (0, -1)), r"Rod: material = 1.0 must be of type ZenerRod"),
+        (lambda: Rod(ROD, 1.0, (-1, -1)), r"Rod: ends = \(-1, -1\) must be two different"),
     ],
 )
 def test_what_no_system_can_be_made_of(make, message):
@@ -125,7 +123,7 @@ def test_what_no_system_can_be_made_of(make, message):
 
 
 def test_a_forest_of_links_and_bearings_is_a_system():
-    system = jp.System((1.0,) * 4, GROUNDED, links((0, 1), (2, jp.GROUND), (jp.GROUND, 3)))
+    system = System((1.0,) * 4, GROUNDED, links((0, 1), (2, jp.GROUND), (jp.GROUND, 3)))
     assert system.topology.links == ((0, 1), (2, -1), (-1, 3))
     assert system.system() is system
     assert isinstance(system, Structures)
@@ -133,7 +131,7 @@ def test_a_forest_of_links_and_bearings_is_a_system():
 
 @pytest.mark.parametrize("law", [jp.Newton(0.5), jp.KelvinVoigt(100.0, 0.5), KnownCushion(50.0)])
 def test_a_link_may_have_any_law_of_contact_whose_numbers_are_leaves(law):
-    bare = jp.Link((0, 1), 0.1, 1.0)
+    bare = Link((0, 1), 0.1, 1.0)
     link = dataclasses.replace(bare, contact=law)
     assert jax.tree.leaves(link) == [*jax.tree.leaves(bare), *jax.tree.leaves(law)]
     assert type(jax.tree.map(lambda x: 2 * x, link).contact) is type(law)
@@ -143,7 +141,7 @@ def test_a_link_may_have_any_law_of_contact_whose_numbers_are_leaves(law):
 def test_a_traced_gap_that_is_infinite_breaks_the_rule_where_there_is_contact():
     @jax.jit
     def valid(gap, law):
-        system = jp.System((1.0,) * 2, GROUNDED[:2], (jp.Link((0, 1), 0.1, gap, law),))
+        system = System((1.0,) * 2, GROUNDED[:2], (Link((0, 1), 0.1, gap, law),))
         return all_hold(rules(system))
 
     for law, finite in ((None, False), (jp.Newton(0.5), True), (KnownCushion(50.0), True)):
@@ -154,15 +152,15 @@ def test_a_traced_gap_that_is_infinite_breaks_the_rule_where_there_is_contact():
 
 def test_masses_that_rods_join_are_a_building():
     towers = rods((0, -1), (1, 0), (2, -1), (3, 2))
-    assert rod_groups(jp.System((1.0,) * 4, towers).topology) == [(0, 1), (2, 3)]
+    assert rod_groups(System((1.0,) * 4, towers).topology) == [(0, 1), (2, 3)]
     bridge = (*towers, *rods((3, 1)))
-    assert rod_groups(jp.System((1.0,) * 4, bridge).topology) == [(0, 1, 2, 3)]
+    assert rod_groups(System((1.0,) * 4, bridge).topology) == [(0, 1, 2, 3)]
 
 
 def test_numbers_of_any_kind_are_taken_and_kept_as_leaves():
     ends = tuple(np.array([1, 0]))
-    whole = (jp.Rod(ROD, 2, (0, -1)), jp.Rod(ROD, np.float32(3), ends))
-    system = jp.System([1, np.float32(2)], whole)
+    whole = (Rod(ROD, 2, (0, -1)), Rod(ROD, np.float32(3), ends))
+    system = System([1, np.float32(2)], whole)
     assert system.rods[1].ends == (1, 0)
     assert all(type(end) is int for end in system.rods[1].ends)
     assert len(jax.tree.leaves(system)) == 2 + 2 * 4
@@ -173,17 +171,17 @@ def test_numbers_of_any_kind_are_taken_and_kept_as_leaves():
 @pytest.mark.unchecked
 def test_a_run_refuses_what_is_no_structure():
     grid = jp.TimeGrid(0.1, 10)
-    for wrong in (ROD, 3.0, jp.System, None):
+    for wrong in (ROD, 3.0, System, None):
         with pytest.raises(
             ValueError, match=r"structures = .* must be AdjacentStructures, a System"
         ):
             jp.demand(wrong, jp.paper.ground(), grid)
         with pytest.raises(ValueError, match=r"stability_limit: structures = .* must be Adj"):
             jp.stability_limit(wrong)
-    system = jp.System((1.0, np.ones(3)), GROUNDED[:2])
+    system = System((1.0, np.ones(3)), GROUNDED[:2])
     with pytest.raises(ValueError, match=r"structures: masses.1 of shape \(3,\) must be one num"):
         jp.demand(system, jp.paper.ground(), grid)
-    broken = dataclasses.replace(jp.System((1.0,), GROUNDED[:1]))
+    broken = dataclasses.replace(System((1.0,), GROUNDED[:1]))
     object.__setattr__(broken, "masses", (float("nan"),))
     with pytest.raises(ValueError, match=r"structures: masses\.0 = nan must be positive"):
         jp.demand(broken, jp.paper.ground(), grid)

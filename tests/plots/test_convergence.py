@@ -1,12 +1,9 @@
 """Errors by step: the order written beside a line is that of its errors."""
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from jaxpound.plots.convergence import errors_by_step
-
-mpl.use("Agg")
 
 STEPS = np.array([0.04, 0.02, 0.01, 0.005])
 

@@ -3,7 +3,6 @@
 import dataclasses
 
 import jax
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -11,11 +10,9 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.curves import is_pair
-from jaxpound.results.demand import LinkDemand, MassDemand, RodDemand
+from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
 from tests.made import pair_response, row_of, row_response
-
-mpl.use("Agg")
 
 TIME = np.linspace(0.0, 1.0, 5)
 X = [np.sin((i + 1) * TIME) for i in range(4)]
@@ -33,7 +30,7 @@ def response(links=LINKS):
         masses=tuple(MassResponse(x, 2 * x, 1.0) for x in X),
         rods=tuple(RodResponse((i + 3) * TIME, ends) for i, ends in enumerate(RODS)),
         links=tuple(
-            LinkResponse(gap, 0.1 * gap, TIME, np.ones(5), TIME, ends=ends)
+            LinkResponse(gap, 0.1 * gap, TIME, np.ones(5), TIME, ends=ends, slip_force=0.1)
             for ends, gap in ((ends, np.asarray(gap)) for ends, gap in gaps.items())
         ),
         demand=jp.Demand(
@@ -46,11 +43,6 @@ def response(links=LINKS):
             pgv=1.0,
         ),
     )
-
-
-@pytest.fixture
-def ax():
-    return Figure().add_subplot()
 
 
 def by_floor(what):
@@ -209,7 +201,7 @@ def test_links_that_are_named_together_are_told_apart_from_others_between(ax):
 
 def without_dampers(run, numbers):
     links = [
-        dataclasses.replace(link, friction=0 * link.friction) if k in numbers else link
+        dataclasses.replace(link, slip_force=0.0) if k in numbers else link
         for k, link in enumerate(run.links)
     ]
     return dataclasses.replace(run, links=tuple(links))

@@ -1,21 +1,15 @@
 """What the figures of a design show: its own numbers, with units."""
 
-import matplotlib as mpl
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import designs as plots
 from tests.design.test_design import AMPLITUDES, ENSEMBLE, GRID, SPACE, bowl, search, stand_in
 
-mpl.use("Agg")
 assert stand_in  # a fixture
-
-
-@pytest.fixture
-def ax():
-    return Figure(figsize=(3.54, 2.36), layout="constrained").add_subplot()
 
 
 def test_convergence_has_a_line_for_every_start(stand_in, ax):
@@ -111,3 +105,14 @@ def test_tornado_has_the_largest_on_top(ax):
     assert widths == sorted(found.values.values(), key=abs)
     assert ax.get_yticklabels()[-1].get_text() == r"gap at rest $\xi_0$"
     assert ax.get_xlabel() == "% of min gap $\\xi$\nper % of the parameter"
+
+
+def test_variables_of_buildings_have_their_units():
+    blocks = [jp.Building.from_period(5e5, period, 0.05) for period in (0.9, 0.6)]
+    pair = jp.Buildings(tuple(blocks), (jp.FloorLink(0, 0, friction=1e5, gap=0.05),))
+    bounds = {"links.0.friction": (0.0, 400e3), "links.0.gap": (0.02, 0.2)}
+    design = SimpleNamespace(space=jp.DesignSpace(pair, bounds))
+    axes = [plots._variable_axis(design, name, high) for name, (_, high) in bounds.items()]
+    assert axes == [(1e-3, "link 1: friction (kN)"), (1.0, "link 1: gap at rest (m)")]
+    design = SimpleNamespace(space=SPACE)
+    assert plots._variable_axis(design, "friction", 1.0) == (1.0, r"friction $\mu$")

@@ -7,7 +7,6 @@ import sys
 from dataclasses import replace
 
 import jax
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib import style
@@ -17,13 +16,11 @@ import jaxpound as jp
 from jaxpound.plots.explorer import Explorer
 from jaxpound.plots.panels import LivePanels
 from jaxpound.plots.sliders import ExactSlider, even_marks, ratio_marks
+from tests.plots.runs import GRID, GROUND, LAW, SCALES, SHORT, paper_run
+from tests.plots.runs import PAIR as S
 
-mpl.use("Agg")
-
-S, GROUND, GRID = jp.paper.structures(), jp.paper.ground(), jp.TimeGrid.until(20.0, dt=0.04)
 TIME = np.arange(0, 20, 0.05)
 RECORD = jp.Record(0.5 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), 0.05, time_unit="1/ω1")
-SCALES = jp.Scales(mass=5e5, frequency=7.0)
 
 
 def pixels(png):
@@ -190,7 +187,7 @@ def test_what_breaks_a_rule_is_said_and_nothing_is_lost(explorer):
     assert float(explorer.structures.rod_1.tau_x) == pytest.approx(S.rod_1.tau_x)
     explorer.reset()
     assert "second law" not in explorer.words.value
-    np.testing.assert_allclose(explorer.response.gap, jp.simulate(S, GROUND, GRID).gap, atol=1e-12)
+    np.testing.assert_allclose(explorer.response.gap, paper_run().gap, atol=1e-12)
     assert pixels(explorer.picture.value).shape == pixels(shown).shape
 
 
@@ -210,8 +207,8 @@ def test_the_cell_shows_the_widget_and_a_picture_where_widgets_do_not_live(explo
 
 
 def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():
-    panels = LivePanels(jp.simulate(S, GROUND, GRID))
-    runs = [jp.simulate(replace(S, friction=mu), GROUND, GRID) for mu in (0.25, 0.27, 0.0, 0.26)]
+    runs = [paper_run(friction) for friction in (0.25, 0.27, 0.0, 0.26)]
+    panels = LivePanels(runs[0])
     drawn = [panels.png(run) for run in runs]
     again = LivePanels(runs[0])
     again.png(runs[0])
@@ -219,30 +216,36 @@ def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():
     # A stronger run widens the axes; every run stays inside them.
     louder = jp.simulate(S, jp.Ricker(1.5, GROUND.periods, GROUND.arrivals), GRID)
     assert (pixels(panels.png(louder)) != pixels(drawn[3])).any()
-    for low, high, lines in panels.limits():
-        for line in lines:
-            assert low <= line.min() <= line.max() <= high
+    for panel in panels._panels:
+        low, high = panel.ax.get_ylim()
+        for line in panel.lines.values():
+            assert low <= line.get_ydata().min() <= line.get_ydata().max() <= high
 
 
 def test_other_settings_change_nothing():
-    run = jp.simulate(S, GROUND, GRID)
+    run = paper_run()
     plain = LivePanels(run).png(run)
     with style.context("jaxpound.house"):
         assert (pixels(LivePanels(run).png(run)) == pixels(plain)).mean() > 0.9
 
 
-def test_arguments_are_checked():
-    with pytest.raises(ValueError, match=r"ground = .* must be of type"):
-        Explorer(S, lambda t: 0 * t, GRID)
-    with pytest.raises(ValueError, match="structures = 3 must be of type"):
-        Explorer(3, GROUND, GRID)
-    with pytest.raises(ValueError, match=r"grid = 0.02 must be of type"):
-        Explorer(S, GROUND, 0.02)
-    with pytest.raises(ValueError, match="scales = 3 must be of type"):
-        Explorer(S, GROUND, GRID, scales=3)
-    batch = jax.tree.map(lambda x: np.array([x, x]), S)
-    with pytest.raises(ValueError, match="must be a single pair, not a batch"):
-        Explorer(batch, GROUND, GRID)
+@pytest.mark.parametrize(
+    ("arguments", "scales", "message"),
+    [
+        ((S, lambda t: 0 * t, GRID), None, r"ground = .* must be of type"),
+        ((3, GROUND, GRID), None, "structures = 3 must be of type"),
+        ((S, GROUND, 0.02), None, "grid = 0.02 must be of type"),
+        ((S, GROUND, GRID), 3, "scales = 3 must be of type"),
+        (
+            (replace(S, friction=np.ones(2)), GROUND, GRID),
+            None,
+            "must be a single pair, not a batch",
+        ),
+    ],
+)
+def test_arguments_are_checked(arguments, scales, message):
+    with pytest.raises(ValueError, match=message):
+        Explorer(*arguments, scales=scales)
 
 
 def test_forces_keep_to_the_unit_of_their_axis():
@@ -263,8 +266,7 @@ def test_without_ipywidgets_the_extra_is_named(monkeypatch):
 @pytest.fixture(scope="module")
 def collisions():
     """An explorer of buildings with a law of contact, by which they pound from the beginning."""
-    law = jp.KelvinVoigt(stiffness=100.0, restitution=0.65)
-    return Explorer(replace(S, initial_gap=0.3, contact=law), GROUND, jp.TimeGrid(0.04, 200))
+    return Explorer(replace(S, initial_gap=0.3, contact=LAW), GROUND, SHORT)
 
 
 def test_a_law_of_contact_has_sliders(collisions):

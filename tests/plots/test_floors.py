@@ -5,7 +5,6 @@ import itertools
 import warnings
 
 import jax
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -15,8 +14,6 @@ from jaxpound import plots
 from jaxpound.plots.style import COLOURS, shades
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.floors import FloorDemands
-
-mpl.use("Agg")
 
 QUANTITIES = ("displacement", "drift", "acceleration", "shear", "contact_left", "contact_right")
 
@@ -30,11 +27,6 @@ def floors(n, building=0, contact=True, si=True, shape=()):
     if not contact:
         values |= dict.fromkeys(QUANTITIES[4:], np.zeros((*shape, n)))
     return FloorDemands(building=building, masses=tuple(range(n)), **values, si=si)
-
-
-@pytest.fixture
-def ax():
-    return Figure().add_subplot()
 
 
 def test_a_floor_s_demand_stands_at_its_height(ax):
@@ -222,3 +214,19 @@ def test_modes_of_a_dimensionless_building_are_over_its_floors(ax):
         plots.mode_shapes(jp.Storeys((1.0,), rod), 0, ax)
     with pytest.raises(ValueError, match="must be of type Storeys"):
         plots.mode_shapes(jp.paper.structures(), ax=ax)
+
+
+def test_the_modes_of_several_buildings_are_in_si():
+    tall, low = (jp.ShearBuilding.from_period(n, 2e5, 0.2 * n, 0.05, height=3.0) for n in (3, 2))
+    ax = plots.mode_shapes(jp.Buildings((tall, low)), 2, Figure().add_subplot())
+    names = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert [name.partition(":")[0] for name in names] == [
+        f"building {b}, mode {j}" for b in (1, 2) for j in (1, 2)
+    ]
+    assert names[2].startswith("building 2, mode 1: $T$ = 0.4 s")
+    np.testing.assert_allclose(ax.lines[2].get_ydata(), [0.0, 3.0, 6.0])
+    assert ax.get_ylabel() == "height (m)"
+    block = jp.Building.from_period(mass=5e5, period=0.9, damping_ratio=0.05)
+    ax = plots.mode_shapes(jp.Buildings((block,)), ax=Figure().add_subplot())
+    assert ax.get_legend().get_texts()[0].get_text().startswith("mode 1: $T$ = 0.9 s")
+    assert ax.get_ylabel() == "floor"

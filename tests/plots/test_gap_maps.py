@@ -3,7 +3,6 @@
 import dataclasses
 
 import jax
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
@@ -12,8 +11,6 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from tests.made import changed, pair_response, row_of, row_response
-
-mpl.use("Agg")
 
 TIME = np.linspace(0.0, 20.0, 4001)
 LAW = jp.KelvinVoigt(100.0, 0.65)
@@ -25,11 +22,6 @@ LINKS = (
 
 def sway(i, time):
     return 0.1 * (i + 1) * np.sin((1 + 0.1 * i) * time)
-
-
-@pytest.fixture
-def ax():
-    return Figure().add_subplot()
 
 
 def row_names(ax):

@@ -2,15 +2,12 @@
 
 import dataclasses
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import ida
-
-mpl.use("Agg")
 
 IM = np.array([0.1, 0.2, 0.4])
 DEMANDS = np.array([[0.01, 0.02, 0.04], [0.02, 0.04, 0.08], [0.01, 0.03, 0.05]])

@@ -57,6 +57,21 @@ def test_a_design_earthquake():
         rare_events.design_earthquake(event(0.2, 1e-3), 1)
 
 
+def test_a_design_earthquake_of_an_acceleration():
+    """In g, in SI units too."""
+    state = dataclasses.replace(STATE, demand="peak_acceleration_1", threshold=0.3)
+    scales = jp.Scales(mass=1e5, frequency=5.0)
+    accelerating = dataclasses.replace(event(0.3, 1e-3), limit_state=state)
+    figure = rare_events.design_earthquake(accelerating, scales=scales)
+    earthquake = accelerating.design_earthquakes[0]
+    response = jp.simulate(earthquake.structures, earthquake.ground, STATE.grid)
+    _, below = figure.axes
+    series, threshold = (line.get_ydata() for line in below.lines[:2])
+    assert series == pytest.approx(np.asarray(response.absolute_accelerations[0]))
+    assert threshold[0] == pytest.approx(0.3)
+    assert below.get_ylabel() == "acceleration ($g$)"
+
+
 def test_a_curve_of_probabilities():
     figure = rare_events.probability_curve([event(0.4, 1e-5), event(0.2, 1e-3)]).figure
     (ax,) = figure.axes

@@ -1,31 +1,29 @@
 """What the figures of a study show: its own numbers, with units."""
 
 import types
+from functools import cache
 
-import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import studies as plots
 from jaxpound.plots.style import COLOURS, parameter_axis, parameter_name
+from jaxpound.study.sensitivity import Sensitivity
+from jaxpound.study.statistics import Estimate
 from tests.study.test_run import LINEAR, RANDOM, study
-from tests.study.test_sensitivity import GRID, SCENARIOS
-
-mpl.use("Agg")
 
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
+
+
+@cache
+def random_study():
+    return study(RANDOM, 50)
 
 
 @pytest.fixture(scope="module")
 def found():
     return study(LINEAR, 400)
-
-
-@pytest.fixture
-def ax():
-    return Figure(figsize=(3.54, 2.36), layout="constrained").add_subplot()
 
 
 def test_min_gap_s_histogram_and_distribution(found, ax):
@@ -154,7 +152,7 @@ def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
 
 
 def test_scatter_has_a_panel_for_each_pair():
-    found = study(RANDOM, 50)
+    found = random_study()
     figure = plots.scatter_matrix(found, ["required_gap", "peak_f1"], ["friction", "period_1"])
     assert len(figure.axes) == 4
     x, y = figure.axes[3].lines[0].get_data()
@@ -166,7 +164,7 @@ def test_scatter_has_a_panel_for_each_pair():
 
 
 def test_parameters_have_the_unit_of_the_study():
-    found = study(RANDOM, 50)
+    found = random_study()
     units = {
         "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
         "amplitude_1": (r"amplitude 1 ($g/\omega_1^2$)", "amplitude 1 (m)", SCALES.length),
@@ -188,7 +186,7 @@ def test_parameters_have_the_unit_of_the_study():
 
 
 def test_correlation_bars_are_the_correlations_largest_on_top(ax):
-    found = study(RANDOM, 50)
+    found = random_study()
     plots.correlations(found, ax)
     names = [text.get_text() for text in ax.get_yticklabels()]
     expected = found.correlations()
@@ -199,7 +197,12 @@ def test_correlation_bars_are_the_correlations_largest_on_top(ax):
 
 
 def test_sensitivity_bars_are_the_indices_largest_on_top(ax):
-    indices = jp.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=64)
+    shares = {"none": (0.0, 0.01), "two": (0.2, 0.25), "one": (0.7, 0.8)}
+    first, total = (
+        {name: Estimate(pair[i], pair[i] - 0.1, pair[i] + 0.1) for name, pair in shares.items()}
+        for i in range(2)
+    )
+    indices = Sensitivity("peak_x1", 64, first, dict(reversed(total.items())))
     plots.sensitivity(indices, ax)
     assert [text.get_text() for text in ax.get_yticklabels()] == ["none", "two", "one"]
     bars = [container for container in ax.containers if hasattr(container, "patches")]

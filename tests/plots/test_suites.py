@@ -1,6 +1,5 @@
 """Suites: the spectra, mean and target that are drawn are those of the suite."""
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -8,8 +7,6 @@ from matplotlib.figure import Figure
 from jaxpound.plots import suites
 from tests.ground.test_scaling import TARGET, scaled
 from tests.ground.test_suite import SUITE
-
-mpl.use("Agg")
 
 
 def test_spectra_their_mean_and_the_target():

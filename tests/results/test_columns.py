@@ -24,7 +24,7 @@ def simulate(friction):
 
 @pytest.fixture(scope="module")
 def batch():
-    return jax.vmap(simulate)(jnp.array([0.1, 0.2, 0.3]))
+    return jax.jit(jax.vmap(simulate))(jnp.array([0.1, 0.2, 0.3]))
 
 
 def test_a_run_is_a_row_an_instant(batch):
@@ -74,12 +74,18 @@ def test_a_batch_of_batches_has_a_number_an_axis(batch):
     assert demands.loc[(1, 2), "peak_x1"] == 2 * float(batch.demand.peak_x1[2])
 
 
-@pytest.mark.parametrize("kind", [lambda x: x, lambda x: x.demand], ids=["response", "demand"])
-@pytest.mark.parametrize("chosen", [1, slice(None)], ids=["single", "batch"])
-def test_files_hold_the_same_numbers(batch, kind, chosen, tmp_path, monkeypatch):
+@pytest.mark.parametrize("kind", ["response", "response of a batch", "demand", "batch", "study"])
+def test_files_hold_the_same_numbers(batch, of_study, kind, tmp_path, monkeypatch):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
-    result = kind(SCALES.to_si(batch[chosen]))
+    runs = SCALES.to_si(batch)
+    result = {
+        "response": runs[1],
+        "response of a batch": runs,
+        "demand": runs[1].demand,
+        "batch": runs.demand,
+        "study": of_study,
+    }[kind]
     table = result.to_pandas()
     result.to_parquet(tmp_path / "table.parquet")
     pandas.testing.assert_frame_equal(pandas.read_parquet(tmp_path / "table.parquet"), table)
@@ -93,36 +99,46 @@ def test_files_hold_the_same_numbers(batch, kind, chosen, tmp_path, monkeypatch)
         np.testing.assert_array_equal(read[name], table.index.get_level_values(name))
 
 
-def test_a_study_is_a_row_a_sample(tmp_path):
+@pytest.fixture(scope="module")
+def of_study():
     measures = {"mu": lambda structures, ground: structures.friction}
-    found = study(LINEAR, 64, measures=measures, keep_parameters=True).in_si(SCALES)
-    table = found.to_pandas()
+    return study(LINEAR, 64, measures=measures, keep_parameters=True)
+
+
+def test_a_study_is_a_row_a_sample(of_study, tmp_path):
+    in_si = of_study.in_si(SCALES)
+    table = in_si.to_pandas()
     assert table.index.name == "sample"
-    units = dict(zip(found.columns, table.columns, strict=True))
+    units = dict(zip(in_si.columns, table.columns, strict=True))
     assert (units["min_gap"], units["pga"]) == ("min_gap_m", "pga_m_per_s2")
     assert units["required_gap"] == "required_gap_m"
     # Pure numbers, and what is not ours, are what they are.
-    assert all(units[name] == name for name in ("pounds", "mu", *found.parameters()))
-    for name, named in units.items():
-        np.testing.assert_array_equal(table[named], found[name])
-    found.to_csv(tmp_path / "study.csv")
+    assert all(units[name] == name for name in ("pounds", "mu", *in_si.parameters()))
+    for name, heading in units.items():
+        np.testing.assert_array_equal(table[heading], in_si[name])
+    in_si.to_csv(tmp_path / "study.csv")
     read = np.genfromtxt(tmp_path / "study.csv", delimiter=",", names=True, deletechars="")
-    np.testing.assert_array_equal(read["required_gap_m"], found["required_gap"])
+    np.testing.assert_array_equal(read["required_gap_m"], in_si["required_gap"])
 
 
-def test_names_that_users_gave_stay_apart(tmp_path):
-    def friction(structures, ground):
-        return structures.friction
-
-    found = study(LINEAR, 64, measures={"μ, the friction": friction})
-    found.to_csv(tmp_path / "study.csv")
-    with open(tmp_path / "study.csv", encoding="utf-8", newline="") as file:
-        header = next(csv.reader(file))
-    assert header == ["sample", *found.columns]
-    for name, scales in (("sample", None), ("min_gap_m", SCALES)):
-        found = study(LINEAR, 64, measures={name: friction}, scales=scales)
-        with pytest.raises(ValueError, match=f"column '{name}' must be told from another"):
-            found.to_columns()
+@pytest.mark.parametrize(
+    ("name", "scales"), [("μ, the friction", None), ("sample", None), ("min_gap_m", SCALES)]
+)
+def test_names_that_users_gave_stay_apart(of_study, name, scales, tmp_path):
+    moments = {name if x == "mu" else x: m for x, m in of_study._moments.items()}
+    renamed = dataclasses.replace(
+        of_study,
+        _moments=moments,
+        _parts=lambda x: of_study._parts("mu" if x == name else x),
+        scales=scales,
+    )
+    if name.startswith("μ"):
+        renamed.to_csv(tmp_path / "study.csv")
+        with open(tmp_path / "study.csv", encoding="utf-8", newline="") as file:
+            assert next(csv.reader(file)) == ["sample", *renamed.columns]
+    else:
+        with pytest.raises(ValueError, match=f"column '{name}' must differ from every other"):
+            renamed.to_columns()
 
 
 def test_a_missing_folder_is_called_missing(batch, tmp_path):

@@ -7,8 +7,8 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.quantities import SI
-from jaxpound.results.demand import kind_of, unit_of
 from jaxpound.results.impacts import ImpactSeries
+from jaxpound.results.named import kind_of, unit_of
 from tests.made import OF_CONTACT, changed, pair_demand, pair_response
 
 SCALES = jp.Scales(mass=500e3, frequency=7.0)

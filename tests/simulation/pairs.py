@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxpound as jp
-from jaxpound.model.contact import bound
+from jaxpound.model.contact import with_mass
 from tests.simulation.test_events import LAWS
 
 GRID = jp.TimeGrid(0.02, 3200)
+SHAKING = jp.Ricker(0.4, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])
 LANES = 32
 WAVELETS = 36
 FORCES = tuple(name for name in LAWS if name not in ("newton", "kelvin"))
@@ -29,7 +30,7 @@ class OneOf:
     laws: tuple[Any, ...]
 
     def for_mass(self, mass):
-        return OneOf(self.which, tuple(bound(law, mass) for law in self.laws))
+        return OneOf(self.which, tuple(with_mass(law, mass) for law in self.laws))
 
     def force(self, *state):
         forces = [law.force(*state) for law in self.laws]
@@ -88,6 +89,19 @@ def in_unit_of_time(unit, system, ground):
         arrivals=np.asarray(ground.arrivals) / unit,
     )
     return dataclasses.replace(system, rods=tuple(rods), links=tuple(links)), ground
+
+
+def displacements_in_units(system, steps, end, ground=SHAKING):
+    """Of runs of these steps by one program, until ``end`` at the last step and later at others."""
+    grid = jp.TimeGrid(steps[0], round(end / steps[-1]))
+
+    @jax.jit
+    @jax.vmap
+    def runs(unit):
+        response = jp.simulate(*in_unit_of_time(unit, system, ground), grid)
+        return jnp.stack([mass.x for mass in response.masses])
+
+    return np.asarray(runs(jnp.asarray(steps) / grid.dt))
 
 
 def run(systems, grounds):

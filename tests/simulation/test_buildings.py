@@ -188,7 +188,6 @@ CALLS = {
     "Scenarios": lambda ground: jp.Scenarios(
         jp.UncertainStructures(STRUCTURES, {"friction": jp.LogNormal(0.1, 0.2)}), ground
     ),
-    "Ensemble": lambda ground: jp.Ensemble.of([WAVE, ground], GRID),
     "monte_carlo": lambda ground: jp.monte_carlo(
         jp.Scenarios(STRUCTURES, jp.CustomDraw(lambda z: z[0] * ground, 1)), 8, GRID
     ),
@@ -197,10 +196,20 @@ CALLS = {
 
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
 def test_dimensionless_structures_refuse_a_record_in_seconds(call):
-    says = r"Record\(.*must be in units of 1/ω1.*scales\.to_dimensionless\(record\).*simulate_build"
+    says = r"Record\(.*must be in units of 1/ω1.*scales\.to_dimensionless makes.*Buildings takes it"
     for ground in (RECORD, 2 * RECORD, WAVE + 0.5 * RECORD, (lambda t: 0.0 * t) + RECORD):
         with pytest.raises(ValueError, match=says):
             call(ground)
+
+
+def test_a_design_of_dimensionless_structures_refuses_records_in_seconds():
+    space = jp.DesignSpace(STRUCTURES, {"friction": (0.01, 1.0)})
+    for grounds in ([RECORD], [WAVE, 2 * RECORD], [(lambda t: 0.0 * t) + RECORD]):
+        ensemble = jp.Ensemble.of(grounds, GRID)
+        with pytest.raises(ValueError, match=r"design_damper: ensemble: .* in units of 1/ω1"):
+            jp.design_damper(space, ensemble, GRID, progress=False)
+    with pytest.raises(ValueError, match="Ensemble: grounds must be in one unit of time"):
+        jp.Ensemble.of([RECORD, SHAKING], GRID)
 
 
 def test_records_keep_their_unit_where_they_are_traced():
@@ -225,7 +234,7 @@ def test_random_records_and_the_explorer_refuse_seconds():
     from jaxpound.plots.explorer import Explorer
 
     with pytest.raises(
-        ValueError, match=r"^RandomRecord: records\[1\]: Record\('burst'.* in units"
+        ValueError, match=r"^RandomRecord: records\[1\] = Record\('burst'.* the same unit of time"
     ):
         jp.RandomRecord((SHAKING, RECORD))
     with pytest.raises(ValueError, match=r"^Explorer: ground: Record\('burst'.* in units of 1/ω1"):
@@ -255,7 +264,7 @@ def test_a_dimensionless_record_is_refused_where_seconds_are_meant():
         ),
         (
             lambda: jp.demand(jp.ShearBuilding((LEFT,)), WAVE, GRID),
-            "demand: structures = .*; simulate_row takes them, and dimensionless_row makes",
+            r"demand: structures = .*; simulate_row takes them, and Buildings\(\(left, right\)",
         ),
         (
             lambda: jp.simulate_buildings(jp.ShearBuilding((LEFT,)), RIGHT, RECORD, **DAMPED),

@@ -9,9 +9,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
-from jaxpound.model.contact import bound
+from jaxpound.model.contact import with_mass
+from jaxpound.simulation.forces import SLOTS, Contact, ContactStart, FlowInput
 from jaxpound.simulation.local_flow import flow
-from jaxpound.simulation.passage import SLOTS, Given, Modes, UnderWay
 from tests.reference import load
 
 COLLISIONS = load("contact")["collisions"]
@@ -26,12 +26,12 @@ LAWS = {
     "jankowski": jp.Jankowski,
     "newton": lambda _, e: jp.Newton(e),
 }
-AT_START = Modes(*(jnp.zeros(1),) * 3, jnp.zeros(()))
+AT_START = ContactStart(*(jnp.zeros(1),) * 3, jnp.zeros(()))
 
 
 def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
     one = jnp.ones(1)
-    return Given(
+    return FlowInput(
         closing=0 * one,
         velocity=velocity * one,
         pull=pull * one,
@@ -39,8 +39,8 @@ def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
         delassus=delassus * jnp.ones((1, 1)),
         friction=friction * one,
         gap=gap * one,
-        laws=(bound(jax.tree.map(jnp.asarray, law), 1 / delassus),),
-        under_way=UnderWay(*(0 * one,) * 4),
+        laws=(with_mass(jax.tree.map(jnp.asarray, law), 1 / delassus),),
+        under_way=Contact(*(0 * one,) * 4),
     )
 
 
@@ -65,11 +65,11 @@ def test_free_collisions_are_those_of_the_laws(name):
         assert float(out.lost[0]) == pytest.approx(lost, abs=1e-7)
         assert float(out.stored[0]) == pytest.approx(0, abs=1e-7)
         # The impulse takes from the one what it gives to the other.
-        impulse = float(out.record.impacts.impulse[0, 0])
+        impulse = float(out.log.impacts.impulse[0, 0])
         assert impulse == pytest.approx((1 + restitution) * speed / delassus, rel=1e-12)
-        depth = float(out.record.farthest[0]) - case["gap0"]
+        depth = float(out.log.farthest[0]) - case["gap0"]
         assert depth == pytest.approx(case["peak_penetration"], rel=1e-6, abs=1e-15)
-        assert float(out.record.highest[0]) == pytest.approx(case["peak_force"], rel=1e-6)
+        assert float(out.log.highest[0]) == pytest.approx(case["peak_force"], rel=1e-6)
         if name in ("kelvin", "hertzdamp_exact", "newton"):
             assert restitution == pytest.approx(case["e"], abs=1e-6)
 
@@ -82,7 +82,7 @@ def test_derivatives_of_a_collision_with_friction_under_load(law):
 
     def out(x):
         end = flow(0.25, SLOTS, jnp.asarray(True), rebuild(x), AT_START)
-        record = end.record
+        record = end.log
         found = (end.closing, end.velocity, end.mean, record.farthest, record.highest, end.lost)
         return jnp.concatenate([*found, end.now.velocity])
 
@@ -101,14 +101,14 @@ def test_rebounds_of_newtons_law_come_to_rest():
     """A block pressed against another bounces ever faster, until it rests, with its momentum."""
     out = collided()(given(jp.Newton(0.5), 0.1, 0.01, delassus=2.0, friction=0.05, pull=1.0))
     assert (float(out.velocity[0]), float(out.closing[0])) == (0.0, 0.01)
-    assert 3 < float(out.record.touches[0]) < 60
+    assert 3 < float(out.log.touches[0]) < 60
     assert float(out.held[0]) == 1
     # From then on friction takes what it can and contact the rest of what keeps the gap closed.
     rest = collided()(
         given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=1.0)._replace()
     )
     assert float(rest.now.contact[0] + rest.now.friction[0]) == pytest.approx(0.5)
-    assert float(rest.record.touches[0]) == 0
+    assert float(rest.log.touches[0]) == 0
 
 
 def test_stick_that_breaks_towards_a_closed_gap_becomes_rest():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.simulation.pairs import OneOf
+from tests.simulation.pairs import OneOf, in_unit_of_time
 
 STILL = jp.Ricker(0.0, [1.0], [0.0])
 ELASTIC = jp.ZenerRod(order=1.0, tau_f=0.1, tau_x=0.1)
@@ -148,10 +148,19 @@ def test_a_row_with_friction_converges():
     rods = tuple(jp.Rod(ELASTIC, k, (i, jp.GROUND)) for i, k in enumerate((1.0, 1.6, 0.7)))
     links = (jp.Link((0, 1), friction=0.05), jp.Link((1, 2), friction=0.1))
     row = jp.System(masses=(1.0, 0.8, 1.2), rods=rods, links=links)
-    ends = [
-        np.array([x.x[-1] for x in run(row, dt, (0.5, -0.2, 0.1), (0.0, 0.3, -0.1), 6.0).masses])
-        for dt in (0.04, 0.02, 0.01, 0.0025)
-    ]
+    steps, until = np.array([0.04, 0.02, 0.01, 0.0025]), 6.0
+    grid = jp.TimeGrid(steps[0], round(until / steps[-1]))
+
+    @jax.jit
+    @jax.vmap
+    def paths(unit):
+        push = tuple(unit * v for v in (0.0, 0.3, -0.1))
+        initial = jp.InitialState((0.5, -0.2, 0.1), push)
+        response = jp.simulate(*in_unit_of_time(unit, row, STILL), grid, initial=initial)
+        return jnp.stack([mass.x for mass in response.masses])
+
+    displacements = np.asarray(paths(steps / grid.dt))
+    ends = [x[:, round(until / dt)] for x, dt in zip(displacements, steps, strict=True)]
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     assert errors[-1] < 3e-5
     assert errors[-1] < errors[0] / 8

@@ -1,5 +1,7 @@
 """The loop over time by itself: however its steps are laid out, they are the same steps."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +20,7 @@ def advance(carry, sums, m, entry):
     return carry, c, (carry, {"c": c[0], "m": jnp.where(m < 0, 0, m)})
 
 
+@partial(jax.jit, static_argnames=("history", "looped", "segmented", "checkpoint"))
 def run(inputs, history, **layout):
     orders = [jnp.asarray(order) for order in ORDERS]
     zero = jnp.zeros(())
@@ -40,12 +43,10 @@ def test_every_layout_takes_the_same_steps(n, history):
 def test_the_sums_are_those_of_all_steps_before(looped):
     inputs = jnp.asarray(np.random.default_rng(0).normal(size=40))
     _, (_, seen) = run(inputs, jp.FullHistory(), looped=looped)
+    weights = [np.asarray(jp.gl_weights(order, inputs.size)) for order in ORDERS]
     carry, c = 0.0, [[], []]
     for entry in np.asarray(inputs):
-        sums = [
-            float(jp.gl_weights(order, len(past))[1:] @ np.array(past[::-1]))
-            for order, past in zip(ORDERS, c, strict=True)
-        ]
+        sums = [w[1 : len(past) + 1] @ past[::-1] for w, past in zip(weights, c, strict=True)]
         new = [entry - 0.3 * sums[1] + 0.1 * carry, 0.5 * carry - 0.2 * sums[0]]
         carry = 0.9 * carry + 0.2 * new[0] * new[1] + 0.1 * entry
         c = [[*past, now] for past, now in zip(c, new, strict=True)]

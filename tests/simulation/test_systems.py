@@ -1,6 +1,7 @@
 """Systems of masses, rods and links, against references that know nothing of steps."""
 
 import dataclasses
+import functools
 import math
 
 import jax
@@ -9,12 +10,12 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.reference import convergence_order, load
+from tests.reference import convergence_order
+from tests.simulation.pairs import SHAKING as GROUND
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 RUBBER = jp.ZenerRod(0.8, 0.05, 0.4)
 ELASTIC = jp.ZenerRod(0.5, 0.1, 0.1)
-GROUND = jp.Ricker(0.4, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])
 END = 12.0
 
 
@@ -35,38 +36,6 @@ def two_buildings(n, friction):
     return jp.System((*left_masses, *right_masses), (*left, *right), tuple(links))
 
 
-def in_frequency(system, acceleration, times, n=2**14):
-    """Displacements of a system without friction, by the Laplace transform on a line Re s = a.
-
-    (s² M + B_r K*(s) B_rᵀ) X = −M 1 L[u''], with every rod's complex modulus; the inverse by a fast
-    Fourier transform over a window of twice the time, shifted so that what wraps around is e^−18.
-    """
-    window = 2 * times[-1]
-    a, dt = 18 / window, window / n
-    t = dt * np.arange(n)
-    s = a + 2j * np.pi * np.fft.fftfreq(n, dt)
-    shaking = np.fft.fft(np.exp(-a * t) * acceleration(t))
-    m = np.array(system.masses)
-    matrix = s[:, None, None] ** 2 * np.diag(m)
-    for rod in system.rods:
-        way = np.zeros(m.size)
-        for end, sign in zip(rod.ends, (1, -1), strict=True):
-            if end != jp.GROUND:
-                way[end] = sign
-        law, z = rod.material, s**rod.material.order
-        modulus = rod.stiffness * (1 + law.tau_x * z) / (1 + law.tau_f * z)
-        matrix = matrix + modulus[:, None, None] * np.outer(way, way)
-    x = np.linalg.solve(matrix, (-shaking[:, None] * m)[..., None])[..., 0]
-    x = np.exp(a * t)[:, None] * np.fft.ifft(x, axis=0).real
-    return np.stack([np.interp(times, t, one) for one in x.T])
-
-
-def positions(system, dt):
-    """Displacements of all masses at the instants 0, 0.16, …, shape (masses, n)."""
-    run = jp.simulate(system, GROUND, jp.TimeGrid.until(END, dt))
-    return np.stack([mass.x for mass in run.masses])[:, :: round(0.16 / dt)]
-
-
 def test_a_pair_is_the_system_that_it_says():
     grid, pair = jp.TimeGrid.until(END, 0.04), jp.paper.structures()
     as_pair, as_system = (jp.simulate(s, GROUND, grid) for s in (pair, pair.system()))
@@ -76,26 +45,6 @@ def test_a_pair_is_the_system_that_it_says():
     for name, series in {"x2": as_pair.masses[1].x, "f2": as_pair.rods[1].force}.items():
         np.testing.assert_array_equal(getattr(as_pair, name), series)
     assert as_pair.demand.min_gap == as_pair.demand.links[0].min_gap == as_pair.min_gap
-
-
-def test_storeys_without_friction_are_those_of_linear_theory():
-    """Rods of different orders: no modes decouple them. (Ten storeys: benchmarks/storeys.py.)"""
-    system = two_buildings(3, 0.0)
-    times = np.arange(0, END, 0.16)
-    exact = in_frequency(system, GROUND.acceleration, times)
-    steps = np.array([0.04, 0.02])
-    errors = [np.abs(positions(system, h)[:, : times.size] - exact).max() for h in steps]
-    print(errors, np.abs(exact).max())
-    assert errors[1] < 4e-3 * np.abs(exact).max()
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.15)
-
-
-def test_the_reference_of_linear_theory_is_the_closed_form_of_one_elastic_block():
-    """x'' + x = −sin t for t > 0, which jumps in no value: x = (t cos t − sin t)/2."""
-    system = jp.System((1.0,), (jp.Rod(ELASTIC, 1.0, (0, jp.GROUND)),))
-    times = np.linspace(0, 10, 50)
-    found = in_frequency(system, np.sin, times, n=2**16)[0]
-    np.testing.assert_allclose(found, (times * np.cos(times) - np.sin(times)) / 2, atol=2e-6)
 
 
 def seen(system, dt):
@@ -121,7 +70,12 @@ def convergence():
     way = jax.tree.unflatten(structure, [x * draw.uniform(-0.3, 0.3) for x in leaves])
     system, way = (jax.tree.map(jnp.asarray, tree) for tree in (system, way))
     steps = np.array([0.04, 0.02, 0.005])
-    return steps, [jax.jvp(lambda s, h=h: seen(s, h), (system,), (way,)) for h in steps]
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def along_way(dt):
+        return jax.jvp(lambda s: seen(s, dt), (system,), (way,))
+
+    return steps, [along_way(float(dt)) for dt in steps]
 
 
 @pytest.mark.parametrize("what", ["value", "derivative"])
@@ -191,16 +145,6 @@ def bearing(friction, ends=(0, jp.GROUND), rod_ends=(0, jp.GROUND)):
     """A block on an elastic rod and a sliding bearing."""
     rod = jp.Rod(ELASTIC, 1.0, rod_ends)
     return jp.System((1.0,), (rod,), (jp.Link(ends, friction),))
-
-
-@pytest.mark.parametrize("case", load("den_hartog")["cases"], ids=lambda c: f"r{c['r']}b{c['b']}")
-def test_a_sliding_bearing_has_den_hartog_s_steady_amplitude(case):
-    """y'' + y + b sgn(y') = cos(r t): a block on the ground, which starts to move at once."""
-    period = 2 * np.pi / case["r"]
-    grid = jp.TimeGrid.until(60 * period, 0.01)
-    run = jp.simulate(bearing(case["b"]), lambda t: -jnp.cos(case["r"] * t), grid)
-    steady = np.asarray(run.masses[0].x)[-round(2 * period / 0.01) :]
-    assert np.ptp(steady) / 2 == pytest.approx(case["X"], rel=1e-3)
 
 
 def test_a_bearing_without_friction_is_none():

@@ -53,3 +53,16 @@ def test_the_peak_s_slope_is_the_curve_s_where_samples_tie():
         return peak([height * (25 - (t - 0.5) ** 2) for t in range(-3, 5)])
 
     assert float(jax.grad(largest)(2.0)) == pytest.approx(25, rel=1e-12)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("power", [0.45, 0.55, 0.9])
+def test_the_peak_of_a_motion_that_begins_with_tiny_numbers_has_a_slope(dtype, power):
+    """As a short pulse begins: numbers whose squares underflow, which turn like any others."""
+    tiny = np.array([0, 1, 2, 1, -1], dtype) * np.finfo(dtype).tiny ** power
+
+    def largest(height):
+        return peak([*(height * tiny), 3 * height, 4 * height, 3 * height], dtype)
+
+    value, slope = jax.value_and_grad(largest)(jnp.asarray(1.0, dtype))
+    assert (float(value), float(slope)) == (4.0, 4.0)

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy import stats
 import jaxpound as jp
 from jaxpound.results.demand import Demand
 from jaxpound.study import sensitivity
+from jaxpound.study.chunk import Task
 from jaxpound.study.statistics import quantile
 
 TOUCHING = dataclasses.replace(
@@ -142,3 +144,70 @@ def test_the_time_of_an_impact_that_need_not_be_has_no_variance(monkeypatch):
     monkeypatch.setattr(sensitivity, "demands_of", demands)
     with pytest.raises(ValueError, match="must be finite, but there is no impact in some scen"):
         jp.sobol_sensitivity(SCENARIOS, GRID, demand="first_impact_time", n=2)
+
+
+RECORD = jp.Record(0.1 * np.sin(np.arange(80)), 0.1, time_unit="1/ω1")
+DISPLACEMENT = {"demand": "peak_x1", "threshold": 0.1}
+AT_0_1_G = {"intensities": [0.1], "measure": "pga", **DISPLACEMENT, "grid": GRID}
+
+
+def designed(structures):
+    objective = jp.Objective(jp.LeastDemand("peak_x1"))
+    space, earthquakes = jp.DesignSpace(structures, {"mass_ratio": (0.5, 2.0)}), jp.Ensemble
+    return jp.design_damper(space, earthquakes.of([RECORD], GRID), GRID, objective=objective)
+
+
+STUDIES = {
+    "monte_carlo": lambda s: jp.monte_carlo(jp.Scenarios(s, WAVES), 4, GRID),
+    "sobol_sensitivity": lambda s: jp.sobol_sensitivity(jp.Scenarios(s, WAVES), GRID, n=4),
+    "rare_event": lambda s: jp.rare_event(jp.Scenarios(s, WAVES), GRID, **DISPLACEMENT),
+    "subset_simulation": lambda s: jp.subset_simulation(
+        jp.Scenarios(s, WAVES), GRID, **DISPLACEMENT
+    ),
+    "reach_probability": lambda s: jp.reach_probability(
+        "friction", 1e-3, jp.Scenarios(s, WAVES), GRID, **DISPLACEMENT
+    ),
+    "incremental_dynamic_analysis": lambda s: jp.incremental_dynamic_analysis(
+        s, [RECORD], **AT_0_1_G
+    ),
+    "multiple_stripes": lambda s: jp.multiple_stripes(s, [RECORD], **AT_0_1_G),
+    "cloud_analysis": lambda s: jp.cloud_analysis(
+        s, [RECORD], grid=GRID, measure="pga", **DISPLACEMENT
+    ),
+    "design_damper": designed,
+    "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
+    "growth": lambda s: jp.growth(s, RECORD, GRID),
+    "simulate": lambda s: jp.simulate(s, RECORD, GRID),
+}
+
+
+@pytest.mark.parametrize("function", STUDIES)
+def test_contact_in_single_precision_is_told_before_the_first_run(function):
+    says = rf'^{function}: contact is run in float32.*jax\.config\.update\("jax_enable_x64", True\)'
+    with jax.enable_x64(False), pytest.raises(jp.PlausibilityWarning, match=says):
+        STUDIES[function](TOUCHING)
+
+
+def test_it_is_told_once(monkeypatch):
+    """Before the first run, which need not be compiled for it."""
+    monkeypatch.setattr(Task, "compute", lambda *_: 1 / 0)
+    stopped = pytest.raises(ZeroDivisionError)
+    with jax.enable_x64(False), pytest.warns(jp.PlausibilityWarning) as told, stopped:
+        jp.monte_carlo(SCENARIOS, 4, GRID, progress=False)
+    assert len(told) == 1
+    with jax.enable_x64(False), pytest.raises(ValueError, match=r"^monte_carlo: contact is"):
+        jp.monte_carlo(SCENARIOS, 4, GRID, strict=True)
+
+
+@pytest.mark.parametrize("function", STUDIES)
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"initial_gap": jnp.array([0.1, 0.2])}, "initial_gap"),
+        ({"contact": jp.KelvinVoigt(np.array([50.0, 60.0]), 0.65)}, r"contact\.stiffness"),
+    ],
+)
+def test_a_batch_of_structures_is_refused_by_the_function_that_was_called(function, change, name):
+    says = rf"^{function}: structures: {name} of shape \(2,\) must be one number; .* jax\.vmap"
+    with pytest.raises(ValueError, match=says):
+        STUDIES[function](dataclasses.replace(TOUCHING, **change))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.study.demands import rest_gap
+from jaxpound.model.system import common_gap
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 GRID = jp.TimeGrid(0.1, 40)
@@ -58,29 +58,35 @@ def linked(*gaps):
 )
 def test_the_gap_at_rest_is_one_finite_number_or_none(gaps, one):
     system = linked(*gaps) if gaps else dataclasses.replace(SYSTEM, links=())
-    assert rest_gap(system) == one
+    assert common_gap(system) == one
 
 
 def test_a_gap_not_known_before_the_program_runs_is_one_of_a_single_link():
     seen = []
-    jax.eval_shape(lambda x: seen.append(rest_gap(linked(x)) is x), 0.3)
-    jax.eval_shape(lambda x: seen.append(rest_gap(linked(x, x)) is x), 0.3)
-    jax.eval_shape(lambda x: seen.append(rest_gap(linked(x, 0.3)) is None), 0.3)
+    jax.eval_shape(lambda x: seen.append(common_gap(linked(x)) is x), 0.3)
+    jax.eval_shape(lambda x: seen.append(common_gap(linked(x, x)) is x), 0.3)
+    jax.eval_shape(lambda x: seen.append(common_gap(linked(x, 0.3)) is None), 0.3)
     assert seen == [True] * 3
-    assert rest_gap(jp.paper.structures()) == 1.0
+    assert common_gap(jp.paper.structures()) == 1.0
 
 
 def test_a_study_of_a_system_is_kept_in_a_store(tmp_path):
-    found = study(SYSTEM, store=tmp_path)
-    structures, grounds = jax.vmap(scenarios(SYSTEM).realize)(found.points())
-    demands = jax.jit(jax.vmap(lambda s, g: jp.demand(s, g, GRID)))(structures, grounds)
-    over_all = ("peak_drift", "peak_acceleration")
-    assert list(found.columns) == [*demands.scalars(), *over_all, "required_gap"]
+    names = ("amplitude", "file", "allow_pickle", "self")  # NumPy has a meaning for three of them
+    measures = dict.fromkeys(names, lambda structures, ground: ground.amplitude)
+    found = study(SYSTEM, store=tmp_path, keep_parameters=True, measures=measures)
+    run = jax.jit(jax.vmap(lambda z: jp.demand(*scenarios(SYSTEM).realize(z), GRID)))
+    demands, z = run(found.points()), found.points()
+    over_all = ("peak_drift", "peak_acceleration", "required_gap")
+    assert list(found.columns) == [*demands.scalars(), *over_all, *names, "z_1", "z_2"]
+    np.testing.assert_allclose(found["amplitude"], 0.1 + 0.02 * z[:, 0] + 0.01 * z[:, 1])
+    np.testing.assert_array_equal([*found.parameters().values()], z.T)
+    np.testing.assert_array_equal(found.demand.peak_x1, found["peak_x1"])
     for name, values in demands.scalars().items():
         np.testing.assert_allclose(found[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
     np.testing.assert_allclose(found["required_gap"], 0.1 - demands.min_gap, rtol=1e-9)
     opened = jp.Study.open(tmp_path)
-    np.testing.assert_array_equal(opened["peak_x3"], found["peak_x3"])
+    for name in ("peak_x3", *names):
+        np.testing.assert_array_equal(opened[name], found[name])
     assert opened.demand.links[0].min_gap.shape == (8,)
     assert opened.pounding_probability() == opened.pounding_probability(0.1)
     with pytest.raises(ValueError, match=r"Study.separation: structures must be a pair"):

@@ -80,28 +80,24 @@ def test_standard_errors_are_the_scatter_of_repetitions():
         assert told == pytest.approx(scatter, rel=0.2)
 
 
-@pytest.mark.parametrize("draw", [lambda seed: cloud(300, seed), stripes], ids=["cloud", "stripes"])
-def test_the_bootstrap_band_covers_the_truth(draw):
-    at = np.array([0.2, 0.4, 0.8])
-    truth = stats.norm.cdf(np.log(at / THETA) / BETA)
-    covered = []
-    for seed in range(40):
-        low, high = jp.fit_fragility(*draw(seed)).band(at, 0.9, replicates=100)
-        covered.append((low <= truth) & (truth <= high))
-    assert 0.8 < np.mean(covered) < 0.97
-
-
 @pytest.mark.parametrize(
-    "draw", [lambda seed: cloud(60, seed), lambda seed: stripes(seed, 15)], ids=["cloud", "stripes"]
+    ("draw", "seeds", "replicates", "least", "most"),
+    [
+        (lambda seed: cloud(300, seed), 30, 60, 0.8, 0.97),
+        (stripes, 30, 60, 0.8, 0.97),
+        (lambda seed: cloud(60, seed), 200, None, 0.89, 0.98),  # little data
+        (lambda seed: stripes(seed, 15), 200, None, 0.89, 0.98),
+    ],
+    ids=["bootstrap-cloud", "bootstrap-stripes", "cloud", "stripes"],
 )
-def test_the_usual_band_covers_the_truth_with_little_data(draw):
+def test_the_band_covers_the_truth(draw, seeds, replicates, least, most):
     at = np.array([0.2, 0.4, 0.8])
     truth = stats.norm.cdf(np.log(at / THETA) / BETA)
     covered = []
-    for seed in range(200):
-        low, high = jp.fit_fragility(*draw(seed)).band(at, 0.9)
+    for seed in range(seeds):
+        low, high = jp.fit_fragility(*draw(seed)).band(at, 0.9, replicates)
         covered.append((low <= truth) & (truth <= high))
-    assert 0.89 < np.mean(covered) < 0.98
+    assert least < np.mean(covered) < most
 
 
 def test_a_curve_in_numbers_needs_no_data():
@@ -152,9 +148,12 @@ def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
         (lambda: jp.fit_fragility([1.0, 2.0], ["no", "yes"]), "pounding = .* must be a real"),
         (lambda: jp.fit_fragility(*stripes()).probability(-1.0), "intensity = -1 must be not neg"),
         (lambda: jp.fit_fragility(*stripes()).band([1.0], replicates=0), "replicates = 0 must be"),
-        (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it is there never"),
-        (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it is there always"),
-        (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]), "always above im = 2 and never"),
+        (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it never occurs"),
+        (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it always occurs"),
+        (
+            lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]),
+            "always occurs above im = 2 and never",
+        ),
         (lambda: jp.fit_fragility([0.3, 0.3], [1, 0]), "all intensities are 0.3"),
         (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [1, 0, 0]), "does not become more frequent"),
         (lambda: jp.fit_fragility(*stripes()).band([1.0], 1.0), "confidence = 1 must be between"),

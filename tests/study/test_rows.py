@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound.study.demands import OF_CONTACTS, over_all, required_gaps
+from jaxpound.results.named import OF_CONTACTS, over_all, required_gaps
 from jaxpound.study.statistics import quantile
 from tests.rows import GAPS, GRID, ROW, WAVES, touching
 from tests.test_tables import assert_shown

@@ -221,7 +221,7 @@ def test_weights_of_runs_that_failed_do_not_matter():
         (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1]), r"weights \(1,\) must be \(2,\)"),
         (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1, -1]), "weights = -1 .* negative"),
         (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[0, 0]), "sum of the weights = 0 must"),
-        (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1, 0]), "it is there never"),
+        (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1, 0]), "it never occurs"),
         (lambda x: weighting.quantile(np.ones(0), np.ones(0), 0.5, True), r"\(0,\) must be \(n,\)"),
     ],
 )

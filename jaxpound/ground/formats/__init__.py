@@ -1,11 +1,7 @@
 """Layouts of files of accelerograms, one module for each, and modules that they share.
 
-A layout is a ``Format``; a new one is a module with a ``FORMAT`` and its place in ``FORMATS``.
-``text`` has lines, ``rows`` the numbers on them, ``header`` what is stated in prose, ``units`` how
-units are written.
+``at2`` and ``knet`` have ``fits``, which tests a file's lines: ``columns`` reads all other files.
+``read`` returns the values; it takes the user's time step for files that state none, and a list to
+which it adds warnings. ``text`` reads lines, ``rows`` their numbers, ``header`` statements in
+prose, ``units`` units.
 """
-
-from jaxpound.ground.formats import at2, columns, knet
-
-FORMATS = (knet.FORMAT, at2.FORMAT, columns.FORMAT)
-"""The first that fits a file reads it; the last fits every file."""

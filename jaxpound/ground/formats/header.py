@@ -1,9 +1,8 @@
-"""What the header of an accelerogram states in prose: units, and what was recorded.
+"""The units and the quantity that the header of an accelerogram states in prose.
 
-A header is free text. A unit in it is understood as a whole or not at all, so that G/10 is never
-taken for g; a stated unit that is not known is refused by name. Runs of blanks are made one blank
-before anything is searched for, and no pattern tries a character more than a few times: a header is
-read in a time proportional to its length, whatever it holds.
+A unit is understood as a whole or not at all, so that G/10 is never read as g; an unknown unit is
+refused by name. A run of blanks becomes one blank before the search, and no pattern tries a
+character more than a few times: the time is in proportion to the length of any header.
 """
 
 from __future__ import annotations
@@ -11,26 +10,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from jaxpound.ground.formats.text import NUMBER, Line, MisreadError, plain, set_of, shown
-from jaxpound.ground.formats.units import (
-    BRACKET,
-    LONE_UNIT,
-    NO_UNITS,
-    OTHER_QUANTITIES,
-    TIME_UNIT,
-    TIMES,
-    UNIT,
-    UNITS,
-    acceleration_unit,
-    goes_on,
-    inside_of,
-    is_value_of_unit,
-    known_unit,
-    looks_like_unit,
-    state,
-    whole_unit,
-    words_of,
-)
+from jaxpound.ground.formats import units
+from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, set_of, shown
 
 _ACCELERATION = re.compile(
     r"(?<![^\W_])(?:(?:acc(?:el(?!ero)[^\W\d_]*+|n|s)?|acel(?!ero)[^\W\d_]*+)(?![^\W_])\.?"
@@ -60,23 +41,16 @@ _SCALE = re.compile(
 _INSTRUMENTS = set_of("recorder recording instrument sensor housing power plant")
 
 
-def stated_units(header: Sequence[Line]) -> dict[str, int]:
-    """The units that a header states, each with its line: of accelerations, of times, or of both.
-
-    Raises
-    ------
-    MisreadError
-        If it states units that are not known, or two that differ, or speaks of counts or a scale
-        factor and states no units.
-    """
-    lines = [Line(number, plain(text)) for number, text in header]
-    found = [(unit, line.number) for line in lines for unit in _units_of_line(line)]
-    if not any(unit in UNITS for unit, _ in found):
-        found += [(unit, line.number) for line in lines for unit in _units_in_passing(line.text)]
+def stated_units(header: Sequence[TextLine]) -> dict[str, int]:
+    """The units of accelerations and times that a header states, each with its line."""
+    lines = [TextLine(number, plain(text)) for number, text in header]
+    mentions = [(unit, line.number) for line in lines for unit in _units_of_line(line)]
+    if not any(unit in units.UNITS for unit, _ in mentions):
+        mentions += [(unit, number) for number, text in lines for unit in _units_in_passing(text)]
     stated: dict[str, int] = {}
-    for unit, number in found:
-        state(stated, unit, number)
-    if acceleration_unit(stated):
+    for unit, number in mentions:
+        units.state(stated, unit, number)
+    if units.stated_among(stated, units.UNITS):
         return stated
     for number, text in lines:
         if scale := _SCALE.search(text):
@@ -86,92 +60,99 @@ def stated_units(header: Sequence[Line]) -> dict[str, int]:
 
 
 def _unknown(number: int, text: str) -> MisreadError:
-    rule = f"must be one of the known ones: {', '.join(UNITS)}"
+    rule = f"must be one of the known ones: {', '.join(units.UNITS)}"
     return MisreadError(number, f"the header's units = {shown(text.strip(' .:'))} {rule}")
 
 
-def _units_of_line(line: Line) -> Iterator[str]:
+def _unit_itself(number: int, text: str) -> Iterator[str]:
+    """The unit, if the whole text is one; an error if it looks like an unknown one."""
+    if unit := units.whole_unit(text):
+        yield unit
+    elif _is_unknown_unit(text):
+        raise _unknown(number, text)
+
+
+def _is_unknown_unit(text: str) -> bool:
+    return units.goes_on(text) or units.looks_like_unit(text)
+
+
+def _units_of_line(line: TextLine) -> Iterator[str]:
     number, text = line
     for match in _TIME_IN.finditer(text):
-        if found := known_unit(TIME_UNIT, text, match.end()):
-            yield found[0]
+        if unit_and_end := units.match_unit(text, match.end(), units.TIME_UNIT):
+            yield unit_and_end[0]
     for match in _UNITS.finditer(text):
         yield from _after_units(number, text, match)
-    if extreme := _EXTREME.search(text):  # the units that follow are that value's
-        text = text[: extreme.start()]
+    text = _EXTREME.split(text, 1)[0]  # the units behind it are those of the extreme value
     begin = series.end() if (series := _SERIES.search(text)) else len(text)
     for match in _ACCELERATION.finditer(text):
         begin = min(begin, match.end())
         yield from _after_acceleration(number, text, match.end())
     for match in _IN.finditer(text, begin):
         yield from _after_in(number, text, match.end())
-    for match in BRACKET.finditer(text):
-        if set(_words_before(text, match.start())[-1:]) & (OTHER_QUANTITIES | TIMES):
+    for match in units.BRACKET.finditer(text):
+        if set(_words_before(text, match.start())[-1:]) & (units.OTHER_QUANTITIES | units.TIMES):
             continue
-        inside, unit = inside_of(match), whole_unit(UNIT, inside_of(match))
-        of_acceleration = match.start() >= begin and looks_like_unit(inside)
+        inside = units.inside_of(match)
+        unit, is_time = units.whole_unit(inside), units.whole_unit(inside, units.TIME_UNIT)
+        of_acceleration = match.start() >= begin and units.looks_like_unit(inside)
         if unit and not _DIVIDED.match(text, match.end()):
             yield unit
-        elif unit or goes_on(inside) or (of_acceleration and not whole_unit(TIME_UNIT, inside)):
+        elif unit or units.goes_on(inside) or (of_acceleration and not is_time):
             raise _unknown(number, text[match.start() : match.end() + 10])
 
 
 def _after_units(number: int, text: str, match: re.Match[str]) -> Iterator[str]:
-    """What "units" is followed by: "of g", "are sec and g", ": cm/s/s", "of uncor accel is g"."""
-    if set(_words_before(text, match.start())[-2:]) & (OTHER_QUANTITIES | _INSTRUMENTS):
+    """Units behind "units": "of g", "are sec and g", ": cm/s/s", "of uncor accel is g"."""
+    if set(_words_before(text, match.start())[-2:]) & (units.OTHER_QUANTITIES | _INSTRUMENTS):
         return
     at = match.end()
     while connector := _OF.match(text, at):
         at = connector.end()
-    stated = at > match.end()
+    has_connector = at > match.end()
     sentence = str(_SENTENCE.match(text, at + (text[at : at + 1] == " "))[0])  # type: ignore[index]
     for start in (0, *(later.end() for later in _LATER.finditer(sentence))):
-        if set(words_of(sentence[:start])) & OTHER_QUANTITIES:
+        if set(units.words_of(sentence[:start])) & units.OTHER_QUANTITIES:
             return
         if re.search("[0-9%]|percent", sentence[:start], re.I):
             break
-        if units := _listed(sentence, start):
-            yield from units
+        if listed := _listed(sentence, start):
+            yield from listed
             return
-    if not stated and (
-        ahead := _UNIT_AHEAD.search(text[max(0, match.start() - 30) : match.start()])
-    ):
-        if unit := whole_unit(UNIT, ahead[1]):
-            yield unit
-        elif looks_like_unit(ahead[1]) or goes_on(ahead[1]):
-            raise _unknown(number, ahead[1])
+    before = text[max(0, match.start() - 30) : match.start()]
+    if not has_connector and (ahead := _UNIT_AHEAD.search(before)):
+        yield from _unit_itself(number, ahead[1])
         return
-    is_one = match[0][-1:] not in "sS"  # "unit 3" is a building
-    if (stated and not (is_one and sentence[:1].isdigit())) or looks_like_unit(sentence):
+    is_building = match[0][-1:] not in "sS" and sentence[:1].isdigit()  # as in "unit 3"
+    if (has_connector and not is_building) or units.looks_like_unit(sentence):
         raise _unknown(number, sentence)
 
 
 def _listed(text: str, at: int) -> list[str]:
-    """The units of a list such as "sec and g"; empty if one of them is not known."""
-    units = []
-    while found := known_unit(UNIT, text, at) or known_unit(TIME_UNIT, text, at):
-        units.append(found[0])
-        if not (conjunction := _AND.match(text, found[1])):
-            return units
+    """The units of a list such as "sec and g"; empty if one of them is unknown."""
+    listed = []
+    while unit_and_end := (
+        units.match_unit(text, at) or units.match_unit(text, at, units.TIME_UNIT)
+    ):
+        listed.append(unit_and_end[0])
+        if not (conjunction := _AND.match(text, unit_and_end[1])):
+            return listed
         at = conjunction.end()
-    unknown = goes_on(text, at) or looks_like_unit(text[at : at + 12])
-    return [] if unknown or not any(unit in UNITS for unit in units) else units
+    unknown = units.goes_on(text, at) or units.looks_like_unit(text[at : at + 12])
+    return [] if unknown or not any(unit in units.UNITS for unit in listed) else listed
 
 
 def _after_acceleration(number: int, text: str, at: int) -> Iterator[str]:
     if name := _NAME.match(text, at):  # acc_g, acc_cm_s2; but also acc_ns, acceleration-time
-        if unit := whole_unit(UNIT, name[1]):
-            yield unit
-        elif goes_on(name[1]) or looks_like_unit(name[1]):
-            raise _unknown(number, name[1])
+        yield from _unit_itself(number, name[1])
         return
     at += text[at : at + 1] == " "
-    if bracket := BRACKET.match(text, at):
-        inside = inside_of(bracket)
-        words = set(words_of(inside))
-        if not (whole_unit(UNIT, inside) or _UNITS.search(inside) or words <= NO_UNITS) and (
-            len(words) == 1 or looks_like_unit(inside) or is_value_of_unit(inside)
-        ):
+    if bracket := units.BRACKET.match(text, at):
+        inside = units.inside_of(bracket)
+        words = set(units.words_of(inside))
+        if units.whole_unit(inside) or _UNITS.search(inside) or words <= units.NO_UNITS:
+            return
+        if len(words) == 1 or units.looks_like_unit(inside) or units.is_value_of_unit(inside):
             raise _unknown(number, inside)
         return
     if separator := _SEPARATOR.match(text, at):
@@ -181,31 +162,29 @@ def _after_acceleration(number: int, text: str, at: int) -> Iterator[str]:
 
 
 def _after_in(number: int, text: str, at: int) -> Iterator[str]:
-    """Units, where there may be words as well: "in g", "in the north-south direction"."""
-    if _UNITS.match(text, at) or BRACKET.match(text, at):
+    """Units, if any, behind "in": "in g", "in the north-south direction"."""
+    if _UNITS.match(text, at) or units.BRACKET.match(text, at):
         return
     segment = str(_SEGMENT.match(text, at)[0])  # type: ignore[index]
-    if found := known_unit(UNIT, text, at):
-        yield found[0]
-    elif goes_on(segment) or looks_like_unit(segment) or is_value_of_unit(segment):
+    if unit_and_end := units.match_unit(text, at):
+        yield unit_and_end[0]
+    elif _is_unknown_unit(segment) or units.is_value_of_unit(segment):
         raise _unknown(number, segment)
 
 
 def _units_in_passing(text: str) -> Iterator[str]:
-    """Units that only an acceleration has, anywhere in a line, but not those of a value."""
-    if extreme := _EXTREME.search(text):
-        text = text[: extreme.start()]
-    for match in LONE_UNIT.finditer(text):
+    """Units of accelerations only, anywhere in a line, but not those of a value."""
+    for match in units.LONE_UNIT.finditer(text := _EXTREME.split(text, 1)[0]):
         before = text[max(0, match.start() - 4) : match.start()].rstrip().lower()
-        found = known_unit(UNIT, text, match.start())
-        if not found or before.endswith(tuple("0123456789=")):
+        unit_and_end = units.match_unit(text, match.start())
+        if not unit_and_end or before.endswith(tuple("0123456789=")):
             continue
-        if found[0].endswith("/s2") or (found[0] == "gal" and before.endswith(" in")):
-            yield found[0]
+        if unit_and_end[0].endswith("/s2") or (unit_and_end[0] == "gal" and before.endswith(" in")):
+            yield unit_and_end[0]
 
 
 def _words_before(text: str, at: int) -> list[str]:
-    return words_of(text[max(0, at - 30) : at])
+    return units.words_of(text[max(0, at - 30) : at])
 
 
 _OTHER_HISTORY = re.compile(
@@ -216,16 +195,10 @@ _OTHER_HISTORY = re.compile(
 _NOT_OTHER = re.compile(r"\b(?:acc|peak|max)", re.I)
 
 
-def require_acceleration(header: Sequence[Line]) -> None:
-    """Refuse the header of a history of something else.
-
-    Raises
-    ------
-    MisreadError
-        If a line says that it is one of velocity, displacement, intensity or energy.
-    """
+def require_acceleration(header: Sequence[TextLine]) -> None:
+    """A ``MisreadError`` for the header of a history of velocity, displacement or energy."""
     for number, raw in header:
         text = plain(raw)
         if not _NOT_OTHER.search(text) and (other := _OTHER_HISTORY.search(text)):
-            says = f"the header says {(other[1] or other[2]).lower()}"
-            raise MisreadError(number, f"must be an acceleration history, but {says}")
+            quantity = f"the header says {(other[1] or other[2]).lower()}"
+            raise MisreadError(number, f"must be an acceleration history, but {quantity}")

@@ -20,18 +20,25 @@ NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?!
 
 
 class MisreadError(ValueError):
-    """What is wrong with a file, or with one of its lines, given by number."""
+    """An error in a file, or in one of its lines."""
 
-    def __init__(self, line: int | None, says: str) -> None:
-        super().__init__(says)
+    def __init__(self, line: int | None, message: str) -> None:
+        super().__init__(message)
         self.line = line
 
 
-class Line(NamedTuple):
-    """A line that is not blank, and its number from 1 on."""
+class TextLine(NamedTuple):
+    """A line that is not blank, and its number from 1."""
 
     number: int
     text: str
+
+
+class TextFile(NamedTuple):
+    """A file that has been read."""
+
+    lines: list[TextLine]  # without the blank ones
+    ended: bool  # whether the last line has its end
 
 
 def set_of(words: str) -> frozenset[str]:
@@ -57,29 +64,14 @@ def to_float(number: str) -> float:
     return float(number.upper().replace("D", "E"))
 
 
-# A million steps, the longest run, in two columns, and a header; more would fill the memory.
+# The longest run, a million steps in two columns, and a header; more would fill the memory.
 _MOST_BYTES = 32_000_000
 _MOST_LINES = 1_050_000
 _MOST_NUMBERS = 2_100_000
 
 
-class TextFile(NamedTuple):
-    """A file that has been read."""
-
-    lines: list[Line]  # without the blank ones
-    ended: bool  # whether the last line has its end
-
-
 def read_file(file: Path) -> TextFile:
-    """The lines of a file.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file, or its folder is missing.
-    MisreadError
-        If it is no regular file, too large, binary or empty, or has too many lines or numbers.
-    """
+    """The lines of a file: a regular one, of text, not empty and not too large."""
     try:
         status = file.stat()
     except FileNotFoundError:
@@ -91,9 +83,8 @@ def read_file(file: Path) -> TextFile:
     with file.open("rb") as opened:
         data = opened.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
-        size = max(len(data), status.st_size) / 1e6
-        rule = f"at most {_MOST_BYTES / 1e6:.0f} MB of text, not {size:.4g} MB"
-        raise MisreadError(None, f"must have {rule}")
+        most, size = _MOST_BYTES / 1e6, max(len(data), status.st_size) / 1e6
+        raise MisreadError(None, f"must have at most {most:.0f} MB of text, not {size:.4g} MB")
     _require_few(data)
     data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a")  # the end-of-file mark of DOS
     if re.search(rb"[\x00-\x08\x0e-\x1f]", data):
@@ -110,9 +101,9 @@ def read_file(file: Path) -> TextFile:
 
 
 def _require_few(data: bytes) -> None:
-    """Refuse a text of too many lines, or too many words and numbers, before it is taken apart."""
+    """Refuse a text of too many lines, or too many words and numbers, before it is split."""
     lines = np.count_nonzero(_among(data[1:], b"\r\n") & ~_among(data[:-1], b"\r\n"))
-    # A number begins behind what separates it, or with its sign behind another's digit or point.
+    # A number begins behind a separator, or with its sign behind a digit or point of another one.
     between = _among(data, b" \t\r\n,;")
     numbers = np.count_nonzero(between[:-1] & ~between[1:])
     numbers += np.count_nonzero(_among(data[:-1], b"0123456789.") & _among(data[1:], b"+-"))
@@ -122,20 +113,20 @@ def _require_few(data: bytes) -> None:
 
 
 def _among(data: bytes, signs: bytes) -> NDArray[np.bool_]:
-    """Which bytes are one of some signs."""
+    """Whether each byte is one of the signs."""
     table = np.zeros(256, np.bool_)
     table[[*signs]] = True
     return table[np.frombuffer(data, np.uint8)]
 
 
-def _lines(data: bytes, encoding: str) -> Iterator[Line]:
+def _lines(data: bytes, encoding: str) -> Iterator[TextLine]:
     """Lines that are not blank. Some PEER files end them in CR CR LF, which counts as one end."""
     number = 0
     for chunk in io.BytesIO(data):
         for line in chunk.rstrip(b"\r\n").split(b"\r"):
             number += 1
             if line and trimmed(text := line.decode(encoding)):
-                yield Line(number, text)
+                yield TextLine(number, text)
 
 
 def trimmed(text: str) -> str:
@@ -146,9 +137,3 @@ def trimmed(text: str) -> str:
 def is_comment(text: str) -> bool:
     """Whether a trimmed line is a comment."""
     return text.startswith(("#", "%", "//"))
-
-
-def tokens_of(text: str) -> list[str]:
-    """What stands between blanks, commas and semicolons; empty between two of the latter."""
-    cells = text.replace(";", ",").split(",") if ";" in text or "," in text else [text]
-    return [token for cell in cells for token in (cell.split() or [""])]

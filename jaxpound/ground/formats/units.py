@@ -1,10 +1,11 @@
-"""Units as they are written: understood as a whole or not at all."""
+"""Units in texts, which are understood as a whole or not at all."""
 
 from __future__ import annotations
 
 import re
 import reprlib
 
+from jaxpound._errors import InvalidInput
 from jaxpound.ground.formats.text import NUMBER, MisreadError, set_of
 from jaxpound.quantities import STANDARD_GRAVITY
 
@@ -36,7 +37,7 @@ TIME_UNIT = re.compile(
     "(?:(?P<ms>milliseconds?|msecs?|ms)|(?P<s>seconds?|secs?|s))(?![^\\W_])", re.I
 )
 _GOES_ON = re.compile(r" ?[/*^%×]| x (?=[0-9])|['_+-](?=\w)", re.I)
-UNIT_WORDS = set_of(  # of units that are not known here, or are no acceleration's
+UNIT_WORDS = set_of(  # words of unknown units, and of units of other quantities
     "count counts digit digits bit bits lsb volt volts mv uv percent milli micro centi ug mgal "
     "mgals milligal milligals nm um km kine si mks cgs g gs mg gal gals mm cm meter meters metre "
     "metres inch inches ft feet kg cg dg yd dm"
@@ -53,8 +54,8 @@ NO_UNITS = set_of(  # what brackets after "acceleration" may hold
 WORD = re.compile(r"[^\W\d_]++")
 
 
-def known_unit(pattern: re.Pattern[str], text: str, at: int = 0) -> tuple[str, int] | None:
-    """The known unit that starts at an index, and its end; None if it goes on, as in g/10."""
+def match_unit(text: str, at: int = 0, pattern: re.Pattern[str] = UNIT) -> tuple[str, int] | None:
+    """The known unit that starts at an index, and its end; None if it continues, as in g/10."""
     match = pattern.match(text, at)
     if not match or _GOES_ON.match(text, match.end()):
         return None
@@ -62,18 +63,18 @@ def known_unit(pattern: re.Pattern[str], text: str, at: int = 0) -> tuple[str, i
     return name if name in {"g", "mg", "gal", "s", "ms"} else f"{name}/s2", match.end()
 
 
-def whole_unit(pattern: re.Pattern[str], text: str) -> str | None:
-    """The unit that the whole text is, if it is one."""
-    found = known_unit(pattern, text)
-    return found[0] if found and not text[found[1] :].strip(" .") else None
+def whole_unit(text: str, pattern: re.Pattern[str] = UNIT) -> str | None:
+    """The unit, if the whole text is one."""
+    unit_and_end = match_unit(text, 0, pattern)
+    return unit_and_end[0] if unit_and_end and not text[unit_and_end[1] :].strip(" .") else None
 
 
 def stated_unit(owner: str, units: str) -> str:
-    """The unit of accelerations that ``units`` names; a ``ValueError`` if it is none."""
-    unit = whole_unit(UNIT, units) if isinstance(units, str) else None
+    """The unit of accelerations that ``units`` names; an ``InvalidInput`` if it is none."""
+    unit = whole_unit(units) if isinstance(units, str) else None
     if unit is None:
         rule = f"must be one of {', '.join(UNITS)}"
-        raise ValueError(f"{owner}: units = {reprlib.repr(units)} {rule}")
+        raise InvalidInput(owner, "units", reprlib.repr(units), rule)
     return unit
 
 
@@ -83,7 +84,7 @@ def words_of(text: str) -> list[str]:
 
 
 def looks_like_unit(text: str) -> bool:
-    """Whether a text looks like a unit that is not known: g/10, % g, counts, mm/min2, yd/s2."""
+    """Whether a text looks like an unknown unit: g/10, % g, counts, mm/min2, yd/s2."""
     words = words_of(text)
     if not words or set(words) <= NO_UNITS:
         return "%" in text
@@ -103,22 +104,17 @@ OTHER_QUANTITIES = set_of(
 
 
 def state(stated: dict[str, int], unit: str, line: int) -> None:
-    """Add a unit to those stated; a ``MisreadError`` if they have another of its quantity."""
+    """Add a unit to those stated; a ``MisreadError`` if they have another one of its quantity."""
     sizes = UNITS if unit in UNITS else SECONDS
-    for other in stated:
-        if other in sizes and sizes[other] != sizes[unit]:
-            raise MisreadError(line, f"the header states both {other!r} and {unit!r}")
+    other = stated_among(stated, sizes)
+    if other and sizes[other] != sizes[unit]:
+        raise MisreadError(line, f"the header states both {other!r} and {unit!r}")
     stated.setdefault(unit, line)
 
 
-def acceleration_unit(stated: dict[str, int]) -> str | None:
-    """The unit of accelerations among those stated."""
-    return next((unit for unit in stated if unit in UNITS), None)
-
-
-def time_unit(stated: dict[str, int]) -> str | None:
-    """The unit of times among those stated."""
-    return next((unit for unit in stated if unit in SECONDS), None)
+def stated_among(stated: dict[str, int], sizes: dict[str, float]) -> str | None:
+    """The unit of accelerations (``UNITS``) or times (``SECONDS``) among those stated."""
+    return next((unit for unit in stated if unit in sizes), None)
 
 
 def inside_of(bracket: re.Match[str]) -> str:
@@ -128,12 +124,12 @@ def inside_of(bracket: re.Match[str]) -> str:
 
 
 def goes_on(text: str, at: int = 0) -> bool:
-    """Whether a known unit is the beginning of another one, as g is of g/10."""
+    """Whether a known unit begins another one, as g begins g/10."""
     match = UNIT.match(text, at)
     return bool(match and _GOES_ON.match(text, match.end()))
 
 
 def is_value_of_unit(text: str) -> bool:
-    """Whether a text is a number of known units, as 0.01 m/s2 is."""
+    """Whether a text is a number of known units, such as 0.01 m/s2."""
     number = _A_NUMBER.match(text)
     return number is not None and UNIT.match(text, number.end()) is not None

@@ -1,0 +1,32 @@
+"""The error for input that breaks a rule."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class InvalidInput(ValueError):  # noqa: N818  (its name says what is wrong)
+    """An argument breaks a rule: ``owner: name = value must be ...``.
+
+    ``owner`` is the class or function that was called, ``name`` the argument or the path to it,
+    ``value`` its value as it is printed, ``rule`` the rest of the sentence, such as "must be
+    positive and finite"; each of the first three may be empty. A caller that knows the argument by
+    another name replaces a field (``replaced``).
+    """
+
+    def __init__(self, owner: str, name: str, value: str, rule: str) -> None:
+        super().__init__(owner, name, value, rule)  # as arguments, so that an error can be copied
+        self.owner, self.name, self.value, self.rule = owner, name, value, rule
+
+    def __str__(self) -> str:
+        subject = f"{self.name} = {self.value}" if self.value else self.name
+        sentence = f"{subject} {self.rule}".strip()
+        return f"{self.owner}: {sentence}" if self.owner else sentence
+
+    def replaced(self, **fields: Any) -> InvalidInput:
+        """The same error with other fields, by name."""
+        names = ("owner", "name", "value", "rule")
+        return InvalidInput(**{name: getattr(self, name) for name in names} | fields)
+
+
+InvalidInput.__module__ = "jaxpound"  # where users import it, and as tracebacks show it

@@ -1,0 +1,251 @@
+"""Buildings in SI units with what is between them, and their dimensionless form (paper, eq. 8)."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from jaxpound._checks import enforce, instance, is_traced, not_negative, positive_number
+from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
+from jaxpound.ground.plausibility import warn
+from jaxpound.model.building import Building
+from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.plausibility import FRICTION, GAP, doubts, too_wide
+from jaxpound.model.row import FloorLink, LinkLabels, Row, require_floors, require_heights
+from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
+from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import System, as_tuple, is_closable
+from jaxpound.quantities import STANDARD_GRAVITY
+from jaxpound.units import Scales, has_known_units, law_in_other_units
+
+
+@pytree_dataclass
+class Buildings:
+    """Buildings side by side, from left to right, with links between their floors; in SI units.
+
+    ``simulate``, ``monte_carlo`` and all others that take structures take them: records are then in
+    g and s, wavelets in m and s, functions of t in m/s², time grids in s, gaps and thresholds in m
+    and N, and so are all results. Warns as ``dimensionless``, of all floors and links.
+
+    Raises ``ValueError`` if a known value breaks its rule or is beyond what any building has, or a
+    link names a building or floor that does not exist, or joins floors at different heights without
+    ``next_floor``.
+
+    Parameters
+    ----------
+    buildings
+        ``ShearBuilding`` or, of one storey, ``Building``, from left to right. Positive displacement
+        is to the right.
+    links
+        What is between their floors: friction in N, gap in m, contact laws in N/m (N/m^1.5 for laws
+        after Hertz). ``floor_links`` makes them for every common floor.
+    gravity
+        g > 0, m/s²: the unit of records.
+
+    Examples
+    --------
+    >>> left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    >>> right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+    >>> pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, friction=200e3, gap=0.10),))
+    >>> demand = jp.demand(pair, jp.Ricker(0.03, 0.9, 2.0), jp.TimeGrid.until(8.0, dt=0.01))
+    >>> print(f"{float(demand.min_gap):.4f} m")
+    0.0233 m
+    """
+
+    buildings: tuple[Building | ShearBuilding, ...] = part(Building, ShearBuilding, each=True)
+    links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
+    gravity: Any = parameter(
+        "g", "acceleration", "gravity", above=0, single=True, default=STANDARD_GRAVITY
+    )
+
+    def __post_init__(self) -> None:
+        self._check("Buildings")
+        if is_traced(self):
+            return
+        links = [x if has_known_units(x.contact) else replace(x, contact=None) for x in self.links]
+        known = Buildings.of("Buildings", self.buildings, links, self.gravity)
+        _warn("Buildings", *known.dimensionless())
+
+    @classmethod
+    def of(
+        cls, owner: str, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY
+    ) -> Buildings:
+        """Buildings for the function ``owner``, which errors name and which itself warns."""
+        self = unchecked(cls, buildings=buildings, links=links, gravity=gravity)
+        self._check(owner)
+        return self
+
+    def _check(self, owner: str) -> None:
+        (gravity,) = positive_number(owner, gravity=self.gravity)
+        buildings = as_tuple(owner, "buildings", self.buildings)
+        links = as_tuple(owner, "links", self.links)
+        for i, building in enumerate(buildings):
+            instance(owner, f"buildings.{i}", building, ShearBuilding, Building)
+        for k, link in enumerate(links):
+            instance(owner, f"links.{k}", link, FloorLink)
+            gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
+            friction = FRICTION.of(f"links.{k}.friction", link.friction)
+            enforce(owner, [friction, *gaps, *ranges(link.contact, f"links.{k}.contact.")])
+        floors = [len(storeys_of(building)) for building in buildings]
+        require_floors(floors, links, LinkLabels(owner))
+        require_heights(buildings, links, LinkLabels(owner))
+        for name, value in (("buildings", buildings), ("links", links), ("gravity", gravity)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def natural_frequencies(self) -> tuple[float, ...]:
+        """Natural frequency of the first mode of each building, uncoupled, rad/s."""
+        return self.row_in(1.0, 1.0, 1.0).natural_frequencies
+
+    @property
+    def scales(self) -> Scales:
+        """The scales of the dimensionless form, which the first building's first storey sets."""
+        return _scales_of(storeys_of(self.buildings[0])[0], self.gravity)
+
+    def system(self) -> System:
+        """Masses (kg), rods (N/m, s) and links (N, m), building by building."""
+        return self.row_in(1.0, 1.0, 1.0).system()
+
+    def dimensionless(self) -> tuple[Row, Scales]:
+        """The buildings in the form of eq. (9), and the scales that bring results back to SI.
+
+        The first storey of the first building sets the scales. Raises ``ValueError`` if a contact
+        law is user-defined: the units of its numbers are not known.
+        """
+        return self.dimensionless_for("Buildings.dimensionless")
+
+    def dimensionless_for(self, owner: str) -> tuple[Row, Scales]:
+        """``dimensionless`` for the function ``owner``, which errors name."""
+        scales = self.scales
+        row = self.row_in(scales.mass, storeys_of(self.buildings[0])[0].stiffness, scales.frequency)
+        return Row(row.buildings, scaled_links(self.links, scales, owner, operator.truediv)), scales
+
+    def row_in(self, mass: Any, stiffness: Any, frequency: Any) -> Row:
+        """The row in units of a mass, kg, a stiffness, N/m, and a frequency, rad/s; links in SI."""
+        buildings = tuple(in_units(x, mass, stiffness, frequency) for x in self.buildings)
+        return unchecked(Row, buildings=buildings, links=self.links)
+
+
+def dimensionless(
+    building_1: Building,
+    building_2: Building,
+    friction_force: Any,
+    gap: Any,
+    gravity: Any = STANDARD_GRAVITY,
+    contact: ContactLaw | Newton | None = None,
+) -> tuple[AdjacentStructures, Scales]:
+    """Dimensionless structures of two buildings, and the scales that bring results back to SI.
+
+    The form is that of eq. (9) (paper, eq. 8). Raises ``ValueError`` if a known value breaks its
+    rule, or is beyond what any building has: a unit is wrong.
+
+    Parameters
+    ----------
+    building_1, building_2
+        The buildings; building 1 sets the scales. Positive displacement is towards building 2.
+    friction_force
+        Slip force of the damper ≥ 0, N.
+    gap
+        Gap between the buildings at rest ≥ 0, m.
+    gravity
+        g > 0, m/s².
+    contact
+        The law of contact between the buildings, its stiffness in N/m, or N/m^1.5 for laws after
+        Hertz; None lets them pass through each other.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If masses of floors differ by more than a factor of 100, a natural period is not within 0.05
+        and 10 s, a slip force is out of proportion to the weights, a gap is more than five times
+        what the buildings move at an acceleration of 1 g, or a contact is so soft or hard that its
+        stiffness is hardly in N/m (N/m^1.5 after Hertz). Not of traced numbers and batches.
+
+    Examples
+    --------
+    >>> left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    >>> right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+    >>> structures, scales = jp.dimensionless(left, right, friction_force=200e3, gap=0.10)
+    >>> round(float(structures.mass_ratio), 4), round(float(structures.friction), 4)
+    (1.25, 0.0408)
+    >>> round(float(structures.initial_gap * scales.length), 6)  # back in m
+    0.1
+    """
+    pair = building_1, building_2
+    form = pair_of("dimensionless", pair, friction_force, gap, contact, gravity)
+    _warn("dimensionless", *form)
+    return form
+
+
+def scaled_links(
+    links: Iterable[FloorLink], scales: Scales, owner: str, convert: Callable[[Any, Any], Any]
+) -> tuple[FloorLink, ...]:
+    """Links whose forces and lengths are divided by their units, or multiplied."""
+    return tuple(
+        replace(
+            link,
+            friction=convert(link.friction, scales.force),
+            gap=convert(link.gap, scales.length),
+            contact=law_in_other_units(owner, f"links.{k}.contact", link.contact, scales, convert),
+        )
+        for k, link in enumerate(links)
+    )
+
+
+def _scales_of(storey: Building, gravity: Any) -> Scales:
+    return Scales(storey.mass, (storey.stiffness / storey.mass) ** 0.5, gravity)
+
+
+def _warn(owner: str, structures: AdjacentStructures | Row, scales: Scales) -> None:
+    warn(owner, doubts(structures, scales) + too_wide(structures, scales), strict=False)
+
+
+def pair_of(
+    owner: str, pair: tuple[Any, Any], friction_force: Any, gap: Any, contact: Any, gravity: Any
+) -> tuple[AdjacentStructures, Scales]:
+    """``dimensionless`` for the function ``owner``, which itself says what is implausible."""
+    for i, building in enumerate(pair, 1):
+        instance(owner, f"building_{i}", building, Building)
+    left, right = pair
+    friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
+    between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
+    enforce(owner, [*between, *ranges(contact, "contact.")])
+    scales = _scales_of(left, gravity)
+    rod_1, rod_2 = (building.material(scales.frequency) for building in pair)
+    structures = AdjacentStructures(
+        rod_1=rod_1,
+        rod_2=rod_2,
+        mass_ratio=left.mass / right.mass,
+        stiffness_ratio=right.stiffness / left.stiffness,
+        friction=friction_force / scales.force,
+        initial_gap=gap / scales.length,
+        contact=law_in_other_units(owner, "contact", contact, scales, operator.truediv),
+    )
+    return structures, scales
+
+
+def dimensionless_row(
+    buildings: Sequence[Building | ShearBuilding],
+    links: Sequence[FloorLink] = (),
+    gravity: Any = STANDARD_GRAVITY,
+) -> tuple[Row, Scales]:
+    """The form of eq. (9) of ``Buildings(buildings, links, gravity)``, and its scales.
+
+    Parameters, errors and warnings are those of ``Buildings``; the first storey of the first
+    building sets the scales.
+
+    Examples
+    --------
+    >>> low = jp.ShearBuilding.from_period(2, 300e3, period=0.3, damping_ratio=0.05)
+    >>> high = jp.ShearBuilding.from_period(4, 300e3, period=0.6, damping_ratio=0.05)
+    >>> links = jp.floor_links((low, high), friction=50e3, gap=0.05)
+    >>> row, scales = jp.dimensionless_row((low, high), links)
+    >>> len(row.links), round(float(row.links[1].gap * scales.length), 6)  # back in m
+    (2, 0.05)
+    """
+    owner = "dimensionless_row"
+    form = Buildings.of(owner, buildings, links, gravity).dimensionless_for(owner)
+    _warn(owner, *form)
+    return form

@@ -1,0 +1,285 @@
+"""Buildings and what is between them, as configurations state them, and as ``jp.Buildings``.
+
+Two buildings of one storey ([building_1], [building_2], gap, [damper], [contact]), or buildings in
+a row ([[building]] and [[link]], counted from 1).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
+
+import jaxpound as jp
+from jaxpound.buildings import pair_of
+from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
+from jaxpound.cli.tables import ContactSection, Friction, Gap
+from jaxpound.model.building import DAMPING, PERIOD
+from jaxpound.model.row import LinkLabels, common_floors, require_floors, require_heights
+from jaxpound.model.shear_building import HEIGHT, TAPER
+from jaxpound.model.system import is_closable
+
+_MOST = 1000  # buildings or floors: more are a typing error
+_BY_PERIOD = ("mass", "period", "damping_ratio")
+_BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
+_WAYS = f"{', '.join(_BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
+_UNIFORM = ("number", *_BY_PERIOD)
+_LISTED = ("masses", "stiffnesses", "order", "tau_f", "tau_x")
+_ONE_RULE = (*_UNIFORM, "order", "tau_f", "taper", "height")
+_STOREYS = (
+    f"{', '.join(_UNIFORM)} (order, tau_f, taper, height), or, from the ground up, "
+    f"{', '.join(_LISTED)} (heights)"
+)
+
+_Mass = Annotated[float, of_field(jp.Building, "mass")]
+_Stiffness = Annotated[float, of_field(jp.Building, "stiffness")]
+_Order = Annotated[float, of_field(jp.Building, "order")]
+_Relaxation = Annotated[float, of_field(jp.Building, "tau_f")]
+_Period = Annotated[float, between(*PERIOD)]
+_Damping = Annotated[float, between(*DAMPING)]
+_Height = Annotated[float, between(*HEIGHT)]
+_Number = Annotated[int, between(1, _MOST)]
+_Floors = Annotated[
+    Literal["common"] | Annotated[list[_Number], Meta(min_length=1)],
+    says('"common" or a list of floors, counted from 1'),
+]
+_Neighbour = Annotated[_Number | Literal["ground"], says('the number of a building, or "ground"')]
+
+
+class BlockSection(Section):
+    """A building of one storey, by its period and damping or by its rod."""
+
+    mass: _Mass | None = None
+    period: _Period | None = None
+    damping_ratio: _Damping | None = None
+    stiffness: _Stiffness | None = None
+    order: _Order | None = None
+    tau_f: _Relaxation | None = None
+    tau_x: _Relaxation | None = None
+
+    def __post_init__(self) -> None:
+        values = self.values()
+        by_period = not values.keys().isdisjoint({"period", "damping_ratio"})
+        if clashing := [key for key in ("stiffness", "tau_x") if by_period and key in values]:
+            raise ValueError(f"must not have {clashing[0]} here; give {_WAYS}")
+        if missing := [key for key in (_BY_PERIOD if by_period else _BY_ROD) if key not in values]:
+            raise ValueError(f"lacks {', '.join(missing)}; give {_WAYS}")
+        block = self.model()
+        if not by_period:
+            PERIOD.require("natural period", block.natural_period)
+
+    def values(self) -> dict[str, float]:
+        """The values of the block and its rod that the table states."""
+        return {key: x for key, x in self.stated().items() if key in (*_BY_PERIOD, *_BY_ROD)}
+
+    def model(self) -> jp.Building:
+        """The library's ``Building``."""
+        values = self.values()
+        with named("", UNITS):
+            return (jp.Building.from_period if "period" in values else jp.Building)(**values)
+
+
+UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}
+"""Units of the numbers of a building, by key."""
+
+
+class StoreySection(Section):
+    """The storeys of a building: by its period and damping, or each by its mass and rod."""
+
+    number: _Number | None = None
+    mass: _Mass | None = None
+    period: _Period | None = None
+    damping_ratio: _Damping | None = None
+    taper: Annotated[float, between(*TAPER)] | None = None
+    height: _Height | None = None
+
+    masses: Annotated[list[_Mass], each(_Mass, alone=False)] | None = None
+    stiffnesses: Annotated[_Stiffness | list[_Stiffness], each(_Stiffness)] | None = None
+    order: Annotated[_Order | list[_Order], each(_Order)] | None = None
+    tau_f: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
+    tau_x: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
+    heights: Annotated[_Height | list[_Height], each(_Height)] | None = None
+
+    def __post_init__(self) -> None:
+        values = self.stated()
+        uniform = not values.keys().isdisjoint({*_ONE_RULE} - {*_LISTED})
+        allowed = _ONE_RULE if uniform else (*_LISTED, "heights")
+        for key, value in values.items():
+            if key not in allowed or (uniform and isinstance(value, list)):
+                fault = f"a list of {key}" if key in allowed else key
+                raise ValueError(f"must not have {fault} here; give {_STOREYS}")
+        if missing := [key for key in (_UNIFORM if uniform else _LISTED) if key not in values]:
+            raise ValueError(f"lacks {', '.join(missing)}; give {_STOREYS}")
+        self.model()
+
+    def model(self) -> jp.ShearBuilding:
+        """The library's ``ShearBuilding``."""
+        values = self.stated()
+        try:
+            with named("", UNITS):
+                if "masses" in values:
+                    return jp.ShearBuilding.of_storeys(**values)
+                n, mass = values.pop("number"), values.pop("mass")
+                return jp.ShearBuilding.from_period(n, mass, **values)
+        except ValueError as error:
+            message = re.sub(r"^storeys\.(\d+):", lambda i: f"storey {int(i[1]) + 1}:", str(error))
+            raise ValueError(message) from error
+
+
+class BuildingSection(BlockSection):
+    """A building of a row: its storeys, one of the literature, or a block on a rod."""
+
+    height: _Height | None = None
+    storeys: StoreySection | None = None
+    published: str | None = None
+
+    def __post_init__(self) -> None:
+        keys = [*self.stated()]
+        ways = [key for key in ("storeys", "published") if key in keys]
+        if not keys:
+            raise ValueError(f"lacks its storeys; give storeys, published, or {_WAYS}")
+        if ways and (others := [key for key in keys if key != ways[0]]):
+            raise ValueError(f"must not have {others[0]} beside {ways[0]}")
+        if not ways:
+            super().__post_init__()
+        PERIOD.require("natural period", self.shear().natural_period)
+
+    def shear(self) -> jp.ShearBuilding:
+        """The library's ``ShearBuilding``."""
+        if self.storeys is not None:
+            return self.storeys.model()
+        if self.published is not None:
+            with named("published:"):
+                return jp.ShearBuilding.published(self.published)
+        heights = () if self.height is None else ((self.height,),)
+        return jp.ShearBuilding((self.model(),), *heights)
+
+
+class Damper(Section):
+    """The friction damper between the buildings."""
+
+    friction_force: Friction
+
+
+class LinkSection(Section):
+    """What is between two floors, or between several floors of neighbouring buildings."""
+
+    building: _Number | None = None
+    floor: _Number | None = None
+    floors: _Floors | None = None
+    next_building: _Neighbour | None = None
+    next_floor: _Number | None = None
+    friction_force: Friction | None = None
+    gap: Gap | None = None
+    contact: ContactSection | None = None
+
+    def __post_init__(self) -> None:
+        if (self.floor is None) == (self.floors is None):
+            raise ValueError("must have floor or floors, one of them")
+        if self.floors != "common":
+            self.require_all(("building",))
+        if self.floors:
+            self.refuse_any(("next_floor",), "must not be given with floors")
+        elif self.next_building == "ground":
+            self.refuse_any(("next_floor",), "must not be given with ground")
+        if self.floors == "common":
+            rule = 'must not be given with floors = "common": it is the one to the right'
+            self.refuse_any(("next_building",), rule)
+        if self.contact is not None:
+            self.require_all(("gap",), ", which contact needs")
+        if self.gap is None and self.friction_force is None:
+            raise ValueError("must have friction_force or gap, at least one of them")
+
+    def links(self, buildings: Sequence[jp.ShearBuilding]) -> list[jp.FloorLink]:
+        """The library's ``FloorLink``, of each floor."""
+        floors: Iterable[Any]  # building b, floor i, the next floor j and the next building
+        if self.floors == "common":
+            if len(buildings) < 2:
+                raise refused("floors", "must be between two buildings or more", '"common"')
+            lefts = range(len(buildings) - 1) if self.building is None else [self.building - 1]
+            floors = [(i, *pair, None) for i in lefts for pair in _common(buildings, i)]
+        else:
+            stated: Any = self  # with a building, and one floor or several
+            other = self.next_building  # from here on numbers are those of FloorLink, from 0
+            other = jp.GROUND if other == "ground" else None if other is None else other - 1
+            next_floor = None if self.next_floor is None else self.next_floor - 1
+            numbers = stated.floors or [stated.floor]
+            floors = [(stated.building - 1, i - 1, next_floor, other) for i in numbers]
+        gap = float("inf") if self.gap is None else self.gap
+        law = self.contact.model() if self.contact else None
+        between: Any = {"friction": self.friction_force or 0.0, "gap": gap, "contact": law}
+        return [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
+
+
+def _common(buildings: Sequence[jp.ShearBuilding], left: int) -> list[tuple[int, int]]:
+    if left >= len(buildings) - 1:
+        rule = f"must be from 1 to {len(buildings) - 1}, with another building to the right"
+        raise refused("building", rule, str(left + 1))
+    if floors := common_floors(*buildings[left : left + 2]):
+        return floors
+    pair = f"buildings {left + 1} and {left + 2}"
+    raise ValueError(f'floors = "common": {pair} must have floors at the same height')
+
+
+@dataclasses.dataclass(frozen=True)
+class BuildingsLayout:
+    """The buildings of a file and what is between them, in SI units and dimensionless."""
+
+    si: jp.Buildings
+    structures: jp.AdjacentStructures | jp.Row
+    """The dimensionless system, a pair's in the parameters of the paper."""
+    scales: jp.Scales
+    """Its units."""
+    tables: tuple[int, ...]
+    """The number of the [[link]] of each link of a row."""
+    laws: tuple[str, ...]
+    """Names of the laws of contact."""
+
+    @classmethod
+    def of(
+        cls, si: jp.Buildings, tables: tuple[int, ...] = (), laws: tuple[str, ...] = ()
+    ) -> BuildingsLayout:
+        """A layout with its dimensionless system."""
+        if not isinstance(si.buildings[0], jp.Building):
+            return cls(si, *si.dimensionless(), tables, laws)
+        pair: Any = si.buildings
+        (link,) = si.links
+        between = link.friction, link.gap, link.contact, si.gravity
+        return cls(si, *pair_of("dimensionless", pair, *between), tables, laws)
+
+    @classmethod
+    def of_row(
+        cls, buildings: Sequence[BuildingSection], links: Sequence[LinkSection]
+    ) -> BuildingsLayout:
+        """Buildings in a row; a ``ValueError`` for a link that cannot be."""
+        models = tuple(building.shear() for building in buildings)
+        by_table: list[tuple[int, jp.FloorLink]] = []
+        for number, link in enumerate(links, 1):
+            try:
+                by_table += [(number, floor_link) for floor_link in link.links(models)]
+            except ValueError as error:
+                raise ValueError(f"[[link]] {number} {error}") from error
+        tables, floor_links = tuple(x for x, _ in by_table), tuple(link for _, link in by_table)
+        labels = LinkLabels("", lambda k: f"[[link]] {tables[k]}", first=1)
+        require_floors([building.n_floors for building in models], floor_links, labels)
+        require_heights(models, floor_links, labels)
+        laws = tuple(link.contact.law for link in links if link.contact)
+        return cls.of(jp.Buildings.of("Buildings", models, floor_links), tables, laws)
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether the file states two buildings of one storey by the keys of a pair."""
+        return isinstance(self.structures, jp.AdjacentStructures)
+
+    @property
+    def buildings(self) -> tuple[Any, ...]:
+        """Two ``Building`` of a pair, or the ``ShearBuilding`` of a row."""
+        return self.si.buildings
+
+    @property
+    def gaps(self) -> list[float]:
+        """The gaps of the links that have one, in m."""
+        return [float(link.gap) for link in self.si.links if is_closable(link.gap)]

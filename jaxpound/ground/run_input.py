@@ -1,0 +1,76 @@
+"""Ground motions as a run takes them: in the structures' units, and as pytrees of arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxpound._errors import InvalidInput
+from jaxpound._fields import parameter, pytree_dataclass
+from jaxpound.grid import TimeGrid
+from jaxpound.ground import motion
+from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Ground, GroundLike, GroundMotion
+
+
+@pytree_dataclass
+class Sampled(GroundMotion):
+    """Values at the instants m·dt of a time grid only."""
+
+    samples: Any = parameter(r"u''", "acceleration", "ground acceleration")
+    dt: Any
+
+    def acceleration(self, t: ArrayLike) -> jax.Array:
+        """u''(t) at an instant of the grid, of the shape of ``t``."""
+        return jnp.asarray(self.samples)[jnp.round(jnp.asarray(t) / self.dt).astype(int)]
+
+    def excitation(self, grid: TimeGrid, order: int) -> motion.Excitation:
+        """The samples."""
+        at_instants = self.acceleration(instants(grid, self))
+        return motion.Excitation(at_instants, lambda _, entry: (entry, entry))
+
+
+def instants(grid: TimeGrid, tree: Any) -> Float[Array, " n_steps+1"]:
+    """The instants of a grid in the time loop, in the precision of a tree's arrays."""
+    dtype = jnp.result_type(float, *jax.tree.leaves(tree))
+    # A compiled program might fuse m·dt with later operations and round it differently.
+    return jnp.asarray(np.arange(grid.n_steps + 1, dtype=dtype) * np.asarray(grid.dt, dtype))
+
+
+def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
+    """The ground motion at the instants of a time grid; each value must be a finite real number."""
+    motion.require_ground("ground", ground)
+    return Sampled(motion.as_motion(ground).samples_at(grid.times()), grid.dt)
+
+
+def require_time_unit(place: str, ground: Any, *, si: bool = False) -> None:
+    """An error for a ground motion, or a random one, in another unit of time than the structures.
+
+    Sums and scalings are checked part by part; ``si`` says that the structures are in SI units.
+    """
+    for member in motion.records_in(ground) if isinstance(ground, GroundMotion) else [ground]:
+        if getattr(member, "time_unit", None) == (DIMENSIONLESS if si else SECONDS):
+            rule = (
+                "must be in seconds, as Buildings are"
+                if si
+                else f"must be in units of {DIMENSIONLESS}, as the structures are: "
+                "scales.to_dimensionless makes it so, or Buildings takes it unchanged, in SI units"
+            )
+            raise InvalidInput(place, repr(member), "", rule)
+
+
+def as_run(ground: GroundLike, grid: TimeGrid, gravity: Any = None) -> Ground:
+    """A ground motion as a run takes it: a pytree, in m/s² with a ``gravity``, in g without."""
+    require_time_unit("ground", ground, si=gravity is not None)
+    return as_pytree(ground if gravity is None else motion.as_motion(ground).in_si(gravity), grid)
+
+
+def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
+    """The ground motion itself if JAX can trace through it, else ``sampled``."""
+    leaves = jax.tree.leaves(ground)
+    if isinstance(ground, Ground) and all(hasattr(x, "dtype") or np.isscalar(x) for x in leaves):
+        return ground
+    return sampled(ground, grid)

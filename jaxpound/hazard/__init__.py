@@ -1,0 +1,12 @@
+"""Seismic hazard: annual rates of pounding, and analyses of recorded earthquakes.
+
+``curve`` is a site's hazard curve with its ``points``, which ``files`` reads; ``annual_rate`` is
+the rate of pounding that follows from it, ``gap`` the gap for a target rate, and ``compatibility``
+checks that curve and study belong together. ``ida`` scales records until a demand is reached;
+``stripes`` and ``cloud`` are the two other ways from records to a fragility, which ``capacities``
+fits. ``suite_runs`` checks what they share, and runs their records.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

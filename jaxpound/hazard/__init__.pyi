@@ -1,0 +1,11 @@
+from .annual_rate import AnnualRate as AnnualRate
+from .annual_rate import Deaggregation as Deaggregation
+from .capacities import fit_capacities as fit_capacities
+from .cloud import Cloud as Cloud
+from .cloud import cloud_analysis as cloud_analysis
+from .cloud import fit_cloud as fit_cloud
+from .curve import HazardCurve as HazardCurve
+from .ida import IncrementalDynamicAnalysis as IncrementalDynamicAnalysis
+from .ida import incremental_dynamic_analysis as incremental_dynamic_analysis
+from .stripes import Stripes as Stripes
+from .stripes import multiple_stripes as multiple_stripes

@@ -1,0 +1,204 @@
+"""Cloud analysis: demands of unscaled records, regressed on their intensity."""
+
+from __future__ import annotations
+
+import dataclasses
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from jaxpound._checks import Rule, enforce, positive, positive_number
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
+from jaxpound.grid import TimeGrid
+from jaxpound.hazard.capacities import CensoredRegression, regression
+from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns, demand_in_words
+from jaxpound.model.system import Structures
+from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.fragility import Fragility
+from jaxpound.units import Scales
+
+_LEAST_SIGMA = 1e-9  # below it σ is the rounding of a power law
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Shown):
+    """Demands of records and their regression, ln demand = a + b ln im + ε, ε normal."""
+
+    intensity: np.ndarray
+    """Intensity of each record, shape (n,)."""
+    demand: np.ndarray
+    """Demand of each record, or its lower bound where it is censored, shape (n,)."""
+    censored: np.ndarray
+    """Whether only a bound is known, shape (n,)."""
+    line: CensoredRegression
+    """a, b and the standard deviation σ of ε, with their covariance."""
+    name: str = "demand"
+    """Name of the demand."""
+    measure: str = "intensity"
+    """The measure of intensity, with its unit."""
+    si: bool = False
+    """Whether demands are in SI units."""
+    threshold: float | None = None
+    """The threshold of the analysis, in the demand's unit, if there was one."""
+
+    @property
+    def intercept(self) -> float:
+        """a, the logarithm of the median demand at intensity 1."""
+        return float(self.line.coefficients[0])
+
+    @property
+    def slope(self) -> float:
+        """b; 1 where the demand is proportional to the intensity."""
+        return float(self.line.coefficients[1])
+
+    @property
+    def dispersion(self) -> float:
+        """σ, standard deviation of ln demand at an intensity."""
+        return self.line.sigma
+
+    def median(self, intensity: ArrayLike) -> np.ndarray:
+        """Median demand e^a im^b at intensities > 0, of their shape."""
+        (im,) = positive("Cloud.median", intensity=intensity)
+        return np.asarray(np.exp(self.intercept) * np.asarray(im, float) ** self.slope)
+
+    def fragility(self, threshold: float | None = None) -> Fragility:
+        """Probability that the demand reaches a threshold, over intensity.
+
+        θ = (threshold / e^a)^(1/b) and β = σ / b; their covariance follows from the regression's.
+        ``threshold``, in the demand's unit, > 0, is by default that of the analysis. Raises
+        ``ValueError`` if there is none or it is not positive, or the demand does not grow with the
+        intensity.
+        """
+        owner = "Cloud.fragility"
+        threshold = self.threshold if threshold is None else threshold
+        if threshold is None:
+            raise InvalidInput(owner, "threshold", "None", "must be a number: the cloud has none")
+        positive_number(owner, threshold=threshold)
+        a, b, sigma = self.intercept, self.slope, self.dispersion
+        enforce(owner, [Rule("slope b", b, b > 0, "positive: the demand grows with intensity")])
+        log_median = (np.log(threshold) - a) / b
+        to = np.array([[-1 / b, -log_median / b, 0.0], [0.0, -sigma / b**2, 1 / b]])
+        reached = (self.demand >= threshold).astype(int)
+        return Fragility(
+            float(np.exp(log_median)),
+            sigma / b,
+            to @ self.line.covariance @ to.T,
+            *(self.intensity, reached, np.ones_like(reached), False),
+            measure=self.measure,
+            source=f"from the regression of {reached.size} demands, {reached.sum()} of them at "
+            "least the threshold",
+        )
+
+    def _tables(self) -> list[TextTable]:
+        errors = np.sqrt(np.diag(self.line.covariance))
+        values = (self.intercept, self.slope, self.dispersion)
+        names = ("intercept a", "slope b", "dispersion σ")
+        n, bounds = len(self.intensity), int(self.censored.sum())
+        notes = [f"{demand_in_words(self.name, self.si)} of {n} records over {self.measure}"]
+        notes += [f"of {bounds} only a lower bound is known"] if bounds else []
+        rows = list(zip(names, values, map(float, errors), strict=True))
+        title = "Cloud: ln demand = a + b ln im + ε"
+        return [TextTable(title, ("", "value", "standard error"), rows, notes, digits=4)]
+
+
+def fit_cloud(
+    intensity: ArrayLike,
+    demand: ArrayLike,
+    limit: ArrayLike | None = None,
+    *,
+    measure: str = "intensity",
+) -> Cloud:
+    """Regression of the logarithm of a demand on that of intensity (Cornell et al. 2002).
+
+    Its ``fragility(threshold)`` is the probability of reaching a threshold. Raises ``ValueError``
+    if shapes differ, a number is not positive and finite, all intensities are equal, or fewer than
+    three demands are below the limit.
+
+    Parameters
+    ----------
+    intensity
+        Intensities > 0, shape (n,), such as ``study["pga"]``.
+    demand
+        Demands > 0, shape (n,), such as ``study["required_gap"]``.
+    limit
+        Demands above it are censored: they count as at least the limit, as where a run has no
+        meaning any more. A number or shape (n,); by default there is none.
+    measure
+        See ``fit_fragility``.
+
+    Examples
+    --------
+    >>> im, gaps = [0.1, 0.2, 0.4, 0.8], [0.01, 0.03, 0.05, 0.12]
+    >>> cloud = jp.fit_cloud(im, gaps)
+    >>> round(cloud.slope, 3), round(cloud.dispersion, 3)
+    (1.149, 0.17)
+    >>> curve = cloud.fragility(threshold=0.05)
+    >>> round(curve.median, 3), round(curve.dispersion, 3)
+    (0.371, 0.148)
+    """
+    owner = "fit_cloud"
+    im, y = (np.asarray(x, float) for x in positive(owner, intensity=intensity, demand=demand))
+    if im.ndim != 1 or y.shape != im.shape:
+        raise InvalidInput(owner, f"intensity {im.shape} and demand {y.shape}", "", "must be (n,)")
+    bound = np.full(im.shape, np.inf)
+    if limit is not None:
+        (limit,) = positive(owner, limit=limit)
+        if np.shape(limit) not in ((), im.shape):
+            raise InvalidInput(owner, "limit", "", f"of shape {np.shape(limit)} must be {im.shape}")
+        bound = np.broadcast_to(limit, im.shape)
+    censored = y >= bound
+    if (~censored).sum() < 3 or np.ptp(im[~censored]) == 0:
+        rule = "must hold those of at least 3 records of different intensity, below the limit"
+        raise InvalidInput(owner, "demand", "", rule)
+    y = np.minimum(y, bound)
+    line = regression(np.column_stack([np.ones_like(im), np.log(im)]), np.log(y), censored)
+    rule = "positive: demands that are a power of the intensity leave nothing to estimate"
+    enforce(owner, [Rule("dispersion σ", line.sigma, line.sigma > _LEAST_SIGMA, rule)])
+    return Cloud(im, y, censored, line, measure=measure)
+
+
+def cloud_analysis(
+    structures: Structures,
+    records: Any,
+    grid: TimeGrid | None = None,
+    *,
+    measure: Any = "pga",
+    demand: DemandSpec = REQUIRED_GAP,
+    threshold: float | None = None,
+    limit: float | None = None,
+    scales: Scales | None = None,
+    scheme: Scheme = Scheme(),
+    strict: bool = False,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> Cloud:
+    """The demand of each unscaled record, and its regression on intensity.
+
+    Raises ``ValueError`` as ``incremental_dynamic_analysis`` and ``fit_cloud``.
+
+    Parameters
+    ----------
+    structures, records, grid, measure, demand, threshold, scales, scheme, strict, store, progress
+        As of ``incremental_dynamic_analysis``; ``threshold`` > 0, and needed where the gaps at rest
+        of several links differ.
+    limit
+        See ``fit_cloud``; in the demand's unit.
+    """
+    owner = "cloud_analysis"
+    if threshold is not None:
+        positive_number(owner, threshold=threshold)
+    options = structures, records, grid, measure, demand, threshold, scales, scheme, strict
+    runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress)
+    if runs.demand == OVERLAP:
+        rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"
+        raise InvalidInput(owner, "threshold", "None", rule)
+    im = runs.intensity.unscaled
+    with runs.bar:
+        demands = runs.demands(np.arange(len(im)), im)
+    cloud = fit_cloud(im, demands, limit, measure=runs.intensity.words)
+    threshold = runs.threshold if runs.threshold > 0 else None  # the gap at rest may be 0
+    return dataclasses.replace(cloud, name=runs.demand, si=runs.si, threshold=threshold)

@@ -1,0 +1,328 @@
+"""Incremental dynamic analysis: records that are scaled until a demand is reached."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from jaxpound._checks import Rule, enforce, hint, number
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
+from jaxpound.grid import TimeGrid
+from jaxpound.hazard import suite_runs
+from jaxpound.hazard.capacities import fit_capacities
+from jaxpound.hazard.stripes import Stripes
+from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
+from jaxpound.model.system import Structures
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.fragility import Fragility
+from jaxpound.units import Scales
+
+FRACTILES = (0.16, 0.5, 0.84)  # shares of the records: the median and about ±β
+_MOST_ROUNDS = 60
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class IncrementalDynamicAnalysis(Shown):
+    """Demands of records over intensity, and capacities, by ``incremental_dynamic_analysis``."""
+
+    names: tuple[str, ...]
+    """Of the records."""
+    unscaled: np.ndarray
+    """Intensity of each unscaled record, shape (n,)."""
+    intensities: np.ndarray
+    """To which all records were scaled, shape (k,)."""
+    demands: np.ndarray
+    """Demand of each record at each intensity, shape (n, k)."""
+    capacities: np.ndarray
+    """Intensity at which each record first reaches the threshold, shape (n,); infinite where none
+    does."""
+    threshold: float
+    """In the unit of the demand."""
+    demand: str
+    """Name of the demand."""
+    measure: str
+    """The measure of intensity, with its unit."""
+    si: bool
+    """Whether demands are in SI units."""
+
+    @property
+    def factors(self) -> np.ndarray:
+        """Factor at which each unscaled record first reaches the threshold, shape (n,)."""
+        return self.capacities / self.unscaled
+
+    @property
+    def stripes(self) -> Stripes:
+        """The demands by intensity, for ``fit_fragility``."""
+        about = self.threshold, self.demand, self.measure, self.si
+        return Stripes(self.intensities, tuple(self.demands.T), *about)
+
+    @property
+    def returning(self) -> tuple[str, ...]:
+        """Names of the records that fall below the threshold again as they are scaled up."""
+        reached = self.demands >= self.threshold
+        back = (np.maximum.accumulate(reached, axis=1) & ~reached).any(axis=1)
+        return tuple(np.array(self.names, object)[back])
+
+    def fractiles(self, shares: Sequence[float] = FRACTILES) -> np.ndarray:
+        """Quantiles of the demands at each intensity, shape (m, k).
+
+        ``shares`` are the m shares of the records, from 0 to 1, that do not exceed them.
+        """
+        return np.quantile(self.demands, shares, axis=0)
+
+    def fragility(self) -> Fragility:
+        """Lognormal fragility from the capacities, by ``fit_capacities``.
+
+        Raises ``ValueError`` if fewer than two records reach the threshold, or all at one
+        intensity.
+        """
+        return fit_capacities(self.capacities, self.intensities[-1], measure=self.measure)
+
+    def _tables(self) -> list[TextTable]:
+        above = f"above {self.intensities[-1]:.4g}"
+        numbers = np.stack([self.unscaled, self.capacities, self.factors], axis=1).tolist()
+        rows = [
+            (name, im, *((c, factor) if np.isfinite(c) else (above, "-")))
+            for name, (im, c, factor) in zip(self.names, numbers, strict=True)
+        ]
+        words = suite_runs.demand_in_words(self.demand, self.si)
+        n, reached = len(rows), int(np.isfinite(self.capacities).sum())
+        notes = [
+            f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}",
+            f"{reached} of {n} records reach it; a capacity is the first crossing on the ladder of "
+            f"{len(self.intensities)} intensities, refined",
+        ]
+        if self.returning:
+            notes.append(f"below it again at higher intensities: {', '.join(self.returning)}")
+        columns = ("record", "intensity as it is", "capacity", "factor")
+        return [TextTable("Incremental dynamic analysis", columns, rows, notes, digits=4)]
+
+
+def incremental_dynamic_analysis(
+    structures: Structures,
+    records: Any,
+    grid: TimeGrid | None = None,
+    *,
+    intensities: ArrayLike,
+    measure: Any = "pga",
+    demand: DemandSpec = REQUIRED_GAP,
+    threshold: float | None = None,
+    refine: str = "bisection",
+    tolerance: float = 1e-3,
+    scales: Scales | None = None,
+    scheme: Scheme = Scheme(),
+    strict: bool = False,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> IncrementalDynamicAnalysis:
+    """Demands of records that are scaled up step by step (Vamvatsikos and Cornell 2002).
+
+    All records are run at all intensities in one batch. For each record the first pair of
+    neighbouring intensities between which the demand reaches the threshold is then narrowed down.
+    A demand need not grow with the intensity: a crossing between two neighbouring intensities from
+    which the demand returns is missed. ``returning`` names the records whose demands are below the
+    threshold again at higher intensities; ``fragility()`` has the median and dispersion of the
+    capacities.
+
+    Parameters
+    ----------
+    structures
+        ``Buildings`` in SI units, or dimensionless structures, with ``scales`` for records in s.
+    records
+        A ``RecordSuite`` or several records: in seconds with ``scales``, else in units of 1/ω1.
+    grid
+        The instants of all runs; by default, for buildings with scales, as long as the longest
+        record, its step chosen for the record with the shortest interval.
+    intensities
+        Intensities > 0, rising, shape (k,).
+    measure
+        The measure of intensity: "pga" (in g); a natural period, in s with scales or else in 1/ω1,
+        for the spectral acceleration at 5 % of damping (in g); or the intensity of each unscaled
+        record, shape (n,) (ones make it the factor). It must be proportional to the record's
+        factor.
+    demand
+        See ``LimitState``.
+    threshold
+        A record reaches it if the demand is at least as large; in SI units with scales. None, for
+        the required gap only, is pounding: the gap at rest of all links. Where they differ, the
+        demand is the overlap, the largest −ξ of any link, and the threshold 0.
+    refine
+        "bisection", with as many points in each bracket as fill the batch, or "newton", with the
+        derivative by the intensity: fewer runs, and another program to compile.
+    tolerance
+        Width of the last bracket, or size of the last step of Newton's method, over the capacity.
+    scales
+        Units of the structures, for results in SI units.
+    scheme
+        The discretisation.
+    strict
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
+    store
+        A folder that keeps finished runs, by record and factor: after an interruption the same call
+        continues from them, and its result is the same. A call with other intensities, or another
+        measure, threshold, ``refine`` or ``tolerance``, runs only what is missing. Damaged files
+        are named in a warning, and their runs are repeated.
+    progress
+        Whether to show a progress bar.
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule; if records are not in the structures' unit of time, or
+        together need too many steps; if the demand is unknown, or a record reaches the threshold
+        without shaking. If the store holds another analysis, with what differs.
+    FloatingPointError
+        If a run ends in numbers that are not finite; the message names record and intensity.
+    OSError
+        If the store cannot be written to.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If the grid does not resolve a record, or a scaled record has a PGA above 5 g; if contact is
+        run in single precision.
+
+    Examples
+    --------
+    >>> left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+    >>> right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+    >>> pair, scales = jp.dimensionless(left, right, friction_force=0.0, gap=0.05)
+    >>> t = 0.02 * np.arange(300)
+    >>> burst = [0.1 * np.sin(w * t) * np.exp(-((t - 3) ** 2)) for w in (7.0, 9.0, 11.0)]
+    >>> suite = jp.RecordSuite([jp.Record(a, dt=0.02) for a in burst])
+    >>> ida = jp.incremental_dynamic_analysis(
+    ...     pair, suite, scales=scales, intensities=[0.1, 0.2, 0.4, 0.8], progress=False
+    ... )
+    >>> [round(float(x), 3) for x in ida.capacities]  # g
+    [0.061, 0.066, 0.108]
+    >>> curve = ida.fragility()
+    >>> round(curve.median, 3), round(curve.dispersion, 3)
+    (0.076, 0.308)
+    """
+    owner = "incremental_dynamic_analysis"
+    levels = suite_runs.rising_intensities(owner, intensities)
+    if refine not in _REFINEMENTS:
+        rule = f"unknown refine = {refine!r}; {hint(refine, _REFINEMENTS)}"
+        raise InvalidInput(owner, "", "", rule)
+    tolerance = float(number(owner, "tolerance", tolerance))
+    enforce(owner, [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
+    options = structures, records, grid, measure, demand, threshold, scales, scheme, strict
+    runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress, levels[-1])
+    n, with_zero = len(runs.suite), np.append(0.0, levels)
+    with runs.bar:
+        rows = np.repeat(np.arange(n), with_zero.size)
+        demands = runs.demands(rows, np.tile(with_zero, n)).reshape(n, -1)
+        excess = demands - runs.threshold
+        if (excess[:, 0] >= 0).any():
+            rule = f"must be above {demands[:, 0].max():.6g}, what the demand is without shaking"
+            raise InvalidInput(owner, "threshold", f"{runs.threshold:.6g}", rule)
+        brackets = Brackets.of(with_zero, excess)
+
+        def show_progress(pending: np.ndarray) -> None:
+            done, widest = n - np.unique(pending).size, brackets.width()[pending].max()
+            runs.bar.set_postfix_str(f"{done} of {n} records, brackets within {widest:.2g}")
+
+        runs.before_batch = show_progress
+        capacities = _REFINEMENTS[refine](runs, brackets, tolerance, demands.size)
+        runs.bar.set_postfix_str(f"{n} of {n} records")
+    return IncrementalDynamicAnalysis(
+        *(runs.suite.names, runs.intensity.unscaled, levels, demands[:, 1:], capacities),
+        *(runs.threshold, runs.demand, runs.intensity.words, runs.si),
+    )
+
+
+@dataclasses.dataclass
+class Brackets:
+    """For each record the intensities between which its demand crosses the threshold.
+
+    ``below`` and ``above`` are the demands there, less the threshold. A record whose demand never
+    reaches it has no bracket: ``high`` is infinite.
+    """
+
+    low: Float[np.ndarray, " n"]
+    high: Float[np.ndarray, " n"]
+    below: Float[np.ndarray, " n"]
+    above: Float[np.ndarray, " n"]
+
+    @classmethod
+    def of(cls, levels: Any, excess: Float[np.ndarray, "n k"]) -> Brackets:
+        """Around the first level at which the demand reaches the threshold, but level 0."""
+        reached = excess >= 0
+        rows, first = np.arange(len(excess)), np.maximum(reached.argmax(axis=1), 1)
+        crosses = reached.any(axis=1)
+        high = np.where(crosses, levels[first], np.inf)
+        return cls(levels[first - 1], high, excess[rows, first - 1], excess[rows, first])
+
+    @property
+    def crossing(self) -> np.ndarray:
+        """Numbers of the records that have a bracket."""
+        return np.flatnonzero(np.isfinite(self.high))
+
+    def chord(self) -> Float[np.ndarray, " n"]:
+        """Where the straight line between both ends of a bracket crosses; infinite without one."""
+        intensity = np.full(len(self.low), np.inf)
+        i = self.crossing
+        share = -self.below[i] / (self.above[i] - self.below[i])
+        intensity[i] = self.low[i] + share * (self.high[i] - self.low[i])
+        return intensity
+
+    def width(self) -> Float[np.ndarray, " n"]:
+        """Width of each bracket over its upper end; 0 where there is none."""
+        return np.where(np.isfinite(self.high), 1 - self.low / self.high, 0.0)
+
+    def narrow(self, i: Any, intensity: Any, excess: Any) -> None:
+        """Narrow the brackets i by one point inside each."""
+        beyond = excess >= 0
+        for end, value, x in ((self.high, self.above, beyond), (self.low, self.below, ~beyond)):
+            end[i[x]], value[i[x]] = intensity[x], excess[x]
+
+
+def by_sections(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
+    """Bisection with many points instead of one: ``batch`` runs a round, as many as fill a batch.
+
+    Each round keeps the section in which the demand first reaches the threshold. The result is
+    where the chord of the last section crosses.
+    """
+    while (wide := np.flatnonzero(brackets.width() > tolerance)).size:
+        n = max(1, batch // wide.size)
+        shares = np.arange(n + 2) / (n + 1)
+        low, high = brackets.low[wide, None], brackets.high[wide, None]
+        points = low + shares * (high - low)
+        inner = runs.demands(np.repeat(wide, n), points[:, 1:-1].ravel()).reshape(-1, n)
+        ends = brackets.below[wide], brackets.above[wide]
+        excess = np.column_stack([ends[0], inner - runs.threshold, ends[1]])
+        rows, first = np.arange(wide.size), (excess[:, 1:] >= 0).argmax(axis=1) + 1
+        brackets.low[wide], brackets.high[wide] = points[rows, first - 1], points[rows, first]
+        brackets.below[wide], brackets.above[wide] = excess[rows, first - 1], excess[rows, first]
+    return brackets.chord()
+
+
+def by_newton(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
+    """Newton's method by the intensity; a step that would leave the bracket halves it instead."""
+    im, pending = brackets.chord(), brackets.crossing
+    for _ in range(_MOST_ROUNDS):
+        if not pending.size:
+            break
+        demands, slopes = runs.slopes(pending, im[pending])
+        excess = demands - runs.threshold
+        brackets.narrow(pending, im[pending], excess)
+        step = -excess / np.where(slopes == 0, np.nan, slopes)
+        after = im[pending] + step
+        low, high = brackets.low[pending], brackets.high[pending]
+        inside = (after >= low) & (after <= high)
+        after = np.where(inside, after, (low + high) / 2)
+        done = (np.abs(after - im[pending]) <= tolerance * after) & inside
+        done |= high - low <= tolerance * high
+        im[pending] = after
+        pending = pending[~done]
+    return im
+
+
+_REFINEMENTS = {"bisection": by_sections, "newton": by_newton}

@@ -1,0 +1,187 @@
+"""The points of a hazard curve: their rules, the intensities that they draw, and their weights."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import log_ndtr, ndtri
+from scipy import special
+
+from jaxpound._checks import Rule, enforce, positive_number, real, require_share
+from jaxpound._errors import InvalidInput
+from jaxpound.ground.measure import Measure, units_like
+
+LEAST_RATE = 1e-100  # smaller annual rates are rounding errors of the program that wrote them
+_SIZES = (1e-12, 1e12)  # of intensities, in any unit
+_RATES = (LEAST_RATE, 1e3)  # a thousand earthquakes a year are three a day
+_STRONG, _OFTEN = 0.4, 0.02  # PGA in g, and an annual rate that no site in use reaches for it
+_NEARLY_SURE = 0.9  # from here two rates in a row are more probably probabilities
+
+
+class CurvePoints(NamedTuple):
+    """Points of a hazard curve; between them, and beyond both ends, the rate is a power law."""
+
+    intensity: np.ndarray  # shape (m,)
+    annual_rate: np.ndarray  # shape (m,)
+
+    @staticmethod
+    def of(owner: str, intensity: Any, annual_rate: Any) -> CurvePoints:
+        """Points that obey the rules of a hazard curve; see ``HazardCurve``."""
+        im = np.array(real(owner, "intensity", intensity), float)
+        rate = np.array(real(owner, "annual_rate", annual_rate), float)
+        if im.ndim != 1 or im.size < 2 or rate.shape != im.shape:
+            shapes = f"intensity {im.shape} and annual_rate {rate.shape}"
+            raise InvalidInput(owner, shapes, "", "must be (m,), of one length m ≥ 2")
+        ranges = "from {:g} to {:g}".format(*_SIZES), "from {:g} to {:g} a year".format(*_RATES)
+        falls = "no larger than the one before: a hazard curve falls as the intensity grows"
+        rules = [
+            Rule("intensity", im, np.clip(im, *_SIZES) == im, ranges[0]),
+            Rule("annual_rate", rate, np.clip(rate, *_RATES) == rate, ranges[1]),
+            Rule("intensity", im, np.r_[True, np.diff(im) > 0], "larger than the one before"),
+            Rule("annual_rate", rate, np.r_[True, np.diff(rate) <= 0], falls),
+        ]
+        enforce(owner, rules)
+        return CurvePoints(im, rate)
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Exponents k = −d ln rate / d ln im of the m − 1 pieces between the points."""
+        return -np.diff(np.log(self.annual_rate)) / np.diff(np.log(self.intensity))
+
+    def piece(self, im: np.ndarray) -> np.ndarray:
+        """The piece of each intensity; beyond the ends that which is continued."""
+        before = np.searchsorted(self.intensity, im, side="right") - 1
+        return np.clip(before, 0, self.intensity.size - 2)
+
+    def integral(
+        self, median: float, dispersion: float, edges: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """∫ Φ(ln(im / θ) / β) |dλ(im)| over each band of intensity, exactly, shape (n − 1,).
+
+        Also its derivatives by ln θ and β, of the median θ and dispersion β, shape (n − 1, 2).
+        ``edges`` of the bands, shape (n,), rise; 0 and ∞ are allowed.
+        """
+        # Pieces between edges and points of the curve: on each, λ is one power law.
+        inner = (self.intensity > edges[0]) & (self.intensity < edges[-1])
+        ends = np.unique(np.concatenate([edges, self.intensity[inner]]))
+        piece, beta = self.piece(ends[:-1]), dispersion
+        k, from_median = self.slope[piece], np.log(self.intensity[piece]) - np.log(median)
+        with np.errstate(divide="ignore"):
+            u = np.log(ends) - np.log(median)
+        z = np.stack([u[:-1], u[1:]]) / beta
+        start = np.log(self.annual_rate[piece]) + k * from_median
+        # ∫ λ dP = e^(start + k²β²/2) [Φ(z + kβ)], by completing the square.
+        interior = np.exp(start + (k * beta) ** 2 / 2 + _log_between(*(z + k * beta)))
+        # At intensity 0 there is no pounding, and no earthquake exceeds ∞.
+        finite = np.isfinite(z)
+        rate = np.where(finite, np.exp(start - k * beta * np.where(finite, z, 0.0)), 0.0)
+        density = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi) * rate
+        at_ends = special.ndtr(z) * rate
+        integrals = np.maximum(interior + at_ends[0] - at_ends[1], 0.0)
+        slopes = -k * interior, k * (k * beta * interior - density[0] + density[1])
+        band = np.searchsorted(ends, edges[:-1])
+        value, *slope = (np.add.reduceat(x, band) for x in (integrals, *slopes))
+        return value, np.stack(slope, axis=-1)
+
+    def doubts(self, measure: Measure) -> list[str]:
+        """Findings if annual rates look like probabilities within years, in sentences."""
+        (im, rate), sizes = self, units_like(measure.unit)
+        rule = "annual_rate should be of a year; of probabilities p within years it is "
+        rule += "-ln(1 - p)/years"
+        if _NEARLY_SURE < rate[1] <= rate[0] <= 1:
+            first = f"annual_rate = {rate[0]:.4g}, {rate[1]:.4g}, ..."
+            return [f"{first} looks like probabilities: {rule}"]
+        if measure.name != "PGA" or "g" not in sizes:
+            return []
+        in_g = im * sizes[measure.unit] / sizes["g"]
+        strong = max(_STRONG, in_g[0])
+        often = np.exp(np.interp(np.log(strong), np.log(in_g), np.log(rate)))
+        if strong > in_g[-1] or often <= _OFTEN:
+            return []
+        return [
+            f"annual_rate of a PGA of {strong:.2g} g is {often:.2g}, once in {1 / often:.2g} "
+            f"years; no site is known where {_STRONG} g is exceeded once in {1 / _OFTEN:.0f} "
+            f"years: {rule}"
+        ]
+
+
+def _log_between(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """ln(Φ(high) − Φ(low)), computed in the nearer tail."""
+    above = low > 0
+    low, high = np.where(above, -high, low), np.where(above, -low, high)
+    with np.errstate(divide="ignore"):
+        log_high = special.log_ndtr(high)
+        return log_high + np.log1p(-np.exp(special.log_ndtr(low) - log_high))
+
+
+@dataclasses.dataclass(frozen=True)
+class HazardIntensity:
+    """Intensity of an earthquake that exceeds the lowest of a hazard curve, as a distribution.
+
+    ``HazardCurve.distribution`` makes it. P(intensity > im) = λ(im) / λ(lowest), with ln λ linear
+    in ln im between the points and continued above the last.
+    """
+
+    intensity: tuple[float, ...]
+    annual_rate: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        before, last = self.annual_rate[-2:]
+        if not before > last:
+            rule = "of the highest intensity must be smaller than that of the one before"
+            rule = f"{rule}, {before:.8g}"
+            raise InvalidInput("HazardIntensity", "annual_rate", f"{last:.8g}", rule)
+
+    def from_normal(self, z: Any) -> Any:
+        """The intensity that is exceeded with probability Φ(−z)."""
+        z = jnp.asarray(z, float)
+        rates, u = np.log(self.annual_rate), np.log(self.intensity)
+        falls = np.diff(rates) < 0
+        pieces = u[:-1], rates[0] - rates[:-1], -np.diff(rates) / np.diff(u)
+        start, below, slope = (jnp.asarray(x[falls], z.dtype) for x in pieces)
+        # Minus ln of the share of earthquakes that are stronger.
+        depth = -log_ndtr(-z)
+        piece = jnp.clip(jnp.searchsorted(below, depth, side="right") - 1, 0, below.size - 1)
+        return jnp.exp(start[piece] + (depth - below[piece]) / slope[piece])
+
+    def to_normal(self, x: Any) -> Any:
+        """Inverse of ``from_normal``: −∞ below the lowest intensity."""
+        x = jnp.asarray(x, float)
+        inside = x > self.intensity[0]
+        u = jnp.log(jnp.where(inside, x, 2 * self.intensity[0]))
+        points = np.log(self.intensity), np.log(self.annual_rate)
+        steepness = np.diff(points[1]) / np.diff(points[0])
+        start, rate, slope = (jnp.asarray(x, u.dtype) for x in (*points, steepness))
+        piece = jnp.clip(jnp.searchsorted(start, u, side="right") - 1, 0, slope.size - 1)
+        stronger = jnp.exp(rate[piece] + slope[piece] * (u - start[piece]) - rate[0])
+        inside &= stronger < 1
+        return jnp.where(inside, -ndtri(jnp.where(inside, stronger, 0.5)), -jnp.inf)
+
+
+class HazardWeights(np.ndarray):
+    """Read-only weights by ``HazardCurve.weights``, with its points, which computed arrays lack."""
+
+    curve: CurvePoints | None = None
+
+    @staticmethod
+    def of(weights: np.ndarray, curve: CurvePoints) -> HazardWeights:
+        """Weights by the points of a curve."""
+        result = weights.view(HazardWeights)
+        result.curve = curve
+        result.flags.writeable = False  # a change in place would keep the curve
+        return result
+
+    def __array_wrap__(self, array: Any, *context: Any) -> Any:
+        """A result of NumPy: a sum is a plain number."""
+        result = super().__array_wrap__(array, *context)
+        return result[()] if result.ndim == 0 else result
+
+
+def rate_of(owner: str, probability: float, years: float) -> float:
+    """Annual rate of an event of this probability within years: −ln(1 − p) / years."""
+    require_share(owner, "probability", probability)
+    (years,) = positive_number(owner, years=years)
+    return float(-np.log1p(-probability) / years)

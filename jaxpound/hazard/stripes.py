@@ -1,0 +1,136 @@
+"""Multiple stripes: how often a demand is reached at each of several intensities."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.record import Record, derived
+from jaxpound.ground.suite import RecordSuite, as_suite
+from jaxpound.hazard import suite_runs
+from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
+from jaxpound.model.system import Structures
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.study.fragility import Fragility, falls, fit_fragility
+from jaxpound.units import Scales
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Stripes(Shown):
+    """Demands of records at several intensities; ``multiple_stripes`` makes it."""
+
+    intensities: np.ndarray
+    """Rising, shape (k,)."""
+    demands: tuple[np.ndarray, ...]
+    """Demands of the records at each intensity, k arrays of shape (n,)."""
+    threshold: float
+    demand: str = "demand"
+    """Name of the demand."""
+    measure: str = "intensity"
+    """The measure of intensity, with its unit."""
+    si: bool = False
+    """Whether demands are in SI units."""
+
+    @property
+    def pounding(self) -> np.ndarray:
+        """How many records reach the threshold at each intensity, shape (k,)."""
+        return np.array([np.count_nonzero(stripe >= self.threshold) for stripe in self.demands])
+
+    @property
+    def trials(self) -> np.ndarray:
+        """Number of records at each intensity, shape (k,)."""
+        return np.array([stripe.size for stripe in self.demands])
+
+    def fragility(self) -> Fragility:
+        """``fit_fragility`` of the counts (Baker 2015, eq. 11).
+
+        Raises ``ValueError`` if the likelihood has no maximum; see ``fit_fragility``. Warns
+        (``PlausibilityWarning``) if fewer records reach the threshold at an intensity than at a
+        lower one, by more than chance.
+        """
+        return fit_fragility(self.intensities, self.pounding, self.trials, measure=self.measure)
+
+    def _tables(self) -> list[TextTable]:
+        data = zip(self.intensities, self.trials, self.pounding, self.demands, strict=True)
+        rows = [(f"{im:.4g}", int(n), int(k), float(np.median(x))) for im, n, k, x in data]
+        words = suite_runs.demand_in_words(self.demand, self.si)
+        columns = (self.measure, "records", "reach the threshold", f"median {words}")
+        notes = [f"threshold {self.threshold:.4g}"]
+        if fall := falls(self.intensities, self.pounding, self.trials):
+            notes.append(f"demands return below it: {fall}")
+        return [TextTable("Multiple stripes", columns, rows, notes, digits=4)]
+
+
+def _merged(
+    suites: Sequence[RecordSuite], levels: np.ndarray
+) -> tuple[tuple[Record, ...], list[np.ndarray]]:
+    """Different records of several suites, each with its own name, and each suite's numbers."""
+    numbers: dict[int, int] = {}
+    records: dict[str, Record] = {}
+    for suite, level in zip(suites, levels, strict=True):
+        for record in suite:
+            if id(record) not in numbers:
+                numbers[id(record)] = len(records)
+                name = f"{record.name} at {level:g}" if record.name in records else record.name
+                while name in records:
+                    name += ", another"
+                records[name] = derived(record.samples, record.dt, name, record.time_unit)
+    rows = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
+    return tuple(records.values()), rows
+
+
+def multiple_stripes(
+    structures: Structures,
+    records: Any,
+    grid: TimeGrid | None = None,
+    *,
+    intensities: ArrayLike,
+    measure: Any = "pga",
+    demand: DemandSpec = REQUIRED_GAP,
+    threshold: float | None = None,
+    scales: Scales | None = None,
+    scheme: Scheme = Scheme(),
+    strict: bool = False,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> Stripes:
+    """The demands of records scaled to each of several intensities.
+
+    Its ``fragility()`` is fitted to the counts. Raises ``ValueError`` as
+    ``incremental_dynamic_analysis``; if the numbers of suites and intensities differ.
+
+    Parameters
+    ----------
+    records, intensities
+        A suite for all intensities > 0, rising, shape (k,), or a list with one for each of them.
+    structures, grid, measure, demand, threshold, scales, scheme, strict, store, progress
+        As of ``incremental_dynamic_analysis``; ``measure`` is "pga" or a period where there are
+        several suites.
+    """
+    owner = "multiple_stripes"
+    levels = suite_runs.rising_intensities(owner, intensities)
+    several = isinstance(records, Sequence) and all(isinstance(x, RecordSuite) for x in records)
+    suites = [*records] if several else [as_suite(owner, records)] * levels.size
+    if len(suites) != levels.size:
+        rule = f"must be {levels.size}, one an intensity"
+        raise InvalidInput(owner, f"{len(suites)} suites", "", rule)
+    merged, rows_of = _merged(suites, levels)
+    highest = np.zeros(len(merged))
+    for rows, level in zip(rows_of, levels, strict=True):
+        highest[rows] = level
+    options = structures, merged, grid, measure, demand, threshold, scales, scheme, strict
+    runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress, highest)
+    sizes = [rows.size for rows in rows_of]
+    with runs.bar:
+        demands = runs.demands(np.concatenate(rows_of), np.repeat(levels, sizes))
+    parts = tuple(np.split(demands, np.cumsum(sizes)[:-1]))
+    return Stripes(levels, parts, runs.threshold, runs.demand, runs.intensity.words, runs.si)

@@ -1,0 +1,11 @@
+"""Reliability: probabilities that demands exceed thresholds, and the ground motions that do it.
+
+``limit_state`` defines the event and ``result`` its probability. ``run`` chooses the method: a
+``search`` with ``importance`` sampling around ``design_points`` at several ``instants``, or
+``subset`` simulation through ``subset_levels``. ``target`` leads from a probability to a parameter
+of the structures.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,116 @@
+"""Series whose largest number over the run is the demand: a limit state for every instant.
+
+A demand over a run is reached if it is reached at some instant. At an instant it is a smooth
+function of the ground motion, so that gradients lead to its design point; the largest number of
+all instants is not smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxpound.model.places import link_places, mass_places, rod_places
+from jaxpound.model.system import System, elongation, is_closable
+from jaxpound.results.demand import Demand
+from jaxpound.results.elements import place_of
+from jaxpound.results.named import OF_CONTACTS, REQUIRED_GAP
+from jaxpound.simulation.rollout import ACCELERATIONS, POSITIONS, ROD_FORCES
+
+_PERIOD = 2 * np.pi  # of structure 1, in 1/ω1
+_PER_PERIOD = 20
+_MOST = 256
+
+OBSERVERS = {"length": POSITIONS, "acceleration": ACCELERATIONS, "force": ROD_FORCES}
+"""The quantities of which series are combinations, by their kind."""
+
+
+class Series(NamedTuple):
+    """A linear combination of the numbers of an observer at an instant."""
+
+    words: str
+    """Its quantity and place: "drift, storey 2 of building 1"."""
+    row: np.ndarray
+    """Factors of each mass's displacement, each link's closing and each link's gap at rest, or of
+    each mass's acceleration, or of each rod's force."""
+    kind: str = "length"
+    """A key of ``OBSERVERS``, the same for all series of a demand."""
+
+
+def is_by_impacts(system: System, demand: Any) -> bool:
+    """Whether impacts make a demand: one of contact, or an acceleration where blocks may meet.
+
+    Before blocks meet the force of an impact is 0, and so is its slope; and an impact may fall
+    between the chosen instants.
+    """
+    if not isinstance(demand, str) or all(link.contact is None for link in system.links):
+        return False
+    place = place_of(Demand, demand)
+    if place is None:
+        return demand == "peak_acceleration"
+    return place.field == "peak_acceleration" or place.quantity.only == "contact"
+
+
+def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]:
+    """The series whose largest number is a demand; none of a function, or without an instant.
+
+    Those of a demand that impacts make are overlaps of blocks that pass through each other. If
+    ``pounding``, a closing counts beyond the link's own gap at rest.
+    """
+    if not isinstance(demand, str):
+        return ()
+    topology, links, place = system.topology, system.links, place_of(Demand, demand)
+    masses, rods = mass_places(topology), rod_places(topology)
+    n, m, field = topology.n_masses, len(links), demand if place is None else place.field
+    displacements, closings, gaps = np.split(np.eye(n + 2 * m), [n, n + m])
+
+    def elements(group: str, n_all: int) -> Iterable[int]:
+        """Numbers of the elements that the demand is of."""
+        alone = place is not None and place.group == group and demand not in OF_CONTACTS
+        return [place.element] if place is not None and alone else range(n_all)
+
+    by_impacts = is_by_impacts(system, demand)
+    if demand == REQUIRED_GAP or by_impacts:
+        pounding |= by_impacts
+        quantity, places = "overlap" if pounding else "closing", link_places(topology)
+        return tuple(
+            Series(f"{quantity}, {places[k]}", closings[k] - pounding * gaps[k])
+            for k in elements("links", m)
+            if is_closable(links[k].gap) and not (by_impacts and links[k].contact is None)
+        )
+    drifts = [elongation(ends, [*displacements]) for ends in topology.rods]
+    factors: dict[str, tuple[str, str, tuple[str, ...], Any, str]] = {
+        "peak_drift": ("drift", "rods", rods, drifts, "length"),
+        "peak_x": ("displacement", "masses", masses, displacements, "length"),
+        "peak_force": ("force", "rods", rods, np.eye(len(rods)), "force"),
+        "peak_acceleration": ("acceleration", "masses", masses, np.eye(n), "acceleration"),
+    }
+    if field not in factors:
+        return ()
+    quantity, group, places, rows, kind = factors[field]
+    return tuple(
+        Series(f"{quantity}, {places[i]}{direction}", sign * rows[i], kind)
+        for i in elements(group, len(places))
+        for direction, sign in (("", 1), (", reversed", -1))
+    )
+
+
+def measured(kind: str, row: Any, observed: tuple[Any, ...], system: System) -> Float[Array, ""]:
+    """The value of a series, given by its kind and ``row``, at an instant; traceable."""
+    gaps = [jnp.where(jnp.isfinite(link.gap), link.gap, 0.0) for link in system.links]
+    return row @ jnp.stack([*observed, *(gaps if kind == "length" else [])])
+
+
+def chosen_instants(n_steps: int, dt: float, n_series: int) -> np.ndarray:
+    """Numbers of the instants at which design points are sought, the last being the run's end.
+
+    There are 20 in a period of structure 1, some 0.3/ω1 apart, and at most 256; with several series
+    fewer each, but at least 16.
+    """
+    most = min(int(np.ceil(n_steps * dt * _PER_PERIOD / _PERIOD)), _MOST)
+    n = max(1, min(n_steps, max(most // max(1, n_series), 16)))
+    return np.round(np.arange(1, n + 1) * n_steps / n).astype(int)

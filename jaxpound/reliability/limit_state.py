@@ -1,0 +1,284 @@
+"""A limit state: demand ≥ threshold, as a function of standard normal numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number, real
+from jaxpound._errors import InvalidInput
+from jaxpound.buildings import Buildings
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.plausibility import warn
+from jaxpound.model.parameters import get, paths, put, require_paths
+from jaxpound.model.system import Structures, without_contact
+from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of
+from jaxpound.results import named
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.scenarios.scenarios import ScenarioSet
+from jaxpound.simulation.batches import in_chunks
+from jaxpound.simulation.rollout import observed_at
+from jaxpound.simulation.run import demand
+from jaxpound.simulation.scheme import Scheme, single_system
+from jaxpound.study.demands import doubts
+
+OWNER = "LimitState"
+
+COMPILING = "compiling the runs"  # what a progress bar says before the first run
+_STRONGER = (3.0, 10.0)  # factors of z for the runs that check a seemingly constant demand
+
+# Runs, and runs with a gradient, at a time on a core: few enough for points of many numbers to stay
+# in its cache, and for a search whose last points take long to waste little.
+_RUNS = 128
+_GRADIENTS = 32
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LimitState:
+    """The event that a demand of random scenarios reaches a threshold.
+
+    Whether blocks meet does not depend on laws of contact, and the required gap is that of blocks
+    that may pass through each other: runs for it leave these laws out. Raises ``ValueError`` if an
+    argument is of another type or breaks its rule, a demand or path is unknown, or the demand is
+    the required gap of structures without a link whose gap is finite.
+
+    Parameters
+    ----------
+    scenarios
+        Structures and ground motion as functions of a standard normal point z, shape (d,).
+    grid, scheme
+        See ``simulate``.
+    demand
+        The flat name of a scalar of ``Demand`` (``"peak_contact"``, ``"peak_drift_2"``), of one
+        over all storeys (``"peak_drift"``), ``"required_gap"``, the largest closing of any link, or
+        a function of a run's ``Demand`` that JAX can trace, which gives one number.
+    threshold
+        The event is demand ≥ threshold, in the demand's unit (SI for ``Buildings``). None, for the
+        required gap only: the event is pounding, that any link closes its own gap at rest.
+    changes
+        Values of parameters of the structures, by path, which replace those of the scenarios.
+    programs
+        The compiled programs of another limit state, to be used again if they serve this one.
+
+    Examples
+    --------
+    >>> ground = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3.8), jp.Uniform(1, 7))
+    >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
+    >>> state = jp.LimitState(scenarios, jp.TimeGrid.until(20.0, dt=0.05), threshold=0.4)
+    >>> z = np.zeros((1, scenarios.dimension))
+    >>> bool(state.values(z)[0] < 0)  # the median earthquake needs less than a gap of 0.4
+    True
+    """
+
+    scenarios: ScenarioSet
+    grid: TimeGrid
+    scheme: Scheme = Scheme()
+    demand: DemandSpec = REQUIRED_GAP
+    threshold: float | None = None
+    changes: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    programs: Any = dataclasses.field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        kinds = {"scenarios": ScenarioSet, "grid": TimeGrid, "scheme": Scheme, "changes": Mapping}
+        for name, kind in kinds.items():
+            instance(OWNER, name, getattr(self, name), kind)
+        if self.threshold is not None:
+            threshold = number(OWNER, "threshold", self.threshold)
+            enforce(OWNER, [Rule("threshold", threshold, finite(threshold), "finite")])
+            object.__setattr__(self, "threshold", float(threshold))
+        elif self.demand != REQUIRED_GAP:
+            named.require_threshold(OWNER, self.demand)
+        if self.programs is None or not self.programs.serve(self):
+            object.__setattr__(self, "programs", LimitStatePrograms(self))
+        if self.changes:
+            require_paths(f"{OWNER}: changes", self.programs.nominal, self.changes)
+
+    @property
+    def dimension(self) -> int:
+        """Number d of standard normal numbers."""
+        return self.scenarios.dimension
+
+    @property
+    def time_step(self) -> float:
+        """The time step in 1/ω1, whichever unit of time the grid has."""
+        nominal = self.programs.nominal
+        unit = float(nominal.scales.frequency) if isinstance(nominal, Buildings) else 1
+        return self.grid.dt * unit
+
+    @property
+    def level(self) -> float:
+        """The number that ``demanded`` must reach: the threshold, or 0 for pounding."""
+        return 0.0 if self.threshold is None else self.threshold
+
+    def value(self, z: Float[Array, " d"]) -> Float[Array, ""]:
+        """The demand less the threshold, traceable: the event is value ≥ 0."""
+        return self.observed(z, self.changes)[0] - self.level
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """``value`` of points, shape (n, d), in chunks of one size: one program runs them all.
+
+        Raises ``ValueError`` if there is no point, or it has another number of coordinates.
+        """
+        return self.values_and_times(z)[0]
+
+    def values_and_times(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``values``, and the times of the smallest gap; NaN for other demands, shape (n,) each."""
+        if np.ndim(z) != 2 or not len(z) or np.shape(z)[1] != self.dimension:
+            rule = f"of shape {np.shape(z)} must be of shape (n, {self.dimension}), n at least 1"
+            raise InvalidInput(f"{OWNER}.values", "z", "", rule)
+        demanded, times = self.programs.observed(z, self.changes)
+        return demanded - self.level, times
+
+    def gradients(
+        self, z: np.ndarray, instants: np.ndarray, series: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Values at one instant each of points z, shape (n, d), and their gradients by z.
+
+        ``instants`` and ``series`` are each point's numbers of its instant and, in
+        ``LimitState.series``, of its series. Without series the values are those of the whole run.
+        """
+        rows = np.array([x.row for x in self.series])
+        more = (instants, rows[series]) if self.series else ()
+        demanded, slope = self.programs.gradients(z, self.changes, *more)
+        return demanded - self.level, slope
+
+    def sensitivities(self, z: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of ``values`` by all parameters of the structures, by path, shape (n,)."""
+        return self.programs.sensitivities(z, self.changes)
+
+    @property
+    def series(self) -> tuple[Series, ...]:
+        """The series whose largest number over the run is the demand; none for other demands."""
+        return self.programs.series
+
+    @property
+    def searches_overlaps(self) -> bool:
+        """Whether ``series`` are overlaps of blocks that pass through each other.
+
+        They are for a demand that impacts make, which has no slope before blocks meet.
+        """
+        return self.programs.searches_overlaps
+
+    def realized(
+        self, z: Any, changes: Mapping[str, Any], *, passing: bool = False
+    ) -> tuple[Structures, Any]:
+        """The scenario of a point z, with changes; ``passing`` leaves out laws of contact."""
+        structures, ground = self.scenarios.realize(z)
+        structures = put(structures, changes) if changes else structures
+        return without_contact(structures) if passing else structures, ground
+
+    def observed(self, z: Any, changes: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Demand (of pounding minus the smallest gap) and its time of a point z, traceable."""
+        gaps = self.demand == REQUIRED_GAP
+        structures, ground = self.realized(z, changes, passing=gaps)
+        scalars = demand(structures, ground, self.grid, self.scheme)
+        if callable(self.demand):
+            demanded = jnp.asarray(real(OWNER, "demand", self.demand(scalars)))
+            demanded = demanded.astype(jnp.result_type(float, demanded))
+        else:
+            name = named.OVERLAP if gaps and self.threshold is None else self.demand
+            demanded = named.demand_named(OWNER, structures.system(), scalars, name)
+        return demanded, scalars.min_gap_time if gaps else jnp.nan * demanded
+
+    def at_instant(self, z: Any, changes: Mapping[str, Any], instant: Any, row: Any) -> Any:
+        """The value of a series at an instant, traceable; see ``instants``."""
+        passing = self.searches_overlaps or self.demand == REQUIRED_GAP
+        structures, ground = self.realized(z, changes, passing=passing)
+        kind = self.series[0].kind
+        observed = observed_at(OBSERVERS[kind], structures, ground, self.grid, self.scheme, instant)
+        return measured(kind, row, observed, structures.system())
+
+
+def state_of(
+    owner: str,
+    scenarios: ScenarioSet,
+    grid: TimeGrid,
+    gap: Any,
+    scheme: Scheme,
+    demand: Any,
+    threshold: Any,
+    programs: Any = None,
+) -> LimitState:
+    """The limit state of a search; a gap stands for its threshold."""
+    if gap is not None:
+        if demand != REQUIRED_GAP or threshold is not None:
+            rule = "must be None where another demand is given"
+            raise InvalidInput(owner, "gap", repr(gap), rule)
+        (threshold,) = not_negative(owner, gap=number(owner, "gap", gap))
+    findings = doubts(owner, scenarios)
+    state = LimitState(scenarios, grid, scheme, demand, threshold, programs=programs)
+    if demand != REQUIRED_GAP:  # whose runs leave laws of contact out
+        warn(owner, findings, strict=False)
+    return state
+
+
+def require_dependence(owner: str, state: LimitState, z: Any, values: Any) -> None:
+    """An ``InvalidInput`` if a demand is the same at points z, and under stronger motions, too."""
+    if not np.isfinite(values).any():
+        rule = f"must be a number, but is none in {len(z):,} random runs"
+        raise InvalidInput(owner, "demand", "", rule)
+    if np.ptp(values[np.isfinite(values)]) > 0:
+        return
+    if not np.ptp([values, *(state.values(factor * z) for factor in _STRONGER)]) > 0:
+        constant = f"{values[0] + state.level:.6g} in {len(z) * (1 + len(_STRONGER)):,} random runs"
+        rule = f"must depend on the random numbers of the scenarios, but is {constant}"
+        raise InvalidInput(owner, "demand", "", rule)
+
+
+class LimitStatePrograms:
+    """Compiled programs of a limit state, for batches of points of any size, shape (n, d)."""
+
+    def __init__(self, state: LimitState) -> None:
+        self._of = state
+        origin = jnp.zeros(state.dimension)
+        self.nominal, _ = state.scenarios.realize(origin)
+        single_system(OWNER, self.nominal)
+        shape, _ = jax.eval_shape(lambda z: state.observed(z, {}), origin)
+        if shape.shape:
+            raise InvalidInput(OWNER, "demand", "", f"of shape {shape.shape} must be one number")
+        system = self.nominal.system()
+        self.series = series_of(system, state.demand, state.threshold is None)
+        self.searches_overlaps = bool(self.series) and is_by_impacts(system, state.demand)
+
+        def whole(z: Any, changes: Any) -> Any:
+            return state.observed(z, changes)[0]
+
+        def by_parameters(z: Any, changes: Any) -> Any:
+            structures, _ = state.realized(z, changes)
+            # As arrays of the run's kind: a parameter may be a number or differ in its precision.
+            numbers = {x: jnp.asarray(get(structures, x), z.dtype) for x in paths(structures)}
+            return jax.grad(lambda numbers: whole(z, numbers))(numbers)
+
+        value = state.at_instant if self.series else whole
+        self.observed = _in_batches(state.observed, _RUNS)
+        self.gradients = _in_batches(jax.value_and_grad(value), _GRADIENTS)
+        self.sensitivities = _in_batches(by_parameters, _GRADIENTS)
+
+    def serve(self, state: LimitState) -> bool:
+        """Whether another limit state has the same programs."""
+
+        def program(x: LimitState) -> tuple[Any, ...]:  # without a threshold that of the overlap
+            return id(x.scenarios), x.grid, x.scheme, x.demand, x.threshold is None
+
+        return program(self._of) == program(state)
+
+
+def _in_batches(function: Callable[..., Any], per_core: int) -> Callable[..., Any]:
+    """``function`` of points, changes and more, in whole chunks, so that it is compiled once."""
+    chunk = len(jax.local_devices()) * per_core
+    run = in_chunks(function, chunk)
+
+    def batched(z: Any, changes: Mapping[str, float], *more: Any) -> Any:
+        n = len(z)
+        rows = np.minimum(np.arange(-(-n // chunk) * chunk), n - 1)
+        batch = {path: np.full(len(rows), float(x)) for path, x in changes.items()}
+        results = run(np.asarray(z)[rows], batch, *(np.asarray(x)[rows] for x in more))
+        return jax.tree.map(lambda x: x[:n], results)
+
+    return batched

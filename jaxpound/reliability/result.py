@@ -1,0 +1,229 @@
+"""The result of a search for a rare event: its probability and how it comes about.
+
+Derivatives of a small probability by parameters of the structures follow from the samples near the
+limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V. The
+delta function is a normal density of width h. Since a tail falls as e^(−λ v), a width makes the
+slope too steep by e^((λ h)²/2): h is chosen by the tail's own λ, and the slope divided by that
+factor.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri
+
+from jaxpound._checks import require_share
+from jaxpound._errors import InvalidInput
+from jaxpound._tables import Shown, TextTable
+from jaxpound.model.parameters import require_paths
+from jaxpound.model.system import Structures
+from jaxpound.reliability.limit_state import LimitState
+from jaxpound.study.statistics import Estimate
+
+RAREST = 1e-12  # below it a probability is only bounded
+_WIDTH = 0.3  # λ h
+_REACH = 4.0  # widths from the limit beyond which a sample has no weight
+_FEWEST = 20
+
+
+class Slope(NamedTuple):
+    """Derivative of ln P by a parameter, with its standard error."""
+
+    value: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.4g} ± {self.error:.2g}"
+
+
+def always(runs: int) -> str:
+    """A sentence on an event that occurs in each of some random runs."""
+    least = f"{0.05 ** (1 / runs):.6g} (95 %)"
+    return f"the event occurs in each of {runs:,} random runs: its probability is above {least}"
+
+
+class DesignEarthquake(NamedTuple):
+    """The likeliest scenario that reaches the limit state at an instant."""
+
+    beta: float
+    """Its distance |z| from the origin, the reliability index of the instant."""
+    time: float
+    """The instant, in the grid's unit of time; NaN where the demand has none."""
+    z: np.ndarray
+    """Its standard normal numbers, shape (d,)."""
+    structures: Structures
+    ground: Any
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class RareEvent(Shown):
+    """The probability of a limit state; made by ``rare_event`` or ``subset_simulation``.
+
+    Its samples have weights: the probability is mean(weights · (values ≥ 0)).
+    """
+
+    probability: float
+    """The estimate P of the probability."""
+    cov: float
+    """Coefficient of variation of the estimate."""
+    runs: int
+    """Number of runs."""
+    gradients: int
+    """Number of runs with a gradient by z."""
+    method: str
+    """The method, in words."""
+    limit_state: LimitState
+    points: np.ndarray
+    """Samples, standard normal numbers, shape (n, d)."""
+    weights: np.ndarray
+    """Their weights, shape (n,)."""
+    values: np.ndarray
+    """``LimitState.values`` of the samples, shape (n,): at least 0 where the event occurs."""
+    design_points: np.ndarray
+    """Points nearest to the origin at which the limit state is reached, one an instant, the nearest
+    first, shape (k, d); k = 0 for a method without them."""
+    instants: np.ndarray
+    """Their instants in the grid's unit, shape (k,); NaN where the demand has none."""
+    form: float = float("nan")
+    """Probability by the first-order reliability method over the whole run, from the design points
+    alone; NaN without them."""
+    warnings: tuple[str, ...] = ()
+    """Why not to trust the estimate, in sentences."""
+    series: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    """Number of each design point's series in ``LimitState.series``, shape (k,)."""
+    times: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    """Time of each sample's smallest gap, shape (n,); empty by subset simulation."""
+    repeats: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    """Number of each sample's repeat, shape (n,): samples of a repeat are correlated. Empty where
+    all samples are independent."""
+    thin: float = float("nan")
+    """Share of the estimate from regions with few samples: failures far from all design points.
+    NaN for a method without design points."""
+
+    @property
+    def beta(self) -> float:
+        """Reliability index −Φ⁻¹(P)."""
+        return float(-ndtri(self.probability))
+
+    @property
+    def estimate(self) -> Estimate:
+        """The probability with its 95 % interval."""
+        return self.interval()
+
+    def interval(self, confidence: float = 0.95) -> Estimate:
+        """The probability with its interval: ln P normal with a variance of ln(1 + c.o.v.²).
+
+        For a bound, whose c.o.v. is NaN, the interval begins at 0. Raises ``ValueError`` if
+        confidence is not between 0 and 1.
+        """
+        require_share("RareEvent.interval", "confidence", confidence)
+        p, cov = self.probability, self.cov
+        if not (p > 0 and math.isfinite(cov)):
+            return Estimate(p, 0.0, p if math.isnan(cov) else math.nan, confidence)
+        width = float(ndtri((1 + confidence) / 2)) * math.sqrt(math.log1p(cov**2))
+        return Estimate(p, p * math.exp(-width), min(1.0, p * math.exp(width)), confidence)
+
+    @cached_property
+    def slopes(self) -> dict[str, Slope]:
+        """Derivatives of ln P by all parameters of the structures, by path; NaN of infinite ones.
+
+        They follow from the samples near the limit state, which are run again with gradients. A
+        parameter that the scenarios draw is shifted in all of them. The slope is 0 by parameters
+        that the demand does not depend on, such as the gap at rest where the event is that another
+        gap closes. Raises ``ValueError`` if fewer than 20 samples reach the limit state.
+        """
+        density, slopes = self._densities(), {}
+        near, parts = np.flatnonzero(density), np.zeros(len(self.values))
+        for path, slope in self.limit_state.sensitivities(self.points[near]).items():
+            parts[near] = density[near] * slope
+            slopes[path] = Slope(*_ratio(parts, self._parts, self.repeats))
+        return slopes
+
+    def slope(self, path: str) -> Slope:
+        """Derivative of ln P by a parameter, with its standard error; see ``slopes``.
+
+        Raises ``ValueError`` if there is no such parameter; as ``slopes``.
+        """
+        require_paths("RareEvent.slope", self.limit_state.programs.nominal, [path])
+        return self.slopes[path]
+
+    @property
+    def decay(self) -> Slope:
+        """λ = −d ln P/db by the threshold b, with its standard error; raises as ``slopes``."""
+        return Slope(*_ratio(self._densities(), self._parts, self.repeats))
+
+    @property
+    def _parts(self) -> np.ndarray:
+        """Each sample's part of n times the probability."""
+        return np.where(self.values >= 0, self.weights, 0.0)
+
+    def _densities(self) -> Float[np.ndarray, " n"]:
+        """Each sample's weight at the limit: w times the normal density of its value, corrected."""
+        weights, values, hit = self.weights, self.values, self._parts
+        excess = hit @ np.where(values >= 0, values, 0.0)
+        if not (np.count_nonzero(hit) >= _FEWEST and excess > 0):
+            rule = f"must have at least {_FEWEST} samples that reach the limit state"
+            raise InvalidInput("RareEvent.slope", "the event", "", rule)
+        decay = hit.sum() / excess  # of an exponential tail
+        width = _WIDTH / decay
+        share = np.exp(-0.5 * (values / width) ** 2) / (width * math.sqrt(2 * math.pi))
+        near = np.abs(values) < _REACH * width
+        return np.where(near, weights * share, 0.0) * math.exp(-0.5 * _WIDTH**2)
+
+    @property
+    def largest_share(self) -> float:
+        """The share of the estimate that a single sample makes."""
+        parts = self._parts
+        return float(parts.max() / parts.sum()) if parts.any() else math.nan
+
+    @property
+    def failures_by_instant(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times of the smallest gap where the event occurs, in order, and their shares of P.
+
+        Shares sum to 1; times are in the grid's unit.
+        """
+        hit = np.flatnonzero((self.values >= 0)[: len(self.times)])
+        rows = hit[np.argsort(self.times[hit], kind="stable")]
+        return self.times[rows], self.weights[rows] / max(self.weights[rows].sum(), 1e-300)
+
+    @property
+    def design_earthquakes(self) -> tuple[DesignEarthquake, ...]:
+        """The scenarios of the design points, the likeliest first."""
+        state, earthquakes = self.limit_state, []
+        for z, time in zip(self.design_points, self.instants, strict=True):
+            scenario, beta = state.realized(z, state.changes), float(np.linalg.norm(z))
+            earthquakes.append(DesignEarthquake(beta, float(time), z, *scenario))
+        return tuple(earthquakes)
+
+    def _tables(self) -> list[TextTable]:
+        state = self.limit_state
+        name = state.demand if isinstance(state.demand, str) else "demand"
+        event = "pounding" if state.threshold is None else f"{name} >= {state.threshold:.6g}"
+        rows: list[tuple[str, Any]] = [
+            ("probability", str(self.estimate)),
+            ("coefficient of variation", f"{self.cov:.3g}"),
+            ("reliability index", f"{self.beta:.4g}"),
+            *(("runs", self.runs), ("gradients", self.gradients)),
+        ]
+        if math.isfinite(self.form):
+            rows.append(("by FORM over the run", f"{self.form:.4g}"))
+        if len(self.design_points):
+            least = np.linalg.norm(self.design_points, axis=1).min()
+            rows.append(("smallest distance of a design point", f"{least:.4g}"))
+        notes = [f"method: {self.method}", *(f"warning: {x}" for x in self.warnings)]
+        return [TextTable(f"Rare event: {event}", (), rows, notes)]
+
+
+def _ratio(above: np.ndarray, below: np.ndarray, repeats: np.ndarray) -> tuple[float, float]:
+    """Ratio of two sums over samples, and its standard error; only repeats are independent."""
+    if repeats.size:
+        above, below = np.bincount(repeats, above), np.bincount(repeats, below)
+    ratio = above.sum() / below.sum()
+    error = np.std(above - ratio * below, ddof=1) / np.sqrt(len(below)) / below.mean()
+    return float(ratio), float(error)

@@ -1,0 +1,230 @@
+"""``rare_event``: the probability of a rare event from design points and samples around them."""
+
+from __future__ import annotations
+
+import dataclasses
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import jax
+from tqdm.auto import tqdm
+
+from jaxpound._checks import count, hint, instance, require_share
+from jaxpound._errors import InvalidInput
+from jaxpound.grid import TimeGrid
+from jaxpound.reliability.limit_state import LimitState, state_of
+from jaxpound.reliability.result import RareEvent
+from jaxpound.reliability.search import COMMON, OWNER, DesignPointSearch
+from jaxpound.reliability.subset import simulated
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.scenarios import sampling
+from jaxpound.scenarios.scenarios import ScenarioSet, discrete_coordinates, parameter_names
+from jaxpound.simulation.scheme import Scheme
+
+_METHODS = ("auto", "design points", "subset")
+_FEW = 30  # random numbers below which a few points do not stand for all failures
+_MOST_AROUND = 50_000  # runs around design points, by default
+
+
+def rare_event(
+    scenarios: ScenarioSet,
+    grid: TimeGrid,
+    gap: float | None = None,
+    *,
+    demand: DemandSpec = REQUIRED_GAP,
+    threshold: float | None = None,
+    scheme: Scheme = Scheme(),
+    cov: float = 0.1,
+    method: str = "auto",
+    key: int | jax.Array = 0,
+    start: RareEvent | None = None,
+    max_runs: int | None = None,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> RareEvent:
+    """Probability that random scenarios reach a limit state, however small it is.
+
+    Gradients lead to the likeliest ground motions that reach it, one for each of many instants of
+    the run, and samples are drawn around all of them. For a probability of 1e-6 that takes some
+    2,000 runs, a third of them with gradients, where plain Monte Carlo takes 1e8. Warns
+    (``PlausibilityWarning``) if contact is run in single precision.
+
+    Parameters
+    ----------
+    scenarios
+        Structures and ground motion as functions of standard normal numbers; where these are not
+        smooth, "auto" takes subset simulation.
+    grid, scheme
+        See ``simulate``.
+    gap
+        The gap at rest ≥ 0 of all links, in g/ω1², or in m for ``Buildings``: the event is that any
+        link closes by more. By default gaps are those of the structures.
+    demand, threshold
+        Another event, demand ≥ threshold; see ``LimitState``.
+    cov
+        The target coefficient of variation of the estimate, between 0 and 1.
+    method
+        "design points"; "subset", which is ``subset_simulation`` and needs neither gradients nor
+        design points, but many more runs; or "auto": subset simulation where coordinates of the
+        scenarios are discrete, where they are fewer than 30 (a few points then do not stand for all
+        ways to fail), and where the search finds failures far from its design points; elsewhere
+        design points. The result's ``method`` says which and why; by "design points" such failures
+        are warnings.
+    key
+        A seed, or a key of ``jax.random``. Sample i depends on it and on i alone.
+    start
+        An event of the same demand at another threshold, or of other structures in the same ground
+        motions: the search starts from its design points, if it has any. A curve of
+        probabilities, from the likelier to the rarer, then costs little.
+    max_runs
+        Largest number of runs without gradients; by default 50,000 around design points, and a
+        million by subset simulation. They come in batches of 256, three at least.
+    store
+        A folder that keeps design points and finished runs: after an interruption the same call,
+        or one with a smaller ``cov``, continues from them, and its result is the same. Damaged
+        files are named in a warning, and their runs are repeated.
+    progress
+        Whether to show a progress bar with the estimate and its c.o.v.
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule or the demand does not depend on the scenarios' numbers; by
+        "design points" also if a coordinate of the scenarios is discrete or no gradient leads to
+        the limit state. If the store holds another search, with what differs.
+    OSError
+        If the store cannot be written to.
+
+    Notes
+    -----
+    A demand over a run is reached if it is reached at any instant. Displacements, drifts, closings,
+    accelerations and base shears have a design point at each of some 20 instants a period (Koo, Der
+    Kiureghian and Fujimura 2005), by the improved HLRF iteration. Samples come from normal
+    densities around those nearest to the origin, as Au and Beck (2001) draw them for linear
+    structures, so that the estimate is unbiased with friction too. Around one design point alone it
+    would be far too low, without a sign of it. Demands of impacts (contact, or an acceleration
+    where blocks may meet) have no slope before blocks meet: their points are on the ways from the
+    origin to the design points of overlaps at instants, which take some 1,000 runs more. Other
+    demands have design points of the whole run, from 32 to 512 random starts, until nine in ten end
+    in a point that another start has found too (Good 1953).
+
+    Failures to which no gradient leads, such as those of a factor that only rare numbers make
+    large, are sought among 256 or 512 stronger random motions: a failure at the distance of the
+    nearest design point, in any direction, is two of their standard deviations from the origin.
+    Failures far from all design points are a sign that likely failures are missing.
+
+    The linearised limit states of all instants together give ``RareEvent.form`` without a run.
+
+    Where a demand is reached in more than some 4 % of all runs, plain Monte Carlo takes over.
+
+    Examples
+    --------
+    >>> hills = np.exp(-np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2)
+    >>> ground = jp.CustomDraw(lambda z: jp.Record(0.2 * hills @ z, 0.1, time_unit="1/ω1"), 5)
+    >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
+    >>> grid = jp.TimeGrid.until(8.0, dt=0.1)
+    >>> event = jp.rare_event(scenarios, grid, 0.4, method="design points", progress=False)
+    >>> 5e-6 < event.probability < 1e-5, event.cov <= 0.1
+    (True, True)
+    >>> earthquake = event.design_earthquakes[0]
+    >>> bool(jp.demand(earthquake.structures, earthquake.ground, grid).min_gap < 1 - 0.399)
+    True
+    """
+    programs = programs_of(OWNER, start)
+    state = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold, programs)
+    return event_of(state, cov, method, key, start, max_runs, store, progress)
+
+
+def event_of(
+    state: LimitState,
+    cov: float = 0.1,
+    method: str = "auto",
+    key: int | jax.Array = 0,
+    start: RareEvent | None = None,
+    max_runs: int | None = None,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> RareEvent:
+    """``rare_event`` of a limit state."""
+    require_share(OWNER, "cov", cov)
+    most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
+    sampling.key_numbers(OWNER, key)  # refuses a wrong key
+    start = _start(state, start)
+
+    more: dict[str, Any] = {"cov": cov, "key": key, "progress": progress}
+    more |= {} if max_runs is None else {"max_runs": max_runs}
+    subset, why = choice(state, method)
+    if subset:
+        return simulated(state, store=store, why=why, **more)
+    with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
+        search = DesignPointSearch(state, cov, most, key, start, store, bar)
+        points = None if start is None else search.points()
+        if points is None or not len(points) or points.form() > COMMON / 2:
+            pilot = search.pilot()
+            if pilot.probability > COMMON:
+                return search.plain(pilot, 0 if points is None else points.gradients)
+        if points is None:
+            points = search.points()
+        doubt = search.doubt(points)
+        if not doubt or (method == "design points" and len(points)):
+            return search.around(points, doubt)
+    if method == "auto":
+        folder = None if store is None else Path(store) / "subset"
+        event = simulated(state, store=folder, why=f"{doubt}: ", **more)
+        runs, gradients = event.runs + search.runs, points.gradients
+        return dataclasses.replace(event, runs=runs, gradients=gradients)
+    rule = f"must lead to the limit state, but none of {points.failed} searches has reached it; use"
+    rule += " method = 'subset', or in reach_probability another value to start from"
+    raise InvalidInput(OWNER, "gradients", "", rule)
+
+
+def programs_of(owner: str, start: RareEvent | None) -> Any:
+    """Compiled programs of the event from which a search starts, if there is one."""
+    if start is None:
+        return None
+    instance(owner, "start", start, RareEvent)
+    return start.limit_state.programs
+
+
+def _start(state: LimitState, event: RareEvent | None) -> RareEvent | None:
+    """An event to start from; None without design points, an error if of another demand."""
+    if event is None:
+        return None
+    before = event.limit_state
+    if before.dimension != state.dimension:
+        rule = f"must be of scenarios of {state.dimension} numbers, as these are"
+        raise InvalidInput(OWNER, f"start of {before.dimension}", "", rule)
+    named = isinstance(state.demand, str) or isinstance(before.demand, str)
+    if (named and before.demand != state.demand) or len(before.series) != len(state.series):
+        rule = f"must be of {state.demand!r}, as this event is"
+        raise InvalidInput(OWNER, f"start of the demand {before.demand!r}", "", rule)
+    return event if len(event.design_points) else None
+
+
+def choice(state: LimitState, method: str) -> tuple[bool, str]:
+    """Whether to use subset simulation, and why; an error where gradients cannot work."""
+    if method not in _METHODS:
+        raise InvalidInput(OWNER, "", "", f"method = {method!r}; {hint(method, _METHODS)}")
+    if method == "subset":
+        return True, ""
+    if method == "auto" and (shown := _discrete(state.scenarios)):
+        return True, f"{shown} discrete: "
+    require_smooth(OWNER, state.scenarios, "use method = 'subset'")
+    if method == "auto" and state.dimension < _FEW:
+        return True, f"{state.dimension} random numbers, fewer than {_FEW}: "
+    return False, ""
+
+
+def require_smooth(owner: str, scenarios: ScenarioSet, instead: str) -> None:
+    """An ``InvalidInput`` for scenarios with discrete numbers, which have no gradients."""
+    if shown := _discrete(scenarios):
+        rule = f"must not be discrete for design points, which need gradients; {instead}"
+        raise InvalidInput(owner, f"scenarios: {shown}", "", rule)
+
+
+def _discrete(scenarios: ScenarioSet) -> str:
+    """Names of the first discrete numbers of scenarios; empty if there are none."""
+    indices = discrete_coordinates(scenarios)
+    names = parameter_names(scenarios) if indices else ()
+    return ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))

@@ -1,0 +1,276 @@
+"""Subset simulation: a rare event reached through a chain of likelier ones, without derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from os import PathLike
+from typing import Any
+
+import jax
+import numpy as np
+from tqdm.auto import tqdm
+
+from jaxpound._checks import Rule, count, enforce, positive, require_memory, require_share
+from jaxpound.grid import TimeGrid
+from jaxpound.reliability.limit_state import COMPILING, LimitState, require_dependence, state_of
+from jaxpound.reliability.result import RAREST, RareEvent, always
+from jaxpound.reliability.search_runs import SearchRuns
+from jaxpound.reliability.subset_levels import Level, SubsetRuns, levels_of_samples, run_in_lockstep
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.scenarios.sampling import key_numbers
+from jaxpound.scenarios.scenarios import ScenarioSet
+from jaxpound.simulation.scheme import Scheme
+
+OWNER = "subset_simulation"
+
+_N, _P0, _REPEATS, _MAX_RUNS = 1000, 0.1, 20, 1_000_000
+_PART = 2048  # runs after which a file is written, but for queries of more
+_COLUMNS = ("repeat", "request", "value")
+_FEWEST_SEEDS = 10
+_MARGIN = 1.1  # repeats that are added over those that would just reach the target c.o.v.
+_LOW_ACCEPTANCE, _SMALL_SCALE = 0.2, 0.05
+_LARGE_COV, _LARGE_SHARE = 0.5, 0.3
+_SURE = 0.05  # probability that a bound from samples is wrong
+
+
+def subset_simulation(
+    scenarios: ScenarioSet,
+    grid: TimeGrid,
+    gap: float | None = None,
+    *,
+    demand: DemandSpec = REQUIRED_GAP,
+    threshold: float | None = None,
+    scheme: Scheme = Scheme(),
+    n: int = _N,
+    p0: float = _P0,
+    repeats: int = _REPEATS,
+    cov: float | None = None,
+    max_runs: int = _MAX_RUNS,
+    key: int | jax.Array = 0,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> RareEvent:
+    """Probability of a rare event by subset simulation with adaptive conditional sampling.
+
+    The event is approached through levels of the demand, each exceeded by a share p0 of the runs of
+    the level before (Au and Beck 2001, Probabilistic Engineering Mechanics 16:263); chains of runs
+    explore each level (Papaioannou et al. 2015, the same journal, 41:89). The method needs no
+    derivatives, and takes discrete numbers and many ways to fail; without these ``rare_event``
+    needs far fewer runs. A level takes (1 − p0) n runs a repeat: 3,700 in all for a probability of
+    1e-4, 5,500 for 1e-6, by default in each of 20 repeats.
+
+    The coefficient of variation is that of the mean of independent repeats. (Formulas for a single
+    simulation leave out that its levels, and its chains, are correlated.) Raises ``ValueError`` as
+    ``rare_event``; if memory has no room for ``max_runs`` points.
+
+    The event's points are those of all levels, each level without those in the next. Their weights
+    make them a sample of the whole distribution: mean(weights · (values ≥ −x)) estimates the
+    probability of a threshold lower by x. Failed runs count as safe; a warning states their number.
+    A probability below 1e-12 is out of reach; it is then a bound, with a c.o.v. of NaN.
+
+    Parameters
+    ----------
+    scenarios, grid, gap, demand, threshold, scheme, key
+        See ``rare_event``. ``scenarios`` may be any object with ``dimension`` and ``realize``.
+    n
+        Samples of a level in one repeat. More find rarer ways to fail.
+    p0
+        Share of a level's samples that lie in the next; at least 10 samples, at most half of n.
+    repeats
+        Number of independent repeats, at least 2; all run in the same batches. Repeat r depends on
+        key and r alone.
+    cov
+        The target coefficient of variation: repeats are added until it is reached. None: no more
+        than ``repeats``.
+    max_runs
+        Number of runs beyond which no repeats are added.
+    store, progress
+        See ``rare_event``. The same call may also continue to more ``repeats``. An interruption
+        loses at most some 2,000 runs (or n, if that is more).
+
+    Examples
+    --------
+    >>> ground = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3.8), jp.Uniform(1, 7))
+    >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
+    >>> grid = jp.TimeGrid.until(10.0, dt=0.05)
+    >>> event = jp.subset_simulation(scenarios, grid, 0.6, n=200, repeats=4, progress=False)
+    >>> 1e-3 < event.probability < 3e-2
+    True
+    """
+    state = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
+    return simulated(state, n, p0, repeats, cov, max_runs, key, store, progress)
+
+
+def simulated(
+    state: LimitState,
+    n: int = _N,
+    p0: float = _P0,
+    repeats: int = _REPEATS,
+    cov: float | None = None,
+    max_runs: int = _MAX_RUNS,
+    key: int | jax.Array = 0,
+    store: str | PathLike[str] | None = None,
+    progress: bool = True,
+    why: str = "",
+) -> RareEvent:
+    """``subset_simulation`` of a limit state; ``why`` begins the sentence on the method."""
+    n, repeats, max_runs = _checked(state, n, p0, repeats, cov, max_runs)
+    _, numbers = key_numbers(OWNER, key)
+    described = {"n": n, "p0": float(p0), "numpy": np.__version__}  # NumPy draws
+    search, part = "a subset simulation", max(n, _PART)
+    levels: list[list[Level]] = []  # of each repeat
+    with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
+        bar.set_postfix_str(COMPILING)
+        stored = SearchRuns(store, search, state, key, _COLUMNS, part, **described)
+        runs = SubsetRuns(state, bar, stored, part)
+
+        def report(reached: list[float]) -> None:
+            bar.set_postfix_str(_so_far(levels) if levels else f"P < {np.mean(reached):.2g}")
+
+        more = repeats
+        while more > 0:
+            steps = {}
+            for r in range(len(levels), len(levels) + more):
+                random = np.random.default_rng([*numbers, r])
+                steps[r] = levels_of_samples(state.dimension, n, p0, random)
+            levels = levels + run_in_lockstep(runs, steps, report)
+            if all(len(x) == 1 for x in levels):
+                require_dependence(OWNER, state, levels[0][0].points, levels[0][0].values)
+            bar.set_postfix_str(_so_far(levels))
+            room = (max_runs - runs.count) * len(levels) // runs.count
+            more = min(_more_repeats(levels, cov), room)
+    least, most = min(map(len, levels)), max(map(len, levels))
+    depths = f"{most} level{'s' * (most > 1)}" if least == most else f"{least} to {most} levels"
+    method = (
+        f"{why}subset simulation by adaptive conditional sampling, {len(levels)} repeats of {n:,} "
+        f"samples a level, p0 = {p0:.3g}, {depths}; c.o.v. by repeats"
+    )
+    estimates, spread = _estimate(levels)
+    bound, warnings = _bound(levels, round(p0 * n))
+    if runs.failed:
+        warnings.append(f"{runs.failed:,} of {runs.count:,} runs failed and count as safe")
+    points, weights, values, repeat_of = _sample(levels)
+    probability = float(estimates.mean()) if bound is None else bound
+    return RareEvent(
+        *(probability, spread, runs.count, 0, method, state),
+        *(points, weights, values, np.empty((0, state.dimension)), np.empty(0)),
+        repeats=repeat_of,
+        warnings=(*warnings, *_warnings(levels, cov, max_runs)),
+    )
+
+
+def _checked(
+    state: LimitState, n: Any, p0: Any, repeats: Any, cov: Any, max_runs: Any
+) -> tuple[int, int, int]:
+    """The whole numbers; an ``InvalidInput`` for an argument that breaks its rule."""
+    n, repeats = count(OWNER, "n", n), count(OWNER, "repeats", repeats)
+    max_runs = count(OWNER, "max_runs", max_runs)
+    require_share(OWNER, "p0", p0)
+    if cov is not None:
+        positive(OWNER, cov=cov)
+    seeds = round(p0 * n)
+    few = f"at least {_FEWEST_SEEDS} for chains to start from, {_FEWEST_SEEDS / p0:.0f} samples"
+    rules = [
+        Rule("p0", p0, p0 <= 0.5, "at most 0.5"),
+        Rule("p0 n", seeds, seeds >= _FEWEST_SEEDS, few),
+        Rule("repeats", repeats, repeats >= 2, "at least 2, for the spread of the estimate"),
+    ]
+    enforce(OWNER, rules)
+    most = max(max_runs, n * repeats)
+    require_memory(OWNER, "max_runs", most, most * (state.dimension + 2) * 8)
+    return n, repeats, max_runs
+
+
+def _estimate(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, float]:
+    """The estimate of each repeat, and the c.o.v. of their mean; NaN if all are 0."""
+    p = np.array([levels[-1].estimate for levels in by_repeat])
+    return p, float(p.std(ddof=1) / math.sqrt(len(p)) / p.mean()) if p.any() else math.nan
+
+
+def _more_repeats(by_repeat: Sequence[list[Level]], cov: float | None) -> int:
+    """How many to add: as many as the target c.o.v. seems to need, at most doubling them."""
+    _, spread = _estimate(by_repeat)
+    if cov is None or not spread > cov:
+        return 0
+    return min(len(by_repeat), math.ceil(len(by_repeat) * (_MARGIN * (spread / cov) ** 2 - 1)))
+
+
+def _so_far(by_repeat: Sequence[list[Level]]) -> str:
+    p, spread = _estimate(by_repeat)
+    return f"P = {p.mean():.3g}, c.o.v. {spread:.2g}" if p.any() else "P out of reach"
+
+
+def _sample(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, ...]:
+    """Points, weights, values and repeats of every level's samples that are not in the next."""
+    parts = []
+    for number, levels in enumerate(by_repeat):
+        ends = [*(level.threshold for level in levels[1:]), math.inf]
+        for level, end in zip(levels, ends, strict=True):
+            inside = level.values <= end
+            share = level.probability / len(level.values) / len(by_repeat)
+            numbers = (np.full(inside.sum(), x) for x in (share, number))
+            parts.append((level.points[inside], level.values[inside], *numbers))
+    points, values, shares, repeats = map(np.concatenate, zip(*parts, strict=True))
+    return points, shares * len(shares), values, repeats
+
+
+def _bound(by_repeat: Sequence[list[Level]], seeds: int) -> tuple[float | None, list[str]]:
+    """A bound on a probability that no or every sample reaches, and what it means in words."""
+    n = sum(len(levels[0].values) for levels in by_repeat)
+    if all((levels[0].values >= 0).all() for levels in by_repeat):
+        return None, [always(n)]
+    if _estimate(by_repeat)[0].mean() >= RAREST:
+        return None, []
+    last = [levels[-1] for levels in by_repeat]
+    reached = float(np.mean([level.probability for level in last]))
+    nearest = max(float(level.values.max()) for level in last)
+    bound, why = RAREST, "rarer levels are not sought"
+    if any((level.values == level.values.max()).sum() > seeds for level in last):
+        n = sum(len(level.values) for level in last)
+        bound = -math.log(_SURE) * reached / n
+        why = "no rarer level lies beyond one in which the largest demands are all the same"
+    short = f"; the demand stays {-nearest:.4g} below the threshold" if nearest < 0 else ""
+    return bound, [
+        f"out of reach: the probability is below {bound:.2g}, since {why}{short}; the number is a "
+        "bound and no estimate"
+    ]
+
+
+def _warnings(by_repeat: Sequence[list[Level]], cov: float | None, max_runs: int) -> Iterator[str]:
+    """Why not to trust the estimate, in sentences."""
+    p, spread = _estimate(by_repeat)
+    if p.mean() < RAREST:
+        return
+    none, share = int((p == 0).sum()), float(p.max() / p.sum())
+    if none:
+        yield f"{none} of {len(p)} repeats never reach the event: take more samples a level (n)"
+    elif share > max(_LARGE_SHARE, 2 / len(p)):
+        yield (
+            f"one of {len(p)} repeats makes {share:.0%} of the estimate, which has found what the "
+            "others miss: take more samples a level (n)"
+        )
+    if spread > _LARGE_COV:
+        yield (
+            f"a coefficient of variation of {spread:.2g} tells the order of magnitude at best: "
+            "take more repeats, or more samples a level (n)"
+        )
+    if cov is not None and spread > cov:
+        yield (
+            f"the coefficient of variation is {spread:.2g}, above {cov:.2g}: raise max_runs = "
+            f"{max_runs:,}"
+        )
+    for number in range(1, max(map(len, by_repeat))):
+        same = [levels[number] for levels in by_repeat if len(levels) > number]
+        acceptance = np.mean([level.acceptance for level in same])
+        scale = np.mean([level.scale for level in same])
+        if acceptance < _LOW_ACCEPTANCE:
+            yield (
+                f"at level {number + 1} only {acceptance:.0%} of the chains' moves stay in the "
+                "level, whose samples are few points many times over: take more samples a level (n)"
+            )
+        elif scale < _SMALL_SCALE:
+            yield (
+                f"at level {number + 1} the chains move by {scale:.2g} standard deviations a step, "
+                "and stay near their starts: take more samples a level (n)"
+            )

@@ -1,0 +1,106 @@
+"""The scalars of a mass, a rod and a link, and their names in tables and figures."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from jaxpound._fields import pytree_dataclass, quantity
+
+
+def _scalar(
+    rank: int, kind: str | None, words: str, column: str, symbol: str = "", **more: Any
+) -> Any:
+    """A ``quantity`` in the order of tables; its symbol is by default its column in words."""
+    return quantity(kind, words, column, symbol or column.replace("_", " "), rank=rank, **more)
+
+
+_peak = partial(_scalar, limited=True)
+_contact = partial(_scalar, only="contact", limited=True, default=None)
+
+
+@pytree_dataclass
+class MassDemand:
+    """Scalars of a mass."""
+
+    peak_x: Any = _peak(
+        2, "length", "peak displacement of building {}", "peak_x{}", "peak $|x_{}|$"
+    )
+    """Largest |x|, displacement relative to the ground."""
+    peak_acceleration: Any = _peak(
+        *(4, "acceleration", "peak absolute acceleration of building {}"),
+        *("peak_acceleration_{}", "peak $|a_{}|$"),
+    )
+    """Largest absolute acceleration |x'' + u''|, contact forces included; by ``Newton``'s law,
+    whose impacts have no force, the largest between impacts."""
+
+
+@pytree_dataclass
+class RodDemand:
+    """Scalars of a rod."""
+
+    peak_force: Any = _peak(
+        3, "force", "peak base shear of building {}", "peak_f{}", "peak $|f_{}|$"
+    )
+    """Largest |f|, the rod's force (of a rod to the ground, the base shear)."""
+    peak_drift: Any = _peak(
+        *(2, "length", "peak drift of storey {}", "peak_drift_{}", "peak drift $|d_{}|$"),
+        only="storey",
+        default=None,
+    )
+    """Largest |e|, the elongation of a rod between two masses: the drift of a storey. None for a
+    rod to the ground: its elongation is the displacement of its mass, ``peak_x``."""
+
+
+@pytree_dataclass
+class LinkDemand:
+    """Scalars of a link."""
+
+    min_gap: Any = _scalar(0, "length", "smallest gap", "min_gap", r"min gap $\xi$")
+    """Smallest gap ξ, where the slip velocity vanishes or at an end of the run."""
+    min_gap_time: Any = _scalar(
+        1, "time", "time of the smallest gap", "min_gap_time", "time of min gap $t$"
+    )
+    """When the gap is smallest."""
+    slip_distance: Any = _peak(5, "length", "distance slid by the damper", "slip_distance")
+    """Distance slid by the damper, ∫ |w| dt with the slip velocity w."""
+    friction_work: Any = _peak(6, "energy", "energy taken by the damper", "friction_work")
+    """Energy taken by the damper, ∫ q w dt."""
+    residual_offset: Any = _peak(7, "length", "residual offset", "residual_offset")
+    """x_j − x_i at the end of the run: the change of the gap."""
+    soft_min_gap: Any = _scalar(
+        *(10, "length", "soft minimum of the gap", "soft_min_gap", r"soft min gap $\xi$"),
+        default=None,
+    )
+    """−T log of the mean of e^(−ξ/T) over the run, with the ``temperature`` T of ``demand``."""
+    peak_contact: Any = _contact(
+        11, "force", "peak contact force", "peak_contact", "peak contact force $p$"
+    )
+    """Largest contact force p; by ``Newton``'s law, whose impacts have impulses but no force, the
+    largest that presses blocks together at rest. None, as all below, without contact."""
+    peak_impulse: Any = _contact(12, "impulse", "impulse of the strongest impact", "peak_impulse")
+    """Impulse ∫ p dt of the strongest impact."""
+    peak_penetration: Any = _contact(
+        13, "length", "peak penetration", "peak_penetration", r"peak penetration $\delta$"
+    )
+    """Largest penetration −ξ, 0 where the gap never closes."""
+    n_impacts: Any = _contact(
+        14, None, "number of impacts", "n_impacts", "number of impacts", limited=False
+    )
+    """Touches after the link was apart, faster than 1e-4 of the fastest before."""
+    first_impact_time: Any = _contact(
+        *(15, "time", "time of the first impact", "first_impact_time"),
+        "time of first impact $t$",
+        limited=False,
+    )
+    """When the first impact begins; infinite if there is none."""
+    contact_work: Any = _contact(
+        16, "energy", "energy lost by contact", "contact_work", "energy lost by contact"
+    )
+    """Energy lost by contact, the work of p less the energy stored in its spring."""
+    soft_peak_contact: Any = _contact(
+        *(17, "force", "soft maximum of the impacts' peak forces", "soft_peak_contact"),
+        "soft peak contact force",
+    )
+    """(Σ P⁸)^(1/8) of all impacts' peak forces P: smooth also where two are equally strong. Zero by
+    ``Newton``'s law, whose impacts have no force."""

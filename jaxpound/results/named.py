@@ -1,0 +1,252 @@
+"""Demands by their names: what each is called, its unit, its limits, and its value in a run.
+
+Besides the scalars of ``Demand`` by flat name, a demand may be one over all floors or contacts
+(``peak_drift``), a required gap, the ``OVERLAP`` of blocks, or the slip force of a damper.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import reprlib
+from collections.abc import Callable, Sequence
+from functools import partial, reduce
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxpound._checks import did_you_mean, hint
+from jaxpound._errors import InvalidInput
+from jaxpound._extrema import larger
+from jaxpound._fields import Quantity
+from jaxpound.model.system import GROUND, System, Topology, is_closable, is_storey
+from jaxpound.quantities import unit
+from jaxpound.results.demand import PLACES, Demand
+from jaxpound.results.elements import columns_of, of_link, place_of, sizes_of
+
+REQUIRED_GAP = "required_gap"
+"""Name of the largest closing of any link."""
+
+OVERLAP = "overlap"
+"""Name of the demand in pounding where links differ in their gaps: the largest of −ξ."""
+
+OF_FLOORS = ("peak_drift", "peak_acceleration")
+"""Demands of a storey and of a floor whose largest over all has the name without a number."""
+
+OF_CONTACTS = ("peak_contact", "peak_impulse", "peak_penetration")
+"""Demands of a link whose largest over several links has the name without a number."""
+
+DemandSpec = str | Callable[[Demand], Any]
+"""A demand by its name, or a function of a run's ``Demand``."""
+
+_DAMPER, _ALL_DAMPERS = "damper_force", "total_damper_force"
+
+_further = partial(Quantity, limited=True)
+_FURTHER = {
+    _DAMPER: _further("force", "slip force of the damper", _DAMPER, "slip force"),
+    _ALL_DAMPERS: _further("force", "slip forces of all dampers together", "", "total slip force"),
+    REQUIRED_GAP: Quantity("length", "required gap", REQUIRED_GAP, "required gap"),
+    OVERLAP: Quantity("length", "overlap"),
+    "initial_gap": Quantity("length", "gap at rest"),
+    "peak_drift": _further("length", "largest storey drift", "", "largest peak drift $|d|$"),
+    "peak_acceleration": _further(
+        "acceleration", "largest absolute acceleration", "", "largest peak $|a|$"
+    ),
+    "spectral_acceleration": Quantity(
+        "acceleration", "spectral acceleration at period {}", "spectral_acceleration_{}"
+    ),
+}
+"""Columns of studies and designs beside ``Demand``; those with a ``column`` may be numbered."""
+
+
+def quantity_named(name: str) -> Quantity | None:
+    """Metadata of a demand by its name; None for a pure number and for any other column."""
+    if place := place_of(Demand, name):
+        return place.quantity
+    if name in _FURTHER:
+        return _FURTHER[name]
+    base, _, number = name.rpartition("_")
+    quantity = _FURTHER.get(base)
+    return quantity.of(number) if quantity and quantity.column and number.isdigit() else None
+
+
+def kind_of(name: str) -> str | None:
+    """Kind of quantity of a demand; None for a pure number and for any other column."""
+    quantity = quantity_named(name)
+    return None if quantity is None else quantity.kind
+
+
+def unit_of(name: str, si: bool) -> str:
+    """Unit of a demand; empty for a pure number and for any other column."""
+    return unit(kind_of(name), si)
+
+
+def in_words(name: str, topology: Topology | None = None) -> str:
+    """A demand's name in words; any other column's name with spaces.
+
+    A topology calls masses, rods and links by floor and storey; else each mass is a building.
+    """
+    place, quantity = place_of(Demand, name), quantity_named(name)
+    if quantity is None:
+        return name.replace("_", " ")
+    words, of_link_number, number = quantity.words.rpartition(" of link ")
+    if topology is not None and of_link_number:
+        return f"{words}, {PLACES['links'](topology)[int(number) - 1]}"
+    if topology is None or place is None or place.group not in ("masses", "rods"):
+        return quantity.words
+    where = PLACES[place.group](topology)[place.element]
+    words = quantity.words.rpartition(" of ")[0]
+    return f"{words if where.startswith('building') else words.replace('base ', '')} of {where}"
+
+
+def kind_and_symbol(name: str) -> tuple[str | None, str]:
+    """Kind of a demand and its name in a figure; of any other column None and its own name."""
+    quantity = quantity_named(name)
+    if quantity is None or not quantity.symbol:
+        return None, name.replace("_", " ")
+    return quantity.kind, quantity.symbol
+
+
+def is_demand(name: str) -> bool:
+    """Whether a study's column is a demand, not a user-defined measure or a parameter."""
+    is_gap = re.fullmatch(rf"{REQUIRED_GAP}(_[1-9]\d*)?", name) is not None
+    return is_gap or name in OF_FLOORS or place_of(Demand, name) is not None
+
+
+def is_zero_by_newton(name: str) -> bool:
+    """Whether a demand is 0 in every impact by ``Newton``'s law, which has no contact force."""
+    of_contact = ("peak_contact", "soft_peak_contact", "peak_penetration")
+    place = place_of(Demand, name)
+    return place is not None and place.field in of_contact
+
+
+def limited_demands(system: System) -> tuple[str, ...]:
+    """Names of the demands of a system that a design may limit or penalise.
+
+    Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value; the slip forces
+    of links (``damper_force``) and, of several, their sum; the largest demands of ``over_all``.
+    """
+    return _limited(system.topology, _have_contact(system))
+
+
+def _limited(topology: Topology, have_contact: Sequence[bool]) -> tuple[str, ...]:
+    n = len(have_contact)
+    has = {"contact": have_contact, "storey": [is_storey(ends) for ends in topology.rods]}
+    names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n > 1)
+    for quantity, names_of in columns_of(Demand, sizes_of(topology)):
+        if quantity.limited:
+            present = has[quantity.only] if quantity.only else itertools.repeat(True)
+            names += itertools.compress(names_of, present)
+    return (*names, *_over_all(topology, have_contact))
+
+
+def _have_contact(system: System) -> list[bool]:
+    return [link.contact is not None for link in system.links]
+
+
+def _over_all(
+    topology: Topology, have_contact: Sequence[bool]
+) -> dict[str, list[tuple[str, int, str]]]:
+    """Group, element and field of the demands that each name is the largest of."""
+    members: dict[str, list[tuple[str, int, str]]] = {}
+    if any(map(is_storey, topology.rods)):
+        drift, acceleration = OF_FLOORS
+        # The drift of a storey above the ground is the displacement of its floor.
+        members[drift] = [
+            ("rods", r, drift) if is_storey(ends) else ("masses", max(ends), "peak_x")
+            for r, ends in enumerate(topology.rods)
+        ]
+        members[acceleration] = [("masses", i, acceleration) for i in range(topology.n_masses)]
+    if len(have_contact) > 1 and any(have_contact):
+        links = [k for k, has_contact in enumerate(have_contact) if has_contact]
+        members |= {name: [("links", k, name) for k in links] for name in OF_CONTACTS}
+    return members
+
+
+PAIR = Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),))
+"""Two adjacent structures."""
+
+LIMITED_OF_PAIR = _limited(PAIR, [True])
+"""``limited_demands`` of two adjacent structures with a law of contact."""
+
+
+def over_all(system: System, demand: Demand) -> dict[str, Any]:
+    """The largest demands of all storeys and floors, and of all contacts of several links."""
+    members_by_name = _over_all(system.topology, _have_contact(system))
+    return {
+        name: reduce(larger, [getattr(getattr(demand, group)[i], x) for group, i, x in members])
+        for name, members in members_by_name.items()
+    }
+
+
+def required_gaps(system: System, demand: Demand) -> dict[str, Any]:
+    """The smallest gaps at rest without pounding, where a run determines them.
+
+    ``required_gap_2`` is that of link 2, its gap at rest less its smallest gap, where the gap is
+    finite and has no law of contact: once neighbours have met, their motion does not show how far
+    they would have moved without. ``required_gap`` is the largest, if no link has such a law.
+    """
+    gaps = {
+        k: link.gap - demand.links[k].min_gap
+        for k, link in enumerate(system.links)
+        if is_closable(link.gap) and link.contact is None
+    }
+    named = {of_link(REQUIRED_GAP, k, len(system.links)): gap for k, gap in gaps.items()}
+    if any(_have_contact(system)) or not gaps:
+        return named
+    return named | {REQUIRED_GAP: reduce(larger, gaps.values())}
+
+
+def all_demands(system: System, demand: Demand) -> dict[str, Any]:
+    """The scalars of a run by name, those over all floors, and the required gaps."""
+    return demand.scalars() | over_all(system, demand) | required_gaps(system, demand)
+
+
+def limited_values(system: System, demand: Demand, slip_forces: Sequence[Any]) -> dict[str, Any]:
+    """The ``limited_demands`` of a run by name, among other scalars; ``slip_forces`` by link."""
+    n = len(slip_forces)
+    return (
+        demand.scalars()
+        | over_all(system, demand)
+        | {name: jnp.abs(x) for name, x in demand.flat("residual_offset").items()}
+        | {of_link(_DAMPER, k, n): x for k, x in enumerate(slip_forces)}
+        | {_ALL_DAMPERS: sum(slip_forces)}
+    )
+
+
+def demand_named(owner: str, system: System, demand: Demand, name: str) -> Any:
+    """The demand of a run by its name; an ``InvalidInput`` if the structures have none such."""
+    if name in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
+        raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
+    if name == OVERLAP:
+        return -demand.min_gap
+    values = all_demands(system, demand)
+    if name in values:
+        return values[name]
+    quantity = quantity_named(name)
+    if quantity is not None and quantity.only == "contact":
+        rule = "must be of structures with a contact law"
+        raise InvalidInput(owner, "demand", repr(name), rule)
+    raise InvalidInput(owner, "", "", _unknown(reprlib.repr(name), hint(name, values)))
+
+
+def require_limited(owner: str, name: Any, place: str) -> None:
+    """An ``InvalidInput`` for no limited demand of any system; ``place`` follows its name."""
+    quantity = quantity_named(name) if isinstance(name, str) else None
+    if quantity is None or not quantity.limited:
+        candidates = (*LIMITED_OF_PAIR, _ALL_DAMPERS, *OF_FLOORS)
+        raise InvalidInput(owner, "", "", _unknown(f"{name!r}{place}", hint(name, candidates)))
+
+
+def require_threshold(owner: str, demand: Any) -> None:
+    """An ``InvalidInput`` for a demand without its threshold, or of an unknown name."""
+    if isinstance(demand, str) and not is_demand(demand):
+        such = "demands are named as in Demand, such as 'peak_x1'"
+        meant = did_you_mean(demand, OF_FLOORS) or such
+        raise InvalidInput(owner, "", "", _unknown(reprlib.repr(demand), meant))
+    shown = repr(demand) if isinstance(demand, str) else "a function"
+    raise InvalidInput(owner, "threshold", "None", f"must be a number: demand is {shown}")
+
+
+def _unknown(name: str, meant: str) -> str:
+    return f"unknown demand {name}; {meant}"

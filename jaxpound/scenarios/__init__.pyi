@@ -1,0 +1,13 @@
+from .distributions import LogNormal as LogNormal
+from .distributions import Normal as Normal
+from .distributions import TwoSided as TwoSided
+from .distributions import Uniform as Uniform
+from .random_ground import RandomPulse as RandomPulse
+from .random_ground import RandomRecord as RandomRecord
+from .random_ground import RandomRicker as RandomRicker
+from .random_noise import FilteredNoise as FilteredNoise
+from .random_noise import NonstationaryNoise as NonstationaryNoise
+from .random_structures import UncertainStructures as UncertainStructures
+from .scenarios import CustomDraw as CustomDraw
+from .scenarios import Scenarios as Scenarios
+from .site_noise import SiteBasedNoise as SiteBasedNoise

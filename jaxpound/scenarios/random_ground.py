@@ -1,0 +1,253 @@
+"""Random ground motions: Ricker wavelets, recorded accelerograms, near-fault velocity pulses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from types import NoneType
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import ndtr, ndtri
+from jaxtyping import Array, Float
+
+from jaxpound._checks import count, instance, require_memory
+from jaxpound._errors import InvalidInput
+from jaxpound._fields import Checked, Parameter, parameter, part, walk
+from jaxpound.ground.motion import DIMENSIONLESS, time_unit_of
+from jaxpound.ground.pulse import Pulse
+from jaxpound.ground.record import Record, stacked
+from jaxpound.ground.ricker import Ricker
+from jaxpound.model.parameters import SMALLEST
+from jaxpound.scenarios.distributions import Distribution, TwoSided, truncated
+from jaxpound.scenarios.ground_draw import GroundDraw
+from jaxpound.scenarios.scenarios import NUMBER_BYTES
+
+# Kinds of quantity of a wavelet's parameters, whose names end with its number, as in ``period_2``.
+WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomRicker(Checked, GroundDraw):
+    """A sum of random Ricker wavelets, independent of each other.
+
+    Raises ``ValueError`` if an argument breaks its rule, or the memory has no room for n wavelets.
+
+    Parameters
+    ----------
+    wavelets, amplitude
+        Number n of wavelets, at least 1, and distribution of each displacement amplitude, in g/ω1².
+        A ``TwoSided`` distribution draws amplitude and sign from one number without a jump, for
+        methods that need the derivative with respect to z.
+    periods, arrivals
+        Distributions of each wavelet's period, truncated to positive values, and centre, in 1/ω1.
+    negative
+        Probability, 0 to 1, that a wavelet has the opposite sign; a further number of z draws it,
+        with a jump (``discrete``). By default ½, or 0 with ``TwoSided`` amplitudes.
+    intensity
+        Distribution of a common factor of all wavelets of an earthquake; none by default. A wide
+        distribution covers the intensities of a fragility curve.
+
+    Examples
+    --------
+    >>> periods, arrivals = jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0)
+    >>> jumping = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), periods, arrivals)
+    >>> jumping.dimension, jumping.discrete
+    (20, (15, 16, 17, 18, 19))
+    >>> smooth = jp.RandomRicker(5, jp.TwoSided(jp.LogNormal(0.1, 0.5)), periods, arrivals)
+    >>> smooth.dimension, smooth.discrete
+    (15, ())
+    """
+
+    wavelets: int
+    amplitude: Distribution = part(Distribution)
+    periods: Distribution = part(Distribution)
+    arrivals: Distribution = part(Distribution)
+    negative: Any = parameter(words="probability", least=0, most=1, single=True, default=None)
+    intensity: Distribution | None = part(Distribution, NoneType, default=None)
+
+    def __post_init__(self) -> None:
+        n = count("RandomRicker", "wavelets", self.wavelets)
+        require_memory("RandomRicker", "wavelets", n, 4 * n * NUMBER_BYTES)
+        if self.negative is None:
+            two_sided = isinstance(self.amplitude, TwoSided)
+            object.__setattr__(self, "negative", 0.0 if two_sided else 0.5)
+        super().__post_init__()
+
+    @property
+    def dimension(self) -> int:
+        """Amplitude, period and arrival of each wavelet, its sign and the intensity if random."""
+        return self.wavelets * (3 + self._signed) + (self.intensity is not None)
+
+    def draw(self, z: Float[Array, " d"]) -> Ricker:
+        """The wavelets drawn by z."""
+        values = self._values(z)
+        amplitude = values["intensity"] * values["sign"] * values["amplitude"]
+        return Ricker(amplitude, values["period"], values["arrival"])
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """Amplitudes, periods, arrivals, signs by wavelet, and the intensity, if random."""
+        values = self._values(z)
+        kinds = ["amplitude", "period", "arrival", *["sign"] * self._signed]
+        named = {f"{kind}_{i + 1}": values[kind][i] for kind in kinds for i in range(self.wavelets)}
+        return named | ({} if self.intensity is None else {"intensity": values["intensity"]})
+
+    @property
+    def discrete(self) -> tuple[int, ...]:
+        """Indices of the numbers that draw signs."""
+        return tuple(range(3 * self.wavelets, 4 * self.wavelets)) if self._signed else ()
+
+    @property
+    def _signed(self) -> bool:
+        return 0 < self.negative < 1
+
+    def _values(self, z: Any) -> dict[str, Any]:
+        n = self.wavelets
+        amplitude, periods, arrivals = z[:n], z[n : 2 * n], z[2 * n : 3 * n]
+        sign = jnp.full(n, 1.0 - 2.0 * self.negative, z.dtype)
+        if self._signed:
+            sign = jnp.where(z[3 * n : 4 * n] < ndtri(self.negative), -1.0, 1.0).astype(z.dtype)
+        return {
+            "amplitude": self.amplitude.from_normal(amplitude),
+            "period": truncated(self.periods, periods, SMALLEST, math.inf),
+            "arrival": self.arrivals.from_normal(arrivals),
+            "sign": sign,
+            "intensity": 1.0 if self.intensity is None else self.intensity.from_normal(z[-1]),
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomRecord(Checked, GroundDraw):
+    """A recorded accelerogram, drawn from several and scaled.
+
+    The ``records``, at least one, have any lengths and one unit of time. ``factor`` is the
+    distribution of the factor, by default 1; ``weights`` are relative frequencies ≥ 0, one of each
+    record, with a positive sum, by default equal. Others raise ``ValueError``.
+    """
+
+    records: tuple[Record, ...]
+    factor: Distribution | None = part(Distribution, NoneType, default=None)
+    weights: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        records = tuple(self.records) if isinstance(self.records, Sequence) else ()
+        if not records:
+            raise InvalidInput("RandomRecord", "records", repr(self.records), "must hold records")
+        for i, record in enumerate(records):
+            instance("RandomRecord", f"records[{i}]", record, Record)
+            if record.time_unit != records[0].time_unit:
+                rule = f"must be in the same unit of time as {records[0]!r}"
+                raise InvalidInput("RandomRecord", f"records[{i}]", repr(record), rule)
+        object.__setattr__(self, "records", records)
+        super().__post_init__()
+        if self.weights is not None:
+            weights, n = np.asarray(self.weights, float), len(records)
+            valid = weights.shape == (n,) and (weights >= 0).all() and weights.sum() > 0
+            if not (valid and np.isfinite(weights).all()):
+                rule = f"must be {n} numbers, finite and not negative, with a positive sum"
+                raise InvalidInput("RandomRecord", "weights", repr(self.weights), rule)
+            object.__setattr__(self, "weights", tuple(map(float, weights)))
+
+    @property
+    def time_unit(self) -> str:  # type: ignore[override]
+        """That of the records."""
+        return self.records[0].time_unit
+
+    @property
+    def dimension(self) -> int:
+        """One number for the record, if there are several, and one for a random factor."""
+        return (len(self.records) > 1) + (self.factor is not None)
+
+    @property
+    def discrete(self) -> tuple[int, ...]:
+        """Index of the number that draws the record, if there are several."""
+        return (0,) if len(self.records) > 1 else ()
+
+    def draw(self, z: Float[Array, " d"]) -> Record:
+        """The record drawn by z, scaled."""
+        number, factor = self._values(z)
+        samples, intervals = (jnp.asarray(x, z.dtype)[number] for x in stacked(self.records))
+        return Record(factor * samples, intervals, time_unit=self.time_unit)
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """The record's number, from 0, and the factor, as far as they are random."""
+        number, factor = self._values(z)
+        named = {"record": number} if len(self.records) > 1 else {}
+        return named | ({} if self.factor is None else {"factor": factor})
+
+    def _values(self, z: Any) -> tuple[Any, Any]:
+        weights = np.array(self.weights or [1.0] * len(self.records))
+        ends = np.cumsum(weights / weights.sum())[:-1]
+        number = jnp.sum(ndtr(z[0]) >= jnp.asarray(ends, z.dtype)) if len(ends) else 0
+        return number, 1.0 if self.factor is None else self.factor.from_normal(z[-1])
+
+
+_PULSE = {name: rule for name, rule, _ in walk(Pulse, Parameter)}  # parameters of a pulse
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomPulse(GroundDraw):
+    """A near-fault velocity pulse of random parameters, independent of each other.
+
+    Each parameter is a number or, at least one, a ``Distribution``; those of period and cycles are
+    truncated to positive values. Each random parameter takes a standard normal number, in the order
+    of the fields. Raises ``ValueError`` for other parameters. See ``Pulse`` for them; a
+    ``TwoSided`` amplitude makes pulses of either sign, and ``time_unit`` is "1/ω1" (also
+    "1/omega1") or "s".
+
+    Examples
+    --------
+    >>> pulse = jp.RandomPulse(
+    ...     amplitude=jp.TwoSided(jp.LogNormal(median=0.5, sigma=0.4)),
+    ...     period=jp.LogNormal(median=3.0, sigma=0.3),
+    ...     arrival=5.0,
+    ...     phase=jp.Uniform(0.0, np.pi),
+    ... )
+    >>> pulse.dimension
+    3
+    >>> round(float(pulse.draw(np.array([1.0, 0.0, 0.0])).amplitude), 3)
+    0.605
+    """
+
+    amplitude: Any
+    period: Any
+    arrival: Any
+    phase: Any = 0.0
+    cycles: Any = 2.0
+    time_unit: str = DIMENSIONLESS
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time_unit", time_unit_of("RandomPulse", self.time_unit))
+        if not self._random():
+            raise InvalidInput("RandomPulse", "one of the parameters", "", "must be a Distribution")
+        for name in _PULSE:
+            if isinstance(getattr(self, name), type):
+                instance("RandomPulse", name, getattr(self, name), Distribution)
+        fixed = {name: getattr(self, name) for name in _PULSE if name not in self._random()}
+        Pulse(**dict.fromkeys(_PULSE, 1.0) | fixed, time_unit=self.time_unit)
+
+    @property
+    def dimension(self) -> int:
+        """Number of random parameters."""
+        return len(self._random())
+
+    def draw(self, z: Float[Array, " d"]) -> Pulse:
+        """The pulse drawn by z."""
+        values = {name: getattr(self, name) for name in _PULSE}
+        return Pulse(**values | self.parameters(z), time_unit=self.time_unit)
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """The random parameters, by name."""
+        drawn = {}
+        for name, x in zip(self._random(), z, strict=True):
+            distribution = getattr(self, name)
+            if _PULSE[name].above == 0:
+                drawn[name] = truncated(distribution, x, SMALLEST, math.inf)
+            else:
+                drawn[name] = distribution.from_normal(x)
+        return drawn
+
+    def _random(self) -> list[str]:
+        return [name for name in _PULSE if isinstance(getattr(self, name), Distribution)]

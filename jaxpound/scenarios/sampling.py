@@ -1,0 +1,93 @@
+"""Points of a Monte Carlo study: independent standard normal numbers by the sample's index.
+
+The point of index i depends on key, dimension and i alone, not on chunks, devices or processes.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from threading import Lock
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import is_whole
+from jaxpound._errors import InvalidInput
+
+Points = Callable[[int, int], np.ndarray]
+"""A function of start and stop: points start to stop − 1, shape (stop − start, d)."""
+
+_BITS = 30  # of a Sobol point's coordinate
+SAMPLINGS = {"plain": 2**31, "sobol": 2**30}  # kinds of points, and the largest number of each
+
+
+def require_sampling(owner: str, sampling: Any) -> int:
+    """Largest number of points; an ``InvalidInput`` for an unknown kind of sampling."""
+    if sampling not in SAMPLINGS:
+        raise InvalidInput(owner, "sampling", repr(sampling), "must be 'plain' or 'sobol'")
+    return SAMPLINGS[sampling]
+
+
+def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
+    """Kind and numbers of a key or a seed, for JSON."""
+    if is_whole(key):
+        if not 0 <= key < 2**32:
+            raise InvalidInput(owner, "key", str(key), "must be from 0 to 2^32 − 1")
+        key = jax.random.key(int(key), impl="threefry2x32")
+    typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    if isinstance(key, jax.Array) and key.dtype == np.uint32 and key.shape in ((2,), (4,)):
+        key, typed = jax.random.wrap_key_data(key), True
+    if not typed or key.shape:
+        raise InvalidInput(owner, "key", repr(key), "must be a whole number or a key of jax.random")
+    kind = str(jax.random.key_impl(key))
+    if kind != "threefry2x32":
+        rule = "must be of kind threefry2x32: of others, draws depend on the batch they are in"
+        raise InvalidInput(owner, "key", "", f"of kind {kind} {rule}")
+    return kind, tuple(np.asarray(jax.random.key_data(key)).ravel().tolist())
+
+
+def as_key(kind: str, numbers: tuple[int, ...]) -> jax.Array:
+    """The key of this kind and these numbers: the inverse of ``key_numbers``."""
+    return jax.random.wrap_key_data(jnp.asarray(numbers, jnp.uint32), impl=kind)
+
+
+def points(sampling: str, key: jax.Array, dimension: int) -> Points:
+    """The points of a study, of a dimension, by a threefry key.
+
+    "plain": independent draws, with the index folded into the key. "sobol": Sobol points scrambled
+    by a random linear matrix and a digital shift (scipy's), in order; earlier ones after a reset.
+    """
+    if sampling == "plain":
+        return lambda start, stop: np.asarray(
+            _normals(key, np.arange(start, stop, dtype=np.uint32), dimension)
+        )
+    from scipy.special import ndtri  # only here: these imports take a second
+    from scipy.stats import qmc
+
+    seed = np.random.default_rng(np.asarray(jax.random.key_data(key)).ravel().tolist())
+    engine, lock = qmc.Sobol(dimension, scramble=True, bits=_BITS, rng=seed), Lock()
+
+    def sobol(start: int, stop: int) -> np.ndarray:
+        with lock, warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # chunks need not be a power of 2
+            if start < engine.num_generated:
+                engine.reset()
+            if start > engine.num_generated:
+                engine.fast_forward(start - engine.num_generated)
+            shares = engine.random(stop - start)
+        # The points are corners of cells; the centres of cells keep all normal numbers finite.
+        return ndtri(shares + 0.5 ** (_BITS + 1)).astype(jax.dtypes.canonicalize_dtype(float))
+
+    return sobol
+
+
+@partial(jax.jit, static_argnames="dimension")
+def _normals(key: jax.Array, indices: Any, dimension: int) -> jax.Array:
+    def normal(i: jax.Array) -> jax.Array:
+        return jax.random.normal(jax.random.fold_in(key, i), (dimension,), float)
+
+    return jax.vmap(normal)(indices)

@@ -1,0 +1,185 @@
+"""The scalars of a link, accumulated instant by instant."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxpound._extrema import larger
+from jaxpound.results.element_demands import LinkDemand
+from jaxpound.simulation.contact import ContactMotion
+from jaxpound.simulation.forces import APART, SOFT, Contact, is_deformed
+from jaxpound.simulation.state import LinkInstant
+
+WINDOW = 3  # samples of a parabola: no older event is a kink of it
+
+
+class LogMeanExp(NamedTuple):
+    """log of the mean of e^z over time: largest z so far, sum of e^(z − largest), and time."""
+
+    largest: jax.Array
+    total: jax.Array
+    time: jax.Array
+
+    def observe(self, z: jax.Array, share: jax.Array) -> LogMeanExp:
+        """One more value, which stands for a time ``share``."""
+        # Which z is the largest does not change the result, nor its derivative.
+        largest = jax.lax.stop_gradient(jnp.maximum(self.largest, z))
+        total = self.total * jnp.exp(self.largest - largest) + share * jnp.exp(z - largest)
+        return LogMeanExp(largest, total, self.time + share)
+
+    def value(self) -> jax.Array:
+        """The result."""
+        return self.largest + jnp.log(self.total / self.time)
+
+
+class ContactTally(NamedTuple):
+    """Running values for the scalars of a link's contact."""
+
+    highest: jax.Array  # largest force
+    strongest: jax.Array  # largest impulse
+    touches: jax.Array  # impacts that began
+    first: jax.Array  # when the first did
+    lost: jax.Array  # energy until t_m + h/2
+    stored: jax.Array
+    lost_now: jax.Array  # until t_m
+    stored_now: jax.Array
+    powers: jax.Array  # sum of the powers ``SOFT`` of the peak forces of impacts that ended
+    slid: jax.Array  # distance until t_m
+    since_touch: jax.Array  # instants since an impact began
+    since_end: jax.Array  # and since one ended
+    mode: jax.Array  # of contact at t_m, as in ``forces``
+    counts: jax.Array  # whether the contact under way at t_m counts as an impact
+    under_way: Contact  # at t_m, with the time of the run
+
+    @property
+    def is_kink(self) -> jax.Array:
+        """Whether an impact has begun and ended within the last three instants."""
+        return (self.since_touch < WINDOW) & (self.since_end < WINDOW)
+
+    def observe(self, seen: ContactMotion, time: jax.Array, last: jax.Array) -> ContactTally:
+        """Add one step; of the last one only its first half."""
+        now, log = seen.result.now, seen.result.log
+        late = last & (log.highest_time > 0)
+        touches = jnp.where(last & (log.first_touch > 0), 0.0, log.touches)
+        begins = (touches > 0) & (self.touches == 0)
+        return self._replace(
+            highest=larger(self.highest, jnp.where(late, now.contact, log.highest)),
+            strongest=larger(self.strongest, jnp.where(last, now.strongest, log.strongest)),
+            touches=self.touches + touches,
+            first=jnp.where(begins, time + log.first_touch, self.first),
+            lost=self.lost + seen.result.lost,
+            stored=self.stored + seen.result.stored,
+            lost_now=self.lost + now.lost,
+            stored_now=self.stored + now.stored,
+            powers=self.powers + jnp.where(last, now.powers, log.powers),
+            since_touch=jnp.where(log.touches > 0, 0.0, self.since_touch + 1),
+            since_end=jnp.where(log.ended > 0, 0.0, self.since_end + 1),
+            mode=now.mode,
+            counts=now.counts,
+            under_way=now.under_way,
+        )
+
+
+class LinkTally(NamedTuple):
+    """Running values for the scalars of a link."""
+
+    closing: jax.Array
+    farthest: jax.Array  # largest closing, where the gap is smallest
+    farthest_time: jax.Array
+    last_turn: jax.Array  # closing where the slip velocity last vanished
+    distance: jax.Array  # slid until then
+    work: jax.Array  # ∫ q w dt by the trapezoidal rule
+    instants_since_turn: jax.Array  # since the slip velocity last vanished
+    softly: LogMeanExp | None  # of closing / temperature
+    contact: ContactTally | None  # of a link that may touch
+
+    def observe(
+        self,
+        now: LinkInstant,
+        turns: jax.Array,
+        time: jax.Array,
+        share: jax.Array,
+        last: jax.Array,
+        temperature: Any,
+    ) -> LinkTally:
+        """Add one instant, for a time ``share``; the run may end with it (``last``).
+
+        ``turns`` says whether the slip velocity vanishes near it.
+        """
+        turn, seen = now.closing + now.motion.turn, now.motion.contact
+        # A step with contact may have several turns.
+        first, final, between = turn, turn, 0.0
+        instants_since_turn = jnp.where(now.motion.turns, 0.0, self.instants_since_turn + 1)
+        if seen is not None:
+            log = seen.result.log
+            first, final = (jnp.where(seen.used, x, turn) for x in (log.first_turn, log.last_turn))
+            between = log.between
+            turn = jnp.where(seen.used, log.farthest, turn)
+            jumps = seen.used & (log.highest_time != 0)
+            instants_since_turn = jnp.where(jumps, 0.0, instants_since_turn)
+        distance = self.distance + jnp.where(turns, jnp.abs(first - self.last_turn) + between, 0.0)
+        last_turn = jnp.where(turns, final, self.last_turn)
+        contact = self.contact
+        if contact is not None:
+            turned_before = turns & (now.motion.turn_time <= 0)
+            slid = jnp.where(turned_before, distance, self.distance) + jnp.abs(
+                now.closing - jnp.where(turned_before, last_turn, self.last_turn)
+            )
+            contact = contact.observe(seen, time, last)._replace(slid=slid)
+        higher = turns & (turn > self.farthest)
+        farthest = jnp.where(higher, turn, self.farthest)
+        farthest_time = jnp.where(higher, time + now.motion.turn_time, self.farthest_time)
+        # The run's end counts only if the link slips there: in stick the largest closing was at the
+        # stop before, from which the closing since differs by the error of a step.
+        ends = last & (now.velocity > 0) & (now.closing > farthest)
+        softly = self.softly
+        if softly is not None:
+            softly = softly.observe(now.closing / temperature, jnp.where(time < 0, 0.0, share))
+        return LinkTally(
+            closing=now.closing,
+            farthest=jnp.where(ends, now.closing, farthest),
+            farthest_time=jnp.where(ends, time, farthest_time),
+            last_turn=last_turn,
+            distance=distance,
+            work=self.work + share * now.motion.force * now.velocity,
+            instants_since_turn=instants_since_turn,
+            softly=softly,
+            contact=contact,
+        )
+
+    def demand(self, gap: jax.Array, slip_force: jax.Array | None, temperature: Any) -> LinkDemand:
+        """The scalars of the link, with its ``gap`` at rest.
+
+        ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None.
+        """
+        distance = self.distance + jnp.abs(self.closing - self.last_turn)
+        soft, contact = self.softly, self.contact
+        demand = LinkDemand(
+            min_gap=gap - self.farthest,
+            min_gap_time=self.farthest_time,
+            slip_distance=distance,
+            friction_work=self.work if slip_force is None else slip_force * distance,
+            residual_offset=-self.closing,
+            soft_min_gap=None if soft is None else gap - temperature * soft.value(),
+        )
+        if contact is None:
+            return demand
+        # The contact in which the run ends.
+        counts, last = (contact.mode != APART) & (contact.counts > 0), contact.under_way
+        powers = contact.powers + jnp.where(counts, last.peak_force**SOFT, 0.0)
+        deformed = counts & is_deformed(contact.mode)
+        hit = powers > 0
+        return dataclasses.replace(
+            demand,
+            peak_contact=contact.highest,
+            peak_impulse=larger(contact.strongest, jnp.where(deformed, last.impulse, 0.0)),
+            peak_penetration=jnp.where(demand.min_gap < 0, -demand.min_gap, 0.0),
+            n_impacts=contact.touches,
+            first_impact_time=contact.first,
+            contact_work=contact.lost_now,
+            soft_peak_contact=jnp.where(hit, jnp.where(hit, powers, 1.0) ** (1 / SOFT), 0.0),
+        )

@@ -1,0 +1,240 @@
+"""From structures and a ground motion to a scan over the instants; Richardson extrapolation.
+
+``simulate`` and ``demand`` observe a ``Rollout`` at every instant, ``observed_at`` at one of them.
+
+Extrapolation runs at two steps, so that the leading errors cancel: an error of c h² + O(h³) leaves
+O(h³) in (4 y(h/2) − y(h))/3. Friction's events are located within their step, so that c does not
+jump with where they fall; impacts are not as regular.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import ArrayLike
+
+from jaxpound._checks import Rule, all_hold
+from jaxpound._fields import rules
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import Ground, GroundLike, as_motion
+from jaxpound.ground.run_input import as_run
+from jaxpound.model.initial import InitialState, initial_rules
+from jaxpound.model.system import Structures, System, Topology, gravity_of, load_on
+from jaxpound.results.demand import Demand
+from jaxpound.results.response import Response
+from jaxpound.simulation.batches import spread
+from jaxpound.simulation.scan import scan_with_history
+from jaxpound.simulation.scheme import Scheme, is_stable
+from jaxpound.simulation.state import (
+    Instant,
+    RunState,
+    StepConstants,
+    of_all_masses,
+    start_state,
+    step_constants,
+)
+from jaxpound.simulation.stepping import step
+
+
+class Rollout(NamedTuple):
+    """Everything a scan over the instants of a run needs."""
+
+    system: System
+    """The structures in the run's dtype."""
+    constants: StepConstants
+    zero: jax.Array
+    """0; NaN in a run whose input breaks a rule, which makes all of it NaN."""
+    start: RunState
+    extra: Any
+    """The caller's further numbers, cast and spread as all others are."""
+    advance: Callable[[RunState, list[jax.Array], jax.Array, Any], Any]
+    """From the state, the history sums, the step m and its input to the next state, each rod's c_m
+    and the instant t_m."""
+    scan: Callable[..., tuple[Any, Any]]
+    """``scan_with_history`` of these steps."""
+
+    @staticmethod
+    def of(
+        structures: Structures,
+        ground: Ground,
+        grid: TimeGrid,
+        scheme: Scheme,
+        extra: Any = None,
+        extra_rules: Callable[[Any], list[Rule]] = lambda extra: [],
+        slots: int = 0,
+        initial: InitialState | None = None,
+    ) -> Rollout:
+        """The rollout of structures under a ground motion, which is a pytree; see ``simulate``.
+
+        ``extra`` is a pytree of further numbers that the run uses, ``slots`` how many impacts of
+        each link are recorded in one step.
+        """
+        dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
+        structures, ground, extra, initial = jax.tree.map(
+            lambda x: jnp.asarray(x, dtype), (structures, ground, extra, initial)
+        )
+        # Else XLA would fold all that follows from structures that are constants of the program.
+        structures = jax.tree.map(lax.optimization_barrier, structures)
+        # Before the batch is spread: orders and samples that all runs share are not copied.
+        orders = [jnp.asarray(rod.material.order, dtype) for rod in structures.system().rods]
+        series = as_motion(ground).excitation(grid, scheme.order).series
+        structures, ground, extra, initial, series = spread(
+            (structures, ground, extra, initial, series)
+        )
+        system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
+        dt = grid.dt
+
+        # A run that breaks a rule starts from NaN, and so is NaN throughout.
+        valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
+        valid &= all_hold(extra_rules(extra)) & is_stable(system, dt, scheme)
+        valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
+        zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
+        displaced = velocities = None
+        if initial is not None:
+            displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
+        start = start_state(system, zero, displaced, velocities)
+        constants = step_constants(system, dt, scheme.order, slots, displaced)
+        shaking = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
+        # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
+        first = jax.tree.map(lambda x: x[0], shaking.series)
+        ground_velocity = shaking.at(jnp.zeros((), dtype), first)[1]
+        before = (dt * ground_velocity * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
+
+        def advance(state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
+            time = m.astype(dtype) * dt
+            now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
+            a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
+            starts = m == 0
+            if initial is None:
+                v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
+                state = state._replace(v=v)
+            after = step(constants, state, sums, time, (a, mean), dt, scheme, starts)
+            if initial is None:
+                return after
+            # Idle steps before the first change nothing.
+            idle = state, [zero] * len(sums)
+            kept = jax.tree.map(lambda old, new: jnp.where(m < 0, old, new), idle, after[:2])
+            return *kept, after[2]
+
+        scan = partial(
+            scan_with_history,
+            n_steps=grid.n_steps,
+            orders=orders,
+            history=scheme.history,
+            inputs=shaking.series,
+            checkpoint=scheme.checkpoint,
+            looped=constants.is_long,
+        )
+        return Rollout(system, constants, zero, start, extra, advance, scan)
+
+
+T = TypeVar("T")
+
+_SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}
+"""Series of a response that are extrapolated."""
+
+
+def extrapolated(coarse: T, fine: T) -> T:
+    """Results of a run from those of the same run at half the step, leaf by leaf."""
+
+    def leaf(coarse: Any, fine: Any) -> Any:
+        is_finite = jnp.isfinite(coarse) & jnp.isfinite(fine)  # a gap may be infinite
+        coarse = jnp.where(is_finite, coarse, 0.0)
+        return jnp.where(is_finite, (4 * jnp.where(is_finite, fine, 0.0) - coarse) / 3, fine)
+
+    return jax.tree.map(leaf, coarse, fine)
+
+
+def extrapolated_response(coarse: Response, fine: Response) -> Response:
+    """A response, with the smooth series and all scalars extrapolated."""
+    demand: Demand = extrapolated(coarse.demand, fine.demand)
+
+    def leaf(path: Any, old: Any, new: Any) -> Any:
+        if path[-1].name in _SMOOTH and new.shape != old.shape:
+            return extrapolated(old, new[::2])
+        return old
+
+    series = jax.tree.map_with_path(leaf, coarse, fine)
+    return dataclasses.replace(series, demand=demand)
+
+
+class Observer(NamedTuple):
+    """What is observed of structures at an instant."""
+
+    of: Callable[[StepConstants, Instant], tuple[Any, ...]]
+    size: Callable[[Topology], int]  # of the numbers
+
+
+def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
+    closings = [link.closing for link in now.links]
+    return *of_all_masses(system.topology, now.x, closings), *closings
+
+
+def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
+    ends = (*system.topology.rods, *system.topology.links)
+    forces = [*now.forces, *(link.motion.total_force for link in now.links)]
+    return tuple(
+        load_on(ends, mass, forces) * inverse for mass, inverse in enumerate(system.inverse_masses)
+    )
+
+
+POSITIONS = Observer(_positions, lambda topology: topology.n_masses + len(topology.links))
+"""Displacement of each mass, and x_i − x_j of each link's ends: its gap at rest less its gap."""
+
+ACCELERATIONS = Observer(_accelerations, lambda topology: topology.n_masses)
+"""Absolute acceleration x'' + u'' of each mass."""
+
+ROD_FORCES = Observer(lambda system, now: now.forces, lambda topology: len(topology.rods))
+"""Force of each rod."""
+
+
+def observed_at(
+    observer: Observer,
+    structures: Structures,
+    ground: GroundLike,
+    grid: TimeGrid,
+    scheme: Scheme,
+    instant: ArrayLike,
+) -> tuple[Any, ...]:
+    """What is observed at the instant with a number, from 0 to n_steps, which may be traced.
+
+    It suits many derivatives: a run keeps no series and observes nothing else. It does not check
+    the input (``demand`` does); an invalid run gives NaN.
+    """
+    ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
+    return _observed_at(observer, structures, ground, grid, scheme, jnp.asarray(instant))
+
+
+@partial(jax.jit, static_argnames=("observer", "grid", "scheme"))
+def _observed_at(
+    observer: Observer,
+    structures: Structures,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    instant: jax.Array,
+) -> tuple[Any, ...]:
+    def observed(grid: TimeGrid, instant: jax.Array) -> tuple[Any, ...]:
+        run = Rollout.of(structures, ground, grid, scheme)
+
+        def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
+            state, kept = carry
+            state, c, now = run.advance(state, sums, m, entry)
+            seen = observer.of(run.constants, now)
+            kept = jax.tree.map(lambda old, new: jnp.where(m == instant, new, old), kept, seen)
+            return (state, kept), c, None
+
+        before = (run.zero,) * observer.size(run.system.topology)
+        (_, kept), _ = run.scan(advance, (run.start, before))
+        return kept
+
+    coarse = observed(grid, instant)
+    if not scheme.extrapolated:
+        return coarse
+    return extrapolated(coarse, observed(grid.halved, 2 * instant))

@@ -1,0 +1,154 @@
+"""The series of a run: what the scan stores, and the ``Response`` made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import Ground, as_motion
+from jaxpound.model.contact import Newton
+from jaxpound.model.system import Link, System
+from jaxpound.results.demand import Demand
+from jaxpound.results.impacts import MOST, ImpactSeries
+from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
+from jaxpound.simulation.forces import Impacts, is_deformed
+from jaxpound.simulation.link_tally import ContactTally
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.simulation.state import Instant, of_all_masses
+from jaxpound.simulation.tally import Tally
+
+_TIMES = ("touch_time", "end_time")
+
+
+class StoredSeries(NamedTuple):
+    """Series that the scan stores; all others are computed from them afterwards."""
+
+    x: tuple[Any, ...]
+    v: tuple[Any, ...]
+    forces: tuple[Any, ...]
+    links: tuple[dict[str, Any], ...]
+    """Closing, and the entries of a ``LinkResponse``."""
+    impacts: tuple[Impacts | None, ...]
+    """That ended in each step, for each link that may touch."""
+
+    @staticmethod
+    def of(now: Instant, tally: Tally) -> StoredSeries:
+        """The entries of an instant."""
+        links, impacts = [], []
+        for link, tallied in zip(now.links, tally.links, strict=True):
+            motion, contact_motion = link.motion, link.motion.contact
+            entries = {
+                "closing": link.closing,
+                "slip_velocity": link.velocity,
+                "friction": motion.force,
+                "phase": motion.phase,
+                "change_time": now.time + motion.change_time,
+            }
+            impact = None
+            if (contact := tallied.contact) is not None:
+                log = contact_motion.result.log
+                entries |= {
+                    "contact": contact_motion.result.now.contact,
+                    "touching": log.touched,
+                    "contact_stored": contact.stored_now,
+                    "contact_lost": contact.lost_now,
+                    "slid": contact.slid,
+                }
+                later = {name: now.time + getattr(log.impacts, name) for name in _TIMES}
+                impact = jax.tree.map(tuple, log.impacts._replace(**later))
+            links.append(entries)
+            impacts.append(impact)
+        return StoredSeries(now.x, now.v, now.forces, tuple(links), tuple(impacts))
+
+
+def response_of(
+    system: System,
+    ground: Ground,
+    grid: TimeGrid,
+    scheme: Scheme,
+    scalars: Demand,
+    stored: StoredSeries,
+    ends: Sequence[ContactTally | None],
+) -> Response:
+    """The response from the stored series; ``ends`` are the links' contacts at the end."""
+    topology, rest = system.topology, 0 * stored.forces[0]
+    # The scan does not store series that follow from others; those of an invalid run are NaN.
+    time = jnp.asarray(grid.times(), rest.dtype)
+    ground_velocity, bulge = (
+        y.astype(rest.dtype) for y in as_motion(ground).velocity_and_bulge(time, grid.dt)
+    )
+    # A free mass's velocity is the mean of those half a step away. The ground's mean there exceeds
+    # the ground velocity now by the bulge, which is added; but not as the run starts.
+    bulge = bulge.at[0].set(0)
+    free = [None if v is None else v + bulge for v in stored.v]
+    v = of_all_masses(topology, free, [link["slip_velocity"] for link in stored.links])
+    x = of_all_masses(topology, stored.x, [link["closing"] for link in stored.links])
+    return Response(
+        time=time + rest,
+        ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
+        ground_velocity=ground_velocity + rest,
+        masses=tuple(
+            MassResponse(x=x, v=v, mass=mass + rest[0])
+            for x, v, mass in zip(x, v, system.masses, strict=True)
+        ),
+        rods=tuple(map(RodResponse, stored.forces, topology.rods)),
+        links=tuple(
+            _link_response(link, stored.links[k], stored.impacts[k], ends[k], time[-1] + rest[0])
+            for k, link in enumerate(system.links)
+        ),
+        demand=scalars,
+        method=f"{scheme.friction}, order {scheme.order}, {scheme.history}"
+        + scheme.extrapolated * ", extrapolated",
+    )
+
+
+def _link_response(
+    link: Link,
+    series: dict[str, Any],
+    ended: Impacts | None,
+    end: ContactTally | None,
+    last: jax.Array,
+) -> LinkResponse:
+    """The series of a link, from the impacts that ended in each step and the last instant."""
+    entries = dict(series, slip_force=link.friction + 0 * last)
+    gap = link.gap - entries.pop("closing")
+    if ended is None or end is None:
+        return LinkResponse(gap=gap, **entries, ends=link.ends)
+    passed = Impacts(*[jnp.stack(slots, -1).ravel() for slots in ended])
+    acts, never = is_deformed(end.mode) & (end.counts > 0), jnp.nan * last
+    under_way = end.under_way
+    unfinished = Impacts(
+        touch_time=under_way.touch_time,
+        approach_velocity=jnp.where(acts, under_way.touch_speed, 0.0),
+        end_time=never,
+        rebound_velocity=never,
+        impulse=under_way.impulse,
+        peak_force=under_way.peak_force,
+    )
+    impacts = jax.tree.map(lambda x, y: jnp.append(x, y), passed, unfinished)
+    if isinstance(link.contact, Newton):
+        impacts = impacts._replace(peak_force=jnp.full_like(impacts.peak_force, jnp.inf))
+    is_impact = (
+        (impacts.approach_velocity > 0) & (impacts.touch_time <= last) & ~(impacts.end_time > last)
+    )
+    (numbers,) = jnp.nonzero(is_impact, size=min(MOST, is_impact.size), fill_value=is_impact.size)
+    kept = jax.tree.map(lambda x: jnp.append(x, jnp.nan)[numbers], impacts)
+    return LinkResponse(
+        gap=gap,
+        friction_work=link.friction * entries.pop("slid"),
+        impacts=ImpactSeries(
+            time=kept.touch_time,
+            end=kept.end_time,
+            approach_velocity=kept.approach_velocity,
+            rebound_velocity=kept.rebound_velocity,
+            impulse=kept.impulse,
+            peak_force=kept.peak_force,
+        ),
+        law=None if isinstance(link.contact, Newton) else link.contact,
+        **entries,
+        ends=link.ends,
+    )

@@ -1,0 +1,214 @@
+"""The state of a system between two steps, the constants of its steps, and an instant of it.
+
+A run that starts displaced or moving has its velocities at t = 0 itself in the place of those half
+a step before, and its first kick is half a step long: a whole one with half the shaking and twice
+the masses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxpound.model.system import GROUND, Ends, System, Topology, elongation, link_groups
+from jaxpound.simulation.contact import ContactState, Coupling, coupling, needs_flow
+from jaxpound.simulation.forces import Contact
+from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.rod import RodLaw, rod_law
+from jaxpound.simulation.scheme import Scheme
+
+WRITTEN_OUT = 4
+"""Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
+flow, they are a loop, which compiles in a third of the time and runs at most a fifth slower."""
+
+
+class StepConstants(NamedTuple):
+    """Constants of a run, as its steps use them."""
+
+    topology: Topology
+    inverse_masses: tuple[jax.Array, ...]
+    rods: tuple[RodLaw, ...]
+    frictions: tuple[jax.Array, ...]
+    couplings: tuple[Coupling | None, ...]  # by group of links; None without a local flow
+    slots: int  # impacts recorded for each link in one step
+    initial_elongations: tuple[jax.Array, ...] | None  # of the rods; None at rest
+
+    @property
+    def is_long(self) -> bool:
+        """Whether a step has more than ``WRITTEN_OUT`` rods or may need a local flow."""
+        may_flow = any(coupled is not None for coupled in self.couplings)
+        return may_flow or len(self.rods) > WRITTEN_OUT
+
+
+class LinkState(NamedTuple):
+    """State of a link: its closing at t_m, the rest at t_m − h/2 or t_{m−1}."""
+
+    closing: jax.Array
+    velocity: jax.Array
+    phase: jax.Array
+    pull: jax.Array  # A_{m−1}, the relative acceleration without the link
+    contact: ContactState | None  # of a link in a group that may need the local flow
+
+
+class RunState(NamedTuple):
+    """Positions at t_m, velocities at t_m − h/2, and the state of rods and links.
+
+    A mass that hangs on a link has no position and velocity of its own (None).
+    """
+
+    x: tuple[jax.Array | None, ...]
+    v: tuple[jax.Array | None, ...]
+    excess: tuple[jax.Array, ...]  # K e_{m−1} − f_{m−1} of each rod with elongation e
+    links: tuple[LinkState, ...]
+
+
+class LinkInstant(NamedTuple):
+    """A link at an instant t_m, and its motion around it."""
+
+    closing: jax.Array
+    velocity: jax.Array
+    motion: LinkMotion
+
+
+class Instant(NamedTuple):
+    """A system at an instant t_m. Hanging masses are left out, as in ``RunState``."""
+
+    time: jax.Array
+    ground_acceleration: jax.Array
+    x: tuple[jax.Array | None, ...]
+    v: tuple[jax.Array | None, ...]
+    forces: tuple[jax.Array, ...]  # of the rods
+    links: tuple[LinkInstant, ...]
+
+
+def step_constants(
+    system: System, dt: float, order: int, slots: int, displaced: Sequence[Any] | None = None
+) -> StepConstants:
+    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each.
+
+    ``displaced`` are the displacements of all masses from which it starts; None for one at rest.
+    """
+    topology, inverse = system.topology, tuple(1 / m for m in system.masses)
+    rods = tuple(rod_law(rod.material, rod.stiffness, dt, order) for rod in system.rods)
+    couplings = tuple(
+        coupling(topology, group, system.links, inverse)
+        if needs_flow(group, system.links)
+        else None
+        for group in link_groups(topology)
+    )
+    elongations = None
+    if displaced is not None:
+        elongations = tuple(elongation(ends, displaced) for ends in topology.rods)
+    frictions = tuple(link.friction for link in system.links)
+    return StepConstants(topology, inverse, rods, frictions, couplings, slots, elongations)
+
+
+def start_state(
+    system: System,
+    zero: jax.Array,
+    x: Sequence[jax.Array] | None = None,
+    v: Sequence[jax.Array] | None = None,
+) -> RunState:
+    """The state before the first step; or at t = 0, of masses displaced by x that move with v."""
+    topology, groups = system.topology, link_groups(system.topology)
+    hanging = {far for group in groups for _, _, far in group.hanging}
+    flowing = {k for group in groups if needs_flow(group, system.links) for k in group.links}
+    links = []
+    for k, ends in enumerate(topology.links):
+        closing, velocity = (zero if y is None else elongation(ends, y) for y in (x, v))
+        under_way = Contact(*(zero,) * 4)
+        contact = ContactState(closing, zero, zero, zero, under_way) if k in flowing else None
+        links.append(LinkState(closing, velocity, zero, zero, contact))
+
+    def of_free(y: Sequence[jax.Array] | None) -> tuple[jax.Array | None, ...]:
+        values = [zero] * topology.n_masses if y is None else y
+        return tuple(None if mass in hanging else value for mass, value in enumerate(values))
+
+    return RunState(of_free(x), of_free(v), (zero,) * len(topology.rods), tuple(links))
+
+
+def for_half_kick(system: StepConstants, share: jax.Array) -> StepConstants:
+    """Inverse masses times the share: the first kick is half a step."""
+    return system._replace(
+        inverse_masses=tuple(share * inverse for inverse in system.inverse_masses),
+        couplings=tuple(
+            None if coupled is None else coupled._replace(delassus=share * coupled.delassus)
+            for coupled in system.couplings
+        ),
+    )
+
+
+def motion_at_start(motion: LinkMotion, link: LinkState, starts: jax.Array) -> LinkMotion:
+    """Motion of a link whose run does not start at rest: nothing turns before t = 0."""
+    return motion._replace(
+        velocity_now=jnp.where(starts, link.velocity, motion.velocity_now),
+        jump=jnp.where(starts, 0.0, motion.jump),
+        turns=motion.turns & ~starts,
+        turn_time=jnp.where(starts, 0.0, motion.turn_time),
+        turn=jnp.where(starts, 0.0, motion.turn),
+        change_time=jnp.where(starts, 0.0, motion.change_time),
+    )
+
+
+def contact_at_start(
+    contact: ContactState | None, link: LinkState, motion: LinkMotion, starts: jax.Array, dt: float
+) -> ContactState | None:
+    """State of contact after the first half step of such a run."""
+    if contact is None:
+        return None
+    closing_before = link.closing + dt / 4 * (link.velocity + motion.velocity)
+    return contact._replace(
+        closing_before=jnp.where(starts, closing_before, contact.closing_before)
+    )
+
+
+def motion_from_rest(motion: LinkMotion, starts: jax.Array, scheme: Scheme) -> LinkMotion:
+    """Motion of a sliding bearing: from rest at t = 0 it has half a step, as free masses have.
+
+    A link between two masses needs no such start: it has no load before the ground moves them.
+    """
+    share = jnp.where(starts, 0.5 if scheme.start == "rest" else 0.0, 1.0)
+    share = share.astype(motion.velocity.dtype)
+    return motion._replace(
+        velocity=share * motion.velocity,
+        velocity_now=jnp.where(starts, 0.0, motion.velocity_now),
+        jump=jnp.where(starts, 0.0, motion.jump),
+    )
+
+
+def of_all_masses(
+    topology: Topology, free: Sequence[Any], relative: Sequence[Any]
+) -> tuple[Any, ...]:
+    """Positions (or velocities) of all masses, from the free ones' and the links' closings."""
+    positions = list(free)
+    for group in link_groups(topology):
+        for k, near, far in group.hanging:
+            left, s = topology.links[k][0] == near, relative[k]
+            if near == GROUND:
+                positions[far] = -s if left else s
+            else:
+                positions[far] = positions[near] - s if left else positions[near] + s
+    return tuple(positions)
+
+
+def link_pull(
+    ends: Ends, loads: Sequence[jax.Array], inverse: Sequence[jax.Array], shaking: jax.Array
+) -> jax.Array:
+    """Relative acceleration of a link's ends without it; between masses u'' drops out."""
+    i, j = ends
+    if j == GROUND:
+        return loads[i] * inverse[i] - shaking
+    if i == GROUND:
+        return shaking - loads[j] * inverse[j]
+    return loads[i] * inverse[i] - loads[j] * inverse[j]
+
+
+def link_inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:
+    """Relative acceleration of a link's ends under a unit force in the link."""
+    i, j = ends
+    if j == GROUND:
+        return inverse[i]
+    return inverse[j] if i == GROUND else inverse[i] + inverse[j]

@@ -1,0 +1,71 @@
+"""The examples that the commands print: they are read, and name every key."""
+
+import re
+
+import pytest
+
+from jaxpound.cli import main as cli
+from jaxpound.cli.buildings import BuildingSection, LinkSection, StoreySection
+from jaxpound.cli.design import DesignConfig
+from jaxpound.cli.files import example
+from jaxpound.cli.hazard import Lifetime
+from jaxpound.cli.ida import IdaConfig
+from jaxpound.cli.montecarlo import StudyConfig
+from jaxpound.cli.rare import RareConfig
+from jaxpound.cli.reading import File, entries, is_table, of_array
+from jaxpound.cli.simulate import Simulation
+from jaxpound.results.named import LIMITED_OF_PAIR
+
+CONFIGURATIONS = {
+    "simulate": Simulation,
+    "montecarlo": StudyConfig,
+    "design": DesignConfig,
+    "ida": IdaConfig,
+    "rare": RareConfig,
+    "hazard": Lifetime,
+}
+FORMS = [(x, form) for x in CONFIGURATIONS for form in ("", "pair", "row")]
+
+
+@pytest.mark.parametrize(("command", "form"), [x for x in FORMS if x[0] != "hazard" or not x[1]])
+def test_the_example_is_printed_and_read(command, form, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main([command, "--example-config", *filter(None, [form])])
+    text = capsys.readouterr().out
+    assert text == example(command, form or "pair")
+    File("example", text).read(CONFIGURATIONS[command])
+
+
+@pytest.mark.parametrize(
+    ("command", "tables", "elsewhere"),
+    [
+        ("simulate", "gap building_1 building_2 damper contact run ground output", ""),
+        ("montecarlo", "earthquakes study run", "smoothing_velocity"),
+        ("design", "objective search", ""),
+        ("ida", "suite target ida", ""),
+        ("rare", "earthquakes limit search design", "records units factor weights intensity"),
+        ("hazard", "hazard fragility study results", ""),
+    ],
+)
+def test_the_example_names_every_key(command, tables, elsewhere):
+    text, kinds = example(command), entries(CONFIGURATIONS[command])
+    if command in ("simulate", "hazard"):
+        assert {*kinds} - {x for x in kinds if of_array(kinds[x])} == {*tables.split()}
+    if command == "montecarlo":  # as for a row, and noise as for rare events
+        text += example("montecarlo", "row") + example("rare")
+    for table in tables.split():
+        if command == "simulate" and is_table(kinds[table]):
+            assert re.search(rf"(?m)^(# )?\[{table}\]$", text)
+        for key in {*(entries(kinds[table]) or [table])} - {*elsewhere.split()}:
+            assert re.search(rf"(?m)^(# )?{key} = ", text), key
+
+
+def test_the_example_of_a_design_names_every_demand():
+    assert all(price in example("design") for price in LIMITED_OF_PAIR)
+
+
+@pytest.mark.parametrize("kind", [BuildingSection, StoreySection, LinkSection])
+def test_the_example_of_a_row_names_every_key(kind):
+    for key in entries(kind):
+        words = key if key == "stiffness" else rf"(^|[{{,] ?|# ){key}( = |\s+#)"
+        assert re.search(rf"(?m){words}", example("simulate", "row")), key

@@ -1,0 +1,364 @@
+"""Studies against a hazard curve: those whose intensities it draws, or that are weighted by it."""
+
+import dataclasses
+import re
+
+import jax.numpy as jnp
+import matplotlib as mpl
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxpound as jp
+from jaxpound.plots import hazards
+from jaxpound.scenarios.distributions import Distribution
+from jaxpound.store.store import describe
+from tests.study.test_run import GRID, MEDIAN, SIGMA, SLIDING, linear, study, unit
+
+mpl.use("Agg")
+
+HAZARD = jp.HazardCurve([0.1, 0.2, 0.4, 0.8, 1.6], [2e-2, 7e-3, 1.6e-3, 2.5e-4, 3e-5])
+DRAWN = HAZARD.distribution()
+
+
+@dataclasses.dataclass(frozen=True)
+class Wave:
+    """A wavelet of random amplitude."""
+
+    amplitude: Distribution
+    dimension: int = 1
+
+    def draw(self, z):
+        return jp.Ricker(self.amplitude.from_normal(z[0]) * jnp.ones(1), [2.0], [1.5])
+
+
+# The response is linear: the required gap is the amplitude times that of a wave of amplitude 1, so
+# that a gap is closed as often as the hazard exceeds an amplitude.
+SCENARIOS = jp.Scenarios(SLIDING, Wave(DRAWN))
+
+
+@pytest.fixture(scope="module")
+def found():
+    return study(SCENARIOS, 2000, chunk_size=1000, key=3)
+
+
+@pytest.fixture(scope="module")
+def closing():
+    """The required gap of a wave of amplitude 1."""
+    return float(1.0 - unit().min_gap)
+
+
+def test_the_rate_of_pounding_is_that_of_the_intensity_that_closes_the_gap(found, closing):
+    for at in (0.15, 0.4, 0.9):
+        rate = HAZARD.annual_rate_of(found.pounding_probability(at * closing, 0.999))
+        assert rate.low < float(HAZARD.rate(at)) < rate.high < 10 * rate.low
+
+
+EDGES = [0.0, 0.3, 0.4, 0.55, 0.8, np.inf]
+
+
+def expected(least):
+    """Rates of amplitudes within EDGES that are at least so much."""
+    above = np.append(HAZARD.rate(np.maximum(EDGES[1:-1], least)), 0.0)
+    return np.r_[float(HAZARD.rate(least)), above[:-1]] - above
+
+
+def test_a_study_tells_from_which_intensities_its_rate_comes(found, closing):
+    rate = HAZARD.annual_rate_of(found, gap=0.35 * closing)
+    same = found.pounding_probability(0.35 * closing)
+    assert [rate.value, rate.low, rate.high] == pytest.approx(2e-2 * np.array(same[:3]))
+    n = len(found)
+    assert rate.cov == pytest.approx(np.sqrt((1 - same.value) / same.value / n))
+    amplitude = found["pga"] / unit().pga
+    by = rate.deaggregation(EDGES, intensity=amplitude)
+    exact = expected(0.35)
+    assert exact[0] == by.rate[0] == 0
+    assert np.isnan(by.cov[0])
+    assert (np.abs(by.rate - exact) <= 3.5 * by.cov * by.rate)[1:].all()
+    p = by.rate[1:] / 2e-2
+    np.testing.assert_allclose(by.cov[1:], np.sqrt((1 - p) / p / n))
+    assert by.rate.sum() == pytest.approx(rate.value)
+    usual = rate.deaggregation(bands=5)
+    assert usual.share.sum() == pytest.approx(1.0)
+    assert usual.edges[0] == pytest.approx(found["pga"][amplitude >= 0.35].min(), rel=1e-5)
+    assert "peak ground acceleration (g) from" in repr(usual)
+
+
+def test_a_weighted_study_does_too_more_sharply(found, closing):
+    other = linear()
+    amplitude = other["pga"] / unit().pga
+    weights = HAZARD.weights(amplitude, drawn_from=jp.LogNormal(MEDIAN, SIGMA))
+    for normalised in (True, False):
+        weighted = other.weighted(weights, normalised=normalised)
+        rate = HAZARD.annual_rate_of(weighted, gap=0.35 * closing)
+        by = rate.deaggregation(EDGES, intensity=amplitude)
+        exact = expected(0.35)
+        assert (np.abs(by.rate - exact) <= 3.5 * by.cov * by.rate)[1:].all()
+        assert (by.cov[1:] < 0.25).all()
+        assert abs(rate.value - exact.sum()) < 3.5 * rate.cov * rate.value
+        assert by.rate.sum() == pytest.approx(rate.value)
+
+
+@pytest.fixture(scope="module")
+def event():
+    """The amplitude .8 or more, by subset simulation: a share of 1.25 %."""
+    state = jp.LimitState(SCENARIOS, GRID, threshold=float(0.8 * (1.0 - unit().min_gap)))
+    sample = np.random.default_rng(0).normal(size=(5, 2000, 1))
+    values = state.values(sample.reshape(-1, 1))
+    p = (values >= 0).reshape(5, -1).mean(axis=1)
+    cov = p.std(ddof=1) / 5**0.5 / p.mean()
+    return jp.RareEvent(
+        *(p.mean(), cov, values.size, 0, "plain", state, sample.reshape(-1, 1)),
+        *(np.ones(values.size), values, np.zeros((0, 1)), np.zeros(0)),
+        repeats=np.repeat(np.arange(5), 2000),
+    )
+
+
+def test_a_rare_event_s_rate_and_its_intensities(event):
+    rate = HAZARD.annual_rate_of(event, 0.9)
+    assert (rate.value, rate.cov, rate.confidence) == (2e-2 * event.probability, event.cov, 0.9)
+    assert abs(rate.value - 2.5e-4) < 3.5 * rate.cov * rate.value
+    with pytest.raises(ValueError, match="intensities of the rare event must be drawn"):
+        STRONGER.annual_rate_of(event)
+    assert STRONGER.annual_rate_of(event, drawn=True).value > rate.value
+    doubted = dataclasses.replace(event, warnings=("one repeat makes most of the estimate",))
+    assert "one repeat makes most" in repr(HAZARD.annual_rate_of(doubted))
+    amplitude = np.asarray(DRAWN.from_normal(event.points[:, 0]))
+    whole = rate.deaggregation([0.7, np.inf], intensity=amplitude)
+    assert whole.rate[0] == pytest.approx(rate.value)
+    assert whole.cov[0] == pytest.approx(rate.cov)  # by the spread of repeats, too
+    by = rate.deaggregation([0.8, 1.6, np.inf], intensity=amplitude)
+    assert (np.abs(by.rate - [2.2e-4, 3e-5]) < 4 * by.cov * by.rate).all()
+
+
+def test_the_figure_of_a_study_shares_the_axis_of_one_measure_only(found, closing):
+    rate = HAZARD.annual_rate_of(found, gap=0.35 * closing)
+    above, below = hazards.pounding(HAZARD, rate, bands=6).axes
+    assert (above.get_xlabel(), below.get_xlabel()) == ("im", "peak ground acceleration (g)")
+    amplitude = found["pga"] / unit().pga
+    above, below = hazards.pounding(HAZARD, rate, bands=6, intensity=amplitude).axes
+    assert (above.get_xlabel(), below.get_xlabel()) == ("", "im")
+    assert above.get_xlim() == below.get_xlim()
+
+
+@pytest.mark.parametrize(
+    ("intensity", "message"),
+    [
+        ("amplitud", "unknown intensity = 'amplitud'; allowed: .*pga"),
+        ("min_gap", "intensity = -.* must be positive and finite in samples that pound"),
+        ([1.0, 2.0], r"intensity of shape \(2,\) must be \(2000,\)"),
+    ],
+)
+def test_intensities_that_are_none_are_named(found, closing, intensity, message):
+    rate = HAZARD.annual_rate_of(found, gap=0.3 * closing)
+    with pytest.raises(ValueError, match=message):
+        rate.deaggregation(intensity=intensity)
+
+
+def test_rates_without_intensities_say_so(found, event):
+    with pytest.raises(ValueError, match="the rate, 0 a year, must be positive"):
+        HAZARD.annual_rate_of(found, gap=1e6).deaggregation()
+    with pytest.raises(ValueError, match="intensity = None must be a parameter, z_1, or a number"):
+        HAZARD.annual_rate_of(event).deaggregation()
+    with pytest.raises(ValueError, match="gap = -1 must be finite and not negative"):
+        HAZARD.annual_rate_of(found, gap=-1.0)
+    with pytest.raises(ValueError, match="link = 0 must be None: pounding is not a study"):
+        HAZARD.annual_rate_of(event, link=0)
+
+
+def test_the_gap_for_two_per_cent_in_fifty_years_is_that_of_its_intensity(found, closing):
+    for p in (0.1, 0.02):
+        gap = HAZARD.required_gap(found, p, 50.0, confidence=0.999)
+        assert gap.low < HAZARD.intensity_at(p, 50.0) * closing < gap.high < 2 * gap.low
+
+
+def test_a_study_of_other_intensities_is_weighted_by_the_hazard(closing):
+    """Medians .3 and σ .5 say little of weak earthquakes, and enough of strong ones."""
+    other = linear()
+    amplitude = other["pga"] / unit().pga
+    weights = HAZARD.weights(amplitude, drawn_from=jp.LogNormal(MEDIAN, SIGMA))
+    weighted = other.weighted(weights, normalised=False)
+    gap = HAZARD.required_gap(weighted, 0.02, 50.0, confidence=0.999)
+    assert gap.low < HAZARD.intensity_at(0.02, 50.0) * closing < gap.high < 1.5 * gap.low
+    rate = HAZARD.annual_rate_of(weighted.pounding_probability(0.4 * closing, 0.999))
+    assert rate.low < 1.6e-3 < rate.high < 1.5 * rate.low
+
+
+def of_ground(found, ground):
+    """The same runs, said to be of such a ground motion."""
+    identity = {**found.about["identity"], "scenarios": describe(jp.Scenarios(SLIDING, ground))}
+    return dataclasses.replace(found, about={**found.about, "identity": identity})
+
+
+def wavelets(intensity):
+    return jp.RandomRicker(
+        2, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 2), jp.Uniform(1, 2), intensity=intensity
+    )
+
+
+STRONGER = jp.HazardCurve(HAZARD.intensity, HAZARD.annual_rate**0.9)
+
+
+@pytest.mark.parametrize(
+    "ground",
+    [
+        wavelets(jp.LogNormal(0.16, 0.6)),
+        jp.FilteredNoise(
+            jp.KanaiTajimi(15.0, 0.6),
+            samples=20,
+            dt=0.05,
+            envelope=jp.PlateauEnvelope(1.0, 4.0, 0.8),
+            intensity=jp.LogNormal(0.16, 0.6),
+        ),
+        wavelets(STRONGER.distribution()),
+        jp.CustomDraw(lambda z: DRAWN.from_normal(z[0]) * jp.Ricker([1.0], [2.0], [1.5]), 1),
+    ],
+    ids=["wavelets", "noise", "another curve", "a function"],
+)
+def test_a_study_that_no_hazard_has_drawn_is_not_taken_for_one_that_it_has(found, ground):
+    undrawn = of_ground(found, ground)
+    with pytest.raises(ValueError, match=r"drawn by HazardCurve.distribution .* intensity, such"):
+        HAZARD.required_gap(undrawn)
+    for other in (undrawn, undrawn.weighted(np.ones(len(undrawn)))):
+        with pytest.raises(
+            ValueError, match=r"HazardCurve.weights, .* study.fragility.*drawn=True"
+        ):
+            HAZARD.annual_rate_of(other, gap=1.0)
+    rate = HAZARD.annual_rate_of(undrawn, gap=1.0, drawn=True)
+    assert rate.value == HAZARD.annual_rate_of(found, gap=1.0).value
+    assert HAZARD.required_gap(undrawn, drawn=True).value == HAZARD.required_gap(found).value
+
+
+def test_an_intensity_is_the_hazard_s_up_to_a_factor(found):
+    """As of records whose intensity is not 1, or of a curve in another unit."""
+    in_g = jp.HazardCurve(HAZARD.intensity / 9.81, HAZARD.annual_rate)
+    same = HAZARD.annual_rate_of(found, gap=1.0).value
+    for curve in (HAZARD, in_g):
+        drawn = of_ground(found, wavelets(curve.distribution()))
+        assert HAZARD.annual_rate_of(drawn, gap=1.0).value == same
+    weights = STRONGER.weights(found["pga"], drawn_from=jp.LogNormal(1.0, 2.0))
+    assert type(weights.mean()) is np.float64
+    weighted = found.weighted(weights)
+    assert STRONGER.annual_rate_of(weighted, gap=1.0).value > 0
+    with pytest.raises(ValueError, match="intensities of the study must be drawn"):
+        HAZARD.annual_rate_of(weighted, gap=1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        weights *= np.linspace(0, 1, len(found))
+    # What is computed from weights is not this hazard's, of a study that it has drawn neither.
+    changed = weights.copy()
+    changed[: len(found) // 2] = 0.0
+    others = (STRONGER, weights**2), (STRONGER, changed), (HAZARD, np.arange(1.0, len(found) + 1))
+    for curve, other in others:
+        with pytest.raises(ValueError, match="intensities of the study must be drawn"):
+            curve.annual_rate_of(found.weighted(other), gap=1.0)
+
+
+def with_capacity(found, columns):
+    """A study of given columns."""
+    parts = {name: np.asarray(x, float) for name, x in columns.items()}
+    moments = {name: jp.study.statistics.Moments.of(x) for name, x in parts.items()}
+    rows = [range(len(parts["pga"]))]
+    of = lambda name: (parts[name],)  # noqa: E731
+    return dataclasses.replace(found, rows=rows, _parts=of, _moments=moments)
+
+
+def lognormal_gaps(found, n):
+    """A study whose required gaps are lognormal about the intensity."""
+    random = np.random.default_rng(0)
+    im = np.exp(random.normal(-0.5, 0.8, n))
+    gaps = im * np.exp(0.4 * random.normal(size=n))
+    return with_capacity(found, {"pga": im, "required_gap": gaps})
+
+
+def test_the_gap_by_fragilities_is_that_of_their_closed_form(found):
+    """Required gaps lognormal about im: at gap g the fragility has median g and dispersion .4."""
+    hazard = jp.HazardCurve([0.01, 10.0], 1e-4 * np.array([0.01, 10.0]) ** -2.0)
+    cloud = lognormal_gaps(found, 5_000)
+    gap = hazard.required_gap(cloud, 0.02, 50.0, intensity="pga", confidence=0.999)
+    target = -np.log(0.98) / 50
+    exact = np.sqrt(1e-4 * np.exp((2 * 0.4) ** 2 / 2) / target)
+    assert gap.value == pytest.approx(exact, rel=0.05)
+    assert gap.low < exact < gap.high < 1.4 * gap.low
+    rate = hazard.annual_rate_of(cloud.fragility(gap=gap.value))
+    assert rate.value == pytest.approx(target, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"probability": 0.9}, "annual rate of probability = 0.9 in 50 years, 0.046.* below"),
+        ({"probability": 0.0}, "probability = 0 must be between 0 and 1"),
+        ({"years": 0.0}, "years = 0 must be positive"),
+        ({"confidence": 2.0, "intensity": "pga"}, "confidence = 2 must be between 0 and 1"),
+        ({"years": [50, 100]}, r"years of shape \(2,\) must be one number"),
+        ({"intensity": "pgo"}, "'pgo' must be one of"),
+        ({"intensity": "pga"}, "must be the rate of pounding at a gap at which .* none"),
+    ],
+)
+def test_gaps_that_cannot_be_told_say_why(found, more, message):
+    with pytest.raises(ValueError, match=message):
+        HAZARD.required_gap(found, **more)
+
+
+def test_a_curve_in_g_is_not_taken_for_a_column_in_si(found):
+    in_si = found.in_si(jp.Scales(mass=1e5, frequency=6.0))
+    assert (found.unit("pga"), in_si.unit("pga"), in_si.unit("pounds")) == ("g", "m/s²", "")
+    in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s2"))
+    of_sa = dataclasses.replace(HAZARD, measure="SA(0.5) (g)")
+    with pytest.raises(ValueError, match="must be that of the study's column 'pga', peak ground a"):
+        of_sa.required_gap(found, intensity="pga")
+    for hazard, other, unit_of in ((in_g, in_si, "m/s²"), (in_m, found, "g")):
+        message = rf"measure = 'PGA \(.*\)' must be in the unit of .* 'pga', {unit_of}: convert"
+        with pytest.raises(ValueError, match=message):
+            hazard.required_gap(other, intensity="pga")
+    for hazard, other in ((in_g, found), (in_m, in_si)):  # of which no fragility can be fitted
+        with pytest.raises(ValueError, match="must be the rate of pounding at a gap"):
+            hazard.required_gap(other, intensity="pga")
+
+
+@dataclasses.dataclass(frozen=True)
+class Spectral:
+    """A measure that states what it is."""
+
+    measure: str
+
+    def __call__(self, structures, ground):
+        return jp.spectral_acceleration(ground, GRID, period=3.0)
+
+
+def test_a_curve_at_another_period_is_not_taken_for_a_measure_that_states_its_own():
+    sa = Spectral("Sa(3 1/ω1) (g)")
+    by_name = {"sa": sa, "of_site": Spectral("Sa(0.5 s) (g)"), "pga_of_site": lambda *x: sa(*x)}
+    shaken = study(SCENARIOS, 64, measures=by_name)
+    words = [str(shaken.measure(name)) for name in by_name]
+    assert words == ["Sa(3 1/ω1) (g)", "Sa(0.5 s) (g)", "pga of site"]
+    hazard = dataclasses.replace(HAZARD, measure="SA(0.2) (g)")
+    for name, of in zip(by_name, words, strict=True):
+        with pytest.raises(ValueError, match=re.escape(f"column '{name}', {of}")):
+            hazard.required_gap(shaken, intensity=name)
+
+
+def test_records_of_intensity_one_are_scaled_by_the_hazard():
+    record = jp.Record(np.array([0.0, 1.0, -0.4, 0.0]), 0.5, time_unit="1/ω1")
+    ground = jp.RandomRecord((record,), factor=DRAWN)
+    for z, share in ((0.0, 0.5), (2.0, stats.norm.sf(2))):
+        peak = np.abs(ground.draw(jnp.array([z])).samples).max()
+        assert float(HAZARD.rate(peak)) == pytest.approx(2e-2 * share)
+
+
+def test_a_fragility_knows_the_unit_of_the_study_that_it_is_of(found):
+    scales = found.in_si(jp.Scales(mass=1e5, frequency=6.0)).scales
+    curve = dataclasses.replace(lognormal_gaps(found, 500), scales=scales).fragility(gap=1.0)
+    assert curve.unit == "m/s²" in repr(curve)
+    in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s²"))
+    with pytest.raises(ValueError, match=r"measure = 'PGA \(g\)' must be in the unit of the frag"):
+        in_g.annual_rate_of(curve)
+    with pytest.warns(jp.PlausibilityWarning, match="measure = 'im' names no unit; it should"):
+        silent = HAZARD.annual_rate_of(curve)
+    assert in_m.annual_rate_of(curve).value == silent.value
+
+
+def test_a_rate_from_beyond_the_curve_is_doubted():
+    far, near = (HAZARD.annual_rate_of(jp.Fragility(median, 0.4)) for median in (6.0, 0.6))
+    assert "more than 50% of the rate comes from intensities beyond" in repr(far)
+    assert near.warnings == ()

@@ -1,0 +1,283 @@
+"""Incremental dynamic analysis of linear buildings, whose demand is proportional to the factor."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.hazard import suite_runs
+from jaxpound.hazard.ida import Brackets, by_newton, by_sections
+from tests.ground.test_suite import SUITE
+
+LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+GAP = 0.02
+PAIR, SCALES = jp.dimensionless(LEFT, RIGHT, friction_force=0.0, gap=GAP)
+LADDER = [0.05, 0.1, 0.4, 0.8]
+
+
+def analysed(structures=PAIR, **changed):
+    how = {"scales": SCALES, "intensities": LADDER} | changed
+    return jp.incremental_dynamic_analysis(structures, how.pop("records", SUITE), **how)
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return analysed()
+
+
+def test_demands_of_linear_buildings_are_proportional(linear):
+    closing = linear.demands / linear.intensities
+    np.testing.assert_allclose(closing, closing[:, :1] * np.ones(4), rtol=1e-10)
+    np.testing.assert_allclose(linear.capacities, GAP / closing[:, 0], rtol=1e-10)
+    np.testing.assert_allclose(linear.unscaled, SUITE.pgas)
+    assert linear.threshold == pytest.approx(GAP)
+    assert linear.returning == ()
+
+
+def test_the_capacity_is_that_of_a_single_run(linear):
+    """Of buildings in SI units, by itself: the record scaled by its factor just closes the gap."""
+    record = SUITE.scaled(linear.factors)[0]
+    dt = float(SUITE[1].dt)  # the shortest of the suite is that of the common grid
+    single = jp.simulate_buildings(LEFT, RIGHT, record, friction_force=0.0, gap=GAP, dt=dt)
+    assert float(single.min_gap) == pytest.approx(0, abs=1e-6 * GAP)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"refine": "newton"}, {"structures": dataclasses.replace(PAIR, contact=jp.Newton(0.65))}],
+)
+def test_newton_and_structures_with_a_law_of_contact_give_the_same(linear, changed):
+    np.testing.assert_allclose(analysed(**changed).capacities, linear.capacities, rtol=1e-10)
+
+
+def test_a_ladder_that_ends_below_leaves_capacities_open(linear):
+    most = float(np.sort(linear.capacities)[1] * 1.01)
+    found = analysed(intensities=[most / 4, most / 3, most / 2, most])
+    known = np.isfinite(found.capacities)
+    np.testing.assert_array_equal(known, linear.capacities <= most)
+    np.testing.assert_allclose(found.capacities[known], linear.capacities[known], rtol=1e-10)
+    assert f"above {most:.4g}" in repr(found)
+    censored = jp.fit_capacities(found.capacities, most)
+    assert found.fragility().median == censored.median > np.median(found.capacities[known])
+
+
+def test_any_measure_that_is_proportional(linear):
+    """The factor at which buildings pound does not depend on how intensity is measured."""
+    spectral = analysed(measure=0.9)
+    np.testing.assert_allclose(spectral.unscaled, SUITE.spectra([0.9])[:, 0])
+    factors = analysed(measure=np.ones(3), intensities=[0.5, 1.0, 2.0, 4.0])
+    for found in (spectral, factors):
+        np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-9)
+    np.testing.assert_allclose(factors.capacities, factors.factors)
+    # Their fragilities know what they are of, and meet hazard curves of no other measure.
+    rates = [1e-2, 1e-3, 1e-5]
+    of_pga, of_sa, of_other = (
+        jp.HazardCurve([0.05, 0.2, 1.0], rates, f"{name} (g)")
+        for name in ("PGA", "SA(0.9)", "SA(0.2)")
+    )
+    assert spectral.fragility().measure == "Sa(0.9 s) (g)"
+    for hazard, curve in ((of_pga, spectral), (of_other, spectral), (of_sa, linear)):
+        with pytest.raises(ValueError, match=r"measure = .* must be that of the fragility, "):
+            hazard.annual_rate_of(curve.fragility())
+    in_m = jp.HazardCurve([0.5, 2.0, 10.0], rates, "PGA (m/s²)")
+    with pytest.raises(ValueError, match="must be in the unit of the fragility, g: convert"):
+        in_m.annual_rate_of(linear.fragility())
+    for hazard, curve in ((of_pga, linear), (of_sa, spectral), (in_m, factors)):
+        hazard.annual_rate_of(curve.fragility())
+
+
+def test_a_gap_as_threshold_and_other_demands(linear):
+    half = analysed(threshold=GAP / 2)
+    np.testing.assert_allclose(half.capacities, linear.capacities / 2, rtol=1e-10)
+    peaks = analysed(demand="peak_x1", threshold=0.02)
+    own = analysed(demand=lambda demand: demand.masses[0].peak_x, threshold=0.02)
+    np.testing.assert_allclose(own.capacities, peaks.capacities, rtol=1e-10)
+    np.testing.assert_allclose(peaks.demands[:, 1], 2 * peaks.demands[:, 0], rtol=1e-9)
+
+
+def test_dimensionless_structures_and_records(linear):
+    records = [SCALES.to_dimensionless(record) for record in SUITE]
+    grid = jp.TimeGrid.until(float(records[1].duration), float(records[1].dt))
+    found = analysed(records=records, scales=None, grid=grid)
+    np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-3)  # of another duration
+    np.testing.assert_allclose(found.threshold, GAP / float(SCALES.length))
+
+
+def test_fractiles_stripes_and_the_moments_of_a_fragility(linear):
+    low, middle, high = linear.fractiles()
+    np.testing.assert_allclose(middle, np.median(linear.demands, axis=0))
+    assert (low < middle).all()
+    assert (middle < high).all()
+    stripes = linear.stripes
+    np.testing.assert_array_equal(stripes.trials, [3] * 4)
+    expected = (linear.capacities[:, None] <= linear.intensities).sum(axis=0)
+    np.testing.assert_array_equal(stripes.pounding, expected)
+    curve, z = linear.fragility(), np.log(linear.capacities)
+    assert np.log(curve.median) == pytest.approx(z.mean())
+    assert curve.dispersion == pytest.approx(z.std(ddof=1))
+
+
+class Curves:
+    """Runs whose demands over intensity are known: a wave that falls below the threshold again."""
+
+    threshold = 1.0
+
+    def demands(self, which, intensities):
+        return self.slopes(which, intensities)[0]
+
+    def slopes(self, which, intensities):
+        phase = np.array([1.0, 1.3])[which]
+        return (
+            intensities + 0.8 * np.sin(phase * intensities),
+            1 + 0.8 * phase * np.cos(phase * intensities),
+        )
+
+
+@pytest.mark.parametrize("method", [by_sections, by_newton])
+@pytest.mark.parametrize("batch", [1, 2, 40])
+def test_the_first_crossing_is_refined(method, batch):
+    runs, ladder = Curves(), np.array([0.0, 0.5, 1.0, 2.0, 4.0])
+    excess = runs.demands(np.repeat([0, 1], 5), np.tile(ladder, 2)).reshape(2, -1) - 1.0
+    found = method(runs, Brackets.of(ladder, excess), 1e-6, batch)
+    fine = np.linspace(0, 2, 200_001)
+    for record, capacity in enumerate(found):
+        values = runs.demands(np.full(fine.size, record), fine)
+        assert capacity == pytest.approx(fine[np.argmax(values >= 1.0)], abs=2e-5)
+
+
+def test_records_that_return_are_named():
+    demands = np.array([[0.5, 1.2, 0.9, 1.5], [0.2, 0.4, 1.1, 1.3]])
+    found = jp.IncrementalDynamicAnalysis(
+        *(("wave", "line"), np.ones(2), np.arange(1.0, 5.0), demands, np.array([1.7, 2.9])),
+        *(1.0, "demand", "PGA (g)", False),
+    )
+    assert found.returning == ("wave",)
+    assert "below it again at higher intensities: wave" in repr(found)
+
+
+def test_strong_records_are_warned_of():
+    with pytest.warns(jp.PlausibilityWarning, match=r"'slow' times .* has a PGA of 6 g"):
+        analysed(records=[SUITE[0]], intensities=[0.1, 6.0])
+    with pytest.raises(ValueError, match="PGA of 6 g"):
+        analysed(intensities=[0.1, 6.0], strict=True)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Sizes of the batches that are run; stopped by an interrupt where ``most`` is reached."""
+    sizes, in_chunks = [], suite_runs.in_chunks
+
+    def counting(function, size):
+        program = in_chunks(function, size)
+
+        def run(*args):
+            if len(sizes) == counting.most:
+                raise KeyboardInterrupt
+            sizes.append(len(args[0]))
+            return program(*args)
+
+        return run
+
+    counting.most, sizes_of = None, sizes
+    monkeypatch.setattr(suite_runs, "in_chunks", counting)
+    monkeypatch.setattr(suite_runs, "_part", lambda: 8)
+    return counting, sizes_of
+
+
+def assert_same(found, expected):
+    np.testing.assert_array_equal(found.demands, expected.demands)
+    np.testing.assert_array_equal(found.capacities, expected.capacities)
+
+
+@pytest.mark.parametrize("refine", ["bisection", "newton"])
+def test_a_stopped_analysis_goes_on(refine, counted, tmp_path):
+    """Stopped within the ladder and after it."""
+    counting, sizes = counted
+    how = {"refine": refine, "progress": False}
+    whole, needed = analysed(**how), len(sizes)
+    assert needed > 2
+    for _ in range(2):
+        counting.most = len(sizes) + 1
+        with pytest.raises(KeyboardInterrupt):
+            analysed(**how, store=tmp_path / "ida")
+    counting.most = len(sizes) + needed - 2  # what is left
+    assert_same(analysed(**how, store=tmp_path / "ida"), whole)
+    assert len(sizes) == counting.most
+    assert_same(analysed(**how, store=tmp_path / "ida"), whole)  # from its files alone
+
+
+def test_a_store_serves_other_questions_of_the_same_runs(counted, tmp_path):
+    counting, sizes = counted
+    store = tmp_path / "ida"
+    first = analysed(store=store, progress=False)
+    counting.most = len(sizes)
+    assert_same(analysed(store=store, progress=False, measure=SUITE.pgas), first)
+    strip = jp.multiple_stripes(
+        PAIR, SUITE, intensities=LADDER, scales=SCALES, store=store, progress=False
+    )
+    np.testing.assert_array_equal(strip.demands, first.demands.T)
+    for changed, words in (
+        ({"demand": "peak_x1", "threshold": 0.02}, "demand is 'required_gap' there and 'peak_x1'"),
+        ({"records": SUITE.scaled([1.0, 1.0, 2.0])}, "records.* there and .* here"),
+        ({"structures": dataclasses.replace(PAIR, friction=0.1)}, "structures.friction is 0.0 th"),
+    ):
+        with pytest.raises(ValueError, match=f"holds another study: .*{words}"):
+            analysed(store=store, progress=False, **changed)
+
+
+def test_damaged_files_are_told_and_made_anew(linear, counted, tmp_path):
+    _, sizes = counted
+    store = tmp_path / "ida"
+    whole = analysed(store=store, progress=False)
+    files, done = sorted(store.glob("chunk-*.npz")), len(sizes)
+    files[1].write_bytes(b"damaged")
+    with pytest.warns(UserWarning, match=r"ida: chunk 1 is damaged .*; its runs are made anew"):
+        assert_same(analysed(store=store, progress=False), whole)
+    assert len(sizes) == done + 1
+    assert sorted(store.glob("chunk-*.npz")) == files
+    assert_same(analysed(store=store, progress=False), whole)
+
+
+def test_the_progress_bar_shows_records_and_brackets(capsys):
+    analysed()
+    shown = capsys.readouterr().err
+    assert "0 of 3 records, brackets within 0." in shown
+    assert "3 of 3 records" in shown
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"intensities": [0.2, 0.1]}, r"intensities = 0.1 \(at index \[1\]\) must be rising"),
+        ({"intensities": [0.0]}, "intensities = 0 .* must be positive"),
+        ({"refine": "newtn"}, "unknown refine = 'newtn'; did you mean 'newton'"),
+        ({"tolerance": 0}, "tolerance = 0 must be"),
+        ({"measure": "sa"}, "measure = 'sa' must be 'pga', a natural period"),
+        ({"measure": [1.0]}, r"measure of shape \(1,\) must be a number for each of 3 records"),
+        ({"demand": "peak_x1"}, "threshold = None must be a number: demand is 'peak_x1'"),
+        ({"demand": "peak_x9", "threshold": 1.0}, "unknown demand 'peak_x9'"),
+        ({"threshold": 0.0}, "threshold = 0 must be above 0, what the demand is without shaking"),
+        ({"scales": None}, "scales = None must be given for records in s"),
+        ({"records": "folder"}, "records = 'folder' must be a RecordSuite or records|Record"),
+    ],
+)
+def test_wrong_arguments_are_named(changed, words):
+    with pytest.raises(ValueError, match=f"^(incremental_dynamic_analysis|RecordSuite): .*{words}"):
+        analysed(**changed)
+
+
+def test_runs_that_end_in_no_number_are_named():
+    words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
+    with pytest.raises(FloatingPointError, match=words):
+        analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
+
+
+def test_records_that_do_not_go_on_one_grid_are_named():
+    fine = jp.Record(np.full(100, 0.1), 1e-5, "fine")
+    long = jp.Record(np.full(100, 0.1), 1.0, "long")
+    with pytest.raises(ValueError, match=r"'fine', the finest, and 'long', .* 1,000,000 steps"):
+        analysed(records=[fine, long])
+    with pytest.raises(ValueError, match=r"grid = None must be a TimeGrid: .* only for buildings"):
+        analysed(PAIR.system())

@@ -1,0 +1,22 @@
+"""Runs that several tests draw, by two programs: without contact, and with a law of contact."""
+
+from dataclasses import replace
+from functools import cache
+
+import jaxpound as jp
+
+PAIR, GROUND = jp.paper.structures(), jp.paper.ground()
+GRID, SHORT = jp.TimeGrid(0.02, 1000), jp.TimeGrid(0.02, 400)
+LAW = jp.KelvinVoigt(stiffness=100.0, restitution=0.65)
+SCALES = jp.Scales(mass=500e3, frequency=7.0)
+
+
+@cache
+def paper_run(friction=PAIR.friction):
+    return jp.simulate(replace(PAIR, friction=friction), GROUND, GRID)
+
+
+@cache
+def collide(friction):
+    pair = replace(PAIR, friction=friction, initial_gap=0.3, contact=LAW)
+    return jp.simulate(pair, GROUND, SHORT)

@@ -1,0 +1,455 @@
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.store import archive
+from jaxpound.store.archive import DamagedError, write_archive
+from jaxpound.store.store import MANIFEST, Store
+
+IDENTITY = {
+    "chunk_size": 4,
+    "precision": "float64",
+    "columns": ["a", "b"],
+    "grid": {"dt": 0.1},
+}
+
+
+def columns(start, n):
+    rows = np.arange(start, start + n)
+    return {"a": rows / 3, "b": np.sqrt(rows)}
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = Store.create(tmp_path / "study", IDENTITY, 10, {"notes": "mine"})
+    for chunk in store.chunks():
+        store.write(chunk, columns(store.rows(chunk).start, len(store.rows(chunk))))
+    return store
+
+
+def test_what_was_written_is_read(store):
+    assert [list(store.rows(k)) for k in store.chunks()] == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9]]
+    again = Store(store.folder)
+    assert (again.n, again.manifest["notes"]) == (10, "mine")
+    for chunk, start in enumerate((0, 4, 8)):
+        for name, x in columns(start, len(store.rows(chunk))).items():
+            np.testing.assert_array_equal(again.read(chunk)[name], x)
+            np.testing.assert_array_equal(again.read(chunk, [name])[name], x)
+    assert again.read(3) is None
+    with pytest.raises(DamagedError, match=r"chunk 0 is damaged \(it lacks 'c'"):
+        again.read(0, ["c"])
+
+
+def test_a_store_grows_and_serves_fewer(store):
+    larger = Store.create(store.folder, IDENTITY, 13, {"notes": None})
+    assert Store(store.folder).n == 13
+    assert Store(store.folder).manifest["notes"] == "mine"
+    assert [larger.read(k) is not None for k in larger.chunks()] == [True, True, False, False]
+    fewer = Store.create(store.folder, IDENTITY, 6, {})
+    assert Store(store.folder).n == 13
+    assert fewer.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+
+
+def flipped(path, bits):
+    """The file with one bit changed, in every byte those that are asked for in turn."""
+    data = path.read_bytes()
+    for place in range(len(data)):
+        for bit in bits(place):
+            path.write_bytes(data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :])
+            yield
+
+
+def test_no_flipped_bit_of_a_chunk_goes_unnoticed(tmp_path):
+    store = Store.create(tmp_path / "study", IDENTITY, 4, {})
+    store.write(0, columns(0, 4))
+    (path,) = store.folder.glob("chunk-*")
+    noticed = harmless = 0
+    for _ in flipped(path, lambda place: {place % 8, 3 * place % 8}):
+        try:
+            read = store.read(0)
+        except DamagedError:
+            noticed += 1
+            continue
+        harmless += 1  # a byte of no consequence, such as a date
+        for name, x in columns(0, 4).items():
+            np.testing.assert_array_equal(read[name], x)
+    assert noticed > 3 * harmless > 0
+
+
+def test_no_flipped_bit_of_a_manifest_goes_unnoticed(store):
+    whole, noticed = store.manifest, 0
+    for _ in flipped(store.folder / MANIFEST, lambda place: range(8)):
+        try:
+            held = Store(store.folder).manifest
+        except ValueError:
+            noticed += 1
+            continue
+        assert held == whole  # a space that is another one now
+    assert noticed > 8 * 200
+
+
+def sealed(store, changed=None, **seal):
+    """Chunk 1 as an archive with a good seal, of other columns."""
+    about = {"study": store._study, "chunk": 1, "rows": 4} | seal
+    write_archive(store.folder / "chunk-000001.npz", columns(4, 4) | (changed or {}), about)
+
+
+@pytest.mark.parametrize(
+    ("put", "message"),
+    [
+        (lambda s: sealed(s, {"a": np.ones(4, np.float32)}), "'a' is float32 .* not float64"),
+        (lambda s: sealed(s, {"a": np.ones(4) * 1j}), "'a' is complex128"),
+        (lambda s: sealed(s, {"a": np.ones(5)}), r"of shape \(5,\), not float64 of shape \(4,\)"),
+        (lambda s: sealed(s, {"a": np.ones((4, 1))}), r"of shape \(4, 1\)"),
+        (lambda s: sealed(s, {"c": np.ones(4)}), "its columns are others"),
+        (lambda s: sealed(s, chunk=2), "chunk is 2 there and 1 here"),
+        (lambda s: sealed(s, rows=3), "rows is 3 there and 4 here"),
+        (lambda s: sealed(s, study="other"), "study is 'other' there"),
+        (lambda s: np.savez(s.folder / "chunk-000001.npz", **columns(4, 4)), "seal.json"),
+        (lambda s: os.mkfifo(fresh(s)), "it is no regular file"),
+        (lambda s: os.symlink("chunk-000001.npz", fresh(s)), "it is a link to itself"),
+        (lambda s: os.symlink("/dev/zero", fresh(s)), "it is no regular file"),
+        (lambda s: shutil.copy(s.folder / "chunk-000000.npz", fresh(s)), "chunk is 0 there and 1"),
+        # Cut short, or so long that it would fill the memory.
+        *[(lambda s, n=n: os.truncate(s._path(1, 4), n), "") for n in (0, 10, 300, 10**11)],
+    ],
+)
+def test_what_is_no_chunk_of_this_place_is_damage_and_made_anew(store, put, message):
+    put(store)
+    with pytest.raises(DamagedError, match=f"chunk 1 is damaged .*{message}"):
+        store.read(1)
+    store.write(1, columns(4, 4))
+    assert store.read(1)["a"].tolist() == columns(4, 4)["a"].tolist()
+
+
+def fresh(store):
+    path = store.folder / "chunk-000001.npz"
+    path.unlink()
+    return path
+
+
+def test_a_folder_in_the_place_of_a_chunk_is_told(store):
+    fresh(store).mkdir()
+    with pytest.raises(DamagedError, match="it is no regular file"):
+        store.read(1)
+    with pytest.raises(OSError, match=r"the store cannot be written \(Is a directory"):
+        store.write(1, columns(4, 4))
+
+
+def test_another_study_is_refused_with_what_differs(store):
+    with pytest.raises(ValueError, match=r"holds another study: grid.dt is 0.1 there and 0.2 here"):
+        Store.create(store.folder, IDENTITY | {"grid": {"dt": 0.2}}, 10, {})
+    with pytest.raises(ValueError, match=r"grid.h is absent there and 1 here"):
+        Store.create(store.folder, IDENTITY | {"grid": {"dt": 0.1, "h": 1}}, 10, {})
+    assert all(store.read(k) is not None for k in store.chunks())
+
+
+def test_a_folder_of_other_things_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(ValueError, match=r"must be empty or hold a manifest.json, but has 'thesis"):
+        Store.create(tmp_path, IDENTITY, 10, {})
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, r"must be a folder with a manifest.json"),
+        ("", r"manifest.json is damaged"),
+        ("{", r"manifest.json is damaged"),
+        ("[]", r"manifest.json is damaged"),
+        ("[" * 100_000, r"manifest.json is damaged"),
+        ('{"format": 2, "n": ' + "9" * 5000 + "}", r"manifest.json is damaged"),
+        ('{"format": 2}', r"manifest.json is damaged \(its checksum is wrong\)"),
+        ('{"format": 99}', r"format 99 must be 2; another version"),
+        ('{"format": 1, "n": 10, "identity": {}}', r"format 1 must be 2; .* run the study anew"),
+    ],
+)
+def test_a_folder_without_a_good_manifest_is_refused(tmp_path, text, message):
+    if text is not None:
+        (tmp_path / MANIFEST).write_text(text)
+    with pytest.raises(ValueError, match=message):
+        Store(tmp_path)
+
+
+def test_a_missing_folder_is_called_missing(tmp_path):
+    missing = tmp_path / "no" / "study"
+    with pytest.raises(ValueError, match=f"manifest.json; there is no folder {missing}"):
+        jp.Study.open(missing)
+
+
+@pytest.mark.parametrize(
+    "put",
+    [
+        Path.mkdir,
+        os.mkfifo,
+        lambda path: path.symlink_to(path),
+        lambda p: p.symlink_to("/dev/zero"),
+    ],
+    ids=["folder", "pipe", "loop", "device"],
+)
+def test_what_is_no_file_in_the_place_of_the_manifest_is_refused(tmp_path, put):
+    put(tmp_path / MANIFEST)
+    for open_it in (Store, lambda folder: Store.create(folder, IDENTITY, 10, {})):
+        with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is"):
+            open_it(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"chunk_size": 0}, "chunk_size = 0 must be from 1"),
+        ({"chunk_size": 10**12}, "chunk_size = 1000000000000 must be from 1 to 2,147,483,648"),
+        ({"precision": "float16"}, "precision = 'float16' must be float32 or float64"),
+        ({"columns": []}, r"columns = \[\] must be names"),
+        ({"columns": ["../a"]}, "column '../a' must have a name"),
+    ],
+)
+def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path, change, message):
+    with pytest.raises(ValueError, match=message):
+        Store.create(tmp_path / "study", IDENTITY | change, 10, {})
+    assert not (tmp_path / "study").exists()
+
+
+def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
+    os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
+    with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is too large\)"):
+        Store(store.folder)
+    monkeypatch.setattr("jaxpound.store.store._LARGEST_MANIFEST", 1000)
+    with pytest.raises(
+        ValueError, match=r"manifest.json must be at most 1,000 bytes with its notes"
+    ):
+        Store.create(store.folder.with_name("other"), IDENTITY, 10, {"notes": "x" * 1000})
+
+
+def test_an_absurd_number_of_samples_is_refused(store):
+    (store.folder / "samples-9999999999").touch()
+    with pytest.raises(ValueError, match="samples-9999999999 must be at most 2147483648"):
+        Store(store.folder)
+
+
+def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(store):
+    """A stray file asks for 2^31 samples; the last chunk, of a smaller study, is not whole then."""
+    (store.folder / "samples-2147483648").touch()
+    (store.folder / "chunk-999999999.npz").touch()
+    assert Store(store.folder).held() == [0, 1, 2]
+    assert Store(store.folder, 6).held() == [0, 1]
+    assert [*dict(Store(store.folder).undamaged(Store(store.folder).held(), ""))] == [0, 1]
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
+def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, number, monkeypatch):
+    def write_array(file, *_, **__):
+        file.write(b"half a file")
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(archive.np.lib.format, "write_array", write_array)
+        with pytest.raises(
+            OSError, match=r"cannot be written .* its finished chunks are kept"
+        ) as e:
+            store.write(1, columns(4, 4))
+    assert (e.value.errno, e.value.filename) == (number, str(store._path(1, 4)))
+    assert not [*store.folder.glob("*.part")]
+    assert all(store.read(k) is not None for k in store.chunks())
+
+
+def test_a_file_that_finds_no_more_room_is_given_up(tmp_path):
+    """The operating system's own refusal in the middle of a file."""
+    resource = pytest.importorskip("resource")
+    store = Store.create(tmp_path / "study", IDENTITY | {"chunk_size": 100_000}, 100_004, {})
+    small, large = columns(100_000, 4), columns(0, 100_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OSError, match=r"cannot be written \(File too large\)"):
+            store.write(0, large)
+        store.write(1, small)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not [*store.folder.glob("*.part")]
+    assert store.read(1)["a"].tolist() == small["a"].tolist()
+
+
+def test_a_folder_that_may_only_be_read_is_read():
+    """As somebody without rights, which root is not."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        store = Store.create(folder / "study", IDENTITY, 10, {})
+        store.write(0, columns(0, 4))
+        folder.chmod(0o755)
+        store.folder.chmod(0o555)
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(65534)
+        try:
+            again = Store.create(store.folder, IDENTITY, 10, {})
+            assert again.read(0)["a"].tolist() == columns(0, 4)["a"].tolist()
+            with pytest.raises(OSError, match=r"cannot be written \(Permission denied\)"):
+                again.write(1, columns(4, 4))
+            with pytest.raises(OSError, match=r"cannot be written \(Permission denied\)"):
+                Store.create(store.folder, IDENTITY, 20, {})
+        finally:
+            if root:
+                os.seteuid(0)
+            store.folder.chmod(0o755)
+        assert [path.name for path in store.folder.glob("chunk*")] == ["chunk-000000.npz"]
+
+
+WRITER = """
+import sys, time
+import numpy as np
+from jaxpound.store.store import Store
+store = Store(sys.argv[1])
+print("ready", flush=True)
+while True:
+    for chunk in store.chunks():
+        rows = np.arange(20_000.0) + 20_000 * chunk
+        store.write(chunk, {"a": rows, "b": -rows})
+"""
+
+
+def test_a_process_killed_at_any_moment_leaves_whole_chunks_only(tmp_path):
+    random = np.random.default_rng(0)
+    store = Store.create(tmp_path, IDENTITY | {"chunk_size": 20_000}, 60_000, {})
+    half_written = 0
+    for _ in range(4):
+        arguments = [sys.executable, "-c", WRITER, str(tmp_path)]
+        with subprocess.Popen(arguments, stdout=subprocess.PIPE) as writer:
+            assert writer.stdout.readline() == b"ready\n"
+            time.sleep(random.uniform(0, 0.1))
+            writer.kill()
+        half_written += len([*tmp_path.glob("*.part")])
+        Store.create(tmp_path, store.manifest["identity"], 60_000, {})
+        assert not [*tmp_path.glob("*.part")]
+        for chunk in store.chunks():
+            if store.has(chunk):
+                found = store.read(chunk)
+                assert found["a"][0] == 20_000 * chunk
+                np.testing.assert_array_equal(found["a"], -found["b"])
+    assert half_written
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="the store cannot be written"):
+        Store.create(tmp_path / "file", IDENTITY, 10, {})
+
+
+def test_a_file_system_without_links_will_do(tmp_path, monkeypatch):
+    def link(*_):
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(archive.os, "link", link)
+    assert Store.create(tmp_path / "study", IDENTITY, 10, {}).n == 10
+
+
+def test_processes_that_make_one_store_at_once_agree_on_it(tmp_path):
+    code = (
+        "import sys, json; from jaxpound.store.store import Store; "
+        "identity = json.loads(sys.argv[2]); "
+        "[Store.create(f'{sys.argv[1]}/{i}', identity, 10, {}) for i in range(50)]"
+    )
+    kinds = [json.dumps(IDENTITY)] * 2 + [json.dumps(IDENTITY | {"chunk_size": 5})]
+    workers = [
+        subprocess.Popen([sys.executable, "-c", code, tmp_path, kind], stderr=subprocess.PIPE)
+        for kind in kinds
+    ]
+    ends = [worker.communicate()[1].decode() for worker in workers]
+    assert {Store(tmp_path / f"{i}").n for i in range(50)} == {10}
+    # One of the two kinds was first, and all of the other were refused.
+    assert sum("holds another study: chunk_size" in end for end in ends) in (1, 2, 3)
+    assert not [*Path(tmp_path).glob("*/*.part")]
+
+
+# Studies of other sizes in one store.
+
+
+def test_a_smaller_study_leaves_what_a_larger_one_made(tmp_path):
+    """They start together, and either may be first to write the chunk that both have a part of."""
+    folder = tmp_path / "study"
+    small = Store.create(folder, IDENTITY, 6, {})
+    large = Store.create(folder, IDENTITY, 11, {})
+    larger = Store.create(folder, IDENTITY, 13, {})
+    larger.write(2, columns(8, 4))
+    larger.write(1, columns(4, 4))
+    small.write(1, columns(4, 2))
+    large.write(2, columns(8, 3))
+    assert (Store(folder).n, small.n, large.n) == (13, 6, 11)
+    assert small.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+    assert large.read(2)["b"].tolist() == columns(8, 3)["b"].tolist()
+    assert larger.read(1)["a"].tolist() == columns(4, 4)["a"].tolist()
+    larger.write(0, columns(0, 4))
+    larger.write(3, columns(12, 1))
+    Store.create(folder, IDENTITY, 6, {})  # sweeps
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *(f"chunk-00000{i}.npz" for i in range(3)),
+        "chunk-000003-1.npz",
+        MANIFEST,
+        "samples-13",
+    ]
+    assert small.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+
+
+def test_a_chunk_s_part_stays_until_the_whole_is_there_and_right(tmp_path):
+    store = Store.create(tmp_path, IDENTITY, 6, {})
+    store.write(1, columns(4, 2))
+    larger = Store.create(tmp_path, IDENTITY, 8, {})
+    (tmp_path / "chunk-000001.npz").write_bytes(b"damaged")
+    larger.sweep()
+    assert store.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+    with pytest.raises(DamagedError):
+        larger.read(1)
+    larger.write(1, columns(4, 4))
+    larger.sweep()
+    assert not (tmp_path / "chunk-000001-2.npz").exists()
+
+
+GROWER = """
+import json, sys
+import numpy as np
+from jaxpound.store.store import Store
+identity = json.loads(sys.argv[2])
+numbers = range(*map(int, sys.argv[3:]))
+sys.stdin.readline()
+for n in numbers:
+    store = Store.create(sys.argv[1], identity, n, {})
+    for chunk in store.chunks():
+        if store.read(chunk) is None:
+            most = Store(sys.argv[1]).rows(chunk)
+            rows = np.arange(most.start, most.stop)
+            store.write(chunk, {"a": rows / 3, "b": np.sqrt(rows)})
+    store.sweep()
+    for chunk in store.chunks():
+        rows = np.arange(store.rows(chunk).start, store.rows(chunk).stop)
+        assert store.read(chunk)["a"].tolist() == (rows / 3).tolist(), (n, chunk)
+"""
+
+
+def test_processes_that_grow_one_store_to_other_sizes_do_not_disturb_each_other(tmp_path):
+    commands = [
+        [sys.executable, "-c", GROWER, tmp_path / "study", json.dumps(IDENTITY), *numbers]
+        for numbers in (("2", "80", "3"), ("3", "80", "2"))
+    ]
+    workers = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        for command in commands
+    ]
+    ends = [worker.communicate(b"go\n")[1].decode() for worker in workers]
+    assert ends == ["", ""]
+    store = Store.create(tmp_path / "study", IDENTITY, 79, {})
+    assert sorted(path.name for path in store.folder.iterdir()) == [
+        *(f"chunk-{i:06d}{'-3' * (i == 19)}.npz" for i in range(20)),
+        MANIFEST,
+        "samples-79",
+    ]

@@ -1,0 +1,356 @@
+"""Buildings in SI units: every function takes them, and answers as for their dimensionless form."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.design.problem import DesignProblem
+from jaxpound.ground.run_input import as_run
+from tests.model.test_system import KnownCushion
+
+LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+LAW = jp.KelvinVoigt(stiffness=2e9, restitution=0.65)
+PAIR = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, friction=100e3, gap=0.05),))
+POUNDING = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, friction=100e3, gap=0.02, contact=LAW),))
+T = 0.02 * np.arange(400)
+RECORD = jp.Record(0.2 * np.sin(7 * T) * np.exp(-((T - 3) ** 2)), 0.02, "burst")
+GRID = jp.TimeGrid.until(float(RECORD.duration), 0.01)
+
+
+def scaled(buildings):
+    """The dimensionless form, its scales, and the time grid."""
+    row, scales = buildings.dimensionless()
+    return row, scales, scales.grid(GRID.duration, GRID.dt)
+
+
+def close(result, expected, rtol=1e-8):
+    jax.tree.map(
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=rtol, atol=rtol * np.abs(y).max()),
+        result,
+        expected,
+    )
+
+
+def random_ground(metre=1.0, second=1.0):
+    periods = jp.Uniform(0.6 * second, 2.0 * second)
+    arrivals = jp.Uniform(1.0 * second, 4.0 * second)
+    return jp.RandomRicker(3, jp.LogNormal(0.015 * metre, 0.4), periods, arrivals)
+
+
+def test_a_run_is_that_of_the_dimensionless_form():
+    response = jp.simulate(POUNDING, RECORD, GRID)
+    row, scales, grid = scaled(POUNDING)
+    expected = scales.to_si(jp.simulate(row, scales.to_dimensionless(RECORD), grid))
+    assert response.si
+    assert response.demand.si
+    assert float(response.demand.n_impacts) > 2
+    assert str(response) == str(expected)
+    close(response.demand, expected.demand)
+    close(jp.demand(POUNDING, RECORD, GRID), expected.demand)
+    for name in ("x1", "v2", "f1", "gap", "friction", "ground_acceleration", "ground_velocity"):
+        close(getattr(response, name), getattr(expected, name))
+
+
+def test_records_are_in_g_and_all_other_motions_in_metres_and_seconds():
+    wavelet = jp.Ricker(0.03, 0.8, 2.0)
+    row, scales, grid = scaled(PAIR)
+    metre, second = 1 / scales.length, 1 / scales.time
+    same = jp.Ricker(0.03 * metre, 0.8 * second, 2.0 * second)
+    both = jp.demand(row, 0.5 * scales.to_dimensionless(RECORD) + same, grid)
+    close(jp.demand(PAIR, 0.5 * RECORD + wavelet, GRID), scales.to_si(both))
+    alone = jp.demand(PAIR, wavelet, GRID)
+    assert float(alone.pga) == pytest.approx(float(jp.pga(wavelet, GRID)), rel=1e-12)  # m/s²
+    sampled = jp.demand(PAIR, lambda t: np.asarray(wavelet.acceleration(t)), GRID)
+    assert float(sampled.min_gap) == pytest.approx(float(alone.min_gap), abs=1e-4)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class RectangularPulse:
+    """A motion of a user's own; its ends need not be instants of the grid."""
+
+    size: float
+    start: float
+    end: float
+
+    def acceleration(self, t):
+        return jnp.where((t >= self.start) & (t < self.end), self.size, 0.0)
+
+    def velocity(self, t):
+        return self.size * (jnp.clip(t, self.start, self.end) - self.start)
+
+
+def test_a_user_s_motion_is_traced_in_metres_and_seconds_with_its_velocity():
+    row, scales, grid = scaled(PAIR)
+    pulse = RectangularPulse(-0.5, 1.0, 1.503)
+    second, g = 1 / float(scales.time), jp.STANDARD_GRAVITY
+    same = RectangularPulse(-0.5 / g, 1.0 * second, 1.503 * second)
+    slope = jax.jit(jax.jacfwd(lambda pulse: jp.demand(PAIR, pulse, GRID).min_gap))(pulse)
+    expected = jax.jit(jax.jacfwd(lambda pulse: jp.demand(row, pulse, grid).min_gap))(same)
+    assert float(slope.end) == pytest.approx(float(expected.end) * scales.length * second, rel=1e-8)
+    assert float(slope.size) == pytest.approx(float(expected.size) * scales.length / g, rel=1e-8)
+
+
+def test_a_user_s_motion_is_traced_in_a_sum_with_a_record():
+    pulse = RectangularPulse(-0.5, 1.0, 1.503)
+    both = as_run(2.0 * RECORD + pulse, GRID, 9.8)
+    assert both.grounds[1] is pulse
+    assert float(both.acceleration(1.2)) == pytest.approx(2 * 9.8 * RECORD.acceleration(1.2) - 0.5)
+
+
+def test_masses_and_stiffnesses_are_differentiated_and_batched():
+    @jax.jit
+    def gap(mass):
+        left = dataclasses.replace(LEFT, mass=mass)
+        return jp.demand(dataclasses.replace(PAIR, buildings=(left, RIGHT)), RECORD, GRID).min_gap
+
+    step = 50.0
+    slope = (gap(500e3 + step) - gap(500e3 - step)) / (2 * step)
+    masses = jnp.array([450e3, 500e3])
+    gaps, slopes = jax.jit(jax.vmap(jax.value_and_grad(gap)))(masses)
+    assert float(slopes[1]) == pytest.approx(float(slope), rel=1e-5)
+    np.testing.assert_allclose(gaps, [gap(m) for m in masses], rtol=1e-12)
+
+
+def test_single_precision():
+    response = jp.demand(*jax.tree.map(jnp.float32, (PAIR, RECORD)), GRID)
+    assert response.min_gap.dtype == jnp.float32
+    expected = jp.demand(PAIR, RECORD, GRID)
+    assert float(response.min_gap) == pytest.approx(float(expected.min_gap), abs=1e-5)
+
+
+def test_a_study_is_in_si(tmp_path):
+    uncertain = {"links.0.friction": jp.Uniform(50e3, 150e3)}
+    scenarios = jp.Scenarios(jp.UncertainStructures(PAIR, uncertain), random_ground())
+    options = {"progress": False, "keep_parameters": True, "store": tmp_path / "study"}
+    study = jp.monte_carlo(scenarios, 48, GRID, key=3, **options)
+    row, scales, grid = scaled(PAIR)
+    metre, second = 1 / scales.length, 1 / scales.time
+    uncertain = {"links.0.friction": jp.Uniform(50e3 / scales.force, 150e3 / scales.force)}
+    ground = random_ground(metre, second)
+    scenarios = jp.Scenarios(jp.UncertainStructures(row, uncertain), ground)
+    expected = jp.monte_carlo(scenarios, 48, grid, key=3, scales=scales, progress=False)
+    for name in expected.columns:
+        np.testing.assert_allclose(study[name], expected[name], rtol=1e-7, atol=1e-9)
+        assert study.unit(name) == expected.unit(name)
+    assert 50e3 < study["links.0.friction"].min() < study["links.0.friction"].max() < 150e3
+    assert "m/s²" in str(study)
+    assert "(SI)" in str(study)
+    rules = study.separation(0.1)
+    paper_pair, _ = jp.dimensionless(LEFT, RIGHT, friction_force=100e3, gap=0.05)
+    scenarios = jp.Scenarios(paper_pair, ground)
+    same = jp.monte_carlo(scenarios, 48, grid, key=3, scales=scales, progress=False).separation(0.1)
+    assert rules.correlation == pytest.approx(same.correlation, rel=1e-9)
+    assert rules.srss == pytest.approx(
+        np.hypot(*(study.quantile(f"peak_x{i}", 0.9).value for i in (1, 2)))
+    )
+    again = jp.Study.open(tmp_path / "study")
+    assert again.unit("min_gap") == "m"
+    np.testing.assert_array_equal(again["required_gap"], study["required_gap"])
+
+
+def test_a_rare_event_has_its_threshold_in_metres():
+    state = jp.LimitState(jp.Scenarios(PAIR, random_ground()), GRID, threshold=0.15)
+    row, scales, grid = scaled(PAIR)
+    metre, second = 1 / scales.length, 1 / scales.time
+    scenarios = jp.Scenarios(row, random_ground(metre, second))
+    expected = jp.LimitState(scenarios, grid, threshold=0.15 * float(metre))
+    z = np.random.default_rng(1).normal(size=(4, state.dimension))
+    np.testing.assert_allclose(state.values(z) * metre, expected.values(z), rtol=1e-7)
+    numbers = np.array([300, 310, 320, 330]), np.zeros(4, int)
+    values, slopes = state.gradients(z, *numbers)
+    expected_values, expected_slopes = expected.gradients(z, *numbers)
+    np.testing.assert_allclose(values * metre, expected_values, rtol=1e-7)
+    np.testing.assert_allclose(slopes * metre, expected_slopes, rtol=1e-6, atol=1e-9)
+    assert state.time_step == pytest.approx(grid.dt)
+
+
+def test_a_user_s_law_of_contact_has_rare_events():
+    """Its units are not known, so it has no dimensionless form; none is needed."""
+    link = dataclasses.replace(PAIR.links[0], contact=KnownCushion(2e8))
+    buildings = dataclasses.replace(PAIR, links=(link,))
+    state = jp.LimitState(jp.Scenarios(buildings, random_ground()), GRID, threshold=0.15)
+    assert state.time_step == pytest.approx(scaled(PAIR)[2].dt)
+    with pytest.raises(ValueError, match="must be a law of this package"):
+        buildings.dimensionless()
+
+
+def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
+    bounds = {"links.0.friction": (0.0, 400e3)}
+    ensemble = jp.Ensemble.drawn(jp.Scenarios(PAIR, random_ground()), 8, key=1)
+    limits = {"damper_force": 300e3, "peak_x1": 0.2}
+    objective = jp.Objective(limits={name: jp.Limit(x) for name, x in limits.items()})
+    problem = DesignProblem(jp.DesignSpace(PAIR, bounds), ensemble, GRID, jp.Scheme(), objective)
+    row, scales, grid = scaled(PAIR)
+    ground = random_ground(1 / scales.length, 1 / scales.time)
+    same = DesignProblem(
+        jp.DesignSpace(row, {"links.0.friction": (0.0, 400e3 / float(scales.force))}),
+        jp.Ensemble.drawn(jp.Scenarios(row, ground), 8, key=1),
+        grid,
+        jp.Scheme(),
+        objective,
+        scales,
+    )
+    share = np.array([0.6])
+    columns, expected = (x.evaluate(share, x.ensemble) for x in (problem, same))
+    assert columns.keys() == expected.keys()
+    for name, values in columns.items():
+        np.testing.assert_allclose(values, expected[name], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(columns["damper_force"], 240e3)
+
+
+def test_records_of_a_suite_need_no_scales():
+    records = [RECORD, jp.Record(1.5 * RECORD.samples[::-1], 0.02, "backwards")]
+    options = {"intensities": [0.1, 0.3], "progress": False}
+    stripes = jp.multiple_stripes(PAIR, records, **options)
+    row, scales, _ = scaled(PAIR)
+    expected = jp.multiple_stripes(row, records, scales=scales, **options)
+    np.testing.assert_allclose(stripes.demands, expected.demands, rtol=1e-6)
+    assert str(stripes) == str(expected)
+
+
+def test_a_law_whose_units_are_unknown_runs_as_it_is_written():
+    @jax.tree_util.register_dataclass
+    @dataclasses.dataclass(frozen=True)
+    class Spring:
+        stiffness: float
+
+        def force(self, penetration, speed, touch_speed):
+            return self.stiffness * penetration
+
+    def gap(law):
+        link = dataclasses.replace(POUNDING.links[0], contact=law)
+        return jp.demand(dataclasses.replace(POUNDING, links=(link,)), RECORD, GRID).min_gap
+
+    elastic = jp.KelvinVoigt(stiffness=2e9, restitution=1.0)
+    assert float(gap(Spring(2e9))) == pytest.approx(float(gap(elastic)), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (
+            lambda: jp.demand(PAIR, jp.Record(RECORD.samples, 0.02, time_unit="1/ω1"), GRID),
+            "must be in seconds, as Buildings are",
+        ),
+        (
+            lambda: jp.demand(jp.paper.structures(), RECORD, GRID),
+            "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged",
+        ),
+        (
+            lambda: jp.Scenarios(
+                PAIR, jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
+            ),
+            "Scenarios: ground: .*must be in seconds",
+        ),
+        (
+            lambda: jp.monte_carlo(
+                jp.Scenarios(PAIR, random_ground()), 8, GRID, scales=jp.Scales(500e3, 7.0)
+            ),
+            r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units",
+        ),
+        (lambda: jp.Buildings((), ()), r"Buildings: buildings = \(\) must hold at least one"),
+        (
+            lambda: jp.Buildings((LEFT,), (jp.FloorLink(0, 0, gap=0.1),)),
+            "Buildings: links.0: next_building = 1 must be from 0 to 0",
+        ),
+        (
+            lambda: jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=15.0),)),
+            r"Buildings: links.0.gap = 15 must be between 0 and 10 m",
+        ),
+        (
+            lambda: jp.Buildings((LEFT, RIGHT), gravity=0.0),
+            "Buildings: gravity = 0 must be positive",
+        ),
+        (
+            lambda: jp.Buildings((LEFT, jp.paper.structures().rod_2)),
+            "Buildings: buildings.1 = .* must be of type ShearBuilding or Building",
+        ),
+    ],
+)
+def test_errors_name_the_argument(call, says):
+    with pytest.raises(ValueError, match=says):
+        call()
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (
+            lambda: jp.Buildings(LEFT, RIGHT),
+            r"buildings = .* a tuple; .* Buildings\(\(left, right\), links\) makes",
+        ),
+        (
+            lambda: jp.floor_links(PAIR),
+            "floor_links: buildings = .* must be a tuple; .* its field buildings has each building",
+        ),
+        (
+            lambda: jp.simulate((LEFT, RIGHT), RECORD, GRID),
+            r"structures = .* .* Buildings or .*; .* Buildings\(\(left, right\), links\) makes",
+        ),
+    ],
+)
+def test_one_building_in_the_place_of_several(call, says):
+    with pytest.raises(ValueError, match=says):
+        call()
+
+
+def test_tables_of_a_calibration_and_of_elasticities_are_in_si():
+    grid, ground = jp.TimeGrid(0.01, 100), jp.Ricker(0.02, 0.5, 0.4)
+    space = jp.DesignSpace(PAIR, {"links.0.friction": (50e3, 200e3)})
+    measured = {"x1": jp.simulate(PAIR, ground, grid).x1}
+    fit = jp.calibrate(space, measured, ground, grid, starts=1)
+    assert "parameter (SI)" in str(fit)
+    assert float(fit.structures.links[0].friction) == pytest.approx(100e3, rel=1e-3)
+    assert " m;" in str(jp.elasticities(PAIR, ground, grid, demand="peak_x1"))
+
+
+def test_sobol_indices_doubt_wavelets_that_are_hardly_in_metres():
+    uncertain = {"links.0.friction": jp.Uniform(5e4, 1e5), "links.0.gap": jp.Uniform(0.1, 0.2)}
+    scenarios = jp.Scenarios(jp.UncertainStructures(PAIR, uncertain), jp.Ricker(30.0, 0.5, 0.2))
+    with pytest.raises(ValueError, match="PGA of 100% of the 2 earthquakes looked at, up to"):
+        jp.sobol_sensitivity(scenarios, jp.TimeGrid(0.01, 60), n=2, strict=True)
+
+
+def test_modes_are_in_radians_per_second():
+    modes, (row, scales) = jp.modes(PAIR), PAIR.dimensionless()
+    assert "frequency (rad/s)  period (s)" in str(modes)
+    np.testing.assert_allclose(modes.frequencies, jp.modes(row).frequencies * scales.frequency)
+
+
+def test_growth_takes_records_in_seconds():
+    growth = jp.growth(POUNDING, RECORD, GRID)
+    assert np.isfinite(float(growth.end))
+
+
+def test_a_rare_event_has_the_design_points_of_the_dimensionless_form():
+    noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 60, 0.04, intensity=0.1, time_unit="s")
+    grid = jp.TimeGrid.until(2.4, 0.04)
+    options = {"method": "design points", "key": 1, "progress": False, "max_runs": 768}
+    event = jp.rare_event(jp.Scenarios(PAIR, noise), grid, 0.11, **options)
+    row, scales = PAIR.dimensionless()
+    scenarios = jp.Scenarios(row, scales.to_dimensionless(noise))
+    same = scales.grid(2.4, 0.04)
+    expected = jp.rare_event(scenarios, same, 0.11 / float(scales.length), **options)
+    assert len(event.instants) == len(expected.instants) > 5
+    assert event.probability == pytest.approx(expected.probability, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"friction": 100.0}, "links.0.friction = 100 N should be 0 or between"),
+        ({"gap": 9.0}, "links.0.gap = 9 m should be at most 5 times"),
+        ({"contact": jp.KelvinVoigt(2e3, 0.65)}, "links.0.contact: stiffness = 2000 N/m makes"),
+    ],
+)
+def test_units_that_are_hardly_meant_are_warned_of(changes, says):
+    link = dataclasses.replace(PAIR.links[0], **changes)
+    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {says}"):
+        jp.Buildings((LEFT, RIGHT), (link,))
