@@ -19,7 +19,7 @@ from jaxpound.reliability.search import COMMON, OWNER, DesignPointSearch
 from jaxpound.reliability.subset import simulated
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios import sampling
-from jaxpound.scenarios.scenarios import ScenarioSet, discrete_coordinates, parameter_names
+from jaxpound.scenarios.scenarios import ScenarioSet, discrete_names
 from jaxpound.simulation.scheme import Scheme
 
 _METHODS = ("auto", "design points", "subset")
@@ -152,31 +152,27 @@ def event_of(
     sampling.key_numbers(OWNER, key)  # refuses a wrong key
     start = _start(state, start)
 
-    more: dict[str, Any] = {"cov": cov, "key": key, "progress": progress}
-    more |= {} if max_runs is None else {"max_runs": max_runs}
     subset, why = choice(state, method)
-    if subset:
-        return simulated(state, store=store, why=why, **more)
-    with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
-        search = DesignPointSearch(state, cov, most, key, start, store, bar)
-        points = None if start is None else search.points()
-        if points is None or not len(points) or points.form() > COMMON / 2:
-            pilot = search.pilot()
-            if pilot.probability > COMMON:
-                return search.plain(pilot, 0 if points is None else points.gradients)
-        if points is None:
-            points = search.points()
-        doubt = search.doubt(points)
-        if not doubt or (method == "design points" and len(points)):
-            return search.around(points, doubt)
-    if method == "auto":
-        folder = None if store is None else Path(store) / "subset"
-        event = simulated(state, store=folder, why=f"{doubt}: ", **more)
-        runs, gradients = event.runs + search.runs, points.gradients
-        return dataclasses.replace(event, runs=runs, gradients=gradients)
-    rule = f"must lead to the limit state, but none of {points.failed} searches has reached it; use"
-    rule += " method = 'subset', or in reach_probability another value to start from"
-    raise InvalidInput(OWNER, "gradients", "", rule)
+    runs = gradients = 0
+    if not subset:
+        with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
+            search = DesignPointSearch(state, cov, most, key, start, store, bar)
+            if start is None or not search.points.form() <= COMMON / 2:  # NaN without points
+                pilot = search.pilot()
+                if pilot.probability > COMMON:
+                    return search.plain(pilot)
+            doubt = search.doubt()
+            if not doubt or (method == "design points" and len(search.points)):
+                return search.around(doubt)
+        if method == "design points":
+            rule = f"must lead to the limit state, but none of {search.points.failed} searches has"
+            rule += " reached it; use method = 'subset', or in reach_probability another value to"
+            raise InvalidInput(OWNER, "gradients", "", f"{rule} start from")
+        runs, gradients, why = search.runs, search.points.gradients, f"{doubt}: "
+        store = None if store is None else Path(store) / "subset"
+    more = {} if max_runs is None else {"max_runs": max_runs}
+    event = simulated(state, cov=cov, key=key, store=store, progress=progress, why=why, **more)
+    return dataclasses.replace(event, runs=event.runs + runs, gradients=gradients)
 
 
 def programs_of(owner: str, start: RareEvent | None) -> Any:
@@ -208,23 +204,17 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
         raise InvalidInput(OWNER, "", "", f"method = {method!r}; {hint(method, _METHODS)}")
     if method == "subset":
         return True, ""
-    if method == "auto" and (shown := _discrete(state.scenarios)):
-        return True, f"{shown} discrete: "
-    require_smooth(OWNER, state.scenarios, "use method = 'subset'")
-    if method == "auto" and state.dimension < _FEW:
+    if method == "design points":
+        require_smooth(OWNER, state.scenarios, "use method = 'subset'")
+    elif names := discrete_names(state.scenarios):
+        return True, f"{names} discrete: "
+    elif state.dimension < _FEW:
         return True, f"{state.dimension} random numbers, fewer than {_FEW}: "
     return False, ""
 
 
 def require_smooth(owner: str, scenarios: ScenarioSet, instead: str) -> None:
     """An ``InvalidInput`` for scenarios with discrete numbers, which have no gradients."""
-    if shown := _discrete(scenarios):
+    if names := discrete_names(scenarios):
         rule = f"must not be discrete for design points, which need gradients; {instead}"
-        raise InvalidInput(owner, f"scenarios: {shown}", "", rule)
-
-
-def _discrete(scenarios: ScenarioSet) -> str:
-    """Names of the first discrete numbers of scenarios; empty if there are none."""
-    indices = discrete_coordinates(scenarios)
-    names = parameter_names(scenarios) if indices else ()
-    return ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))
+        raise InvalidInput(owner, f"scenarios: {names}", "", rule)

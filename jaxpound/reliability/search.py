@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -72,8 +73,9 @@ class DesignPointSearch:
         require_dependence(OWNER, self._state, samples.points, samples.values)
         return samples
 
+    @cached_property
     def points(self) -> DesignPoints:
-        """The design points, from those of the start or from random starts."""
+        """The design points, from those of the start or from random starts; sought when needed."""
 
         def report(gradients: int, nearest: float) -> None:
             distance = f", nearest at {nearest:.3g}" if np.isfinite(nearest) else ""
@@ -98,8 +100,9 @@ class DesignPointSearch:
         self._bar.update(design_points.runs)
         return design_points
 
-    def plain(self, pilot: Samples, gradients: int) -> RareEvent:
+    def plain(self, pilot: Samples) -> RareEvent:
         """The event of plain samples, where it is not rare."""
+        gradients = 0 if self._start is None else self.points.gradients
         sure = pilot.probability == 1
         samples = pilot if sure else self._samples(None, self._most, pilot)
         points = {"design_points": np.zeros((0, self._state.dimension)), "instants": np.zeros(0)}
@@ -108,37 +111,39 @@ class DesignPointSearch:
         bound = [always(len(samples))] if sure else []
         return dataclasses.replace(event, warnings=(*self._unsure(event), *bound))
 
-    def doubt(self, points: DesignPoints) -> str:
+    def doubt(self) -> str:
         """A sign that design points do not stand for all failures, in words; empty without one."""
+        points = self.points
         if not len(points):
             return "no gradients lead to the limit state"
         if points.failed > len(points):
             return "few gradients lead to the limit state"
         if points.covered < COVERED:
             return f"{1 - points.covered:.0%} of random starts end in design points of their own"
-        return self._missed(points)
+        return self._missed()
 
-    def _missed(self, points: DesignPoints) -> str:
+    def _missed(self) -> str:
         """``doubt`` by motions that are so strong that likely failures are many among them.
 
         Failures at the distance of the nearest design point, in any direction, lie two standard
         deviations of these motions from the origin (Bucher 2009, Probabilistic Engineering
         Mechanics 24:504, extrapolates probabilities from such samples; here they are counted).
         """
-        factor = max(1.0, _STRONGER * float(points.betas[0]))
+        factor = max(1.0, _STRONGER * float(self.points.betas[0]))
         missed = 0
         for number, many in enumerate(_MISSED, 1):
             stronger = self._batch(number, None, factor)
-            far = ~points.stand_for(stronger.points)
+            far = ~self.points.stand_for(stronger.points)
             missed += int(np.count_nonzero(far & (stronger.values >= 0)))
             if missed < many:
                 return ""
         motions = f"{number * BATCH} random motions {factor:.2g} times as strong"
         return f"{missed} of {motions} fail far from all design points"
 
-    def around(self, points: DesignPoints, doubt: str) -> RareEvent:
+    def around(self, doubt: str) -> RareEvent:
         """The event of samples around design points."""
-        near, state = points.within(NEAR), self._state
+        points, state = self.points, self._state
+        near = points.within(NEAR)
         doubts = (f"{doubt}: compare with subset_simulation",) if doubt else ()
         design_points = {
             "gradients": points.gradients,

@@ -195,6 +195,13 @@ def discrete_coordinates(drawn: Any) -> tuple[int, ...]:
     return tuple(getattr(drawn, "discrete", ()))
 
 
+def discrete_names(scenarios: ScenarioSet) -> str:
+    """Names of the first discrete numbers of scenarios; empty if there are none."""
+    indices = discrete_coordinates(scenarios)
+    names = parameter_names(scenarios) if indices else ()
+    return ", ".join([names[i] for i in indices[:4]] + ["..."] * (len(indices) > 4))
+
+
 def parameters(drawn: Any, z: Float[Array, " d"], before: int = 0) -> dict[str, Any]:
     """Parameters by name of a scenario set, or of a part whose z follows ``before`` numbers."""
     if hasattr(drawn, "parameters"):
