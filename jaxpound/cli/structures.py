@@ -12,7 +12,7 @@ from typing import Any
 import jaxpound as jp
 from jaxpound.cli import buildings
 from jaxpound.cli.buildings import BlockSection, BuildingsLayout
-from jaxpound.cli.noise import NoiseOrEarthquakes
+from jaxpound.cli.earthquakes import Earthquakes
 from jaxpound.cli.reading import File, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Gap, RunSection, read_records
 from jaxpound.ground.plausibility import warn
@@ -101,7 +101,7 @@ class Structured(Section, dict=True):
 class Shaken(Structured, kw_only=True):
     """Buildings under random earthquakes."""
 
-    earthquakes: NoiseOrEarthquakes
+    earthquakes: Earthquakes
 
     def doubts(self) -> list[str]:
         """And in gaps, which no run of the buildings judges by what they move."""

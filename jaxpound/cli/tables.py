@@ -1,22 +1,21 @@
-"""Tables that configurations have in common: contact, a run, earthquakes; all in SI."""
+"""Tables that configurations have in common: contact, a run, distributions; all in SI."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound._checks import Range
-from jaxpound.cli.reading import Count, Section, between, named, of_field, ranges, refused, says
+from jaxpound.cli.reading import Section, between, named, of_field, refused, says
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.results.named import REQUIRED_GAP, kind_of
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
-from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.buildings import DURATION
 
 OF_DEMANDS = {
@@ -158,54 +157,7 @@ def drawn(low: float, high: float, unit: str, why: str) -> Meta:
     return says(_FORMS, Range(low, high, unit, why))
 
 
-Amplitude = drawn(-10, 10, "m", "no ground has moved farther")
-Periods = drawn(1e-3, 60, "s", "of a wavelet, for models and for towers")
-Arrivals = drawn(0, 3600, "s", "from the start of the run")
-Intensity = drawn(0, 1e3, "", "a factor on the amplitudes")
 FACTOR_ON_RECORD = Range(-1e3, 1e3, "", "a factor on the record's acceleration")
-Weight = Annotated[float, between(0, 1e9, "", "a relative frequency")]
-Weights = says("a list of numbers between 0 and 1e+09 (relative frequencies)", min_length=1)
-
-
-class Earthquakes(Section):
-    """Random earthquakes: sums of wavelets, or records drawn from a list and scaled."""
-
-    wavelets: Annotated[int, Count] | None = None
-    amplitude: Annotated[DistributionSpec, Amplitude] | None = None
-    periods: Annotated[DistributionSpec, Periods] | None = None
-    arrivals: Annotated[DistributionSpec, Arrivals] | None = None
-    negative: Annotated[float, between(0, 1, "", "a probability")] | None = None
-    intensity: Annotated[DistributionSpec, Intensity] | None = None
-
-    records: Files | None = None
-    units: str | None = None
-    factor: Annotated[DistributionSpec, drawn(*FACTOR_ON_RECORD)] | None = None
-    weights: Annotated[list[Weight], Weights] | None = None
-
-    def __post_init__(self) -> None:
-        needed = ("wavelets", "amplitude", "periods", "arrivals")
-        if self.records is None:
-            self.refuse_any(("units", "factor", "weights"), "must not be given without records")
-            self.require_all(needed)
-        else:
-            self.refuse_any((*needed, "negative", "intensity"), "must not be given with records")
-        for key, allowed in ranges(Earthquakes).items():
-            if isinstance(distribution := getattr(self, key), DistributionSpec):
-                distribution.require(key, allowed)
-
-    def motion(self, records: Sequence[jp.Record], scales: jp.Scales) -> GroundDraw:
-        """The random ground motion; ``records`` are those that the file names."""
-        if records:
-            motions = tuple(scales.to_dimensionless(record) for record in records)
-            factor = self.factor.times(1.0) if self.factor else None
-            return jp.RandomRecord(motions, factor, tuple(self.weights) if self.weights else None)
-        units = {"amplitude": scales.length, "periods": scales.time, "arrivals": scales.time}
-        return jp.RandomRicker(
-            **{key: getattr(self, key).times(1 / float(unit)) for key, unit in units.items()},
-            wavelets=cast("int", self.wavelets),
-            negative=0.5 if self.negative is None else self.negative,
-            intensity=self.intensity.times(1.0) if self.intensity else None,
-        )
 
 
 def read_records(

@@ -9,13 +9,14 @@ from msgspec import inspect
 
 from jaxpound.cli.buildings import BlockSection, Damper
 from jaxpound.cli.design import DesignConfig, SearchTable
+from jaxpound.cli.earthquakes import Earthquakes
 from jaxpound.cli.files import example
 from jaxpound.cli.montecarlo import StudyConfig
 from jaxpound.cli.objective import ObjectiveTable
 from jaxpound.cli.reading import entries, ranges
 from jaxpound.cli.simulate import RecordSection, Simulation
 from jaxpound.cli.syntax import long_key
-from jaxpound.cli.tables import ContactSection, Earthquakes, RunSection
+from jaxpound.cli.tables import ContactSection, RunSection
 from tests.cli.commands import refusal
 
 

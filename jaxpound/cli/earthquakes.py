@@ -1,18 +1,26 @@
-"""Random earthquakes as filtered white noise, beside sums of wavelets and records."""
+"""Random earthquakes: sums of wavelets, recorded accelerograms, or filtered white noise."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import jax.numpy as jnp
 
 import jaxpound as jp
-from jaxpound.cli.reading import Range, Section, between, named, refused, says
-from jaxpound.cli.tables import DistributionSpec, Earthquakes
+from jaxpound.cli.reading import Count, Range, Section, between, named, ranges, refused, says
+from jaxpound.cli.tables import FACTOR_ON_RECORD, DistributionSpec, Files, drawn
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.buildings import DURATION
+
+_Amplitude = drawn(-10, 10, "m", "no ground has moved farther")
+_Periods = drawn(1e-3, 60, "s", "of a wavelet, for models and for towers")
+_Arrivals = drawn(0, 3600, "s", "from the start of the run")
+_Intensity = drawn(0, 1e3, "", "a factor on the amplitudes")
+_Weight = Annotated[float, between(0, 1e9, "", "a relative frequency")]
+_Weights = says("a list of numbers between 0 and 1e+09 (relative frequencies)", min_length=1)
+_OF_WAVELETS = ("wavelets", "amplitude", "periods", "arrivals")
 
 _Instant = Annotated[float, between(1e-3, 3600, "s", "from the start of the noise")]
 _Frequency = Annotated[float, between(0.01, 100, "Hz", "of soil: soft has 0.5 Hz, rock 10 Hz")]
@@ -50,8 +58,20 @@ class EnvelopeTable(Section):
             return kind(**self.stated())
 
 
-class NoiseOrEarthquakes(Earthquakes):
-    """Random earthquakes: filtered white noise, sums of wavelets, or records."""
+class Earthquakes(Section):
+    """Random earthquakes: sums of wavelets, records from a list and scaled, or filtered noise."""
+
+    wavelets: Annotated[int, Count] | None = None
+    amplitude: Annotated[DistributionSpec, _Amplitude] | None = None
+    periods: Annotated[DistributionSpec, _Periods] | None = None
+    arrivals: Annotated[DistributionSpec, _Arrivals] | None = None
+    negative: Annotated[float, between(0, 1, "", "a probability")] | None = None
+    intensity: Annotated[DistributionSpec, _Intensity] | None = None
+
+    records: Files | None = None
+    units: str | None = None
+    factor: Annotated[DistributionSpec, drawn(*FACTOR_ON_RECORD)] | None = None
+    weights: Annotated[list[_Weight], _Weights] | None = None
 
     filter: Literal["kanai-tajimi", "clough-penzien"] | None = None
     frequency: _Frequency | None = None
@@ -64,14 +84,26 @@ class NoiseOrEarthquakes(Earthquakes):
     envelope: EnvelopeTable | None = None
 
     def __post_init__(self) -> None:
-        if self.filter is None:
-            of_noise = {*self.__struct_fields__} - {*Earthquakes.__struct_fields__}
-            self.refuse_any(of_noise, "must not be given without filter")
-            super().__post_init__()
+        if self.filter is not None:
+            self._require_noise(self.filter)
             return
-        self.refuse_any(Earthquakes.__struct_fields__, "must not be given with filter")
-        self.require_all(_NEEDED[self.filter])
-        if self.filter == "kanai-tajimi":
+        keys = self.__struct_fields__
+        self.refuse_any(keys[keys.index("filter") :], "must not be given without filter")
+        if self.records is None:
+            self.refuse_any(("units", "factor", "weights"), "must not be given without records")
+            self.require_all(_OF_WAVELETS)
+        else:
+            others = (*_OF_WAVELETS, "negative", "intensity")
+            self.refuse_any(others, "must not be given with records")
+        for key, allowed in ranges(Earthquakes).items():
+            if isinstance(distribution := getattr(self, key), DistributionSpec):
+                distribution.require(key, allowed)
+
+    def _require_noise(self, filter: str) -> None:
+        keys = self.__struct_fields__
+        self.refuse_any(keys[: keys.index("filter")], "must not be given with filter")
+        self.require_all(_NEEDED[filter])
+        if filter == "kanai-tajimi":
             only = 'must be given with filter = "clough-penzien" only'
             self.refuse_any(("high_pass", "high_pass_damping"), only)
         if isinstance(self.acceleration, DistributionSpec):
@@ -94,10 +126,20 @@ class NoiseOrEarthquakes(Earthquakes):
         return [*records, noise.draw(jnp.zeros(noise.dimension))]
 
     def motion(self, records: Sequence[jp.Record], scales: jp.Scales) -> GroundDraw:
-        """The random ground motion of the dimensionless system."""
-        if self.filter is None:
-            return super().motion(records, scales)
-        return scales.to_dimensionless(self._noise())
+        """The random ground motion, dimensionless; ``records`` are those that the file names."""
+        if self.filter is not None:
+            return scales.to_dimensionless(self._noise())
+        if records:
+            motions = tuple(scales.to_dimensionless(record) for record in records)
+            factor = self.factor.times(1.0) if self.factor else None
+            return jp.RandomRecord(motions, factor, tuple(self.weights) if self.weights else None)
+        units = {"amplitude": scales.length, "periods": scales.time, "arrivals": scales.time}
+        return jp.RandomRicker(
+            **{key: getattr(self, key).times(1 / float(unit)) for key, unit in units.items()},
+            wavelets=cast("int", self.wavelets),
+            negative=0.5 if self.negative is None else self.negative,
+            intensity=self.intensity.times(1.0) if self.intensity else None,
+        )
 
     def _noise(self) -> jp.FilteredNoise:
         table: Any = self  # with all keys that its filter needs
