@@ -172,10 +172,10 @@ def label(*, default: Any) -> Any:
 def pytree_dataclass(cls: type[T]) -> type[T]:
     """Make ``cls`` a frozen dataclass and a pytree whose fields are its children.
 
-    Unless ``cls`` defines ``__post_init__``, ``check`` checks each new object. JAX rebuilds objects
+    Unless ``cls`` has a ``__post_init__``, ``check`` checks each new object. JAX rebuilds objects
     with cotangents, axis numbers or tracers in the place of numbers: rebuilding makes no checks.
     """
-    if "__post_init__" not in vars(cls):
+    if not hasattr(cls, "__post_init__"):
         cls.__post_init__ = check  # type: ignore[attr-defined]
     if "__repr__" not in vars(cls):
         cls.__repr__ = dataclass_repr  # type: ignore[method-assign]

@@ -157,22 +157,15 @@ def calibrate(
         return _series(run(space.structures(shares)), data)
 
     residual, fit = _least_squares(series, data)
-    fits: list[Any] = []
     first = start_shares(owner, space, start)
     starts, key = _checks.count(owner, "starts", starts), _checks.seed(owner, "key", key)
-    for shares in spread_shares(first, starts, key):
-        if np.isfinite(residual(shares, weights)).all():
-            fits.append(fit(shares, weights))
+    spread = spread_shares(first, starts, key)
+    fits = [fit(x, weights) for x in spread if np.isfinite(residual(x, weights)).all()]
     if not fits:
         raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
     best = min(fits, key=lambda x: x.cost)
     if noise is None:
-        # Each series weighted by the standard deviation of its residuals.
-        ends = np.cumsum([x.size for x in data.values()])[:-1]
-        parts = np.split(np.asarray(best.fun), ends)
-        for (name, x), part in zip(data.items(), parts, strict=True):
-            weights[name] *= _spread(part[np.isfinite(x)]) or 1.0
-        best = fit(best.x, weights)
+        best = fit(best.x, _weights_by_residuals(weights, best.fun, data))
         fits.append(best)
     shares = np.asarray(best.x)
     estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
@@ -180,17 +173,11 @@ def calibrate(
     response = run(structures, strict)
     simulated = _series(response, data)
     residuals = {name: x - np.asarray(simulated[name]) for name, x in data.items()}
-    edges = (shares < _AT_BOUND) | (shares > 1 - _AT_BOUND)
-    return Calibration(
-        structures,
-        estimates,
-        correlation,
-        {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()},
-        response,
-        residuals,
-        tuple(name for name, at in zip(space.names, edges, strict=True) if at),
-        sum(x.nfev for x in fits),
-    )
+    spreads = {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
+    edges = np.flatnonzero((shares < _AT_BOUND) | (shares > 1 - _AT_BOUND))
+    at_bounds, runs = tuple(space.names[i] for i in edges), sum(x.nfev for x in fits)
+    results = estimates, correlation, spreads, response, residuals, at_bounds, runs
+    return Calibration(structures, *results)
 
 
 def _least_squares(
@@ -285,6 +272,15 @@ def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str
             raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
         _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
     return {name: float(noise[name]) for name in data}
+
+
+def _weights_by_residuals(
+    weights: Mapping[str, float], residuals: Any, data: Mapping[str, np.ndarray]
+) -> dict[str, float]:
+    """The standard deviations of each series' residuals, which are given over the weights."""
+    ends = np.cumsum([x.size for x in data.values()])[:-1]
+    parts = zip(data.items(), np.split(np.asarray(residuals), ends), strict=True)
+    return {name: weights[name] * (_spread(r[np.isfinite(x)]) or 1.0) for (name, x), r in parts}
 
 
 def _estimates(

@@ -20,8 +20,6 @@ from jaxpound.results.named import REQUIRED_GAP, require_limited
 class Limit:
     """An upper bound on a demand, or on the probability that it is reached.
 
-    Raises ``ValueError`` if an argument breaks its rule.
-
     Parameters
     ----------
     at_most

@@ -137,12 +137,7 @@ def pareto_front(
 
         begin_search(searches)
         free = designer.design(start)
-        if limits is None:
-            reached, most = free.history.prices[..., [*all_limits].index(price)], free.prices[price]
-            reached = reached[np.isfinite(reached) & (reached > 0)]
-            least = min(reached.min(initial=np.inf), most)
-            limits = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
-            limits = [x for x in limits if x < most]
+        limits = _tighter(free, price, points) if limits is None else limits
         designs, infeasible, last = [free], [], free
         for i, limit in enumerate(limits):
             begin_search(len(limits) - i)
@@ -153,8 +148,22 @@ def pareto_front(
                 continue
             designs.append(last)
         begin_search(0)
+    return ParetoFront(price, over, tuple(_undominated(designs, price)), tuple(infeasible))
+
+
+def _tighter(free: Design, price: str, points: int) -> list[float]:
+    """Limits below a design's demand, which is the last that is limited, down to its iterates'."""
+    reached, most = free.history.prices[..., -1], free.prices[price]
+    reached = reached[np.isfinite(reached) & (reached > 0)]
+    least = min(reached.min(initial=np.inf), most)
+    limits = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
+    return [x for x in limits if x < most]
+
+
+def _undominated(designs: Sequence[Design], price: str) -> list[Design]:
+    """The designs of the front, in the order of the limited demand."""
     front: list[Design] = []
     for design in sorted(designs, key=lambda design: (design.prices[price], -design.objective)):
         if not front or design.objective > front[-1].objective:
             front.append(design)
-    return ParetoFront(price, over, tuple(front), tuple(infeasible))
+    return front

@@ -25,8 +25,6 @@ _RELAXATION = Range(1e-12, 1e6, "s^order", "a relaxation time to the power of th
 class Building:
     """A building as one block on one fractional Zener rod, in SI units.
 
-    Raises ``ValueError`` if a concrete value breaks its rule.
-
     Parameters
     ----------
     mass

@@ -17,9 +17,6 @@ from jaxpound._fields import check, parameter, pytree_dataclass
 class ZenerRod:
     r"""A fractional Zener rod, :math:`f + τ_f D^γ f = K (x + τ_x D^γ x)`, per unit of stiffness K.
 
-    Raises ``ValueError`` if a concrete value breaks its rule. Traced values cannot raise: a run
-    with an invalid one returns NaN in every result.
-
     Parameters
     ----------
     order

@@ -16,8 +16,6 @@ from jaxpound.model.system import GROUND, Link, Rod, System
 class AdjacentStructures:
     """Two adjacent structures joined by a friction damper, dimensionless (paper, eq. 9).
 
-    Raises ``ValueError`` if a concrete value breaks its rule; traced ones as in ``ZenerRod``.
-
     Parameters
     ----------
     rod_1, rod_2
