@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.ricker import Ricker
+from jaxpound.ground.wavelets import Ricker
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
 

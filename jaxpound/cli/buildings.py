@@ -1,4 +1,4 @@
-"""Buildings and what is between them, as configurations state them, and as ``jp.Buildings``.
+"""Buildings and what is between them, from configurations to ``jp.Buildings``, and back.
 
 Two buildings of one storey ([building_1], [building_2], gap, [damper], [contact]), or buildings in
 a row ([[building]] and [[link]], counted from 1).
@@ -7,6 +7,7 @@ a row ([[building]] and [[link]], counted from 1).
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
@@ -16,7 +17,7 @@ from msgspec import Meta
 import jaxpound as jp
 from jaxpound.buildings import pair_of
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
-from jaxpound.cli.tables import ContactSection, Friction, Gap
+from jaxpound.cli.tables import LAWS, ContactSection, Friction, Gap
 from jaxpound.model.building import DAMPING, PERIOD
 from jaxpound.model.row import LinkLabels, common_floors, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, TAPER
@@ -283,3 +284,56 @@ class BuildingsLayout:
     def gaps(self) -> list[float]:
         """The gaps of the links that have one, in m."""
         return [float(link.gap) for link in self.si.links if is_closable(link.gap)]
+
+
+def as_toml(buildings: jp.Buildings) -> str:
+    """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair."""
+    first, *others = buildings.buildings
+    if isinstance(first, jp.Building):
+        (link,) = buildings.links
+        lines = [f"gap = {_written(link.gap)}  # m", ""]
+        for i, building in enumerate((first, *others), start=1):
+            numbers = [f"{key} = {_written(x)}" for key, x in vars(building).items()]
+            lines += [f"[building_{i}]", *numbers, ""]
+        lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
+        return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
+    lines = []
+    for building in buildings.buildings:
+        lines += ["[[building]]", "[building.storeys]", *_storeys(building), ""]
+    for link in buildings.links:
+        lines += ["[[link]]", *_link(link), ""]
+    return "\n".join(lines)
+
+
+def _storeys(building: Any) -> list[str]:
+    storeys = [vars(storey) for storey in building.storeys]
+    plural = {"mass": "masses", "stiffness": "stiffnesses"}
+    numbers = {plural.get(key, key): [storey[key] for storey in storeys] for key in storeys[0]}
+    numbers["heights"] = building.heights
+    return [f"{key} = [{', '.join(map(_written, x))}]" for key, x in numbers.items()]
+
+
+def _link(link: jp.FloorLink) -> list[str]:
+    lines = [f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
+    if link.other_building == jp.GROUND:
+        lines.append('next_building = "ground"')
+    else:
+        lines.append(f"next_building = {link.other_building + 1}")
+        if link.other_floor != jp.GROUND:
+            lines.append(f"next_floor = {link.other_floor + 1}")
+    lines.append(f"friction_force = {_written(link.friction)}  # N")
+    if link.gap < float("inf"):
+        lines.append(f"gap = {_written(link.gap)}  # m")
+    if link.contact is not None:
+        lines.append(f"contact = {{{', '.join(_law(link.contact))}}}")
+    return lines
+
+
+def _law(law: Any) -> list[str]:
+    (name,) = (name for name, kind in LAWS.items() if isinstance(law, kind))
+    return [f'law = "{name}"', *(f"{key} = {_written(x)}" for key, x in vars(law).items())]
+
+
+def _written(value: Any) -> str:
+    """A number, word or truth as TOML has it."""
+    return json.dumps(value if isinstance(value, bool | str) else float(value))

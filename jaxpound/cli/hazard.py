@@ -15,7 +15,7 @@ from jaxpound.cli import files
 from jaxpound.cli.reading import Count, File, Numbers, Section, between, named, refused, says, shown
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import UNITS, Measure, measure_unit, units_like
-from jaxpound.hazard.compatibility import is_drawn
+from jaxpound.hazard.curve import is_drawn
 from jaxpound.hazard.files import read_hazard
 from jaxpound.results.named import is_demand
 from jaxpound.study.statistics import Estimate
@@ -208,16 +208,12 @@ def of_study(
     with named(place):
         study = table.opened(file)
         if table.drawn:
-            rule = ""
             if lifetime.hazard.unit is not None:
-                rule = "must not be given beside [hazard] unit"
-            elif not is_drawn((hazard.intensity, hazard.annual_rate), study):
-                rule = (
-                    "must not be given: this hazard is not known to have drawn the study's "
-                    "earthquakes; leave it out, or use "
-                    "HazardCurve.annual_rate_of(..., drawn=True) in Python if they follow it"
-                )
-            if rule:
+                raise refused("drawn", "must not be given beside [hazard] unit", "true")
+            if not is_drawn((hazard.intensity, hazard.annual_rate), study):
+                rule = "must not be given: this hazard is not known to have drawn the study's "
+                rule += "earthquakes; leave it out, or use HazardCurve.annual_rate_of(..., "
+                rule += "drawn=True) in Python if they follow it"
                 raise refused("drawn", rule, "true")
             of_link: Any = {"gap": table.gap, "link": table.number}
             rate = hazard.annual_rate_of(study, results.confidence, **of_link)

@@ -15,7 +15,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._tables import TextTable
-from jaxpound.cli.files import VERSION, csv_text, kept_search, make_folder, write_report
+from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
 from jaxpound.cli.structures import compile_notice
@@ -129,7 +129,6 @@ def run(args: argparse.Namespace) -> None:
     z = jax.random.normal(jax.random.key(config.search.seed), size)
     grounds = grounds_at(state.scenarios, state.grid)(z)
     warn("rare", of_many(grounds, state.grid, in_g=True), args.strict)
-    make_folder(args.out)
     with kept_search(args, "store", "", file.text.encode()):
         with compile_notice(config.structures):
             result = searched(file, config, state, args.store)

@@ -16,8 +16,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, records_in, require_ground
 from jaxpound.ground.record import Record, derived
-from jaxpound.ground.ricker import Ricker
 from jaxpound.ground.run_input import sampled
+from jaxpound.ground.wavelets import Ricker
 from jaxpound.model.parameters import get, paths
 from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
 from jaxpound.scenarios.scenarios import ScenarioSet

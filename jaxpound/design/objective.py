@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, finite, instance, number, positive_number, require_share
+from jaxpound._checks import instance, not_negative, number, positive_number, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound.design.goals import Goal, LeastDemand, MeanGap, gathered, require_over
 from jaxpound.results.named import REQUIRED_GAP, require_limited
@@ -106,8 +106,7 @@ class Penalty:
     over: str | float = "mean"
 
     def __post_init__(self) -> None:
-        w = number("Penalty", "weight", self.weight)
-        enforce("Penalty", [Rule("weight", w, (w >= 0) & finite(w), "finite and not negative")])
+        not_negative("Penalty", weight=number("Penalty", "weight", self.weight))
         require_over("Penalty", self.over)
 
 

@@ -1,5 +1,3 @@
-from .envelope import GammaEnvelope as GammaEnvelope
-from .envelope import PlateauEnvelope as PlateauEnvelope
 from .intensity import arias_intensity as arias_intensity
 from .intensity import pga as pga
 from .intensity import pgv as pgv
@@ -9,14 +7,16 @@ from .motion import GroundMotion as GroundMotion
 from .motion import Scaled as Scaled
 from .motion import Sum as Sum
 from .noise import CloughPenzien as CloughPenzien
+from .noise import GammaEnvelope as GammaEnvelope
 from .noise import KanaiTajimi as KanaiTajimi
+from .noise import PlateauEnvelope as PlateauEnvelope
 from .plausibility import PlausibilityWarning as PlausibilityWarning
-from .pulse import Pulse as Pulse
 from .reader import read_record as read_record
 from .record import Record as Record
-from .ricker import Ricker as Ricker
-from .scaling import ScaledSuite as ScaledSuite
 from .suite import RecordSuite as RecordSuite
 from .suite import read_suite as read_suite
 from .target import PeriodRange as PeriodRange
+from .target import ScaledSuite as ScaledSuite
 from .target import TargetSpectrum as TargetSpectrum
+from .wavelets import Pulse as Pulse
+from .wavelets import Ricker as Ricker

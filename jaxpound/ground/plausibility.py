@@ -18,7 +18,6 @@ import numpy as np
 
 from jaxpound._checks import is_traced
 from jaxpound._errors import InvalidInput
-from jaxpound._extrema import peak
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
@@ -166,7 +165,7 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
 
 @partial(jax.jit, static_argnames="grid")
 def _pgas(grounds: Ground, grid: TimeGrid) -> jax.Array:
-    return jax.vmap(lambda ground: peak(sampled(ground, grid).samples))(grounds)
+    return jax.vmap(lambda ground: jnp.abs(sampled(ground, grid).samples).max())(grounds)
 
 
 def _share(count: int, n: int) -> str:

@@ -16,13 +16,11 @@ from jaxtyping import ArrayLike
 from jaxpound._checks import count, instance, is_traced, is_whole, positive, positive_number
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
-from jaxpound.ground import scaling
 from jaxpound.ground.intensity import spectra
 from jaxpound.ground.plausibility import warn
 from jaxpound.ground.reader import read_record
 from jaxpound.ground.record import Record
-from jaxpound.ground.scaling import OWNER, ScaledSuite
-from jaxpound.ground.target import PeriodRange, TargetSpectrum
+from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
 
 PERIODS = 100  # number of those at which spectra are compared with a target
 
@@ -179,33 +177,24 @@ class RecordSuite(Shown):
         >>> scaled.suite.names, round(scaled.least_ratio, 3)
         (('record 2', 'record 3'), 0.9)
         """
-        instance(OWNER, "target", target, TargetSpectrum)
-        span, bounds = PeriodRange.of(OWNER, periods), scaling.FactorBounds.of(factors)
-        if best is not None and count(OWNER, "best", best) > len(self):
+        instance(SCALED_TO, "target", target, TargetSpectrum)
+        span, bounds = PeriodRange.of(SCALED_TO, periods), FactorBounds.of(factors)
+        if best is not None and count(SCALED_TO, "best", best) > len(self):
             rule = f"must be at most {len(self)}, all records"
-            raise InvalidInput(OWNER, "best", str(best), rule)
+            raise InvalidInput(SCALED_TO, "best", str(best), rule)
         if least is not None:
-            positive_number(OWNER, least=least)
+            positive_number(SCALED_TO, least=least)
         self._require_usable(span)
         periods_at = np.geomspace(*span, PERIODS)
         try:
             ordinates = target.at(periods_at)
         except InvalidInput as error:
-            raise error.replaced(owner=OWNER) from None
+            raise error.replaced(owner=SCALED_TO) from None
         unscaled = self.spectra(periods_at, target.damping)
-        ratios = ordinates / unscaled
-        # Σ (ln factor − ln ratio)² is least at the vertex of a parabola or the nearest bound.
-        fitted = np.clip(np.exp(np.log(ratios).mean(axis=1)), *bounds)
-        selected = np.arange(len(self))
-        if best is not None:
-            errors = scaling.misfit(np.log(fitted[:, None] / ratios))
-            selected = np.sort(np.argsort(errors, kind="stable")[:best])
-        ratios, fitted = ratios[selected], fitted[selected]
-        if least is not None:
-            fitted = scaling.raised_factors(fitted, ratios, bounds.high, least)
+        selected, fitted = bounds.fit(ordinates / unscaled, best, least)
         suite, at = self.chosen(selected).scaled(fitted), fitted[:, None] * unscaled[selected]
         scaled = ScaledSuite(suite, fitted, target, span, periods_at, at, bounds)
-        warn(OWNER, scaled.findings(), strict)
+        warn(SCALED_TO, scaled.findings(), strict)
         return scaled
 
     def _require_usable(self, span: PeriodRange) -> None:
@@ -216,7 +205,7 @@ class RecordSuite(Shown):
                 periods = f"{span.low:.4g} to {span.high:.4g} {self.time_unit}"
                 limits = f"{low:.4g} to {high:.4g} (two sample intervals, its duration)"
                 rule = f"must be within what {record.name!r} holds, {limits}"
-                raise InvalidInput(OWNER, "periods", periods, rule)
+                raise InvalidInput(SCALED_TO, "periods", periods, rule)
 
     def _tables(self) -> list[TextTable]:
         unit = self.time_unit

@@ -1,11 +1,11 @@
-"""Target spectra, those of codes included, and the ranges of periods of their fits."""
+"""Target spectra, those of codes included, and how records are scaled to them."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -14,6 +14,11 @@ from jaxpound._checks import Rule, enforce, number, positive, positive_number, r
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.intensity import damping_rule
+
+if TYPE_CHECKING:
+    from jaxpound.ground.suite import RecordSuite
+
+SCALED_TO = "RecordSuite.scaled_to"
 
 _SOILS = {  # S, T_B, T_C, T_D of spectra of type 1 and 2
     "A": ((1.0, 0.15, 0.4, 2.0), (1.0, 0.05, 0.25, 1.2)),
@@ -47,8 +52,7 @@ class PeriodRange(NamedTuple):
 
         ``periods`` > 0 are the first-mode periods of the buildings in the direction of shaking,
         from T_min to T_max; ``shortest`` is the period of the last mode that is needed for 90 % of
-        the mass: the range begins there if it is shorter than 0.2 T_min. Raises ``ValueError`` if
-        there is no period, or one is not positive and finite.
+        the mass: the range begins there if it is shorter than 0.2 T_min.
         """
         owner = "PeriodRange.asce_7"
         low, high = _around(owner, periods)
@@ -65,7 +69,7 @@ class PeriodRange(NamedTuple):
         response spectrum in this range; the clause requires at least 3 records, whose mean peak
         must reach a_g S. It is written for artificial accelerograms; clause 3.2.3.1.3 applies it to
         records. ``periods`` are the fundamental periods T1 > 0 of the buildings in the direction of
-        shaking: the range covers that of each. Raises ``ValueError`` as ``asce_7``.
+        shaking: the range covers that of each.
         """
         return cls(*_around("PeriodRange.en_1998", periods))
 
@@ -99,8 +103,6 @@ class TargetSpectrum(Shown):
 
     Between ordinates it is linear in the logarithms, as plateaus and branches in 1/T of codes'
     spectra are; from a period of 0 to the next one it is linear.
-
-    Raises ``ValueError`` if shapes differ or a value breaks its rule.
 
     Parameters
     ----------
@@ -152,7 +154,6 @@ class TargetSpectrum(Shown):
         ``acceleration`` is a_g > 0, the design ground acceleration on ground of type A, γ_I a_gR,
         in g; ``ground`` the type of ground (table 3.1), "A", "B", "C", "D" or "E"; ``kind`` 1, or 2
         for hazards whose magnitude M_s is 5.5 at most; ``damping`` is ξ, at least 0 and below 1.
-        Raises ``ValueError`` if an argument breaks its rule.
 
         Examples
         --------
@@ -185,8 +186,7 @@ class TargetSpectrum(Shown):
         section 11.4.7), to which chapter 16 scales records.
 
         ``s_ds`` and ``s_d1`` are S_DS, S_D1 > 0, the design spectral accelerations at short periods
-        and at 1 s, in g; ``t_l`` is T_L, the long-period transition period in s, above T_S = S_D1 /
-        S_DS. Raises ``ValueError`` if an argument breaks its rule.
+        and at 1 s, in g; ``t_l`` is T_L, the long-period transition period in s, above S_D1 / S_DS.
 
         Examples
         --------
@@ -227,3 +227,131 @@ class TargetSpectrum(Shown):
         rows = [("", t, a) for t, a in zip(self.periods, self.accelerations, strict=True)]
         title = f"Target spectrum{self.named()}, {100 * self.damping:.3g} % of damping"
         return [TextTable(title, ("", "period", "acceleration (g)"), rows, digits=4)]
+
+
+class FactorBounds(NamedTuple):
+    """Bounds of the factors."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, factors: Any) -> FactorBounds:
+        """A pair of numbers as bounds; an ``InvalidInput`` for anything else."""
+        low, high = bounds(SCALED_TO, "factors", factors, "bounds")
+        enforce(
+            SCALED_TO, [Rule("factors", high, high >= low, f"at least the lower bound, {low:g}")]
+        )
+        return cls(low, high)
+
+    def fit(
+        self, ratios: np.ndarray, best: int | None, least: float | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of the records to keep, and the factor of each.
+
+        ``ratios`` are those of the target to each record's spectrum, shape (n, m).
+        """
+        # Σ (ln factor − ln ratio)² is least at the vertex of a parabola or the nearest bound.
+        factors = np.clip(np.exp(np.log(ratios).mean(axis=1)), *self)
+        selected = np.arange(len(ratios))
+        if best is not None:
+            errors = _misfit(np.log(factors[:, None] / ratios))
+            selected = np.sort(np.argsort(errors, kind="stable")[:best])
+        ratios, factors = ratios[selected], factors[selected]
+        if least is not None:
+            factors = _raised_factors(factors, ratios, self.high, least)
+        return selected, factors
+
+
+def _misfit(logarithms: Any) -> Any:
+    """Root mean square of the logarithm of a ratio, over the last axis."""
+    return np.sqrt(np.mean(logarithms**2, axis=-1))
+
+
+def _raised_factors(
+    factors: np.ndarray, ratios: np.ndarray, highest: float, least: float
+) -> np.ndarray:
+    """Factors times the smallest common one with which the mean of the spectra reaches ``least``.
+
+    ``least`` is its smallest ratio to the target; no factor exceeds ``highest``.
+    """
+    from scipy.optimize import brentq
+
+    def shortfall(common: float) -> float:
+        mean = np.mean(np.minimum(common * factors, highest)[:, None] / ratios, axis=0)
+        return float(mean.min() - least)
+
+    if shortfall(1.0) >= 0:
+        return factors
+    most = highest / factors.min()
+    if (reached := shortfall(most)) < 0:
+        rule = f"must be at most {reached + least:.4g}, which factors of {highest:g} reach"
+        raise InvalidInput(SCALED_TO, "least", f"{least:g}", rule)
+    common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
+    return np.minimum(common * factors, highest)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ScaledSuite(Shown):
+    """Records scaled to a target spectrum; ``RecordSuite.scaled_to`` makes it."""
+
+    suite: RecordSuite
+    """The scaled records."""
+    factors: np.ndarray
+    """Factor of each record, shape (n,)."""
+    target: TargetSpectrum
+    range: PeriodRange
+    """The range of periods of the fit."""
+    periods: np.ndarray
+    """Periods of the comparison, evenly spaced in the logarithm, shape (m,)."""
+    accelerations: np.ndarray
+    """Spectral acceleration of each scaled record at these periods, g, shape (n, m)."""
+    bounds: tuple[float, float]
+    """Bounds of the factors, ``low`` and ``high``."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Arithmetic mean of the scaled records' spectra, as in the codes, g, shape (m,)."""
+        return np.asarray(self.accelerations.mean(axis=0))
+
+    @property
+    def misfits(self) -> np.ndarray:
+        """Root mean square of ln(record / target) over the periods, of each record, shape (n,)."""
+        return _misfit(np.log(self.accelerations / self.target.at(self.periods)))
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of ln(mean spectrum / target) over the periods."""
+        return float(_misfit(np.log(self.mean / self.target.at(self.periods))))
+
+    @property
+    def least_ratio(self) -> float:
+        """Smallest ratio of the mean spectrum to the target; codes require at least 0.9."""
+        return float((self.mean / self.target.at(self.periods)).min())
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of the records whose factor is a bound."""
+        low, high = self.bounds
+        is_at = (self.factors <= low * (1 + 1e-12)) | (self.factors >= high * (1 - 1e-12))
+        return tuple(np.array(self.suite.names)[is_at].tolist())
+
+    def findings(self) -> list[str]:
+        """A sentence on the factors that are bounds; none if all are within."""
+        if not self.at_bound:
+            return []
+        listed, (low, high) = ", ".join(self.at_bound), self.bounds
+        return [f"factors of {listed} are at a bound, {low:g} or {high:g}: they fit less well"]
+
+    def _tables(self) -> list[TextTable]:
+        low, high = self.range
+        notes_at = ["at a bound" if name in self.at_bound else "" for name in self.suite.names]
+        rows = [*zip(self.suite.names, self.factors, self.misfits, notes_at, strict=True)]
+        notes = [
+            f"misfit: root mean square of ln(spectrum / target), periods {low:.4g} to {high:.4g}",
+            f"mean of the suite: misfit {self.misfit:.4g}, at least {self.least_ratio:.4g} of the "
+            "target",
+            *self.findings(),
+        ]
+        title = f"Scaled to the target spectrum{self.target.named()}"
+        return [TextTable(title, ("record", "factor", "misfit", ""), rows, notes, digits=4)]

@@ -1,8 +1,7 @@
 """Seismic hazard: annual rates of pounding, and analyses of recorded earthquakes.
 
 ``curve`` is a site's hazard curve with its ``points``, which ``files`` reads; ``annual_rate`` is
-the rate of pounding that follows from it, ``gap`` the gap for a target rate, and ``compatibility``
-checks that curve and study belong together. ``ida`` scales records until a demand is reached;
+the rate of pounding that follows from it. ``ida`` scales records until a demand is reached;
 ``stripes`` and ``cloud`` are the two other ways from records to a fragility, which ``capacities``
 fits. ``suite_runs`` checks what they share, and runs their records.
 """

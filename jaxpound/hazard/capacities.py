@@ -10,8 +10,7 @@ from scipy.special import log_ndtr
 
 from jaxpound._checks import Rule, enforce, real
 from jaxpound._errors import InvalidInput
-from jaxpound.study.fragility import Fragility
-from jaxpound.study.probit import maximum
+from jaxpound.study.fragility import Fragility, maximum
 
 
 def fit_capacities(

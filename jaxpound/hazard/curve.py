@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, partial
 from os import PathLike
+from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -17,16 +18,19 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.plausibility import warn
 from jaxpound.hazard.annual_rate import AnnualRate, FragilityRate, of_event, of_study
-from jaxpound.hazard.compatibility import require_drawn, require_measure
 from jaxpound.hazard.files import read_hazard
 from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of
+from jaxpound.quantities import DIMENSIONLESS
 from jaxpound.reliability.result import RareEvent
 from jaxpound.scenarios.distributions import Distribution, density
+from jaxpound.store.store import describe
 from jaxpound.study.fragility import Fragility
 from jaxpound.study.statistics import Estimate
 from jaxpound.study.study import Study
 
 _ROUNDING = 1e-9
+_SAME = 1e-6  # largest difference of logarithms between points of one curve, up to a factor
+_DEFAULT_UNIT = DIMENSIONLESS["acceleration"]  # of a curve whose measure has no unit
 _TRIED = (0.98, 0.9, 0.5, 0.1, 0.02, 5e-3, 1e-3)  # shares of runs that pound at the first gaps
 _STEP = 0.05  # of ln gap, for the slope of ln rate
 
@@ -35,11 +39,9 @@ _STEP = 0.05  # of ln gap, for the slope of ln rate
 class HazardCurve(Shown):
     """Mean annual rates at which intensities of the shaking are exceeded at a site.
 
-    Between its points, and beyond both ends, ln rate is linear in ln intensity. Raises
-    ``ValueError`` if the shapes differ or are not (m,) with m ≥ 2, a number is out of its range,
-    intensities do not rise, or rates rise. Warns (``PlausibilityWarning``) if annual rates look
-    like probabilities within years: the first two are nearly 1, or the curve has 0.4 g of PGA more
-    often than once in 50 years.
+    Between its points, and beyond both ends, ln rate is linear in ln intensity. Warns
+    (``PlausibilityWarning``) if annual rates look like probabilities within years: the first two
+    are nearly 1, or the curve has 0.4 g of PGA more often than once in 50 years.
 
     Parameters
     ----------
@@ -48,8 +50,7 @@ class HazardCurve(Shown):
         or of the factors that the curve is combined with. Hazard analyses give PGA and spectral
         acceleration in g, which is also the unit of ``study["pga"]`` in a dimensionless study.
     annual_rate
-        Mean number of earthquakes a year that exceed each, shape (m,), from 1e-100 to 1000 and
-        nowhere rising.
+        Mean number of earthquakes a year that exceed each, (m,), from 1e-100 to 1000, not rising.
     measure
         Name of the measure of intensity, with its unit, such as ``"PGA (g)"``, ``"PGA (m/s²)"`` or
         ``"Sa(0.9 s) (g)"``, for tables and figures, and to be checked against that of a fragility.
@@ -94,8 +95,7 @@ class HazardCurve(Shown):
         file
             Its path.
         site
-            The row, from 0, or the site's name in a file of the USGS; needed if there are several
-            sites.
+            The row, from 0, or the site's name in a file of the USGS; needed if there are several.
         """
         points = read_hazard(file, site)
         try:
@@ -115,10 +115,9 @@ class HazardCurve(Shown):
         return self.annual_rate[piece] * (im / self.intensity[piece]) ** -self.slope[piece]
 
     def probability(self, years: float = 1.0) -> np.ndarray:
-        """Probability that each intensity is exceeded within years: 1 − e^(−rate years).
+        """Probability that each intensity is exceeded within years > 0: 1 − e^(−rate years).
 
-        Earthquakes are a Poisson process. Raises ``ValueError`` if years is not one positive
-        number.
+        Earthquakes are a Poisson process.
         """
         (years,) = positive_number("HazardCurve.probability", years=years)
         return -np.expm1(-self.annual_rate * years)
@@ -126,8 +125,7 @@ class HazardCurve(Shown):
     def intensity_at(self, probability: float, years: float = 50.0) -> float:
         """The intensity that is exceeded with this probability within years.
 
-        Raises ``ValueError`` if an argument breaks its rule, or the rate is beyond the curve's
-        ends: the curve is not extrapolated.
+        Raises ``ValueError`` if the rate is beyond the ends: the curve is not extrapolated.
         """
         owner = "HazardCurve.intensity_at"
         rate = rate_of(owner, probability, years)
@@ -150,10 +148,9 @@ class HazardCurve(Shown):
     ) -> AnnualRate:
         """Mean annual rate of pounding, λ = ∫ P(pounding | im) |dλ(im)|.
 
-        Raises ``ValueError`` if an argument breaks its rule; if curve and fragility have different
-        measures or units; if it is not known that the intensities of a study or a rare event follow
-        the curve. Warns (``PlausibilityWarning``) if a fragility is not in g, and the name of the
-        curve's measure has no unit.
+        Raises ``ValueError`` if curve and fragility have different measures or units; if it is not
+        known that the intensities of a study or a rare event follow the curve. Warns
+        (``PlausibilityWarning``) if a fragility is not in g, and the curve's measure has no unit.
 
         Parameters
         ----------
@@ -185,12 +182,12 @@ class HazardCurve(Shown):
                 rule = "must be None: pounding is not a study"
                 raise InvalidInput(owner, name, repr(value), rule)
         if isinstance(pounding, Fragility):
-            require_measure(owner, self.measure, "the fragility", pounding.measured)
+            _require_measure(owner, self.measure, "the fragility", pounding.measured)
             return FragilityRate(self._points, pounding, self.measure).annual_rate(confidence)
         often = float(self.annual_rate[0])
         if isinstance(pounding, Study | RareEvent) and not drawn:
             instead = "a fragility, such as study.fragility('pga')"
-            require_drawn(owner, self._points, pounding, instead)
+            _require_drawn(owner, self._points, pounding, instead)
         if isinstance(pounding, Study):
             estimate = pounding.pounding_probability(gap, confidence, link=link)
             cov = pounding.pounding_cov(gap, link=link)
@@ -293,7 +290,7 @@ class HazardCurve(Shown):
         target = rate_of(owner, probability, years)
         if intensity is None:
             if not drawn:
-                require_drawn(owner, self._points, study, "intensity, such as 'pga'")
+                _require_drawn(owner, self._points, study, "intensity, such as 'pga'")
             share = target / self.annual_rate[0]
             if share >= 1:
                 most = f"{self.annual_rate[0]:.4g}"
@@ -302,7 +299,7 @@ class HazardCurve(Shown):
                 raise InvalidInput(owner, name, f"{probability:.4g}", f"{rule}, {most}")
             return study.required_gap(float(share), confidence, link=link)
         column = f"the study's column {intensity!r}"
-        require_measure(owner, self.measure, column, study.measure(intensity))
+        _require_measure(owner, self.measure, column, study.measure(intensity))
 
         def annual_rate(gap: float) -> AnnualRate:
             fragility = study.fragility(intensity, gap, link=link)
@@ -360,3 +357,59 @@ def _gap_by_fragilities(
     assert rate is not None
     factor = float(np.exp(abs(np.log(rate.high / rate.value) / slope)))
     return Estimate(gap, gap / factor, gap * factor, rate.confidence)
+
+
+def _require_measure(owner: str, text: str, source: str, measure: Measure) -> None:
+    """An ``InvalidInput`` if a curve has another measure or unit than ``source`` has.
+
+    A warning if only one of them has a unit, except where that unit is g, or if only one of two
+    spectral accelerations has a period.
+    """
+    of_curve, unit = Measure.of_text(text), measure.unit
+    curve, other = f"measure = {text!r}", f"{source}, {measure}"
+    if not of_curve.may_be(measure):
+        raise InvalidInput(owner, "measure", repr(text), f"must be that of {other}")
+    rule = f"be in the unit of {source}, {unit}: convert the curve's intensities and name them so"
+    if of_curve.unit and unit and not of_curve.is_in_unit_of(measure):
+        raise InvalidInput(owner, "measure", repr(text), f"must {rule}")
+    doubts = []
+    if unit not in ("", _DEFAULT_UNIT) and not of_curve.unit:
+        doubts.append(f"{curve} names no unit; it should {rule}")
+    if measure.name and of_curve.unit and not unit:
+        doubts.append(f"{other}, names no unit; it should be that of {curve}")
+    if of_curve.name == measure.name and (of_curve.period is None) != (measure.period is None):
+        silent, reference = (curve, other) if of_curve.period is None else (f"{other},", curve)
+        doubts.append(f"{silent} names no period; it should be that of {reference}")
+    warn(owner, doubts, strict=False)
+
+
+def _require_drawn(owner: str, curve: CurvePoints, source: Study | RareEvent, instead: str) -> None:
+    """An ``InvalidInput`` that offers ``instead`` unless intensities follow a hazard curve."""
+    if not is_drawn(curve, source):
+        name = f"intensities of the {'study' if isinstance(source, Study) else 'rare event'}"
+        rule = "must be drawn by HazardCurve.distribution of this curve, or weighed by its "
+        rule += f"HazardCurve.weights, and are not known to be; give {instead}, or drawn=True if"
+        raise InvalidInput(owner, name, "", f"{rule} they follow this curve")
+
+
+def is_drawn(curve: tuple[np.ndarray, np.ndarray], source: Study | RareEvent) -> bool:
+    """Whether a study's weights, or else the scenarios, have this curve, up to a factor."""
+    if isinstance(source, RareEvent):
+        curves = _drawing(describe(source.limit_state.scenarios))
+    elif source.weighting is None:
+        curves = _drawing(source.about["identity"]["scenarios"])
+    else:
+        curves = iter([source.weighting.curve])  # None, of shape (), for weights of no curve
+    ratios = (np.log(curve) - np.log(x) for x in curves if np.shape(x) == np.shape(curve))
+    return any((np.ptp(ratio, axis=1) < _SAME).all() for ratio in ratios)
+
+
+def _drawing(described: Any) -> Iterator[Any]:
+    """The points of all curves that draw a number in a description."""
+    if isinstance(described, dict):
+        if described.get("type") == HazardIntensity.__name__:
+            yield described["intensity"], described["annual_rate"]
+        described = list(described.values())
+    if isinstance(described, list):
+        for part in described:
+            yield from _drawing(part)

@@ -32,7 +32,7 @@ from jaxpound.simulation.batches import in_chunks, runs_at_a_time
 from jaxpound.simulation.buildings import record_grid
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
-from jaxpound.store.run_log import RunLog, identity
+from jaxpound.store.store import RunLog, identity
 from jaxpound.units import SI_UNITS, Scales, scales_for
 
 _COLUMNS = ("record", "factor", "demand", "slope", "has_slope")

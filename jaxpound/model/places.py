@@ -10,15 +10,15 @@ from jaxpound.model.system import GROUND, Ends, Topology, floors
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
     """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``."""
-    return _each("floor", "mass", topology.n_masses, _homes(topology))
+    return _each("floor", "mass", topology.n_masses, homes(topology))
 
 
 def rod_places(topology: Topology) -> tuple[str, ...]:
     """``storey 2 of building 1``; of buildings of one storey ``building 1``, else ``rod 1``."""
-    return _each("storey", "rod", len(topology.rods), _homes(topology, of_rods=True))
+    return _each("storey", "rod", len(topology.rods), homes(topology, of_rods=True))
 
 
-def _homes(topology: Topology, *, of_rods: bool = False) -> dict[int, Ends]:
+def homes(topology: Topology, *, of_rods: bool = False) -> dict[int, Ends]:
     """Building and floor of each mass or rod, from 1; empty if these are no shear buildings."""
     with suppress(ValueError):
         return {
@@ -39,10 +39,10 @@ def _each(part: str, plain_part: str, n: int, homes: Mapping[int, Ends]) -> tupl
 
 def link_places(topology: Topology) -> tuple[str, ...]:
     """Each link's ends as in ``link_place``; by masses where there are no floors."""
-    homes, places = _homes(topology), []
+    home, places = homes(topology), []
     for low, high in map(sorted, topology.links):
-        if homes:
-            places.append(link_place(homes[high], homes.get(low)))
+        if home:
+            places.append(link_place(home[high], home.get(low)))
         elif low == GROUND:
             places.append(f"mass {high + 1}–ground")
         else:

@@ -142,15 +142,6 @@ def buildings_of(response: Response) -> tuple[tuple[tuple[int, int], ...], ...]:
     return ()
 
 
-def homes_of(response: Response) -> dict[int, tuple[int, int]]:
-    """Building and floor of each mass; {} of other systems."""
-    return {
-        mass: (b, i)
-        for b, building in enumerate(buildings_of(response))
-        for i, (mass, _) in enumerate(building)
-    }
-
-
 def _of_links(symbol: str, response: Response, series: Sequence[Any]) -> list[Curve]:
     """Series of the links that have one, by place; of many, those between two buildings as one."""
     numbers = [k for k, values in enumerate(series) if values is not None]

@@ -17,8 +17,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound._extras import require
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.record import Record
-from jaxpound.ground.ricker import Ricker
 from jaxpound.ground.run_input import require_time_unit
+from jaxpound.ground.wavelets import Ricker
 from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.plots.panels import LivePanels

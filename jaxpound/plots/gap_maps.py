@@ -10,7 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch
 
 from jaxpound._checks import positive_number
-from jaxpound.model.places import link_places
+from jaxpound.model.places import homes, link_places
 from jaxpound.model.system import GROUND
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
@@ -92,7 +92,7 @@ def widest_gap(response: Response) -> float:
 
 def _order(response: Response, links: list[int]) -> tuple[list[int], list[Any]]:
     """Links from the top of the map on, and the buildings that each is between."""
-    home = curves.homes_of(response) | {GROUND: (GROUND, GROUND)}
+    home = homes(response.topology) | {GROUND: (GROUND, GROUND)}
     if len(home) == 1:  # no buildings
         return links, [0] * len(links)
 

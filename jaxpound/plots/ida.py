@@ -23,13 +23,12 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     A dot on the threshold marks where a record first reaches it. Curves leave the figure beyond
     the 84 % fractile and three times the threshold. Where the threshold is 0,
     pounding by the overlap, the demand without shaking is minus the smallest gap at rest.
-
-    Raises a ``ValueError`` if it is no incremental dynamic analysis.
     """
     instance("curves", "analysis", analysis, IncrementalDynamicAnalysis)
     ax = new_axes(ax)
     shares = analysis.fractiles()
-    unit, words = _demand(analysis.demand, analysis.si, shares.max())
+    demand = in_words(analysis.demand), kind_of(analysis.demand)
+    unit, words = house.with_unit(*demand, analysis.si, shares.max())
     im, limit, demands = analysis.intensities, unit * analysis.threshold, unit * analysis.demands
     for i, curve in enumerate(demands):
         name = f"{len(analysis.names)} records" if i == 0 else "_record"
@@ -52,10 +51,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
 
 @in_house_style
 def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes:
-    """Fragility of the capacities with its 95 % band, and their empirical distribution.
-
-    Raises a ``ValueError`` if it is no analysis, or as ``IncrementalDynamicAnalysis.fragility``.
-    """
+    """Fragility of the capacities with its 95 % band, and their empirical distribution."""
     instance("fragility", "analysis", analysis, IncrementalDynamicAnalysis)
     ax = studies.fragility(analysis.fragility(), ax, in_symbols(analysis.measure))
     if analysis.demand not in (REQUIRED_GAP, OVERLAP):
@@ -67,12 +63,13 @@ def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> A
 def cloud(found: Cloud, ax: Axes | None = None) -> Axes:
     """Demands of records over intensity, both logarithmic, and the line fitted with its ± σ.
 
-    Demands of which only a lower bound is known are triangles. A ``ValueError`` if it is no cloud.
+    Demands of which only a lower bound is known are triangles.
     """
     instance("cloud", "found", found, Cloud)
     ax = new_axes(ax)
     im, demand, censored = found.intensity, found.demand, found.censored
-    unit, words = _demand(found.name, found.si, float(demand.max()))
+    name, kind = in_words(found.name), kind_of(found.name)
+    unit, words = house.with_unit(name, kind, found.si, float(demand.max()))
     at = np.geomspace(im.min(), im.max(), 40)
     middle, spread = unit * found.median(at), np.exp(found.dispersion)
     ax.fill_between(at, middle / spread, middle * spread, label=r"$\pm\sigma$", **shade("damper"))
@@ -90,11 +87,6 @@ def cloud(found: Cloud, ax: Axes | None = None) -> Axes:
     label(ax, in_symbols(found.measure), words)
     house.legend(ax, columns=3)
     return ax
-
-
-def _demand(name: str, si: bool, size: float) -> tuple[float, str]:
-    """Factor of a demand's unit, and its name with the unit."""
-    return house.with_unit(in_words(name), kind_of(name), si, size)
 
 
 def in_symbols(measure: str) -> str:

@@ -10,8 +10,9 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
+from jaxpound.model.places import homes
 from jaxpound.model.system import GROUND, elongation
-from jaxpound.plots.curves import buildings_of, homes_of
+from jaxpound.plots.curves import buildings_of
 from jaxpound.plots.rows import floor_heights
 from jaxpound.plots.style import COLOURS, arrow, building_colour, in_house_style
 from jaxpound.results.response import Response
@@ -46,17 +47,17 @@ class Scene:
         buildings = buildings_of(response)
         heights = floor_heights(owner, [len(building) for building in buildings], elevations)
         reach = largest_displacement(response) if reach is None else reach
-        building_of = {mass: b for mass, (b, _) in homes_of(response).items()}
+        building_of = {mass: b - 1 for mass, (b, _) in homes(response.topology).items()}
         self._time = np.asarray(response.time)
         self._shaking = np.asarray(response.ground_acceleration)
         self._strongest = float(np.abs(self._shaking).max()) or 1.0
         start = [np.asarray(mass.x)[0] for mass in response.masses]
         between = []  # neighbours: the left one's number, a link's finite gap at rest, its ends
         for link in response.links:
-            homes = sorted(building_of.get(end, GROUND) for end in link.ends)
+            left, other = sorted(building_of.get(end, GROUND) for end in link.ends)
             rest = float(np.asarray(link.gap)[0] + elongation(link.ends, start))
-            if GROUND not in homes and homes[1] - homes[0] == 1 and np.isfinite(rest):
-                between.append((homes[0], rest, link.ends))
+            if left != GROUND and other - left == 1 and np.isfinite(rest):
+                between.append((left, rest, link.ends))
         gaps = [[gap for left, gap, _ in between if left == b] for b in range(len(buildings) - 1)]
         spaces = [max(of_links, default=2.2 * reach) for of_links in gaps]
         self._width = w = 1.1 * max(reach + max(spaces, default=0.0), 2 * reach) or 1.0

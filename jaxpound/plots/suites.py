@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
 from jaxpound.ground.motion import SECONDS
-from jaxpound.ground.scaling import ScaledSuite
 from jaxpound.ground.suite import RecordSuite
-from jaxpound.ground.target import PeriodRange, TargetSpectrum
+from jaxpound.ground.target import PeriodRange, ScaledSuite, TargetSpectrum
 from jaxpound.plots import style as house
 from jaxpound.plots.records import spectral_axes
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, shade
@@ -35,8 +34,6 @@ def spectra(
     time; by default 100 over the target's range, or half as low and twice as high as the range of a
     ``ScaledSuite``, but no lower than two sample intervals. ``damping`` is the ratio of the
     spectra; if there is a target, its.
-
-    A ``ValueError`` if an argument is of another type or breaks its rule.
     """
     instance("spectra", "suite", suite, RecordSuite, ScaledSuite)
     records, span = (suite.suite, suite.range) if isinstance(suite, ScaledSuite) else (suite, None)

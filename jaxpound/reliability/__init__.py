@@ -1,9 +1,8 @@
 """Reliability: probabilities that demands exceed thresholds, and the ground motions that do it.
 
-``limit_state`` defines the event and ``result`` its probability. ``run`` chooses the method: a
-``search`` with ``importance`` sampling around ``design_points`` at several ``instants``, or
-``subset`` simulation through ``subset_levels``. ``target`` leads from a probability to a parameter
-of the structures.
+``limit_state`` defines the event and ``result`` its probability. ``run`` chooses the method:
+``importance`` sampling around ``design_points`` at several ``instants``, or ``subset`` simulation.
+``target`` leads from a probability to a parameter of the structures.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Importance sampling around design points: the density and its samples.
+"""Importance sampling around design points: the density, its samples, diagnostics and files.
 
 The density is normal around every design point. A share of the samples is drawn from a guard that
 does not rely on the design points being all: the standard normal widened along the directions that
@@ -8,20 +8,45 @@ points, the estimate has a warning.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import NamedTuple
+import warnings
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import log_ndtr, logsumexp, ndtr
 
-from jaxpound.reliability.design_points import NEAR, DesignPoints
-from jaxpound.scenarios.sampling import Points
+from jaxpound.reliability.design_points import COVERED, NEAR, DesignPoints, find_design_points
+from jaxpound.reliability.limit_state import COMPILING, LimitState, SearchRuns, require_dependence
+from jaxpound.reliability.result import RAREST, RareEvent, always
+from jaxpound.scenarios.sampling import Points, as_key, key_numbers, points
+from jaxpound.store.archive import DamagedError, digest, opened, write_archive
+
+OWNER = "rare_event"
 
 BATCH = 256  # runs: sample i is in batch i // 256 on every machine
 _GUARD = 0.1  # share of the samples from the guard
-_THIN = 0.1  # share of the guard's density below which that around the design points is thin
+_SPARSE = 0.1  # share of the guard's density below which that around the design points is thin
 _SPANNED = 0.9  # share of the squared singular values of the directions that the guard widens
+
+COMMON = 0.04  # share of plain runs above which plain Monte Carlo is as good
+_FEWEST, _FEWEST_HITS = 2, 10  # batches and samples that reach it before a c.o.v. is believed
+_MISSED = (2, 5)  # failures far from all points, in one and two batches of stronger motions
+_THIN, _LARGEST, _OUTSIDE = 0.1, 0.1, 0.1  # shares of the estimate from which there is a warning
+_STRONGER = 0.5  # factor of the stronger motions, as a share of the nearest design point's distance
+
+_POINTS_FILE = "design-points.npz"
+_COLUMNS = ("batch", "plain", "value", "time")
+_FORMAT = 2  # 1: until version 0.2 each batch had a chunk of its own
+_ARRAYS = {  # of design points: axes and type
+    **{"z": (2, np.float64), "directions": (2, np.float64), "betas": (1, np.float64)},
+    **{"instants": (1, np.int64), "series": (1, np.int64)},
+}
 
 
 class Mixture(NamedTuple):
@@ -64,7 +89,7 @@ class Mixture(NamedTuple):
 
     def thin(self, z: Float[np.ndarray, "n d"]) -> np.ndarray:
         """Where the density around the design points is thin, shape (n,)."""
-        return self.log_ratios(z)[1] > -np.log(_THIN)
+        return self.log_ratios(z)[1] > -np.log(_SPARSE)
 
 
 class Samples(NamedTuple):
@@ -98,3 +123,235 @@ class Samples(NamedTuple):
     def joined(self, other: Samples) -> Samples:
         """Both samples together."""
         return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+
+class DesignPointSearch:
+    """A search for the probability of a limit state by its design points.
+
+    ``cov`` is the target coefficient of variation, ``most`` the largest number of runs, ``start``
+    an event from whose design points the search starts, ``folder`` that of its files.
+    """
+
+    def __init__(
+        self,
+        state: LimitState,
+        cov: float,
+        most: int,
+        key: Any,
+        start: RareEvent | None,
+        folder: str | PathLike[str] | None,
+        bar: Any,
+    ) -> None:
+        self.runs = 0  # so far
+        self._state, self._cov, self._most, self._bar = state, cov, most, bar
+        kind, self._numbers = key_numbers(OWNER, key)
+        # Of d + 1 numbers: the last selects a part of the mixture.
+        self._normal = points("plain", as_key(kind, self._numbers), state.dimension + 1)
+        self._start, self._folder = start, None if folder is None else Path(folder)
+        design_points = None if start is None else start.design_points
+        search, more = "a search by design points", {"start": design_points, "format": _FORMAT}
+        # Batches by number, and whether they are plain; their samples are drawn again.
+        self._stored = SearchRuns(folder, search, state, key, _COLUMNS, BATCH, **more)
+
+    def pilot(self) -> Samples:
+        """The first batch of plain samples."""
+        self._bar.set_postfix_str(COMPILING)
+        samples = self._batch(0, None)
+        require_dependence(OWNER, self._state, samples.points, samples.values)
+        return samples
+
+    @cached_property
+    def points(self) -> DesignPoints:
+        """The design points, from those of the start or from random starts; sought when needed."""
+
+        def report(gradients: int, nearest: float) -> None:
+            distance = f", nearest at {nearest:.3g}" if np.isfinite(nearest) else ""
+            self._bar.set_postfix_str(f"{gradients} gradients{distance}")
+
+        def search() -> DesignPoints:
+            gradients = runs = 0
+            if self._start is not None:
+                first = _points_of(self._start, self._state)
+                near = find_design_points(self._state, self._numbers, first, report)
+                if len(near):
+                    return near
+                gradients, runs = near.gradients, near.runs
+            far = find_design_points(self._state, self._numbers, None, report)
+            gradients, runs = gradients + far.gradients, runs + far.runs
+            return dataclasses.replace(far, gradients=gradients, runs=runs)
+
+        self._bar.set_postfix_str("compiling the gradients")
+        seal = digest(repr(sorted(self._stored.identity.items())).encode())
+        design_points = search() if self._folder is None else _stored(self._folder, seal, search)
+        self.runs += design_points.runs
+        self._bar.update(design_points.runs)
+        return design_points
+
+    def plain(self, pilot: Samples) -> RareEvent:
+        """The event of plain samples, where it is not rare."""
+        gradients = 0 if self._start is None else self.points.gradients
+        sure = pilot.probability == 1
+        samples = pilot if sure else self._samples(None, self._most, pilot)
+        points = {"design_points": np.zeros((0, self._state.dimension)), "instants": np.zeros(0)}
+        method = "plain Monte Carlo: the event is not rare"
+        event = self._event(method, samples, gradients=gradients, **points)
+        bound = [always(len(samples))] if sure else []
+        return dataclasses.replace(event, warnings=(*self._unsure(event), *bound))
+
+    def doubt(self) -> str:
+        """A sign that design points do not stand for all failures, in words; empty without one."""
+        points = self.points
+        if not len(points):
+            return "no gradients lead to the limit state"
+        if points.failed > len(points):
+            return "few gradients lead to the limit state"
+        if points.covered < COVERED:
+            return f"{1 - points.covered:.0%} of random starts end in design points of their own"
+        return self._missed()
+
+    def _missed(self) -> str:
+        """``doubt`` by motions that are so strong that likely failures are many among them.
+
+        Failures at the distance of the nearest design point, in any direction, lie two standard
+        deviations of these motions from the origin (Bucher 2009, Probabilistic Engineering
+        Mechanics 24:504, extrapolates probabilities from such samples; here they are counted).
+        """
+        factor = max(1.0, _STRONGER * float(self.points.betas[0]))
+        missed = 0
+        for number, many in enumerate(_MISSED, 1):
+            stronger = self._batch(number, None, factor)
+            far = ~self.points.stand_for(stronger.points)
+            missed += int(np.count_nonzero(far & (stronger.values >= 0)))
+            if missed < many:
+                return ""
+        motions = f"{number * BATCH} random motions {factor:.2g} times as strong"
+        return f"{missed} of {motions} fail far from all design points"
+
+    def around(self, doubt: str) -> RareEvent:
+        """The event of samples around design points."""
+        points, state = self.points, self._state
+        near = points.within(NEAR)
+        doubts = (f"{doubt}: compare with subset_simulation",) if doubt else ()
+        design_points = {
+            "gradients": points.gradients,
+            "design_points": points.z,
+            "instants": np.where(points.instants < 0, np.nan, points.instants * state.grid.dt),
+            "series": points.series,
+            "form": near.form(),
+        }
+        if ndtr(-points.betas).sum() < RAREST:
+            bound = (
+                f"out of reach: the probability is below {RAREST:g}, by the design points (the "
+                f"nearest at {points.betas[0]:.3g}); the number is a bound and no estimate"
+            )
+            none = Samples(np.zeros((0, state.dimension)), *np.zeros((3, 0)))
+            more = {"probability": RAREST, "cov": float("nan"), "warnings": (bound, *doubts)}
+            return self._event("design points, no samples", none, **design_points, **more)
+        mixture = Mixture.of(points)
+        samples = self._samples(mixture, self._most - self.runs)
+        method = f"importance sampling around {len(near)} design points"
+        method += ", one an instant" if state.series else ""
+        thin = samples.parts[mixture.thin(samples.points)].sum() / max(samples.parts.sum(), 1e-300)
+        event = self._event(method, samples, thin=float(thin), **design_points)
+        signs = (*doubts, *self._unsure(event), *signs_of_missed_failures(event, near))
+        return dataclasses.replace(event, warnings=signs)
+
+    def _event(self, method: str, samples: Samples, **fields: Any) -> RareEvent:
+        """The event by samples, with further fields."""
+        if len(samples):
+            fields |= {"probability": samples.probability, "cov": samples.cov}
+        fields |= samples._asdict()
+        return RareEvent(runs=self.runs, method=method, limit_state=self._state, **fields)
+
+    def _samples(self, mixture: Mixture | None, most: int, first: Samples | None = None) -> Samples:
+        """Samples, as many as are needed: plain ones, or of a mixture; ``first`` is batch 0."""
+        samples, batches = self._batch(0, mixture) if first is None else first, 1
+        while True:
+            self._bar.set_postfix_str(f"P = {samples.probability:.3g}, c.o.v. {samples.cov:.2g}")
+            hits = np.count_nonzero(samples.values >= 0)
+            sure = samples.cov <= self._cov and hits >= _FEWEST_HITS and batches >= _FEWEST
+            if sure or (batches + 1) * BATCH > most:
+                return samples
+            samples, batches = samples.joined(self._batch(batches, mixture)), batches + 1
+
+    def _batch(self, number: int, mixture: Mixture | None, factor: float = 1.0) -> Samples:
+        """A batch of samples by its number: of a mixture, or plain ones times a factor."""
+        ends = number * BATCH, (number + 1) * BATCH
+        if mixture is None:
+            z = factor * self._normal(*ends)[:, :-1]
+            weights = np.ones(len(z))
+        else:
+            z = mixture.draw(self._normal, *ends)
+            weights = np.exp(-mixture.log_ratios(z)[0])
+        name = number, int(mixture is None)
+        values, times = self._stored.results({name: z}, self._state.values_and_times)[name]
+        self.runs += BATCH
+        self._bar.update(BATCH)
+        return Samples(z, weights, values, times)
+
+    def _unsure(self, event: RareEvent) -> Iterator[str]:
+        if event.cov > self._cov:
+            yield (
+                f"the coefficient of variation is {event.cov:.2g} after {event.runs:,} runs, above "
+                f"{self._cov:.2g}: raise max_runs = {self._most:,}"
+            )
+        failed = np.count_nonzero(~np.isfinite(event.values))
+        if failed:
+            yield f"{failed:,} of {len(event.values):,} runs failed and count as safe"
+
+
+def _points_of(event: RareEvent, state: LimitState) -> DesignPoints:
+    """The design points of an event from which the search of another limit state starts."""
+    z, instants = event.design_points, event.instants / state.grid.dt
+    numbers = np.where(np.isnan(instants), -1, np.round(instants)).astype(int)
+    return DesignPoints(z, np.zeros_like(z), np.linalg.norm(z, axis=1), numbers, event.series)
+
+
+def signs_of_missed_failures(event: RareEvent, near: DesignPoints) -> Iterator[str]:
+    """Signs that failures were missed, in sentences."""
+    if event.thin > _THIN:
+        yield (
+            f"{event.thin:.0%} of the estimate comes from where few samples are drawn: there are "
+            "failures that no design point stands for; compare with subset_simulation"
+        )
+    if event.largest_share > _LARGEST:
+        yield (
+            f"a single sample makes {event.largest_share:.0%} of the estimate: ask for a smaller "
+            "cov, or compare with subset_simulation"
+        )
+    ends = near.instants * event.limit_state.grid.dt
+    if (event.values >= 0).any() and (near.instants >= 0).all():
+        times, shares = event.failures_by_instant
+        period = 2 * np.pi * (event.limit_state.grid.dt / event.limit_state.time_step)
+        outside = shares[(times < ends.min() - period / 2) | (times > ends.max() + period)].sum()
+        if outside > _OUTSIDE:
+            yield (
+                f"{outside:.0%} of the estimate comes from runs whose demand is largest at times "
+                "for which there is no design point; compare with subset_simulation"
+            )
+
+
+def _stored(folder: Path, seal: str, search: Callable[[], DesignPoints]) -> DesignPoints:
+    """The design points of a search: from their file, or of ``search``, which are then written."""
+    path, counts = folder / _POINTS_FILE, ("gradients", "failed", "covered", "runs")
+    try:
+        with opened(path) as archive:
+            about = archive.about
+            if about["study"] != seal:
+                raise DamagedError("of another search")
+            if not about.keys() >= {*counts}:
+                raise DamagedError("of an older version")
+            fields: dict[str, Any] = {name: about[name] for name in counts}
+            for name, (axes, kind) in _ARRAYS.items():
+                fields[name] = archive.read(name, tuple(about["shape"][:axes]), kind)
+            return DesignPoints(**fields)
+    except DamagedError as error:
+        damage = f"{_POINTS_FILE} is damaged ({error}); it is made anew"
+        warnings.warn(f"store {folder}: {damage}", stacklevel=2)
+    except FileNotFoundError:
+        pass
+    points = search()
+    about = {name: getattr(points, name) for name in counts}
+    content = {name: np.asarray(getattr(points, name), kind) for name, (_, kind) in _ARRAYS.items()}
+    write_archive(path, content, {"study": seal, **about, "shape": [*points.z.shape]})
+    return points

@@ -1,9 +1,10 @@
-"""A limit state: demand ≥ threshold, as a function of standard normal numbers."""
+"""A limit state: demand ≥ threshold, as a function of standard normal numbers; and its runs."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
 from typing import Any
 
 import jax
@@ -21,11 +22,13 @@ from jaxpound.model.system import Structures, without_contact
 from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of
 from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.rollout import observed_at
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
+from jaxpound.store.store import RunLog, identity
 from jaxpound.study.demands import doubts
 
 OWNER = "LimitState"
@@ -38,15 +41,17 @@ _STRONGER = (3.0, 10.0)  # factors of z for the runs that check a seemingly cons
 _RUNS = 128
 _GRADIENTS = 32
 
+BatchId = tuple[int, int]
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LimitState:
     """The event that a demand of random scenarios reaches a threshold.
 
     Whether blocks meet does not depend on laws of contact, and the required gap is that of blocks
-    that may pass through each other: runs for it leave these laws out. Raises ``ValueError`` if an
-    argument is of another type or breaks its rule, a demand or path is unknown, or the demand is
-    the required gap of structures without a link whose gap is finite.
+    that may pass through each other: runs for it leave these laws out. Raises ``ValueError`` if a
+    demand or path is unknown, or the demand is the required gap of structures without a link whose
+    gap is finite.
 
     Parameters
     ----------
@@ -282,3 +287,59 @@ def _in_batches(function: Callable[..., Any], per_core: int) -> Callable[..., An
         return jax.tree.map(lambda x: x[:n], results)
 
     return batched
+
+
+class SearchRuns:
+    """Results of batches of runs; those in the folder, if there is one, are not run again.
+
+    Points follow from the key and earlier results: the folder has only results. The first two of
+    its ``columns`` identify the batch of a run, the others are its results; ``described`` is all
+    else that determines the runs.
+    """
+
+    def __init__(
+        self,
+        folder: str | PathLike[str] | None,
+        search: str,
+        state: LimitState,
+        key: Any,
+        columns: tuple[str, ...],
+        chunk_size: int,
+        **described: Any,
+    ) -> None:
+        self.identity: dict[str, Any] = {}  # all that determines the runs; empty without a folder
+        self._columns, self._log = columns, None
+        self._finished: dict[BatchId, np.ndarray] = {}
+        if folder is None:
+            return
+        kind, numbers = key_numbers("rare_event", key)
+        described["key"] = {"kind": kind, "numbers": list(numbers)}
+        names = ("demand", "threshold", "changes", "scenarios", "grid", "scheme")
+        described |= {name: getattr(state, name) for name in names}
+        program = (lambda z: state.observed(z, state.changes)), (jnp.zeros(state.dimension),)
+        self.identity = identity(search, columns, chunk_size, program, **described)
+        self._log = RunLog(folder, self.identity)
+        first, second, *results = (self._log.rows[name] for name in columns)
+        order = np.lexsort((second, first))  # stable
+        pairs = np.column_stack([first, second])[order].astype(int)
+        batches, starts = np.unique(pairs, axis=0, return_index=True)
+        parts = np.split(np.stack(results)[:, order], starts[1:], axis=1)
+        self._finished = {(i, j): x for (i, j), x in zip(batches.tolist(), parts, strict=False)}
+
+    def results(
+        self,
+        batches: Mapping[BatchId, np.ndarray],
+        run: Callable[[np.ndarray], Sequence[np.ndarray]],
+    ) -> dict[BatchId, np.ndarray]:
+        """Results, shape (m, n), of batches of points; missing ones are run and stored together."""
+        missing = {name: z for name, z in batches.items() if name not in self._finished}
+        if missing:
+            results = np.stack(run(np.concatenate([*missing.values()])))
+            sizes = [len(z) for z in missing.values()]
+            if self._log is not None:
+                rows = (*np.repeat([*missing], sizes, axis=0).T, *results)
+                self._log.add(dict(zip(self._columns, rows, strict=True)))
+            parts = np.split(results, np.cumsum(sizes)[:-1], axis=1)
+            self._finished.update(zip(missing, parts, strict=True))
+        # Processes that filled a store at once may have stored a batch twice in succession.
+        return {name: self._finished.pop(name)[:, : len(z)] for name, z in batches.items()}

@@ -13,9 +13,9 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, hint, instance, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
+from jaxpound.reliability.importance import COMMON, OWNER, DesignPointSearch
 from jaxpound.reliability.limit_state import LimitState, state_of
 from jaxpound.reliability.result import RareEvent
-from jaxpound.reliability.search import COMMON, OWNER, DesignPointSearch
 from jaxpound.reliability.subset import simulated
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios import sampling
@@ -98,25 +98,15 @@ def rare_event(
 
     Notes
     -----
-    A demand over a run is reached if it is reached at any instant. Displacements, drifts, closings,
-    accelerations and base shears have a design point at each of some 20 instants a period (Koo, Der
-    Kiureghian and Fujimura 2005), by the improved HLRF iteration. Samples come from normal
-    densities around those nearest to the origin, as Au and Beck (2001) draw them for linear
-    structures, so that the estimate is unbiased with friction too. Around one design point alone it
-    would be far too low, without a sign of it. Demands of impacts (contact, or an acceleration
-    where blocks may meet) have no slope before blocks meet: their points are on the ways from the
-    origin to the design points of overlaps at instants, which take some 1,000 runs more. Other
-    demands have design points of the whole run, from 32 to 512 random starts, until nine in ten end
-    in a point that another start has found too (Good 1953).
-
-    Failures to which no gradient leads, such as those of a factor that only rare numbers make
-    large, are sought among 256 or 512 stronger random motions: a failure at the distance of the
-    nearest design point, in any direction, is two of their standard deviations from the origin.
-    Failures far from all design points are a sign that likely failures are missing.
-
-    The linearised limit states of all instants together give ``RareEvent.form`` without a run.
-
-    Where a demand is reached in more than some 4 % of all runs, plain Monte Carlo takes over.
+    The page on rare events of the documentation describes the methods, and when not to trust them.
+    Displacements, drifts, closings, accelerations and base shears have a design point at each of
+    some 20 instants a period (Koo, Der Kiureghian and Fujimura 2005), demands of impacts (contact,
+    or an acceleration where blocks may meet) on the ways to design points of overlaps, in some
+    1,000 runs more, and other demands of the whole run, from 32 to 512 random starts (Good 1953).
+    Samples come from normal densities around those nearest to the origin, as Au and Beck (2001)
+    draw them for linear structures, so that the estimate is unbiased with friction too. Failures to
+    which no gradient leads are sought among 256 or 512 stronger random motions. Where a demand is
+    reached in more than some 4 % of all runs, plain Monte Carlo takes over.
 
     Examples
     --------

@@ -17,9 +17,8 @@ from jaxpound._checks import count, instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, Parameter, parameter, part, walk
 from jaxpound.ground.motion import DIMENSIONLESS, time_unit_of
-from jaxpound.ground.pulse import Pulse
 from jaxpound.ground.record import Record, stacked
-from jaxpound.ground.ricker import Ricker
+from jaxpound.ground.wavelets import Pulse, Ricker
 from jaxpound.model.parameters import SMALLEST
 from jaxpound.scenarios.distributions import Distribution, TwoSided, truncated
 from jaxpound.scenarios.ground_draw import GroundDraw

@@ -2,7 +2,7 @@
 
 ``run`` runs a study ``chunk`` by chunk; ``study`` is the result, with the ``demands`` in its
 ``columns``, their ``statistics`` (with ``weighting`` for samples of unequal weight), required
-``gaps`` and ``fragility`` (fitted by ``probit``). ``sensitivity`` computes Sobol indices.
+``gaps`` and ``fragility``. ``sensitivity`` computes Sobol indices.
 """
 
 import lazy_loader

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import ArrayLike
-from scipy.special import ndtr, ndtri
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from jaxpound._checks import Rule, count, enforce, instance, positive_number, real, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure, measure_unit
 from jaxpound.ground.plausibility import warn
-from jaxpound.study.probit import maximise, no_maximum, ratios
 from jaxpound.study.weighting import require_weights
 
 ANY_LINK = "any link"  # name of the curve of any of several links, beside "link 1" and so on
@@ -118,14 +118,12 @@ class Fragility(Shown):
         By default it is that of the ``covariance``: ln(im / θ) / β is normal to first order. With a
         number of ``replicates`` it is a bootstrap's, which resamples stripes within each intensity,
         and a cloud as a whole (more than 2,000 samples after grouping neighbours into 2,000).
-        Resamples without a fit are left out. Runs with weights, and curves that were not fitted to
-        counts, are not resampled. Raises ``ValueError`` if an argument breaks its rule, or no
-        resample can be fitted.
+        Resamples without a fit are left out; if none has one there is a ``ValueError``. Runs with
+        weights, and curves that were not fitted to counts, are not resampled.
 
         The bootstrap's band is too narrow with little data: its 95 % band contains the truth in 76
         to 91 % of clouds of 40 runs, and in 79 to 89, 87 to 92 and 90 to 94 % of 6 stripes of 5, 10
-        and 20 runs, the covariance's in 95 % to 99 %; with 300 runs both contain it in 90 % or
-        more.
+        and 20 runs, the covariance's in 95 % to 99 %; with 300 runs both in 90 % or more.
         """
         require_share("band", "confidence", confidence)
         points = _not_negative("band", intensity)
@@ -146,8 +144,8 @@ class Fragility(Shown):
                 cells = np.concatenate([k, n - k])
                 drawn = random.multinomial(cells.sum(), cells / cells.sum()).reshape(2, -1)
                 k_drawn, n_drawn = drawn[0], drawn.sum(0)
-            if not no_maximum(im, k_drawn, n_drawn):
-                (a, b), _ = maximise(np.log(im), k_drawn, n_drawn, start)
+            if not _no_maximum(im, k_drawn, n_drawn):
+                (a, b), _ = _maximise(np.log(im), k_drawn, n_drawn, start)
                 with np.errstate(divide="ignore"):
                     curves.append(ndtr(a + b * np.log(points)))
         if not curves:
@@ -191,10 +189,10 @@ def fit_fragility(
 ) -> Fragility:
     """Fit of a lognormal fragility function by maximum likelihood (Baker 2015, eq. 11).
 
-    Raises ``ValueError`` if shapes differ or a number breaks its rule, or the likelihood has no
-    maximum: pounding always or never, always above an intensity and never below, or not more often
-    at higher intensities. Warns (``PlausibilityWarning``) if pounding is less frequent at a stripe
-    than at a lower one by more than chance explains.
+    Raises ``ValueError`` if the likelihood has no maximum: pounding always, never, always above an
+    intensity and never below, or not more often at higher intensities. Warns
+    (``PlausibilityWarning``) if pounding is less frequent at a stripe than at a lower one by more
+    than chance explains.
 
     Parameters
     ----------
@@ -243,13 +241,13 @@ def fit_fragility(
     counted = np.ones(im.shape, bool) if w is None else w > 0
     z, weight = np.log(im[counted]), 1 if w is None else w[counted]
     hits, runs = k[counted], n[counted]
-    if reason := no_maximum(im[counted], weight * hits, weight * runs):
+    if reason := _no_maximum(im[counted], weight * hits, weight * runs):
         raise InvalidInput(owner, "pounding", "", f"must determine a curve, but {reason}")
     start = np.array([-z.mean(), 1.0])
-    (a, b), information = maximise(z, weight * hits, weight * runs, start)
+    (a, b), information = _maximise(z, weight * hits, weight * runs, start)
     spread = np.linalg.inv(information)
     if w is not None:
-        rise, fall = ratios(a + b * z)
+        rise, fall = _ratios(a + b * z)
         squares = weight**2 * (hits * rise**2 + (runs - hits) * fall**2)
         x = np.stack([np.ones_like(z), z])
         spread = spread @ (x * squares) @ x.T @ spread
@@ -303,3 +301,66 @@ def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.nd
     parts = np.array_split(np.argsort(im), min(most, im.size))
     centre = np.array([np.exp(np.mean(np.log(im[part]))) for part in parts])
     return centre, np.array([k[part].sum() for part in parts]), np.array([len(x) for x in parts])
+
+
+# Probit regression: maximum likelihood of a rising curve P = Φ(a + b z), fitted to counts.
+
+
+def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
+    """The reason why the likelihood of a rising curve has no maximum; empty if it has one."""
+    if not k.any() or (k == n).all():
+        return "it always occurs" if k.any() else "it never occurs"
+    if im.min() == im.max():
+        return f"all intensities are {im[0]:.6g}"
+    pounding, safe = im[k > 0], im[k < n]
+    if pounding.min() >= safe.max():
+        return f"it always occurs above im = {safe.max():.6g} and never below"
+    z = np.log(im)
+    # The likelihood rises with the slope at slope zero if and only if this covariance is positive.
+    if np.sum(z * (k - n * (k.sum() / n.sum()))) <= 0:
+        return "it does not become more frequent as the intensity grows"
+    return ""
+
+
+def _maximise(
+    z: np.ndarray, k: np.ndarray, n: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(a, b) of P = Φ(a + b z) by Newton's method, and the observed information, shape (2, 2)."""
+    x = np.stack([np.ones_like(z), z])
+
+    def likelihood(c: np.ndarray) -> float:
+        eta = c @ x
+        return float(np.sum(k * log_ndtr(eta) + (n - k) * log_ndtr(-eta)))
+
+    def derivatives(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        eta = c @ x
+        rise, fall = _ratios(eta)
+        weight = k * rise * (rise + eta) + (n - k) * fall * (fall - eta)
+        return x @ (k * rise - (n - k) * fall), (x * weight) @ x.T
+
+    return maximum(likelihood, derivatives, start)
+
+
+def maximum(
+    likelihood: Callable[[np.ndarray], float],
+    derivatives: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    start: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where a concave log likelihood is largest, by Newton's method, and the information there."""
+    c, best = start, likelihood(start)
+    for _ in range(100):
+        slope, information = derivatives(c)  # the gradient, and minus the second derivatives
+        step = np.linalg.solve(information, slope)
+        if slope @ step < 1e-20 * max(abs(best), 1.0):
+            break
+        share = 1.0
+        while (value := likelihood(c + share * step)) < best and share > 1e-9:
+            share /= 2
+        c, best = c + share * step, value
+    return c, information
+
+
+def _ratios(eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """φ/Φ at η and at −η: derivatives of ln Φ(η), and of ln Φ(−η) with the other sign."""
+    density = -(eta**2) / 2 - np.log(2 * np.pi) / 2
+    return np.exp(density - log_ndtr(eta)), np.exp(density - log_ndtr(-eta))

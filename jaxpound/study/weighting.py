@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import betaincinv
 
-from jaxpound._checks import Rule, enforce, require_share
+from jaxpound._checks import Rule, enforce, not_negative, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound.study.statistics import Estimate, Moments
 
@@ -28,8 +28,7 @@ class Weighting:
 
 def require_weights(owner: str, weights: np.ndarray) -> None:
     """An ``InvalidInput`` for weights that are negative, not finite, or all 0."""
-    valid = (weights >= 0) & np.isfinite(weights)
-    enforce(owner, [Rule("weights", weights, valid, "finite and not negative")])
+    not_negative(owner, weights=weights)
     whole = weights.sum()
     enforce(owner, [Rule("sum of the weights", whole, whole > 0, "positive")])
 

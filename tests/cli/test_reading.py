@@ -8,11 +8,10 @@ import pytest
 from msgspec import inspect
 
 from jaxpound.cli.buildings import BlockSection, Damper
-from jaxpound.cli.design import DesignConfig, SearchTable
+from jaxpound.cli.design import DesignConfig, ObjectiveTable, SearchTable
 from jaxpound.cli.earthquakes import Earthquakes
 from jaxpound.cli.files import example
 from jaxpound.cli.montecarlo import StudyConfig
-from jaxpound.cli.objective import ObjectiveTable
 from jaxpound.cli.reading import entries, ranges
 from jaxpound.cli.simulate import RecordSection, Simulation
 from jaxpound.cli.syntax import long_key

@@ -12,11 +12,11 @@ import jaxpound as jp
 from jaxpound._tables import rounded
 from jaxpound.cli import main as cli
 from jaxpound.cli import simulate
+from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
 from jaxpound.cli.results import lines, of_simulation
 from jaxpound.cli.simulate import Simulation
-from jaxpound.cli.writing import as_toml
 from tests.cli.commands import PULSE, is_figure, refusal, run
 
 FIGURES = {"overview", "ground_motion", "displacements", "gap", "rod_hysteresis", "energy"}

@@ -9,8 +9,8 @@ from scipy.special import ndtr
 
 import jaxpound as jp
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
+from jaxpound.reliability.importance import signs_of_missed_failures
 from jaxpound.reliability.run import event_of
-from jaxpound.reliability.search import signs_of_missed_failures
 from tests.reliability import case_w
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ndtr, ndtri
 from scipy.stats import chi2
 
-from jaxpound.reliability.subset_levels import levels_of_samples, run_in_lockstep
+from jaxpound.reliability.subset import levels_of_samples, run_in_lockstep
 
 
 def simulated(value, dimension, *, n=1000, p0=0.1, repeats=20, key=0):
