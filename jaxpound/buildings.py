@@ -143,17 +143,8 @@ def dimensionless(
 
     Parameters
     ----------
-    building_1, building_2
-        The buildings; building 1 sets the scales. Positive displacement is towards building 2.
-    friction_force
-        Slip force of the damper ≥ 0, N.
-    gap
-        Gap between the buildings at rest ≥ 0, m.
-    gravity
-        g > 0, m/s².
-    contact
-        The law of contact between the buildings, its stiffness in N/m, or N/m^1.5 for laws after
-        Hertz; None lets them pass through each other.
+    building_1, building_2, friction_force, gap, gravity, contact
+        As of ``simulate_buildings``; building 1 sets the scales.
 
     Warns
     -----

@@ -57,8 +57,7 @@ _ALIASES = {
 def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[str, tuple[str, X]]:
     """What a table states of each path, and by which key; ``*`` stands for any number.
 
-    A key without ``*`` takes precedence over one with ``*``, which leaves out parameters that are
-    0.
+    A key without ``*`` takes precedence over one with ``*``, which leaves out parameters of 0.
     """
     by_path: dict[str, tuple[str, X]] = {}
     for key, value in table.items():

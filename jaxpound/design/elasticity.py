@@ -60,10 +60,8 @@ def elasticities(
 ) -> Elasticities:
     """Elasticities of a demand by every parameter of the structures.
 
-    Raises ``ValueError`` if an argument breaks its rule, or the demand is zero or not finite. Warns
-    with ``PlausibilityWarning`` if the grid does not resolve the ground motion, or more than 1 % of
-    the ensemble's (see ``simulate``), or records have a PGA above 5 g; if contact is run in single
-    precision.
+    Raises ``ValueError`` if the demand is zero or not finite. Warns before the run as ``simulate``,
+    and of an ensemble as ``design_damper``.
 
     Parameters
     ----------

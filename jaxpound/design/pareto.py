@@ -85,8 +85,7 @@ def pareto_front(
 ) -> ParetoFront:
     """The best objective for every limit on a demand, from loose to tight.
 
-    Every search starts where the one before ended, and at other points of the space. All use one
-    compiled program.
+    Every search starts where the one before ended, and at other points, by one compiled program.
 
     Raises ``ValueError`` as in ``design_damper``; if price is unknown or limited already.
 

@@ -1,11 +1,10 @@
 """Limits on the probabilities of rare events, by a sequence of searches.
 
-The logarithm of a small probability is nearly linear in a design. So this is sequential approximate
-optimisation in a trust region. In each round a search takes the logarithm of every limited
-probability as a quadratic model around the current design: value and slopes there come from samples
-of the rare event, curvatures from the slopes of earlier rounds. The trust region, a box around the
-current design, shrinks where the model is wrong. Rounds end at a design that is within all limits
-and meets first-order conditions, or that a round no longer changes.
+This is sequential approximate optimisation in a trust region, a box around the current design that
+shrinks where the model is wrong. In each round a search takes the logarithm of every limited
+probability as a quadratic model: value and slopes come from samples of the rare event, curvatures
+from the slopes of earlier rounds. Rounds end at a design that is within all limits and meets
+first-order conditions, or that a round no longer changes.
 """
 
 from __future__ import annotations

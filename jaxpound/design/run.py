@@ -65,10 +65,9 @@ def design_damper(
 ) -> Design:
     """The best structures within bounds and limits, over an ensemble of earthquakes.
 
-    Raises ``ValueError`` if an argument breaks its rule, the start is outside the bounds, or memory
-    has no room; if no start stays finite, with the reason; if no design within the limits was
-    found, with the smallest excess; if the file holds another search or is damaged. Raises
-    ``OSError`` if the file cannot be written to.
+    Raises ``ValueError`` if the start is outside the bounds, or memory has no room; if no start
+    stays finite, with the reason; if no design within the limits was found, with the smallest
+    excess; if the file holds another search or is damaged. ``OSError`` if it cannot be written to.
 
     Warns with ``PlausibilityWarning`` before the search: if, of the first 256 earthquakes, more
     than 1 % are not resolved by the grid (see ``simulate``) or, where there are scales or records,

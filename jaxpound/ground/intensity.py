@@ -68,8 +68,7 @@ def spectral_acceleration(
     their interval. The motion after the last instant is not counted.
 
     ``period`` is the natural period > 0, in the ground motion's unit of time, and ``damping`` the
-    damping ratio, 0 ≤ ζ < 1. Raises ``ValueError`` if a concrete one breaks its rule; a traced one
-    makes the result NaN. A ``Record`` needs no grid.
+    damping ratio, 0 ≤ ζ < 1. A ``Record`` needs no grid.
 
     Examples
     --------

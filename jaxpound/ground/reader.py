@@ -33,8 +33,7 @@ def read_record(
       sign (``.12E-02-.31E-02``).
     - K-NET and KiK-net (NIED's ASCII format, www.kyoshin.bosai.go.jp): 17 lines of header, which
       state scale factor, sampling frequency and duration, then whole counts. The mean of all
-      counts, the instrument's offset, is subtracted; the record must then have the maximum that the
-      header states.
+      counts, the instrument's offset, is subtracted; the maximum must then be that of the header.
     - Two columns, time and acceleration, separated by commas, semicolons, tabs or blanks. The time
       step must be uniform within the rounding of the printed times; where that rounding could hide
       a lost sample, it must be uniform as printed. The first sample is at t = 0 of the record.

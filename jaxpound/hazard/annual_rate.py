@@ -81,10 +81,9 @@ class AnnualRate(Shown):
         return 1 / self.value if self.value else float("inf")
 
     def probability(self, years: float) -> Estimate:
-        """Probability of pounding within years, 1 − e^(−λ years), with its interval.
+        """Probability of pounding within years > 0, 1 − e^(−λ years), with its interval.
 
-        Earthquakes with pounding are a Poisson process. Raises ``ValueError`` if years is not one
-        positive number.
+        Earthquakes with pounding are a Poisson process.
         """
         (years,) = positive_number("AnnualRate.probability", years=years)
         rates = (self.value, self.low, self.high)
@@ -100,8 +99,7 @@ class AnnualRate(Shown):
     ) -> Deaggregation:
         """From which intensities the rate comes.
 
-        Raises ``ValueError`` if an argument breaks its rule; if the rate is 0, or that of an
-        estimate alone, which has no intensities.
+        Raises ``ValueError`` if the rate is 0, or that of an estimate alone: it has no intensities.
 
         Parameters
         ----------

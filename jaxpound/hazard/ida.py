@@ -78,11 +78,7 @@ class IncrementalDynamicAnalysis(Shown):
         return np.quantile(self.demands, shares, axis=0)
 
     def fragility(self) -> Fragility:
-        """Lognormal fragility from the capacities, by ``fit_capacities``.
-
-        Raises ``ValueError`` if fewer than two records reach the threshold, or all at one
-        intensity.
-        """
+        """Lognormal fragility from the capacities, by ``fit_capacities``, with its errors."""
         return fit_capacities(self.capacities, self.intensities[-1], measure=self.measure)
 
     def _tables(self) -> list[TextTable]:
@@ -128,8 +124,7 @@ def incremental_dynamic_analysis(
     neighbouring intensities between which the demand reaches the threshold is then narrowed down.
     A demand need not grow with the intensity: a crossing between two neighbouring intensities from
     which the demand returns is missed. ``returning`` names the records whose demands are below the
-    threshold again at higher intensities; ``fragility()`` has the median and dispersion of the
-    capacities.
+    threshold again at higher intensities; ``fragility()`` is that of the capacities.
 
     Parameters
     ----------
@@ -145,8 +140,7 @@ def incremental_dynamic_analysis(
     measure
         The measure of intensity: "pga" (in g); a natural period, in s with scales or else in 1/ω1,
         for the spectral acceleration at 5 % of damping (in g); or the intensity of each unscaled
-        record, shape (n,) (ones make it the factor). It must be proportional to the record's
-        factor.
+        record, shape (n,) (ones make it the factor), which must be proportional to its factor.
     demand
         See ``LimitState``.
     threshold
@@ -160,17 +154,13 @@ def incremental_dynamic_analysis(
         Width of the last bracket, or size of the last step of Newton's method, over the capacity.
     scales
         Units of the structures, for results in SI units.
-    scheme
-        The discretisation.
-    strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
+    scheme, strict, progress
+        See ``monte_carlo``.
     store
         A folder that keeps finished runs, by record and factor: after an interruption the same call
         continues from them, and its result is the same. A call with other intensities, or another
         measure, threshold, ``refine`` or ``tolerance``, runs only what is missing. Damaged files
         are named in a warning, and their runs are repeated.
-    progress
-        Whether to show a progress bar.
 
     Raises
     ------

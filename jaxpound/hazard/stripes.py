@@ -51,12 +51,7 @@ class Stripes(Shown):
         return np.array([stripe.size for stripe in self.demands])
 
     def fragility(self) -> Fragility:
-        """``fit_fragility`` of the counts (Baker 2015, eq. 11).
-
-        Raises ``ValueError`` if the likelihood has no maximum; see ``fit_fragility``. Warns
-        (``PlausibilityWarning``) if fewer records reach the threshold at an intensity than at a
-        lower one, by more than chance.
-        """
+        """``fit_fragility`` of the counts (Baker 2015, eq. 11), with its errors and warning."""
         return fit_fragility(self.intensities, self.pounding, self.trials, measure=self.measure)
 
     def _tables(self) -> list[TextTable]:
@@ -113,8 +108,7 @@ def multiple_stripes(
     records, intensities
         A suite for all intensities > 0, rising, shape (k,), or a list with one for each of them.
     structures, grid, measure, demand, threshold, scales, scheme, strict, store, progress
-        As of ``incremental_dynamic_analysis``; ``measure`` is "pga" or a period where there are
-        several suites.
+        As of ``incremental_dynamic_analysis``; ``measure`` of several suites is "pga" or a period.
     """
     owner = "multiple_stripes"
     levels = suite_runs.rising_intensities(owner, intensities)

@@ -69,8 +69,7 @@ class Building:
         ``order=1`` and a small τ_f the building is the viscous one of other programs (Kelvin and
         Voigt's, c = 2 ζ m ω), and k approaches m ω².
 
-        Raises ``ValueError`` if a concrete value breaks its rule, or no rod of this order and τ_f
-        damps as much.
+        Raises ``ValueError`` if no rod of this order and τ_f damps as much.
 
         Parameters
         ----------

@@ -29,8 +29,7 @@ def paths(structures: Any) -> tuple[str, ...]:
     """Paths of all parameters, those of the same parameter of several objects together.
 
     A parameter that bounds another comes before it (τ_f before τ_x), so that they can be drawn in
-    this order. ``structures`` may be a class without tuples; then optional parts, such as a contact
-    law, are left out.
+    this order. ``structures`` may be a class without tuples, whose optional parts are left out.
     """
     groups: dict[Parameter, list[str]] = {}
     for path, parameter, _ in walk(structures, Parameter):

@@ -27,9 +27,6 @@ class FloorLink:
     It joins neighbouring buildings, two floors of one building (a friction brace), or a floor and
     the ground. Buildings and floors are numbered from 0.
 
-    Raises ``ValueError`` if a concrete value breaks its rule, or a number is not that of a building
-    or floor.
-
     Parameters
     ----------
     building
@@ -37,8 +34,7 @@ class FloorLink:
     floor
         Its floor.
     next_floor
-        The floor at the other end, or ``GROUND``; by default that of the same number, or in a brace
-        the floor below.
+        The floor at the other end, or ``GROUND``; by default the same, or in a brace that below.
     friction, gap, contact
         As in ``Link``: slip force μ ≥ 0, gap ξ0 ≥ 0 at rest (infinite by default) and law of
         contact; dimensionless in a ``Row``, in N, m and SI units between buildings in SI.
@@ -112,8 +108,8 @@ class FloorLink:
 class Row:
     """Buildings side by side, from left to right, with links between their floors; dimensionless.
 
-    Raises ``ValueError`` if a concrete value breaks its rule, a link names no building or floor of
-    the row, has one floor at both ends or skips a building, or links close a ring.
+    Raises ``ValueError`` if a link names no building or floor of the row, has one floor at both
+    ends or skips a building, or links close a ring.
 
     Parameters
     ----------
@@ -122,12 +118,11 @@ class Row:
         in this order, each building's from the ground up.
     links
         Links between floors (``floor_links`` makes them for every common floor). They may not close
-        a ring: the friction forces of a ring in stick are not determined.
+        a ring (see ``System``).
 
     Examples
     --------
-    A house of two storeys beside one of a single storey, a damper and contact between their first
-    floors:
+    A house of two storeys beside one of a single storey, with damper and contact at floor 1:
 
     >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
     >>> low, high = (jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (1, 2))

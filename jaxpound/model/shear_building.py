@@ -30,8 +30,7 @@ class ShearBuilding:
     below that floor. ``of_storeys`` makes one from lists of numbers, ``from_period`` from a period
     and a damping ratio, ``published`` has examples of the literature.
 
-    Raises ``ValueError`` if a concrete value breaks its rule, there is no storey, or there are not
-    as many heights as storeys.
+    Raises ``ValueError`` if there is no storey, or there are not as many heights as storeys.
 
     Parameters
     ----------
@@ -79,7 +78,7 @@ class ShearBuilding:
     ) -> ShearBuilding:
         """A building from its floors' masses and its storeys' rods.
 
-        Raises ``ValueError`` if a concrete value breaks its rule, or lengths differ.
+        Raises ``ValueError`` if lengths differ.
 
         Parameters
         ----------

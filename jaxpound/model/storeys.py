@@ -15,8 +15,8 @@ class Storeys:
 
     Floors, masses and storeys are numbered from 0, the lowest; the ground is ``GROUND``, −1.
 
-    Raises ``ValueError`` if a concrete value breaks its rule, there are not as many rods as masses,
-    or the ends of a rod are not those of its storey.
+    Raises ``ValueError`` if there are not as many rods as masses, or the ends of a rod are not
+    those of its storey.
 
     Parameters
     ----------

@@ -33,8 +33,6 @@ Ends = tuple[int, int]
 class Rod:
     """A fractional Zener rod between two masses, or between a mass and the ground.
 
-    Raises ``ValueError`` if a concrete value breaks its rule, or the ends do not differ.
-
     Parameters
     ----------
     material
@@ -42,9 +40,9 @@ class Rod:
     stiffness
         Long-time stiffness K > 0, in units of m1 ω1² for a dimensionless system.
     ends
-        Masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and by
-        x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may leave
-        them out, since they follow from the storey.
+        Two masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and
+        by x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may
+        leave them out, since they follow from the storey.
     """
 
     material: ZenerRod = part(ZenerRod)
@@ -61,12 +59,10 @@ class Rod:
 class Link:
     """A link between neighbours i and j: dry friction, a gap, and contact where the gap closes.
 
-    Raises ``ValueError`` if a concrete value breaks its rule, or the ends do not differ.
-
     Parameters
     ----------
     ends
-        Mass i on the left and mass j, by number from 0; one of them may be ``GROUND``: a sliding
+        Mass i on the left and another, j, by number from 0; one may be ``GROUND``: a sliding
         bearing. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s.
     friction
         Slip force μ ≥ 0, in units of m1 g.
@@ -125,8 +121,8 @@ class System:
     links' friction q and contact force p, and the ground acceleration u''; displacements x are
     relative to the ground.
 
-    Raises ``ValueError`` if a concrete value breaks its rule, an end names no mass, a mass has no
-    path of rods to the ground, or links close a ring.
+    Raises ``ValueError`` if an end names no mass, a mass has no path of rods to the ground, or
+    links close a ring.
 
     Parameters
     ----------

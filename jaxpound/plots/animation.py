@@ -73,8 +73,7 @@ def animate(
     row of buildings are displacements and the map of its gaps.
 
     ``responses`` are a single run, in SI or not, or such runs by name, on the same grid. The number
-    of ``frames`` ≥ 2 is spread evenly over the run and lasts ``seconds`` > 0; ``elevations`` are
-    those of ``row``.
+    of ``frames`` ≥ 2 is spread evenly and lasts ``seconds`` > 0; ``elevations``: see ``row``.
 
     A ``ValueError`` as by ``still``, or if grids or units differ, or frames or seconds breaks its
     rule.

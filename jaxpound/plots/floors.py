@@ -160,8 +160,7 @@ def mode_shapes(
     r"""The first mode shapes of each building over its height, with periods and damping ratios.
 
     Shapes are the real parts of ``modes``, with the largest entry 1 and the top floor to the right.
-    Those of several buildings have the building's colour and a line style for each mode; links are
-    left out.
+    Of several buildings, each has its colour, each mode a line style; links are left out.
 
     ``structures`` are a building, dimensionless or in SI, or ``Buildings``; drawn are the first
     ``n`` modes of each, at least 1, from the slowest on; of fewer floors all.

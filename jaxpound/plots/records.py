@@ -56,9 +56,6 @@ def spectra(
     ``records`` are in g, by name, all in the same unit of time. ``periods`` are natural periods > 0
     in that unit, by default 80 from 0.05 to 5; ``damping`` is a ratio, at least 0 and below 1.
     ``marks`` are natural periods to be marked, by name, such as those of two buildings.
-
-    A ``ValueError`` if there is no record, their units of time differ, or an argument breaks its
-    rule.
     """
     instance("spectra", "records", records, Mapping)
     if not records:

@@ -3,6 +3,10 @@
 The runs of a batch are drawn over each other; the more runs, the fainter the lines. With
 ``ax=None`` the axes belong to a new pyplot figure of column width (9 cm), which a notebook shows
 and ``plt.show()`` or ``plt.savefig`` take; with axes given, pyplot is not touched.
+
+A ``ValueError`` is raised for an invalid run, for one that has nothing of what is to be drawn (no
+link, gap or law of contact), and for several runs by name if there is none, or some are in SI units
+and others are not.
 """
 
 from __future__ import annotations
@@ -58,8 +62,6 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     instants of the grid. The region of pounding, ξ ≤ 0, is shaded, and named in the legend if the
     gap comes near it. Impacts of a single run, by a law of contact, are marked where they begin,
     and named instead.
-
-    Raises a ``ValueError`` if no link has a gap, or a run is invalid.
     """
     lines = curves.gaps_of("gap", response)
     ax = curves.over_time(response, ax, "gap", "length", lines, r"$\xi$")
@@ -90,10 +92,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
-    """Gaps ξ over time of several runs by name, the first in grey, and the smallest of each.
-
-    A ``ValueError`` if there is no run, one has no gap, or some are in SI units and others are not.
-    """
+    """Gaps ξ over time of several runs by name, the first in grey, and the smallest of each."""
     runs = list(same_units("gaps", responses).values())
     for name, response, colour in zip(responses, runs, house.shades(len(runs)), strict=True):
         ax = curves.run_axes(response, ax)
@@ -112,10 +111,7 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def friction_force(response: Response, ax: Axes | None = None) -> Axes:
-    """Friction force q of each link over time; of one in a single run, intervals of stick shaded.
-
-    Raises a ``ValueError`` if there is no link, or a run is invalid.
-    """
+    """Friction force q of each link over time; of one in a single run stick is shaded."""
     lines = curves.frictions("friction_force", response)
     ax = curves.over_time(response, ax, "friction force", "force", lines, "$q$")
     if np.ndim(response.time) > 1 or len(lines) > 1:
@@ -135,8 +131,6 @@ def contact_force(response: Response, ax: Axes | None = None) -> Axes:
     The line has the force at the instants; in a single run the largest of each impact, which may
     lie between them, is marked where the impact begins. Impacts by Newton's law have no force: what
     is drawn then presses blocks together at rest.
-
-    Raises a ``ValueError`` if no link has a law of contact, or a run is invalid.
     """
     lines = curves.contacts("contact_force", response)
     impacts = [] if response.batch else response.impacts()
@@ -166,8 +160,7 @@ def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
 def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     """Friction force q over slip of each link: the enclosed area is the energy taken by the damper.
 
-    The slip is that of its ends, x_i − x_j, by which the gap has closed. A ``ValueError`` if there
-    is no link, or a run is invalid.
+    The slip is that of its ends, x_i − x_j, by which the gap has closed.
     """
     lines = curves.frictions("friction_hysteresis", response)
     across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
@@ -182,8 +175,6 @@ def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     The enclosed area is the energy lost by contact. Of a single run each impact that the response
     keeps is drawn within the steps too, by the law of contact along the motion between the
     instants; of a batch, or a user-defined law in SI units, there are only the instants.
-
-    Raises a ``ValueError`` if no link has a law of contact, or a run is invalid.
     """
     ax = curves.run_axes(response, ax)
     lines = curves.contacts("contact_hysteresis", response)
@@ -207,8 +198,7 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
 
     The stack is friction's work, the rods' work and the kinetic energy, with a law of contact also
     what is lost by contact and stored in it; the line is the input, with the energy at t = 0 of a
-    run that does not start at rest. Their difference is the residual of the balance, also drawn as
-    a line.
+    run that does not start at rest. Their difference, also a line, is the residual of the balance.
     """
     require_single("energy", response)
     ax = curves.run_axes(response, ax)
@@ -259,10 +249,7 @@ def side_by_side(
     responses: Mapping[str, Response],
     drawings: Sequence[Drawing] = (ground_motion, displacements, friction_force, gap),
 ) -> Figure:
-    """Runs by name as columns, drawings as rows, each row to one scale.
-
-    Raises a ``ValueError`` if there is no run, or some are in SI units and others are not.
-    """
+    """Runs by name as columns, drawings as rows, each row to one scale."""
     runs = same_units("side_by_side", responses)
     n = len(runs)
     result = house.new_figure(2 if n < 3 else 0.8 * n, 0.825 * max(len(drawings), 1.2))

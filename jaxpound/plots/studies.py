@@ -147,8 +147,6 @@ def fragility(
     its band. ``intensity`` is the label of the axis, with its unit in parentheses (by default the
     curve's own measure); ``unit`` is that unit in the curve's own (9.80665 for g, of one in m/s²).
 
-    A ``ValueError`` if there is no curve.
-
     Examples
     --------
     >>> from jaxpound.plots.studies import fragility

@@ -5,14 +5,10 @@ and Fujimura 2005). All instants are searched in one batch by the improved HLRF 
 and Lind 1974, Rackwitz and Fiessler 1978, Zhang and Der Kiureghian 1995): each step goes to the
 nearest point of the linearised limit state, and is shortened where a merit function says so.
 
-A demand without instants has one limit state, which may have many such points. Starts are added
-until nearly all of them end in a point that another start has reached too: the share of those that
-do not estimates the share of further starts that would end in a new point (Good 1953, Biometrika
-40:237, after Turing).
-
-The force of an impact is 0 before blocks meet, and so is its slope. A demand that impacts make is
-sought on the ways from the origin to design points of overlaps: those of blocks that pass through
-each other, of about the depth of the likeliest overlap that brings the demand about.
+A demand without instants has one limit state, which may have many such points: starts are added
+until nearly all of them end in a point that another start has reached too (Good 1953, Biometrika
+40:237, after Turing). A demand that impacts make is sought on the ways from the origin to design
+points of overlaps, those of blocks that pass through each other.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Series whose largest number over the run is the demand: a limit state for every instant.
 
-A demand over a run is reached if it is reached at some instant. At an instant it is a smooth
-function of the ground motion, so that gradients lead to its design point; the largest number of
-all instants is not smooth.
+At an instant a demand is a smooth function of the ground motion, so that gradients lead to its
+design point; the largest number of all instants is not smooth.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 Derivatives of a small probability by parameters of the structures follow from the samples near the
 limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V. The
 delta function is a normal density of width h. Since a tail falls as e^(−λ v), a width makes the
-slope too steep by e^((λ h)²/2): h is chosen by the tail's own λ, and the slope divided by that
-factor.
+slope too steep by e^((λ h)²/2): h is chosen by the tail's own λ, and the slope divided by it.
 """
 
 from __future__ import annotations

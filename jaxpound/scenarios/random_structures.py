@@ -31,7 +31,7 @@ class UncertainStructures:
     tenth of its probability: order in (0, 1], the rest positive, τ_f ≤ τ_x where τ_x is certain,
     and τ_x ≥ the τ_f drawn. So every draw is valid.
 
-    Raises ``ValueError`` if an argument breaks its rule or a pattern matches no path.
+    Raises ``ValueError`` if a pattern matches no path.
 
     Parameters
     ----------

@@ -153,7 +153,7 @@ class Scenarios(Composed):
     ) -> tuple[Structures, motion.GroundLike]:
         """Structures and ground motion of samples of a study, by one or by n ``Study.indices``.
 
-        Shape (n,) makes batches of n. Raises ``ValueError`` if an argument breaks its rule.
+        Shape (n,) makes batches of n.
         """
         owner = "Scenarios.at"
         limit = require_sampling(owner, sampling)

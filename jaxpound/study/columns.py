@@ -117,15 +117,12 @@ class DemandColumns(Columnar, Shown):
         probability, that of Woodruff (1952) for a quantile; a fragility has the covariance of White
         (1982).
 
-        Raises ``ValueError`` if the column is missing, the weights are not (n,), a weight is
-        negative or not finite, or their sum is 0.
-
         Parameters
         ----------
         weights
             The name of a column, such as that of one of ``monte_carlo``'s ``measures``, or the
-            weights, shape (n,), in the order of ``indices``. Not negative; for runs that failed any
-            number or NaN.
+            weights, shape (n,), in the order of ``indices``. Not negative, with a positive sum; for
+            runs that failed any number or NaN.
         normalised
             Whether probabilities are divided by the sum of the weights, which then may have any
             scale; or, if False, by the number of samples that did not fail. The weights are then
@@ -196,8 +193,7 @@ class DemandColumns(Columnar, Shown):
     def exceedance(self, name: str, value: float, confidence: float = 0.95) -> Estimate:
         """Probability that a column exceeds a value, with Clopper and Pearson's interval.
 
-        The infinite time of the first impact, of a run without impact, exceeds any value. Raises
-        ``ValueError`` if the column is missing, or an argument breaks its rule.
+        The infinite time of the first impact, of a run without impact, exceeds any value.
         """
         parts, factor = self._parts(self._column(name)), self._factor(name)
         value = float(number("exceedance", "value", value))
@@ -207,9 +203,8 @@ class DemandColumns(Columnar, Shown):
     def counts(self, name: str = "n_impacts", confidence: float = 0.95) -> dict[int, Estimate]:
         """Probability of every number that occurred in a column, with Clopper-Pearson intervals.
 
-        The column has whole numbers, such as ``n_impacts`` (with several links ``n_impacts_1`` and
-        so on). Raises ``ValueError`` if it is missing, its numbers are not whole, or an argument
-        breaks its rule.
+        The column must have whole numbers, such as ``n_impacts`` (with several links
+        ``n_impacts_1`` and so on).
         """
         column = self.finite(name)
         if (column % 1).any():

@@ -79,8 +79,6 @@ def en_1998_gap(displacement_1: Any, displacement_2: Any, *, level_floors: bool 
     0.7 of it where their floors are at the same heights. Towards a neighbour's land, (2)a, each
     building keeps its own d_s away from the line.
 
-    Raises ``ValueError`` if a displacement is negative or not finite, or level_floors is no bool.
-
     Parameters
     ----------
     displacement_1, displacement_2
@@ -114,9 +112,6 @@ def asce_7_gap(
 
     Section 12.12.3: δ_MT = √(δ_M1² + δ_M2²), with δ_M = C_d δ_max / I_e of each. From the property
     line each structure keeps at least its own δ_M.
-
-    Raises ``ValueError`` if a displacement is negative or not finite, or a factor is neither a
-    positive number nor two.
 
     Parameters
     ----------

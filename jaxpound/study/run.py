@@ -70,16 +70,13 @@ def monte_carlo(
     store at once, even with different n. (Results agree to the last bit if the numbers of JAX
     devices and of threads of the linear algebra are the same; else to rounding.)
 
-    The study's columns are all scalars of ``Demand``, required gaps of links without a law of
-    contact, demands over all floors, measures and parameters; for a shard, those of its chunks.
-
     Parameters
     ----------
     scenarios
         ``Scenarios``, or any other ``ScenarioSet``.
     n
         Number of samples, at most 2^31 (2^30 for Sobol points).
-    grid, scheme
+    grid, scheme, strict
         See ``simulate``.
     key
         A seed, or a key of ``jax.random``.
@@ -94,8 +91,7 @@ def monte_carlo(
         has 1 to 200 printable characters without a slash. A callable dataclass may state what its
         column is, for ``Study.measure``, in a field ``measure``, such as ``"Sa(0.9 s) (g)"``.
     keep_parameters
-        Whether the scenarios' parameters are columns too; else ``Study.parameters`` recomputes
-        them.
+        Whether the scenarios' parameters are columns too; ``Study.parameters`` can recompute them.
     keep_failures
         Whether failed runs are kept as NaN and left out of all statistics; else they raise.
     scales
@@ -113,8 +109,6 @@ def monte_carlo(
         processes fill one store. The study is that of these chunks.
     progress
         Whether to show a progress bar.
-    strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
 
     Raises
     ------

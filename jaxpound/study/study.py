@@ -112,7 +112,7 @@ class Study(DemandColumns):
 
         ``gap`` is any gap at rest ≥ 0, of all links or of ``link``, by default that of the
         scenarios; ``link`` the number of a link, from 0, by default any of them. Raises
-        ``ValueError`` if an argument breaks its rule, or a gap's required gap is unknown.
+        ``ValueError`` if a gap's required gap is unknown.
         """
         return np.concatenate([*self._pounding("pounding", gap, link)])
 
@@ -180,8 +180,7 @@ class Study(DemandColumns):
         """The gap at rest at which pounding has this probability.
 
         Of a link by number, from 0; by default the common gap of all links at which any of them
-        pounds with this probability. Raises ``ValueError`` if an argument breaks its rule, or the
-        required gap is unknown.
+        pounds with this probability. Raises ``ValueError`` if the required gap is unknown.
         """
         owner = "required_gap"
         require_share(owner, "probability", probability)
@@ -203,9 +202,8 @@ class Study(DemandColumns):
         """The required gap beside those of code rules: absolute sum, SRSS, double difference.
 
         The rules assume buildings without a damper between them: compare them in a study with
-        friction 0. They are applied to the peaks of this study, with its damper. Raises
-        ``ValueError`` if probability is not between 0 and 1, or the structures are not a pair: two
-        buildings of one storey and one link, which has a gap.
+        friction 0. They are applied to the peaks of this study, with its damper. The structures
+        must be a pair: two buildings of one storey and one link, which has a gap.
         """
         require_share("separation", "probability", probability)
         oscillators = self.about["oscillators"]
