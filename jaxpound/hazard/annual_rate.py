@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import ArrayLike
+from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from jaxpound._checks import Rule, count, enforce, hint, positive_number, real
@@ -30,6 +32,7 @@ _REPORTED = 0.01  # share of the rate from beyond the hazard curve from which ta
 _FINE = 2000  # bands in which the default bands are sought
 _FAR = 1e3  # ratio beyond median and curve up to which they are sought, at least
 _ENDS = (1e-300, 1e300)  # intensities within which they are sought, whatever the median
+_STEP_OF_GAP = 0.05  # of ln gap, for the slope of ln rate
 _WIDER = 1e-6  # of the outermost bands, so that the samples at their ends are within
 
 
@@ -353,3 +356,45 @@ def _named(intensity: Any, values: Any, names: Sequence[str], n: int) -> tuple[s
     if x.shape != (n,):
         raise InvalidInput(_OWNER, "intensity", "", f"of shape {x.shape} must be ({n},)")
     return "intensity", x
+
+
+def gap_of_rate(
+    annual_rate: Callable[[float], AnnualRate], tried: Iterable[float], target: float
+) -> Estimate:
+    """The gap of a target rate, with the interval of ln rate over the slope of ln rate by ln gap.
+
+    ``annual_rate`` raises a ``ValueError`` at a gap at which no fragility can be fitted; the gaps
+    ``tried`` are the first.
+    """
+
+    @cache
+    def rate_at(u: float) -> AnnualRate | None:
+        """The rate by ln of the gap; None where there is nothing to fit."""
+        try:
+            return annual_rate(float(np.exp(u)))
+        except ValueError:
+            return None
+
+    def excess(u: float) -> float:
+        """Ln of the rate over the target."""
+        rate = rate_at(u)
+        return float("nan") if rate is None else float(np.log(rate.value / target))
+
+    logs = [float(np.log(gap)) for gap in sorted(tried) if gap > 0]
+    logs = [u for u in logs if rate_at(u) is not None]
+    excesses = [excess(u) for u in logs]
+    if not (excesses and excesses[0] > 0 > excesses[-1]):
+        rates = "none"
+        if excesses:
+            least, most = target * np.exp(min(excesses)), target * np.exp(max(excesses))
+            rates = f"{least:.4g} to {most:.4g}"
+        rule = "must be the rate of pounding at a gap at which a fragility can be fitted"
+        rule = f"{target:.4g} a year, {rule}: of these there are {rates}"
+        raise InvalidInput("HazardCurve.required_gap", "the target,", "", rule)
+    last = max(i for i, x in enumerate(excesses) if x > 0)
+    root = float(brentq(excess, logs[last], logs[last + 1], xtol=1e-6))
+    slope = (excess(root + _STEP_OF_GAP) - excess(root - _STEP_OF_GAP)) / (2 * _STEP_OF_GAP)
+    gap, rate = float(np.exp(root)), rate_at(root)
+    assert rate is not None
+    factor = float(np.exp(abs(np.log(rate.high / rate.value) / slope)))
+    return Estimate(gap, gap / factor, gap * factor, rate.confidence)

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
-from functools import cache, partial
+from collections.abc import Iterator
+from functools import partial
 from os import PathLike
 from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike
-from scipy.optimize import brentq
 
 from jaxpound._checks import Rule, enforce, instance, positive, positive_number, real, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.plausibility import warn
-from jaxpound.hazard.annual_rate import AnnualRate, FragilityRate, of_event, of_study
+from jaxpound.hazard.annual_rate import (
+    AnnualRate,
+    FragilityRate,
+    gap_of_rate,
+    of_event,
+    of_study,
+)
 from jaxpound.hazard.files import read_hazard
 from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of
 from jaxpound.quantities import DIMENSIONLESS
@@ -32,7 +37,6 @@ _ROUNDING = 1e-9
 _SAME = 1e-6  # largest difference of logarithms between points of one curve, up to a factor
 _DEFAULT_UNIT = DIMENSIONLESS["acceleration"]  # of a curve whose measure has no unit
 _TRIED = (0.98, 0.9, 0.5, 0.1, 0.02, 5e-3, 1e-3)  # shares of runs that pound at the first gaps
-_STEP = 0.05  # of ln gap, for the slope of ln rate
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -306,7 +310,7 @@ class HazardCurve(Shown):
             return FragilityRate(self._points, fragility, self.measure).annual_rate(confidence)
 
         gaps = [study.required_gap(p, link=link).value for p in _TRIED]
-        return _gap_by_fragilities(annual_rate, gaps, target)
+        return gap_of_rate(annual_rate, gaps, target)
 
     def _tables(self) -> list[TextTable]:
         rows = [
@@ -315,48 +319,6 @@ class HazardCurve(Shown):
         ]
         columns = (self.measure, "annual rate", "return period (years)", "in 50 years")
         return [TextTable("Seismic hazard: rates of exceedance", columns, rows, digits=4)]
-
-
-def _gap_by_fragilities(
-    annual_rate: Callable[[float], AnnualRate], tried: Iterable[float], target: float
-) -> Estimate:
-    """The gap of a target rate, with the interval of ln rate over the slope of ln rate by ln gap.
-
-    ``annual_rate`` raises a ``ValueError`` at a gap at which no fragility can be fitted; the gaps
-    ``tried`` are the first.
-    """
-
-    @cache
-    def rate_at(u: float) -> AnnualRate | None:
-        """The rate by ln of the gap; None where there is nothing to fit."""
-        try:
-            return annual_rate(float(np.exp(u)))
-        except ValueError:
-            return None
-
-    def excess(u: float) -> float:
-        """Ln of the rate over the target."""
-        rate = rate_at(u)
-        return float("nan") if rate is None else float(np.log(rate.value / target))
-
-    logs = [float(np.log(gap)) for gap in sorted(tried) if gap > 0]
-    logs = [u for u in logs if rate_at(u) is not None]
-    excesses = [excess(u) for u in logs]
-    if not (excesses and excesses[0] > 0 > excesses[-1]):
-        rates = "none"
-        if excesses:
-            least, most = target * np.exp(min(excesses)), target * np.exp(max(excesses))
-            rates = f"{least:.4g} to {most:.4g}"
-        rule = "must be the rate of pounding at a gap at which a fragility can be fitted"
-        rule = f"{target:.4g} a year, {rule}: of these there are {rates}"
-        raise InvalidInput("HazardCurve.required_gap", "the target,", "", rule)
-    last = max(i for i, x in enumerate(excesses) if x > 0)
-    root = float(brentq(excess, logs[last], logs[last + 1], xtol=1e-6))
-    slope = (excess(root + _STEP) - excess(root - _STEP)) / (2 * _STEP)
-    gap, rate = float(np.exp(root)), rate_at(root)
-    assert rate is not None
-    factor = float(np.exp(abs(np.log(rate.high / rate.value) / slope)))
-    return Estimate(gap, gap / factor, gap * factor, rate.confidence)
 
 
 def _require_measure(owner: str, text: str, source: str, measure: Measure) -> None:

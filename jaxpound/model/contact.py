@@ -7,8 +7,7 @@ which they part over that at which they met. ``Newton`` has an impulse, all othe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import factorial
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -16,10 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxpound._checks import Range, hint, is_traced, positive, require_batch
+from jaxpound._checks import Range, hint, require_batch
 from jaxpound._errors import InvalidInput
-from jaxpound._extrema import larger, smaller
+from jaxpound._extrema import larger
 from jaxpound._fields import check, like, parameter, pytree_dataclass, static, unchecked
+from jaxpound.model.contact_numbers import contact_stiffness as contact_stiffness
+from jaxpound.model.contact_numbers import exact_damping_factor
+
+_STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
+_RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
 
 _STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
 _RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
@@ -343,94 +347,9 @@ def _power(penetration: Any, power: Any) -> jax.Array:
     return jnp.where(pressed, power(jnp.where(pressed, penetration, 1.0)), 0.0)
 
 
-@jax.jit
-def exact_damping_factor(restitution: Any) -> jax.Array:
-    """The root Z of Z (1 + e) = ln((1 + Z)/(1 − Z e)), with its derivatives up to the third.
-
-    This integrates m* w dw/(1 + Z w/v0) = −k δ^(3/2) dδ over a free collision, from w = v0 to w =
-    −e v0, both at δ = 0. In y = Z (1 + e) it has a closed solution for e (``_loss``) and no
-    singularity where Z approaches 1/e, as it does for small e.
-    """
-    loss = (1 - restitution) / restitution
-    held = lax.stop_gradient(loss)
-
-    def improved(y: jax.Array, loss: jax.Array) -> jax.Array:
-        value, slope = jax.jvp(_loss, (y,), (jnp.ones_like(y),))
-        return y + (loss - value) / slope
-
-    # The loss is at least y/3 and at least y − 2; from that bound five Newton steps converge.
-    bound = smaller(3 * held, held + 2)
-    y, _ = lax.scan(lambda y, _: (improved(y, held), None), bound, length=5)
-    for _ in range(2):  # these steps carry the derivatives
-        y = improved(y, loss)
-    return y / (1 + restitution)
-
-
-def _loss(y: jax.Array) -> jax.Array:
-    """1/e − 1 = ((2 + y) exp(−y) − 2 + y) / (1 − (1 + y) exp(−y)), for y ≥ 0.
-
-    For small y, where both differences cancel, the series of both over y² replace them.
-    """
-    small, large = smaller(y, _SERIES_END), larger(y, _SERIES_END)
-    above = below = jnp.zeros_like(y)
-    for n in reversed(range(_TERMS)):
-        above = (n + 1) / factorial(n + 3) - small * above
-        below = (n + 1) / factorial(n + 2) - small * below
-    decay = jnp.exp(-large)
-    closed = ((2 + large) * decay - 2 + large) / (1 - (1 + large) * decay)
-    return jnp.where(y < _SERIES_END, small * above / below, closed)
-
-
 _DAMPING_FACTORS: dict[str, Callable[[Any], Any]] = {
     "exact": exact_damping_factor,
     "muthukumar": lambda e: 0.75 * (1 - e**2),
     "ye": lambda e: 1.6 * (1 - e) / e,
     "hunt-crossley": lambda e: 1.5 * (1 - e),
 }
-
-
-def contact_stiffness(
-    *,
-    modulus: Any = None,
-    area: Any = None,
-    length: Any = None,
-    storeys: Sequence[Any] | None = None,
-) -> Any:
-    """A stiffness for ``KelvinVoigt``, from the colliding floor or from the storeys beside it.
-
-    It is the axial stiffness E A/L of the floor (Maison and Kasai 1992) or, without floor plans, 20
-    times the stiffness of the stiffer storey (Anagnostopoulos 1988). Any consistent units.
-
-    Raises ``ValueError`` if neither or both of floor and storeys are given.
-
-    Parameters
-    ----------
-    modulus
-        Young's modulus E > 0 of the floor.
-    area
-        Cross-section A > 0 of the floor, across the direction of impact.
-    length
-        Length L > 0 of the floor in the direction of impact.
-    storeys
-        Stiffness > 0 of the colliding storeys, two numbers.
-
-    Examples
-    --------
-    >>> f"{jp.contact_stiffness(modulus=30e9, area=2.0, length=15.0):.3g} N/m"
-    '4e+09 N/m'
-    >>> float(jp.contact_stiffness(storeys=(1.0, 2.5)))
-    50.0
-    """
-    owner, floor = "contact_stiffness", {"modulus": modulus, "area": area, "length": length}
-    if (storeys is None) == all(x is None for x in floor.values()):
-        raise InvalidInput(owner, "", "", "give either modulus, area and length, or storeys")
-    if storeys is None:
-        modulus, area, length = positive(owner, **floor)
-        return modulus * area / length
-    try:
-        left, right = storeys
-    except (TypeError, ValueError):
-        raise InvalidInput(owner, "storeys", repr(storeys), "must be two numbers") from None
-    left, right = positive(owner, **{"storeys.0": left, "storeys.1": right})
-    stiffer = larger(left, right) if is_traced((left, right)) else np.maximum(left, right)
-    return STIFFER_THAN_A_STOREY * stiffer

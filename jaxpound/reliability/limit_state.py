@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import Any
 
@@ -343,3 +343,38 @@ class SearchRuns:
             self._finished.update(zip(missing, parts, strict=True))
         # Processes that filled a store at once may have stored a batch twice in succession.
         return {name: self._finished.pop(name)[:, : len(z)] for name, z in batches.items()}
+
+
+QueryId = tuple[int, int]  # number of a repeat of subset simulation, and that of one of its queries
+
+
+class SubsetRuns:
+    """Values of a limit state for ``run_in_lockstep``, counted."""
+
+    def __init__(self, state: LimitState, bar: Any, runs: SearchRuns, part: int) -> None:
+        self.count = 0  # runs, including those from the folder
+        self.failed = 0  # runs without a result
+        self._state, self._bar, self._runs, self._part = state, bar, runs, part
+
+    def __call__(self, queries: Mapping[QueryId, np.ndarray]) -> dict[QueryId, np.ndarray]:
+        """Values of points by query; −∞ of runs that fail."""
+        answers = {}
+        for part in self._parts(queries):
+            results = self._runs.results(part, lambda z: [self._state.values(z)])
+            for name, (values,) in results.items():
+                answers[name] = np.where(np.isnan(values), -np.inf, values).astype(float)
+                self.failed += int(np.isnan(values).sum())
+            size = sum(map(len, part.values()))
+            self.count += size
+            self._bar.update(size)
+        return answers
+
+    def _parts(self, queries: Mapping[QueryId, np.ndarray]) -> Iterator[dict[QueryId, np.ndarray]]:
+        """Queries that are run and written together: the same ones, and rounding, after a stop."""
+        part: dict[QueryId, np.ndarray] = {}
+        for name, points in queries.items():
+            if part and sum(map(len, part.values())) + len(points) > self._part:
+                yield part
+                part = {}
+            part[name] = points
+        yield part

@@ -26,7 +26,9 @@ from jaxpound.grid import TimeGrid
 from jaxpound.reliability.limit_state import (
     COMPILING,
     LimitState,
+    QueryId,
     SearchRuns,
+    SubsetRuns,
     require_dependence,
     state_of,
 )
@@ -358,9 +360,6 @@ def _conditional(
     return Level(threshold, probability, *samples, acceptance, scale)
 
 
-QueryId = tuple[int, int]  # number of a repeat, and that of one of its queries
-
-
 def run_in_lockstep(
     values: Callable[[Mapping[QueryId, np.ndarray]], Mapping[QueryId, np.ndarray]],
     repeats: Mapping[int, Levels],
@@ -383,35 +382,3 @@ def run_in_lockstep(
                 levels[repeat] = end.value
                 reached[repeat] = end.value[-1].estimate
     return [levels[repeat] for repeat in repeats]
-
-
-class SubsetRuns:
-    """Values of a limit state for ``run_in_lockstep``, counted."""
-
-    def __init__(self, state: LimitState, bar: Any, runs: SearchRuns, part: int) -> None:
-        self.count = 0  # runs, including those from the folder
-        self.failed = 0  # runs without a result
-        self._state, self._bar, self._runs, self._part = state, bar, runs, part
-
-    def __call__(self, queries: Mapping[QueryId, np.ndarray]) -> dict[QueryId, np.ndarray]:
-        """Values of points by query; −∞ of runs that fail."""
-        answers = {}
-        for part in self._parts(queries):
-            results = self._runs.results(part, lambda z: [self._state.values(z)])
-            for name, (values,) in results.items():
-                answers[name] = np.where(np.isnan(values), -np.inf, values).astype(float)
-                self.failed += int(np.isnan(values).sum())
-            size = sum(map(len, part.values()))
-            self.count += size
-            self._bar.update(size)
-        return answers
-
-    def _parts(self, queries: Mapping[QueryId, np.ndarray]) -> Iterator[dict[QueryId, np.ndarray]]:
-        """Queries that are run and written together: the same ones, and rounding, after a stop."""
-        part: dict[QueryId, np.ndarray] = {}
-        for name, points in queries.items():
-            if part and sum(map(len, part.values())) + len(points) > self._part:
-                yield part
-                part = {}
-            part[name] = points
-        yield part
