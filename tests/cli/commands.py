@@ -1,7 +1,5 @@
 """What the tests of the command line have in common."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,7 +1,5 @@
 """The command line: its arguments, its help, its refusals, its end."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

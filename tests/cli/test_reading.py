@@ -29,10 +29,7 @@ def test_a_table_that_is_none(pulse, write, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        (
-            {"mass": "mass = 500"},
-            "the masses of floors, 500 to 4e+05 kg, should be within",
-        ),
+        ({"mass": "mass = 500"}, "the masses of floors, 500 to 4e+05 kg, should be within"),
         ({"friction_force": "friction_force = 200"}, "friction_force = 200 N should be 0 or betw"),
         ({"friction_force": "friction_force = 2e8"}, "friction_force = 2e+08 N should be 0 or be"),
     ],

@@ -12,12 +12,7 @@ import jaxpound as jp
 from tests.ground.motions import RECORD
 
 
-@given(
-    st.floats(-2, 2),
-    st.floats(0.3, 5),
-    st.floats(-1, 6),
-    st.floats(-2, 8),
-)
+@given(st.floats(-2, 2), st.floats(0.3, 5), st.floats(-1, 6), st.floats(-2, 8))
 def test_ricker_velocity_and_acceleration_are_derivatives(amplitude, period, arrival, t):
     wavelet = jp.Ricker(amplitude, period, arrival)
     size = abs(amplitude) * (np.pi / period) ** 2

@@ -10,8 +10,7 @@ from jaxpound.plots import rare_events
 
 HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
 SCENARIOS = jp.Scenarios(
-    jp.paper.structures(),
-    jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5),
+    jp.paper.structures(), jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5)
 )
 STATE = jp.LimitState(SCENARIOS, jp.TimeGrid.until(8.0, dt=0.1), threshold=0.2)
 

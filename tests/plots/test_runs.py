@@ -1,7 +1,5 @@
 """What the figures show: the response's own numbers, with units, nothing hidden or cut off."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import pickle

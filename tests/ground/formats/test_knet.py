@@ -1,7 +1,5 @@
 """K-NET's ASCII format."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -27,25 +25,23 @@ def test_knet_as_its_own_description_prints_it(write):
     assert read_record(write(text.replace("\n", "\r\n"))).n_samples == 200
 
 
+SCALE, RATE, TIME, MOST = "Scale Factor", "Sampling Freq(Hz)", "Duration Time(s)", "Max. Acc. (gal)"
+
+
 @pytest.mark.parametrize(
     ("name", "value", "line", "says"),
     [
-        (
-            "Scale Factor",
-            "7845(m)/8223790",
-            14,
-            "Scale Factor = '7845.m./8223790' must be positive",
-        ),
-        ("Scale Factor", "7845(gal)/0", 14, "must be positive, as in 3920"),
-        ("Scale Factor", "7845", 14, "Scale Factor = '7845'"),
-        ("Scale Factor", None, None, "must state Scale Factor"),
-        ("Sampling Freq(Hz)", "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
-        ("Sampling Freq(Hz)", "0.01s", 11, "as in 100Hz"),
-        ("Duration Time(s)", "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
-        ("Duration Time(s)", "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
-        ("Duration Time(s)", None, None, "must state Duration"),
-        ("Max. Acc. (gal)", "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
-        ("Max. Acc. (gal)", None, None, "must state Max. Acc."),
+        (SCALE, "7845(m)/8223790", 14, "Scale Factor = '7845.m./8223790' must be positive"),
+        (SCALE, "7845(gal)/0", 14, "must be positive, as in 3920"),
+        (SCALE, "7845", 14, "Scale Factor = '7845'"),
+        (SCALE, None, None, "must state Scale Factor"),
+        (RATE, "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
+        (RATE, "0.01s", 11, "as in 100Hz"),
+        (TIME, "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
+        (TIME, "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
+        (TIME, None, None, "must state Duration"),
+        (MOST, "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
+        (MOST, None, None, "must state Max. Acc."),
         ("Memo.", None, None, "must end with its line 'Memo.'"),
     ],
 )
