@@ -39,7 +39,7 @@ def test_reference_values_are_the_oracle_s():
     assert slopes == jp.paper.reference().gradient
 
 
-def test_paper_table_has_the_api_s_numbers(paper_run):
+def test_paper_table_has_the_api_s_numbers_and_every_phase_change(paper_run):
     screen, _ = paper_run
     case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
     response = jp.simulate(*case)
@@ -58,9 +58,6 @@ def test_paper_table_has_the_api_s_numbers(paper_run):
     residual = np.abs(energy.residual).max() / np.abs(energy.input).max()
     assert row(screen, "energy residual / input") == pytest.approx([residual], abs=1e-8)
     assert residual < 1e-4
-
-
-def test_paper_table_has_every_phase_change_beside_the_reference(paper_run):
     screen, _ = paper_run
     response = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
     printed = re.findall(r"(?m)^  (\S.*) from t +(\S+) +(\S+) +(\S+)$", screen)
