@@ -96,7 +96,7 @@ def test_of_a_ground_motion_without_a_velocity_the_value_is_the_mean():
     np.testing.assert_array_equal(*taken(Stream(), GRID))
 
 
-def test_the_series_is_one_entry_an_instant_and_shared_by_many_factors():
+def test_the_series_is_one_entry_an_instant_and_differentiable_by_the_interval():
     grid = jp.TimeGrid(0.1, 7)
     for ground, arrays in ((jp.Ricker(1, 1, 1), 0), (RECORD, 2), (RECORD + 2 * RECORD + sine, 4)):
         made = jax.eval_shape(lambda ground=ground: as_motion(ground).excitation(grid, 2).series)
@@ -108,10 +108,7 @@ def test_the_series_is_one_entry_an_instant_and_shared_by_many_factors():
 
     batch = jax.vmap(series, out_axes=None)(jnp.array([1.0, 2.0, 3.0]))  # refuses what is batched
     np.testing.assert_array_equal(batch[0], series(1.0)[0])
-
-
-def test_the_excitation_by_a_record_is_differentiable_by_its_sample_interval():
-    """Kinks lie on the instants: the mean has a derivative there, against central differences."""
+    # Kinks lie on the instants: the mean has a derivative there, against central differences.
     grid = jp.TimeGrid(0.25, 8)
 
     @jax.jit

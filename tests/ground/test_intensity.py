@@ -1,4 +1,4 @@
-"""Measures of intensity and the response spectrum against closed forms."""
+"""Measures of intensity and the response spectrum against closed forms, and their names."""
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jax.test_util import check_grads
 from scipy.integrate import solve_ivp
 
 import jaxpound as jp
+from jaxpound.ground.measure import Measure, measure_unit, units_like
 from tests.ground.motions import RECORD, SAMPLES, sine
 
 
@@ -58,13 +59,15 @@ def test_measures_work_batched_and_ask_for_a_grid_where_they_need_one(measure):
 # The spectrum.
 
 
-def test_spectral_acceleration_of_a_suddenly_applied_force_is_the_closed_form():
+def test_spectral_accelerations_of_a_sudden_force_and_a_stiff_oscillator():
     """u'' = −1 from t = 0: x rises to (1 + e^(−πζ/√(1 − ζ²))) / ω²."""
     record = jp.Record(-np.ones(2001), 0.002)
     for period, damping in ((1.0, 0.05), (0.5, 0.0), (3.0, 0.3)):
         found = jp.spectral_acceleration(record, period=period, damping=damping)
         over = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
         assert float(found) == pytest.approx(1 + over, rel=1e-12)
+    record = jp.Record(np.sin(np.linspace(0, 6, 400)), 0.02)
+    assert float(jp.spectral_acceleration(record, period=0.01)) == pytest.approx(1.0, rel=1e-2)
 
 
 def test_spectral_acceleration_is_exact_at_any_step():
@@ -91,11 +94,6 @@ def test_spectral_acceleration_has_exact_slopes_at_peaks_between_samples():
     check_grads(spectrum, (at,), order=2, modes=["fwd"], eps=1e-5, rtol=1e-5)
 
 
-def test_spectral_acceleration_of_a_stiff_oscillator_is_the_pga():
-    record = jp.Record(np.sin(np.linspace(0, 6, 400)), 0.02)
-    assert float(jp.spectral_acceleration(record, period=0.01)) == pytest.approx(1.0, rel=1e-2)
-
-
 def test_spectral_acceleration_traces_and_refuses_bad_periods():
     record = jp.Record(np.sin(np.linspace(0, 6, 50)), 0.1)
     of_period = jax.jit(jax.vmap(lambda p: jp.spectral_acceleration(record, period=p)))
@@ -106,3 +104,59 @@ def test_spectral_acceleration_traces_and_refuses_bad_periods():
         jp.spectral_acceleration(record, period=0.0)
     with pytest.raises(ValueError, match="damping = 1 must be at least 0 and below 1"):
         jp.spectral_acceleration(record, period=1.0, damping=1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "unit", "name", "period"),
+    [
+        ("PGA (g)", "PGA", "g", "PGA", None),
+        ("peak ground acceleration (m/s2)", "peak ground acceleration", "m/s²", "PGA", None),
+        ("PGA, rock [cm/s^2]", "PGA, rock", "cm/s²", "PGA", None),
+        ("PGV (g/ω1)", "PGV", "g/ω1", "PGV", None),
+        ("PGV (cm/s)", "PGV", "cm/s", "PGV", None),
+        ("SA(0.2)", "SA(0.2)", "", "Sa", (0.2, "s")),
+        ("Sa(0.9 s) (g)", "Sa(0.9 s)", "g", "Sa", (0.9, "s")),
+        ("Sa(0.9 1/ω1) (g)", "Sa(0.9 1/ω1)", "g", "Sa", (0.9, "1/ω1")),
+        ("spectral acceleration at .5 s", "spectral acceleration at .5 s", "", "Sa", (0.5, "s")),
+        ("Sa(T1 = 0.7 s) (gal)", "Sa(T1 = 0.7 s)", "gal", "Sa", (0.7, "s")),
+        ("Sa(900 ms) (g)", "Sa(900 ms)", "g", "Sa", (0.9, "s")),
+        ("Sa(T1) at 5 % (g)", "Sa(T1) at 5 %", "g", "Sa", None),
+        ("Sa(15 %, 0.9 s) (g)", "Sa(15 %, 0.9 s)", "g", "Sa", (0.9, "s")),
+        ("spectral_acceleration_1", "spectral_acceleration_1", "", "Sa", None),
+        ("AvgSA (g)", "AvgSA", "g", "AvgSA", None),
+        ("im", "im", "", "", None),
+        ("sauce (kg)", "sauce (kg)", "", "", None),
+    ],
+)
+def test_what_a_text_tells(text, words, unit, name, period):
+    told = Measure.of_text(text)
+    assert (told.words, told.unit, told.name, told.period) == (words, unit, name, period)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "alike"),
+    [
+        ("PGA (g)", "peak ground acceleration (m/s²)", True),
+        ("PGA (g)", "PGV (g)", False),
+        ("PGA (g)", "Sa(0.9 s) (g)", False),
+        ("SA(0.9)", "Sa(0.9 s) (g)", True),
+        ("SA(0.87)", "Sa(0.9 s) (g)", False),
+        ("SA(0.9)", "Sa(0.9 1/ω1) (g)", False),
+        ("Sa (g)", "Sa(0.9 s) (g)", True),
+        ("Sa(0.9 s, 2 %)", "Sa(0.9 s) (g)", False),
+        ("im", "PGA (g)", True),
+        ("shaking of the year", "PGA (g)", True),
+    ],
+)
+def test_which_may_be_one(one, other, alike):
+    assert Measure.of_text(one).may_be(Measure.of_text(other)) is alike
+    assert Measure.of_text(other).may_be(Measure.of_text(one)) is alike
+
+
+def test_units_of_two_spellings_are_one():
+    gal, *others = (Measure.of_text(f"PGA{x}") for x in (" (gal)", " (cm/s2)", " (g)", ""))
+    assert [gal.is_in_unit_of(other) for other in others] == [True, False, False]
+    assert measure_unit("inches") == "" == measure_unit("g/10")
+    assert set(units_like("cm/s")) == {"m/s", "cm/s"}
+    spectral = Measure.spectral_acceleration(0.87, "s")
+    assert Measure.of_text(str(spectral)) == spectral

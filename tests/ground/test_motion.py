@@ -50,13 +50,19 @@ def test_combinations_combine_the_accelerations(ground, expected):
     np.testing.assert_allclose(at_instants, combined, rtol=1e-12, atol=1e-14)
 
 
-def test_combinations_are_differentiable_pytrees():
+def test_combinations_and_sampled_functions_are_differentiable():
     ground, unit = 2.0 * RECORD + jp.Ricker(0.5, 1.0, 1.0), jp.Ricker(1.0, 1.0, 1.0)
     gradient = jax.grad(lambda g: g.acceleration(0.5))(ground)
     assert type(gradient) is type(ground)
     assert gradient.grounds[0].factor == pytest.approx(1.0)
     by_amplitude = gradient.grounds[1].amplitude
     assert by_amplitude == pytest.approx(float(unit.acceleration(0.5)), rel=1e-12)
+
+    def peak(a):
+        return jnp.max(sampled(lambda t: a * t, GRID).samples)
+
+    assert jax.jit(peak)(2.0) == pytest.approx(1.0)
+    assert jax.grad(peak)(2.0) == pytest.approx(0.5)
 
 
 NO_ACCELERATIONS = [
@@ -118,14 +124,6 @@ def test_any_function_of_time_can_be_sampled(ground, expected):
     assert record.dt == 0.1
     np.testing.assert_allclose(record.samples, expected(GRID.times()), rtol=1e-14, atol=1e-15)
     np.testing.assert_allclose(record.acceleration(GRID.times()), record.samples, rtol=1e-12)
-
-
-def test_a_function_of_a_traced_parameter_can_be_sampled():
-    def peak(a):
-        return jnp.max(sampled(lambda t: a * t, GRID).samples)
-
-    assert jax.jit(peak)(2.0) == pytest.approx(1.0)
-    assert jax.grad(peak)(2.0) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

@@ -199,12 +199,22 @@ def test_a_zero_with_all_digits_of_the_others_may_end_a_record_in_any_line(write
         assert_refuses(write(cut), 300, "the file is cut", dt=0.01, units="g")
 
 
-def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
+def test_oddities_of_a_file_are_warned_of(write):
     rows = [f"{k / 50:g},{4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
     assert read_record(write("".join(rows) + "3,9.5\n"), units="g").n_samples == 151
     says = "the last line has no end and its value is the largest"
     with pytest.warns(PlausibilityWarning, match=says):
         assert read_record(write("".join(rows) + "3,9.53"), units="g").n_samples == 151
+    text = "NPTS= 7, DT= .01\n" + BODY + "*** End Data ***\nmore\n.1 .2 .3\n"
+    says = "behind the end mark of line 4 the data of line 6"
+    with pytest.warns(PlausibilityWarning, match=says):
+        assert_reads(write(text), VALUES, 0.01)
+    values = np.sin(np.arange(1200)) * 1e-3
+    text = "NPTS= 1200, DT= .01\n" + fixed(values, "{:15.7E}", 5)
+    assert read_record(write(text)).n_samples == 1200
+    damaged = text.replace("E-04", "E-4", 1)
+    with pytest.warns(PlausibilityWarning, match=r"E-4 in line 2 is printed with other digits"):
+        read_record(write(damaged))
 
 
 @pytest.mark.parametrize("value", ["3989", "-3989", "20.01"])
@@ -216,22 +226,6 @@ def test_a_sample_above_20_g_is_refused_at_its_line(write, layout, value):
     says = rf"acceleration = {float(value):.4g} g must be at most 20 g: .* a decimal point lost\?"
     assert_refuses(path, 3, re.escape(says).replace(r"\.\*", ".*").replace(r"\\\?", r"\?"))
     assert read_record(path, units="cm/s2").n_samples > 2
-
-
-def test_data_behind_the_end_mark_are_warned_of(write):
-    text = "NPTS= 7, DT= .01\n" + BODY + "*** End Data ***\nmore\n.1 .2 .3\n"
-    says = "behind the end mark of line 4 the data of line 6"
-    with pytest.warns(PlausibilityWarning, match=says):
-        assert_reads(write(text), VALUES, 0.01)
-
-
-def test_one_value_printed_otherwise_than_all_others_is_warned_of(write):
-    values = np.sin(np.arange(1200)) * 1e-3
-    text = "NPTS= 1200, DT= .01\n" + fixed(values, "{:15.7E}", 5)
-    assert read_record(write(text)).n_samples == 1200
-    damaged = text.replace("E-04", "E-4", 1)
-    with pytest.warns(PlausibilityWarning, match=r"E-4 in line 2 is printed with other digits"):
-        read_record(write(damaged))
 
 
 @pytest.mark.parametrize(

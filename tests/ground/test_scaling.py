@@ -31,15 +31,12 @@ def test_factors_are_the_bounded_least_squares():
     assert "at a bound" in repr(found)
 
 
-def test_the_best_fit_best():
+def test_the_best_fit_best_and_the_mean_reaches_its_least_share():
     whole, best = scaled((1e-3, 1e3)), scaled((1e-3, 1e3), best=2)
     ranked = np.argsort(whole.misfits)[:2]
     assert best.suite.names == tuple(whole.suite.names[i] for i in sorted(ranked))
     np.testing.assert_array_equal(best.factors, whole.factors[np.sort(ranked)])
-
-
-def test_the_mean_reaches_its_least_share():
-    """All factors are raised alike, those at the bound excepted."""
+    # All factors are raised alike, those at the bound excepted.
     plain, raised = scaled((1e-3, 1e3)), scaled((1e-3, 1e3), least=0.9)
     assert plain.least_ratio < 0.9
     assert raised.least_ratio == pytest.approx(0.9, rel=1e-9)
@@ -50,7 +47,7 @@ def test_the_mean_reaches_its_least_share():
     assert bounded.factors.max() == 4.0
 
 
-def test_ranges_of_codes_and_of_arrays():
+def test_ranges_targets_and_their_damping():
     """ASCE/SEI 7-16, 16.2.3.1: 0.2 T_min to 2.0 T_max; EN 1998-1, 3.2.3.1.2(4): 0.2 T1 to 2 T1."""
     assert jp.PeriodRange.asce_7(1.0, 0.5) == pytest.approx((0.1, 2.0))
     assert jp.PeriodRange.asce_7(1.0, 0.5, shortest=0.04) == pytest.approx((0.04, 2.0))
@@ -58,12 +55,12 @@ def test_ranges_of_codes_and_of_arrays():
     assert jp.PeriodRange.en_1998(0.8) == pytest.approx((0.16, 1.6))
     of_array = SUITE.scaled_to(TARGET, np.array([0.2, 1.0]), (1e-3, 1e3))
     assert of_array.range == jp.PeriodRange(0.2, 1.0)
-
-
-def test_a_target_between_its_ordinates():
-    """Plateaus and branches in 1/T of codes are exact."""
+    # Plateaus and branches in 1/T of codes are exact.
     np.testing.assert_allclose(TARGET.at([0.0, 0.05, 0.3]), [0.3, 0.525, 0.75])
     np.testing.assert_allclose(TARGET.at([1.0, 2.0, 4.0]), 0.375 / np.array([1.0, 2.0, 4.0]))
+    assert [OF_EN(0.2, "A", damping=x).damping for x in (0.02, 0.1, 0.4)] == pytest.approx(
+        [0.02, 0.1, 0.4]
+    )
 
 
 TARGETS, OF_EN, ONES = jp.TargetSpectrum, jp.TargetSpectrum.en_1998, [1.0, 1.0]
@@ -136,9 +133,3 @@ OF_ASCE = [0.0, 0.06, 0.12, 0.6, 1.0, 6.0, 12.0], [0.32, 0.56, 0.8, 0.8, 0.48, 0
 )
 def test_spectra_of_codes(spectrum, at, expected):
     np.testing.assert_allclose(spectrum.at(at), expected)
-
-
-def test_spectra_of_codes_keep_their_damping():
-    assert [OF_EN(0.2, "A", damping=x).damping for x in (0.02, 0.1, 0.4)] == pytest.approx(
-        [0.02, 0.1, 0.4]
-    )

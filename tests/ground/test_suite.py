@@ -36,6 +36,13 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path):
     (tmp_path / "pulse.csv").write_text("1.0\n2.0\n0.5\n")
     (pulse,) = jp.read_suite(tmp_path, "*.csv", dt=0.1, units="m/s2")
     np.testing.assert_allclose(pulse.samples * jp.STANDARD_GRAVITY, [1.0, 2.0, 0.5])
+    scaled = SUITE.scaled([2.0, 1.0, 0.5])
+    np.testing.assert_allclose(scaled.pgas, SUITE.pgas * [2.0, 1.0, 0.5])
+    np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
+    with pytest.raises(ValueError, match=r"damping of shape \(2,\) must be one number"):
+        SUITE.spectra([0.5], damping=[0.02, 0.05])
+    with pytest.raises(ValueError, match=r"factors of shape \(2,\) must be \(3,\)"):
+        SUITE.scaled([1.0, 2.0])
 
 
 def test_errors_name_the_file(tmp_path):
@@ -93,13 +100,3 @@ def test_spectra_are_those_of_each_record_alone(periods):
     for record, row in zip(SUITE, found, strict=True):
         for period, value in zip(periods, row, strict=True):
             assert value == pytest.approx(float(alone(record, period)), rel=1e-9)
-
-
-def test_scaled_records():
-    scaled = SUITE.scaled([2.0, 1.0, 0.5])
-    np.testing.assert_allclose(scaled.pgas, SUITE.pgas * [2.0, 1.0, 0.5])
-    np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
-    with pytest.raises(ValueError, match=r"damping of shape \(2,\) must be one number"):
-        SUITE.spectra([0.5], damping=[0.02, 0.05])
-    with pytest.raises(ValueError, match=r"factors of shape \(2,\) must be \(3,\)"):
-        SUITE.scaled([1.0, 2.0])

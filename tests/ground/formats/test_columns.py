@@ -20,10 +20,13 @@ def test_two_columns_are_time_and_acceleration(write, separator, header):
     assert_reads(write(text), [0.1, -6e-5, 0.3, 0], 0.02)
 
 
-def test_comments_blank_lines_and_empty_cells_between_rows_are_skipped(write):
+def test_comments_blanks_and_empty_cells_are_skipped_and_several_columns_refused(write):
     path = write("0,1,\n\n# note 5,5\n.1,2,,\n  // note\n,,\n.2,3\n%\n")
     with pytest.warns(PlausibilityWarning, match=r"quake\.txt: data follow the comment of line 3"):
         assert_reads(path, [1, 2, 3], 0.1)
+    path = write("0.00 5 6\n0.01 7 8\n0.02 9 0\n")
+    assert_refuses(path, 1, "one column of values, not 2", dt=0.01)
+    assert_reads(path, [0, 5, 6, 0.01, 7, 8, 0.02, 9, 0], 0.011, dt=0.011)
 
 
 @pytest.mark.parametrize(
@@ -59,12 +62,35 @@ UNEVEN = {
     "1 1 1 1": 2,
     "0.00 0.00 0.01 0.01 0.02 0.02": 3,
 }
+NO_HISTORIES = {
+    "Time, Arias intensity": "but the header says arias",
+    "Time (s), Sa (g)": "but the header says sa",
+    "t;Spectral acceleration": "but the header says spectral",
+    "period, Sa": "must be times, but the header says period",
+    "Frequency (Hz) Acc (g)": "must be times, but the header says frequency",
+    "index,acc": "must be times, but the header says index",
+    "# No. acc": "must be times, but the header says no",
+    "period,PSA\ns,g": "must be times, but the header says period",
+}
+UNEQUAL = {"0 1\n.1 2\n.2\n.3 4\n": 3, "0 1\n.1 2 3\n": 2, "1 2 3\n4 5\n6 7 8\n": 2, "1\n2 3\n": 2}
+COUNTED = "20\n{}" + "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
+COMMAS = "0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"
+REFUSED = [
+    *(
+        ("".join(f"{t} 1\n" for t in x.split()), n, "must be uniform", {})
+        for x, n in UNEVEN.items()
+    ),
+    *((f"{x}\n0,.1\n1,.2\n2,.1\n", 1, says, {}) for x, says in NO_HISTORIES.items()),
+    *((text, line, "must have [123]$", {"dt": 0.1}) for text, line in UNEQUAL.items()),
+    *((text, 1, "no decimal commas", {"dt": 0.01}) for text in COMMAS),
+    (COUNTED.format(""), 1, "20 must be a value, and not the number", {"dt": 0.01}),
+    (COUNTED.format(".01\n"), 1, "20 must be a value", {"dt": 0.01, "units": "gal"}),
+]
 
 
-@pytest.mark.parametrize(("times", "line"), UNEVEN.items())
-def test_times_that_are_not_uniform_are_refused(write, times, line):
-    text = "".join(f"{time} 1\n" for time in times.split())
-    assert_refuses(write(text), line, "must be uniform")
+@pytest.mark.parametrize(("text", "line", "says", "arguments"), REFUSED)
+def test_what_is_no_history_is_refused(write, text, line, says, arguments):
+    assert_refuses(write(text), line, says, **arguments)
 
 
 @pytest.mark.parametrize("lost", [1, 50, 100, 198])
@@ -86,37 +112,6 @@ def test_values_without_times_need_dt(write, text):
     assert_refuses(path, 2 if text.startswith("acc") else 1, "pass dt")
 
 
-NO_HISTORIES = {
-    "Time, Arias intensity": "but the header says arias",
-    "Time (s), Sa (g)": "but the header says sa",
-    "t;Spectral acceleration": "but the header says spectral",
-    "period, Sa": "must be times, but the header says period",
-    "Frequency (Hz) Acc (g)": "must be times, but the header says frequency",
-    "index,acc": "must be times, but the header says index",
-    "# No. acc": "must be times, but the header says no",
-    "period,PSA\ns,g": "must be times, but the header says period",
-}
-
-
-@pytest.mark.parametrize(("header", "says"), NO_HISTORIES.items())
-def test_two_columns_of_something_else_are_refused(write, header, says):
-    assert_refuses(write(f"{header}\n0,.1\n1,.2\n2,.1\n"), 1, says)
-
-
-UNEQUAL = {"0 1\n.1 2\n.2\n.3 4\n": 3, "0 1\n.1 2 3\n": 2, "1 2 3\n4 5\n6 7 8\n": 2, "1\n2 3\n": 2}
-
-
-@pytest.mark.parametrize(("text", "line"), UNEQUAL.items())
-def test_rows_of_unequal_length_are_refused(write, text, line):
-    assert_refuses(write(text), line, "must have [123]$", dt=0.1)
-
-
-def test_times_with_several_columns_of_values_are_refused(write):
-    path = write("0.00 5 6\n0.01 7 8\n0.02 9 0\n")
-    assert_refuses(path, 1, "one column of values, not 2", dt=0.01)
-    assert_reads(path, [0, 5, 6, 0.01, 7, 8, 0.02, 9, 0], 0.011, dt=0.011)
-
-
 def test_columns_are_not_taken_for_one_history(write):
     rows = [(k, 0.005 * k, np.sin(k / 9)) for k in range(60)]
     indexed = "".join(f"{k} {t:.3f} {a:.5f}\n" for k, t, a in rows)
@@ -135,12 +130,6 @@ def test_columns_are_not_taken_for_one_history(write):
         assert read_record(write(three), dt=0.005, units="g").n_samples == 180
 
 
-def test_the_number_of_values_is_no_value(write):
-    values = "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
-    assert_refuses(write("20\n" + values), 1, "20 must be a value, and not the number", dt=0.01)
-    assert_refuses(write("20\n.01\n" + values), 1, "20 must be a value", dt=0.01, units="gal")
-
-
 COLUMNS = [range(100), range(10, 30), np.arange(80) / 200, range(0, 90, 5)]
 
 
@@ -150,8 +139,3 @@ def test_one_column_of_times_or_of_an_index_is_refused(write, column):
     assert_refuses(path, 1, "the only column rises evenly .* must hold accelerations", dt=0.005)
     for few in ("0.00\n0.01\n0.02\n0.03\n", "0\n10\n20\n30\n"):
         assert_refuses(write(few), 1, "rises evenly", dt=0.01)
-
-
-@pytest.mark.parametrize("text", ["0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"])
-def test_decimal_commas_are_refused(write, text):
-    assert_refuses(write(text), 1, "no decimal commas", dt=0.01)

@@ -106,10 +106,11 @@ def test_units_and_scales_that_are_not_known_are_refused_by_name(write, header, 
         assert_refuses(write(f"a title\n{header}\n{body}"), 2, re.escape(says), units=units)
 
 
-def test_a_scale_factor_ahead_of_stated_units_is_applied_already(write):
+def test_a_scale_factor_is_applied_already_and_gal_are_cm_per_s2(write):
     header = "Orig PEER filename = IMPVALL/H-EMO_233_FN.acc, Scale factor = 2.4072\n"
     text = header + "Acceleration in g\n2 0.0050 NPTS, DT\n.5 .25\n"
     assert_reads(write(text), [0.5, 0.25], 0.005)
+    assert read_record(write("units: gal\n0 1\n.1 2\n"), units="cm/s2").n_samples == 2
 
 
 TIMES = {"time [ms], acc (g)": 1e-3, "Time(msec) Acc(g)": 1e-3, "t_ms,acc_g": 1e-3, "ms\tg": 1e-3}
@@ -161,10 +162,6 @@ OTHER_TEXTS = [
 @pytest.mark.parametrize("header", OTHER_TEXTS)
 def test_other_header_text_states_no_units(write, header):
     assert_reads(write(f"{header}\nmore text\n0 980.665\n.1 0\n"), [1, 0], 0.1, units="gal")
-
-
-def test_gal_and_cm_per_s2_are_the_same(write):
-    assert read_record(write("units: gal\n0 1\n.1 2\n"), units="cm/s2").n_samples == 2
 
 
 @pytest.mark.parametrize("text", ["NPTS= 2, DT= .02\n1 2\n", "time,a\n0,1\n0.02,2\n"])

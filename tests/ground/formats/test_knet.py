@@ -49,13 +49,10 @@ def test_knet_headers_that_are_not_understood_are_refused(write, name, value, li
     assert_refuses(write(knet_text(**{name: value})), line, says)
 
 
-def test_knet_s_scale_without_the_rest_of_its_header_is_refused(write):
+def test_a_damaged_knet_file_is_refused(write):
     header, body = knet_text().split("Memo.")
     scale = "".join(line + "\n" for line in header.split("\n") if "Scale" in line)
     assert_refuses(write(scale + body), None, "K-NET header must end", dt=0.01, units="gal")
-
-
-def test_one_changed_count_shows_in_the_maximum(write):
     text = knet_text()
     assert_refuses(write(text.replace(" 9876", " 8976")), 15, "the file is damaged")
     assert_refuses(write(text.replace(" 9876", " 9.76")), 20, "9.76 must be a whole number")
