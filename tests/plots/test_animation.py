@@ -111,7 +111,7 @@ def stars(ax):
     return [line for line in ax.lines if isinstance(line.get_marker(), tuple)]
 
 
-def test_a_star_flashes_at_each_impact_and_blocks_do_not_overlap(collisions, ax):
+def test_a_star_flashes_at_each_impact_and_the_legend_leaves_the_curve_free(collisions, ax):
     scene = Scene(collisions, ax)
     (star,) = stars(ax)
     hits = np.searchsorted(collisions.time, [impact.time for impact in collisions.impacts()])
@@ -125,9 +125,6 @@ def test_a_star_flashes_at_each_impact_and_blocks_do_not_overlap(collisions, ax)
     for before in (0, int(hits[0]) - 1):
         scene.show(before)
         assert not star.get_visible()
-
-
-def test_the_legend_of_a_low_panel_leaves_the_curve_free(collisions):
     film = animate(collisions, frames=2)
     film.to_jshtml()
     (ax,) = (ax for ax in film._fig.axes if ax.get_ylabel().startswith("gap"))

@@ -135,10 +135,15 @@ def test_a_batch_some_of_whose_runs_have_a_gap_is_drawn(ax):
     assert f"{float(runs[0].min_gap):.4g}" in ax.get_legend().texts[0].get_text()
 
 
-def test_many_masses_have_colours_of_their_own(ax):
+def test_many_masses_have_colours_of_their_own_and_a_narrow_legend(ax):
     run = response()
     plots.displacements(dataclasses.replace(run, masses=run.masses * 5), ax)
     assert len({line.get_color() for line in ax.lines}) == 20
+    run = linked((4, 3, 4), ())
+    for width in (2.2, 3.54, 7.0):
+        ax = Figure(figsize=(width, 2.4), layout="constrained").add_subplot()
+        plots.displacements(run, ax).figure.draw_without_rendering()
+        assert ax.get_legend().get_window_extent().x0 > ax.get_window_extent().x0 - 1
 
 
 def test_a_pair_is_known_by_its_topology():
@@ -203,11 +208,3 @@ def test_of_links_without_a_damper_nothing_speaks_of_friction(ax):
     assert "friction" not in legend(plots.energy(free))
     assert "damper" not in str(free)
     assert "damper 1–2, floor 1" in str(run)
-
-
-def test_a_legend_is_no_wider_than_its_axes():
-    run = linked((4, 3, 4), ())
-    for width in (2.2, 3.54, 7.0):
-        ax = Figure(figsize=(width, 2.4), layout="constrained").add_subplot()
-        plots.displacements(run, ax).figure.draw_without_rendering()
-        assert ax.get_legend().get_window_extent().x0 > ax.get_window_extent().x0 - 1

@@ -33,7 +33,7 @@ def test_convergence_has_a_line_for_every_start(limited, ax, legible):
     assert legend(ax) == ["winner", "other starts"]
 
 
-def test_landscape_has_the_path_and_the_design(limited, ax):
+def test_landscape_has_the_path_and_the_design_within_its_limit(limited, ax):
     plots.landscape(limited, ax, limited.landscape("friction", "mass_ratio", 9))
     path, _, design = ax.lines[:3]
     start = limited.space.values(limited.history.shares[0, limited.winner])
@@ -44,9 +44,7 @@ def test_landscape_has_the_path_and_the_design(limited, ax):
     ax.clear()
     plots.landscape(limited, ax, n=5)
     assert {ax.get_xlabel(), ax.get_ylabel()} == {r"mass ratio $\rho$", r"friction $\mu$"}
-
-
-def test_a_design_at_its_limit_does_not_stand_where_the_limit_is_exceeded(limited, ax):
+    ax.clear()
     seen = limited.landscape("friction", "mass_ratio", 6)
     friction, ratio = limited.values["friction"], limited.values["mass_ratio"]
     price = 0.5 * (seen.x_values / friction) ** 8

@@ -93,12 +93,15 @@ def chosen(explorer):
     return {name: slider.value for name, slider in explorer.sliders.items()}
 
 
-def test_a_slider_for_every_parameter_and_wavelet(explorer):
+def test_a_slider_for_every_parameter_and_what_the_cell_shows(explorer):
     expected = {"friction", "initial_gap", "mass_ratio", "stiffness_ratio", "strength"}
     expected |= {f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_f", "tau_x")}
     expected |= {f"{kind}_{i}" for kind in ("amplitude", "period", "arrival") for i in range(1, 6)}
     assert set(explorer.sliders) == expected  # and none of a law of contact
     assert all(slider.position.continuous_update for slider in explorer.sliders.values())
+    bundle = explorer._repr_mimebundle_()
+    assert "application/vnd.jupyter.widget-view+json" in bundle
+    assert base64.b64decode(bundle["image/png"]) == explorer.picture.value
 
 
 @pytest.mark.parametrize(
@@ -120,12 +123,17 @@ def test_a_slider_moves_the_run_and_the_picture(name, value, structures, explore
     assert differ(explorer.picture.value, before)
 
 
-def test_wavelets_move_the_ground(explorer):
+def test_wavelets_and_records_move_the_ground(explorer):
     values = {"strength": 0.5, "period_3": 2.6, "arrival_5": 7.0, "amplitude_2": -0.3}
     for name, value in values.items():
         explorer.sliders[name].value = value
     amplitudes, periods = [0.25, -0.15, 0.25, 0.25, 0.25], [1.25, 1.0, 2.6, 3.5, 3.8]
     assert_gap(explorer, S, jp.Ricker(amplitudes, periods, [1.5, 2.0, 3.0, 4.0, 7.0]))
+    explorer = Explorer(S, RECORD, GRID, scales=SCALES)
+    assert "period_1" not in explorer.sliders
+    explorer.sliders["strength"].value = 2.0
+    assert_gap(explorer, S, 2.0 * RECORD)
+    assert " m at t = " in explorer.words.value
 
 
 def test_a_browser_s_rounding_changes_nothing():
@@ -196,20 +204,6 @@ def test_what_breaks_a_rule_is_said_and_nothing_is_lost(explorer):
     assert "second law" not in explorer.words.value
     assert_gap(explorer, S)
     assert pixels(explorer.picture.value).shape == shape
-
-
-def test_a_record_in_si_units_has_its_strength():
-    explorer = Explorer(S, RECORD, GRID, scales=SCALES)
-    assert "period_1" not in explorer.sliders
-    explorer.sliders["strength"].value = 2.0
-    assert_gap(explorer, S, 2.0 * RECORD)
-    assert " m at t = " in explorer.words.value
-
-
-def test_the_cell_shows_the_widget_and_a_picture_where_widgets_do_not_live(explorer):
-    bundle = explorer._repr_mimebundle_()
-    assert "application/vnd.jupyter.widget-view+json" in bundle
-    assert base64.b64decode(bundle["image/png"]) == explorer.picture.value
 
 
 def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():

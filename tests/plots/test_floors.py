@@ -175,7 +175,7 @@ def test_mode_shapes_are_those_of_the_building_with_its_top_to_the_right(ax):
     assert ax.get_ylabel() == "height (m)"
 
 
-def test_modes_of_a_dimensionless_building_are_over_its_floors(ax):
+def test_modes_are_over_floors_or_in_si(ax):
     rod = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
     plots.mode_shapes(jp.Storeys((1.0, 1.0), rod), ax=ax)  # of which there are two
     assert len(ax.get_legend().texts) == 2
@@ -185,9 +185,6 @@ def test_modes_of_a_dimensionless_building_are_over_its_floors(ax):
         plots.mode_shapes(jp.Storeys((1.0,), rod), 0, ax)
     with pytest.raises(ValueError, match="must be of type Storeys"):
         plots.mode_shapes(jp.paper.structures(), ax=ax)
-
-
-def test_the_modes_of_several_buildings_are_in_si():
     tall, low = (jp.ShearBuilding.from_period(n, 2e5, 0.2 * n, 0.05, height=3.0) for n in (3, 2))
     ax = plots.mode_shapes(jp.Buildings((tall, low)), 2, Figure().add_subplot())
     names = [f"building {b}, mode {j}" for b in (1, 2) for j in (1, 2)]

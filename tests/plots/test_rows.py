@@ -1,4 +1,4 @@
-"""The drawing of a row: every number of it, nothing on anything else."""
+"""Drawings of a row and of the pair: every number and symbol, nothing on anything else."""
 
 import itertools
 
@@ -11,6 +11,7 @@ from matplotlib.patches import Rectangle
 
 import jaxpound as jp
 from jaxpound import plots
+from jaxpound.plots.system import mechanical_system
 from tests.made import STEEL, row_of
 from tests.plots.runs import legend
 
@@ -62,14 +63,6 @@ def test_numbers_in_si_stand_between_the_columns_of_their_storey():
     assert not any(a.overlaps(b) for a, b in itertools.combinations(words.values(), 2))
 
 
-def test_the_numbers_of_buildings_in_si_have_units(ax):
-    blocks = [jp.Building.from_period(mass=m, period=0.9, damping_ratio=0.05) for m in (5e5, 4e5)]
-    link = jp.FloorLink(0, 0, friction=1e5, gap=0.05)
-    plots.row(jp.Buildings(tuple(blocks), (link,)), ax=ax)
-    words = {text.get_text().replace("m_{1}", "m_1") for text in ax.texts}
-    assert {"$m_1$ = 500 t", r"$\mu_{1}$ = 100 kN", r"$\xi_{0,1}$ = 0.05 m"} <= words
-
-
 @pytest.mark.parametrize(
     ("link", "words", "dampers", "pads"),
     [
@@ -87,13 +80,21 @@ def test_what_is_at_a_link_is_drawn(link, words, dampers, pads, ax):
     assert sum(patch.get_facecolor() == orange for patch in ax.patches) == pads
 
 
-def test_floors_stand_at_their_heights():
+def test_floors_stand_at_their_heights(ax):
     elevations = [[4.0, 7.0], [3.5]]
-    ax = plots.row(row_of((2, 1)), elevations, Figure().add_subplot())
+    plots.row(row_of((2, 1)), elevations, ax)
     slabs = [p for p in ax.patches if isinstance(p, Rectangle) and p.get_fill() and p.get_y() > 0]
     middles = [p.get_y() + p.get_height() / 2 for p in slabs]
     np.testing.assert_allclose(middles, [4.0, 7.0, 3.5])
     assert ax.get_ylabel() == "height (m)"
+
+
+def test_the_numbers_of_buildings_in_si_have_units(ax):
+    blocks = [jp.Building.from_period(mass=m, period=0.9, damping_ratio=0.05) for m in (5e5, 4e5)]
+    link = jp.FloorLink(0, 0, friction=1e5, gap=0.05)
+    plots.row(jp.Buildings(tuple(blocks), (link,)), ax=ax)
+    words = {text.get_text().replace("m_{1}", "m_1") for text in ax.texts}
+    assert {"$m_1$ = 500 t", r"$\mu_{1}$ = 100 kN", r"$\xi_{0,1}$ = 0.05 m"} <= words
 
 
 def test_wrong_arguments_are_refused(ax):
@@ -110,3 +111,23 @@ def test_wrong_arguments_are_refused(ax):
             plots.row(structures, elevations, ax)
     with pytest.raises(ValueError, match="must be known and one row"):
         jax.jit(lambda traced: plots.row(traced, ax=ax) and 0)(row)
+
+
+SYMBOLS = ["m_1", "m_2", "x_1", "x_2", "u(t)", r"\mu", r"\xi", r"\alpha", r"\beta"]
+NUMBERS = ["0.23", "0.004", "1.18", "0.53", "0.2", "= 4", r"\mu = 0.25", "= 2"]
+
+
+@pytest.mark.parametrize("structures", [None, jp.paper.structures()], ids=["symbols", "numbers"])
+def test_every_symbol_stands_in_the_picture_and_none_on_another(structures, legible):
+    ax = Figure(figsize=(7.1, 2.9), layout="constrained").add_subplot()
+    assert mechanical_system(structures, ax) is ax
+    words = " ".join(text.get_text() for text in ax.texts)
+    for symbol in SYMBOLS + ([] if structures is None else NUMBERS):
+        assert symbol in words
+    legible(ax.figure, ax.texts)
+
+
+def test_a_batch_is_refused(ax):
+    batch = jax.tree.map(lambda x: np.array([x, x]), jp.paper.structures())
+    with pytest.raises(ValueError, match="must be a single pair, not a batch"):
+        mechanical_system(batch, ax)

@@ -82,14 +82,12 @@ def test_series_over_time(draw, series, response, ax):
     assert (ax.get_legend() is not None) == (len(series) > 1 or draw in DRAWINGS[3:5])
 
 
-def test_rod_hysteresis(response, ax):
+def test_hysteresis_is_that_of_the_rods_and_encloses_the_work_of_friction(response, ax):
     plots.rod_hysteresis(response, ax)
     expected = [(response.x1, response.f1), (response.x2, response.f2)]
     np.testing.assert_array_equal([line.get_data() for line in ax.lines], expected)
     assert legend(ax) == ["structure 1", "structure 2"]
-
-
-def test_friction_hysteresis_encloses_the_work_of_friction(response, ax):
+    ax.clear()
     plots.friction_hysteresis(response, ax)
     slip, force = ax.lines[0].get_data()
     np.testing.assert_array_equal(slip, response.x1 - response.x2)
@@ -247,17 +245,12 @@ def test_a_notebook_that_turns_interactive_with_its_first_figure_stays_so(respon
         pyplot.ioff()
 
 
-def test_paper_figures_are_called_what_they_show(response):
+def test_paper_figures_and_the_overview_show_what_they_are_called(response, collisions):
     figures = plots.paper_figures(response)
     assert list(figures) == [draw.__name__ for draw in (*DRAWINGS[:5], plots.rod_forces)]
     for name, figure in figures.items():
         alone = getattr(plots, name)(response, new_axes())
         assert figure.axes[0].get_ylabel() == alone.get_ylabel()
-
-
-def test_overview_shows_four_series_over_one_time_axis_and_contact_if_there_is(
-    response, collisions
-):
     panels = plots.overview(response).axes
     words = ["ground acceleration", "displacement", "friction force", "gap"]
     for ax, word in zip(panels, words, strict=True):
@@ -301,7 +294,7 @@ def test_a_batch_is_drawn_run_upon_run(draw, batch, response, ax):
         assert "pounding" in legend(ax)[-1]
 
 
-def test_gaps_of_several_runs_stand_in_one_picture(response, ax):
+def test_runs_to_be_compared_stand_in_one_picture_or_side_by_side(response, ax):
     runs = {"without": with_gap(response, 0.5), "with": response, "wide": with_gap(response, 2.0)}
     plots.gaps(runs, ax)
     lines = {line.get_label(): line for line in ax.lines if ":" in line.get_label()}
@@ -310,9 +303,6 @@ def test_gaps_of_several_runs_stand_in_one_picture(response, ax):
         np.testing.assert_array_equal(line.get_ydata(), run.gap)
     assert len({line.get_color() for line in lines.values()}) == 3
     assert ax.get_ylim()[0] < float(runs["without"].min_gap)
-
-
-def test_side_by_side_has_runs_as_columns_to_one_scale(response):
     runs = {"far": with_gap(response, 3.0), "near": response, "pounds": with_gap(response, 0.5)}
     figure = plots.side_by_side(runs, [plots.displacements, plots.gap])
     figure.draw_without_rendering()
@@ -350,10 +340,17 @@ def test_wrong_arguments_are_refused(response, batch):
             draw(argument)
 
 
-def test_a_figure_that_is_returned_is_the_one_that_pyplot_saves(response, tmp_path):
+def test_figures_are_saved_as_they_are(response, tmp_path):
     response.plot().savefig(tmp_path / "own.png")
     pyplot.savefig(tmp_path / "pyplots.png")
     assert (tmp_path / "own.png").read_bytes() == (tmp_path / "pyplots.png").read_bytes()
+    with style.context("jaxpound.house"):
+        assert mpl.rcParams["figure.figsize"] == list(FIGURE_SIZE)
+        figure = plots.displacements(response).figure
+        for kind in ("svg", "pdf"):
+            figure.savefig(tmp_path / f"own.{kind}")
+    assert "displacement" in (tmp_path / "own.svg").read_text()
+    assert b"/Type3" not in (tmp_path / "own.pdf").read_bytes()
 
 
 SETUP = """
@@ -384,16 +381,6 @@ def test_a_notebook_shows_each_figure_once_as_a_plain_one(response, tmp_path):
     assert (tmp_path / "saved.png").stat().st_size > 10_000
 
 
-def test_letters_stay_letters_in_vector_files_of_the_house_style(response, tmp_path):
-    with style.context("jaxpound.house"):
-        assert mpl.rcParams["figure.figsize"] == list(FIGURE_SIZE)
-        figure = plots.displacements(response).figure
-        for kind in ("svg", "pdf"):
-            figure.savefig(tmp_path / f"own.{kind}")
-    assert "displacement" in (tmp_path / "own.svg").read_text()
-    assert b"/Type3" not in (tmp_path / "own.pdf").read_bytes()
-
-
 def test_a_run_at_rest_can_be_drawn(response):
     nothing = jax.tree.map(np.zeros_like, response)
     rest = changed(nothing, time=response.time, mass_1=1.0, mass_2=1.0)
@@ -419,7 +406,7 @@ def collisions():
     return jax.tree.map(lambda *x: np.stack(x), collide(0.0), collide(0.25))
 
 
-def test_contact_force_shows_the_largest_of_each_impact(collisions, ax):
+def test_contact_shows_its_largest_forces_and_encloses_what_it_loses(collisions, ax):
     one = collisions[1]
     plots.contact_force(one, ax)
     line, peaks = ax.lines
@@ -430,10 +417,8 @@ def test_contact_force_shows_the_largest_of_each_impact(collisions, ax):
     several = plots.contact_force(collisions, new_axes())
     assert not several.lines
     assert len(several.collections[0].get_paths()) == 2
-
-
-def test_contact_hysteresis_encloses_what_contact_loses(collisions, ax):
-    """Within the steps too, whose corners would cut off 10 % of it."""
+    ax.clear()
+    # Within the steps too, whose corners would cut off 10 % of it.
     one = collisions[1]
     plots.contact_hysteresis(one, ax)
     areas, peaks = [], []

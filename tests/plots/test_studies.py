@@ -93,7 +93,7 @@ def pounding(found):
     return np.arange(400) % 7 < 4 * found["pga"] / found["pga"].max()
 
 
-def test_fragility_has_its_data_and_its_curve(found, ax):
+def test_a_fragility_has_its_data_and_its_curve_or_a_curve_alone(found, ax):
     for curve, runs in (
         (jp.fit_fragility(found["pga"], pounding(found)), np.full(12, 400 / 12)),
         (jp.fit_fragility([0.1, 0.2, 0.4], [1, 5, 9], [10, 10, 10]), [10, 10, 10]),
@@ -105,16 +105,7 @@ def test_fragility_has_its_data_and_its_curve(found, ax):
         _, share = ax.containers[0][0].get_data()
         assert share @ runs == pytest.approx(curve.pounding.sum(), rel=0.02)
         assert ax.get_xlabel() == "PGA ($g$)"
-
-
-def curves(n):
-    """Of links of which each is more fragile than the one before, and of any of them."""
-    pga, runs = [0.1, 0.2, 0.4, 0.8], [20] * 4
-    links = {f"link {k + 1}": jp.fit_fragility(pga, [0, 2, 5 + k, 9 + k], runs) for k in range(n)}
-    return links | {"any link": jp.fit_fragility(pga, [1, 4, 15, 20], runs)}
-
-
-def test_a_fragility_in_numbers_is_a_curve_alone(ax):
+    ax.clear()
     curve = jp.Fragility(0.6, 0.4)
     plots.fragility(curve, ax)
     (line,) = ax.lines
@@ -126,6 +117,13 @@ def test_a_fragility_in_numbers_is_a_curve_alone(ax):
     assert len(ax.collections) == 1
     assert ax.get_xlabel() == "PGA (g)"
     assert ax.lines[1].get_label() == r"$\theta$ = 0.6 g, $\beta$ = 0.4"
+
+
+def curves(n):
+    """Of links of which each is more fragile than the one before, and of any of them."""
+    pga, runs = [0.1, 0.2, 0.4, 0.8], [20] * 4
+    links = {f"link {k + 1}": jp.fit_fragility(pga, [0, 2, 5 + k, 9 + k], runs) for k in range(n)}
+    return links | {"any link": jp.fit_fragility(pga, [1, 4, 15, 20], runs)}
 
 
 def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
@@ -149,7 +147,7 @@ def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
         plots.fragility({"link 1": 0.4}, ax)
 
 
-def test_scatter_has_a_panel_for_each_pair():
+def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
     found = random_study()
     figure = plots.scatter_matrix(found, ["required_gap", "peak_f1"], ["friction", "period_1"])
     assert len(figure.axes) == 4
@@ -159,9 +157,6 @@ def test_scatter_has_a_panel_for_each_pair():
     assert len(plots.scatter_matrix(found).axes) == 6
     with pytest.raises(ValueError, match="'mass' must be one of friction, amplitude_1"):
         plots.scatter_matrix(found, names=["mass"])
-
-
-def test_parameters_have_the_unit_of_the_study():
     found = random_study()
     units = {
         "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
@@ -186,7 +181,7 @@ def test_parameters_have_the_unit_of_the_study():
     assert parameter_name("links.0.contact.stiffness") == "link 1, contact, stiffness"
 
 
-def test_correlation_bars_are_the_correlations_largest_on_top(ax):
+def test_bars_are_the_correlations_and_indices_largest_on_top(ax):
     found = random_study()
     plots.correlations(found, ax)
     names = [text.get_text() for text in ax.get_yticklabels()]
@@ -195,9 +190,7 @@ def test_correlation_bars_are_the_correlations_largest_on_top(ax):
     assert names == [parameter_name(name) for name in ranked]
     assert r"friction $\mu$" in names
     assert [bar.get_width() for bar in ax.patches] == [expected[name] for name in ranked]
-
-
-def test_sensitivity_bars_are_the_indices_largest_on_top(ax):
+    ax.clear()
     shares = {"none": (0.0, 0.01), "two": (0.2, 0.25), "one": (0.7, 0.8)}
     first, total = (
         {name: Estimate(pair[i], pair[i] - 0.1, pair[i] + 0.1) for name, pair in shares.items()}
