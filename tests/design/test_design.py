@@ -124,8 +124,24 @@ def test_bounds_that_hold_the_optimum_are_active(stand_in):
     assert found.gradient["mass_ratio"] == pytest.approx(-0.2 * 0.8)
 
 
-def test_a_limit_is_kept_and_its_multiplier_is_its_worth(stand_in):
-    """At friction ≤ 0.5 the objective is 0.01 lower; a relative ease of it earns 0.5 · 2 · 0.1."""
+def test_a_damper_that_practically_never_slips_is_named():
+    columns = {"damper_force": np.full(2, 0.3), "peak_x1": np.ones(2), "peak_x2": np.full(2, 2.0)}
+    topology = jp.paper.structures().system().topology
+    for slid, hardly_slipping in ((1.8, ("damper",)), (2.2, ())):
+        after = columns | {"slip_distance": np.array([0.0, slid])}
+        compared = Comparison(after, after, jp.Objective(), False, topology)
+        assert compared.hardly_slipping == hardly_slipping
+
+
+def test_the_winner_is_polished_and_its_limit_is_worth_its_multiplier(stand_in):
+    rough, fine = (search(iterations=8, polish=polish) for polish in (False, True))
+    assert rough.values["friction"] != pytest.approx(0.6, abs=1e-3)
+    assert fine.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.6}, abs=1e-4)
+    assert fine.simulations > rough.simulations
+    limited = search(LIMITED, iterations=20)
+    assert limited.prices["damper_force"] <= 0.5 * 1.001
+    assert limited.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.5}, abs=1e-3)
+    # At friction ≤ 0.5 the objective is 0.01 lower; a relative ease of it earns 0.5 · 2 · 0.1.
     kept = search(LIMITED, iterations=200, patience=200)
     assert kept.prices["damper_force"] <= 0.5 * 1.001
     assert kept.values["friction"] == pytest.approx(0.5, rel=1e-3)
@@ -139,25 +155,6 @@ def test_a_limit_is_kept_and_its_multiplier_is_its_worth(stand_in):
     assert loose.multipliers["damper_force"] == 0
     assert loose.active_limits == ()
     assert "active limit" not in str(loose)
-
-
-def test_a_damper_that_practically_never_slips_is_named():
-    columns = {"damper_force": np.full(2, 0.3), "peak_x1": np.ones(2), "peak_x2": np.full(2, 2.0)}
-    topology = jp.paper.structures().system().topology
-    for slid, hardly_slipping in ((1.8, ("damper",)), (2.2, ())):
-        after = columns | {"slip_distance": np.array([0.0, slid])}
-        compared = Comparison(after, after, jp.Objective(), False, topology)
-        assert compared.hardly_slipping == hardly_slipping
-
-
-def test_the_winner_is_polished(stand_in):
-    rough, fine = (search(iterations=8, polish=polish) for polish in (False, True))
-    assert rough.values["friction"] != pytest.approx(0.6, abs=1e-3)
-    assert fine.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.6}, abs=1e-4)
-    assert fine.simulations > rough.simulations
-    limited = search(LIMITED, iterations=20)
-    assert limited.prices["damper_force"] <= 0.5 * 1.001
-    assert limited.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.5}, abs=1e-3)
 
 
 def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
@@ -214,7 +211,7 @@ def test_options_are_by_default_those_of_design_damper():
 # What befalls a search.
 
 
-def test_a_start_that_is_not_finite_is_dropped_and_reported(stand_in):
+def test_dropped_starts_are_reported_and_never_returned(stand_in):
     stand_in(lambda mu, rho, a: jnp.where(mu > 0.7, jnp.nan, bowl(mu, rho, a)))
     found = search(starts=6)
     assert found.dropped
@@ -226,10 +223,7 @@ def test_a_start_that_is_not_finite_is_dropped_and_reported(stand_in):
         assert not found.history.alive[iteration:, start].any()
         words = f"start {start + 1} dropped at iteration {iteration}: not finite"
         assert words in assert_shown(found)
-
-
-def test_a_dropped_start_is_never_returned(stand_in):
-    """It met the best design of all on its way, and then went where nothing is finite."""
+    # It met the best design of all on its way, and then went where nothing is finite.
 
     def rising(mu, rho, a):
         finite = jnp.where(rho > 1.2, mu, 0.3 - (mu - 0.3) ** 2)
@@ -282,16 +276,13 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
         search(iterations=60, save=path)
 
 
-def test_seeds_repeat_a_search_and_others_do_not(stand_in):
+def test_seeds_repeat_a_search_and_it_ends_without_progress(stand_in):
     shares, same, other = (
         search(key=key, batch=4, iterations=20).history.shares for key in (1, 1, 2)
     )
     np.testing.assert_array_equal(shares, same)
     assert not np.array_equal(shares[:, 1:], other[:, 1:])
     np.testing.assert_array_equal(shares[0, 0], other[0, 0])
-
-
-def test_a_search_without_progress_ends(stand_in):
     found = search(iterations=500, patience=15, tolerance=1e-3)
     assert found.stopped == "no progress in 15 iterations"
     assert len(found.history.objective) < 300
@@ -374,7 +365,7 @@ def test_the_paper_s_case_from_several_starts_to_one_optimum():
 # Before and after.
 
 
-def test_a_comparison_is_paired(stand_in):
+def test_a_comparison_is_paired_and_of_one_earthquake_has_no_interval(stand_in):
     found = bowl_design()
     compared = found.trained
     d = compared.after["min_gap"] - compared.before["min_gap"]
@@ -397,6 +388,19 @@ def test_a_comparison_is_paired(stand_in):
     assert other.after["min_gap"][0] == pytest.approx(expected)
     with pytest.raises(ValueError, match="'gap' must be one of min_gap"):
         compared.difference("gap")
+    # In a summary it is null.
+    found = search(iterations=3, fresh=ALONE)
+    for estimate in (found.fresh.difference(), *found.fresh.objective.values()):
+        assert np.isfinite(estimate.value)
+        assert np.isnan([estimate.low, estimate.high]).all()
+    assert "(no 95% interval) g/ω1² on average" in repr(found.fresh)
+    assert "inf" not in repr(found.fresh)
+    parameters = parameters_of_pair(found.space.nominal, jp.Scales(mass=500e3, frequency=7.0))
+    answers = command.summary(found, {"alone": bowl_design().trained}, parameters)
+    read = json.loads(json.dumps(answers, allow_nan=False))
+    assert read["fresh"]["min_gap_wider_by"]["low"] is None
+    parts = parts_of_page(answers, found.trained.topology)
+    assert "(no 95 % interval)" in "".join(map(str, parts))
 
 
 WAVES = partial(jp.RandomRicker, 1, periods=jp.Uniform(1, 2), arrivals=jp.Uniform(0, 1))
@@ -411,22 +415,6 @@ def test_a_drawn_ensemble_has_fresh_earthquakes(stand_in):
     mu, rho = found.values["friction"], found.values["mass_ratio"]
     np.testing.assert_allclose(found.fresh.after["min_gap"], bowl(mu, rho, amplitudes))
     assert found.fresh.difference().low > 0
-
-
-def test_of_one_earthquake_there_is_no_interval(stand_in):
-    """In a summary it is null."""
-    found = search(iterations=3, fresh=ALONE)
-    for estimate in (found.fresh.difference(), *found.fresh.objective.values()):
-        assert np.isfinite(estimate.value)
-        assert np.isnan([estimate.low, estimate.high]).all()
-    assert "(no 95% interval) g/ω1² on average" in repr(found.fresh)
-    assert "inf" not in repr(found.fresh)
-    parameters = parameters_of_pair(found.space.nominal, jp.Scales(mass=500e3, frequency=7.0))
-    answers = command.summary(found, {"alone": bowl_design().trained}, parameters)
-    read = json.loads(json.dumps(answers, allow_nan=False))
-    assert read["fresh"]["min_gap_wider_by"]["low"] is None
-    parts = parts_of_page(answers, found.trained.topology)
-    assert "(no 95 % interval)" in "".join(map(str, parts))
 
 
 @pytest.mark.usefixtures("stand_in")
