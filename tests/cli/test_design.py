@@ -229,17 +229,14 @@ def test_records_join_the_random_earthquakes(write, tmp_path):
         read(path, [other])
 
 
+LEAST = '"least demand" & demand = "peak_x1" & # over -> over = 0.1'
+GOALS = {'"worst gap"': jp.WorstGap(), '"CVaR" & share = 0.2': jp.CVaR(0.2)}
+GOALS |= {'"soft minimum" & temperature = 0.02': jp.SoftMinimum(0.02)}
+GOALS |= {'"pounding probability"': jp.PoundingProbability(), LEAST: jp.LeastDemand("peak_x1", 0.1)}
+
+
 def test_goals_of_the_file(write):
-    for changes, goal in (
-        ('"worst gap"', jp.WorstGap()),
-        ('"CVaR" & share = 0.2', jp.CVaR(0.2)),
-        ('"soft minimum" & temperature = 0.02', jp.SoftMinimum(0.02)),
-        ('"pounding probability"', jp.PoundingProbability()),
-        (
-            '"least demand" & demand = "peak_x1" & # over -> over = 0.1',
-            jp.LeastDemand("peak_x1", 0.1),
-        ),
-    ):
+    for changes, goal in GOALS.items():
         assert read(write(f"{SMALL} & goal = {changes}"))[1].objective.goal == goal
 
 

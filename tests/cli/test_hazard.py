@@ -38,10 +38,10 @@ def of_file(site):
     return re.sub(r"(?s)intensity = .*?measure[^\n]*", of_curve, EXAMPLE, count=1)
 
 
-def of_study(more=""):
+def of_study():
     """The example with a study in the place of a fragility."""
     head, tail = EXAMPLE.split("[fragility]", 1)
-    return f"{head}{STUDY}{more}\n{tail[tail.index('[results]') :]}"
+    return f"{head}{STUDY}\n{tail[tail.index('[results]') :]}"
 
 
 @pytest.fixture(scope="module")
@@ -69,10 +69,10 @@ def drawn(folder):
     return folder
 
 
-def of_drawn(more=""):
+def of_drawn():
     """The example with a study that the hazard has drawn."""
     study = STUDY.replace('"study"', '"drawn"').replace("0.04", "0.005").replace("0.02]", "0.05]")
-    return of_study().replace(STUDY, f"{study}drawn = true\n{more}")
+    return of_study().replace(STUDY, f"{study}drawn = true\n")
 
 
 def told(folder, text):

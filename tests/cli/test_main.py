@@ -65,12 +65,6 @@ def test_help_has_an_example(command, capsys):
     assert re.search(rf"example:\s+jaxpound {command}", capsys.readouterr().out)
 
 
-def test_version(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["--version"])
-    assert capsys.readouterr().out == f"jaxpound {jp.__version__}\n"
-
-
 def python(*arguments, **options):
     """A new process of Python, when it has ended."""
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, **options)
@@ -87,17 +81,10 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status"),
-    [
-        ("--help", 0),
-        ("design --help", 0),
-        ("--version", 0),
-        ("montecarlo --example-config", 0),
-        ("paper", 2),
-        ("papper", 2),
-    ],
-)
+ENDED = {"--help": 0, "design --help": 0, "--version": 0, "montecarlo --example-config": 0}
+
+
+@pytest.mark.parametrize(("arguments", "status"), [*ENDED.items(), ("paper", 2), ("papper", 2)])
 def test_help_and_faulty_arguments_need_no_jax(arguments, status):
     done = python("-c", JUDGED, *arguments.split())
     assert (done.returncode, done.stdout.splitlines()[-1]) == (status, "soon")
@@ -225,9 +212,8 @@ def test_nobody_reads_what_is_printed(options):
     """As ``jaxpound simulate --example-config | true``."""
     own = {name: x for name, x in os.environ.items() if name != "PYTHONUNBUFFERED"}
     command = [sys.executable, *options, "-m", "jaxpound", "simulate", "--example-config"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own
-    ) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=own) as process:
         process.stdout.close()
         assert process.stderr.read() == ""
         assert process.wait(60) == 141

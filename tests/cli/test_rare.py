@@ -34,27 +34,17 @@ def done(tmp_path_factory):
     return run(*arguments), arguments, folder
 
 
-@pytest.fixture(scope="module")
-def by_hand():
-    """The same scenarios from the library, in units of the dimensionless system."""
+def test_the_probability_is_that_of_plain_runs(done):
+    """Of the same scenarios from the library, in units of the dimensionless system."""
+    screen, _, folder = done
+    answers = summary(folder / "out")
     left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
     right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
     pair, scales = jp.dimensionless(left, right, friction_force=200e3, gap=0.2)
     second = float(scales.frequency)
-    noise = jp.FilteredNoise(
-        jp.KanaiTajimi(2 * np.pi / second, 0.6),
-        samples=121,
-        dt=0.05 * second,
-        envelope=jp.GammaEnvelope(3.0 * second, 2.0),
-        intensity=0.08,
-    )
-    return jp.Scenarios(pair, noise), scales.grid(6.0, 0.025), scales
-
-
-def test_the_probability_is_that_of_plain_runs(done, by_hand):
-    screen, _, folder = done
-    answers = summary(folder / "out")
-    scenarios, grid, scales = by_hand
+    soil, envelope = jp.KanaiTajimi(2 * np.pi / second, 0.6), jp.GammaEnvelope(3.0 * second, 2.0)
+    noise = jp.FilteredNoise(soil, 121, 0.05 * second, envelope=envelope, intensity=0.08)
+    scenarios, grid = jp.Scenarios(pair, noise), scales.grid(6.0, 0.025)
     state = jp.LimitState(scenarios, grid, threshold=0.09 / float(scales.length))
     plain = state.values(np.random.default_rng(0).normal(size=(4096, scenarios.dimension)))
     share = float((plain >= 0).mean())
@@ -209,14 +199,9 @@ def test_a_row_and_another_demand():
     given = file.read(rare.RareConfig)
     state = rare.limit_state(file, given)
     assert state.threshold * float(given.scales.length) == pytest.approx(0.04)
-    noise = jp.FilteredNoise(
-        jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2),
-        samples=501,
-        dt=0.02,
-        envelope=jp.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8),
-        intensity=0.1,
-        time_unit="s",
-    )
+    soil = jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2)
+    how = {"envelope": jp.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8), "intensity": 0.1}
+    noise = jp.FilteredNoise(soil, samples=501, dt=0.02, time_unit="s", **how)
     z = jnp.sin(jnp.arange(501.0))
     drawn = state.scenarios.realize(z)[1]
     assert drawn.samples == pytest.approx(noise.draw(z).samples)
@@ -236,13 +221,9 @@ def test_what_cannot_be_searched_is_refused_before(tmp_path, capsys):
     jumps = f"{head}[earthquakes]\n{WAVELETS}{wanted}{tail}"
     strong = changed(EXAMPLE, "acceleration = 8.0")  # of m/s², say
     path = tmp_path / "refused.toml"
+    discrete = "[design] scenarios: sign_1, sign_2 must not be discrete"
     for text, options, *words in (
-        (
-            jumps,
-            [],
-            "[design] scenarios: sign_1, sign_2 must not be discrete",
-            "wavelets have no jumps with negative = 0",
-        ),
+        (jumps, [], discrete, "wavelets have no jumps with negative = 0"),
         (strong, ["--strict"], "ground: PGA of 100% of the 64 earthquakes looked at, up to"),
     ):
         path.write_text(text)

@@ -33,11 +33,10 @@ def layout_of(links, buildings=THREE):
 
 def test_the_example_is_the_library_s_row():
     layout = read(EXAMPLE).layout
+    masses, stiffnesses = [250e3, 250e3, 200e3], [150e6, 130e6, 100e6]
     buildings = (
         jp.ShearBuilding.from_period(2, 200e3, 0.25, 0.05),
-        jp.ShearBuilding.of_storeys(
-            [250e3, 250e3, 200e3], [150e6, 130e6, 100e6], 0.5, 0.003, 0.04, 3.0
-        ),
+        jp.ShearBuilding.of_storeys(masses, stiffnesses, 0.5, 0.003, 0.04, 3.0),
         jp.ShearBuilding.from_period(2, 200e3, 0.3, 0.05),
     )
     law = jp.KelvinVoigt(stiffness=2e9, restitution=0.65)
@@ -46,12 +45,15 @@ def test_the_example_is_the_library_s_row():
         jp.FloorLink(1, 1, friction=60e3, gap=0.03, contact=law),
         jp.FloorLink(1, 0, friction=100e3, next_building=1),
     )
-    assert [repr(x) for x in layout.si.buildings] == [repr(x) for x in buildings]
-    assert [repr(x) for x in layout.si.links] == [repr(x) for x in links]
-    assert layout.tables == (1, 1, 2, 3)
     row, scales = jp.dimensionless_row(buildings, links)
-    assert repr(layout.structures) == repr(row)
-    assert repr(layout.scales) == repr(scales)
+    for ours, expected in (
+        (layout.si.buildings, buildings),
+        (layout.si.links, links),
+        ([layout.structures], [row]),
+        ([layout.scales], [scales]),
+    ):
+        assert [repr(x) for x in ours] == [repr(x) for x in expected]
+    assert layout.tables == (1, 1, 2, 3)
 
 
 @pytest.mark.parametrize(
