@@ -1,9 +1,9 @@
 """What the tests of the command line have in common."""
 
-from __future__ import annotations
-
 import contextlib
+import csv
 import io
+import json
 import re
 from pathlib import Path
 
@@ -32,12 +32,13 @@ def is_figure(path: Path) -> bool:
     return (width, height) == ((2124, 2336) if path.stem == "overview" else (1062, 708))
 
 
-def edited(text: str, changes: dict[str, str]) -> str:
-    """A configuration with lines replaced (old start of line → new line)."""
-    for old, new in changes.items():
-        text, found = re.subn(rf"(?m)^{re.escape(old)}.*$", new, text, count=1)
-        assert found, old
-    return text
+def summary(folder: Path) -> dict:
+    return json.loads((folder / "summary.json").read_text())
+
+
+def csv_rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
 
 
 def faults(lines: str) -> list[list[str]]:
@@ -51,7 +52,7 @@ def changed(text: str, changes: str) -> str:
 
     ``key = value`` replaces the line of the key, ``a -> b`` the line that begins with a.
     """
-    for change in changes.split(" & "):
+    for change in filter(None, changes.split(" & ")):
         old, _, new = change.replace(" ; ", "\n").rpartition(" -> ")
         new = new.removeprefix("nothing")
         key = re.escape(re.match(r'\[\w+\]|[\w".*-]*', new)[0])
@@ -59,6 +60,12 @@ def changed(text: str, changes: str) -> str:
         text, n = re.subn(rf"(?m)^{old}.*$", lambda _, new=new: new, text, count=1)
         assert n, change
     return text
+
+
+def command_for(name: str, config: Path, record: Path, out: Path) -> list[object]:
+    """A command with its configuration and, where it takes one, a record."""
+    of_record = ["--record", record, "--config"] if name == "simulate" else []
+    return [name, *of_record, config, "--store" if name == "montecarlo" else "--out", out]
 
 
 def refusal(capsys, *arguments: object) -> str:
@@ -85,5 +92,16 @@ def tables(page):
     return found
 
 
+def page_of(folder: Path) -> str:
+    """The page of a folder; every figure that it shows is there."""
+    page = (folder / "summary.md").read_text()
+    for name in re.findall(r"\((\w+\.png)\)", page):
+        assert imread(folder / name).size
+    return page
+
+
 def number(cell):
     return float(cell.replace(",", ""))
+
+
+UNRESOLVED = "ground: 100% of the {} earthquakes looked at are not resolved; of one, the "

@@ -7,7 +7,7 @@ import pytest
 
 from jaxpound.cli import structures
 from jaxpound.cli.files import example
-from tests.cli.commands import PULSE, edited, run
+from tests.cli.commands import PULSE, changed, run
 
 
 @pytest.fixture(autouse=True)
@@ -28,10 +28,10 @@ def pulse(tmp_path_factory) -> Path:
 def write(tmp_path, request):
     """A configuration: the module's example with lines replaced."""
 
-    def write_config(changes: dict[str, str] | None = None, text: str | None = None) -> Path:
+    def write_config(changes: str = "", text: str | None = None) -> Path:
         standard = getattr(request.module, "EXAMPLE", example("simulate"))
         path = tmp_path / "config.toml"
-        path.write_text(edited(standard if text is None else text, changes or {}))
+        path.write_text(changed(standard if text is None else text, changes))
         return path
 
     return write_config

@@ -1,7 +1,5 @@
 """What docs/files.md says of the files of each command, compared with files."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,13 +1,11 @@
 """The command line's design: configuration, run, what is written, and errors with their place."""
 
 import argparse
-import json
 import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 import jaxpound as jp
 from jaxpound._tables import rounded
@@ -20,17 +18,11 @@ from jaxpound.cli.simulate import Simulation
 from jaxpound.design import search
 from jaxpound.design.search import Descent
 from jaxpound.results.named import in_words
-from tests.cli.commands import is_figure, number, refusal, run, tables
+from tests.cli.commands import UNRESOLVED, is_figure, number, page_of, refusal, run, summary, tables
 
 EXAMPLE = example("design").replace('# "rod_', '"rod_')
-SMALL = {
-    "earthquakes = 256": "earthquakes = 12",
-    "fresh = 1000": "fresh = 20",
-    "starts = 4": "starts = 2",
-    "iterations = 100": "iterations = 8",
-    "duration = 10.0": "duration = 6.0",
-    "# dt": "dt = 0.02",
-}
+SMALL = "earthquakes = 12 & fresh = 20 & starts = 2 & iterations = 8 & duration = 6.0"
+SMALL += " & # dt -> dt = 0.02"
 
 
 def read(path, records=()):
@@ -54,9 +46,7 @@ def test_the_example_in_words_of_the_library():
 
 def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
     """Without --save, and before twenty iterations: those of a row may take minutes."""
-    record = tmp_path / "shake.csv"
-    t = 0.02 * np.arange(300)
-    np.savetxt(record, np.column_stack([t, 0.2 * np.sin(8 * t)]), delimiter=",")
+    record = shake(tmp_path / "shake.csv", 300)
     path, out = write(SMALL), tmp_path / "out"
 
     class StoppedError(BaseException):
@@ -100,7 +90,7 @@ def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
     written = [line for line in printed.splitlines() if line.startswith(str(out))]
     assert sorted(str(x) for x in out.iterdir() if x != of_other) == sorted(written)
     assert (out / "design.toml").read_text() == path.read_text()
-    answers = json.loads((out / "summary.json").read_text())
+    answers = summary(out)
     assert answers["iterations"] == 8
     force = answers["limits"]["damper_force"]
     assert force["reached"] <= 800e3 * 1.001
@@ -114,14 +104,8 @@ def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
     assert buildings.structures.friction * buildings.scales.force == pytest.approx(
         force["reached"], rel=2e-3
     )
-    page = (out / "summary.md").read_text()
-    assert_page_says(page, answers, buildings)
-    for name in re.findall(r"\((\w+\.png)\)", page):
-        assert imread(out / name).size
+    assert_page_says(page_of(out), answers, buildings)
     assert is_figure(out / "convergence.png")
-
-
-CONTACT = "[contact]\nlaw = 'kelvin-voigt'\nrestitution = 0.65\nstiffness = 8e8"
 
 
 def assert_page_says(page, answers, buildings):
@@ -133,72 +117,56 @@ def assert_page_says(page, answers, buildings):
         ("slip force of the damper", "N", force, buildings.damper.friction_force),
         ("gap at rest", "m", gap, buildings.gap),
     ]
-    for i, before, after in (
-        (1, first, buildings.building_1.model()),
-        (2, second, buildings.building_2.model()),
-    ):
-        at = f"of building {i}"
+    models = (first, buildings.building_1.model()), (second, buildings.building_2.model())
+    for i, pair in enumerate(models, 1):
         for name, unit, factor in (("natural_period", "s", 1), ("damping_ratio", "%", 100)):
-            both = (factor * float(getattr(building, name)) for building in (before, after))
-            expected.append((f"{name.replace('_', ' ')} {at}", unit, *both))
+            both = (factor * float(getattr(building, name)) for building in pair)
+            expected.append((f"{name.replace('_', ' ')} of building {i}", unit, *both))
     for row, (quantity, unit, before, after) in zip(answer, expected, strict=True):
         assert (row["quantity"], row["unit"]) == (quantity, unit)
         assert row["before"] == rounded(float(before))
         assert number(row["after"]) == pytest.approx(float(after), rel=1e-3)
         change = pytest.approx(float(after - before), rel=1e-2, abs=1e-3 * abs(float(after)))
         assert number(row["change"]) == change
-    assert {row["parameter of a rod"] for row in rods} == {
-        path for path in answers["variables"] if path.startswith("rod_")
-    }
+    chosen = {path for path in answers["variables"] if path.startswith("rod_")}
+    assert {row["parameter of a rod"] for row in rods} == chosen
     for row in rods:
         rod, _, name = row["parameter of a rod"].partition(".")
-        own = getattr(buildings, rod.replace("rod", "building")).model()
-        assert number(row["after"]) == pytest.approx(float(getattr(own, name)), rel=1e-3)
+        model = getattr(buildings, rod.replace("rod", "building")).model()
+        assert number(row["after"]) == pytest.approx(float(getattr(model, name)), rel=1e-3)
         assert row["unit"] == "s^order"
     assert [row["unit"] for row in limits] == ["N", "N"]
-    for key, (gaps, demands) in zip(
-        ("trained", "fresh"), (compared[:2], compared[2:]), strict=True
-    ):
-        for tail, rows in (("5 % quantile", gaps), ("95 % quantile", demands)):
-            for row in rows:
-                (own,) = (
-                    x
-                    for name, x in answers[key]["demands"].items()
-                    if in_words(name) == row["demand"]
-                )
-                assert row["unit"] == own["unit"] != ""
-                for when in ("before", "after"):
-                    assert row[f"mean {when}"] == rounded(own[f"mean_{when}"])
-                    assert row[f"{tail} {when}"] == rounded(own[f"tail_{when}"])
+    tails = ("5 % quantile", "95 % quantile") * 2
+    for key, tail, rows in zip(["trained"] * 2 + ["fresh"] * 2, tails, compared, strict=True):
+        by_words = {in_words(name): x for name, x in answers[key]["demands"].items()}
+        for row in rows:
+            demand = by_words[row["demand"]]
+            assert row["unit"] == demand["unit"] != ""
+            for when in ("before", "after"):
+                assert row[f"mean {when}"] == rounded(demand[f"mean_{when}"])
+                assert row[f"{tail} {when}"] == rounded(demand[f"tail_{when}"])
     (row,) = recorded
     assert row["recorded earthquake"] == "shake"
     assert row["smallest gap after"] == rounded(answers["recorded"]["shake"]["min_gap_after"])
 
 
+WITH_CONTACT = """[contact] ; law = 'kelvin-voigt' ; restitution = 0.65 ; stiffness = 8e8
+    & friction = { -> "contact.stiffness" = {low = 0.5, high = 2.0, scale = "log"}
+    & "rod_1.tau_x" -> initial_gap = {low = 0.2, high = 3.0} & goal = "gap at rest"
+    & peak_f1 -> peak_contact = {at_most = 2e7, over = "mean"}
+    & damper_force -> peak_impulse = 1e6 ; contact_work = {at_most = 2e5, over = 0.1}
+    & [penalties] ; soft_peak_contact = {weight = 1e-6, over = "mean"}"""
+
+
 def test_a_design_with_contact(write):
     """A pad between the buildings: its stiffness is chosen, within limits on contact."""
-    path = write(
-        SMALL
-        | {
-            "# [contact]": CONTACT,
-            "friction = {": '"contact.stiffness" = {low = 0.5, high = 2.0, scale = "log"}',
-            '"rod_1.tau_x"': "initial_gap = {low = 0.2, high = 3.0}",
-            "goal": 'goal = "gap at rest"',
-            "peak_f1": 'peak_contact = {at_most = 2e7, over = "mean"}',
-            "damper_force": "peak_impulse = 1e6\ncontact_work = {at_most = 2e5, over = 0.1}",
-            "# [penalties]": '[penalties]\nsoft_peak_contact = {weight = 1e-6, over = "mean"}',
-        }
-    )
-    given, wanted = read(path)
+    given, wanted = read(write(f"{SMALL} & {' '.join(WITH_CONTACT.split())}"))
     space, objective = wanted.space, wanted.objective
     stiffness = space.nominal.contact.stiffness
     assert float(stiffness * given.scales.units["stiffness"]) == pytest.approx(8e8)
     assert space.variables["contact.stiffness"] == jp.Bounds(0.5 * stiffness, 2 * stiffness, "log")
-    assert objective.limits == {
-        "peak_contact": jp.Limit(2e7, "mean"),
-        "peak_impulse": jp.Limit(1e6),
-        "contact_work": jp.Limit(2e5, 0.1),
-    }
+    limits = {"peak_contact": jp.Limit(2e7, "mean"), "peak_impulse": jp.Limit(1e6)}
+    assert objective.limits == limits | {"contact_work": jp.Limit(2e5, 0.1)}
     assert objective.goal == jp.GapAtRest()
     rest = space.nominal.initial_gap
     assert float(rest * given.scales.length) == pytest.approx(0.10)
@@ -215,35 +183,20 @@ def test_a_design_with_contact(write):
     assert (gap["before"], gap["after"]) == (pytest.approx(0.10), pytest.approx(0.30))
 
 
+IN_NOISE = """fresh = 0 & wavelets -> filter = "kanai-tajimi" ; frequency = 1.5 ; damping = 0.6 ;
+    acceleration = 0.08 ; duration = 6.0 ; dt = 0.05 ; envelope = {peak = 3.0, power = 2.0}
+    & amplitude -> nothing & periods -> nothing & arrivals -> nothing & negative -> nothing
+    & peak_f1 -> required_gap = {at_most = 0.05, probability = 0.01} & damper_force -> nothing
+    & "rod_1.tau_x" -> nothing & "rod_1.tau_f" -> nothing & "rod_2.tau_x" -> nothing
+    & "rod_2.tau_f" -> nothing & goal = "least demand" & demand = "damper_force" & starts = 1"""
+
+
 def test_a_limit_on_the_probability_of_pounding(write, tmp_path):
     """In white noise through the soil."""
-    noise = (
-        'filter = "kanai-tajimi"\nfrequency = 1.5\ndamping = 0.6\nacceleration = 0.08\n'
-        "duration = 6.0\ndt = 0.05\nenvelope = {peak = 3.0, power = 2.0}"
-    )
-    changes = {
-        **SMALL,
-        "fresh = 1000": "fresh = 0",
-        "wavelets": noise,
-        "amplitude": "",
-        "periods": "",
-        "arrivals": "",
-        "negative": "",
-        "peak_f1": "required_gap = {at_most = 0.05, probability = 0.01}",
-        '"rod_1.tau_x"': "",
-        '"rod_1.tau_f"': "",
-        '"rod_2.tau_x"': "",
-        '"rod_2.tau_f"': "",
-        "damper_force": "",
-        "goal": 'goal = "least demand"',
-        "# demand": 'demand = "damper_force"',
-        "# dt": "dt = 0.03",
-        "starts = 4": "starts = 1",
-    }
-    path, out = write(changes), tmp_path / "out"
+    small = SMALL.replace("dt = 0.02", "dt = 0.03")
+    path, out = write(f"{small} & {' '.join(IN_NOISE.split())}"), tmp_path / "out"
     printed = run("design", path, "--out", out)
-    answers = json.loads((out / "summary.json").read_text())
-    limit = answers["limits"]["required_gap"]
+    limit = summary(out)["limits"]["required_gap"]
     assert limit["probability"] == 0.01
     assert 0 < limit["reached"] <= 0.011
     assert limit["cov"] <= 0.034
@@ -252,48 +205,42 @@ def test_a_limit_on_the_probability_of_pounding(write, tmp_path):
     assert "probability of required gap >= 0.05 m" in page
 
 
+def shake(path, n):
+    t = 0.02 * np.arange(n)
+    np.savetxt(path, np.column_stack([t, 0.2 * np.sin(8 * t)]), delimiter=",")
+    return path
+
+
 def test_records_join_the_random_earthquakes(write, tmp_path):
-    t = 0.02 * np.arange(100)
-    for name in ("a", "b", "more/a"):
-        (tmp_path / "more").mkdir(exist_ok=True)
-        values = np.column_stack([t, 0.2 * np.sin(8 * t)])
-        np.savetxt(tmp_path / f"{name}.csv", values, delimiter=",")
-    table = '[recorded]\nfiles = ["a.csv"]\nunits = "m/s2"\n[variables]'
-    path = write(SMALL | {"[variables]": table})
-    _, wanted = read(path, [tmp_path / "b.csv"])
+    (tmp_path / "more").mkdir()
+    a, b, other = (shake(tmp_path / f"{name}.csv", 100) for name in ("a", "b", "more/a"))
+    table = '[variables] -> [recorded] ; files = ["a.csv"] ; units = "m/s2" ; [variables]'
+    path = write(f"{SMALL} & {table}")
+    _, wanted = read(path, [b])
     assert (len(wanted.ensemble), list(wanted.recorded)) == (14, ["a", "b"])
     peaks = [np.abs(wanted.recorded[x].ground(0).samples).max() for x in "ab"]
     assert peaks[1] == pytest.approx(9.80665 * peaks[0])
     assert len(wanted.ensemble.fresh(5)) == 5
-    stated = "time (s), acc (m/s2)\n" + (tmp_path / "a.csv").read_text()
-    (tmp_path / "a.csv").write_text(stated)
-    path = write(SMALL | {"[variables]": table.replace('units = "m/s2"\n', "")})
-    own = read(path)[1].recorded["a"].ground(0).samples
-    np.testing.assert_array_equal(own, wanted.recorded["a"].ground(0).samples)
+    a.write_text("time (s), acc (m/s2)\n" + a.read_text())
+    path = write(f"{SMALL} & {table}".replace('units = "m/s2" ; ', ""))
+    stated = read(path)[1].recorded["a"].ground(0).samples
+    np.testing.assert_array_equal(stated, wanted.recorded["a"].ground(0).samples)
     with pytest.raises(ValueError, match="its name 'a' must be another's than before"):
-        read(path, [tmp_path / "more" / "a.csv"])
+        read(path, [other])
+
+
+LEAST = '"least demand" & demand = "peak_x1" & # over -> over = 0.1'
+GOALS = {'"worst gap"': jp.WorstGap(), '"CVaR" & share = 0.2': jp.CVaR(0.2)}
+GOALS |= {'"soft minimum" & temperature = 0.02': jp.SoftMinimum(0.02)}
+GOALS |= {'"pounding probability"': jp.PoundingProbability(), LEAST: jp.LeastDemand("peak_x1", 0.1)}
 
 
 def test_goals_of_the_file(write):
-    for changes, goal in (
-        ({"goal": 'goal = "worst gap"'}, jp.WorstGap()),
-        ({"goal": 'goal = "CVaR"', "# share": "share = 0.2"}, jp.CVaR(0.2)),
-        ({"goal": 'goal = "soft minimum"', "# temp": "temperature = 0.02"}, jp.SoftMinimum(0.02)),
-        ({"goal": 'goal = "pounding probability"'}, jp.PoundingProbability()),
-        (
-            {
-                "goal": 'goal = "least demand"',
-                "# demand": 'demand = "peak_x1"',
-                "# over": "over = 0.1",
-            },
-            jp.LeastDemand("peak_x1", 0.1),
-        ),
-    ):
-        _, wanted = read(write(SMALL | changes))
-        assert wanted.objective.goal == goal
+    for changes, goal in GOALS.items():
+        assert read(write(f"{SMALL} & goal = {changes}"))[1].objective.goal == goal
 
 
 def test_an_unresolved_design_is_refused_if_strict(write, tmp_path, capsys):
-    path = write({**SMALL, "periods = ": "periods = {uniform = [0.001, 0.002]}"})
+    path = write(f"{SMALL} & periods = {{uniform = [0.001, 0.002]}}")
     error = refusal(capsys, "design", path, "--out", tmp_path / "out", "--strict")
-    assert "ground: 100% of the 12 earthquakes looked at are not resolved; of one, the " in error
+    assert UNRESOLVED.format(12) in error

@@ -3,7 +3,7 @@
 import pytest
 
 from jaxpound.cli.files import example
-from tests.cli.commands import changed, faults, refusal
+from tests.cli.commands import changed, command_for, faults, refusal
 
 FAULTS = {}
 FAULTS["simulate"] = r'''
@@ -290,9 +290,7 @@ def test_a_faulty_configuration(command, changes, says, pulse, tmp_path, capsys)
     path, out = tmp_path / "faulty.toml", tmp_path / "out"
     text = DESIGN if command == "design" else example(name, row or "pair")
     path.write_text(changed(text, changes))
-    record = ["--record", pulse, "--config"] if name == "simulate" else []
-    to = "--store" if name == "montecarlo" else "--out"
-    line = refusal(capsys, name, *record, path, to, out)
+    line = refusal(capsys, *command_for(name, path, pulse, out))
     assert line.startswith(f"jaxpound: error: {path}:")
     assert says in line
     assert line.count(path.name) == 1

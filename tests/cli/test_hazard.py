@@ -1,7 +1,5 @@
 """``jaxpound hazard``: its configuration, and what it writes."""
 
-import csv
-import json
 import re
 
 import numpy as np
@@ -11,7 +9,17 @@ from matplotlib.image import imread
 import jaxpound as jp
 from jaxpound.cli.files import example
 from jaxpound.quantities import STANDARD_GRAVITY
-from tests.cli.commands import changed, edited, faults, is_figure, number, refusal, run, tables
+from tests.cli.commands import (
+    changed,
+    csv_rows,
+    faults,
+    is_figure,
+    number,
+    refusal,
+    run,
+    summary,
+    tables,
+)
 
 EXAMPLE = example("hazard")
 OPENQUAKE = """\
@@ -20,42 +28,29 @@ lon,lat,depth,poe-0.1000000,poe-0.2000000,poe-0.4000000
 13.4,46.0,0.0,0.5,0.2,0.05
 13.5,46.0,0.0,0.4,0.1,0.02
 """
-STUDY = """
-[study]
-store = "study"
-intensity = "pga"
-gap = 0.04
-link = 1
-gap_probabilities = [0.1, 0.02]
-"""
+STUDY = '\n[study]\nstore = "study"\nintensity = "pga"\ngap = 0.04\nlink = 1\n'
+STUDY += "gap_probabilities = [0.1, 0.02]\n"
 
 
 def of_file(site):
     """The example with a file in the place of points."""
-    at = f"site = {site}\n" if site else ""
-    return re.sub(
-        r"(?s)intensity = .*?measure[^\n]*", f'file = "curve.csv"\n{at}', EXAMPLE, count=1
-    )
+    of_curve = f'file = "curve.csv"\n{f"site = {site}" if site else ""}\n'
+    return re.sub(r"(?s)intensity = .*?measure[^\n]*", of_curve, EXAMPLE, count=1)
 
 
-def of_study(more=""):
+def of_study():
     """The example with a study in the place of a fragility."""
     head, tail = EXAMPLE.split("[fragility]", 1)
-    return f"{head}{STUDY}{more}\n{tail[tail.index('[results]') :]}"
+    return f"{head}{STUDY}\n{tail[tail.index('[results]') :]}"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A folder with a small study and a file of hazard."""
     made = tmp_path_factory.mktemp("hazard")
-    changes = {
-        "samples": "samples = 400",
-        "duration": "duration = 8.0",
-        "# dt = 0.01": "dt = 0.03",
-        "intensity": "intensity = {lognormal = [0.5, 0.6]}",
-        "# spectral": "spectral_acceleration = true",
-    }
-    (made / "study.toml").write_text(edited(example("montecarlo"), changes))
+    changes = "samples = 400 & duration = 8.0 & # dt = 0.01 -> dt = 0.03"
+    changes += " & intensity = {lognormal = [0.5, 0.6]} & spectral_acceleration = true"
+    (made / "study.toml").write_text(changed(example("montecarlo"), changes))
     run("montecarlo", made / "study.toml", "--store", made / "study")
     (made / "curve.csv").write_text(OPENQUAKE)
     return made
@@ -68,35 +63,29 @@ CURVE = [[0.05, 3e-2], [0.1, 1e-2], [0.2, 3e-3], [0.4, 6e-4], [0.8, 8e-5], [1.6,
 @pytest.fixture(scope="module")
 def drawn(folder):
     """The folder, with a study whose intensities the example's hazard has drawn."""
-    text = (folder / "study.toml").read_text()
-    curve = f"intensity = {{hazard = {CURVE}}}"
-    changes = {"intensity": curve, "spectral": "spectral_acceleration = false"}
-    (folder / "drawn.toml").write_text(edited(text, changes))
+    changes = f"intensity = {{hazard = {CURVE}}} & spectral_acceleration = false"
+    (folder / "drawn.toml").write_text(changed((folder / "study.toml").read_text(), changes))
     run("montecarlo", folder / "drawn.toml", "--store", folder / "drawn")
     return folder
 
 
-def of_drawn(more=""):
+def of_drawn():
     """The example with a study that the hazard has drawn."""
     study = STUDY.replace('"study"', '"drawn"').replace("0.04", "0.005").replace("0.02]", "0.05]")
-    return of_study().replace(STUDY, f"{study}drawn = true\n{more}")
+    return of_study().replace(STUDY, f"{study}drawn = true\n")
 
 
 def told(folder, text):
     """The command's screen and its answers."""
     (folder / "hazard.toml").write_text(text)
     screen = run("hazard", folder / "hazard.toml", "--out", folder / "out")
-    return screen, json.loads((folder / "out" / "summary.json").read_text())
+    return screen, summary(folder / "out")
 
 
 def test_a_power_law_gives_cornell_s_rate(tmp_path):
     """λ(θ) e^(k² β² / 2), its interval from the errors by d ln λ/d ln θ = −k, d ln λ/dβ = k² β."""
-    changes = {
-        "intensity": "intensity = [0.1, 1.0]",
-        "annual_rate": "annual_rate = [1e-2, 1e-5]",
-        "years": "years = 30.0",
-    }
-    screen, answers = told(tmp_path, edited(EXAMPLE, changes))
+    changes = "intensity = [0.1, 1.0] & annual_rate = [1e-2, 1e-5] & years = 30.0"
+    screen, answers = told(tmp_path, changed(EXAMPLE, changes))
     rate = 1e-5 * 0.6**-3 * np.exp(9 * 0.4**2 / 2)
     cov = np.hypot(3 * 0.05 / 0.6, 9 * 0.4 * 0.05)
     assert answers["annual_rate"]["value"] == pytest.approx(rate, rel=1e-9)
@@ -114,8 +103,7 @@ def test_what_is_written(tmp_path):
     assert {path.name for path in out.iterdir()} == names
     assert imread(out / "hazard.png").shape[1] == 1062
     assert answers["required_gap"] == {}
-    with (out / "deaggregation.csv").open() as file:
-        rows = [{key: float(x) for key, x in row.items()} for row in csv.DictReader(file)]
+    rows = [{k: float(x) for k, x in row.items()} for row in csv_rows(out / "deaggregation.csv")]
     assert len(rows) == 20
     total = answers["annual_rate"]["value"]
     assert sum(row["annual_rate"] for row in rows) == pytest.approx(total, rel=2e-3)
@@ -128,13 +116,16 @@ def test_what_is_written(tmp_path):
     assert number(of_bands[0]["annual rate"]) == pytest.approx(rows[0]["annual_rate"], rel=1e-3)
 
 
-def test_without_errors_there_is_no_interval(tmp_path):
-    text = edited(EXAMPLE, {"median_error": "", "dispersion_error": ""})
+def test_without_errors_there_is_no_interval_and_probabilities_are_told_of_once(tmp_path, capsys):
+    text = changed(EXAMPLE, "median_error -> nothing & dispersion_error -> nothing")
     screen, answers = told(tmp_path, text)
     assert "(no 95% interval)" in screen
     assert answers["annual_rate"]["low"] is None
     assert (tmp_path / "out" / "deaggregation.csv").read_text().splitlines()[1].endswith(",")
     assert answers["annual_rate"]["value"] > 0
+    rates = [float(f"{-np.expm1(-50 * rate):.3g}") for _, rate in CURVE]
+    told(tmp_path, changed(EXAMPLE, f"annual_rate = {rates}"))
+    assert capsys.readouterr().err.count("of probabilities p within years it is -ln(1 - p)") == 1
 
 
 def test_a_file_of_openquake(folder):
@@ -200,9 +191,8 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
         assert gap["value"] == pytest.approx(found.value)
     assert "peak ground acceleration (m/s²) from" in screen
     assert imread(drawn / "out" / "hazard.png").shape[1] == 1062
-    with (drawn / "out" / "deaggregation.csv").open() as file:
-        total = sum(float(row["annual_rate"]) for row in csv.DictReader(file))
-    assert total == pytest.approx(rate.value)
+    rows = csv_rows(drawn / "out" / "deaggregation.csv")
+    assert sum(float(row["annual_rate"]) for row in rows) == pytest.approx(rate.value)
     page = (drawn / "out" / "summary.md").read_text()
     assert "The interval is that of the probability in an earthquake" in page
 
@@ -264,9 +254,3 @@ def test_wrong_input_is_named(text, words, drawn, capsys):
     path.write_text(text)
     assert words in refusal(capsys, "hazard", path, "--out", out)
     assert not out.exists()
-
-
-def test_probabilities_in_fifty_years_given_as_rates_are_told_of_once(tmp_path, capsys):
-    rates = [float(f"{-np.expm1(-50 * rate):.3g}") for _, rate in CURVE]
-    told(tmp_path, edited(EXAMPLE, {"annual_rate": f"annual_rate = {rates}"}))
-    assert capsys.readouterr().err.count("of probabilities p within years it is -ln(1 - p)") == 1

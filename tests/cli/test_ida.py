@@ -1,8 +1,6 @@
 """``jaxpound ida``: its configuration, its run, and what it writes."""
 
 import argparse
-import csv
-import json
 import re
 
 import numpy as np
@@ -14,18 +12,22 @@ from jaxpound.cli.files import example
 from jaxpound.cli.main import describe_kept
 from jaxpound.cli.reading import File
 from jaxpound.hazard.suite_runs import SuiteRuns
-from tests.cli.commands import changed, edited, faults, is_figure, number, refusal, run, tables
+from tests.cli.commands import (
+    changed,
+    csv_rows,
+    faults,
+    is_figure,
+    number,
+    refusal,
+    run,
+    summary,
+    tables,
+)
 from tests.ground.test_suite import SUITE, at2
 
 EXAMPLE = example("ida")
-SHORT = {
-    "gap": "gap = 0.02",
-    "friction_force": "friction_force = 0",
-    "code": "range = [0.2, 2.0]",
-    "factors": "factors = [0.1, 3.0]",
-    "intensities": "intensities = [0.02, 0.1, 0.4]",
-    "# duration": "duration = 6.0",
-}
+SHORT = "gap = 0.02 & friction_force = 0 & intensities = [0.02, 0.1, 0.4] & duration = 6.0"
+SCALED = "code -> range = [0.2, 2.0] & factors = [0.1, 3.0]"
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +43,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(folder):
     """The command's screen and its folder."""
-    (folder / "ida.toml").write_text(edited(EXAMPLE, SHORT))
+    (folder / "ida.toml").write_text(changed(EXAMPLE, f"{SHORT} & {SCALED}"))
     return run("ida", folder / "ida.toml", "--out", folder / "out"), folder / "out"
 
 
@@ -52,18 +54,12 @@ def test_the_capacities_are_the_library_s(done, folder):
     right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
     pair, scales = jp.dimensionless(left, right, friction_force=0.0, gap=0.02)
     target = jp.TargetSpectrum([0.0, 0.1, 0.5, 4.0], [0.3, 0.75, 0.75, 0.09375])
-    suite = jp.read_suite(folder / "records")
-    scaled = suite.scaled_to(target, (0.2, 2.0), (0.1, 3.0))
-    dt = 0.6 / 50
-    grid = scales.grid(6.0, 0.01 / np.ceil(0.01 / dt))
-    found = jp.incremental_dynamic_analysis(
-        *(pair, scaled.suite, grid),
-        intensities=np.array([0.02, 0.1, 0.4]),
-        measure=0.9,
-        scales=scales,
-    )
+    scaled = jp.read_suite(folder / "records").scaled_to(target, (0.2, 2.0), (0.1, 3.0))
+    grid = scales.grid(6.0, 0.01 / np.ceil(0.01 / (0.6 / 50)))
+    how = {"intensities": np.array([0.02, 0.1, 0.4]), "measure": 0.9, "scales": scales}
+    found = jp.incremental_dynamic_analysis(pair, scaled.suite, grid, **how)
     assert "required gap (m), threshold 0.02" in screen
-    answers = json.loads((out / "summary.json").read_text())
+    answers = summary(out)
     for name, capacity in zip(found.names, found.capacities, strict=True):
         told = answers["capacities"][name]
         assert told is None if np.isinf(capacity) else told == pytest.approx(capacity, rel=1e-9)
@@ -75,11 +71,12 @@ def test_the_capacities_are_the_library_s(done, folder):
 
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
-    arguments = ["ida", folder / "ida.toml", "--out", folder / "again", "--store", folder / "store"]
+    out, store = folder / "again", folder / "store"
+    arguments = ["ida", folder / "ida.toml", "--out", out, "--store", store]
     demands = SuiteRuns.demands
 
     def stopping(self, which, intensities):
-        if any((folder / "store").glob("chunk-*.npz")):
+        if any(store.glob("chunk-*.npz")):
             raise KeyboardInterrupt
         return demands(self, which, intensities)
 
@@ -87,29 +84,24 @@ def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
         patch.setattr(SuiteRuns, "demands", stopping)
         with pytest.raises(KeyboardInterrupt):
             run(*arguments)
-    told = describe_kept(
-        argparse.Namespace(command="ida", store=folder / "store", out=folder / "again")
-    )
-    assert told.startswith(f"finished runs are kept in {folder / 'store'}, and the same command")
+    told = describe_kept(argparse.Namespace(command="ida", store=store, out=out))
+    assert told.startswith(f"finished runs are kept in {store}, and the same command")
     for _ in range(2):  # the second time from the files alone
-        assert run(*arguments) == done[0].replace(str(done[1]), str(folder / "again"))
+        assert run(*arguments) == done[0].replace(str(done[1]), str(out))
         monkeypatch.setattr("jaxpound.hazard.suite_runs.in_chunks", lambda *_: None)
     for name in ("capacities.csv", "curves.csv"):
-        assert (folder / "again" / name).read_text() == (done[1] / name).read_text()
+        assert (out / name).read_text() == (done[1] / name).read_text()
 
 
 def test_what_is_written(done):
     _, out = done
-    written = {path.name for path in out.iterdir()}
-    figures = {"ida", "fragility", "spectra"}
+    figures = {f"{name}.png" for name in ("ida", "fragility", "spectra")}
     told = {"summary.json", "summary.md", "capacities.csv", "curves.csv"}
-    assert written == {f"{name}.png" for name in figures} | told
-    assert all(is_figure(out / f"{name}.png") for name in figures)
-    answers = json.loads((out / "summary.json").read_text())
-    with (out / "capacities.csv").open() as file:
-        rows = {row["record"]: row for row in csv.DictReader(file)}
-    with (out / "curves.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == 9
+    assert {path.name for path in out.iterdir()} == figures | told
+    assert all(is_figure(out / name) for name in figures)
+    answers = summary(out)
+    rows = {row["record"]: row for row in csv_rows(out / "capacities.csv")}
+    assert len(csv_rows(out / "curves.csv")) == 9
     of_scaling, of_analysis, of_curve = tables((out / "summary.md").read_text())
     for name, capacity in answers["capacities"].items():
         told = rows[name]["capacity"]
@@ -122,8 +114,7 @@ def test_what_is_written(done):
 
 
 def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
-    short = {key: line for key, line in SHORT.items() if key not in ("code", "factors")}
-    head, tail = edited(EXAMPLE, short).split("[target]", 1)
+    head, tail = changed(EXAMPLE, SHORT).split("[target]", 1)
     text = re.sub(r"(?m)^period = 0.9 .*a natural.*$", "", head + tail[tail.index("[ida]") :])
     file = File("ida.toml", text, folder)
     given = file.read(ida.IdaConfig)
@@ -131,8 +122,8 @@ def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
     assert (suite.names, scaled, given.ida.period) == (("fast", "medium", "slow"), None, None)
     assert ida.analysed(file, given, suite).measure == "Sa(0.9 s) (g)"
     for code in ("asce 7", "en 1998"):
-        changes = {"code": f'code = "{code}"', "factors": "factors = [0.01, 100]"}
-        file = File("ida.toml", edited(EXAMPLE, changes), folder)
+        changes = f'code = "{code}" & factors = [0.01, 100]'
+        file = File("ida.toml", changed(EXAMPLE, changes), folder)
         _, scaled = ida.records(file, file.read(ida.IdaConfig))
         assert scaled.range == pytest.approx((0.12, 1.8), rel=1e-3)
 

@@ -1,7 +1,5 @@
 """The command line: its arguments, its help, its refusals, its end."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -15,7 +13,9 @@ import jaxpound as jp
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
 from jaxpound.store.store import Store
-from tests.cli.commands import edited, refusal
+from tests.cli.commands import changed, refusal
+
+SIMULATE = ["simulate", "--record", "PULSE", "--out", "OUT"]
 
 
 @pytest.mark.parametrize(
@@ -26,14 +26,11 @@ from tests.cli.commands import edited, refusal
         (["paper"], "--out"),
         (["simulate", "--out", "OUT"], "--record"),
         (["simulate", "--record", "missing.at2", "--out", "OUT"], "missing.at2: no such file"),
-        (
-            ["simulate", "--record", "PULSE", "--config", "no.toml", "--out", "OUT"],
-            "no.toml: No such",
-        ),
-        (["simulate", "--record", "PULSE", "--units", "ell", "--out", "OUT"], "units = 'ell'"),
-        (["simulate", "--record", "PULSE", "--dt", "x", "--out", "OUT"], "--dt: invalid float"),
-        (["simulate", "--record", "PULSE", "--dt", "0.1", "--out", "OUT"], "dt = 0.1 must agree"),
-        (["simulate", "--record", "PULSE", "--scale", "2", "--out", "OUT"], "--scale"),
+        ([*SIMULATE, "--config", "no.toml"], "no.toml: No such"),
+        ([*SIMULATE, "--units", "ell"], "units = 'ell'"),
+        ([*SIMULATE, "--dt", "x"], "--dt: invalid float"),
+        ([*SIMULATE, "--dt", "0.1"], "dt = 0.1 must agree"),
+        ([*SIMULATE, "--scale", "2"], "--scale"),
         (["paper", "--out", ""], "argument --out: must not be empty"),
         (["montecarlo", "PULSE", "--store", "OUT", "--samples", "0"], "--samples: '0' must be"),
     ],
@@ -60,66 +57,41 @@ def test_an_output_folder_that_cannot_be_made(command, below, pulse, tmp_path, c
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        [],
-        *(
-            [x]
-            for x in [
-                "paper",
-                "simulate",
-                "montecarlo",
-                "report",
-                "design",
-                "ida",
-                "rare",
-                "hazard",
-            ]
-        ),
-    ],
+    "command", ["", "paper", "simulate", "montecarlo", "report", "design", "ida", "rare", "hazard"]
 )
-def test_help_has_an_example(arguments, capsys):
+def test_help_has_an_example(command, capsys):
     with pytest.raises(SystemExit, match="0"):
-        cli.main([*arguments, "--help"])
-    text = capsys.readouterr().out
-    assert re.search(rf"example:\s+jaxpound {' '.join(arguments)}", text)
+        cli.main([*command.split(), "--help"])
+    assert re.search(rf"example:\s+jaxpound {command}", capsys.readouterr().out)
 
 
-def test_version(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["--version"])
-    assert capsys.readouterr().out == f"jaxpound {jp.__version__}\n"
+def python(*arguments, **options):
+    """A new process of Python, when it has ended."""
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, **options)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status"),
-    [
-        (["--help"], 0),
-        (["design", "--help"], 0),
-        (["--version"], 0),
-        (["montecarlo", "--example-config"], 0),
-        (["paper"], 2),
-        (["papper"], 2),
-    ],
-)
+JUDGED = """
+import atexit, sys, time; from jaxpound.cli.main import main
+def judge():
+    assert not {'jax', 'numpy'} & {*sys.modules}
+    assert time.process_time() < 0.5
+    print('soon', flush=True)
+atexit.register(judge)
+sys.exit(main())
+"""
+
+
+ENDED = {"--help": 0, "design --help": 0, "--version": 0, "montecarlo --example-config": 0}
+
+
+@pytest.mark.parametrize(("arguments", "status"), [*ENDED.items(), ("paper", 2), ("papper", 2)])
 def test_help_and_faulty_arguments_need_no_jax(arguments, status):
-    program = (
-        "import atexit, sys, time; from jaxpound.cli.main import main\n"
-        "def judge():\n"
-        "    assert not {'jax', 'numpy'} & {*sys.modules}\n"
-        "    assert time.process_time() < 0.5\n"
-        "    print('soon', flush=True)\n"
-        "atexit.register(judge)\n"
-        "sys.exit(main())"
-    )
-    command = [sys.executable, "-c", program, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = python("-c", JUDGED, *arguments.split())
     assert (done.returncode, done.stdout.splitlines()[-1]) == (status, "soon")
 
 
 def test_python_m_jaxpound():
-    command = [sys.executable, "-m", "jaxpound", "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = python("-m", "jaxpound", "--help", check=True)
     assert done.stdout.startswith("usage: jaxpound")
     assert done.stderr == ""
 
@@ -130,7 +102,7 @@ def test_the_command_line_uses_every_core():
         "assert main(['simulate', '--record', 'missing.at2', '--out', 'none']) == 2; "
         "assert len(jax.devices('cpu')) == len(os.sched_getaffinity(0)), jax.devices()"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = python("-c", program)
     assert done.returncode == 0, done.stderr
 
 
@@ -197,7 +169,7 @@ def test_the_process_ends_when_all_is_written():
         "atexit.register(print, 'an orderly exit')\n"
         "from jaxpound.__main__ import main; main()"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = python("-c", program)
     assert (done.returncode, done.stdout) == (0, f"jaxpound {jp.__version__}\n")
 
 
@@ -215,12 +187,8 @@ def test_interrupted_while_xla_compiles(tmp_path):
 @posix
 def test_an_interrupted_study_keeps_its_finished_chunks(tmp_path):
     path, folder = tmp_path / "study.toml", tmp_path / "store"
-    changes = {
-        "# chunk_size": "chunk_size = 16",
-        "arrivals": "arrivals = {uniform = [0.5, 1.0]}",
-        "duration": "duration = 2.0",
-    }
-    path.write_text(edited(example("montecarlo"), changes))
+    changes = "chunk_size = 16 & arrivals = {uniform = [0.5, 1.0]} & duration = 2.0"
+    path.write_text(changed(example("montecarlo"), changes))
     command = [sys.executable, "-c", PROGRAM, "montecarlo", str(path), "--store", str(folder)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         while process.poll() is None and not (folder / "chunk-000001.npz").exists():
@@ -244,9 +212,8 @@ def test_nobody_reads_what_is_printed(options):
     """As ``jaxpound simulate --example-config | true``."""
     own = {name: x for name, x in os.environ.items() if name != "PYTHONUNBUFFERED"}
     command = [sys.executable, *options, "-m", "jaxpound", "simulate", "--example-config"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own
-    ) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=own) as process:
         process.stdout.close()
         assert process.stderr.read() == ""
         assert process.wait(60) == 141

@@ -1,6 +1,5 @@
 """``jaxpound paper``: its numbers are the API's, beside the reference's."""
 
-import json
 import re
 from pathlib import Path
 
@@ -10,8 +9,9 @@ import pytest
 import jaxpound as jp
 from jaxpound.cli import paper
 from tests.cli.commands import is_figure, run
+from tests.reference import load
 
-ORACLE = Path(__file__).parents[1] / "oracles" / "paper_case.json"
+CASE = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
 PHASES = {0: "stick", 1: "slip right", -1: "slip left"}
 
 
@@ -27,59 +27,51 @@ def row(screen: str, name: str) -> list[float]:
 
 
 def test_reference_values_are_the_oracle_s():
-    oracle = json.loads(ORACLE.read_text())
-    assert oracle["min_gap"] == jp.paper.reference().min_gap_change
-    assert oracle["t_min"] == jp.paper.reference().min_gap_time
+    oracle, reference = load("paper_case"), jp.paper.reference()
+    assert (oracle["min_gap"], oracle["t_min"]) == (
+        reference.min_gap_change,
+        reference.min_gap_time,
+    )
     changes = [(time, PHASES[phase]) for time, phase in oracle["events"]]
-    assert changes == list(jp.paper.reference().phase_changes)
+    assert changes == list(reference.phase_changes)
     paths = ("friction", "rod_1.tau_x", "rod_1.tau_f", "rod_2.tau_x", "rod_2.tau_f")
     paths += ("rod_1.order", "rod_2.order", "stiffness_ratio", "mass_ratio")
     keys = ("mu", "txa", "tfa", "txb", "tfb", "al", "be", "eps", "rho")
     slopes = {path: oracle["grad_min_gap"][key] for path, key in zip(paths, keys, strict=True)}
-    assert slopes == jp.paper.reference().gradient
+    assert slopes == reference.gradient
 
 
-def test_paper_table_has_the_api_s_numbers(paper_run):
+def test_paper_table_has_the_api_s_numbers_and_every_phase_change(paper_run):
     screen, _ = paper_run
-    case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
-    response = jp.simulate(*case)
-
+    response, known = jp.simulate(*CASE), jp.paper.reference()
     value, reference, difference = row(screen, "min of x2 - x1")
     assert value == pytest.approx(float(response.min_gap) - 1, abs=1e-8)
-    assert reference == pytest.approx(jp.paper.reference().min_gap_change, abs=1e-8)
+    assert reference == pytest.approx(known.min_gap_change, abs=1e-8)
     assert difference == pytest.approx(value - reference, abs=1e-7)
     assert abs(difference) < 1e-5
-    assert row(screen, "at t")[:2] == pytest.approx(
-        [float(response.demand.min_gap_time), jp.paper.reference().min_gap_time], abs=1e-8
-    )
+    times = [float(response.demand.min_gap_time), known.min_gap_time]
+    assert row(screen, "at t")[:2] == pytest.approx(times, abs=1e-8)
     assert row(screen, "phase changes") == [11, 11, 0]
-
     energy = response.energy
     residual = np.abs(energy.residual).max() / np.abs(energy.input).max()
     assert row(screen, "energy residual / input") == pytest.approx([residual], abs=1e-8)
     assert residual < 1e-4
 
-
-def test_paper_table_has_every_phase_change_beside_the_reference(paper_run):
-    screen, _ = paper_run
-    response = jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
     printed = re.findall(r"(?m)^  (\S.*) from t +(\S+) +(\S+) +(\S+)$", screen)
     assert len(printed) == 11
-    for cells, phase, (time, kind) in zip(
-        printed, response.phases()[1:], jp.paper.reference().phase_changes, strict=True
-    ):
-        assert cells[0] == phase.kind == kind
-        assert float(cells[1]) == pytest.approx(phase.start, abs=1e-8)
-        assert float(cells[2]) == pytest.approx(time, abs=1e-8)
-        assert abs(float(cells[3])) < 1e-4
+    changes = zip(printed, response.phases()[1:], known.phase_changes, strict=True)
+    for (name, *numbers), phase, (time, kind) in changes:
+        assert name == phase.kind == kind
+        start, reference, difference = map(float, numbers)
+        assert start == pytest.approx(phase.start, abs=1e-8)
+        assert reference == pytest.approx(time, abs=1e-8)
+        assert abs(difference) < 1e-4
 
 
 def test_paper_table_has_the_paper_s_own_scheme_and_its_error(paper_run):
-    screen, _ = paper_run
-    value, reference, difference = row(screen, "min by the paper's scheme")
-    case = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
-    own = jp.demand(*case, jp.Scheme(jp.Switching(), order=1, start="paper"))
-    assert value == pytest.approx(float(own.min_gap) - 1, abs=1e-6)
+    value, reference, difference = row(paper_run[0], "min by the paper's scheme")
+    demand = jp.demand(*CASE, jp.Scheme(jp.Switching(), order=1, start="paper"))
+    assert value == pytest.approx(float(demand.min_gap) - 1, abs=1e-6)
     assert difference == pytest.approx(paper.PAPER_SCHEME_ERROR, rel=0.02)
     assert value - reference == pytest.approx(difference, rel=0.02)
 

@@ -1,8 +1,6 @@
 """``jaxpound rare``: its configuration, its run, and what it writes."""
 
 import argparse
-import csv
-import json
 import re
 from types import SimpleNamespace
 
@@ -16,23 +14,14 @@ from jaxpound.cli import main as cli
 from jaxpound.cli import rare
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
-from tests.cli.commands import edited, number, refusal, run, tables
+from tests.cli.commands import changed, csv_rows, number, refusal, run, summary, tables
 
 EXAMPLE, ROW = example("rare"), example("rare", "row")
-SHORT = {
-    "frequency": "frequency = 1.0",
-    "duration": "duration = 6.0",
-    "# gap =": "gap = 0.09",
-    "thresholds": "thresholds = [0.07, 0.09]",
-    "cov": "cov = 0.2",
-    "# dt = 0.01": "dt = 0.03",
-}
-DESIGN = """
-[design]
-parameter = "friction"
-probability = 0.01
-tolerance = 0.3
-"""
+SHORT = """frequency = 1.0 & duration = 6.0 & # gap = -> gap = 0.09 & thresholds = [0.07, 0.09]
+    & cov = 0.2 & # dt = 0.01 -> dt = 0.03"""
+SHORT = " ".join(SHORT.split())
+SUBSET = f'{SHORT} & method = "subset" & gap = 0.09 -> gap = 0.07 & thresholds -> nothing'
+DESIGN = '\n[design]\nparameter = "friction"\nprobability = 0.01\ntolerance = 0.3\n'
 
 
 @pytest.fixture(scope="module")
@@ -40,32 +29,22 @@ def done(tmp_path_factory):
     """The command's screen, its configuration and its folders."""
     folder = tmp_path_factory.mktemp("rare")
     path = folder / "rare.toml"
-    path.write_text(edited(EXAMPLE, SHORT) + DESIGN)
+    path.write_text(changed(EXAMPLE, SHORT) + DESIGN)
     arguments = ["rare", path, "--out", folder / "out", "--store", folder / "store"]
     return run(*arguments), arguments, folder
 
 
-@pytest.fixture(scope="module")
-def by_hand():
-    """The same scenarios from the library, in units of the dimensionless system."""
+def test_the_probability_is_that_of_plain_runs(done):
+    """Of the same scenarios from the library, in units of the dimensionless system."""
+    screen, _, folder = done
+    answers = summary(folder / "out")
     left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
     right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
     pair, scales = jp.dimensionless(left, right, friction_force=200e3, gap=0.2)
     second = float(scales.frequency)
-    noise = jp.FilteredNoise(
-        jp.KanaiTajimi(2 * np.pi / second, 0.6),
-        samples=121,
-        dt=0.05 * second,
-        envelope=jp.GammaEnvelope(3.0 * second, 2.0),
-        intensity=0.08,
-    )
-    return jp.Scenarios(pair, noise), scales.grid(6.0, 0.025), scales
-
-
-def test_the_probability_is_that_of_plain_runs(done, by_hand):
-    screen, _, folder = done
-    answers = json.loads((folder / "out" / "summary.json").read_text())
-    scenarios, grid, scales = by_hand
+    soil, envelope = jp.KanaiTajimi(2 * np.pi / second, 0.6), jp.GammaEnvelope(3.0 * second, 2.0)
+    noise = jp.FilteredNoise(soil, 121, 0.05 * second, envelope=envelope, intensity=0.08)
+    scenarios, grid = jp.Scenarios(pair, noise), scales.grid(6.0, 0.025)
     state = jp.LimitState(scenarios, grid, threshold=0.09 / float(scales.length))
     plain = state.values(np.random.default_rng(0).normal(size=(4096, scenarios.dimension)))
     share = float((plain >= 0).mean())
@@ -85,16 +64,13 @@ def test_the_probability_is_that_of_plain_runs(done, by_hand):
     assert closing[at] == pytest.approx(0.09, rel=0.02)
 
 
-def test_what_is_written(done):
-    _, _, folder = done
-    out = folder / "out"
+def test_what_is_written_and_told_in_newtons(done):
+    out = done[-1] / "out"
     figures = {"design_earthquake.png", "probability.png"}
     told = {"summary.json", "summary.md", "curve.csv", "design_earthquake.csv"}
     assert {path.name for path in out.iterdir()} == figures | told
     assert all(imread(out / name).shape[1] == 1062 for name in figures)
-    answers = json.loads((out / "summary.json").read_text())
-    with (out / "curve.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    answers, rows = summary(out), csv_rows(out / "curve.csv")
     assert [float(row["threshold"]) for row in rows] == pytest.approx([0.07, 0.09])
     assert float(rows[0]["probability"]) > float(rows[1]["probability"])
     assert float(rows[1]["probability"]) == answers["probability"]
@@ -102,11 +78,7 @@ def test_what_is_written(done):
     for row, written in zip(of_curve, rows, strict=True):
         assert number(row["probability"]) == pytest.approx(float(written["probability"]), rel=1e-3)
     assert len(of_design) == len(answers["design"]["steps"])
-
-
-def test_the_parameter_is_told_in_newtons(done):
-    _, _, folder = done
-    design = json.loads((folder / "out" / "summary.json").read_text())["design"]
+    design = summary(done[-1] / "out")["design"]
     first, last = design["steps"][0], design["steps"][-1]
     assert (design["parameter"], design["unit"], design["before"]) == ("friction", "N", 200e3)
     assert first["value"] == pytest.approx(200e3)
@@ -120,13 +92,12 @@ def test_the_parameter_is_told_in_newtons(done):
 
 def test_a_stopped_search_goes_on(done, monkeypatch):
     _, arguments, folder = done
-    before = [(folder / "out" / name).read_text() for name in ("curve.csv", "summary.json")]
-    with monkeypatch.context() as patch:
-        patch.setattr(jp.LimitState, "gradients", None)  # from the files alone
-        patch.setattr(jp.LimitState, "values_and_times", None)
-        run(*arguments)
-    after = [(folder / "out" / name).read_text() for name in ("curve.csv", "summary.json")]
-    assert after == before
+    files = [folder / "out" / name for name in ("curve.csv", "summary.json")]
+    before = [path.read_text() for path in files]
+    monkeypatch.setattr(jp.LimitState, "gradients", None)  # from the files alone
+    monkeypatch.setattr(jp.LimitState, "values_and_times", None)
+    run(*arguments)
+    assert [path.read_text() for path in files] == before
 
 
 def test_other_earthquakes_and_uncertain_buildings():
@@ -134,10 +105,10 @@ def test_other_earthquakes_and_uncertain_buildings():
         file = File("rare.toml", text)
         return rare.limit_state(file, file.read(rare.RareConfig))
 
-    plateau = {"envelope": "envelope = {rise = 1.0, end = 4.0, decay = 1.0}"}
-    random = {"acceleration": "acceleration = {lognormal = [0.08, 0.4]}"}
+    plateau = "envelope = {rise = 1.0, end = 4.0, decay = 1.0}"
+    random = "acceleration = {lognormal = [0.08, 0.4]}"
     uncertain = "\n[uncertain]\nfriction = {lognormal = [1.0, 0.2]}\n"
-    found = state(edited(EXAMPLE, SHORT | plateau | random) + uncertain)
+    found = state(changed(EXAMPLE, f"{SHORT} & {plateau} & {random}") + uncertain)
     names = found.scenarios.parameters(jnp.zeros(found.dimension))
     assert found.dimension == 123  # 121 samples, their intensity, the friction
     assert {"friction", "intensity", "noise_121"} <= {*names}
@@ -148,78 +119,63 @@ def test_other_earthquakes_and_uncertain_buildings():
     assert (found.dimension, found.scenarios.discrete) == (36, ())
 
 
-def test_a_stopped_subset_simulation_goes_on(tmp_path, monkeypatch):
-    path, store = tmp_path / "rare.toml", tmp_path / "store"
-    subset = {"method": 'method = "subset"', "# gap =": "gap = 0.07", "thresholds": ""}
-    path.write_text(edited(EXAMPLE, SHORT | subset))
-    made, values = [], jp.LimitState.values
+@pytest.fixture
+def counted(monkeypatch):
+    """Sizes of the batches that ``call`` runs until it is interrupted after so many."""
 
-    def run_once(most):
-        """The summary after a run that is interrupted after so many batches."""
+    def count(most, call, *arguments):
+        made, values = [], jp.LimitState.values
 
-        def counted(self, z):
+        def stopping(self, z):
             if len(made) == most:
                 raise KeyboardInterrupt
             made.append(len(z))
             return values(self, z)
 
-        made.clear()
         with monkeypatch.context() as patch:
-            patch.setattr(jp.LimitState, "values", counted)
-            run("rare", path, "--out", tmp_path / "out", "--store", store)
-        return json.loads((tmp_path / "out" / "summary.json").read_text())
+            patch.setattr(jp.LimitState, "values", stopping)
+            if most:
+                with pytest.raises(KeyboardInterrupt):
+                    call(*arguments)
+            else:
+                call(*arguments)
+        return sum(made)
 
-    with pytest.raises(KeyboardInterrupt):
-        run_once(3)
+    return count
+
+
+def test_a_stopped_subset_simulation_goes_on(tmp_path, counted):
+    path, out, store = (tmp_path / name for name in ("rare.toml", "out", "store"))
+    path.write_text(changed(EXAMPLE, SUBSET))
+    command = run, "rare", path, "--out", out, "--store", store
+    assert counted(3, *command) == 3 * 2000
     assert len([*store.rglob("chunk-*.npz")]) == 3
-    told = run_once(None)
-    assert sum(made) + 3 * 2000 == told["runs"] >= 20_000
-    assert run_once(0) == told
-    assert "subset simulation" in told["method"]
+    rest, answers = counted(None, *command), summary(out)
+    assert rest + 3 * 2000 == answers["runs"] >= 20_000
+    assert counted(None, *command) == 0
+    assert summary(out) == answers
+    assert "subset simulation" in answers["method"]
 
 
-def test_a_search_without_a_store_goes_on_too(tmp_path, monkeypatch):
+def test_a_search_without_a_store_goes_on_too(tmp_path, counted):
     path, out = tmp_path / "rare.toml", tmp_path / "out"
-    subset = {"method": 'method = "subset"', "# gap =": "gap = 0.07", "thresholds": ""}
-    path.write_text(edited(EXAMPLE, SHORT | subset | {"cov": "cov = 0.9"}))
-    args = argparse.Namespace(command="rare", config=path, out=out, store=None)
-    args = argparse.Namespace(**vars(args), strict=False, pdf=False)
-    made, values = [], jp.LimitState.values
-
-    def stopping(self, z):
-        if len(made) == 2:
-            raise KeyboardInterrupt
-        made.append(len(z))
-        return values(self, z)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(jp.LimitState, "values", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            rare.run(args)
+    path.write_text(changed(EXAMPLE, SUBSET + " & cov = 0.9"))
+    options = {"command": "rare", "config": path, "out": out, "store": None}
+    args = argparse.Namespace(**options, strict=False, pdf=False)
+    assert counted(2, rare.run, args) == 2 * 2000
     (kept,) = out.iterdir()
-    assert cli.describe_kept(args).startswith(
-        f"finished runs are kept in {kept}, and the same command"
-    )
-    made.clear()
-
-    def counted(self, z):
-        made.append(len(z))
-        return values(self, z)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(jp.LimitState, "values", counted)
-        run("rare", path, "--out", out)
-    assert sum(made) + 2 * 2000 == json.loads((out / "summary.json").read_text())["runs"]
+    said = cli.describe_kept(args)
+    assert said.startswith(f"finished runs are kept in {kept}, and the same command")
+    rest = counted(None, run, "rare", path, "--out", out)
+    assert rest + 2 * 2000 == summary(out)["runs"]
     assert not kept.exists()
 
 
+INITIAL_GAP = "[uncertain] ; initial_gap = {lognormal = [1.0, 0.1]}"
+
+
 @pytest.mark.parametrize(
-    ("changes", "searches"),
-    [
-        ({}, 3),
-        ({"gap": "gap = 0.21"}, 4),
-        ({"# [uncertain]": "[uncertain]\ninitial_gap = {lognormal = [1.0, 0.1]}"}, 4),
-    ],
+    ("changes", "searches"), [("", 3), ("gap -> gap = 0.21", 4), (INITIAL_GAP, 4)]
 )
 def test_pounding_is_the_closing_of_the_gap(changes, searches, monkeypatch):
     """The example's last threshold is its gap at rest: their event is searched for once."""
@@ -230,7 +186,7 @@ def test_pounding_is_the_closing_of_the_gap(changes, searches, monkeypatch):
         return SimpleNamespace(design_points=(), limit_state=state)
 
     monkeypatch.setattr(rare, "event_of", searched)
-    file = File("rare.toml", edited(EXAMPLE, changes))
+    file = File("rare.toml", changed(EXAMPLE, changes))
     given = file.read(rare.RareConfig)
     found = rare.searched(file, given, rare.limit_state(file, given))
     assert len(states) == searches
@@ -243,14 +199,9 @@ def test_a_row_and_another_demand():
     given = file.read(rare.RareConfig)
     state = rare.limit_state(file, given)
     assert state.threshold * float(given.scales.length) == pytest.approx(0.04)
-    noise = jp.FilteredNoise(
-        jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2),
-        samples=501,
-        dt=0.02,
-        envelope=jp.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8),
-        intensity=0.1,
-        time_unit="s",
-    )
+    soil = jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2)
+    how = {"envelope": jp.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8), "intensity": 0.1}
+    noise = jp.FilteredNoise(soil, samples=501, dt=0.02, time_unit="s", **how)
     z = jnp.sin(jnp.arange(501.0))
     drawn = state.scenarios.realize(z)[1]
     assert drawn.samples == pytest.approx(noise.draw(z).samples)
@@ -258,29 +209,24 @@ def test_a_row_and_another_demand():
     assert len(state.series) == 10  # the drifts of five storeys, to both sides
 
 
-WAVELETS = """wavelets = 2
-amplitude = {uniform = [0.01, 0.04]}
-periods = {uniform = [0.5, 1.5]}
-arrivals = {uniform = [1.0, 4.0]}
-
-"""
+WAVELETS = "wavelets = 2\namplitude = {uniform = [0.01, 0.04]}\nperiods = {uniform = [0.5, 1.5]}\n"
+WAVELETS += "arrivals = {uniform = [1.0, 4.0]}\n\n"
 
 
-def test_a_design_by_earthquakes_with_jumps_is_refused_before_the_search(tmp_path, capsys):
+def test_what_cannot_be_searched_is_refused_before(tmp_path, capsys):
+    """A design by earthquakes with jumps, and implausible earthquakes if strict."""
     head, tail = EXAMPLE.split("[earthquakes]\n", 1)
     wanted = '[design]\nparameter = "friction"\nprobability = 1e-3\n'
     tail = tail[tail.index("[limit]\n") :].replace("# duration = 12.0", "duration = 6.0")
-    path = tmp_path / "jumps.toml"
-    path.write_text(f"{head}[earthquakes]\n{WAVELETS}{wanted}{tail}")
-    told = refusal(capsys, "rare", path, "--out", tmp_path / "nothing")
-    assert "[design] scenarios: sign_1, sign_2 must not be discrete" in told
-    assert "wavelets have no jumps with negative = 0" in told
-    assert not (tmp_path / "nothing").exists()
-
-
-def test_implausible_earthquakes_are_refused_if_strict(tmp_path, capsys):
-    path = tmp_path / "strong.toml"
-    path.write_text(edited(EXAMPLE, {"acceleration": "acceleration = 8.0"}))  # of m/s², say
-    told = refusal(capsys, "rare", path, "--strict", "--out", tmp_path / "nothing")
-    assert "ground: PGA of 100% of the 64 earthquakes looked at, up to" in told
-    assert not (tmp_path / "nothing").exists()
+    jumps = f"{head}[earthquakes]\n{WAVELETS}{wanted}{tail}"
+    strong = changed(EXAMPLE, "acceleration = 8.0")  # of m/s², say
+    path = tmp_path / "refused.toml"
+    discrete = "[design] scenarios: sign_1, sign_2 must not be discrete"
+    for text, options, *words in (
+        (jumps, [], discrete, "wavelets have no jumps with negative = 0"),
+        (strong, ["--strict"], "ground: PGA of 100% of the 64 earthquakes looked at, up to"),
+    ):
+        path.write_text(text)
+        line = refusal(capsys, "rare", path, *options, "--out", tmp_path / "nothing")
+        assert all(said in line for said in words)
+        assert not (tmp_path / "nothing").exists()

@@ -33,11 +33,10 @@ def layout_of(links, buildings=THREE):
 
 def test_the_example_is_the_library_s_row():
     layout = read(EXAMPLE).layout
+    masses, stiffnesses = [250e3, 250e3, 200e3], [150e6, 130e6, 100e6]
     buildings = (
         jp.ShearBuilding.from_period(2, 200e3, 0.25, 0.05),
-        jp.ShearBuilding.of_storeys(
-            [250e3, 250e3, 200e3], [150e6, 130e6, 100e6], 0.5, 0.003, 0.04, 3.0
-        ),
+        jp.ShearBuilding.of_storeys(masses, stiffnesses, 0.5, 0.003, 0.04, 3.0),
         jp.ShearBuilding.from_period(2, 200e3, 0.3, 0.05),
     )
     law = jp.KelvinVoigt(stiffness=2e9, restitution=0.65)
@@ -46,12 +45,15 @@ def test_the_example_is_the_library_s_row():
         jp.FloorLink(1, 1, friction=60e3, gap=0.03, contact=law),
         jp.FloorLink(1, 0, friction=100e3, next_building=1),
     )
-    assert [repr(x) for x in layout.si.buildings] == [repr(x) for x in buildings]
-    assert [repr(x) for x in layout.si.links] == [repr(x) for x in links]
-    assert layout.tables == (1, 1, 2, 3)
     row, scales = jp.dimensionless_row(buildings, links)
-    assert repr(layout.structures) == repr(row)
-    assert repr(layout.scales) == repr(scales)
+    for ours, expected in (
+        (layout.si.buildings, buildings),
+        (layout.si.links, links),
+        ([layout.structures], [row]),
+        ([layout.scales], [scales]),
+    ):
+        assert [repr(x) for x in ours] == [repr(x) for x in expected]
+    assert layout.tables == (1, 1, 2, 3)
 
 
 @pytest.mark.parametrize(
@@ -70,24 +72,14 @@ def test_where_links_are(keys, expected):
     assert all(float(one.friction) == 1e4 and np.isinf(one.gap) for one in links)
 
 
-def test_a_damper_may_have_no_slip_force():
+def test_links_and_buildings_of_other_kinds():
     (link,) = layout_of("[[link]]\nbuilding = 2\nfloor = 1\nfriction_force = 0").si.links
     assert float(link.friction) == 0
-
-
-def ends(links):
-    return [(one.building, one.floor, one.other_building, one.other_floor) for one in links]
-
-
-def test_links_at_the_common_floors_of_all_neighbours():
     links = layout_of(
         "[[link]]\nfloors = 'common'\ngap = 0.05", THREE.replace("3.0", "3.5")
     ).si.links
     assert ends(links) == [(0, i, 1, i) for i in range(3)] + [(1, i, 2, i) for i in range(2)]
     assert {float(one.gap) for one in links} == {0.05}
-
-
-def test_a_published_building_and_one_of_a_single_storey():
     text = "[[building]]\npublished = 'chopra-5'\n[[building]]\nmass = 4e5\nperiod = 0.3\n"
     layout = layout_of("damping_ratio = 0.05\nheight = 3.6\n[[link]]\nfloors='common'\ngap=0", text)
     chopra, block = layout.si.buildings
@@ -95,10 +87,11 @@ def test_a_published_building_and_one_of_a_single_storey():
     assert repr(block.storeys[0]) == repr(jp.Building.from_period(4e5, 0.3, 0.05))
     assert block.elevations.tolist() == [3.6]
     assert ends(layout.si.links) == [(0, 0, 1, 0)]
-
-
-def test_a_building_alone_needs_no_link():
     assert layout_of("", "[[building]]\npublished = 'chopra-5'").si.links == ()
+
+
+def ends(links):
+    return [(one.building, one.floor, one.other_building, one.other_floor) for one in links]
 
 
 # --- what is wrong ------------------------------------------------------------------------------
@@ -129,19 +122,7 @@ tau_x -> tau_y = 4e-2 => [[building]] 1 storeys has an unknown key 'tau_y'; did
 stiffnesses = [1e15, 1e15] => [[building]] 1 natural period = 6.
 """
 OF_ROWS = r"""
-[[building]] ; storeys = 5 => [[building]] 1 storeys = 5 must be a table
-[[building]] ; floors = 5 => [[building]] 1 has an unknown key 'floors';
-[[building]] ; storeys = {number = 0, mass = 1e5, period = 1, damping_ratio = 0.05}
-    => [[building]] 1 storeys number = 0 must be from 1 to 1000
-[[building]] ; storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.05, order =
-    [0.5, 0.5, 0.5]} => [[building]] 1 storeys must not have a list of order here; give number, mass
-[[building]] ; storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.9}
-    => [[building]] 1 storeys damping_ratio = 0.9 must be
-[[building]] ; storeys = {number = 3} => [[building]] 1 storeys lacks mass, period, damping
 [[building]] => [[building]] 1 lacks its storeys; give storeys, published, or mass, period
-[[building]] ; period = 1.0 => [[building]] 1 lacks mass, damping_ratio; give mass, period
-[[building]] ; published = 'chopra-6'
-    => [[building]] 1 published: unknown name 'chopra-6'; did you mean 'chopra-5'?
 [[building]] ; published = 'chopra-5' ; mass = 1e5 => 1 must not have mass beside published
 [building] ; mass = 1e5 => building = {mass = 100000.0} must be tables, each below a line [[
 building = [] => the top level lacks a table [[building]]
@@ -149,72 +130,77 @@ building = [] => the top level lacks a table [[building]]
 gap = 0.1 ; THREE => gap must not be given beside [[building]]: these belong to two forms
 THREE ; [damper] ; friction_force = 1e3 => [damper] must not be given beside [[building]]
 [building_1] ; mass = 4e5 ; period = 1 ; damping_ratio = 0 ; [[link]] ; floor = 1 => [[link]] 1
-[[link]] ; building = 4 ; floor = 1 ; gap = 0 => [[link]] 1 building = 4 must be from 1 to 3: th
-[[link]] ; building = 3 ; floor = 1 ; gap = 0
-    => [[link]] 1 next_building = 4 must be from 1 to 3: th
-[[link]] ; building = 3 ; floors = 'common' ; gap = 0
-    => [[link]] 1 building = 3 must be from 1 to 2, with
-[[link]] ; building = 1 ; floor = 4 ; gap = 0
-    => [[link]] 1 floor = 4 must be from 1 to 3: building 1 has 3 floors
-[[link]] ; building = 1 ; floor = 0 ; gap = 0 => [[link]] 1 floor = 0 must be from 1 to 1000
-[[link]] ; building = 2 ; floor = 3 ; gap = 0
-    => [[link]] 1 next_floor = 3 must be from 1 to 2: building 3 has 2 floors
-[[link]] ; building = 1 ; floor = 1 ; next_building = 3 ; gap = 0
-    => [[link]] 1 next_building = 3 must be 2 (to the right), 1 itself or the ground
-[[link]] ; building = 1 ; floor = 1 ; next_floor = 1 ; next_building = 1 ; gap = 0
-    => [[link]] 1 in 1, floor 1 must be two different floors
-[[link]] ; building = 1 ; floor = 2 ; gap = 0 => [[link]] 1 1–2, floor 2, at 6 m and 7 m, must
-    be at one height; next_floor says which floor is meant
-[[link]] ; building = 1 ; floors = 'common' ; gap = 0
-    => [[link]] 1 floors = "common": buildings 1 and 2 must have floors at the same height
-[[link]] ; building = 2 ; floors = 'comon' ; gap = 0
-    => [[link]] 1 floors = "comon" must be "common" or a l
-[[link]] ; building = 2 ; floors = [] ; gap = 0
-    => [[link]] 1 floors = [] must be "common" or a list of fl
-[[link]] ; building = 2 ; floors = [0] ; gap = 0
-    => [[link]] 1 floors = [0] must be "common" or a list of floors, c
-[[link]] ; building = 2 ; gap = 0 => [[link]] 1 must have floor or floors, one of them
-[[link]] ; building = 2 ; floor = 1 ; floors = [1] ; gap = 0
-    => [[link]] 1 must have floor or floors, one o
-[[link]] ; floor = 2 ; gap = 0 => [[link]] 1 lacks the key 'building'
-[[link]] ; building = 2 ; floors = [1] ; next_floor = 1 ; gap = 0
-    => [[link]] 1 next_floor must not be g
-[[link]] ; building = 2 ; floor = 1 ; next_floor = 1 ; next_building = 'ground' ; gap = 0
-    => [[link]] 1 next_floor must not be given with ground
-[[link]] ; building = 2 ; floors = 'common' ; next_building = 3 ; gap = 0
-    => [[link]] 1 next_building must not be given with floors = "common"
-[[link]] ; building = 2 ; floor = 1 ; next_building = 'grund' ; gap = 0
-    => [[link]] 1 next_building = "grund" must be the number of a building, or "ground"
-[[link]] ; building = 2 ; floor = 1 ; gap = -0.1
-    => [[link]] 1 gap = -0.1 m must be between 0 and 10 m (
-[[link]] ; building = 2 ; floor = 1 ; friction_force = -1
-    => [[link]] 1 friction_force = -1 N must be between 0 and 1e+10 N (
-[[link]] ; building = 2 ; floor = 1
-    => [[link]] 1 must have friction_force or gap, at least one of them
-[[link]] ; building = 2 ; floor = 1 ; friction = 1e3
-    => [[link]] 1 has an unknown key 'friction'; did
-[[link]] ; building = 2 ; floor = 1 ; contact = {law = 'hertz', stiffness = 1e9}
-    => [[link]] 1 lacks the key 'gap', which contact needs
-[[link]] ; building = 2 ; floor = 1 ; gap = 0 ; contact = {law = 'hertz'}
-    => [[link]] 1 contact lacks the key 'stiffness', which law = "hertz" needs
-[[link]] ; building = 2 ; floor = 1 ; gap = 0 ; contact = 1e9
-    => [[link]] 1 contact = 1e+09 must be a table
-THREE ; [[link]] ; building = 2 ; floors = 'common' ; gap = 0 ; [[link]] ; building = 2 ; floor
-    = 2 ; gap = 0.1 => [[link]] 2 (2–3, floor 2) must not stand where [[link]] 1 does
-THREE ; [[link]] ; building = 2 ; floor = 1 ; gap = 0 ; [[link]] ; building = 2 ; floor = 5 ;
-    gap = 0.1 => [[link]] 2 floor = 5 must be from 1 to 3: building 2 has 3 floors
-THREE ; [[link]] ; building = 2 ; floor = 1 ; gap = 0 ; contact = {law = 'hertz', stiffness =
-    1e9} ; [run] ; friction = 'switching' => [run] friction = "switching" must be "event-resolved"
-    where a [[link]] has contact
+THREE ; [[link]] ; building = 2 ; floors = 'common' ; gap = 0 ; [[link]] ; building = 2 ; floor = 2
+    ; gap = 0.1 => [[link]] 2 (2–3, floor 2) must not stand where [[link]] 1 does
+THREE ; [[link]] ; building = 2 ; floor = 1 ; gap = 0 ; [[link]] ; building = 2 ; floor = 5 ; gap =
+    0.1 => [[link]] 2 floor = 5 must be from 1 to 3: building 2 has 3 floors
+THREE ; [[link]] ; building = 2 ; floor = 1 ; gap = 0 ; contact = {law = 'hertz', stiffness = 1e9} ;
+    [run] ; friction = 'switching' => [run] friction = "switching" must be "event-resolved" where a
+    [[link]] has contact
 THREE ; [[link]] ; building = 2 ; floor = 2 ; gap = 0 ; [[link]] ; building = 1 ; floor = 2 ;
     next_floor = 2 ; gap = 0 ; [run] ; friction = 'switching' => [run] friction = "switching" must
     be "event-resolved" where floors have several links
 """
+# Below [[building]], and of the first link of three buildings.
+OF_BUILDINGS = r"""
+storeys = 5 => storeys = 5 must be a table
+floors = 5 => has an unknown key 'floors';
+storeys = {number = 0, mass = 1e5, period = 1, damping_ratio = 0.05}
+    => storeys number = 0 must be from 1 to 1000
+storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.05, order = [0.5, 0.5, 0.5]}
+    => storeys must not have a list of order here; give number, mass
+storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.9}
+    => storeys damping_ratio = 0.9 must be
+storeys = {number = 3} => storeys lacks mass, period, damping
+period = 1.0 => lacks mass, damping_ratio; give mass, period
+published = 'chopra-6' => published: unknown name 'chopra-6'; did you mean 'chopra-5'?
+"""
+OF_LINKS = r"""
+building = 4 ; floor = 1 ; gap = 0 => building = 4 must be from 1 to 3: th
+building = 3 ; floor = 1 ; gap = 0 => next_building = 4 must be from 1 to 3: th
+building = 3 ; floors = 'common' ; gap = 0 => building = 3 must be from 1 to 2, with
+building = 1 ; floor = 4 ; gap = 0 => floor = 4 must be from 1 to 3: building 1 has 3 floors
+building = 1 ; floor = 0 ; gap = 0 => floor = 0 must be from 1 to 1000
+building = 2 ; floor = 3 ; gap = 0 => next_floor = 3 must be from 1 to 2: building 3 has 2 floors
+building = 1 ; floor = 1 ; next_building = 3 ; gap = 0
+    => next_building = 3 must be 2 (to the right), 1 itself or the ground
+building = 1 ; floor = 1 ; next_floor = 1 ; next_building = 1 ; gap = 0
+    => in 1, floor 1 must be two different floors
+building = 1 ; floor = 2 ; gap = 0
+    => 1–2, floor 2, at 6 m and 7 m, must be at one height; next_floor says which floor is meant
+building = 1 ; floors = 'common' ; gap = 0
+    => floors = "common": buildings 1 and 2 must have floors at the same height
+building = 2 ; floors = 'comon' ; gap = 0 => floors = "comon" must be "common" or a l
+building = 2 ; floors = [] ; gap = 0 => floors = [] must be "common" or a list of fl
+building = 2 ; floors = [0] ; gap = 0 => floors = [0] must be "common" or a list of floors, c
+building = 2 ; gap = 0 => must have floor or floors, one of them
+building = 2 ; floor = 1 ; floors = [1] ; gap = 0 => must have floor or floors, one o
+floor = 2 ; gap = 0 => lacks the key 'building'
+building = 2 ; floors = [1] ; next_floor = 1 ; gap = 0 => next_floor must not be g
+building = 2 ; floor = 1 ; next_floor = 1 ; next_building = 'ground' ; gap = 0
+    => next_floor must not be given with ground
+building = 2 ; floors = 'common' ; next_building = 3 ; gap = 0
+    => next_building must not be given with floors = "common"
+building = 2 ; floor = 1 ; next_building = 'grund' ; gap = 0
+    => next_building = "grund" must be the number of a building, or "ground"
+building = 2 ; floor = 1 ; gap = -0.1 => gap = -0.1 m must be between 0 and 10 m (
+building = 2 ; floor = 1 ; friction_force = -1
+    => friction_force = -1 N must be between 0 and 1e+10 N (
+building = 2 ; floor = 1 => must have friction_force or gap, at least one of them
+building = 2 ; floor = 1 ; friction = 1e3 => has an unknown key 'friction'; did
+building = 2 ; floor = 1 ; contact = {law = 'hertz', stiffness = 1e9}
+    => lacks the key 'gap', which contact needs
+building = 2 ; floor = 1 ; gap = 0 ; contact = {law = 'hertz'}
+    => contact lacks the key 'stiffness', which law = "hertz" needs
+building = 2 ; floor = 1 ; gap = 0 ; contact = 1e9 => contact = 1e+09 must be a table
+"""
 CASES = [(changed(LISTED, changes), says) for changes, says in faults(OF_STOREYS)]
-CASES += [
-    (("THREE ; " * text.startswith("[[link]]") + text).replace(" ; ", "\n"), says)
-    for text, says in faults(OF_ROWS)
+ROWS = [
+    *faults(OF_ROWS),
+    *([f"[[building]] ; {x}", f"[[building]] 1 {says}"] for x, says in faults(OF_BUILDINGS)),
+    *([f"THREE ; [[link]] ; {x}", f"[[link]] 1 {says}"] for x, says in faults(OF_LINKS)),
 ]
+CASES += [(text.replace(" ; ", "\n"), says) for text, says in ROWS]
 
 
 @pytest.mark.parametrize(("text", "says"), CASES, ids=[says[:50] for _, says in CASES])

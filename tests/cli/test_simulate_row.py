@@ -1,7 +1,5 @@
 """``jaxpound simulate`` of buildings in a row: its numbers are the API's, its files are whole."""
 
-import csv
-import json
 from time import sleep
 
 import numpy as np
@@ -13,14 +11,13 @@ from jaxpound.cli import simulate, structures
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
 from jaxpound.cli.results import lines
-from tests.cli.commands import edited, run
+from tests.cli.commands import changed, csv_rows, run, summary
 
 
 def short() -> str:
     """The example for a short run, with one law of contact: each takes long to compile."""
-    changes = {"duration": "duration = 1.6", "scale": "scale = 2.5", "floors = ": "floor = 2"}
-    text = edited(example("simulate", "row"), changes)
-    head, tail = text.rsplit("\ncontact = ", 1)
+    changes = "duration = 1.6 & scale = 2.5 & floors = -> floor = 2"
+    head, tail = changed(example("simulate", "row"), changes).rsplit("\ncontact = ", 1)
     return head + "\n" + tail.split("\n", 1)[1]
 
 
@@ -41,14 +38,12 @@ def simulated(pulse, tmp_path_factory):
 
 def test_the_summary_has_the_api_s_numbers(simulated):
     _, out, layout, response = simulated
-    summary = json.loads((out / "summary.json").read_text())
-    told, demand = summary["results"], response.demand
-    assert summary["run"]["steps"] == response.time.size - 1
+    answers = summary(out)
+    told, demand = answers["results"], response.demand
+    assert answers["run"]["steps"] == response.time.size - 1
     assert told["min_gap_m"] == pytest.approx(float(demand.min_gap), rel=1e-12)
-    assert told["damper_energy_J"] == pytest.approx(
-        sum(one["damper_energy_J"] for one in told["links"]),
-        rel=1e-3,  # by two quadratures
-    )
+    by_links = sum(one["damper_energy_J"] for one in told["links"])
+    assert told["damper_energy_J"] == pytest.approx(by_links, rel=1e-3)  # by two quadratures
     for one, building in zip(told["buildings"], layout.si.buildings, strict=True):
         modes = building.modes()
         assert [x["period_s"] for x in one["modes"]] == pytest.approx(modes.periods)
@@ -69,7 +64,7 @@ def test_the_summary_has_the_api_s_numbers(simulated):
 
 def test_impacts_are_told_by_link(simulated):
     screen, out, _, response = simulated
-    told = json.loads((out / "summary.json").read_text())["results"]
+    told = summary(out)["results"]
     touched = [one["first_contact_s"] for one in told["links"]]
     assert told["first_contact_s"] == min(time for time in touched if time is not None)
     contact, impacts = told["links"][0]["contact"], response.impacts(0)
@@ -87,17 +82,12 @@ def test_impacts_are_told_by_link(simulated):
 def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
     _, out, layout, response = simulated
     series = np.load(out / "series.npz")
-    with (out / "floors.csv").open() as file:
-        floors = list(csv.DictReader(file))
-    assert [(row["building"], row["floor"]) for row in floors] == [
-        (str(b + 1), str(i + 1))
-        for b, one in enumerate(layout.si.buildings)
-        for i in range(one.n_floors)
-    ]
+    floors = csv_rows(out / "floors.csv")
+    places = [(b, i) for b, x in enumerate(layout.si.buildings) for i in range(x.n_floors)]
+    assert [(int(x["building"]) - 1, int(x["floor"]) - 1) for x in floors] == places
     demands = jp.floor_demands(layout.structures, response.demand, layout.si.buildings)
     assert "drift ratio (%)" in str(demands[0])
-    for row in floors:
-        b, i = int(row["building"]) - 1, int(row["floor"]) - 1
+    for row, (b, i) in zip(floors, places, strict=True):
         assert float(row["elevation_m"]) == layout.si.buildings[b].elevations[i]
         x = series[f"x{row['series']}_m"]
         assert 0 <= float(row["displacement_m"]) / np.abs(x).max() - 1 < 1e-2
@@ -126,19 +116,15 @@ def test_every_figure_is_drawn(simulated):
 
 def test_a_row_without_links_or_contact(simulated):
     """What has no damper, gap or law is told without them."""
-    _, out, _, _ = simulated
-    answers = json.loads((out / "summary.json").read_text())
-    results = answers["results"]
+    results = summary(simulated[1])["results"]
     for link in results["links"]:
         link |= {"contact": None, "friction_force_N": 0.0}
     told = "\n".join(lines(results))
     assert "slid" not in told
     assert "impacts" not in told
     assert "POUNDS: overlap" in told
-    results["links"] = results["links"][2:]
-    assert "smallest" not in "\n".join(lines(results))
-    results["links"] = []
-    assert "link" not in "\n".join(lines(results))
+    for links, word in ((results["links"][2:], "smallest"), ([], "link")):
+        assert word not in "\n".join(lines(results | {"links": links}))
 
 
 def test_a_note_says_what_is_compiled_where_that_takes_long(capsys, monkeypatch):

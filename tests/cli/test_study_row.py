@@ -1,6 +1,5 @@
 """``jaxpound montecarlo``, ``report`` and ``design`` of buildings in a row."""
 
-import json
 import re
 
 import numpy as np
@@ -13,15 +12,12 @@ from jaxpound.cli.reading import File
 from jaxpound.cli.report import fragilities_of_links
 from jaxpound.cli.simulate import Simulation
 from jaxpound.model.places import link_places
-from tests.cli.commands import edited, number, run, tables
+from tests.cli.commands import changed, number, run, summary, tables
 
 STUDY, DESIGN = (example(command, "row") for command in ("montecarlo", "design"))
-SHORT = {
-    "duration": "duration = 3.0\ndt = 0.01",
-    "wavelets = ": "wavelets = 2",
-    "arrivals": "arrivals = {uniform = [0.5, 2.5]}",
-    "amplitude": "amplitude = {uniform = [0.01, 0.03]}",
-}
+SHORT = """duration = 3.0 ; dt = 0.01 & wavelets = 2 & arrivals = {uniform = [0.5, 2.5]}
+    & amplitude = {uniform = [0.01, 0.03]}"""
+SHORT = " ".join(SHORT.split())
 
 
 def prepared(text):
@@ -49,17 +45,14 @@ def test_the_example_s_random_storeys():
 
 def test_a_study_of_a_row_and_its_report(tmp_path):
     path, store, out = (tmp_path / name for name in ("row.toml", "store", "out"))
-    changes = {"samples": "samples = 40", "# spectral": "spectral_acceleration = true"}
-    path.write_text(edited(STUDY, SHORT | changes).replace("number = 3", "number = 2"))
+    text = changed(STUDY, f"{SHORT} & samples = 40 & spectral_acceleration = true")
+    path.write_text(text.replace("number = 3", "number = 2"))
     screen = run("montecarlo", path, "--store", store)
     assert "probability of pounding" in screen
-    assert re.findall(r"slip_distance_\d|friction_work_\d", screen) == [
-        "slip_distance_3",  # links 1 and 2 have no damper
-        "friction_work_3",
-    ]
+    of_damper = ["slip_distance_3", "friction_work_3"]  # links 1 and 2 have none
+    assert re.findall(r"slip_distance_\d|friction_work_\d", screen) == of_damper
     run("report", "--store", store, "--out", out)
-    study = jp.Study.open(store)
-    answers = json.loads((out / "summary.json").read_text())
+    study, answers = jp.Study.open(store), summary(out)
     assert [one["link"] for one in answers["links"]] == [1, 2]  # the brace has no gap
     for k, one in enumerate(answers["links"]):
         expected = study.pounding_probability(link=k)
@@ -87,10 +80,8 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
         assert (out / f"{figure}.png").exists()
 
 
-BRACES = """
-[[building]]
+BRACES = """[[building]]
 storeys = {number = 2, mass = 200e3, period = 0.5, damping_ratio = 0.05}
-
 [[link]]
 building = 1
 floors = [1, 2]
@@ -99,16 +90,15 @@ friction_force = 50e3
 """
 
 
-def test_braces_alone_have_a_response_to_be_least(tmp_path):
-    text = edited(DESIGN, SHORT | {"total_damper": "total_damper_force = 4e5"})
+def test_braces_alone_have_a_response_to_be_least():
+    text = changed(DESIGN, f"{SHORT} & total_damper_force = 4e5")
     head, tail = text[: text.index("[[building]]")], text[text.index("# Random earthquakes") :]
     file = File("row.toml", head + BRACES + tail)
-    with pytest.raises(
-        ValueError, match=r'\[objective\] goal = "mean gap" must be "least demand" '
-    ):
+    says = r'\[objective\] goal = "mean gap" must be "least demand" '
+    with pytest.raises(ValueError, match=says):
         design.prepared(file, file.read(design.DesignConfig))
-    changes = {"goal": 'goal = "least demand"', "# demand": 'demand = "peak_drift"'}
-    file = File("row.toml", edited(file.text, changes))
+    least = changed(file.text, 'goal = "least demand" & demand = "peak_drift"')
+    file = File("row.toml", least)
     posed = design.prepared(file, file.read(design.DesignConfig))
     assert posed.objective.goal == jp.LeastDemand("peak_drift")
     assert posed.space.names == ("links.0.friction", "links.1.friction")
@@ -122,14 +112,13 @@ def no_elasticities(*_, **__):
 def test_dampers_of_a_row_share_a_budget(tmp_path, monkeypatch):
     monkeypatch.setattr(jp, "elasticities", no_elasticities)
     path, out = tmp_path / "row.toml", tmp_path / "out"
-    search = {"earthquakes": "earthquakes = 4", "fresh": "fresh = 4", "starts": "starts = 1"}
-    fewer = {"iterations": "iterations = 3", "peak_drift": "peak_drift = 0.5"}
-    text = edited(DESIGN, SHORT | search | fewer).replace("number = 3", "number = 2")
+    few = "earthquakes = 4 & fresh = 4 & starts = 1 & iterations = 3 & peak_drift = 0.5"
+    text = changed(DESIGN, f"{SHORT} & {few}").replace("number = 3", "number = 2")
     head, tail = text.split("[[link]]\nbuilding = 2", 1)
     path.write_text(head + tail[tail.index("# Random earthquakes") :])
     screen = run("design", path, "--out", out, "--save", tmp_path / "search.npz")
     assert (tmp_path / "search.npz").exists()
-    answers = json.loads((out / "summary.json").read_text())
+    answers = summary(out)
     assert answers["limits"]["total_damper_force"]["reached"] <= 400e3 * 1.001
     *chosen, together = answers["answer"]
     assert [row["quantity"] for row in chosen] == [f"slip force, 1–2, floor {i}" for i in (1, 2)]

@@ -12,13 +12,9 @@ from tests.test_tables import assert_shown
 
 GRID = jp.TimeGrid.until(14.0, 0.05)
 TRUTH, GROUND = jp.paper.structures(), jp.paper.ground()
+TAU_X = jp.Bounds(0.2, 10.0, "log")
 SPACE = jp.DesignSpace(
-    TRUTH,
-    {
-        "friction": (0.05, 1.0),
-        "rod_1.order": (0.05, 0.9),
-        "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log"),
-    },
+    TRUTH, {"friction": (0.05, 1.0), "rod_1.order": (0.05, 0.9), "rod_1.tau_x": TAU_X}
 )
 VALUES = {"friction": 0.25, "rod_1.order": 0.23, "rod_1.tau_x": 1.183}
 START = {"friction": 0.6, "rod_1.order": 0.5, "rod_1.tau_x": 3.0}
@@ -76,14 +72,17 @@ def test_intervals_cover_as_often_as_they_say():
 
 def test_missing_numbers_units_and_unknown_noise():
     scales = jp.Scales(mass=500e3, frequency=7.0)
-    length = float(scales.length)
-    x1 = length * measured(0)["x1"]
+    x1 = float(scales.length) * measured(0)["x1"]
     x1[::3] = np.nan
     found = jp.calibrate(SPACE, {"x1": x1}, GROUND, GRID, starts=1, scales=scales)
-    assert found.noise["x1"] == pytest.approx(0.01 * length, rel=0.15)
+    assert found.noise["x1"] == pytest.approx(0.01 * float(scales.length), rel=0.15)
     assert np.isnan(found.residuals["x1"][::3]).all()
     for path, value in VALUES.items():
         assert found.parameters[path].value == pytest.approx(value, rel=0.1)
+
+
+TRACELESS = jp.DesignSpace(TRUTH, {"friction": (0.1, 1.0), "initial_gap": (0.5, 2.0)})
+COARSE = {"grid": jp.TimeGrid(0.5, 30), "measured": {"x1": np.zeros(31)}, "strict": True}
 
 
 @pytest.mark.parametrize(
@@ -101,13 +100,18 @@ def test_missing_numbers_units_and_unknown_noise():
         ({"starts": 0}, "starts = 0 must be a positive"),
         ({"key": "a"}, "key = 'a' must be a whole number"),
         ({"noise": {"x1": "a", "a2": 1.0}}, r"noise\['x1'\] = 'a' must be a real number"),
+        # Parameters that leave no trace; before the fit, what the grid does not resolve.
+        (
+            {"space": TRACELESS, "measured": {"x1": measured(0)["x1"]}, "starts": 1},
+            "must determine all of friction, initial_gap",
+        ),
+        (COARSE, r"^calibrate: ground: the shortest of periods is"),
     ],
 )
 def test_bad_calibrations_are_named(change, message):
+    standard = {"space": SPACE, "measured": measured(0), "ground": GROUND, "grid": GRID}
     with pytest.raises(ValueError, match=message):
-        jp.calibrate(
-            **({"space": SPACE, "measured": measured(0), "ground": GROUND, "grid": GRID} | change)
-        )
+        jp.calibrate(**(standard | change))
 
 
 def test_a_parameter_at_its_bound_is_named():
@@ -116,14 +120,3 @@ def test_a_parameter_at_its_bound_is_named():
     found = jp.calibrate(space, series, GROUND, GRID, starts=1, **more)
     assert found.at_bounds == ("friction",)
     assert "friction is at a bound: its interval means nothing" in assert_shown(found)
-
-
-def test_parameters_that_leave_no_trace_are_refused():
-    space = jp.DesignSpace(TRUTH, {"friction": (0.1, 1.0), "initial_gap": (0.5, 2.0)})
-    with pytest.raises(ValueError, match="must determine all of friction, initial_gap"):
-        jp.calibrate(space, {"x1": measured(0)["x1"]}, GROUND, GRID, starts=1)
-
-
-def test_what_the_grid_does_not_resolve_is_refused_before_the_fit():
-    with pytest.raises(ValueError, match=r"^calibrate: ground: the shortest of periods is"):
-        jp.calibrate(SPACE, {"x1": np.zeros(31)}, GROUND, jp.TimeGrid(0.5, 30), strict=True)

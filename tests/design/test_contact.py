@@ -23,11 +23,14 @@ def wave(amplitude):
 RUNS = 62
 
 
+def pair(gap, contact):
+    return dataclasses.replace(TOUCHING, initial_gap=gap, contact=contact)
+
+
 @jax.jit
 @jax.vmap
 def run(amplitude, gap, restitution):
-    structures = dataclasses.replace(TOUCHING, initial_gap=gap, contact=jp.Newton(restitution))
-    return jp.demand(structures, wave(amplitude), GRID)
+    return jp.demand(pair(gap, jp.Newton(restitution)), wave(amplitude), GRID)
 
 
 def demands(*numbers):
@@ -35,20 +38,16 @@ def demands(*numbers):
     return run(*(np.resize(x, RUNS) for x in numbers))
 
 
+CHOSEN_GAP = jp.DesignSpace(TOUCHING, {"initial_gap": (0.02, 0.5)})
+
+
 def test_the_smallest_gap_within_a_limit_of_the_impulse():
     """Impacts are weaker the larger the gap, so that the limit decides it."""
     limit, amplitudes = 0.2, (0.25, 0.3)
-    found = jp.design_damper(
-        jp.DesignSpace(TOUCHING, {"initial_gap": (0.02, 0.5)}),
-        jp.Ensemble.of([wave(a) for a in amplitudes], GRID),
-        GRID,
-        objective=jp.Objective(jp.GapAtRest(), limits={"peak_impulse": jp.Limit(limit, "mean")}),
-        starts=1,
-        iterations=40,
-        polish=False,
-        fresh=None,
-        progress=False,
-    )
+    ensemble = jp.Ensemble.of([wave(a) for a in amplitudes], GRID)
+    objective = jp.Objective(jp.GapAtRest(), limits={"peak_impulse": jp.Limit(limit, "mean")})
+    how = {"starts": 1, "iterations": 40, "polish": False, "fresh": None, "progress": False}
+    found = jp.design_damper(CHOSEN_GAP, ensemble, GRID, objective=objective, **how)
     gaps = np.linspace(0.25, 0.4, 31)
     runs = demands(np.repeat(amplitudes, 31), np.tile(gaps, 2), 0.65)
     impulses = runs.peak_impulse.reshape(2, 31).mean(axis=0)
@@ -57,8 +56,7 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
     assert found.values["initial_gap"] == pytest.approx(expected, rel=0.01)
     assert found.prices["peak_impulse"] <= limit * (1 + 1e-3)
     assert found.objective == pytest.approx(-found.values["initial_gap"])
-    scales = jp.Scales(mass=500e3, frequency=7.0)
-    parameters = parameters_of_pair(found.space.nominal, scales)
+    parameters = parameters_of_pair(found.space.nominal, jp.Scales(mass=500e3, frequency=7.0))
     told = design.summary(found, {}, parameters)
     (row,) = (row for row in told["answer"] if row["quantity"] == "gap at rest")
     length = jp.STANDARD_GRAVITY / 7.0**2
@@ -72,22 +70,13 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
 def test_whether_blocks_meet_does_not_depend_on_the_law():
     """So PoundingProbability, which needs the motion without one, is refused with one."""
     amplitudes, gaps = np.repeat([0.2, 0.3], 31), np.tile(np.linspace(0.25, 0.6, 31), 2)
-    free = dataclasses.replace(TOUCHING, contact=None)
-    passing = jax.jit(
-        jax.vmap(
-            lambda a, gap: jp.demand(dataclasses.replace(free, initial_gap=gap), wave(a), GRID)
-        )
-    )(amplitudes, gaps)
-    bouncing = demands(amplitudes, gaps, 0.65)
+    free = jax.jit(jax.vmap(lambda a, gap: jp.demand(pair(gap, None), wave(a), GRID)))
+    passing = free(amplitudes, gaps)
     assert 12 < np.sum(passing.pounds) < 50
-    np.testing.assert_array_equal(bouncing.pounds, passing.pounds)
+    np.testing.assert_array_equal(demands(amplitudes, gaps, 0.65).pounds, passing.pounds)
+    ensemble, objective = jp.Ensemble.of([wave(0.3)], GRID), jp.Objective(jp.PoundingProbability())
     with pytest.raises(ValueError, match="PoundingProbability must be of structures without a law"):
-        jp.design_damper(
-            jp.DesignSpace(TOUCHING, {"initial_gap": (0.02, 0.5)}),
-            jp.Ensemble.of([wave(0.3)], GRID),
-            GRID,
-            objective=jp.Objective(jp.PoundingProbability()),
-        )
+        jp.design_damper(CHOSEN_GAP, ensemble, GRID, objective=objective)
 
 
 def test_elasticities_by_the_gap_and_the_law_of_contact():
@@ -105,6 +94,7 @@ def test_elasticities_by_the_gap_and_the_law_of_contact():
 def test_stiffness_and_restitution_from_measured_bounces():
     """From a noisy series of the gap, and from when and how fast an instrument saw impacts."""
     truth = {"contact.stiffness": 200.0, "contact.restitution": 0.65}
+    start = {"contact.stiffness": 120.0, "contact.restitution": 0.5}
     pad = dataclasses.replace(TOUCHING, contact=jp.KelvinVoigt(200.0, 0.65))
     run, random = jp.simulate(pad, wave(0.3), GRID), np.random.default_rng(0)
     noise = {"gap": 0.003, "impacts.time": 0.005, "impacts.rebound_velocity": 0.01}
@@ -120,15 +110,7 @@ def test_stiffness_and_restitution_from_measured_bounces():
     space = jp.DesignSpace(
         pad, {"contact.stiffness": jp.Bounds(50, 800, "log"), "contact.restitution": (0.3, 1.0)}
     )
-    found = jp.calibrate(
-        space,
-        measured,
-        wave(0.3),
-        GRID,
-        noise=noise,
-        start={"contact.stiffness": 120.0, "contact.restitution": 0.5},
-        starts=1,
-    )
+    found = jp.calibrate(space, measured, wave(0.3), GRID, noise=noise, start=start, starts=1)
     for path, value in truth.items():
         estimate = found.parameters[path]
         width = estimate.high - estimate.low
@@ -139,18 +121,17 @@ def test_stiffness_and_restitution_from_measured_bounces():
     assert "impacts.rebound_velocity" in repr(found)
 
 
+BETWEEN = r"of shape \(0,\) must be \(m,\), m impacts from 1 to 50"
+NAMES = r"measured\['impacts.link'\] must be one of x1, .*impulse"
+
+
 @pytest.mark.parametrize(
     ("structures", "name", "values", "message"),
     [
         (jp.paper.structures(), "impacts.time", [1.0], "without a law of contact"),
-        (TOUCHING, "impacts.time", [], r"of shape \(0,\) must be \(m,\), m impacts from 1 to 50"),
+        (TOUCHING, "impacts.time", [], BETWEEN),
         (TOUCHING, "impacts.time", np.ones(51), r"of shape \(51,\) must be \(m,\)"),
-        (
-            TOUCHING,
-            "impacts.link",
-            [0.0],
-            r"measured\['impacts.link'\] must be one of x1, .*impulse",
-        ),
+        (TOUCHING, "impacts.link", [0.0], NAMES),
     ],
 )
 def test_impacts_that_cannot_be_fitted(structures, name, values, message):

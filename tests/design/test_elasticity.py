@@ -37,7 +37,7 @@ def test_elasticities_are_relative_derivatives():
     assert assert_shown(found)[0].startswith(f"peak_x1 = {found.value:.6g} g/ω1²; percent of it")
 
 
-def test_one_earthquake_is_an_ensemble_of_one():
+def test_one_earthquake_is_an_ensemble_of_one_and_must_be_resolved():
     alone = jp.elasticities(PAPER, GROUNDS[0], GRID)
     run = jp.demand(PAPER, GROUNDS[0], GRID)
     assert alone.value == pytest.approx(float(run.min_gap))
@@ -46,9 +46,6 @@ def test_one_earthquake_is_an_ensemble_of_one():
     silence = dataclasses.replace(GROUNDS[0], amplitude=np.zeros(5))
     with pytest.raises(ValueError, match="min_gap = 0 must be finite and not zero"):
         jp.elasticities(still, silence, GRID)
-
-
-def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
     coarse = jp.TimeGrid(0.4, 25)
     for ground, said in ((OTHER, "the shortest of periods is"), (ENSEMBLE, "of the 2 earthquakes")):
         # The suite makes errors of warnings: nothing runs after this one.

@@ -25,19 +25,18 @@ def accelerations(ensemble):
     return np.stack([ensemble.ground(i).acceleration(T) for i in range(len(ensemble))])
 
 
-@pytest.mark.parametrize(
-    "grounds",
-    [
-        [Ricker(0.2, 2.0, 1.0), WAVES[1]],
-        [Ricker(0.2, 2.0, 1.0), RECORDS[0]],
-        WAVES,
-        RECORDS,
-        [*WAVES, *RECORDS],
-        [RECORDS[0], WAVES[1]],
-        [2.0 * WAVES[0], RECORDS[1]],
-    ],
-    ids=["one wave", "one and a record", "waves", "records", "both", "mixed", "sampled"],
-)
+GIVEN = {
+    "one wave": [Ricker(0.2, 2.0, 1.0), WAVES[1]],
+    "one and a record": [Ricker(0.2, 2.0, 1.0), RECORDS[0]],
+    "waves": WAVES,
+    "records": RECORDS,
+    "both": [*WAVES, *RECORDS],
+    "mixed": [RECORDS[0], WAVES[1]],
+    "sampled": [2.0 * WAVES[0], RECORDS[1]],
+}
+
+
+@pytest.mark.parametrize("grounds", GIVEN.values(), ids=GIVEN)
 def test_given_earthquakes_are_what_they_were(grounds):
     ensemble = Ensemble.of(grounds, GRID)
     expected = np.stack([ground.acceleration(T) for ground in grounds])
@@ -46,15 +45,20 @@ def test_given_earthquakes_are_what_they_were(grounds):
     assert ensemble.fresh(3) is None
 
 
-def test_functions_of_time_are_taken_on_the_grid():
+def test_given_earthquakes_of_all_kinds_add_up_and_join_those_that_are_drawn():
     ensemble = Ensemble.of([np.sin, WAVES[0]], GRID)
     np.testing.assert_allclose(accelerations(ensemble)[0], np.sin(GRID.times()))
-
-
-def test_ensembles_of_waves_and_records_add_up():
     both = Ensemble.of(WAVES, GRID) + Ensemble.of(RECORDS, GRID)
-    expected = np.stack([ground.acceleration(T) for ground in (*WAVES, *RECORDS)])
+    expected = np.stack([ground.acceleration(T) for ground in GIVEN["both"]])
     np.testing.assert_allclose(accelerations(both), expected, atol=1e-12)
+    wave = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0))
+    drawn = Ensemble.drawn(jp.Scenarios(PAPER, wave), 3)
+    both = drawn.including(RECORDS, GRID)
+    expected = [*accelerations(drawn), *(one.acceleration(T) for one in RECORDS)]
+    np.testing.assert_allclose(accelerations(both), expected, atol=1e-12)
+    fresh, same = both.fresh(4), drawn.fresh(4)
+    np.testing.assert_array_equal(accelerations(fresh), accelerations(same))
+    assert Ensemble.of(WAVES, GRID).including(RECORDS, GRID).fresh(4) is None
 
 
 def test_drawn_earthquakes_are_monte_carlo_s():
@@ -82,17 +86,12 @@ def test_what_depends_on_a_draw_is_uncertain_even_where_it_seldom_varies():
     np.testing.assert_array_equal(ensemble.uncertain["friction"], 0.3)
 
 
-def test_given_earthquakes_join_those_that_are_drawn():
-    wave = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0))
-    drawn = Ensemble.drawn(jp.Scenarios(PAPER, wave), 3)
-    both = drawn.including(RECORDS, GRID)
-    expected = [*accelerations(drawn), *(one.acceleration(T) for one in RECORDS)]
-    np.testing.assert_allclose(accelerations(both), expected, atol=1e-12)
-    fresh, same = both.fresh(4), drawn.fresh(4)
-    np.testing.assert_array_equal(accelerations(fresh), accelerations(same))
-    assert Ensemble.of(WAVES, GRID).including(RECORDS, GRID).fresh(4) is None
+TWO, FULL = Ensemble.drawn(RANDOM, 2), r"n = 1,000,000,000,000 would take \d+ TB of memory"
+UNCERTAIN = "friction is uncertain; such ensembles cannot be added"
+OTHERS = "cannot be added; use Ensemble.of for all"
 
 
+@pytest.mark.usefixtures("small_machine")
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -103,34 +102,20 @@ def test_given_earthquakes_join_those_that_are_drawn():
         (lambda: Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
         (lambda: Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
         (lambda: Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
-        (
-            lambda: Ensemble.drawn(RANDOM, 2) + Ensemble.of(WAVES, GRID),
-            "friction is uncertain; such ensembles cannot be added",
-        ),
-        (
-            lambda: Ensemble.drawn(RANDOM, 2).including(WAVES, GRID),
-            "friction is uncertain; such ensembles cannot be added",
-        ),
-        (
-            lambda: Ensemble.of([np.sin], GRID) + Ensemble.of(WAVES, GRID),
-            "cannot be added; use Ensemble.of for all",
+        (lambda: TWO + Ensemble.of(WAVES, GRID), UNCERTAIN),
+        (lambda: TWO.including(WAVES, GRID), UNCERTAIN),
+        (lambda: Ensemble.of([np.sin], GRID) + Ensemble.of(WAVES, GRID), OTHERS),
+        (lambda: Ensemble.drawn(RANDOM, 10**12), FULL),
+        (lambda: TWO.fresh(10**12), FULL),
+        *(
+            (
+                lambda s=s, n=n: Ensemble.drawn(RANDOM, 2, sampling=s, start=n - 1),
+                f"start . n = {n + 1:,} must be at most {n:,}",
+            )
+            for s, n in (("plain", 2**31), ("sobol", 2**30))
         ),
     ],
 )
 def test_bad_ensembles_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-@pytest.mark.usefixtures("small_machine")
-def test_more_earthquakes_than_memory_has_room_for_are_refused():
-    drawn = Ensemble.drawn(RANDOM, 2)
-    for make in (lambda n: Ensemble.drawn(RANDOM, n), drawn.fresh):
-        with pytest.raises(ValueError, match=r"n = 1,000,000,000,000 would take \d+ TB of memory"):
-            make(10**12)
-
-
-def test_points_end_where_their_sampling_does():
-    for sampling, most in (("plain", 2**31), ("sobol", 2**30)):
-        with pytest.raises(ValueError, match=f"start . n = {most + 1:,} must be at most {most:,}"):
-            Ensemble.drawn(RANDOM, 2, sampling=sampling, start=most - 1)

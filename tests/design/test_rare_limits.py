@@ -37,12 +37,15 @@ def objective(**limit):
     return jp.Objective(jp.GapAtRest(), {"damper_force": 0.5}, {"required_gap": jp.Limit(**limit)})
 
 
+def designed(goal, space=SPACE, ensemble=ENSEMBLE, grid=GRID, **more):
+    return jp.design_damper(space, ensemble, grid, objective=goal, **(SHORT | more))
+
+
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory):
     """The cheapest gap and damper that pound once in a hundred earthquakes, and its file."""
     save = tmp_path_factory.mktemp("narrow") / "search.npz"
-    wanted = objective(probability=SELDOM)
-    return jp.design_damper(SPACE, ENSEMBLE, GRID, objective=wanted, save=save, **SHORT), save
+    return designed(objective(probability=SELDOM), save=save), save
 
 
 def test_the_design_pounds_as_seldom_as_wanted(narrow):
@@ -51,9 +54,8 @@ def test_the_design_pounds_as_seldom_as_wanted(narrow):
     assert reached == design.events["required_gap"].probability
     assert reached == pytest.approx(SELDOM, rel=0.1)
     random = dataclasses.replace(RODS, nominal=design.structures)
-    study = jp.monte_carlo(
-        jp.Scenarios(random, jp.CustomDraw(ground, N)), 12_000, GRID, key=7, progress=False
-    )
+    scenarios = jp.Scenarios(random, jp.CustomDraw(ground, N))
+    study = jp.monte_carlo(scenarios, 12_000, GRID, key=7, progress=False)
     share = np.mean(study["min_gap"] <= 0)
     assert share == pytest.approx(reached, abs=4 * np.sqrt(share / 12_000) + 0.05 * reached)
 
@@ -78,9 +80,7 @@ def test_a_stopped_search_goes_on(narrow, monkeypatch):
         raise AssertionError("an estimate that is kept needs no run")
 
     monkeypatch.setattr(jp.LimitState, "values_and_times", run)
-    again = jp.design_damper(
-        SPACE, ENSEMBLE, GRID, objective=objective(probability=SELDOM), save=save, **SHORT
-    )
+    again = designed(objective(probability=SELDOM), save=save)
     assert again.values == design.values
     assert again.prices == design.prices
 
@@ -102,84 +102,61 @@ def test_a_landscape_knows_the_probability_at_the_design(narrow):
 def test_the_least_damper_for_one_in_ten_millions():
     """Known from Newton's method on independent samples: a friction of 0.3075."""
     seldom = {"required_gap": jp.Limit(0.645, probability=1e-7)}
-    design = jp.design_damper(
-        jp.DesignSpace(PAPER, {"friction": (0.05, 1.0)}),
-        jp.Ensemble.drawn(case_w.SCENARIOS, 2),
-        case_w.GRID,
-        objective=jp.Objective(jp.LeastDemand("damper_force"), limits=seldom),
-        **SHORT,
-    )
+    goal = jp.Objective(jp.LeastDemand("damper_force"), limits=seldom)
+    space = jp.DesignSpace(PAPER, {"friction": (0.05, 1.0)})
+    design = designed(goal, space, jp.Ensemble.drawn(case_w.SCENARIOS, 2), case_w.GRID)
     assert design.values["friction"] == pytest.approx(0.3075, abs=0.004)
     assert design.multipliers["required_gap"] == pytest.approx(-1 / case_w.SLOPE, rel=0.1)
 
 
 def test_units_of_a_limit():
     scales = jp.Scales(mass=1e5, frequency=5.0)
-    dimensionless = objective(at_most=0.5, probability=1e-3)
-    in_metres = objective(at_most=0.5 * float(scales.length), probability=1e-3)
     space = jp.DesignSpace(PAPER, {"friction": (0.24, 0.26)})
-    few = {**SHORT, "starts": 1, "iterations": 20}
-    one = jp.design_damper(space, ENSEMBLE, GRID, objective=dimensionless, **few)
-    other = jp.design_damper(space, ENSEMBLE, GRID, objective=in_metres, scales=scales, **few)
-    assert other.events["required_gap"].limit_state.threshold == pytest.approx(0.5)
-    assert other.values == pytest.approx(one.values)
-    assert other.prices == pytest.approx(one.prices)
+    in_metres = objective(at_most=0.5 * float(scales.length), probability=1e-3)
+    plain = designed(objective(at_most=0.5, probability=1e-3), space, iterations=20)
+    si = designed(in_metres, space, iterations=20, scales=scales)
+    assert si.events["required_gap"].limit_state.threshold == pytest.approx(0.5)
+    assert si.values == pytest.approx(plain.values)
+    assert si.prices == pytest.approx(plain.prices)
 
 
 def test_no_design_is_rare_enough():
-    space = jp.DesignSpace(PAPER, {"friction": (0.2, 0.3)})
-    few = {**SHORT, "starts": 1, "iterations": 10}
+    space, rare = jp.DesignSpace(PAPER, {"friction": (0.2, 0.3)}), {"probability": 1e-9}
     with pytest.raises(InfeasibleError, match=r"P\(required_gap >= 0\.2\) = .*above its limit"):
-        jp.design_damper(
-            space, ENSEMBLE, GRID, objective=objective(at_most=0.2, probability=1e-9), **few
-        )
+        designed(objective(at_most=0.2, **rare), space, iterations=10)
+
+
+GIVEN = jp.Ensemble.of([jp.paper.ground()], GRID)
 
 
 @pytest.mark.parametrize(
-    ("wanted", "ensemble", "message"),
+    ("demand", "probability", "ensemble", "message"),
     [
-        (
-            {"required_gap": jp.Limit(0.5, probability=1e-3)},
-            jp.Ensemble.of([jp.paper.ground()], GRID),
-            "required_gap: a probability needs an ensemble that is drawn",
-        ),
-        (
-            {"required_gap": jp.Limit(0.5, probability=1e-13)},
-            ENSEMBLE,
-            "required_gap: probability = 1e-13 must be at least 1e-12",
-        ),
-        (
-            {"damper_force": jp.Limit(0.5, probability=1e-3)},
-            ENSEMBLE,
-            "damper_force: LimitState: unknown demand 'damper_force'",
-        ),
+        ("required_gap", 1e-3, GIVEN, "a probability needs an ensemble that is drawn"),
+        ("required_gap", 1e-13, ENSEMBLE, "probability = 1e-13 must be at least 1e-12"),
+        ("damper_force", 1e-3, ENSEMBLE, "LimitState: unknown demand 'damper_force'"),
     ],
 )
-def test_limits_that_cannot_be_estimated(wanted, ensemble, message):
-    with pytest.raises(ValueError, match=message):
-        jp.design_damper(
-            SPACE, ensemble, GRID, objective=jp.Objective(jp.GapAtRest(), limits=wanted), **SHORT
-        )
+def test_limits_that_cannot_be_estimated(demand, probability, ensemble, message):
+    wanted = {demand: jp.Limit(0.5, probability=probability)}
+    with pytest.raises(ValueError, match=f"{demand}: {message}"):
+        designed(jp.Objective(jp.GapAtRest(), limits=wanted), ensemble=ensemble)
 
 
 def test_curvatures_make_slopes_those_of_both_designs():
     hessian = np.array([[[4.0, 1.0], [1.0, 3.0]]])
     places = np.array([[0.0, 0.0], [0.3, 0.1], [0.2, 0.5]])
     slopes = np.einsum("kij,nj->nki", hessian, places)
-    none = np.zeros((1, 2, 2))
-    at = [
-        LogRatios(place, np.zeros(1), slope, none)
-        for place, slope in zip(places, slopes, strict=True)
-    ]
+    both = zip(places, slopes, strict=True)
+    at = [LogRatios(place, np.zeros(1), slope, np.zeros((1, 2, 2))) for place, slope in both]
     curvature = updated_curvatures(at[0], at[1])
     np.testing.assert_allclose(curvature[0] @ (places[1] - places[0]), (slopes[1] - slopes[0])[0])
     assert np.linalg.eigvalsh(curvature[0]).min() > -1e-12
     # A concave function is taken as linear, and so are designs that are nearly the same.
     concave = at[1]._replace(slopes=-slopes[1])
     assert not updated_curvatures(at[0], concave).any()
-    assert not updated_curvatures(
-        at[0], at[0]._replace(scaled=places[0] + 1e-3, slopes=slopes[1])
-    ).any()
+    nearly = at[0]._replace(scaled=places[0] + 1e-3, slopes=slopes[1])
+    assert not updated_curvatures(at[0], nearly).any()
 
 
 def estimate(place, value, slope):

@@ -53,7 +53,7 @@ def saved(tmp_path, state):
     return found
 
 
-def test_what_was_saved_is_read(saved, state):
+def test_what_was_saved_is_read_and_what_a_killed_search_left_is_swept(saved, state):
     held, history = saved.read(begun(SCALED / 2))
     same(held, state)
     assert len(history) == 2
@@ -61,6 +61,11 @@ def test_what_was_saved_is_read(saved, state):
         same(one, met(state)[0])
     other = SavedSearch(saved.path.with_name("none.npz"), IDENTITY)
     assert other.read(state) == (state, [])
+    others = saved.path.with_name("other.npz")
+    left, other = (part(path, process=9_999_999_999, began="0") for path in (saved.path, others))
+    saved.read(state)
+    assert not left.exists()
+    assert other.exists()
 
 
 def test_no_flipped_bit_goes_unnoticed(saved, state):
@@ -85,21 +90,18 @@ def rewritten(saved, drop=(), about=None, **changed):
     write_archive(saved.path, arrays, about)
 
 
+FOUR, HERE = np.ones((4, 2)), "'Iterate.here.scaled' is float64"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"drop": ("State.scaled",)}, "it lacks 'State.scaled'"),
         ({"drop": ("Iterate.best.merit",)}, "it lacks 'Iterate.best.merit'"),
         ({"State.scaled": np.ones((3, 2), np.float32)}, "'State.scaled' is float32"),
-        (
-            {"State.scaled": np.ones((4, 2))},
-            r"'State.scaled' is float64 of shape \(4, 2\), not .* \(3, 2\)",
-        ),
-        (
-            {"iterations": np.array([3])},
-            r"'Iterate.here.scaled' is float64 of shape \(2, 3, 2\), not .* \(3, 3, 2",
-        ),
-        ({"iterations": np.array([-1])}, "'Iterate.here.scaled' is float64"),
+        ({"State.scaled": FOUR}, r"'State.scaled' is float64 of shape \(4, 2\), not .* \(3, 2\)"),
+        ({"iterations": np.array([3])}, rf"{HERE} of shape \(2, 3, 2\), not .* \(3, 3, 2"),
+        ({"iterations": np.array([-1])}, HERE),
         ({"Iterate.alive": np.ones((2, 3))}, "'Iterate.alive' is float64"),
     ],
 )
@@ -107,9 +109,8 @@ def test_what_cannot_be_a_search_is_refused_by_name(saved, state, change, messag
     rewritten(saved)
     same(saved.read(state)[0], state)
     rewritten(saved, **change)
-    with pytest.raises(
-        ValueError, match=f"search.npz holds no search, or a damaged one .{message}"
-    ):
+    refused = f"search.npz holds no search, or a damaged one .{message}"
+    with pytest.raises(ValueError, match=refused):
         saved.read(state)
 
 
@@ -125,18 +126,6 @@ def test_a_file_of_an_earlier_version_is_refused(saved, state):
         saved.read(state)
 
 
-@pytest.mark.parametrize(
-    "put",
-    [os.mkdir, os.mkfifo, lambda p: os.symlink(p, p), lambda p: os.symlink("/dev/zero", p)],
-    ids=["folder", "pipe", "loop", "device"],
-)
-def test_what_is_no_file_is_refused(saved, state, put):
-    saved.path.unlink()
-    put(saved.path)
-    with pytest.raises(ValueError, match=r"holds no search, or a damaged one \(it is"):
-        saved.read(state)
-
-
 def test_another_search_is_told(saved, state):
     with pytest.raises(ValueError, match="holds another search: limits differs"):
         SavedSearch(saved.path, IDENTITY | {"limits": [0.6]}).read(state)
@@ -145,18 +134,24 @@ def test_another_search_is_told(saved, state):
         saved.read(state)
 
 
-def test_what_a_killed_search_left_is_swept(saved, state):
-    left = part(saved.path, process=9_999_999_999, began="0")
-    other = part(saved.path.with_name("other.npz"), process=9_999_999_999, began="0")
-    saved.read(state)
-    assert not left.exists()
-    assert other.exists()
+PUTS = {
+    "folder": os.mkdir,
+    "pipe": os.mkfifo,
+    "loop": lambda path: os.symlink(path, path),
+    "device": lambda path: os.symlink("/dev/zero", path),
+}
+
+
+@pytest.mark.parametrize("put", PUTS.values(), ids=PUTS)
+def test_what_is_no_file_is_refused(saved, state, put):
+    saved.path.unlink()
+    put(saved.path)
+    with pytest.raises(ValueError, match=r"holds no search, or a damaged one \(it is"):
+        saved.read(state)
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path, state):
+    path = tmp_path / "gone" / "search.npz"
     with pytest.raises(OSError, match="No such file or directory") as raised:
-        SavedSearch(tmp_path / "gone" / "search.npz", IDENTITY).write(state, met(state))
-    assert (raised.value.errno, raised.value.filename) == (
-        errno.ENOENT,
-        str(tmp_path / "gone" / "search.npz"),
-    )
+        SavedSearch(path, IDENTITY).write(state, met(state))
+    assert (raised.value.errno, raised.value.filename) == (errno.ENOENT, str(path))

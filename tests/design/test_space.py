@@ -49,23 +49,17 @@ def test_values_and_shares_are_inverse(at):
     np.testing.assert_allclose(SPACE.shares(structures_at(at)), at, atol=1e-9)
 
 
-def test_scales_are_differences_and_ratios():
+def test_values_follow_their_scales_and_rules_and_all_else_is_nominal():
     space = DesignSpace(PAPER, {"friction": (0.1, 0.5), "rod_2.tau_x": Bounds(1.0, 100.0, "log")})
     middle = space.values(np.array([0.5, 0.5]))
     assert float(middle["friction"]) == pytest.approx(0.3)
     assert float(middle["rod_2.tau_x"]) == pytest.approx(10.0)
-
-
-def test_tau_x_stays_above_the_tau_f_that_is_chosen_or_stands():
     both = DesignSpace(PAPER, {"rod_1.tau_x": (0.01, 5.0), "rod_1.tau_f": (0.001, 1.0)})
     assert both.names == ("rod_1.tau_f", "rod_1.tau_x")
     low = both.values(np.array([1.0, 0.0]))
     assert float(low["rod_1.tau_x"]) == pytest.approx(1.001)
     one = DesignSpace(PAPER, {"rod_2.tau_x": (0.01, 5.0)})
     assert float(one.values(np.array([0.0]))["rod_2.tau_x"]) == pytest.approx(0.2 * 1.001)
-
-
-def test_everything_else_is_nominal_or_told():
     space = DesignSpace(PAPER, {"friction": (0.0, 1.0)})
     made = space.structures(np.array([0.5]), {"mass_ratio": 1.5})
     assert (made.friction, made.mass_ratio, made.rod_2.tau_x) == (0.5, 1.5, 4.0)
@@ -82,6 +76,10 @@ def test_derivatives_are_those_of_the_map():
             assert float(slopes[name][i]) == pytest.approx(difference, rel=1e-5, abs=1e-7)
 
 
+LARGEST = "rod_2.tau_f = {0}, as large as it may be, must be below tau_x = {0}"
+BEYOND = dataclasses.replace(PAPER, friction=1.5)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -96,18 +94,9 @@ def test_derivatives_are_those_of_the_map():
         (lambda: DesignSpace(PAPER, {"friction": (1, 0)}), "friction: Bounds: high = 0 must"),
         (lambda: DesignSpace(PAPER, {"friction": (-1, 0)}), "friction: low = -1 must be at"),
         (lambda: DesignSpace(PAPER, {"rod_1.order": (0.1, 2)}), "high = 2 must be at most 1"),
-        (
-            lambda: DesignSpace(PAPER, {"rod_2.tau_f": (0.1, 4.0)}),
-            "rod_2.tau_f = 4, as large as it may be, must be below tau_x = 4",
-        ),
-        (
-            lambda: DesignSpace(PAPER, {"rod_2.tau_x": (0.1, 0.2)}),
-            "rod_2.tau_f = 0.2, as large as it may be, must be below tau_x = 0.2",
-        ),
-        (
-            lambda: SPACE.shares(dataclasses.replace(PAPER, friction=1.5)),
-            "friction = 1.5 must be between its bounds, 0 and 1",
-        ),
+        (lambda: DesignSpace(PAPER, {"rod_2.tau_f": (0.1, 4.0)}), LARGEST.format(4)),
+        (lambda: DesignSpace(PAPER, {"rod_2.tau_x": (0.1, 0.2)}), LARGEST.format(0.2)),
+        (lambda: SPACE.shares(BEYOND), "friction = 1.5 must be between its bounds, 0 and 1"),
         (lambda: SPACE.shares({"friction": 0.5}), "design lacks 'rod_1.order'"),
     ],
 )

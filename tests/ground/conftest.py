@@ -1,7 +1,5 @@
 """A file to be read as an accelerogram."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

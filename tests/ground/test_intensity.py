@@ -1,4 +1,4 @@
-"""Measures of intensity and the response spectrum against closed forms."""
+"""Measures of intensity and the response spectrum against closed forms, and their names."""
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jax.test_util import check_grads
 from scipy.integrate import solve_ivp
 
 import jaxpound as jp
+from jaxpound.ground.measure import Measure, measure_unit, units_like
 from tests.ground.motions import RECORD, SAMPLES, sine
 
 
@@ -32,22 +33,22 @@ def test_measures_of_a_sine_are_the_closed_forms(amplitude, omega):
 
 def test_measures_of_functions_are_taken_on_the_grid():
     grid = jp.TimeGrid(0.001, 5000)
-    assert jp.pga(sine, grid) == pytest.approx(0.3, rel=1e-5)
-    assert jp.pgv(sine, grid) == pytest.approx(0.3, rel=1e-5)
     # ∫ sin² 2t dt over [0, 5] = 5/2 − sin(20)/8
     arias = np.pi / 2 * 0.09 * (2.5 - np.sin(20) / 8)
-    assert jp.arias_intensity(sine, grid) == pytest.approx(arias, rel=1e-5)
+    for measure, value in ((jp.pga, 0.3), (jp.pgv, 0.3), (jp.arias_intensity, arias)):
+        assert measure(sine, grid) == pytest.approx(value, rel=1e-5)
     assert jp.pga(2 * RECORD, jp.TimeGrid(0.5, 3)) == 6.0
-
-
-def test_paper_ground_moves_as_its_closed_form():
     ground, grid = jp.paper.ground(), jp.TimeGrid(0.0005, 40_000)
-    t = grid.times()
-    assert jp.pgv(ground, grid) == pytest.approx(float(abs(ground.velocity(t)).max()), rel=1e-3)
+    largest = float(abs(ground.velocity(grid.times())).max())
+    assert jp.pgv(ground, grid) == pytest.approx(largest, rel=1e-3)
 
 
 @pytest.mark.parametrize("measure", [jp.pga, jp.pgv, jp.arias_intensity])
-def test_measures_ask_for_a_grid_where_they_need_one(measure):
+def test_measures_work_batched_and_ask_for_a_grid_where_they_need_one(measure):
+    factors = jnp.array([1.0, 2.0])
+    batch = jax.jit(jax.vmap(lambda k: measure(jp.Record(k * SAMPLES, 0.5))))(factors)
+    single = [measure(RECORD), measure(RECORD.scaled_to_pga(6.0))]
+    np.testing.assert_allclose(batch, single, rtol=1e-12)
     for ground in (sine, jp.Ricker(1, 1, 1), 2 * RECORD):
         with pytest.raises(ValueError, match="grid = None must be a TimeGrid"):
             measure(ground)
@@ -55,24 +56,18 @@ def test_measures_ask_for_a_grid_where_they_need_one(measure):
         measure(sine, 0.1)
 
 
-@pytest.mark.parametrize("measure", [jp.pga, jp.pgv, jp.arias_intensity])
-def test_measures_work_compiled_and_batched(measure):
-    factors = jnp.array([1.0, 2.0])
-    batch = jax.jit(jax.vmap(lambda k: measure(jp.Record(k * SAMPLES, 0.5))))(factors)
-    single = [measure(RECORD), measure(RECORD.scaled_to_pga(6.0))]
-    np.testing.assert_allclose(batch, single, rtol=1e-12)
-
-
 # The spectrum.
 
 
-def test_spectral_acceleration_of_a_suddenly_applied_force_is_the_closed_form():
+def test_spectral_accelerations_of_a_sudden_force_and_a_stiff_oscillator():
     """u'' = −1 from t = 0: x rises to (1 + e^(−πζ/√(1 − ζ²))) / ω²."""
     record = jp.Record(-np.ones(2001), 0.002)
     for period, damping in ((1.0, 0.05), (0.5, 0.0), (3.0, 0.3)):
         found = jp.spectral_acceleration(record, period=period, damping=damping)
         over = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
         assert float(found) == pytest.approx(1 + over, rel=1e-12)
+    record = jp.Record(np.sin(np.linspace(0, 6, 400)), 0.02)
+    assert float(jp.spectral_acceleration(record, period=0.01)) == pytest.approx(1.0, rel=1e-2)
 
 
 def test_spectral_acceleration_is_exact_at_any_step():
@@ -87,26 +82,16 @@ def test_spectral_acceleration_is_exact_at_any_step():
             return [y[1], -2 * 0.05 * w * y[1] - w**2 * y[0] - a]
 
         times = np.linspace(0, 0.1 * 59, 59 * 400 + 1)
-        exact = solve_ivp(
-            motion, (0, times[-1]), [0, 0], t_eval=times, max_step=0.02, rtol=1e-9, atol=1e-12
-        )
+        fine = {"t_eval": times, "max_step": 0.02, "rtol": 1e-9, "atol": 1e-12}
+        exact = solve_ivp(motion, (0, times[-1]), [0, 0], **fine)
         assert float(spectrum(period)) == pytest.approx(w**2 * np.abs(exact.y[0]).max(), rel=1e-6)
 
 
 def test_spectral_acceleration_has_exact_slopes_at_peaks_between_samples():
     record = jp.Record(np.random.default_rng(1).normal(size=60), 0.1)
-
-    @jax.jit
-    def spectrum(p):
-        return jp.spectral_acceleration(record, period=p[0], damping=p[1])
-
+    spectrum = jax.jit(lambda p: jp.spectral_acceleration(record, period=p[0], damping=p[1]))
     at = np.array([0.9, 0.05])
     check_grads(spectrum, (at,), order=2, modes=["fwd"], eps=1e-5, rtol=1e-5)
-
-
-def test_spectral_acceleration_of_a_stiff_oscillator_is_the_pga():
-    record = jp.Record(np.sin(np.linspace(0, 6, 400)), 0.02)
-    assert float(jp.spectral_acceleration(record, period=0.01)) == pytest.approx(1.0, rel=1e-2)
 
 
 def test_spectral_acceleration_traces_and_refuses_bad_periods():
@@ -119,3 +104,59 @@ def test_spectral_acceleration_traces_and_refuses_bad_periods():
         jp.spectral_acceleration(record, period=0.0)
     with pytest.raises(ValueError, match="damping = 1 must be at least 0 and below 1"):
         jp.spectral_acceleration(record, period=1.0, damping=1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "unit", "name", "period"),
+    [
+        ("PGA (g)", "PGA", "g", "PGA", None),
+        ("peak ground acceleration (m/s2)", "peak ground acceleration", "m/s²", "PGA", None),
+        ("PGA, rock [cm/s^2]", "PGA, rock", "cm/s²", "PGA", None),
+        ("PGV (g/ω1)", "PGV", "g/ω1", "PGV", None),
+        ("PGV (cm/s)", "PGV", "cm/s", "PGV", None),
+        ("SA(0.2)", "SA(0.2)", "", "Sa", (0.2, "s")),
+        ("Sa(0.9 s) (g)", "Sa(0.9 s)", "g", "Sa", (0.9, "s")),
+        ("Sa(0.9 1/ω1) (g)", "Sa(0.9 1/ω1)", "g", "Sa", (0.9, "1/ω1")),
+        ("spectral acceleration at .5 s", "spectral acceleration at .5 s", "", "Sa", (0.5, "s")),
+        ("Sa(T1 = 0.7 s) (gal)", "Sa(T1 = 0.7 s)", "gal", "Sa", (0.7, "s")),
+        ("Sa(900 ms) (g)", "Sa(900 ms)", "g", "Sa", (0.9, "s")),
+        ("Sa(T1) at 5 % (g)", "Sa(T1) at 5 %", "g", "Sa", None),
+        ("Sa(15 %, 0.9 s) (g)", "Sa(15 %, 0.9 s)", "g", "Sa", (0.9, "s")),
+        ("spectral_acceleration_1", "spectral_acceleration_1", "", "Sa", None),
+        ("AvgSA (g)", "AvgSA", "g", "AvgSA", None),
+        ("im", "im", "", "", None),
+        ("sauce (kg)", "sauce (kg)", "", "", None),
+    ],
+)
+def test_what_a_text_tells(text, words, unit, name, period):
+    told = Measure.of_text(text)
+    assert (told.words, told.unit, told.name, told.period) == (words, unit, name, period)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "alike"),
+    [
+        ("PGA (g)", "peak ground acceleration (m/s²)", True),
+        ("PGA (g)", "PGV (g)", False),
+        ("PGA (g)", "Sa(0.9 s) (g)", False),
+        ("SA(0.9)", "Sa(0.9 s) (g)", True),
+        ("SA(0.87)", "Sa(0.9 s) (g)", False),
+        ("SA(0.9)", "Sa(0.9 1/ω1) (g)", False),
+        ("Sa (g)", "Sa(0.9 s) (g)", True),
+        ("Sa(0.9 s, 2 %)", "Sa(0.9 s) (g)", False),
+        ("im", "PGA (g)", True),
+        ("shaking of the year", "PGA (g)", True),
+    ],
+)
+def test_which_may_be_one(one, other, alike):
+    assert Measure.of_text(one).may_be(Measure.of_text(other)) is alike
+    assert Measure.of_text(other).may_be(Measure.of_text(one)) is alike
+
+
+def test_units_of_two_spellings_are_one():
+    gal, *others = (Measure.of_text(f"PGA{x}") for x in (" (gal)", " (cm/s2)", " (g)", ""))
+    assert [gal.is_in_unit_of(other) for other in others] == [True, False, False]
+    assert measure_unit("inches") == "" == measure_unit("g/10")
+    assert set(units_like("cm/s")) == {"m/s", "cm/s"}
+    spectral = Measure.spectral_acceleration(0.87, "s")
+    assert Measure.of_text(str(spectral)) == spectral

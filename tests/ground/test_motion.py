@@ -16,13 +16,6 @@ def scalar_sine(t):
     return 0.3 * math.sin(2 * t)
 
 
-def fails_with(error):
-    def ground(t):
-        raise error
-
-    return ground
-
-
 # Sums and scalings
 
 
@@ -57,18 +50,34 @@ def test_combinations_combine_the_accelerations(ground, expected):
     np.testing.assert_allclose(at_instants, combined, rtol=1e-12, atol=1e-14)
 
 
-def test_combinations_are_differentiable_pytrees():
-    ground = 2.0 * RECORD + jp.Ricker(0.5, 1.0, 1.0)
+def test_combinations_and_sampled_functions_are_differentiable():
+    ground, unit = 2.0 * RECORD + jp.Ricker(0.5, 1.0, 1.0), jp.Ricker(1.0, 1.0, 1.0)
     gradient = jax.grad(lambda g: g.acceleration(0.5))(ground)
     assert type(gradient) is type(ground)
     assert gradient.grounds[0].factor == pytest.approx(1.0)
-    assert gradient.grounds[1].amplitude == pytest.approx(
-        float(jp.Ricker(1.0, 1.0, 1.0).acceleration(0.5)), rel=1e-12
-    )
+    by_amplitude = gradient.grounds[1].amplitude
+    assert by_amplitude == pytest.approx(float(unit.acceleration(0.5)), rel=1e-12)
+
+    def peak(a):
+        return jnp.max(sampled(lambda t: a * t, GRID).samples)
+
+    assert jax.jit(peak)(2.0) == pytest.approx(1.0)
+    assert jax.grad(peak)(2.0) == pytest.approx(0.5)
+
+
+NO_ACCELERATIONS = [
+    (lambda t: np.ones(3), r"of shape \(3,\) must have the shape of t, \(6,\)"),
+    (lambda t: t[:, None], r"of shape \(6, 1\) must have the shape of t, \(6,\)"),
+    (lambda t: None, "= None must be a real number"),
+    (lambda t: "x", "= 'x' must be a real number"),
+    (lambda t: 1j * t, "must be a real number"),
+    (lambda t: np.where(t > 0.25, np.nan, t), r"= nan \(at index \[3\]\) must be finite"),
+    (lambda t: np.inf, "= inf must be finite"),
+]
 
 
 @pytest.mark.parametrize(
-    ("combine", "message"),
+    ("call", "message"),
     [
         (lambda: RECORD + 1, r"Sum: grounds\[1\] = 1 must have acceleration\(t\)"),
         (lambda: None + RECORD, r"Sum: grounds\[0\] = None must have acceleration\(t\)"),
@@ -78,14 +87,22 @@ def test_combinations_are_differentiable_pytrees():
         (lambda: np.nan * RECORD, "Scaled: factor = nan must be finite"),
         (lambda: np.array([1.0, 2.0]) * RECORD, r"Scaled: factor of shape \(2,\) must be one"),
         (lambda: RECORD / "2", "Scaled: divisor = '2' must be a real number"),
+        (lambda: sampled(3, GRID), r"ground = 3 must have acceleration\(t\) or be a func"),
+        *(
+            (lambda ground=ground: sampled(ground, GRID), rf"ground: acceleration\(t\) .*{message}")
+            for ground, message in NO_ACCELERATIONS
+        ),
     ],
 )
-def test_senseless_combinations_are_refused(combine, message):
+def test_senseless_motions_are_refused(call, message):
     with pytest.raises(ValueError, match=message):
-        combine()
+        call()
 
 
 # Sampling
+
+
+WAVELET = jp.Ricker(0.5, 1, 0.2)
 
 
 @pytest.mark.parametrize(
@@ -98,11 +115,8 @@ def test_senseless_combinations_are_refused(combine, message):
         (lambda t: jax.lax.cond(t < 0.25, lambda: 1.0, lambda: 0.0), lambda t: 1.0 * (t < 0.25)),
         (lambda t: 0.25, lambda t: np.full(t.shape, 0.25)),
         (lambda t: 1, np.ones_like),
-        (
-            scalar_sine + jp.Ricker(0.5, 1, 0.2),
-            lambda t: sine(t) + jp.Ricker(0.5, 1, 0.2).acceleration(t),
-        ),
-        (jp.Ricker(0.5, 1, 0.2), lambda t: jp.Ricker(0.5, 1, 0.2).acceleration(t)),
+        (scalar_sine + WAVELET, lambda t: sine(t) + WAVELET.acceleration(t)),
+        (WAVELET, WAVELET.acceleration),
     ],
 )
 def test_any_function_of_time_can_be_sampled(ground, expected):
@@ -112,57 +126,25 @@ def test_any_function_of_time_can_be_sampled(ground, expected):
     np.testing.assert_allclose(record.acceleration(GRID.times()), record.samples, rtol=1e-12)
 
 
-def test_a_function_of_a_traced_parameter_can_be_sampled():
-    def peak(a):
-        return jnp.max(sampled(lambda t: a * t, GRID).samples)
-
-    assert jax.jit(peak)(2.0) == pytest.approx(1.0)
-    assert jax.grad(peak)(2.0) == pytest.approx(0.5)
-
-
 @pytest.mark.parametrize(
     "error", [ValueError("my own"), TypeError("my own"), KeyError("my own"), ZeroDivisionError()]
 )
 def test_the_functions_own_error_surfaces(error):
-    ground = fails_with(error)
+    def failing(t):
+        raise error
+
+    def ending(t):
+        if t > 0.35:  # at one instant only
+            raise error
+        return math.sin(t)
+
     for call in (
-        lambda: sampled(ground, GRID),
-        lambda: sampled(RECORD + ground, GRID),
-        lambda: jp.pga(ground, GRID),
-        lambda: jp.demand(jp.paper.structures(), ground, GRID),
+        lambda: sampled(failing, GRID),
+        lambda: sampled(ending, GRID),
+        lambda: sampled(RECORD + failing, GRID),
+        lambda: jp.pga(failing, GRID),
+        lambda: jp.demand(jp.paper.structures(), failing, GRID),
     ):
         with pytest.raises(type(error)) as caught:
             call()
         assert caught.value is error
-
-
-def test_an_error_at_one_instant_only_surfaces():
-    def ground(t):
-        if t > 0.35:
-            raise ValueError("the table ends at 0.35")
-        return math.sin(t)
-
-    with pytest.raises(ValueError, match=r"the table ends at 0\.35"):
-        sampled(ground, GRID)
-
-
-@pytest.mark.parametrize(
-    ("ground", "message"),
-    [
-        (lambda t: np.ones(3), r"of shape \(3,\) must have the shape of t, \(6,\)"),
-        (lambda t: t[:, None], r"of shape \(6, 1\) must have the shape of t, \(6,\)"),
-        (lambda t: None, "= None must be a real number"),
-        (lambda t: "x", "= 'x' must be a real number"),
-        (lambda t: 1j * t, "must be a real number"),
-        (lambda t: np.where(t > 0.25, np.nan, t), r"= nan \(at index \[3\]\) must be finite"),
-        (lambda t: np.inf, "= inf must be finite"),
-    ],
-)
-def test_functions_must_return_a_finite_real_number_for_each_instant(ground, message):
-    with pytest.raises(ValueError, match=rf"ground: acceleration\(t\) .*{message}"):
-        sampled(ground, GRID)
-
-
-def test_what_is_no_ground_motion_cannot_be_sampled():
-    with pytest.raises(ValueError, match=r"ground = 3 must have acceleration\(t\) or be a func"):
-        sampled(3, GRID)

@@ -1,4 +1,4 @@
-"""Filters, envelopes and pulses against their transfer functions, definitions and integrals."""
+"""Filters, envelopes, pulses and noise of changing intensity against what defines them."""
 
 from functools import partial
 
@@ -6,18 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import linalg, signal
+from scipy import integrate, linalg, signal, stats
 
 import jaxpound as jp
+from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
 from jaxpound.ground.noise import causal, filtered
 from tests.ground.motions import values
 
-FILTERS = [
-    jp.KanaiTajimi(2.0, 0.6),
-    jp.KanaiTajimi(5.0, 0.1),
-    jp.CloughPenzien(2.0, 0.6, 0.2, 0.6),
-    jp.CloughPenzien(5.0, 0.3, 4.0, 0.2),
-]
+FILTERS = [jp.KanaiTajimi(2.0, 0.6), jp.KanaiTajimi(5.0, 0.1)]
+FILTERS += [jp.CloughPenzien(2.0, 0.6, 0.2, 0.6), jp.CloughPenzien(5.0, 0.3, 4.0, 0.2)]
 
 
 def of_systems(filter):
@@ -33,9 +30,7 @@ def of_systems(filter):
 
 @pytest.mark.parametrize("filter", FILTERS)
 def test_a_filter_has_its_transfer_function(filter):
-    system = of_systems(filter)
-    w = np.linspace(0.0, 20.0, 300)
-    t = np.linspace(0.0, 15.0, 400)
+    system, w, t = of_systems(filter), np.linspace(0.0, 20.0, 300), np.linspace(0.0, 15.0, 400)
     gain, response = jax.jit(lambda f: (f.gain(w), f.impulse_response(t)))(filter)
     np.testing.assert_allclose(gain, np.abs(system.freqresp(w)[1]), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(response, signal.impulse(system, T=t)[1], rtol=1e-6, atol=1e-8)
@@ -95,12 +90,9 @@ def test_noise_has_one_variance_from_the_first_instant_on(dtype):
     np.testing.assert_allclose(np.triu(map_, 1), 0.0, atol=tolerance)
 
 
-def test_causal_sums_are_those_of_a_convolution():
+def test_causal_sums_and_envelopes():
     kernel, x = np.random.default_rng(0).normal(size=(2, 77))
     np.testing.assert_allclose(jax.jit(causal)(kernel, x), np.convolve(kernel, x)[:77], atol=1e-12)
-
-
-def test_envelopes():
     t = np.array([-1.0, 0.0, 2.5, 5.0, 12.0])
     gamma = jp.GammaEnvelope(peak=5.0, power=2.0)
     expected = np.where(t > 0, (t / 5 * np.exp(1 - t / 5)) ** 2, 0.0)
@@ -112,17 +104,16 @@ def test_envelopes():
         assert np.isfinite(jax.tree.leaves(slopes)).all()
 
 
-PULSES = [
-    jp.Pulse(0.8, 1.5, 3.0, 0.4, 1.7),
-    jp.Pulse(-0.5, 2.0, 4.0, np.pi / 2, 1.0),
-    jp.Pulse(1.2, 0.9, 2.0, 0.0, 3.0, "s"),
-]
+PULSES = [jp.Pulse(0.8, 1.5, 3.0, 0.4, 1.7), jp.Pulse(-0.5, 2.0, 4.0, np.pi / 2, 1.0)]
+PULSES += [jp.Pulse(1.2, 0.9, 2.0, 0.0, 3.0, "s")]
+SCALES = jp.Scales(mass=5e5, frequency=7.0)
 
 
 @pytest.mark.parametrize("pulse", PULSES)
-def test_a_pulse_s_motions_are_derivatives_of_each_other(pulse):
+def test_a_pulse_s_motions_are_derivatives_of_each_other_and_end_continuously(pulse):
     end = pulse.cycles * pulse.period / 2
     t = pulse.arrival + np.linspace(-1.3, 1.3, 53) * end
+    outside = pulse.arrival + end * np.array([-9.0, -1.0, 1.0, 9.0])
 
     @jax.jit
     def motions(p):
@@ -132,12 +123,6 @@ def test_a_pulse_s_motions_are_derivatives_of_each_other(pulse):
     (velocity, acceleration), slopes = motions(pulse)
     np.testing.assert_allclose(velocity, slopes[0], atol=1e-14)
     np.testing.assert_allclose(acceleration, slopes[1], atol=1e-13)
-
-
-@pytest.mark.parametrize("pulse", PULSES)
-def test_a_pulse_is_at_rest_outside_and_continuous_at_its_ends(pulse):
-    end = pulse.cycles * pulse.period / 2
-    outside = pulse.arrival + end * np.array([-9.0, -1.0, 1.0, 9.0])
     for quantity in ("velocity", "acceleration"):
         np.testing.assert_allclose(values(pulse, quantity, outside), 0.0, atol=1e-14)
     assert float(values(pulse, "displacement", outside)[0]) == 0.0
@@ -160,28 +145,18 @@ def test_a_pulse_is_that_of_mavroeidis_and_papageorgiou():
         assert float(g * values(pulse, "displacement", 99.0)) == pytest.approx(left, rel=1e-12)
 
 
-def test_a_pulse_in_seconds_becomes_dimensionless_and_adds_up_with_records():
-    scales = jp.Scales(mass=5e5, frequency=7.0)
+def test_a_pulse_in_seconds_becomes_dimensionless_and_says_when_it_is_not_resolved():
     pulse, record = PULSES[2], jp.Record([0.0, 0.1, -0.2, 0.0], 0.5)
-    both = scales.to_dimensionless(0.5 * (pulse + record))
+    both = SCALES.to_dimensionless(0.5 * (pulse + record))
     t = np.linspace(0.0, 5.0, 40)
     expected = 0.5 * (values(pulse, "acceleration", t) + values(record, "acceleration", t))
     np.testing.assert_allclose(values(both, "acceleration", 7 * t), expected, atol=1e-12)
-    with pytest.raises(ValueError, match="must be in the same unit of time"):
-        pulse + PULSES[0]
-    for motion, message in (
-        (both, "must be in seconds, but is in units of 1/ω1 already"),
-        (pulse + jp.Ricker(1, 1, 1), "must be in seconds, but has no unit of time"),
-        (lambda t: t, "must be of type Record"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            scales.to_dimensionless(motion)
-
-
-def test_a_pulse_says_when_steps_do_not_resolve_it():
     assert not PULSES[0].unresolved(0.1)
     assert "7.5 time steps long" in PULSES[0].unresolved(0.2)[0]
     assert not (0 * PULSES[0]).unresolved(0.2)
+
+
+IN_1, WAVELET = SCALES.to_dimensionless, jp.Ricker(1, 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -196,8 +171,86 @@ def test_a_pulse_says_when_steps_do_not_resolve_it():
         (lambda: jp.Pulse(1.0, 0.0, 1.0), "period = 0 must be positive"),
         (lambda: jp.Pulse(1.0, [1.0, 2.0], 1.0), r"period of shape \(2,\) must be one number"),
         (lambda: jp.Pulse(1.0, 1.0, 1.0, time_unit="ms"), "time_unit = 'ms' must be 's' or"),
+        (lambda: PULSES[2] + PULSES[0], "must be in the same unit of time"),
+        (lambda: IN_1(0.5 * IN_1(PULSES[2])), "be in seconds, but is in units of 1/ω1 already"),
+        (lambda: IN_1(PULSES[2] + WAVELET), "must be in seconds, but has no unit of time"),
+        (lambda: IN_1(lambda t: t), "must be of type Record"),
     ],
 )
 def test_bad_values_are_named(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+N, DT = 400, 0.03
+MAP = jax.jit(jax.jacfwd(lambda z, *p: evolving_noise(z, DT, *p)))
+
+
+def direct(frequency, slope, mid_time, damping):
+    """The matrix of impulse responses of Rezaeian and Der Kiureghian (2008), normalised."""
+    t = DT * np.arange(N)
+    w = 2 * np.pi * np.maximum(frequency + slope * (t - mid_time), 0.3)
+    across = np.sqrt(1 - damping**2)
+    s = t[:, None] - t
+    late = np.maximum(s, 0.0)
+    h = np.where(s >= 0, w / across * np.exp(-damping * w * late) * np.sin(across * w * late), 0)
+    size = np.sqrt((h**2).sum(1))
+    return h / np.where(size > 0, size, 1.0)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("given", "tolerance"),
+    [
+        ((5.0, 0.0, 4.0, 0.3), 1e-10),
+        ((5.0, -0.2, 4.0, 0.1), 1e-9),
+        ((3.0, 0.3, 4.0, 0.03), 1e-5),
+        ((6.0, -1.0, 4.0, 0.3), 2e-3),  # from 10 Hz to .3 Hz, where it stays
+    ],
+)
+def test_evolving_noise_is_the_sum_of_responses_to_impulses(given, tolerance):
+    np.testing.assert_allclose(MAP(jnp.zeros(N), *given), direct(*given), atol=tolerance)
+
+
+def test_evolving_noise_differentiates():
+    z = jnp.asarray(np.random.default_rng(0).normal(size=N))
+
+    @jax.jit
+    def total(p):
+        return jnp.sum(evolving_noise(z, DT, *p) ** 3)
+
+    point, h = jnp.array([5.0, -0.2, 4.0, 0.1]), 1e-5
+    numeric = [(total(point + h * e) - total(point - h * e)) / (2 * h) for e in np.eye(4)]
+    np.testing.assert_allclose(jax.jit(jax.grad(total))(point), numeric, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize(("duration", "mid_time"), [(12.0, 8.0), (5.0, 20.0), (30.0, 7.0)])
+def test_the_modulating_function_has_its_arias_intensity_duration_and_mid_time(duration, mid_time):
+    t = np.linspace(0.0, 150.0, 60_001)
+    q = np.asarray(jax.jit(modulation)(t, 0.05, duration, mid_time))
+    grown = np.pi / 2 * integrate.cumulative_simpson(q**2, x=t, initial=0.0)
+    assert grown[-1] == pytest.approx(0.05, rel=1e-4)
+    early, middle, late = np.interp(np.array([0.05, 0.45, 0.95]) * 0.05, grown, t)
+    assert late - early == pytest.approx(duration, rel=1e-3)
+    assert middle == pytest.approx(mid_time, rel=1e-3)
+
+
+def test_a_duration_out_of_reach_leaves_the_mid_time():
+    """The modulating function is then that of an exponential density, the last without a pole."""
+    t = np.array([0.5, 3.0, 20.0])
+    scale = 4.0 / stats.expon.ppf(0.45)
+    expected = np.sqrt(2 / np.pi * stats.expon.pdf(t, scale=scale))
+    np.testing.assert_allclose(jax.jit(modulation)(t, 1.0, 30.0, 4.0), expected, rtol=1e-9)
+
+
+def test_the_high_pass_filter_is_a_critically_damped_oscillator():
+    """Its acceleration under straight lines, by SciPy; it leaves no velocity behind."""
+    t, corner = DT * np.arange(N), 0.1
+    x = np.sin(2 * t) * np.exp(-0.5 * t) + 0.3 * (t < 5)
+    x[0] = 0.0
+    w = 2 * np.pi * corner
+    oscillator = signal.TransferFunction([1, 0, 0], [1, 2 * w, w**2])
+    expected = signal.lsim(oscillator, x, t)[1]  # exact for straight lines
+    filtered = jax.jit(high_passed)
+    np.testing.assert_allclose(filtered(x, DT, corner), expected, atol=1e-10)
+    long = filtered(np.pad(x, (0, 4000)), DT, corner)
+    assert abs(float(integrate.trapezoid(long, dx=DT))) < 1e-10

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 import warnings
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +25,7 @@ SCALES = jp.Scales(mass=5e5, frequency=7.0)
 
 
 TOO_FAR = "initial_gap = 1000 g/ω1² should be at most 100 times what the buildings move, "
+TOO_SHORT = "ground: the shortest of periods is 3 time steps long and should be at least 8: a "
 
 
 def far(gap):
@@ -33,12 +35,7 @@ def far(gap):
 @pytest.mark.parametrize(
     ("run", "structures", "ground", "message"),
     [
-        (
-            jp.demand,
-            far(0.0),
-            SHORT,
-            "ground: the shortest of periods is 3 time steps long and should be at least 8: a ",
-        ),
+        (jp.demand, far(0.0), SHORT, TOO_SHORT),
         (jp.simulate, PAIR, LOUD, r"ground: PGA = 5\.\d+ g should be at most 5 g"),
         (jp.demand, PAIR, 0.1 * QUIET + LOUD, r"ground: PGA = \d\.\d+ g should be at most 5 g"),
         *((run, far(1000.0), QUIET, TOO_FAR) for run in (jp.simulate, jp.demand)),
@@ -59,15 +56,9 @@ def test_what_is_meant_is_not_warned_of():
     shaking = jp.Ricker([0.5, 0.5], [0.8, 2.0], [1.0, 2.0])
     jp.demand(PAIR, shaking, GRID, strict=True)  # eight steps; its PGA of 46 is of no unit
     assert jp.pga(shaking, GRID) > MOST_PGA
-    moved = jp.demand(PAIR, shaking, GRID)
-    moved = float(moved.peak_x1 + moved.peak_x2)
+    demand = jp.demand(PAIR, shaking, GRID)
+    moved = float(demand.peak_x1 + demand.peak_x2)
     jp.demand(far(0.99 * MOST_GAP * moved), shaking, GRID, strict=True)
-
-
-def test_a_whole_record_ends_with_the_grid_of_its_duration():
-    record = jp.Record([0.0, 0.3, -0.2, 0.3], 0.5, time_unit="1/ω1")
-    assert unseen(record, jp.TimeGrid.until(1.5, dt=0.05)) == []
-    assert "59% of the motion's energy" in unseen(record, jp.TimeGrid.until(0.8, dt=0.05))[0]
 
 
 def test_a_warning_is_given_once_where_a_line_runs_often():
@@ -99,103 +90,95 @@ class Buzz:
         return [f"ground: a buzz needs dt = 0.01, not {dt}"]
 
 
-@pytest.mark.parametrize(
-    ("ground", "said"),
-    [
-        (SHORT, 1),
-        (jp.Ricker(1.0, [0.8], [1.0]), 0),
-        (jp.Ricker([0.0, 1.0], [0.3, 2.0], [1.0, 2.0]), 0),
-        (2 * SHORT, 1),
-        (0.0 * SHORT, 0),
-        (SHORT + SHORT, 2),
-        (Buzz(), 1),
-        (jp.Ricker(1.0, 2.0, 1.0) - Buzz(), 1),
-        (lambda t: jnp.sin(100 * t), 0),
-    ],
-    ids=["short", "long", "still", "scaled", "nothing", "sum", "own", "own in a sum", "function"],
-)
+UNRESOLVED = {
+    "short": (SHORT, 1),
+    "long": (jp.Ricker(1.0, [0.8], [1.0]), 0),
+    "still": (jp.Ricker([0.0, 1.0], [0.3, 2.0], [1.0, 2.0]), 0),
+    "scaled": (2 * SHORT, 1),
+    "nothing": (0.0 * SHORT, 0),
+    "sum": (SHORT + SHORT, 2),
+    "own": (Buzz(), 1),
+    "own in a sum": (jp.Ricker(1.0, 2.0, 1.0) - Buzz(), 1),
+    "function": (lambda t: jnp.sin(100 * t), 0),
+}
+
+
+@pytest.mark.parametrize(("ground", "said"), UNRESOLVED.values(), ids=UNRESOLVED)
 def test_ground_motions_say_what_a_step_does_not_resolve(ground, said):
     assert len(as_motion(ground).unresolved(0.1)) == said
 
 
-@pytest.mark.parametrize(
-    ("frequency", "share", "dt", "said"),
-    [
-        (1.0, 1.0, 0.1, 0),
-        (8.0, 1.0, 0.1, 1),
-        (8.0, 0.05, 0.1, 0),
-        (8.0, 0.2, 0.1, 1),
-        (8.0, 1.0, 0.05, 0),
-        (24.0, 1.0, 0.02, 0),
-    ],
-)
-def test_a_record_loses_what_is_above_the_nyquist_frequency_of_a_coarse_grid(
-    frequency, share, dt, said
-):
+TONES = [(1.0, 1.0, 0.1, 0), (8.0, 1.0, 0.1, 1), (8.0, 0.05, 0.1, 0), (8.0, 0.2, 0.1, 1)]
+TONES += [(8.0, 1.0, 0.05, 0), (24.0, 1.0, 0.02, 0)]
+
+
+@pytest.mark.parametrize(("frequency", "share", "dt", "said"), TONES)
+def test_a_record_loses_what_a_coarse_grid_does_not_hold(frequency, share, dt, said):
     """``share`` of the amplitude at a frequency in Hz; the Nyquist frequency of .1 s is 5 Hz."""
     t = 0.02 * np.arange(1000)
     samples = np.sin(2 * np.pi * t) + share * np.sin(2 * np.pi * frequency * t)
-    found = jp.Record(samples, 0.02, "tone", units="g").unresolved(dt)
-    assert len(found) == said
-    if found:
+    notes = jp.Record(samples, 0.02, "tone", units="g").unresolved(dt)
+    assert len(notes) == said
+    if notes:
         lost = share**2 / (1 + share**2)
-        assert "lose at most 1% of the energy of Record('tone'" in found[0]
-        assert f"but lose {lost:.0%}" in found[0]
+        assert "lose at most 1% of the energy of Record('tone'" in notes[0]
+        assert f"but lose {lost:.0%}" in notes[0]
 
 
 LATE = jp.Ricker([0.01, 0.5], [2.0, 2.0], [1.0, 6.0])
 QUAKE = jp.Record(0.2 * np.sin(3 * T) * (T > 1.0), 0.2, "quake", "1/ω1")  # of 8 time units
 
 
-@pytest.mark.parametrize(
-    ("ground", "share"),
-    [
-        (jp.Ricker([0.5, 0.01], [2.0, 2.0], [1.0, 6.0]), 0),
-        (LATE, 100),
-        (jp.Ricker(0.1, [2.0] * 4, [1.0, 2.0, 3.0, 5.0]), 25),
-        (jp.Pulse(0.1, 2.0, 30.0), 100),
-        (QUAKE, 67),
-        (jp.Record([0.1, 0.2, 0.1], 1.0, time_unit="1/ω1"), 0),
-        (LATE - jp.Record([0.1, 0.2, 0.1], 1.0, time_unit="1/ω1"), 100),
-        (0.0 * LATE, 0),
-        (lambda t: jnp.sin(3 * t), 0),
-        (LATE + (lambda t: jnp.sin(3 * t)), 0),
-    ],
-    ids=["early", "late", "last", "pulse", "cut", "whole", "sum", "none", "function", "with it"],
-)
+WHOLE = jp.Record([0.1, 0.2, 0.1], 1.0, time_unit="1/ω1")
+SHARES = {
+    "early": (jp.Ricker([0.5, 0.01], [2.0, 2.0], [1.0, 6.0]), 0),
+    "late": (LATE, 100),
+    "last": (jp.Ricker(0.1, [2.0] * 4, [1.0, 2.0, 3.0, 5.0]), 25),
+    "pulse": (jp.Pulse(0.1, 2.0, 30.0), 100),
+    "cut": (QUAKE, 67),
+    "whole": (WHOLE, 0),
+    "sum": (LATE - WHOLE, 100),
+    "none": (0.0 * LATE, 0),
+    "function": (lambda t: jnp.sin(3 * t), 0),
+    "with it": (LATE + (lambda t: jnp.sin(3 * t)), 0),
+}
+
+
+@pytest.mark.parametrize(("ground", "share"), SHARES.values(), ids=SHARES)
 def test_a_run_that_ends_before_most_of_the_earthquake_is_told_of(ground, share):
-    found = unseen(ground, GRID)
-    assert len(found) == (share > 0)
-    if found:
-        told = int(re.search(r"^ground: (\d+)% of the motion's energy", found[0])[1])
+    notes = unseen(ground, GRID)
+    assert len(notes) == (share > 0)
+    if notes:
+        told = int(re.search(r"^ground: (\d+)% of the motion's energy", notes[0])[1])
         assert told == pytest.approx(share, abs=5 if ground is QUAKE else 1)
 
 
-def test_known_energies_are_integrals():
+def test_energies_are_integrals_and_a_whole_record_ends_with_its_grid():
     t = np.linspace(-20.0, 40.0, 60_001)
     for ground in (jp.Ricker(0.3, 2.0, 10.0), jp.Pulse(0.3, 2.0, 10.0, 0.4, 3.0), 2 * QUAKE):
         expected = np.trapezoid(np.asarray(ground.acceleration(t)) ** 2, t)
         assert ground.energy(-np.inf) == pytest.approx(expected, rel=0.1)
+    record = jp.Record([0.0, 0.3, -0.2, 0.3], 0.5, time_unit="1/ω1")
+    assert unseen(record, jp.TimeGrid.until(1.5, dt=0.05)) == []
+    assert "59% of the motion's energy" in unseen(record, jp.TimeGrid.until(0.8, dt=0.05))[0]
 
 
 def test_every_run_tells_of_an_earthquake_that_comes_after_its_end():
-    words = "100% of the motion's energy .* comes after the end of the run"
-    for run in (jp.simulate, jp.demand):
-        with pytest.raises(ValueError, match=f"^{run.__name__}: ground: {words}"):
-            run(PAIR, LATE, GRID, strict=True)
+    words = "ground: 100% of the motion's energy .* comes after the end of the run"
     building = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
     record = jp.Record(0.2 * np.sin(9 * T) * (T > 2.0), 0.1)
-    with pytest.raises(ValueError, match=f"^simulate_buildings: ground: {words}"):
-        jp.simulate_buildings(
-            building, building, record, friction_force=2e5, gap=0.1, duration=1.5, strict=True
-        )
-    late = jp.Scenarios(
-        PAIR, jp.RandomRicker(1, jp.Uniform(0, 1e-4), jp.Uniform(1.0, 2.0), jp.Uniform(3.0, 7.0))
-    )
-    with pytest.raises(
-        ValueError, match=r"^monte_carlo: ground: 7\d% of the 256 .* outlast the run"
+    buildings = partial(jp.simulate_buildings, friction_force=2e5, gap=0.1, duration=1.5)
+    drawn = jp.RandomRicker(1, jp.Uniform(0, 1e-4), jp.Uniform(1.0, 2.0), jp.Uniform(3.0, 7.0))
+    study = partial(jp.monte_carlo, progress=False)
+    outlasting = r"ground: 7\d% of the 256 .* outlast the run"
+    for name, run, arguments, says in (
+        ("simulate", jp.simulate, (PAIR, LATE, GRID), words),
+        ("demand", jp.demand, (PAIR, LATE, GRID), words),
+        ("simulate_buildings", buildings, (building, building, record), words),
+        ("monte_carlo", study, (jp.Scenarios(PAIR, drawn), 1000, GRID), outlasting),
     ):
-        jp.monte_carlo(late, 1000, GRID, progress=False, strict=True)
+        with pytest.raises(ValueError, match=f"^{name}: {says}"):
+            run(*arguments, strict=True)
 
 
 # Many earthquakes.
@@ -206,32 +189,21 @@ def scenarios(periods, amplitude=1e-4):
     return jp.Scenarios(PAIR, jp.RandomRicker(1, jp.Uniform(0, amplitude), periods, arrivals))
 
 
-@pytest.fixture
-def nothing_is_run(monkeypatch):
+SLOW = scenarios(jp.Uniform(1.0, 2.0))
+STRONG = scenarios(jp.Uniform(1.0, 2.0), amplitude=1.5)
+# Wavelets of 1 to 2 ms with a step of 12 ms.
+FINE = scenarios(jp.Uniform(0.01, 0.02), amplitude=1e-6)
+OF_FINE = rf"ground: 100% of the {LOOKED_AT} earthquakes looked at are not resolved; of one, "
+OF_FINE += r"the shortest of periods is 0\.1\d+ time steps long and should be at least 8"
+OF_STRONG = rf"ground: PGA of \d\d% of the {LOOKED_AT} earthquakes looked at, up to \d\d\.\d+ g,"
+
+
+@pytest.mark.parametrize(("made", "message"), [(FINE, OF_FINE), (STRONG, OF_STRONG)])
+def test_a_study_is_judged_before_its_first_run(made, message, tmp_path, monkeypatch):
     def run(*_):
         raise AssertionError("a chunk is run")
 
     monkeypatch.setattr(Task, "compute", run)
-
-
-@pytest.mark.usefixtures("nothing_is_run")
-@pytest.mark.parametrize(
-    ("made", "message"),
-    [
-        # Wavelets of 1 to 2 ms with a step of 12 ms.
-        (
-            scenarios(jp.Uniform(0.01, 0.02), amplitude=1e-6),
-            rf"ground: 100% of the {LOOKED_AT} earthquakes looked at are not resolved; of one, "
-            r"the shortest of periods is 0\.1\d+ time steps long and should be at least 8",
-        ),
-        (
-            scenarios(jp.Uniform(1.0, 2.0), amplitude=1.5),
-            rf"ground: PGA of \d\d% of the {LOOKED_AT} earthquakes looked at, up to \d\d\.\d+ g,",
-        ),
-    ],
-    ids=["resolution", "PGA"],
-)
-def test_a_study_is_judged_before_its_first_run(made, message, tmp_path):
     call = {"n": 1000, "grid": GRID, "progress": False}
     with pytest.raises(ValueError, match=f"^monte_carlo: {message}"):
         jp.monte_carlo(made, **call, store=tmp_path / "new", strict=True)
@@ -245,7 +217,7 @@ def test_a_study_is_judged_before_its_first_run(made, message, tmp_path):
 
 
 def test_a_study_whose_gap_is_far_too_wide_is_warned_of():
-    wide = dataclasses.replace(scenarios(jp.Uniform(1.0, 2.0)), structures=far(1.0))
+    wide = dataclasses.replace(SLOW, structures=far(1.0))
     with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: initial_gap = .* 100 times"):
         study = jp.monte_carlo(wide, 8, GRID, progress=False)
     with pytest.raises(ValueError, match=r"^monte_carlo: initial_gap = .* m should"):
@@ -256,13 +228,9 @@ def test_a_study_whose_gap_is_far_too_wide_is_warned_of():
 @pytest.mark.parametrize(
     ("made", "scales", "message"),
     [
-        (
-            scenarios(jp.Uniform(0.01, 0.02)),
-            None,
-            "ground: 100% of the 8 earthquakes looked at are not",
-        ),
-        (scenarios(jp.Uniform(1.0, 2.0), amplitude=1.5), SCALES, "ground: PGA of .* 8 earth"),
-        (scenarios(jp.Uniform(1.0, 2.0)), None, "initial_gap = 1 g/ω1² should be at most"),
+        (FINE, None, "ground: 100% of the 8 earthquakes looked at are not"),
+        (STRONG, SCALES, "ground: PGA of .* 8 earth"),
+        (SLOW, None, "initial_gap = 1 g/ω1² should be at most"),
     ],
     ids=["resolution", "PGA", "gap"],
 )

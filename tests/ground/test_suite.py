@@ -12,13 +12,8 @@ def burst(frequency, n=400, dt=0.02, size=0.2):
     return size * np.sin(frequency * t) * np.exp(-(((t - 3) / 1.5) ** 2))
 
 
-SUITE = jp.RecordSuite(
-    [
-        jp.Record(burst(4.0), 0.02, "slow"),
-        jp.Record(burst(7.0, n=900, dt=0.01), 0.01, "medium"),
-        jp.Record(burst(15.0, n=350) + 0.01, 0.02, "fast"),
-    ]
-)
+SLOW, FAST = jp.Record(burst(4.0), 0.02, "slow"), jp.Record(burst(15.0, n=350) + 0.01, 0.02, "fast")
+SUITE = jp.RecordSuite([SLOW, jp.Record(burst(7.0, n=900, dt=0.01), 0.01, "medium"), FAST])
 
 
 def at2(values, dt):
@@ -41,26 +36,38 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path):
     (tmp_path / "pulse.csv").write_text("1.0\n2.0\n0.5\n")
     (pulse,) = jp.read_suite(tmp_path, "*.csv", dt=0.1, units="m/s2")
     np.testing.assert_allclose(pulse.samples * jp.STANDARD_GRAVITY, [1.0, 2.0, 0.5])
+    scaled = SUITE.scaled([2.0, 1.0, 0.5])
+    np.testing.assert_allclose(scaled.pgas, SUITE.pgas * [2.0, 1.0, 0.5])
+    np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
+    with pytest.raises(ValueError, match=r"damping of shape \(2,\) must be one number"):
+        SUITE.spectra([0.5], damping=[0.02, 0.05])
+    with pytest.raises(ValueError, match=r"factors of shape \(2,\) must be \(3,\)"):
+        SUITE.scaled([1.0, 2.0])
 
 
 def test_errors_name_the_file(tmp_path):
-    with pytest.raises(ValueError, match=r"folder = .*none' must be a folder"):
-        jp.read_suite(tmp_path / "none")
-    with pytest.raises(ValueError, match=r"must fit a file in .*: it is empty"):
-        jp.read_suite(tmp_path)
-    (tmp_path / "good.AT2").write_text(at2([0.1, 0.2, 0.1], 0.02))
-    (tmp_path / "short.AT2").write_text(at2([0.1, 0.2, 0.1], 0.02).replace("NPTS=  3", "NPTS=  4"))
-    with pytest.raises(ValueError, match=r"read_suite: .*short\.AT2"):
-        jp.read_suite(tmp_path)
-    with pytest.raises(ValueError, match=r"pattern = '\*\.csv' must fit .*: it has \*\.AT2$"):
-        jp.read_suite(tmp_path, "*.csv")
-    (tmp_path / "good.txt").write_text(at2([0.1, 0.2, 0.1], 0.02))
-    with pytest.raises(ValueError, match="name = 'good' must be that of one record only"):
-        jp.read_suite(tmp_path, "good*")
+    def refused(message, *pattern, folder=tmp_path):
+        with pytest.raises(ValueError, match=message):
+            jp.read_suite(folder, *pattern)
+
+    good = at2([0.1, 0.2, 0.1], 0.02)
+    refused(r"folder = .*none' must be a folder", folder=tmp_path / "none")
+    refused(r"must fit a file in .*: it is empty")
+    (tmp_path / "good.AT2").write_text(good)
+    (tmp_path / "short.AT2").write_text(good.replace("NPTS=  3", "NPTS=  4"))
+    refused(r"read_suite: .*short\.AT2")
+    refused(r"pattern = '\*\.csv' must fit .*: it has \*\.AT2$", "*.csv")
+    (tmp_path / "good.txt").write_text(good)
+    refused("name = 'good' must be that of one record only", "good*")
 
 
 def test_a_suite_is_of_records_that_go_together():
     one = jp.Record([0.1, 0.2], 0.1)
+    suite = jp.RecordSuite((one, one))
+    assert suite.names == ("record 1", "record 2")
+    assert suite["record 2"] is suite[1]
+    assert suite.chosen(["record 2"]).names == suite.chosen(np.array([-1])).names == ("record 2",)
+    assert "record 2" in repr(suite)
     for records, words in (
         ((), "must hold at least one record"),
         ((one, 3), r"records\[1\] = 3 must be of type Record"),
@@ -70,12 +77,8 @@ def test_a_suite_is_of_records_that_go_together():
     ):
         with pytest.raises(ValueError, match=words):
             jp.RecordSuite(records)
-    suite = jp.RecordSuite((one, one))
-    assert suite.names == ("record 1", "record 2")
-    assert suite["record 2"] is suite[1]
     with pytest.raises(ValueError, match="name = 'x' must be one of record 1, record 2"):
         suite["x"]
-    assert suite.chosen(["record 2"]).names == suite.chosen(np.array([-1])).names == ("record 2",)
     for which, words in (
         ([2], "chosen: 2 must be a record's number, from 0 to 1, or its name"),
         ([0.5], "chosen: 0.5 must be"),
@@ -84,7 +87,6 @@ def test_a_suite_is_of_records_that_go_together():
     ):
         with pytest.raises(ValueError, match=words):
             suite.chosen(which)
-    assert "record 2" in repr(suite)
 
 
 @jax.jit
@@ -98,13 +100,3 @@ def test_spectra_are_those_of_each_record_alone(periods):
     for record, row in zip(SUITE, found, strict=True):
         for period, value in zip(periods, row, strict=True):
             assert value == pytest.approx(float(alone(record, period)), rel=1e-9)
-
-
-def test_scaled_records():
-    scaled = SUITE.scaled([2.0, 1.0, 0.5])
-    np.testing.assert_allclose(scaled.pgas, SUITE.pgas * [2.0, 1.0, 0.5])
-    np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
-    with pytest.raises(ValueError, match=r"damping of shape \(2,\) must be one number"):
-        SUITE.spectra([0.5], damping=[0.02, 0.05])
-    with pytest.raises(ValueError, match=r"factors of shape \(2,\) must be \(3,\)"):
-        SUITE.scaled([1.0, 2.0])

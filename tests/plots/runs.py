@@ -11,6 +11,11 @@ LAW = jp.KelvinVoigt(stiffness=100.0, restitution=0.65)
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
 
 
+def legend(ax):
+    """The words of the legend; none if there is none."""
+    return [text.get_text() for text in ax.get_legend().texts] if ax.get_legend() else []
+
+
 @cache
 def paper_run(friction=PAIR.friction):
     return jp.simulate(replace(PAIR, friction=friction), GROUND, GRID)

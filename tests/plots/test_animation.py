@@ -14,7 +14,7 @@ import jaxpound as jp
 from jaxpound.plots.animation import animate, still
 from jaxpound.plots.moving_rows import Scene
 from tests.made import changed, pair_response, row_of, row_response
-from tests.plots.runs import GROUND, LAW, PAIR, SCALES, SHORT, paper_run
+from tests.plots.runs import GROUND, LAW, PAIR, SCALES, SHORT, legend, paper_run
 
 
 def blocks(ax):
@@ -24,10 +24,9 @@ def blocks(ax):
 
 
 @pytest.mark.parametrize("si", [False, True])
-def test_the_blocks_are_as_far_apart_as_the_gap(si, response):
+def test_the_blocks_are_as_far_apart_as_the_gap(si, response, ax):
     if si:
         response = SCALES.to_si(response)
-    ax = Figure().add_subplot()
     scene = Scene(response, ax)
     rest = np.array(blocks(ax))
     for i in (0, 150, 374, 700):
@@ -38,14 +37,10 @@ def test_the_blocks_are_as_far_apart_as_the_gap(si, response):
         np.testing.assert_allclose(moved[1], float(response.x2[i]), atol=1e-12)
         phase = "stick" if float(response.phase[i]) == 0 else "slip"
         assert ax.texts[0].get_text() == f"damper: {phase}"
-
-
-def test_pounding_is_named_where_the_gap_is_closed(response):
-    closed = changed(response, gap=response.gap - 0.5)
-    at = float(response.demand.min_gap_time)
-    ax = still(closed, at, Figure().add_subplot())
-    assert ax.texts[0].get_text() == "POUNDING (not modelled)"
-    assert still(closed, 0.0, Figure().add_subplot()).texts[0].get_text() == "damper: stick"
+    closed = changed(response, gap=response.gap - 0.5 * response.gap[0])
+    times = {float(response.demand.min_gap_time): "POUNDING (not modelled)", 0.0: "damper: stick"}
+    for time, words in times.items():
+        assert still(closed, time, Figure().add_subplot()).texts[0].get_text() == words
 
 
 def test_a_player_and_a_file_have_every_frame(response, tmp_path):
@@ -61,39 +56,40 @@ def test_a_player_and_a_file_have_every_frame(response, tmp_path):
         assert file.info["duration"] == 200
 
 
-def test_wrong_arguments_are_refused(response):
-    with pytest.raises(ValueError, match=r"frames = 1, seconds = 10.0 must be"):
-        animate(response, frames=1)
-    with pytest.raises(ValueError, match="seconds = -1"):
-        animate(response, seconds=-1)
+def test_wrong_arguments_are_refused(response, moved):
     batch = jax.tree.map(lambda x: np.stack([x, x]), response)
-    with pytest.raises(ValueError, match=r"animate: a batch of shape \(2, 1001\)"):
-        animate(batch)
-    lost = changed(response.demand, pga=np.nan)
-    for time in (99.0, np.nan):
-        with pytest.raises(ValueError, match=r"must be within the run, from 0 to 20"):
-            still(response, time)
-    with pytest.raises(ValueError, match="still: the run is invalid"):
-        still(dataclasses.replace(response, demand=lost), 0.0)
-
-
-def test_what_is_no_building_or_a_pair_without_a_gap_is_refused(response):
+    lost, far = (
+        dataclasses.replace(response, demand=changed(response.demand, **{name: value}))
+        for name, value in (("pga", np.nan), ("min_gap", np.inf))
+    )
     three = dataclasses.replace(response, masses=(*response.masses, response.masses[1]))
-    with pytest.raises(ValueError, match=r"^animate: the run must be of shear buildings: floors"):
-        animate(three)
-    with pytest.raises(ValueError, match=r"^still: the run must be of shear buildings: floors"):
-        still(three, 0.0)
-    far = dataclasses.replace(response, demand=changed(response.demand, min_gap=np.inf))
-    with pytest.raises(ValueError, match="animate: the gap must be finite"):
-        animate(far)
+    short = pair_response(response.time[:900], {"gap": np.ones(900)})
+    within = "must be within the run, from 0 to 20"
+    floors = "the run must be of shear buildings: floors"
+    one = {"ax": Figure().add_subplot(), "elevations": [[3, 6, 9]]}
+    for draw, arguments, options, message in (
+        (animate, (response,), {"frames": 1}, r"frames = 1, seconds = 10.0 must be"),
+        (animate, (response,), {"seconds": -1}, "seconds = -1"),
+        (animate, (batch,), {}, r"animate: a batch of shape \(2, 1001\)"),
+        (still, (response, 99.0), {}, within),
+        (still, (response, np.nan), {}, within),
+        (still, (lost, 0.0), {}, "still: the run is invalid"),
+        (animate, (three,), {}, f"^animate: {floors}"),
+        (still, (three, 0.0), {}, f"^still: {floors}"),
+        (animate, (far,), {}, "animate: the gap must be finite"),
+        (animate, ({"long": response, "short": short},), {}, "must be on the same grid"),
+        (animate, ({},), {}, "animate: responses must hold at least one run"),
+        (still, (moved, 1.0), one, "still: elevations, 1 of them, must be one for each"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            draw(*arguments, **options)
 
 
 def test_several_runs_move_side_by_side_to_one_scale(response):
     bare = paper_run(friction=0.0)
     moving = animate({"without": bare, "with": response}, frames=2)
     moving.to_jshtml()
-    figure = moving._fig
-    scenes = [ax for ax in figure.axes if not ax.axison]
+    scenes = [ax for ax in moving._fig.axes if not ax.axison]
     assert [ax.get_title() for ax in scenes] == ["without", "with"]
     assert scenes[0].get_xlim() == scenes[1].get_xlim()
     last = [(blocks(ax)[1][0] - blocks(ax)[0][1]) for ax in scenes]
@@ -101,13 +97,8 @@ def test_several_runs_move_side_by_side_to_one_scale(response):
     assert [ax.texts[0].get_text() for ax in scenes] == ["", "damper: stick"]
     dampers = [line for ax in scenes for line in ax.lines if line.get_marker() == "s"]
     assert [line.get_visible() for line in dampers] == [False, True]
-    over_time = [ax for ax in figure.axes if ax.axison]
+    over_time = [ax for ax in moving._fig.axes if ax.axison]
     assert over_time[0].get_ylim() == over_time[1].get_ylim()
-    short = pair_response(response.time[:900], {"gap": np.ones(900)})
-    with pytest.raises(ValueError, match="must be on the same grid"):
-        animate({"long": response, "short": short})
-    with pytest.raises(ValueError, match="animate: responses must hold at least one run"):
-        animate({})
 
 
 @pytest.fixture(scope="module")
@@ -116,32 +107,29 @@ def collisions():
     return jp.simulate(pair, GROUND, SHORT)
 
 
-def test_a_star_flashes_at_each_impact_and_blocks_do_not_overlap(collisions):
-    ax = Figure().add_subplot()
+def stars(ax):
+    return [line for line in ax.lines if isinstance(line.get_marker(), tuple)]
+
+
+def test_a_star_flashes_at_each_impact_and_the_legend_leaves_the_curve_free(collisions, ax):
     scene = Scene(collisions, ax)
-    (star,) = [line for line in ax.lines if isinstance(line.get_marker(), tuple)]
-    time = np.asarray(collisions.time)
-    hits = [impact.time for impact in collisions.impacts()]
+    (star,) = stars(ax)
+    hits = np.searchsorted(collisions.time, [impact.time for impact in collisions.impacts()])
     assert len(hits) > 1
     for hit in hits:
-        i = int(np.searchsorted(time, hit))
-        scene.show(i)
+        scene.show(int(hit))
         left, right = blocks(ax)
         assert left[1] <= right[0] + 1e-9
         assert star.get_visible()
         assert left[1] - 0.1 < star.get_xdata()[0] < right[0] + 0.1
-    for before in (0, int(np.searchsorted(time, hits[0])) - 1):
+    for before in (0, int(hits[0]) - 1):
         scene.show(before)
         assert not star.get_visible()
-
-
-def test_the_legend_of_a_low_panel_leaves_the_curve_free(collisions):
     film = animate(collisions, frames=2)
     film.to_jshtml()
     (ax,) = (ax for ax in film._fig.axes if ax.get_ylabel().startswith("gap"))
-    legend = ax.get_legend()
-    assert [text.get_text() for text in legend.texts][1:] == ["impact"]
-    box = legend.get_window_extent().transformed(ax.transData.inverted())
+    assert legend(ax)[1:] == ["impact"]
+    box = ax.get_legend().get_window_extent().transformed(ax.transData.inverted())
     assert box.y0 > float(np.max(collisions.gap))
 
 
@@ -163,21 +151,14 @@ def moved():
     )
 
 
-def faces(ax):
-    """Left and right end of each floor, in the order of the masses."""
-    found = blocks(ax)
-    assert len(found) == 6
-    return np.array(found)
-
-
-def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved):
-    ax = Figure().add_subplot()
+def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved, ax):
     scene = Scene(moved, ax)
     scene.show(0)
-    rest = faces(ax)
+    rest = np.array(blocks(ax))
     for i in (0, 60, 203, 400):
         scene.show(i)
-        now = faces(ax)
+        now = np.array(blocks(ax))  # left and right end of each floor, in the order of the masses
+        assert len(now) == 6
         for k, (left, right) in enumerate([(0, 3), (1, 4), (3, 5)]):
             assert now[right, 0] - now[left, 1] == pytest.approx(moved.links[k].gap[i], abs=1e-12)
         shift = [float(mass.x[i] - mass.x[0]) for mass in moved.masses]
@@ -187,37 +168,36 @@ def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved):
         assert feet[0][0][-1] - feet[0][0][0] == pytest.approx(float(moved.masses[0].x[i]))
 
 
-def test_contacts_of_a_row_flash_and_are_counted(moved):
-    ax = Figure().add_subplot()
+def test_contacts_of_a_row_flash_and_are_counted(moved, ax):
     scene = Scene(moved, ax)
-    stars = [line for line in ax.lines if isinstance(line.get_marker(), tuple)]
     seen = set()
     for i, time in enumerate(TIME):
         scene.show(i)
         closed = [bool(link.gap[i] <= 0) for link in moved.links]
         free = not any(closed[k] for k in (0, 3, 4))
-        words = ax.texts[0].get_text()
         what = "contact" if free else "POUNDING (not modelled)"
-        assert words == (f"{what} at {sum(closed)} of 5 links" if any(closed) else "")
-        for k, star in enumerate(stars):
+        words = f"{what} at {sum(closed)} of 5 links" if any(closed) else ""
+        assert ax.texts[0].get_text() == words
+        for k, star in enumerate(stars(ax)):
             begun = [hit for hit in moved.impacts(k) if 0 <= time - hit.time < 20.0 / 30]
             assert star.get_visible() == bool(begun)
             seen |= {k} if begun else set()
     assert seen == {1, 2}
 
 
-def test_a_row_is_animated_with_its_displacements_and_the_map_of_its_gaps(moved):
-    film = animate(moved, frames=2)
+def axes_of(film):
     film.to_jshtml()
-    words = [ax.get_ylabel().partition(" ")[0] for ax in film._fig.axes if ax.axison]
-    assert words == ["displacement", "", "gap"]  # the map has its colour bar
+    return [ax for ax in film._fig.axes if ax.axison]
+
+
+def test_a_row_is_animated_with_its_displacements_and_the_map_of_its_gaps(moved):
+    free = row_response(row_of((3, 1)), TIME, lambda i, t: np.sin(t + i))
+    for run, expected in (
+        (moved, ["displacement", "", "gap"]),  # the map has its colour bar
+        (free, ["ground", "displacement"]),
+    ):
+        axes = axes_of(animate(run, frames=2))
+        assert [ax.get_ylabel().partition(" ")[0] for ax in axes] == expected
     both = animate({"a": moved, "b": moved}, frames=2, elevations=[[3, 6, 9], [3, 6], [4]])
-    both.to_jshtml()
-    images = [ax.images[0] for ax in both._fig.axes if ax.images and ax.get_xlabel()]
+    images = [ax.images[0] for ax in axes_of(both) if ax.images and ax.get_xlabel()]
     assert len({image.get_clim() for image in images}) == 1
-    free = animate(row_response(row_of((3, 1)), TIME, lambda i, t: np.sin(t + i)), frames=2)
-    free.to_jshtml()
-    words = [ax.get_ylabel().partition(" ")[0] for ax in free._fig.axes if ax.axison]
-    assert words == ["ground", "displacement"]
-    with pytest.raises(ValueError, match="still: elevations, 1 of them, must be one for each"):
-        still(moved, 1.0, Figure().add_subplot(), elevations=[[3, 6, 9]])

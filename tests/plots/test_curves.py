@@ -13,6 +13,7 @@ from jaxpound.plots.curves import is_pair
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
 from tests.made import pair_response, row_of, row_response
+from tests.plots.runs import legend
 
 TIME = np.linspace(0.0, 1.0, 5)
 X = [np.sin((i + 1) * TIME) for i in range(4)]
@@ -22,7 +23,17 @@ LINKS = {(1, 2): 0.8, (jp.GROUND, 0): np.inf, (2, 3): 0.6}
 
 def response(links=LINKS):
     """A run that nothing made: a building of two storeys, two of one, and links by gap at rest."""
-    gaps = {(i, j): rest - (X[i] if i >= 0 else 0) + X[j] for (i, j), rest in links.items()}
+    gaps = {
+        (i, j): np.asarray(rest - (X[i] if i >= 0 else 0) + X[j]) for (i, j), rest in links.items()
+    }
+    least = [(gap.min(), TIME[gap.argmin()]) for gap in gaps.values()]
+    demand = jp.Demand(
+        masses=(MassDemand(1.0, 1.0),) * 4,
+        rods=(RodDemand(1.0),) * 4,
+        links=tuple(LinkDemand(*both, 1.0, 1.0, 0.0) for both in least),
+        pga=1.0,
+        pgv=1.0,
+    )
     return jp.Response(
         time=TIME,
         ground_acceleration=np.cos(TIME),
@@ -31,17 +42,9 @@ def response(links=LINKS):
         rods=tuple(RodResponse((i + 3) * TIME, ends) for i, ends in enumerate(RODS)),
         links=tuple(
             LinkResponse(gap, 0.1 * gap, TIME, np.ones(5), TIME, ends=ends, slip_force=0.1)
-            for ends, gap in ((ends, np.asarray(gap)) for ends, gap in gaps.items())
+            for ends, gap in gaps.items()
         ),
-        demand=jp.Demand(
-            masses=(MassDemand(1.0, 1.0),) * 4,
-            rods=(RodDemand(1.0),) * 4,
-            links=tuple(
-                LinkDemand(gap.min(), TIME[gap.argmin()], 1.0, 1.0, 0.0) for gap in gaps.values()
-            ),
-            pga=1.0,
-            pgv=1.0,
-        ),
+        demand=demand,
     )
 
 
@@ -70,49 +73,43 @@ def drawn(ax):
         (
             plots.friction_force,
             "link",
-            [0.1 * np.asarray(link.gap) for link in response().links],
+            [0.1 * x.gap for x in response().links],
             "friction force $q$",
         ),
     ],
 )
 def test_every_mass_rod_and_link_is_drawn_over_time(draw, what, expected, y, ax):
     draw(response(), ax)
-    found = drawn(ax)
-    assert list(found) == NAMES[what]
-    for (x, values), wanted in zip(found.values(), expected, strict=True):
+    lines = drawn(ax)
+    assert list(lines) == legend(ax) == NAMES[what]
+    for (x, values), wanted in zip(lines.values(), expected, strict=True):
         np.testing.assert_array_equal(x, TIME)
         np.testing.assert_array_equal(values, wanted)
     assert ax.get_ylabel().startswith(f"{y} (")
-    assert [text.get_text() for text in ax.get_legend().texts] == list(found)
     assert len({line.get_color() for line in ax.lines}) == len(expected)
 
 
-def test_rods_are_drawn_over_their_own_elongation(ax):
+def test_rods_and_links_are_drawn_over_their_own_elongation_and_slip(ax):
     plots.rod_hysteresis(response(), ax)
-    found = drawn(ax)
-    for i, e in enumerate((X[0], X[1] - X[0], X[2], -X[3])):
-        np.testing.assert_array_equal(found[NAMES["rod"][i]], [e, (i + 3) * TIME])
     assert ax.get_xlabel().startswith("elongation")
-
-
-def test_links_are_drawn_over_their_own_slip(ax):
+    expected = [(e, (i + 3) * TIME) for i, e in enumerate((X[0], X[1] - X[0], X[2], -X[3]))]
+    for name, xy in zip(NAMES["rod"], expected, strict=True):
+        np.testing.assert_array_equal(drawn(ax)[name], xy)
+    ax.clear()
     plots.friction_hysteresis(response(), ax)
-    found = drawn(ax)
     for name, slip in zip(NAMES["link"], (X[1] - X[2], -X[0], X[2] - X[3]), strict=True):
-        np.testing.assert_array_equal(found[name][0], slip)
+        np.testing.assert_array_equal(drawn(ax)[name][0], slip)
     assert ax.get_xlabel().startswith("slip $x_i - x_j$")
 
 
 def test_the_gap_of_every_link_that_has_one_is_drawn(ax):
     run = response()
     plots.gap(run, ax)
-    found = drawn(ax)
-    assert list(found) == NAMES["link"][::2]
-    np.testing.assert_array_equal(found["2–3, floor 1"][1], run.links[2].gap)
+    assert list(drawn(ax)) == NAMES["link"][::2]
+    np.testing.assert_array_equal(drawn(ax)["2–3, floor 1"][1], run.links[2].gap)
     smallest = float(run.min_gap)
     assert ax.lines[-1].get_ydata() == smallest
-    words = [text.get_text().replace("−", "-") for text in ax.get_legend().texts]
-    assert words[2].startswith(f"min {smallest:.4g} at")
+    assert legend(ax)[2].replace("−", "-").startswith(f"min {smallest:.4g} at")
     both = plots.gaps({"one": run, "other": response({(1, 2): 0.8})}, Figure().add_subplot())
     assert sum(np.size(line.get_ydata()) == 5 for line in both.lines) == 3
 
@@ -138,65 +135,57 @@ def test_a_batch_some_of_whose_runs_have_a_gap_is_drawn(ax):
     assert f"{float(runs[0].min_gap):.4g}" in ax.get_legend().texts[0].get_text()
 
 
-def test_many_masses_have_colours_of_their_own(ax):
+def test_many_masses_have_colours_of_their_own_and_a_narrow_legend(ax):
     run = response()
     plots.displacements(dataclasses.replace(run, masses=run.masses * 5), ax)
     assert len({line.get_color() for line in ax.lines}) == 20
+    run = linked((4, 3, 4), ())
+    for width in (2.2, 3.54, 7.0):
+        ax = Figure(figsize=(width, 2.4), layout="constrained").add_subplot()
+        plots.displacements(run, ax).figure.draw_without_rendering()
+        assert ax.get_legend().get_window_extent().x0 > ax.get_window_extent().x0 - 1
 
 
 def test_a_pair_is_known_by_its_topology():
     pair = pair_response(TIME, {})
-    assert is_pair(pair)
-    assert not is_pair(response())
-    assert not is_pair(dataclasses.replace(pair, links=()))
-    assert not is_pair(dataclasses.replace(pair, rods=pair.rods[::-1]))
+    turned = dataclasses.replace(pair, rods=pair.rods[::-1])
+    others = response(), dataclasses.replace(pair, links=()), turned
+    assert [is_pair(run) for run in (pair, *others)] == [True, False, False, False]
 
 
-def shown(ax):
-    return [text.get_text() for text in ax.get_legend().texts]
+def linked(n_floors, links=None, displacement=lambda i, t: i * np.sin(t)):
+    """The response of a row; if nothing is said, of links between all floors."""
+    if links is None:
+        links = jp.floor_links(row_of(n_floors).buildings, gap=0.5, friction=0.1)
+    return row_response(row_of(n_floors, links), TIME, displacement)
 
 
 def test_of_many_floors_only_the_buildings_are_named(ax):
-    buildings = row_of((4, 3)).buildings
-    run = row_response(
-        row_of((4, 3), jp.floor_links(buildings, gap=0.5, friction=0.1)),
-        TIME,
-        lambda i, t: 0.1 * i * np.sin(t),
-    )
+    run = linked((4, 3), displacement=lambda i, t: 0.1 * i * np.sin(t))
     for draw in (plots.displacements, plots.rod_forces, plots.rod_hysteresis):
-        each = Figure().add_subplot()
-        draw(run, each)
-        assert shown(each) == ["building 1", "building 2"]
+        each = draw(run, Figure().add_subplot())
+        assert legend(each) == ["building 1", "building 2"]
         assert len({line.get_color() for line in each.lines}) == 7
         tops = [each.lines[i].get_color() for i in (3, 6)]
         assert tops == [plots.COLOURS[f"structure {b}"].lower() for b in (1, 2)]
     plots.friction_force(run, ax)
-    assert "1–2, floor 3" in shown(ax)
+    assert "1–2, floor 3" in legend(ax)
 
 
 def test_of_many_links_those_between_the_same_buildings_have_one_name(ax):
-    row = row_of((3, 3, 2))
-    links = jp.floor_links(row.buildings, gap=0.5, friction=0.1)
-    run = row_response(row_of((3, 3, 2), links), TIME, lambda i, t: i * np.sin(t))
+    run = linked((3, 3, 2))
     plots.friction_force(run, ax)
-    assert shown(ax) == ["1–2", "2–3"]
-    every = Figure().add_subplot()
-    plots.gap(run, every)
-    assert shown(every)[:2] == ["1–2", "2–3"]
+    assert legend(ax) == ["1–2", "2–3"]
+    every = plots.gap(run, Figure().add_subplot())
+    assert legend(every)[:2] == ["1–2", "2–3"]
     assert len([line for line in every.lines if np.size(line.get_xdata()) == TIME.size]) == 5
-
-
-def test_links_that_are_named_together_are_told_apart_from_others_between(ax):
-    links = (
-        jp.FloorLink(0, 0, friction=0.1),
-        jp.FloorLink(0, 1, friction=0.1, next_building=0),
-        jp.FloorLink(0, 1, friction=0.1),
-        jp.FloorLink(0, 2, friction=0.1),
-        jp.FloorLink(1, 1, friction=0.1, next_building=jp.GROUND),
-    )
-    run = row_response(row_of((3, 3), links), TIME, lambda i, t: i * np.sin(t))
-    plots.friction_force(run, ax)
-    assert shown(ax) == ["in 1", "1–2", "2–ground"]
+    # They are told apart from others between.
+    within = jp.FloorLink(0, 1, friction=0.1, next_building=0)
+    to_ground = jp.FloorLink(1, 1, friction=0.1, next_building=jp.GROUND)
+    first, *others = (jp.FloorLink(0, floor, friction=0.1) for floor in range(3))
+    ax.clear()
+    plots.friction_force(linked((3, 3), (first, within, *others, to_ground)), ax)
+    assert legend(ax) == ["in 1", "1–2", "2–ground"]
 
 
 def without_dampers(run, numbers):
@@ -208,8 +197,7 @@ def without_dampers(run, numbers):
 
 
 def test_of_links_without_a_damper_nothing_speaks_of_friction(ax):
-    links = jp.floor_links(row_of((2, 2)).buildings, gap=0.5, friction=0.1)
-    run = row_response(row_of((2, 2), links), TIME, lambda i, t: i**2 * np.sin(t))
+    run = linked((2, 2), displacement=lambda i, t: i**2 * np.sin(t))
     plots.friction_force(without_dampers(run, [0]), ax)
     (line,) = ax.lines
     assert line.get_label() == "1–2, floor 2"
@@ -217,16 +205,6 @@ def test_of_links_without_a_damper_nothing_speaks_of_friction(ax):
     np.testing.assert_array_equal(loop.get_ydata(), run.links[1].friction)
     free = without_dampers(run, [0, 1])
     assert len(free.plot().axes) == len(run.plot().axes) - 1
-    assert "friction" not in shown(plots.energy(free))
+    assert "friction" not in legend(plots.energy(free))
     assert "damper" not in str(free)
     assert "damper 1–2, floor 1" in str(run)
-
-
-def test_a_legend_is_no_wider_than_its_axes():
-    row = row_of((4, 3, 4))
-    run = row_response(row, TIME, lambda i, t: i * np.sin(t))
-    for width in (2.2, 3.54, 7.0):
-        figure = Figure(figsize=(width, 2.4), layout="constrained")
-        ax = plots.displacements(run, figure.add_subplot())
-        figure.draw_without_rendering()
-        assert ax.get_legend().get_window_extent().x0 > ax.get_window_extent().x0 - 1

@@ -1,8 +1,6 @@
 """Figures over height: each value stands at its floor or over its storey, in the unit named."""
 
 import dataclasses
-import itertools
-import warnings
 
 import jax
 import numpy as np
@@ -14,18 +12,16 @@ from jaxpound import plots
 from jaxpound.plots.style import COLOURS, shades
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.floors import FloorDemands
+from tests.plots.runs import legend
 
 QUANTITIES = ("displacement", "drift", "acceleration", "shear", "contact_left", "contact_right")
 
 
-def floors(n, building=0, contact=True, si=True, shape=()):
+def floors(n, building=0, contact=True, si=True):
     """Demands that no run made: of quantity q at floor i they are q + 1 + i/10."""
-    values = {
-        name: np.ones((*shape, 1)) * (q + 1 + np.arange(n) / 10)
-        for q, name in enumerate(QUANTITIES)
-    }
+    values = {name: q + 1 + np.arange(n) / 10 for q, name in enumerate(QUANTITIES)}
     if not contact:
-        values |= dict.fromkeys(QUANTITIES[4:], np.zeros((*shape, n)))
+        values |= dict.fromkeys(QUANTITIES[4:], np.zeros(n))
     return FloorDemands(building=building, masses=tuple(range(n)), **values, si=si)
 
 
@@ -39,25 +35,23 @@ def test_a_floor_s_demand_stands_at_its_height(ax):
     assert ax.get_ylabel() == "height (m)"
 
 
-def test_displacement_is_zero_at_the_ground(ax):
-    plots.envelope(floors(2), "displacement", ax=ax)
-    np.testing.assert_array_equal(ax.lines[0].get_xydata(), [(0, 0), (1.0, 1), (1.1, 2)])
-    assert ax.get_ylabel() == "floor"
+TOUCHING = {"contact_left": np.array([7.0, 0.0, 1.0]), "contact_right": np.array([2.0, 0.0, 5.0])}
 
 
-@pytest.mark.parametrize(("quantity", "value"), [("drift", 2.0), ("shear", 4.0)])
-def test_a_storey_s_demand_is_constant_over_it(quantity, value, ax):
-    plots.envelope(floors(2), quantity, [3.0, 7.0], ax)
-    stairs = [(value, 0), (value, 3), (value + 0.1, 3), (value + 0.1, 7)]
-    np.testing.assert_array_equal(ax.lines[0].get_xydata(), stairs)
-
-
-def test_contact_is_the_larger_of_both_sides_and_only_where_it_acts(ax):
-    one = floors(3)
-    left, right = np.array([7.0, 0.0, 1.0]), np.array([2.0, 0.0, 5.0])
-    one = dataclasses.replace(one, contact_left=left, contact_right=right)
-    plots.envelope(one, "contact", ax=ax)
-    np.testing.assert_array_equal(ax.lines[0].get_xydata(), [(7.0, 1.0), (5.0, 3.0)])
+@pytest.mark.parametrize(
+    ("demands", "quantity", "elevations", "points"),
+    [
+        # Zero at the ground; constant over a storey; the larger of both sides, where it acts.
+        (floors(2), "displacement", None, [(0, 0), (1.0, 1), (1.1, 2)]),
+        (floors(2), "drift", [3.0, 7.0], [(2.0, 0), (2.0, 3), (2.1, 3), (2.1, 7)]),
+        (floors(2), "shear", [3.0, 7.0], [(4.0, 0), (4.0, 3), (4.1, 3), (4.1, 7)]),
+        (dataclasses.replace(floors(3), **TOUCHING), "contact", None, [(7.0, 1.0), (5.0, 3.0)]),
+    ],
+)
+def test_other_demands_stand_where_they_are(demands, quantity, elevations, points, ax):
+    plots.envelope(demands, quantity, elevations, ax)
+    np.testing.assert_array_equal(ax.lines[0].get_xydata(), points)
+    assert ax.get_ylabel() == ("floor" if elevations is None else "height (m)")
 
 
 def test_a_batch_is_a_median_and_a_band_of_its_valid_runs(ax):
@@ -102,15 +96,6 @@ def test_envelopes_have_a_row_for_each_building_and_a_scale_for_each_quantity():
     assert without.axes[4].get_ylabel() == "building 2\nfloor"
 
 
-def test_runs_with_and_without_contact_are_compared():
-    runs = {"alone": (floors(3, contact=False),), "with": (floors(3),)}
-    figure = plots.envelopes(runs)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # of a layout that cannot be made
-        figure.draw_without_rendering()
-    assert [line.get_color() for line in figure.axes[-1].lines] == [shades(2)[1]]
-
-
 def test_runs_are_compared_by_name():
     runs = {name: (floors(3), floors(2, 1)) for name in ("without", "with")}
     figure = plots.envelopes(runs, [[3.0, 6.0, 9.0], [4.0, 8.0]])
@@ -119,29 +104,39 @@ def test_runs_are_compared_by_name():
         assert [line.get_color() for line in ax.lines] == shades(2)
     assert figure.axes[0].get_ylabel() == "building 1\nheight (m)"
     ax = plots.envelope({"a": floors(3), "b": floors(3)}, ax=Figure().add_subplot())
-    assert [text.get_text() for text in ax.get_legend().texts] == ["a", "b"]
+    assert legend(ax) == ["a", "b"]
+    # With and without contact; a warning of a layout that cannot be made would be an error.
+    figure = plots.envelopes({"alone": (floors(3, contact=False),), "with": (floors(3),)})
+    figure.draw_without_rendering()
+    assert [line.get_color() for line in figure.axes[-1].lines] == [shades(2)[1]]
 
 
 @pytest.mark.parametrize("n_floors", [(1,), (3, 2, 3), (10, 10)])
-def test_no_label_touches_another(n_floors):
+def test_no_label_touches_another(n_floors, legible):
     demands = tuple(floors(n, b) for b, n in enumerate(n_floors))
     figure = plots.envelopes(demands, [3.0 * np.arange(1, n + 1) for n in n_floors])
     figure.draw_without_rendering()
-    boxes = []
-    for ax in figure.axes:
-        texts = [text for text in (ax.xaxis.label, ax.yaxis.label) if text.get_text()]
-        for axis in (ax.xaxis, ax.yaxis):
-            low, high = axis.get_view_interval()
-            drawn = [
-                tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high
-            ]
-            texts += [text for text in drawn if text.get_visible() and text.get_text()]
-        boxes += [text.get_window_extent() for text in texts]
-    assert len(boxes) > 8
-    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
-    for box in boxes:
-        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1
-        assert figure.bbox.y0 <= box.y0 <= box.y1 <= figure.bbox.y1
+    texts = []
+    for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
+        low, high = axis.get_view_interval()
+        ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+        drawn = [tick.label1 for tick in ticks if tick.label1.get_visible()]
+        texts += [text for text in (axis.label, *drawn) if text.get_text()]
+    assert len(texts) > 8
+    legible(figure, texts)
+
+
+ONE, TWO = floors(1), floors(2)
+LOST = jax.tree.map(lambda x: x * np.nan, TWO)
+AT, UP = "envelope: elevations", "from the lowest up"
+OF_FLOORS = "must be the heights of 2 floors above the ground"
+BUILDINGS = "floors to be compared must be of the same buildings"
+LAST = r"envelopes: elevations\[1\] = \[nan\] must be the heights of 1 floor above"
+UNITS = "all in SI units or all dimensionless"
+
+
+def at_heights(elevations):
+    return plots.envelope(TWO, elevations=elevations)
 
 
 @pytest.mark.parametrize(
@@ -151,38 +146,17 @@ def test_no_label_touches_another(n_floors):
         (lambda: plots.envelopes(()), r"envelopes: floors = \(\) must hold at least one building"),
         (lambda: plots.envelopes((3,)), r"envelopes: floors\[0\] = 3 must be of type FloorDemands"),
         (lambda: plots.envelope(3), "envelope: floors = 3 must be of type FloorDemands"),
-        (lambda: plots.envelope(floors(2), "drfit"), "quantity = 'drfit' must be .*drift"),
-        (
-            lambda: plots.envelope(floors(2), elevations=[6.0, 3.0]),
-            r"envelope: elevations = \[6.0, 3.0\] must be the heights of 2 floors above the ground",
-        ),
-        (
-            lambda: plots.envelope(floors(2), elevations=[3.0, np.inf]),
-            r"envelope: elevations = \[3.0, inf\] must be .*, finite, from the lowest up",
-        ),
-        (
-            lambda: plots.envelope(floors(2), elevations=["3 m", "6 m"]),
-            r"envelope: elevations = \['3 m', '6 m'\] must be a real number",
-        ),
-        (lambda: plots.envelopes((floors(2),), [[3.0], [3.0]]), "elevations, 2 of them, must be"),
-        (lambda: plots.envelopes((floors(1),), 3.0), "envelopes: elevations = 3.0 must be one for"),
-        (
-            lambda: plots.envelopes((floors(2), floors(1, 1)), [[3.0, 6.0], [np.nan]]),
-            r"envelopes: elevations\[1\] = \[nan\] must be the heights of 1 floor above",
-        ),
-        (lambda: plots.envelopes((floors(2),), labels=[]), "labels, 0 of them, must be one for"),
-        (
-            lambda: plots.envelopes({"a": (floors(2),), "b": (floors(3),)}),
-            "floors to be compared must be of the same buildings",
-        ),
-        (
-            lambda: plots.envelope({"a": floors(2), "b": floors(2, si=False)}),
-            "all in SI units or all dimensionless",
-        ),
-        (
-            lambda: plots.envelopes((jax.tree.map(lambda x: x * np.nan, floors(2)),)),
-            r"envelopes: the run is invalid \(NaN\)",
-        ),
+        (lambda: plots.envelope(TWO, "drfit"), "quantity = 'drfit' must be .*drift"),
+        (lambda: at_heights([6.0, 3.0]), rf"{AT} = \[6.0, 3.0\] {OF_FLOORS}"),
+        (lambda: at_heights([3.0, np.inf]), rf"{AT} = \[3.0, inf\] must be .*, finite, {UP}"),
+        (lambda: at_heights(["3 m", "6 m"]), rf"{AT} = \['3 m', '6 m'\] must be a real number"),
+        (lambda: plots.envelopes((TWO,), [[3.0], [3.0]]), "elevations, 2 of them, must be"),
+        (lambda: plots.envelopes((ONE,), 3.0), "envelopes: elevations = 3.0 must be one for"),
+        (lambda: plots.envelopes((TWO, floors(1, 1)), [[3.0, 6.0], [np.nan]]), LAST),
+        (lambda: plots.envelopes((TWO,), labels=[]), "labels, 0 of them, must be one for"),
+        (lambda: plots.envelopes({"a": (TWO,), "b": (floors(3),)}), BUILDINGS),
+        (lambda: plots.envelope({"a": TWO, "b": floors(2, si=False)}), UNITS),
+        (lambda: plots.envelopes((LOST,)), r"envelopes: the run is invalid \(NaN\)"),
     ],
 )
 def test_wrong_arguments_are_refused(call, message):
@@ -193,18 +167,15 @@ def test_wrong_arguments_are_refused(call, message):
 def test_mode_shapes_are_those_of_the_building_with_its_top_to_the_right(ax):
     building = jp.ShearBuilding.from_period(4, 300e3, period=0.6, damping_ratio=0.05, height=3.5)
     plots.mode_shapes(building, 2, ax)
-    found = building.modes()
-    for j, line in enumerate(ax.lines[:2]):
-        shape = found.shapes[:, j].real
+    for line, shape in zip(ax.lines[:2], building.modes().shapes.T.real, strict=False):
         np.testing.assert_allclose(line.get_xdata()[1:], shape * np.sign(shape[-1]))
         np.testing.assert_array_equal(line.get_ydata(), [0, 3.5, 7, 10.5, 14])
-    words = [text.get_text() for text in ax.get_legend().texts]
-    assert words[0] == r"mode 1: $T$ = 0.6 s, $\zeta$ = 5 %"
-    assert len(words) == 2
+    assert legend(ax)[0] == r"mode 1: $T$ = 0.6 s, $\zeta$ = 5 %"
+    assert len(legend(ax)) == 2
     assert ax.get_ylabel() == "height (m)"
 
 
-def test_modes_of_a_dimensionless_building_are_over_its_floors(ax):
+def test_modes_are_over_floors_or_in_si(ax):
     rod = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
     plots.mode_shapes(jp.Storeys((1.0, 1.0), rod), ax=ax)  # of which there are two
     assert len(ax.get_legend().texts) == 2
@@ -214,19 +185,14 @@ def test_modes_of_a_dimensionless_building_are_over_its_floors(ax):
         plots.mode_shapes(jp.Storeys((1.0,), rod), 0, ax)
     with pytest.raises(ValueError, match="must be of type Storeys"):
         plots.mode_shapes(jp.paper.structures(), ax=ax)
-
-
-def test_the_modes_of_several_buildings_are_in_si():
     tall, low = (jp.ShearBuilding.from_period(n, 2e5, 0.2 * n, 0.05, height=3.0) for n in (3, 2))
     ax = plots.mode_shapes(jp.Buildings((tall, low)), 2, Figure().add_subplot())
-    names = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert [name.partition(":")[0] for name in names] == [
-        f"building {b}, mode {j}" for b in (1, 2) for j in (1, 2)
-    ]
-    assert names[2].startswith("building 2, mode 1: $T$ = 0.4 s")
+    names = [f"building {b}, mode {j}" for b in (1, 2) for j in (1, 2)]
+    assert [words.partition(":")[0] for words in legend(ax)] == names
+    assert legend(ax)[2].startswith("building 2, mode 1: $T$ = 0.4 s")
     np.testing.assert_allclose(ax.lines[2].get_ydata(), [0.0, 3.0, 6.0])
     assert ax.get_ylabel() == "height (m)"
     block = jp.Building.from_period(mass=5e5, period=0.9, damping_ratio=0.05)
     ax = plots.mode_shapes(jp.Buildings((block,)), ax=Figure().add_subplot())
-    assert ax.get_legend().get_texts()[0].get_text().startswith("mode 1: $T$ = 0.9 s")
+    assert legend(ax)[0].startswith("mode 1: $T$ = 0.9 s")
     assert ax.get_ylabel() == "floor"

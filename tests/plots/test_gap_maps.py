@@ -20,38 +20,32 @@ LINKS = (
 )
 
 
-def sway(i, time):
-    return 0.1 * (i + 1) * np.sin((1 + 0.1 * i) * time)
+def swaying(n_floors=(2, 2, 1), links=LINKS):
+    return row_response(
+        row_of(n_floors, links), TIME, lambda i, t: 0.1 * (i + 1) * np.sin((1 + 0.1 * i) * t)
+    )
 
 
 def row_names(ax):
     return [tick.get_text() for tick in ax.get_yticklabels()]
 
 
-def test_links_stand_by_buildings_the_higher_above_and_those_without_a_gap_are_left_out(ax):
-    run = row_response(row_of((2, 2, 1), LINKS), TIME, sway)
+def test_each_link_has_its_row_and_each_pixel_the_narrowest_gap_of_its_instants(ax):
+    """By buildings, the higher above; links without a gap are left out."""
+    run = swaying()
     assert plots.gap_map(run, ax) is ax
     assert row_names(ax) == ["1–2, floor 2", "1–2, floor 1", "2–3, floor 1"]
     (image,) = ax.images
-    assert image.get_array().shape[0] == 3
-    widest = max(float(run.links[k].gap.max()) for k in range(3))
-    assert image.get_clim() == (0.0, widest)
-    colour_bar = ax.figure.axes[1]
-    assert colour_bar.get_ylabel() == r"gap $\xi$ ($g/\omega_1^2$)"
-    assert ax.get_xlabel() == r"time $t$ ($1/\omega_1$)"
-
-
-def test_each_pixel_has_the_narrowest_gap_of_its_instants(ax):
-    run = row_response(row_of((2, 2, 1), LINKS), TIME, sway)
-    plots.gap_map(run, ax)
-    drawn = ax.images[0].get_array()
-    for row, k in zip(drawn, (1, 0, 2), strict=True):
+    assert image.get_clim() == (0.0, max(float(run.links[k].gap.max()) for k in range(3)))
+    for row, k in zip(image.get_array(), (1, 0, 2), strict=True):
         gap = np.asarray(run.links[k].gap)
         assert row.min() == pytest.approx(gap.min() if gap.min() > 0 else -1.0)
         assert row.max() <= gap.max()
+    assert ax.figure.axes[1].get_ylabel() == r"gap $\xi$ ($g/\omega_1^2$)"  # the colour bar
+    assert ax.get_xlabel() == r"time $t$ ($1/\omega_1$)"
 
 
-def test_a_contact_of_one_instant_is_seen(ax):
+def test_contacts_of_one_instant_and_newton_s_impacts_are_seen(ax):
     run = pair_response(TIME, {"gap": np.where(np.arange(4001) == 1234, -1e-9, 1.0)})
     plots.gap_map(run, ax)
     (image,) = ax.images
@@ -61,9 +55,7 @@ def test_a_contact_of_one_instant_is_seen(ax):
     pixel = image.cmap(image.norm(image.get_array()[0, closed.argmax()]))
     assert pixel == pytest.approx(to_rgba(plots.COLOURS["pounding"]))
     assert "pounding" in ax.get_legend().texts[0].get_text()
-
-
-def test_newton_s_impacts_are_seen_though_no_gap_is_closed(ax):
+    ax.clear()
     links = tuple(dataclasses.replace(link, contact=LAW) for link in LINKS[:1])
     run = row_response(row_of((2, 2, 1), links), TIME, lambda i, t: 0 * t)
     (link,) = run.links
@@ -73,14 +65,14 @@ def test_newton_s_impacts_are_seen_though_no_gap_is_closed(ax):
     assert "contact" in ax.get_legend().texts[0].get_text()
 
 
-def test_what_links_are_between_is_told():
+def test_what_links_are_between_is_told(ax):
     links = (
         jp.FloorLink(0, 1, 0, gap=1.0),
         jp.FloorLink(1, 0, gap=1.0, next_building=jp.GROUND),
         jp.FloorLink(0, 1, gap=1.0, next_building=0),
     )
-    run = row_response(row_of((2, 1), links), TIME, sway)
-    ax = plots.gap_map(run, Figure().add_subplot())
+    run = swaying((2, 1), links)
+    plots.gap_map(run, ax)
     assert set(row_names(ax)) == {"1–2, floors 2–1", "2–ground, floor 1", "in 1, floors 1–2"}
     crossed = dataclasses.replace(run, rods=run.rods[:2])  # no buildings
     ax = plots.gap_map(crossed, Figure().add_subplot())
@@ -88,21 +80,18 @@ def test_what_links_are_between_is_told():
 
 
 def test_wrong_arguments_are_refused(ax):
-    run = row_response(row_of((2, 2, 1), LINKS), TIME, sway)
-    for widest in (0.0, -1.0, np.inf, np.nan):
-        with pytest.raises(ValueError, match=r"gap_map: widest = .* must be positive and finite"):
-            plots.gap_map(run, ax, widest)
-    with pytest.raises(ValueError, match="gap_map: widest = 'wide' must be a real number"):
-        plots.gap_map(run, ax, "wide")
-    with pytest.raises(ValueError, match=r"gap_map: widest of shape \(2,\) must be one number"):
-        plots.gap_map(run, ax, [1.0, 2.0])
-    with pytest.raises(ValueError, match="gap_map: a batch of shape"):
-        plots.gap_map(jax.tree.map(lambda x: np.stack([x, x]), run), ax)
+    run = swaying()
+    batch = jax.tree.map(lambda x: np.stack([x, x]), run)
     lost = dataclasses.replace(run, demand=changed(run.demand, pga=np.nan))
-    with pytest.raises(ValueError, match="gap_map: the run is invalid"):
-        plots.gap_map(lost, ax)
-    free = row_response(row_of((2, 2, 1), LINKS[-1:]), TIME, sway)
-    with pytest.raises(ValueError, match="must have a link with a finite gap"):
-        plots.gap_map(free, ax)
-    with pytest.raises(ValueError, match="of type Response"):
-        plots.gap_map(3, ax)
+    positive = "gap_map: widest = .* must be positive and finite"
+    for response, widest, message in (
+        *((run, widest, positive) for widest in (0.0, -1.0, np.inf, np.nan)),
+        (run, "wide", "gap_map: widest = 'wide' must be a real number"),
+        (run, [1.0, 2.0], r"gap_map: widest of shape \(2,\) must be one number"),
+        (batch, None, "gap_map: a batch of shape"),
+        (lost, None, "gap_map: the run is invalid"),
+        (swaying(links=LINKS[-1:]), None, "must have a link with a finite gap"),
+        (3, None, "of type Response"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            plots.gap_map(response, ax, widest)

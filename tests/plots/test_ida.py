@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import ida
+from tests.plots.runs import legend
 
 IM = np.array([0.1, 0.2, 0.4])
 DEMANDS = np.array([[0.01, 0.02, 0.04], [0.02, 0.04, 0.08], [0.01, 0.03, 0.05]])
@@ -17,8 +17,8 @@ FOUND = jp.IncrementalDynamicAnalysis(
 )
 
 
-def test_curves_fractiles_and_capacities():
-    ax = ida.curves(FOUND, Figure().add_subplot())
+def test_curves_fractiles_and_capacities(ax):
+    ida.curves(FOUND, ax)
     *records, low, middle, high, threshold, dots = ax.lines
     np.testing.assert_allclose([line.get_xdata() for line in records], DEMANDS)
     for line, expected in zip((low, middle, high), FOUND.fractiles(), strict=True):
@@ -26,57 +26,45 @@ def test_curves_fractiles_and_capacities():
         np.testing.assert_allclose(line.get_ydata(), IM)
     assert threshold.get_xdata()[0] == 0.05
     np.testing.assert_allclose(dots.get_ydata(), [0.25, 0.4])
-    assert ax.get_xlabel() == "required gap (m)"
-    assert ax.get_ylabel() == "$S_a$(0.9 s) ($g$)"
-    names = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert names == ["3 records", "16 and 84 %", "median", "threshold", "first reached"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("required gap (m)", "$S_a$(0.9 s) ($g$)")
+    assert legend(ax) == ["3 records", "16 and 84 %", "median", "threshold", "first reached"]
     ax.figure.draw_without_rendering()
+    force = dataclasses.replace(FOUND, demand="peak_contact", demands=1e9 * DEMANDS, threshold=5e7)
+    ax.clear()
+    ida.curves(force, ax)  # in larger units
+    assert ax.get_xlabel() == "peak contact force (MN)"
+    np.testing.assert_allclose(ax.lines[0].get_xdata(), 1e3 * DEMANDS[0])
 
 
 @pytest.mark.parametrize(("demand", "limit"), [(0.0, 0.05), (-0.02, 0.0)])
-def test_a_single_run_is_a_figure_too(demand, limit):
+def test_a_single_run_is_a_figure_too(demand, limit, ax):
     """Of a demand that is 0, and of an overlap; a warning of Matplotlib's would be an error."""
-    single = dataclasses.replace(
-        FOUND, names=("a",), unscaled=np.ones(1), intensities=IM[:1], threshold=limit,
-        demands=np.array([[demand]]), capacities=np.array([np.inf]),
-    )  # fmt: skip
-    ax = ida.curves(single, Figure().add_subplot())
-    ax.figure.draw_without_rendering()
+    of_one = {"names": ("a",), "unscaled": np.ones(1), "intensities": IM[:1], "threshold": limit}
+    of_one |= {"demands": np.array([[demand]]), "capacities": np.array([np.inf])}
+    ida.curves(dataclasses.replace(FOUND, **of_one), ax).figure.draw_without_rendering()
     left, right = ax.get_xlim()
     assert left <= demand < right
     assert limit <= right
 
 
-def test_large_forces_are_in_larger_units():
-    force = dataclasses.replace(FOUND, demand="peak_contact", demands=1e9 * DEMANDS, threshold=5e7)
-    ax = ida.curves(force, Figure().add_subplot())
-    assert ax.get_xlabel() == "peak contact force (MN)"
-    np.testing.assert_allclose(ax.lines[0].get_xdata(), 1e3 * DEMANDS[0])
-
-
-def test_a_cloud_and_its_line():
+def test_a_cloud_and_its_line(ax):
     cloud = jp.fit_cloud(*np.array([[0.1, 0.2, 0.3, 0.5], [0.01, 0.03, 0.02, 0.1]]), limit=0.05)
-    ax = ida.cloud(cloud, Figure().add_subplot())
-    line, records, bounds = ax.lines
+    line, records, bounds = ida.cloud(cloud, ax).lines
     np.testing.assert_allclose(line.get_ydata(), cloud.median(line.get_xdata()))
     np.testing.assert_allclose(records.get_ydata(), [0.01, 0.03, 0.02])
     np.testing.assert_allclose(bounds.get_ydata(), [0.05])
     ax.figure.draw_without_rendering()
-
-
-def test_the_fragility_of_capacities_is_drawn_with_their_distribution():
-    ax = ida.fragility(FOUND, Figure().add_subplot())
-    (data,) = ax.containers
-    np.testing.assert_allclose(data.lines[0].get_xdata(), [0.25, 0.4])
-    np.testing.assert_allclose(data.lines[0].get_ydata(), [1 / 3, 2 / 3])
-    assert ax.get_ylabel() == "probability of pounding"
-    assert ax.get_xlabel() == "$S_a$(0.9 s) ($g$)"
-    drift = dataclasses.replace(FOUND, demand="peak_drift")
-    assert "exceedance" in ida.fragility(drift, Figure().add_subplot()).get_ylabel()
-
-
-def test_wrong_arguments():
     with pytest.raises(ValueError, match="analysis = 3 must be of type Incremental"):
         ida.curves(3)
     with pytest.raises(ValueError, match="found = 3 must be of type Cloud"):
         ida.cloud(3)
+
+
+def test_the_fragility_of_capacities_is_drawn_with_their_distribution(ax):
+    (data,) = ida.fragility(FOUND, ax).containers
+    np.testing.assert_allclose(data.lines[0].get_data(), [[0.25, 0.4], [1 / 3, 2 / 3]])
+    assert ax.get_ylabel() == "probability of pounding"
+    assert ax.get_xlabel() == "$S_a$(0.9 s) ($g$)"
+    ax.clear()
+    drift = dataclasses.replace(FOUND, demand="peak_drift")
+    assert "exceedance" in ida.fragility(drift, ax).get_ylabel()

@@ -7,83 +7,73 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.plots import rare_events
+from tests.plots.runs import legend
 
 HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
 SCENARIOS = jp.Scenarios(
-    jp.paper.structures(),
-    jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5),
+    jp.paper.structures(), jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5)
 )
 STATE = jp.LimitState(SCENARIOS, jp.TimeGrid.until(8.0, dt=0.1), threshold=0.2)
+ACCELERATION = dataclasses.replace(STATE, demand="peak_acceleration_1")
 
 
-def event(gap, probability, time=6.0):
+SCALES = jp.Scales(mass=1e5, frequency=5.0)
+
+
+def event(gap, probability, state=STATE):
     return jp.RareEvent(
         probability=probability,
         cov=0.1,
         runs=1000,
         gradients=100,
         method="made up",
-        limit_state=dataclasses.replace(STATE, threshold=gap),
+        limit_state=dataclasses.replace(state, threshold=gap),
         points=np.zeros((0, 5)),
         weights=np.zeros(0),
         values=np.zeros(0),
         design_points=np.array([[1.0, -2.0, 1.0, 1.0, -1.0]]),
-        instants=np.array([time]),
+        instants=np.array([6.0]),
         series=np.array([0]),
         form=0.8 * probability,
     )
 
 
 def test_a_design_earthquake():
-    figure = rare_events.design_earthquake(event(0.2, 1e-3))
-    above, below = figure.axes
-    earthquake = event(0.2, 1e-3).design_earthquakes[0]
+    """Of a gap that closes, and of an acceleration, which is in g in SI units too."""
+    closes, moves = event(0.2, 1e-3), event(0.3, 1e-3, ACCELERATION)
+    earthquake = closes.design_earthquakes[0]
     response = jp.simulate(earthquake.structures, earthquake.ground, STATE.grid)
+    closing = 1 - np.asarray(response.links[0].gap)
+    above, below = rare_events.design_earthquake(closes).axes
     assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
-    assert below.lines[0].get_ydata() == pytest.approx(1 - np.asarray(response.links[0].gap))
-    assert [text.get_text() for text in below.get_legend().texts] == [
-        "closing, 1–2, floor 1",
-        "threshold",
-        r"$t$ = 6, $\beta$ = 2.83",
-    ]
-    scales = jp.Scales(mass=1e5, frequency=5.0)
-    figure = rare_events.design_earthquake(event(0.2, 1e-3), scales=scales)
-    _, below = figure.axes
-    closing = (1 - np.asarray(response.links[0].gap)) * float(scales.length)
     assert below.lines[0].get_ydata() == pytest.approx(closing)
+    words = ["closing, 1–2, floor 1", "threshold", r"$t$ = 6, $\beta$ = 2.83"]
+    assert legend(below) == words
+    _, below = rare_events.design_earthquake(closes, scales=SCALES).axes
+    assert below.lines[0].get_ydata() == pytest.approx(closing * float(SCALES.length))
     assert below.lines[0].get_xdata()[-1] == pytest.approx(8.0 / 5.0)
     assert (below.get_xlabel(), below.get_ylabel()) == ("time $t$ (s)", "closing (m)")
-    with pytest.raises(ValueError, match="number = 1 must be from 0 to 0"):
-        rare_events.design_earthquake(event(0.2, 1e-3), 1)
-
-
-def test_a_design_earthquake_of_an_acceleration():
-    """In g, in SI units too."""
-    state = dataclasses.replace(STATE, demand="peak_acceleration_1", threshold=0.3)
-    scales = jp.Scales(mass=1e5, frequency=5.0)
-    accelerating = dataclasses.replace(event(0.3, 1e-3), limit_state=state)
-    figure = rare_events.design_earthquake(accelerating, scales=scales)
-    earthquake = accelerating.design_earthquakes[0]
+    earthquake = moves.design_earthquakes[0]
     response = jp.simulate(earthquake.structures, earthquake.ground, STATE.grid)
-    _, below = figure.axes
+    _, below = rare_events.design_earthquake(moves, scales=SCALES).axes
     series, threshold = (line.get_ydata() for line in below.lines[:2])
     assert series == pytest.approx(np.asarray(response.absolute_accelerations[0]))
     assert threshold[0] == pytest.approx(0.3)
     assert below.get_ylabel() == "acceleration ($g$)"
+    with pytest.raises(ValueError, match="number = 1 must be from 0 to 0"):
+        rare_events.design_earthquake(closes, 1)
 
 
-def test_a_curve_of_probabilities():
-    figure = rare_events.probability_curve([event(0.4, 1e-5), event(0.2, 1e-3)]).figure
-    (ax,) = figure.axes
-    estimate, form = ax.lines
+def test_a_curve_of_probabilities(ax):
+    events = [event(0.4, 1e-5), event(0.2, 1e-3)]
+    estimate, form = rare_events.probability_curve(events, ax).lines
     assert estimate.get_xdata().tolist() == [0.2, 0.4]
     assert estimate.get_ydata().tolist() == [1e-3, 1e-5]
     assert form.get_ydata() == pytest.approx([8e-4, 8e-6])
     assert ax.get_xlabel() == r"required gap ($g/\omega_1^2$)"
-    scales = jp.Scales(mass=1e5, frequency=5.0)
-    ax = rare_events.probability_curve([event(0.4, 1e-5), event(0.2, 1e-3)], ax, scales=scales)
-    metres = np.array([0.2, 0.4]) * float(scales.length)
+    rare_events.probability_curve(events, ax, scales=SCALES)
+    metres = np.array([0.2, 0.4]) * float(SCALES.length)
     assert ax.lines[-2].get_xdata() == pytest.approx(metres)
     assert ax.get_xlabel() == "required gap (m)"
     with pytest.raises(ValueError, match="two or more"):
-        rare_events.probability_curve([event(0.4, 1e-5)])
+        rare_events.probability_curve(events[:1])

@@ -1,4 +1,4 @@
-"""Ground motions: the peak and the spectrum that are drawn are the record's."""
+"""Ground motions: the peak, the spectra, their mean and target that are drawn are their own."""
 
 import jax
 import numpy as np
@@ -7,32 +7,31 @@ from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import records as record_plots
+from jaxpound.plots import suites
+from tests.ground.test_scaling import TARGET, scaled
+from tests.ground.test_suite import SUITE
 
 TIME = np.arange(0, 10, 0.02)
 RECORD = jp.Record(0.3 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), dt=0.02, name="burst")
 
 
-def test_accelerogram_marks_the_peak():
-    ax = Figure().add_subplot()
+def test_accelerogram_marks_the_peak(ax):
     assert record_plots.accelerogram(RECORD, ax) is ax
-    (series, peak) = ax.lines
+    series, peak = ax.lines
     np.testing.assert_array_equal(series.get_ydata(), RECORD.samples)
     np.testing.assert_allclose(series.get_xdata(), TIME)
     assert np.abs(peak.get_ydata()[0]) == pytest.approx(float(jp.pga(RECORD)))
-    assert f"{float(jp.pga(RECORD)):.3g}" in peak.get_label()
-    assert "(s)" in ax.get_xlabel()
-    assert " s" in peak.get_label()
+    for words in (f"{float(jp.pga(RECORD)):.3g}", " s"):
+        assert words in peak.get_label()
     assert "($g$)" in ax.get_ylabel()
-
-
-def test_an_accelerogram_of_a_pulse_and_noise_is_drawn_on_a_grid():
     noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 200, 0.02, time_unit="s")
     motion = jp.Pulse(0.5, 1.0, 2.0, time_unit="s") + noise.draw(np.ones(200))
-    ax = record_plots.accelerogram(motion, Figure().add_subplot(), jp.TimeGrid(0.01, 500))
-    series = ax.lines[0]
-    np.testing.assert_allclose(series.get_xdata(), 0.01 * np.arange(501))
-    np.testing.assert_allclose(series.get_ydata(), motion.acceleration(series.get_xdata()))
+    on_grid = record_plots.accelerogram(motion, Figure().add_subplot(), jp.TimeGrid(0.01, 500))
+    t, acceleration = on_grid.lines[0].get_data()
+    np.testing.assert_allclose(t, 0.01 * np.arange(501))
+    np.testing.assert_allclose(acceleration, motion.acceleration(t))
     assert "(s)" in ax.get_xlabel()
+    assert "(s)" in on_grid.get_xlabel()
 
 
 def test_axes_say_the_record_s_unit_of_time():
@@ -41,12 +40,12 @@ def test_axes_say_the_record_s_unit_of_time():
     period = record_plots.spectra({"a": record}, Figure().add_subplot(), [1.0]).get_xlabel()
     assert time == r"time $t$ ($1/\omega_1$)"
     assert period == r"natural period $T$ ($1/\omega_1$)"
-    with pytest.raises(ValueError, match=r"records: Record.* must be in the same unit of"):
-        record_plots.spectra({"a": record, "b": RECORD})
 
 
 def test_wrong_arguments_are_named():
+    two = {"a": jp.Scales(mass=1e5, frequency=4.0).to_dimensionless(RECORD), "b": RECORD}
     for call, message in (
+        (lambda: record_plots.spectra(two), r"records: Record.* must be in the same unit of"),
         (lambda: record_plots.spectra({}), "must hold at least one record"),
         (lambda: record_plots.spectra(RECORD), "records = .* must be of type"),
         (lambda: record_plots.spectra({"a": 3}), r"records\['a'\] = 3 must be of type Record"),
@@ -59,18 +58,35 @@ def test_wrong_arguments_are_named():
             call()
 
 
-def test_spectra_are_the_spectral_accelerations():
-    ax, periods = Figure().add_subplot(), [0.3, 1.0, 2.5]
-    half = jp.Record(RECORD.samples / 2, dt=0.02)
-    found = record_plots.spectra(
-        {"whole": RECORD, "half": half}, ax, periods, damping=0.1, marks={"left": 1.0}
-    )
-    assert found is ax
+def test_spectra_are_the_spectral_accelerations(ax):
+    periods, half = [0.3, 1.0, 2.5], jp.Record(RECORD.samples / 2, dt=0.02)
+    both, options = {"whole": RECORD, "half": half}, {"damping": 0.1, "marks": {"left": 1.0}}
+    assert record_plots.spectra(both, ax, periods, **options) is ax
     whole, halved, mark = ax.lines
     expected = jax.jit(lambda period: jp.spectral_acceleration(RECORD, period=period, damping=0.1))
-    for period, value in zip(periods, whole.get_ydata(), strict=True):
-        assert value == pytest.approx(float(expected(period)))
+    assert list(whole.get_ydata()) == pytest.approx([float(expected(x)) for x in periods])
     np.testing.assert_allclose(halved.get_ydata(), whole.get_ydata() / 2)
     assert mark.get_xdata()[0] == 1.0
     assert "10 %" in ax.get_ylabel()
     ax.figure.draw_without_rendering()
+
+
+def test_spectra_their_mean_and_the_target():
+    found, ax = scaled((1e-3, 1e3)), Figure().add_subplot()
+    assert suites.spectra(found, ax) is ax
+    *records, mean, target, share = ax.lines
+    at = records[0].get_xdata()
+    expected = found.suite.spectra(at)
+    np.testing.assert_allclose([line.get_ydata() for line in records], expected)
+    np.testing.assert_allclose(mean.get_ydata(), expected.mean(axis=0))
+    np.testing.assert_allclose(target.get_ydata(), TARGET.at(target.get_xdata()))
+    np.testing.assert_allclose(share.get_xdata()[[0, -1]], found.range)
+    names = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert names == ["3 records", "their mean", "target", "90 % of it", "period range"]
+    ax.figure.draw_without_rendering()
+    ax = suites.spectra(SUITE, Figure().add_subplot(), periods=[0.1, 0.5, 1.0], damping=0.1)
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), SUITE.spectra([0.1, 0.5, 1.0], 0.1)[0])
+    assert "10 %" in ax.get_ylabel()
+    assert "(s)" in ax.get_xlabel()
+    with pytest.raises(ValueError, match=r"suite = .* must be of type"):
+        suites.spectra(SUITE[0])

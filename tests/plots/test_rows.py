@@ -1,4 +1,4 @@
-"""The drawing of a row: every number of it, nothing on anything else."""
+"""Drawings of a row and of the pair: every number and symbol, nothing on anything else."""
 
 import itertools
 
@@ -11,23 +11,22 @@ from matplotlib.patches import Rectangle
 
 import jaxpound as jp
 from jaxpound import plots
+from jaxpound.plots.system import mechanical_system
 from tests.made import STEEL, row_of
+from tests.plots.runs import legend
 
 LAW = jp.KelvinVoigt(100.0, 0.65)
 
 
-def links_of(n_floors):
-    buildings = row_of(n_floors).buildings
-    return jp.floor_links(buildings, friction=0.0125, gap=0.234, contact=LAW)
+def linked(n_floors, braces=()):
+    links = jp.floor_links(row_of(n_floors).buildings, friction=0.0125, gap=0.234, contact=LAW)
+    return row_of(n_floors, links + braces)
 
 
-BRACES = (
-    jp.FloorLink(0, 1, friction=0.5, next_building=0),
-    jp.FloorLink(1, 0, friction=0.7, next_building=jp.GROUND),
-)
+BRACE = jp.FloorLink(0, 1, friction=0.5, next_building=0)
 ROWS = {
-    "two by ten": row_of((10, 10), links_of((10, 10))),
-    "three": row_of((4, 3, 4), links_of((4, 3, 4)) + BRACES),
+    "two by ten": linked((10, 10)),
+    "three": linked((4, 3, 4), (BRACE, jp.FloorLink(1, 0, friction=0.7, next_building=jp.GROUND))),
     "unequal heights": row_of((3, 2), (jp.FloorLink(0, 2, 1, friction=0.1, gap=0.2),)),
     "alone": row_of((2, 2)),
     "a pair": jp.paper.structures(),
@@ -37,19 +36,16 @@ ROWS = {
 
 @pytest.mark.parametrize("name", ROWS)
 def test_every_number_stands_in_the_picture_and_none_on_another(name, legible):
-    structures = ROWS[name]
-    ax = plots.row(structures)
-    figure = ax.figure
+    ax = plots.row(ROWS[name])
     words = [text.get_text() for text in ax.texts]
-    system = structures.system()
-    for i, mass in enumerate(system.masses, 1):
-        assert f"$m_{{{i}}}$ = {float(mass):.3g}" in words
-    for i, rod in enumerate(system.rods, 1):
-        assert f"$K_{{{i}}}$ = {float(rod.stiffness):.3g}" in words
+    system = ROWS[name].system()
+    numbers = [f"$m_{{{i}}}$ = {float(mass):.3g}" for i, mass in enumerate(system.masses, 1)]
+    numbers += [f"$K_{{{i}}}$ = {float(x.stiffness):.3g}" for i, x in enumerate(system.rods, 1)]
+    numbers += [f"$\\mu_{{{i}}}$ = {float(x.friction):.3g}" for i, x in enumerate(system.links, 1)]
+    assert set(numbers) <= set(words)
     for i, link in enumerate(system.links, 1):
-        assert f"$\\mu_{{{i}}}$ = {float(link.friction):.3g}" in words
         assert (f"$\\xi_{{0,{i}}}$ = {float(link.gap):.3g}" in words) == np.isfinite(link.gap)
-    legible(figure, [*ax.texts, *(ax.get_legend().texts if ax.get_legend() else ())])
+    legible(ax.figure, [*ax.texts, *(ax.get_legend().texts if ax.get_legend() else ())])
 
 
 def test_numbers_in_si_stand_between_the_columns_of_their_storey():
@@ -57,70 +53,81 @@ def test_numbers_in_si_stand_between_the_columns_of_their_storey():
     ax = plots.row(ROWS["three"], scales=scales)
     ax.figure.draw_without_rendering()
     words = {text.get_text(): text.get_window_extent() for text in ax.texts}
-    assert "$m_{1}$ = 200 t" in words
-    assert f"$\\xi_{{0,1}}$ = {0.234 * float(scales.length):.3g} m" in words
-    assert f"$\\mu_{{1}}$ = {0.0125 * float(scales.force) / 1e3:.3g} kN" in words
+    gap, force = 0.234 * float(scales.length), 0.0125 * float(scales.force) / 1e3
+    numbers = {f"$\\xi_{{0,1}}$ = {gap:.3g} m", f"$\\mu_{{1}}$ = {force:.3g} kN"}
+    assert {"$m_{1}$ = 200 t", *numbers} <= words.keys()
     columns = [line.get_window_extent() for line in ax.lines if line.get_linewidth() == 2.2]
     of_rods = [box for text, box in words.items() if text.startswith("$K")]
     assert len(of_rods) == 11
     assert not any(box.overlaps(column) for box in of_rods for column in columns)
-    boxes = words.values()
-    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(words.values(), 2))
 
 
-def pads(ax):
-    return [p for p in ax.patches if p.get_facecolor() == mpl.colors.to_rgba("#E69F00")]
+@pytest.mark.parametrize(
+    ("link", "words", "dampers", "pads"),
+    [
+        ({"friction": 0.1}, [r"damper, slip force $\mu$"], 1, 0),
+        ({"gap": 0.1}, [r"gap at rest $\xi_0$"], 0, 0),
+        ({"gap": 0.1, "contact": LAW}, [r"gap at rest $\xi_0$", "contact (KelvinVoigt)"], 0, 2),
+        ({}, [], 0, 0),
+    ],
+)
+def test_what_is_at_a_link_is_drawn(link, words, dampers, pads, ax):
+    plots.row(row_of((1, 1), (jp.FloorLink(0, 0, **link),)), ax=ax)
+    assert legend(ax) == words
+    assert sum(line.get_marker() == "s" for line in ax.lines) == dampers
+    orange = mpl.colors.to_rgba("#E69F00")
+    assert sum(patch.get_facecolor() == orange for patch in ax.patches) == pads
 
 
-def test_what_is_at_a_link_is_drawn():
-    def drawn(**known):
-        links = (jp.FloorLink(0, 0, **known),)
-        ax = plots.row(row_of((1, 1), links), ax=Figure().add_subplot())
-        legend = ax.get_legend()
-        return ax, [text.get_text() for text in legend.texts] if legend else []
-
-    ax, words = drawn(friction=0.1)
-    assert words == [r"damper, slip force $\mu$"]
-    assert sum(line.get_marker() == "s" for line in ax.lines) == 1
-    ax, words = drawn(gap=0.1)
-    assert words == [r"gap at rest $\xi_0$"]
-    assert not any(line.get_marker() == "s" for line in ax.lines)
-    ax, words = drawn(gap=0.1, contact=LAW)
-    assert words == [r"gap at rest $\xi_0$", "contact (KelvinVoigt)"]
-    assert len(pads(ax)) == 2
-    assert drawn()[1] == []
-
-
-def test_floors_stand_at_their_heights():
+def test_floors_stand_at_their_heights(ax):
     elevations = [[4.0, 7.0], [3.5]]
-    ax = plots.row(row_of((2, 1)), elevations, Figure().add_subplot())
+    plots.row(row_of((2, 1)), elevations, ax)
     slabs = [p for p in ax.patches if isinstance(p, Rectangle) and p.get_fill() and p.get_y() > 0]
     middles = [p.get_y() + p.get_height() / 2 for p in slabs]
     np.testing.assert_allclose(middles, [4.0, 7.0, 3.5])
     assert ax.get_ylabel() == "height (m)"
 
 
-def test_wrong_arguments_are_refused():
-    ax = Figure().add_subplot()
-    row = row_of((2, 1))
-    with pytest.raises(ValueError, match="row: elevations, 1 of them, must be one for each of the"):
-        plots.row(row, [[3.0, 6.0]], ax)
-    with pytest.raises(ValueError, match=r"row: elevations\[1\] = \[3.0, 6.0\] must be"):
-        plots.row(row, [[3.0, 6.0], [3.0, 6.0]], ax)
-    with pytest.raises(ValueError, match="must be known and one row, not a batch"):
-        plots.row(jax.tree.map(lambda x: np.array([x, x]), row), ax=ax)
-    with pytest.raises(ValueError, match="must be known and one row"):
-        jax.jit(lambda one: plots.row(one, ax=ax) and 0)(row)
-    rods = tuple(jp.Rod(STEEL.material, 1.0, ends) for ends in ((0, jp.GROUND), (1, 0), (2, 0)))
-    with pytest.raises(ValueError, match="masses must be shear buildings"):
-        plots.row(jp.System((1.0,) * 3, rods), ax=ax)
-
-
-def test_the_numbers_of_buildings_in_si_have_units():
+def test_the_numbers_of_buildings_in_si_have_units(ax):
     blocks = [jp.Building.from_period(mass=m, period=0.9, damping_ratio=0.05) for m in (5e5, 4e5)]
-    buildings = jp.Buildings(tuple(blocks), (jp.FloorLink(0, 0, friction=1e5, gap=0.05),))
-    ax = plots.row(buildings, ax=Figure().add_subplot())
-    words = [text.get_text() for text in ax.texts]
-    assert {"$m_1$ = 500 t", r"$\mu_{1}$ = 100 kN", r"$\xi_{0,1}$ = 0.05 m"} <= {
-        text.replace("m_{1}", "m_1") for text in words
-    }
+    link = jp.FloorLink(0, 0, friction=1e5, gap=0.05)
+    plots.row(jp.Buildings(tuple(blocks), (link,)), ax=ax)
+    words = {text.get_text().replace("m_{1}", "m_1") for text in ax.texts}
+    assert {"$m_1$ = 500 t", r"$\mu_{1}$ = 100 kN", r"$\xi_{0,1}$ = 0.05 m"} <= words
+
+
+def test_wrong_arguments_are_refused(ax):
+    row = row_of((2, 1))
+    batch = jax.tree.map(lambda x: np.array([x, x]), row)
+    rods = tuple(jp.Rod(STEEL.material, 1.0, ends) for ends in ((0, jp.GROUND), (1, 0), (2, 0)))
+    for structures, elevations, message in (
+        (row, [[3.0, 6.0]], "row: elevations, 1 of them, must be one for each of the"),
+        (row, [[3.0, 6.0], [3.0, 6.0]], r"row: elevations\[1\] = \[3.0, 6.0\] must be"),
+        (batch, None, "must be known and one row, not a batch"),
+        (jp.System((1.0,) * 3, rods), None, "masses must be shear buildings"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            plots.row(structures, elevations, ax)
+    with pytest.raises(ValueError, match="must be known and one row"):
+        jax.jit(lambda traced: plots.row(traced, ax=ax) and 0)(row)
+
+
+SYMBOLS = ["m_1", "m_2", "x_1", "x_2", "u(t)", r"\mu", r"\xi", r"\alpha", r"\beta"]
+NUMBERS = ["0.23", "0.004", "1.18", "0.53", "0.2", "= 4", r"\mu = 0.25", "= 2"]
+
+
+@pytest.mark.parametrize("structures", [None, jp.paper.structures()], ids=["symbols", "numbers"])
+def test_every_symbol_stands_in_the_picture_and_none_on_another(structures, legible):
+    ax = Figure(figsize=(7.1, 2.9), layout="constrained").add_subplot()
+    assert mechanical_system(structures, ax) is ax
+    words = " ".join(text.get_text() for text in ax.texts)
+    for symbol in SYMBOLS + ([] if structures is None else NUMBERS):
+        assert symbol in words
+    legible(ax.figure, ax.texts)
+
+
+def test_a_batch_is_refused(ax):
+    batch = jax.tree.map(lambda x: np.array([x, x]), jp.paper.structures())
+    with pytest.raises(ValueError, match="must be a single pair, not a batch"):
+        mechanical_system(batch, ax)

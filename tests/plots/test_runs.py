@@ -1,7 +1,5 @@
 """What the figures show: the response's own numbers, with units, nothing hidden or cut off."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import pickle
@@ -11,7 +9,9 @@ import matplotlib as mpl
 import nbformat
 import numpy as np
 import pytest
+from matplotlib import pyplot, style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from nbclient import NotebookClient
 
@@ -19,19 +19,11 @@ import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import FIGURE_SIZE, in_house_style
 from tests.made import changed
-from tests.plots.runs import SCALES, collide
+from tests.plots.runs import SCALES, collide, legend
 
-DRAWINGS = [
-    plots.ground_motion,
-    plots.displacements,
-    plots.velocities,
-    plots.gap,
-    plots.friction_force,
-    plots.rod_forces,
-    plots.rod_hysteresis,
-    plots.friction_hysteresis,
-    plots.energy,
-]
+DRAWINGS = [plots.ground_motion, plots.displacements, plots.velocities, plots.gap]
+DRAWINGS += [plots.friction_force, plots.rod_forces, plots.rod_hysteresis]
+DRAWINGS += [plots.friction_hysteresis, plots.energy]
 NAMES = [draw.__name__ for draw in DRAWINGS]
 
 
@@ -46,9 +38,25 @@ def with_gap(response: jp.Response, initial_gap: float) -> jp.Response:
     return changed(response, gap=response.gap + change, demand=demand)
 
 
+def new_axes():
+    return Figure().add_subplot()
+
+
+OF_CONTACT = plots.contact_force, plots.contact_hysteresis
+COMPARING = plots.gaps, plots.side_by_side
+
+
 def collection(ax, label):
-    found = [c for c in ax.collections if c.get_label() == label]
-    return found[0] if found else None
+    return next((c for c in ax.collections if c.get_label() == label), None)
+
+
+def assert_stacked(ax, terms, names):
+    """Each share of the energy ends at the sum of those up to it, and all at the input."""
+    tops = np.cumsum([getattr(terms, name.replace(" ", "_")) for name in names], axis=0)
+    for name, top in zip(names, tops, strict=True):
+        (path,) = collection(ax, name).get_paths()
+        assert np.isin(top, path.vertices[:, 1]).all()
+    np.testing.assert_allclose(tops[-1] - terms.residual, terms.input, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -74,17 +82,12 @@ def test_series_over_time(draw, series, response, ax):
     assert (ax.get_legend() is not None) == (len(series) > 1 or draw in DRAWINGS[3:5])
 
 
-def test_rod_hysteresis(response, ax):
+def test_hysteresis_is_that_of_the_rods_and_encloses_the_work_of_friction(response, ax):
     plots.rod_hysteresis(response, ax)
-    for line, x, f in zip(
-        ax.lines, (response.x1, response.x2), (response.f1, response.f2), strict=True
-    ):
-        np.testing.assert_array_equal(line.get_xdata(), x)
-        np.testing.assert_array_equal(line.get_ydata(), f)
-    assert [text.get_text() for text in ax.get_legend().texts] == ["structure 1", "structure 2"]
-
-
-def test_friction_hysteresis_encloses_the_work_of_friction(response, ax):
+    expected = [(response.x1, response.f1), (response.x2, response.f2)]
+    np.testing.assert_array_equal([line.get_data() for line in ax.lines], expected)
+    assert legend(ax) == ["structure 1", "structure 2"]
+    ax.clear()
     plots.friction_hysteresis(response, ax)
     slip, force = ax.lines[0].get_data()
     np.testing.assert_array_equal(slip, response.x1 - response.x2)
@@ -92,17 +95,16 @@ def test_friction_hysteresis_encloses_the_work_of_friction(response, ax):
     assert area == pytest.approx(float(response.demand.friction_work), rel=0.02)
 
 
-def test_energy_stacks_up_to_the_input(response, ax):
+def test_energy_stacks_up_to_the_input(response, collisions, ax):
     plots.energy(response, ax)
-    terms = response.energy
     lines = {line.get_label(): line.get_ydata() for line in ax.lines}
-    np.testing.assert_array_equal(lines["input"], terms.input)
-    np.testing.assert_array_equal(lines["residual"], terms.residual)
-    tops = np.cumsum([terms.friction, terms.rods, terms.kinetic], axis=0)
-    for label, top in zip(("friction", "rods", "kinetic"), tops, strict=True):
-        (path,) = collection(ax, label).get_paths()
-        assert np.isin(top, path.vertices[:, 1]).all()
-    np.testing.assert_allclose(tops[-1] - terms.residual, terms.input, atol=1e-12)
+    for name in ("input", "residual"):
+        np.testing.assert_array_equal(lines[name], getattr(response.energy, name))
+    shares = ["friction", "rods", "kinetic"]
+    assert_stacked(ax, response.energy, shares)
+    ax.clear()
+    plots.energy(collisions[1], ax)
+    assert_stacked(ax, collisions[1].energy, [*shares, "contact lost", "contact stored"])
 
 
 @pytest.mark.parametrize(
@@ -141,14 +143,12 @@ def test_forces_are_drawn_in_the_unit_they_are_labelled_with(mass, unit, factor,
 
 def test_smallest_gap_is_marked_where_it_is(either, ax):
     plots.gap(either, ax)
-    marker = ax.lines[-1]
-    demand = either.demand
-    assert marker.get_xdata() == pytest.approx(float(demand.min_gap_time))
-    assert marker.get_ydata() == pytest.approx(float(demand.min_gap))
-    text = ax.get_legend().texts[0].get_text()
+    smallest, at = float(either.demand.min_gap), float(either.demand.min_gap_time)
+    assert ax.lines[-1].get_data() == (pytest.approx(at), pytest.approx(smallest))
+    text = legend(ax)[0]
     assert text.startswith(r"$\xi$, min")
-    assert f"{float(demand.min_gap):.4g}" in text
-    assert f"{float(demand.min_gap_time):.4g}" in text
+    assert f"{smallest:.4g}" in text
+    assert f"{at:.4g}" in text
     assert (" m at" in text and text.endswith(" s")) == either.si
 
 
@@ -186,34 +186,28 @@ def test_smallest_gap_is_above_everything_and_pounding_shaded_only_if_near(
 def test_stick_is_shaded_where_the_phases_are(either, ax):
     plots.friction_force(either, ax)
     drawn = [p.vertices[:, 0] for p in collection(ax, "stick").get_paths()]
-    sticks = [p for p in either.phases() if p.kind == "stick"]
+    sticks = [(p.start, p.end) for p in either.phases() if p.kind == "stick"]
     assert len(sticks) == 2
-    np.testing.assert_allclose(
-        [(x.min(), x.max()) for x in drawn], [(p.start, p.end) for p in sticks], rtol=1e-12
-    )
-
-
-def test_a_run_without_stick_has_no_shading(response, ax):
-    sliding = changed(response, phase=np.ones_like(response.phase))
-    plots.friction_force(sliding, ax)
-    assert collection(ax, "stick") is None
-    assert ax.get_legend() is None
+    np.testing.assert_allclose([(x.min(), x.max()) for x in drawn], sticks, rtol=1e-12)
+    sliding = plots.friction_force(changed(either, phase=np.ones_like(either.phase)), new_axes())
+    assert collection(sliding, "stick") is None
+    assert sliding.get_legend() is None
 
 
 @pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
 @pytest.mark.parametrize("size", [FIGURE_SIZE, (6.4, 4.8)], ids=["column", "large"])
 def test_nothing_overlaps_or_is_cut_off(draw, size, either, legible):
     axes = draw(either, Figure(figsize=size, layout="constrained").add_subplot())
-    legend = axes.get_legend()
-    texts = [axes.xaxis.label, axes.yaxis.label, *axes.texts, *(legend.texts if legend else ())]
+    box = axes.get_legend()
+    texts = [axes.xaxis.label, axes.yaxis.label, *axes.texts, *(box.texts if box else ())]
     legible(axes.figure, texts)
     assert all(text.get_fontsize() >= 8 for text in texts)
     for ticks in (axes.get_xticklabels(), axes.get_yticklabels()):
         extents = [tick.get_window_extent() for tick in ticks if tick.get_text()]
         assert not any(a.overlaps(b) for a, b in itertools.pairwise(extents))
-    if legend:
+    if box:
         highest = axes.transData.transform([(0, line.get_ydata().max()) for line in axes.lines])
-        assert highest[:, 1].max() < legend.get_window_extent().y0
+        assert highest[:, 1].max() < box.get_window_extent().y0
 
 
 def test_drawing_twice_into_the_same_axes_shows_both(response, ax):
@@ -228,25 +222,20 @@ def test_drawing_twice_into_the_same_axes_shows_both(response, ax):
 
 @pytest.mark.parametrize("draw", DRAWINGS, ids=NAMES)
 def test_pyplot_and_settings_are_left_alone(draw, response, ax):
-    from matplotlib import pyplot
-
-    settings = dict(mpl.rcParams)
-    before = pyplot.get_fignums()
+    settings, before = dict(mpl.rcParams), pyplot.get_fignums()
     draw(response, ax=ax)
     assert pyplot.get_fignums() == before
-    shown = draw(response)
+    draw(response)
     assert len(pyplot.get_fignums()) == len(before) + 1
-    pyplot.close(shown.figure)
     assert dict(mpl.rcParams) == settings
 
 
 def test_a_notebook_that_turns_interactive_with_its_first_figure_stays_so(response):
     """It does so while the figure is made, and shows the figures of later cells only if it is."""
-    from matplotlib import pyplot
 
     def first_figure(response):
         pyplot.ion()
-        return plots.displacements(response, Figure().add_subplot())
+        return plots.displacements(response, new_axes())
 
     assert not mpl.is_interactive()
     try:
@@ -256,22 +245,19 @@ def test_a_notebook_that_turns_interactive_with_its_first_figure_stays_so(respon
         pyplot.ioff()
 
 
-def test_paper_figures_are_called_what_they_show(response):
+def test_paper_figures_and_the_overview_show_what_they_are_called(response, collisions):
     figures = plots.paper_figures(response)
     assert list(figures) == [draw.__name__ for draw in (*DRAWINGS[:5], plots.rod_forces)]
     for name, figure in figures.items():
-        alone = Figure().add_subplot()
-        getattr(plots, name)(response, alone)
+        alone = getattr(plots, name)(response, new_axes())
         assert figure.axes[0].get_ylabel() == alone.get_ylabel()
-
-
-def test_overview_shows_four_series_over_one_time_axis(response):
     panels = plots.overview(response).axes
     words = ["ground acceleration", "displacement", "friction force", "gap"]
     for ax, word in zip(panels, words, strict=True):
         assert ax.get_ylabel().startswith(word)
         assert ax.get_xlim() == (0, float(response.time[-1]))
     assert [bool(ax.get_xlabel()) for ax in panels] == [False, False, False, True]
+    assert len(plots.overview(collisions[1]).axes) == 5
 
 
 @pytest.fixture(scope="module")
@@ -284,45 +270,31 @@ def batch(response) -> jp.Response:
 
 @pytest.mark.parametrize("draw", DRAWINGS[:-1], ids=NAMES[:-1])
 def test_a_batch_is_drawn_run_upon_run(draw, batch, response, ax):
-    from matplotlib.collections import LineCollection
-
     draw(batch, ax)
     runs = [c for c in ax.collections if isinstance(c, LineCollection)]
-    alone = Figure().add_subplot()
-    draw(response, alone)
-    lines = [line for line in alone.lines if not line.get_label().startswith("_")]
-    if "hysteresis" in draw.__name__:
-        lines = alone.lines
+    lines = draw(response, new_axes()).lines
+    if "hysteresis" not in draw.__name__:
+        lines = [line for line in lines if not line.get_label().startswith("_")]
     assert len(runs) == len(lines)
-    for collection, line in zip(runs, lines, strict=True):
-        assert len(collection.get_segments()) == 3
-        np.testing.assert_allclose(collection.get_segments()[0], np.transpose(line.get_data()))
-        assert collection.get_alpha() < line.get_alpha()
+    for bundle, line in zip(runs, lines, strict=True):
+        assert len(bundle.get_segments()) == 3
+        np.testing.assert_allclose(bundle.get_segments()[0], np.transpose(line.get_data()))
+        assert bundle.get_alpha() < line.get_alpha()
         if draw is not plots.gap:  # which tells the minimum
-            assert collection.get_label() == line.get_label()
+            assert bundle.get_label() == line.get_label()
     low, high = ax.get_ylim()
     every = np.concatenate([path for c in runs for path in c.get_segments()])[:, 1]
     assert low <= every.min() < every.max() <= high
+    if draw is plots.displacements:  # the legend is not faint
+        assert {handle.get_alpha() for handle in ax.get_legend().legend_handles} == {1.0}
+    if draw is plots.gap:
+        smallest = float(np.min(batch.min_gap))
+        assert ax.lines[-1].get_ydata() == pytest.approx(smallest)
+        assert f"min {smallest:.4g}".replace("-", "−") in legend(ax)[0]
+        assert "pounding" in legend(ax)[-1]
 
 
-def test_the_smallest_gap_of_a_batch_is_marked(batch, ax):
-    plots.gap(batch, ax)
-    smallest = float(np.min(batch.min_gap))
-    assert ax.lines[-1].get_ydata() == pytest.approx(smallest)
-    assert f"min {smallest:.4g}".replace("-", "−") in ax.get_legend().texts[0].get_text()
-    assert "pounding" in ax.get_legend().texts[-1].get_text()
-
-
-def test_energy_and_invalid_runs_of_a_batch_are_refused(batch, ax):
-    with pytest.raises(ValueError, match=r"energy: a batch of shape \(3, 1001\)"):
-        plots.energy(batch, ax)
-    lost = np.array([0.1, np.nan, np.nan])
-    broken = dataclasses.replace(batch, demand=changed(batch.demand, pga=lost))
-    with pytest.raises(ValueError, match="2 of 3 runs are invalid"):
-        plots.gap(broken, ax)
-
-
-def test_gaps_of_several_runs_stand_in_one_picture(response, ax):
+def test_runs_to_be_compared_stand_in_one_picture_or_side_by_side(response, ax):
     runs = {"without": with_gap(response, 0.5), "with": response, "wide": with_gap(response, 2.0)}
     plots.gaps(runs, ax)
     lines = {line.get_label(): line for line in ax.lines if ":" in line.get_label()}
@@ -331,9 +303,6 @@ def test_gaps_of_several_runs_stand_in_one_picture(response, ax):
         np.testing.assert_array_equal(line.get_ydata(), run.gap)
     assert len({line.get_color() for line in lines.values()}) == 3
     assert ax.get_ylim()[0] < float(runs["without"].min_gap)
-
-
-def test_side_by_side_has_runs_as_columns_to_one_scale(response):
     runs = {"far": with_gap(response, 3.0), "near": response, "pounds": with_gap(response, 0.5)}
     figure = plots.side_by_side(runs, [plots.displacements, plots.gap])
     figure.draw_without_rendering()
@@ -354,32 +323,34 @@ def test_side_by_side_has_runs_as_columns_to_one_scale(response):
         assert ends[1] == pytest.approx(0, abs=1e-9)
 
 
-def test_a_batch_s_legend_is_not_faint(batch, ax):
-    plots.displacements(batch, ax)
-    assert {handle.get_alpha() for handle in ax.get_legend().legend_handles} == {1.0}
+def test_wrong_arguments_are_refused(response, batch):
+    lost = changed(batch.demand, pga=np.array([0.1, np.nan, np.nan]))
+    broken = dataclasses.replace(batch, demand=lost)
+    two = {"a": response, "b": SCALES.to_si(response)}
+    for draw, argument, message in (
+        (plots.energy, batch, r"energy: a batch of shape \(3, 1001\)"),
+        (plots.gap, broken, "2 of 3 runs are invalid"),
+        (plots.gaps, {"a": 3}, r"responses\['a'\] = 3 must be of type Response"),
+        (plots.side_by_side, response, r"side_by_side: responses = .* must be of type"),
+        *((draw, {}, "must hold at least one run") for draw in COMPARING),
+        *((draw, two, "must all be in SI units") for draw in COMPARING),
+        *((draw, response, "must have a link with a law of contact") for draw in OF_CONTACT),
+    ):
+        with pytest.raises(ValueError, match=message):
+            draw(argument)
 
 
-def test_what_is_no_response_is_named(response):
-    with pytest.raises(ValueError, match=r"responses\['a'\] = 3 must be of type Response"):
-        plots.gaps({"a": 3})
-    with pytest.raises(ValueError, match=r"side_by_side: responses = .* must be of type"):
-        plots.side_by_side(response)
-
-
-def test_runs_to_be_compared_have_the_same_units(response):
-    for draw in (plots.gaps, plots.side_by_side):
-        with pytest.raises(ValueError, match="must hold at least one run"):
-            draw({})
-        with pytest.raises(ValueError, match="must all be in SI units"):
-            draw({"a": response, "b": SCALES.to_si(response)})
-
-
-def test_a_figure_that_is_returned_is_the_one_that_pyplot_saves(response, tmp_path):
-    from matplotlib import pyplot
-
+def test_figures_are_saved_as_they_are(response, tmp_path):
     response.plot().savefig(tmp_path / "own.png")
     pyplot.savefig(tmp_path / "pyplots.png")
     assert (tmp_path / "own.png").read_bytes() == (tmp_path / "pyplots.png").read_bytes()
+    with style.context("jaxpound.house"):
+        assert mpl.rcParams["figure.figsize"] == list(FIGURE_SIZE)
+        figure = plots.displacements(response).figure
+        for kind in ("svg", "pdf"):
+            figure.savefig(tmp_path / f"own.{kind}")
+    assert "displacement" in (tmp_path / "own.svg").read_text()
+    assert b"/Type3" not in (tmp_path / "own.pdf").read_bytes()
 
 
 SETUP = """
@@ -410,18 +381,6 @@ def test_a_notebook_shows_each_figure_once_as_a_plain_one(response, tmp_path):
     assert (tmp_path / "saved.png").stat().st_size > 10_000
 
 
-def test_letters_stay_letters_in_vector_files_of_the_house_style(response, tmp_path):
-    from matplotlib import style
-
-    with style.context("jaxpound.house"):
-        assert mpl.rcParams["figure.figsize"] == list(FIGURE_SIZE)
-        figure = plots.displacements(response).figure
-        for kind in ("svg", "pdf"):
-            figure.savefig(tmp_path / f"own.{kind}")
-    assert "displacement" in (tmp_path / "own.svg").read_text()
-    assert b"/Type3" not in (tmp_path / "own.pdf").read_bytes()
-
-
 def test_a_run_at_rest_can_be_drawn(response):
     nothing = jax.tree.map(np.zeros_like, response)
     rest = changed(nothing, time=response.time, mass_1=1.0, mass_2=1.0)
@@ -447,7 +406,7 @@ def collisions():
     return jax.tree.map(lambda *x: np.stack(x), collide(0.0), collide(0.25))
 
 
-def test_contact_force_shows_the_largest_of_each_impact(collisions, ax):
+def test_contact_shows_its_largest_forces_and_encloses_what_it_loses(collisions, ax):
     one = collisions[1]
     plots.contact_force(one, ax)
     line, peaks = ax.lines
@@ -455,13 +414,11 @@ def test_contact_force_shows_the_largest_of_each_impact(collisions, ax):
     assert len(peaks.get_xdata()) == one.demand.n_impacts > 1
     assert peaks.get_ydata().max() == one.demand.peak_contact
     assert ax.get_ylabel() == "contact force $p$ ($m_1 g$)"
-    several = plots.contact_force(collisions, Figure().add_subplot())
+    several = plots.contact_force(collisions, new_axes())
     assert not several.lines
     assert len(several.collections[0].get_paths()) == 2
-
-
-def test_contact_hysteresis_encloses_what_contact_loses(collisions, ax):
-    """Within the steps too, whose corners would cut off 10 % of it."""
+    ax.clear()
+    # Within the steps too, whose corners would cut off 10 % of it.
     one = collisions[1]
     plots.contact_hysteresis(one, ax)
     areas, peaks = [], []
@@ -483,25 +440,5 @@ def test_impacts_are_marked_in_the_gap_where_they_begin(collisions, response, ax
     np.testing.assert_array_equal(marks[0].get_xdata(), times)
     np.testing.assert_allclose(np.interp(times, *ax.lines[0].get_data()), 0, atol=5e-3)
     for other in (response, collisions):
-        labels = plots.gap(other, Figure().add_subplot()).get_legend_handles_labels()[1]
+        labels = plots.gap(other, new_axes()).get_legend_handles_labels()[1]
         assert "impact" not in labels
-
-
-def test_energy_has_what_contact_stores_and_loses(collisions, ax):
-    plots.energy(collisions[1], ax)
-    terms = collisions[1].energy
-    labels = ["friction", "rods", "kinetic", "contact lost", "contact stored"]
-    parts = [terms.friction, terms.rods, terms.kinetic, terms.contact_lost, terms.contact_stored]
-    tops = np.cumsum(parts, axis=0)
-    for name, top in zip(labels, tops, strict=True):
-        (path,) = collection(ax, name).get_paths()
-        assert np.isin(top, path.vertices[:, 1]).all()
-    np.testing.assert_allclose(tops[-1] - terms.residual, terms.input, atol=1e-12)
-
-
-def test_only_runs_with_contact_forces_show_them(collisions, response):
-    assert len(plots.overview(collisions[1]).axes) == 5
-    assert len(plots.overview(response).axes) == 4
-    for draw in (plots.contact_force, plots.contact_hysteresis):
-        with pytest.raises(ValueError, match="must have a link with a law of contact"):
-            draw(response, Figure().add_subplot())

@@ -5,12 +5,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
+from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import studies as plots
 from jaxpound.plots.style import COLOURS, parameter_axis, parameter_name
 from jaxpound.study.sensitivity import Sensitivity
 from jaxpound.study.statistics import Estimate
+from tests.plots.runs import legend
 from tests.study.test_run import LINEAR, RANDOM, study
 
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
@@ -44,23 +47,15 @@ def test_min_gap_s_histogram_and_distribution(found, ax):
     assert ax.get_xlim()[1] == found["min_gap"].max()
 
 
-def test_how_many_keep_their_gap_at_rest_is_told(ax):
+def test_how_many_keep_their_gap_at_rest_is_told(ax, legible):
     columns = {"min_gap": np.r_[np.full(30, 0.1), np.linspace(-0.1, 0.09, 70)]}
     columns["required_gap"] = 0.1 - columns["min_gap"]
     moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
-    few = types.SimpleNamespace(
-        finite=columns.__getitem__,
-        moments=lambda column: moments,
-        scales=SCALES,
-        columns=(*columns,),
-        weighting=None,
-    )
-    plots.min_gap(few, ax)
-    assert "min = gap at rest: 30 %" in [text.get_text() for text in ax.get_legend().texts]
-    ax.figure.draw_without_rendering()
-    for text in ax.get_legend().texts:
-        box = text.get_window_extent()
-        assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
+    few = {"finite": columns.__getitem__, "moments": lambda column: moments, "weighting": None}
+    few |= {"scales": SCALES, "columns": (*columns,)}
+    plots.min_gap(types.SimpleNamespace(**few), ax)
+    assert "min = gap at rest: 30 %" in legend(ax)
+    legible(ax.figure, ax.get_legend().texts)
 
 
 def test_convergence_ends_at_the_estimate(found, ax):
@@ -71,6 +66,8 @@ def test_convergence_ends_at_the_estimate(found, ax):
     ends = ax.collections[0].get_paths()[0].vertices
     low, high = found.pounding_probability(0.3)[1:3]
     assert {round(low, 12), round(high, 12)} <= {round(y, 12) for x, y in ends if x == 400}
+    new = plots.convergence(found)  # axes of pyplot's
+    assert new.figure.number in pyplot.get_fignums()
 
 
 def test_exceedance_is_the_share_of_larger_gaps(found, ax):
@@ -83,7 +80,7 @@ def test_exceedance_is_the_share_of_larger_gaps(found, ax):
     marked = [line.get_xdata()[0] for line in ax.lines[2:]]
     assert marked == [rules.double_difference, rules.srss, rules.absolute_sum]
     drawn = [artist.get_label() for artist in (*ax.lines, *ax.collections)]
-    assert {text.get_text() for text in ax.get_legend().texts} == set(drawn)
+    assert {*legend(ax)} == set(drawn)
     assert not any(words.startswith("_") for words in drawn)
     ax.figure.draw_without_rendering()
     box = ax.get_legend().get_window_extent()
@@ -91,30 +88,24 @@ def test_exceedance_is_the_share_of_larger_gaps(found, ax):
     assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
 
 
-def test_fragility_has_its_data_and_its_curve(found, ax):
-    for curve in (
-        jp.fit_fragility(found["pga"], np.arange(400) % 7 < 4 * found["pga"] / found["pga"].max()),
-        jp.fit_fragility([0.1, 0.2, 0.4], [1, 5, 9], [10, 10, 10]),
+def pounding(found):
+    """Made up: the stronger the ground, the likelier."""
+    return np.arange(400) % 7 < 4 * found["pga"] / found["pga"].max()
+
+
+def test_a_fragility_has_its_data_and_its_curve_or_a_curve_alone(found, ax):
+    for curve, runs in (
+        (jp.fit_fragility(found["pga"], pounding(found)), np.full(12, 400 / 12)),
+        (jp.fit_fragility([0.1, 0.2, 0.4], [1, 5, 9], [10, 10, 10]), [10, 10, 10]),
     ):
         ax.clear()
         plots.fragility(curve, ax, "PGA ($g$)")
         im, p = ax.lines[0].get_data()
         np.testing.assert_allclose(p, curve.probability(im))
         _, share = ax.containers[0][0].get_data()
-        assert share @ ([10, 10, 10] if curve.stripes else np.full(12, 400 / 12)) == pytest.approx(
-            curve.pounding.sum(), rel=0.02
-        )
+        assert share @ runs == pytest.approx(curve.pounding.sum(), rel=0.02)
         assert ax.get_xlabel() == "PGA ($g$)"
-
-
-def curves(n):
-    """Of links of which each is more fragile than the one before, and of any of them."""
-    pga, runs = [0.1, 0.2, 0.4, 0.8], [20] * 4
-    links = {f"link {k + 1}": jp.fit_fragility(pga, [0, 2, 5 + k, 9 + k], runs) for k in range(n)}
-    return links | {"any link": jp.fit_fragility(pga, [1, 4, 15, 20], runs)}
-
-
-def test_a_fragility_in_numbers_is_a_curve_alone(ax):
+    ax.clear()
     curve = jp.Fragility(0.6, 0.4)
     plots.fragility(curve, ax)
     (line,) = ax.lines
@@ -128,6 +119,13 @@ def test_a_fragility_in_numbers_is_a_curve_alone(ax):
     assert ax.lines[1].get_label() == r"$\theta$ = 0.6 g, $\beta$ = 0.4"
 
 
+def curves(n):
+    """Of links of which each is more fragile than the one before, and of any of them."""
+    pga, runs = [0.1, 0.2, 0.4, 0.8], [20] * 4
+    links = {f"link {k + 1}": jp.fit_fragility(pga, [0, 2, 5 + k, 9 + k], runs) for k in range(n)}
+    return links | {"any link": jp.fit_fragility(pga, [1, 4, 15, 20], runs)}
+
+
 def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
     drawn = curves(3)
     plots.fragility(drawn, ax, "PGA ($g$)")
@@ -137,13 +135,11 @@ def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
     assert len({line.get_color() for line in ax.lines}) == 4
     (black,) = (line for line in ax.lines if line.get_color() == COLOURS["ground"])
     assert (black.get_label(), black.get_linestyle()) == ("any link", "--")
-    told = [text.get_text() for text in ax.get_legend().texts]
-    assert told == [*drawn, "95 % band"]
+    assert legend(ax) == [*drawn, "95 % band"]
     assert sum(bool(band.get_paths()) for band in ax.collections) == 4
     ax.clear()
     plots.fragility(curves(9), ax)
-    told = [text.get_text() for text in ax.get_legend().texts]
-    assert told == ["link 1", "link 9", "any link", "95 % band"]
+    assert legend(ax) == ["link 1", "link 9", "any link", "95 % band"]
     assert len({line.get_color() for line in ax.lines}) == 10
     with pytest.raises(ValueError, match=r"fragility: curve = {} must hold at least one curve"):
         plots.fragility({}, ax)
@@ -151,7 +147,7 @@ def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
         plots.fragility({"link 1": 0.4}, ax)
 
 
-def test_scatter_has_a_panel_for_each_pair():
+def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
     found = random_study()
     figure = plots.scatter_matrix(found, ["required_gap", "peak_f1"], ["friction", "period_1"])
     assert len(figure.axes) == 4
@@ -161,9 +157,6 @@ def test_scatter_has_a_panel_for_each_pair():
     assert len(plots.scatter_matrix(found).axes) == 6
     with pytest.raises(ValueError, match="'mass' must be one of friction, amplitude_1"):
         plots.scatter_matrix(found, names=["mass"])
-
-
-def test_parameters_have_the_unit_of_the_study():
     found = random_study()
     units = {
         "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
@@ -176,16 +169,19 @@ def test_parameters_have_the_unit_of_the_study():
             assert ax.get_xlabel() == told[place]
             drawn = (told[2] if place else 1.0) * found.parameters()[name]
             np.testing.assert_allclose(ax.lines[0].get_xdata(), drawn)
-    assert parameter_axis("rod_1.order", SCALES, 1.0) == (1.0, "rod 1: order")
-    assert parameter_axis("intensity", SCALES, 1.0) == (1.0, "intensity")
-    assert parameter_axis("links.1.friction", SCALES, 1e-6)[1] == "link 2: friction (N)"
-    assert parameter_axis("links.1.gap", None, 1.0)[1] == r"link 2: $\xi_0$ ($g/\omega_1^2$)"
+    for name, scales, size, expected in (
+        ("rod_1.order", SCALES, 1.0, (1.0, "rod 1: order")),
+        ("intensity", SCALES, 1.0, (1.0, "intensity")),
+        ("links.1.friction", SCALES, 1e-6, (SCALES.force, "link 2: friction (N)")),
+        ("links.1.gap", None, 1.0, (1.0, r"link 2: $\xi_0$ ($g/\omega_1^2$)")),
+        ("initial_gap", SCALES, 1.0, (SCALES.length, "gap at rest (m)")),
+    ):
+        assert parameter_axis(name, scales, size) == expected
     assert parameter_name("buildings.0.rods.1.stiffness") == "building 1, storey 2: $K$"
     assert parameter_name("links.0.contact.stiffness") == "link 1, contact, stiffness"
-    assert parameter_axis("initial_gap", SCALES, 1.0) == (SCALES.length, "gap at rest (m)")
 
 
-def test_correlation_bars_are_the_correlations_largest_on_top(ax):
+def test_bars_are_the_correlations_and_indices_largest_on_top(ax):
     found = random_study()
     plots.correlations(found, ax)
     names = [text.get_text() for text in ax.get_yticklabels()]
@@ -194,21 +190,17 @@ def test_correlation_bars_are_the_correlations_largest_on_top(ax):
     assert names == [parameter_name(name) for name in ranked]
     assert r"friction $\mu$" in names
     assert [bar.get_width() for bar in ax.patches] == [expected[name] for name in ranked]
-
-
-def test_sensitivity_bars_are_the_indices_largest_on_top(ax):
+    ax.clear()
     shares = {"none": (0.0, 0.01), "two": (0.2, 0.25), "one": (0.7, 0.8)}
     first, total = (
         {name: Estimate(pair[i], pair[i] - 0.1, pair[i] + 0.1) for name, pair in shares.items()}
         for i in range(2)
     )
-    indices = Sensitivity("peak_x1", 64, first, dict(reversed(total.items())))
-    plots.sensitivity(indices, ax)
-    assert [text.get_text() for text in ax.get_yticklabels()] == ["none", "two", "one"]
+    plots.sensitivity(Sensitivity("peak_x1", 64, first, dict(reversed(total.items()))), ax)
+    assert [text.get_text() for text in ax.get_yticklabels()] == [*shares]
     bars = [container for container in ax.containers if hasattr(container, "patches")]
     widths = [[bar.get_width() for bar in container.patches] for container in bars]
-    names = ["none", "two", "one"]
-    assert widths == [[kind[n].value for n in names] for kind in (indices.first, indices.total)]
+    assert widths == [[pair[i] for pair in shares.values()] for i in range(2)]
 
 
 def test_axes_say_the_unit_of_the_study(found, ax):
@@ -222,14 +214,6 @@ def test_axes_say_the_unit_of_the_study(found, ax):
     assert top == pytest.approx(found.in_si(SCALES)["peak_f1"].max() / 1e6)
 
 
-def test_new_axes_are_pyplot_s(found):
-    from matplotlib import pyplot
-
-    axes = plots.convergence(found)
-    assert axes.figure.number in pyplot.get_fignums()
-    pyplot.close("all")
-
-
 def test_weights_are_drawn(found, ax):
     """Of weights that leave samples out, every figure is that of the others."""
     those = np.arange(400) % 2 == 0
@@ -239,20 +223,10 @@ def test_weights_are_drawn(found, ax):
     assert area == pytest.approx(1, abs=0.006)
     share = next(other for other in ax.figure.axes if other is not ax).lines[0].get_ydata()
     assert share[-1] == pytest.approx(1)
-    ax.figure.clear()
-    ax = ax.figure.add_subplot()
-    plots.convergence(some, ax, gap=0.3)
-    assert ax.lines[0].get_ydata()[-1] == pytest.approx(some.pounding_probability(0.3).value)
-    ax.clear()
-    plots.exceedance(some, ax)
-    gaps, shares = ax.lines[0].get_data()
+    line = plots.convergence(some, Figure().add_subplot(), gap=0.3).lines[0]
+    assert line.get_ydata()[-1] == pytest.approx(some.pounding_probability(0.3).value)
+    gaps, shares = plots.exceedance(some, Figure().add_subplot()).lines[0].get_data()
     assert shares[-5] == pytest.approx(np.mean(found["required_gap"][those] >= gaps[-5]))
-    curve = jp.fit_fragility(
-        found["pga"],
-        np.arange(400) % 7 < 4 * found["pga"] / found["pga"].max(),
-        weights=1.0 * those,
-    )
-    ax.clear()
-    plots.fragility(curve, ax)
-    _, share = ax.containers[0][0].get_data()
+    curve = jp.fit_fragility(found["pga"], pounding(found), weights=1.0 * those)
+    _, share = plots.fragility(curve, Figure().add_subplot()).containers[0][0].get_data()
     assert share.mean() == pytest.approx(curve.pounding[those].mean(), abs=0.04)

@@ -1,13 +1,13 @@
 """Two columns, and values without times."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
 from tests.ground.files import assert_reads, assert_refuses
+
+SUMMED = np.cumsum(np.full(3000, 0.01)) - 0.01
 
 
 @pytest.mark.parametrize("separator", [",", ", ", ";", " ; ", "\t", " ", "    "])
@@ -20,19 +20,28 @@ def test_two_columns_are_time_and_acceleration(write, separator, header):
     assert_reads(write(text), [0.1, -6e-5, 0.3, 0], 0.02)
 
 
-def test_comments_blank_lines_and_empty_cells_between_rows_are_skipped(write):
+def test_comments_blanks_and_empty_cells_are_skipped_and_several_columns_refused(write):
     path = write("0,1,\n\n# note 5,5\n.1,2,,\n  // note\n,,\n.2,3\n%\n")
     with pytest.warns(PlausibilityWarning, match=r"quake\.txt: data follow the comment of line 3"):
         assert_reads(path, [1, 2, 3], 0.1)
+    path = write("0.00 5 6\n0.01 7 8\n0.02 9 0\n")
+    assert_refuses(path, 1, "one column of values, not 2", dt=0.01)
+    assert_reads(path, [0, 5, 6, 0.01, 7, 8, 0.02, 9, 0], 0.011, dt=0.011)
 
 
-def test_columns_stuck_together_by_a_sign_are_taken_apart(write):
-    assert_reads(write("0.00-0.5\n0.01+0.25\n0.02-1.E-2\n"), [-0.5, 0.25, -0.01], 0.01)
-
-
-def test_a_first_time_other_than_zero_is_dropped(write):
-    assert_reads(write("-0.02 1\n-0.01 2\n0.00 3\n"), [1, 2, 3], 0.01)
-    assert_reads(write("10.5 1\n11 2\n11.5 3\n"), [1, 2, 3], 0.5)
+@pytest.mark.parametrize(
+    ("text", "values", "step"),
+    [
+        ("0.00-0.5\n0.01+0.25\n0.02-1.E-2\n", [-0.5, 0.25, -0.01], 0.01),  # stuck together
+        ("-0.02 1\n-0.01 2\n0.00 3\n", [1, 2, 3], 0.01),  # a first time other than zero
+        ("10.5 1\n11 2\n11.5 3\n", [1, 2, 3], 0.5),
+        ("".join(f"{t!r} 1\n" for t in SUMMED.tolist()), np.ones(3000), 0.01),
+    ],
+    ids=["stuck", "negative", "late", "summed"],
+)
+def test_times_of_other_kinds_are_read(write, text, values, step):
+    assert SUMMED[-1] != 29.99
+    assert_reads(write(text), values, step)
 
 
 @pytest.mark.parametrize("times", ["{:.2f}", "{:.3f}", "{:.4g}", "{:.4E}", "{!r}"])
@@ -44,28 +53,44 @@ def test_times_may_be_rounded_in_print(write, times):
     assert record.n_samples == n
 
 
-def test_times_summed_up_step_by_step_are_uniform(write):
-    times = np.cumsum(np.full(3000, 0.01)) - 0.01
-    assert times[-1] != 29.99
-    assert_reads(write("".join(f"{t!r} 1\n" for t in times.tolist())), np.ones(3000), 0.01)
+UNEVEN = {
+    "0 .01 .02 .04 .05 .06": 4,
+    "0 .01 .02 .03 .03 .04": 5,
+    "0 .01 .02 .01 .02 .03": 4,
+    "0.000 0.010 0.020 0.032 0.040 0.050": 4,
+    "0.03 0.02 0.01 0.00": 2,
+    "1 1 1 1": 2,
+    "0.00 0.00 0.01 0.01 0.02 0.02": 3,
+}
+NO_HISTORIES = {
+    "Time, Arias intensity": "but the header says arias",
+    "Time (s), Sa (g)": "but the header says sa",
+    "t;Spectral acceleration": "but the header says spectral",
+    "period, Sa": "must be times, but the header says period",
+    "Frequency (Hz) Acc (g)": "must be times, but the header says frequency",
+    "index,acc": "must be times, but the header says index",
+    "# No. acc": "must be times, but the header says no",
+    "period,PSA\ns,g": "must be times, but the header says period",
+}
+UNEQUAL = {"0 1\n.1 2\n.2\n.3 4\n": 3, "0 1\n.1 2 3\n": 2, "1 2 3\n4 5\n6 7 8\n": 2, "1\n2 3\n": 2}
+COUNTED = "20\n{}" + "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
+COMMAS = "0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"
+REFUSED = [
+    *(
+        ("".join(f"{t} 1\n" for t in x.split()), n, "must be uniform", {})
+        for x, n in UNEVEN.items()
+    ),
+    *((f"{x}\n0,.1\n1,.2\n2,.1\n", 1, says, {}) for x, says in NO_HISTORIES.items()),
+    *((text, line, "must have [123]$", {"dt": 0.1}) for text, line in UNEQUAL.items()),
+    *((text, 1, "no decimal commas", {"dt": 0.01}) for text in COMMAS),
+    (COUNTED.format(""), 1, "20 must be a value, and not the number", {"dt": 0.01}),
+    (COUNTED.format(".01\n"), 1, "20 must be a value", {"dt": 0.01, "units": "gal"}),
+]
 
 
-@pytest.mark.parametrize(
-    ("times", "line"),
-    [
-        ("0 .01 .02 .04 .05 .06", 4),
-        ("0 .01 .02 .03 .03 .04", 5),
-        ("0 .01 .02 .01 .02 .03", 4),
-        ("0.000 0.010 0.020 0.032 0.040 0.050", 4),
-        ("0.03 0.02 0.01 0.00", 2),
-        ("1 1 1 1", 2),
-        ("0.00 0.00 0.01 0.01 0.02 0.02", 3),
-    ],
-    ids=["lost", "double", "back", "jitter", "falling", "constant", "too coarse"],
-)
-def test_times_that_are_not_uniform_are_refused(write, times, line):
-    text = "".join(f"{time} 1\n" for time in times.split())
-    assert_refuses(write(text), line, "must be uniform")
+@pytest.mark.parametrize(("text", "line", "says", "arguments"), REFUSED)
+def test_what_is_no_history_is_refused(write, text, line, says, arguments):
+    assert_refuses(write(text), line, says, **arguments)
 
 
 @pytest.mark.parametrize("lost", [1, 50, 100, 198])
@@ -76,96 +101,41 @@ def test_one_lost_sample_is_noticed_at_its_line_whatever_the_rounding(write, dt,
     assert_refuses(path, lost + 1, "must be uniform")
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "1\n2\n3\n4\n5\n6\n7\n",
-        "acc in g\n1 2 3\n4 5 6\n7\n",
-        "1,2,3,4,5\n6,7\n",
-        "1.-2.+3. 4 5 6 7",
-    ],
-)
+WITHOUT_TIMES = ["1\n2\n3\n4\n5\n6\n7\n", "acc in g\n1 2 3\n4 5 6\n7\n", "1,2,3,4,5\n6,7\n"]
+
+
+@pytest.mark.parametrize("text", [*WITHOUT_TIMES, "1.-2.+3. 4 5 6 7"])
 def test_values_without_times_need_dt(write, text):
-    values = [1, 2, 3, 4, 5, 6, 7] if "-" not in text else [1, -2, 3, 4, 5, 6, 7]
+    values = [1, 2 if "-" not in text else -2, 3, 4, 5, 6, 7]
     path = write(text)
     assert_reads(path, values, 0.005, dt=0.005)
     assert_refuses(path, 2 if text.startswith("acc") else 1, "pass dt")
 
 
-@pytest.mark.parametrize(
-    ("header", "says"),
-    [
-        ("Time, Arias intensity", "but the header says arias"),
-        ("Time (s), Sa (g)", "but the header says sa"),
-        ("t;Spectral acceleration", "but the header says spectral"),
-        ("period, Sa", "must be times, but the header says period"),
-        ("Frequency (Hz) Acc (g)", "must be times, but the header says frequency"),
-        ("index,acc", "must be times, but the header says index"),
-        ("# No. acc", "must be times, but the header says no"),
-        ("period,PSA\ns,g", "must be times, but the header says period"),
-    ],
-)
-def test_two_columns_of_something_else_are_refused(write, header, says):
-    assert_refuses(write(f"{header}\n0,.1\n1,.2\n2,.1\n"), 1, says)
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("0 1\n.1 2\n.2\n.3 4\n", 3),
-        ("0 1\n.1 2 3\n", 2),
-        ("1 2 3\n4 5\n6 7 8\n", 2),
-        ("1\n2 3\n", 2),
-    ],
-)
-def test_rows_of_unequal_length_are_refused(write, text, line):
-    assert_refuses(write(text), line, "must have [123]$", dt=0.1)
-
-
-def test_times_with_several_columns_of_values_are_refused(write):
-    text = "0.00 5 6\n0.01 7 8\n0.02 9 0\n"
-    path = write(text)
-    assert_refuses(path, 1, "one column of values, not 2", dt=0.01)
-    assert_reads(path, [0, 5, 6, 0.01, 7, 8, 0.02, 9, 0], 0.011, dt=0.011)
-
-
 def test_columns_are_not_taken_for_one_history(write):
-    times, wave = np.arange(60) * 0.005, np.sin(np.arange(60) / 9)
-    indexed = "".join(
-        f"{k} {t:.3f} {a:.5f}\n" for k, (t, a) in enumerate(zip(times, wave, strict=True))
-    )
-    assert_refuses(
-        write(indexed), 1, "column 1 rises evenly .* one column of values, not 2", dt=0.005
-    )
-    turned = "".join(f"{a:.5f} {-a:.5f} {t:.2f}\n" for t, a in zip(times, wave, strict=True))
-    assert_refuses(write(turned), 1, "column 3 rises evenly", dt=0.005)
-    three = "".join(f"{a:.5f},{1 - a:.5f},{a / 9:.5f}\n" for a in wave)
-    for names in ("NS,EW,UD", "long. (g), tran. (g), vert. (g)"):
-        assert_refuses(write(f"{names}\n{three}"), 1, "names 3 columns", dt=0.005)
-    blanks = three.replace(",", "   ")
-    assert_refuses(write(f"  N-S   E-W   U-D\n{blanks}"), 1, "names 3 columns", dt=0.005)
-    with pytest.warns(
-        PlausibilityWarning, match="rows of 3 values seem to be columns side by side"
+    rows = [(k, 0.005 * k, np.sin(k / 9)) for k in range(60)]
+    indexed = "".join(f"{k} {t:.3f} {a:.5f}\n" for k, t, a in rows)
+    turned = "".join(f"{a:.5f} {-a:.5f} {t:.2f}\n" for _, t, a in rows)
+    three = "".join(f"{a:.5f},{1 - a:.5f},{a / 9:.5f}\n" for *_, a in rows)
+    for text, says in (
+        (indexed, "column 1 rises evenly .* one column of values, not 2"),
+        (turned, "column 3 rises evenly"),
+        (f"NS,EW,UD\n{three}", "names 3 columns"),
+        (f"long. (g), tran. (g), vert. (g)\n{three}", "names 3 columns"),
+        ("  N-S   E-W   U-D\n" + three.replace(",", "   "), "names 3 columns"),
     ):
+        assert_refuses(write(text), 1, says, dt=0.005)
+    says = "rows of 3 values seem to be columns side by side"
+    with pytest.warns(PlausibilityWarning, match=says):
         assert read_record(write(three), dt=0.005, units="g").n_samples == 180
 
 
-def test_the_number_of_values_is_no_value(write):
-    values = "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
-    assert_refuses(write("20\n" + values), 1, "20 must be a value, and not the number", dt=0.01)
-    assert_refuses(write("20\n.01\n" + values), 1, "20 must be a value", dt=0.01, units="gal")
+COLUMNS = [range(100), range(10, 30), np.arange(80) / 200, range(0, 90, 5)]
 
 
-@pytest.mark.parametrize(
-    "column", [range(100), range(10, 30), np.arange(80) / 200, range(0, 90, 5)]
-)
+@pytest.mark.parametrize("column", COLUMNS)
 def test_one_column_of_times_or_of_an_index_is_refused(write, column):
     path = write("".join(f"{value:.3f}\n" for value in column))
     assert_refuses(path, 1, "the only column rises evenly .* must hold accelerations", dt=0.005)
-    assert_refuses(write("0.00\n0.01\n0.02\n0.03\n"), 1, "rises evenly", dt=0.01)
-    assert_refuses(write("0\n10\n20\n30\n"), 1, "rises evenly", dt=0.01)
-
-
-@pytest.mark.parametrize("text", ["0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"])
-def test_decimal_commas_are_refused(write, text):
-    assert_refuses(write(text), 1, "no decimal commas", dt=0.01)
+    for few in ("0.00\n0.01\n0.02\n0.03\n", "0\n10\n20\n30\n"):
+        assert_refuses(write(few), 1, "rises evenly", dt=0.01)

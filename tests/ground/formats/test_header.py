@@ -1,7 +1,5 @@
 """What a header states in prose: units of accelerations and times."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -9,20 +7,18 @@ import pytest
 
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
-from tests.ground.files import BODY, VALUES, assert_reads, assert_refuses
+from tests.ground.files import assert_reads, assert_refuses
+
+UNITS = [
+    ("g", 1.0),
+    *((units, 9.80665) for units in ("m/s2", "m/s^2", "m/s²", "M/S/S")),
+    *((units, 980.665) for units in ("cm/s2", "gal")),
+    ("ft/s2", 9.80665 / 0.3048),
+    ("in/s2", 9.80665 / 0.0254),
+]
 
 
-@pytest.mark.parametrize(
-    ("units", "one_g"),
-    [
-        ("g", 1.0),
-        ("m/s2", 9.80665),
-        ("cm/s2", 980.665),
-        ("gal", 980.665),
-        ("ft/s2", 9.80665 / 0.3048),
-        ("in/s2", 9.80665 / 0.0254),
-    ],
-)
+@pytest.mark.parametrize(("units", "one_g"), UNITS)
 def test_units_of_the_file_are_converted_to_g(write, units, one_g):
     assert_reads(write(f"0 {one_g!r}\n.1 {-one_g / 2!r}\n"), [1, -0.5], 0.1, units=units)
 
@@ -110,55 +106,36 @@ def test_units_and_scales_that_are_not_known_are_refused_by_name(write, header, 
         assert_refuses(write(f"a title\n{header}\n{body}"), 2, re.escape(says), units=units)
 
 
-def test_a_scale_factor_ahead_of_stated_units_is_applied_already(write):
-    title = (
-        "Orig PEER filename = IMPVALL/H-EMO_233_FN.acc, Scale factor = 2.4072\nAcceleration in g\n"
-    )
-    assert_reads(write(title + "2 0.0050 NPTS, DT\n.5 .25\n"), [0.5, 0.25], 0.005)
+def test_a_scale_factor_is_applied_already_and_gal_are_cm_per_s2(write):
+    header = "Orig PEER filename = IMPVALL/H-EMO_233_FN.acc, Scale factor = 2.4072\n"
+    text = header + "Acceleration in g\n2 0.0050 NPTS, DT\n.5 .25\n"
+    assert_reads(write(text), [0.5, 0.25], 0.005)
+    assert read_record(write("units: gal\n0 1\n.1 2\n"), units="cm/s2").n_samples == 2
 
 
-@pytest.mark.parametrize(
-    ("header", "factor"),
-    [
-        ("time [ms], acc (g)", 1e-3),
-        ("Time(msec) Acc(g)", 1e-3),
-        ("t_ms,acc_g", 1e-3),
-        ("ms\tg", 1e-3),
-        ("Time in milliseconds", 1e-3),
-        ("UNITS ARE MSEC AND G", 1e-3),
-        ("time (sec); acc", 1.0),
-        ("Origin time (UTC), station", 1.0),
-        ("Time, Northridge", 1.0),
-    ],
-)
+TIMES = {"time [ms], acc (g)": 1e-3, "Time(msec) Acc(g)": 1e-3, "t_ms,acc_g": 1e-3, "ms\tg": 1e-3}
+TIMES |= {"Time in milliseconds": 1e-3, "UNITS ARE MSEC AND G": 1e-3, "time (sec); acc": 1.0}
+TIMES |= {"Origin time (UTC), station": 1.0, "Time, Northridge": 1.0}
+
+
+@pytest.mark.parametrize(("header", "factor"), TIMES.items())
 def test_times_are_in_the_units_that_the_header_states(write, header, factor):
     body = "".join(f"{20 * k},{0.1 * (-1) ** k}\n" for k in range(9))
     assert_reads(write(f"{header}\n{body}"), [0.1 * (-1) ** k for k in range(9)], 20 * factor)
 
 
-@pytest.mark.parametrize(
-    "stated", ["DT= 10 MSEC", "DT=10ms", "DT= 10.0 (ms)", "dt: 10 milliseconds,"]
-)
-def test_dt_is_in_the_unit_that_the_npts_line_states(write, stated):
-    assert_reads(write(f"NPTS= 7, {stated}\n" + BODY), VALUES, 0.01)
-    assert_reads(write("7 10 NPTS, DT (MS)\n" + BODY), VALUES, 0.01)
+NOT_KNOWN = {
+    "NPTS= 2, DT= 10 MIN\n1 2\n": "DT = 10 MIN: its unit must be s or ms",
+    **{f"NPTS= 2, {dt}\n1 2\n": dt.replace("=", " =") for dt in ("DT= 100 Hz", "DT= 100 FURLONG")},
+    "time (min), acc (g)\n0,1\n1,2\n": "units = 'min' must be one of the known ones: s, ms",
+    "t, NS (counts)\n0,1\n1,2\n": "speaks of 'counts'",
+    "Time [h], acc\n0,1\n1,2\n": "units = 'h'",
+    **{f"time,{unit}\n0,1\n1,2\n": f"units = '{unit}'" for unit in ("g/10", "m/ms2")},
+    **{f"t, NS ({unit})\n0,1\n1,2\n": f"units = '{unit}'" for unit in ("V", "mm")},
+}
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("NPTS= 2, DT= 10 MIN\n1 2\n", "DT = 10 MIN: its unit must be s or ms"),
-        ("NPTS= 2, DT= 100 Hz\n1 2\n", "DT = 100 Hz"),
-        ("NPTS= 2, DT= 100 FURLONG\n1 2\n", "DT = 100 FURLONG"),
-        ("time (min), acc (g)\n0,1\n1,2\n", "units = 'min' must be one of the known ones: s, ms"),
-        ("Time [h], acc\n0,1\n1,2\n", "units = 'h'"),
-        ("t, NS (counts)\n0,1\n1,2\n", "speaks of 'counts'"),
-        ("time,g/10\n0,1\n1,2\n", "units = 'g/10'"),
-        ("time,m/ms2\n0,1\n1,2\n", "units = 'm/ms2'"),
-        ("t, NS (V)\n0,1\n1,2\n", "units = 'V'"),
-        ("t, NS (mm)\n0,1\n1,2\n", "units = 'mm'"),
-    ],
-)
+@pytest.mark.parametrize(("text", "says"), NOT_KNOWN.items())
 def test_units_of_time_and_of_columns_that_are_not_known_are_refused(write, text, says):
     assert_refuses(write(text), 1, re.escape(says))
 
@@ -169,44 +146,26 @@ def test_a_long_time_step_is_warned_of(write):
         assert read_record(path).dt == 20
 
 
-def test_gal_and_cm_per_s2_are_the_same(write):
-    assert read_record(write("units: gal\n0 1\n.1 2\n"), units="cm/s2").n_samples == 2
+OTHER_TEXTS = [
+    *("EL CENTRO (G STREET)", "acceleration gain 2", "spun up to a g level"),
+    *("peak velocity (cm/s) 3", "SAN ONOFRE - SO CAL EDISON, UNIT 1", "Unit 3 building"),
+    *("Recorder unit: 12345", "UNITED STATES, COUNTY HOSPITAL", "PGA (cm/s2): 341"),
+    *("Max. Acc. (m/s2)   4.078", "Max =  -161.962 m/s2  at  27.850 sec", "acc_ns", "VS30_M/S:"),
+    "Peak acceleration =    82.584    cm/sec/sec  at   14.840   sec.",
+    *("Acceleration in the N-S direction, 10 ft below", "Acceleration (horizontal)"),
+    *("acceleration (filtered 0.1-25 Hz)", "Depth units: km", "RICHTER SCALE 6.9"),
+    "Initial velocity  =      .000   cm/sec;   Initial displacement =    -.003   cm",
+    "INSTR PERIOD =  .019 SEC   DAMPING =  .640",
+]
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        "EL CENTRO (G STREET)",
-        "acceleration gain 2",
-        "spun up to a g level",
-        "peak velocity (cm/s) 3",
-        "SAN ONOFRE - SO CAL EDISON, UNIT 1",
-        "Unit 3 building",
-        "Recorder unit: 12345",
-        "UNITED STATES, COUNTY HOSPITAL",
-        "PGA (cm/s2): 341",
-        "Max. Acc. (m/s2)   4.078",
-        "Peak acceleration =    82.584    cm/sec/sec  at   14.840   sec.",
-        "Max =  -161.962 m/s2  at  27.850 sec",
-        "Acceleration in the N-S direction, 10 ft below",
-        "Acceleration (horizontal)",
-        "acceleration (filtered 0.1-25 Hz)",
-        "acc_ns",
-        "VS30_M/S:",
-        "Depth units: km",
-        "Initial velocity  =      .000   cm/sec;   Initial displacement =    -.003   cm",
-        "INSTR PERIOD =  .019 SEC   DAMPING =  .640",
-        "RICHTER SCALE 6.9",
-    ],
-)
+@pytest.mark.parametrize("header", OTHER_TEXTS)
 def test_other_header_text_states_no_units(write, header):
     assert_reads(write(f"{header}\nmore text\n0 980.665\n.1 0\n"), [1, 0], 0.1, units="gal")
 
 
-@pytest.mark.parametrize(
-    ("text", "own"), [("NPTS= 2, DT= .02\n1 2\n", 0.02), ("time,a\n0,1\n0.02,2\n", 0.02)]
-)
-def test_dt_must_agree_with_the_files_own(write, text, own):
+@pytest.mark.parametrize("text", ["NPTS= 2, DT= .02\n1 2\n", "time,a\n0,1\n0.02,2\n"])
+def test_dt_must_agree_with_the_files_own(write, text):
     path = write(text)
-    assert_reads(path, [1, 2], own, dt=own * (1 + 5e-7))
+    assert_reads(path, [1, 2], 0.02, dt=0.02 * (1 + 5e-7))
     assert_refuses(path, None, "dt = 0.02001 .*0.02", dt=0.02001)

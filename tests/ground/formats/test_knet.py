@@ -1,7 +1,5 @@
 """K-NET's ASCII format."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -27,25 +25,23 @@ def test_knet_as_its_own_description_prints_it(write):
     assert read_record(write(text.replace("\n", "\r\n"))).n_samples == 200
 
 
+SCALE, RATE, TIME, MOST = "Scale Factor", "Sampling Freq(Hz)", "Duration Time(s)", "Max. Acc. (gal)"
+
+
 @pytest.mark.parametrize(
     ("name", "value", "line", "says"),
     [
-        (
-            "Scale Factor",
-            "7845(m)/8223790",
-            14,
-            "Scale Factor = '7845.m./8223790' must be positive",
-        ),
-        ("Scale Factor", "7845(gal)/0", 14, "must be positive, as in 3920"),
-        ("Scale Factor", "7845", 14, "Scale Factor = '7845'"),
-        ("Scale Factor", None, None, "must state Scale Factor"),
-        ("Sampling Freq(Hz)", "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
-        ("Sampling Freq(Hz)", "0.01s", 11, "as in 100Hz"),
-        ("Duration Time(s)", "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
-        ("Duration Time(s)", "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
-        ("Duration Time(s)", None, None, "must state Duration"),
-        ("Max. Acc. (gal)", "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
-        ("Max. Acc. (gal)", None, None, "must state Max. Acc."),
+        (SCALE, "7845(m)/8223790", 14, "Scale Factor = '7845.m./8223790' must be positive"),
+        (SCALE, "7845(gal)/0", 14, "must be positive, as in 3920"),
+        (SCALE, "7845", 14, "Scale Factor = '7845'"),
+        (SCALE, None, None, "must state Scale Factor"),
+        (RATE, "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
+        (RATE, "0.01s", 11, "as in 100Hz"),
+        (TIME, "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
+        (TIME, "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
+        (TIME, None, None, "must state Duration"),
+        (MOST, "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
+        (MOST, None, None, "must state Max. Acc."),
         ("Memo.", None, None, "must end with its line 'Memo.'"),
     ],
 )
@@ -53,13 +49,10 @@ def test_knet_headers_that_are_not_understood_are_refused(write, name, value, li
     assert_refuses(write(knet_text(**{name: value})), line, says)
 
 
-def test_knet_s_scale_without_the_rest_of_its_header_is_refused(write):
+def test_a_damaged_knet_file_is_refused(write):
     header, body = knet_text().split("Memo.")
     scale = "".join(line + "\n" for line in header.split("\n") if "Scale" in line)
     assert_refuses(write(scale + body), None, "K-NET header must end", dt=0.01, units="gal")
-
-
-def test_one_changed_count_shows_in_the_maximum(write):
     text = knet_text()
     assert_refuses(write(text.replace(" 9876", " 8976")), 15, "the file is damaged")
     assert_refuses(write(text.replace(" 9876", " 9.76")), 20, "9.76 must be a whole number")
