@@ -201,12 +201,7 @@ def test_dimensionless_is_differentiable_and_batched():
     ],
 )
 def test_dimensionless_refuses_bad_values(changes, message):
-    values = {
-        "building_1": BUILDING_1,
-        "building_2": BUILDING_2,
-        "friction_force": 1.0,
-        "gap": 0.1,
-    }
+    values = {"building_1": BUILDING_1, "building_2": BUILDING_2, "friction_force": 1.0, "gap": 0.1}
     with pytest.raises(ValueError, match=message):
         jp.dimensionless(**(values | changes))
 

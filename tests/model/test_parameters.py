@@ -191,10 +191,7 @@ def test_a_pattern_stands_for_all_paths_that_it_matches():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (
-            ["links.*.frction"],
-            r"no path matches 'links\.\*\.frction'; did you mean 'links\.\*\.f",
-        ),
+        (["links.*.frction"], r"no path matches 'links\.\*\.frction'; did you mean 'links\.\*\.f"),
         (["links.7*.gap"], r"no path matches 'links\.7\*\.gap'; did you mean 'links\.\*\.gap'"),
         (["*"], r"no path matches '\*'; allowed: buildings\.\*\.rods\.\*\.material\.order, "),
         (["links.*.gap", "links.0.*"], r"'links\.\*\.gap' and 'links\.0\.\*' must not both match"),

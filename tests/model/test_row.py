@@ -81,12 +81,7 @@ def test_links_of_one_gap_are_those_of_its_buildings():
             "links.1 does: one link has friction, gap and contact",
         ),
         (
-            (
-                FloorLink(0, 0),
-                FloorLink(0, 0, next_floor=1),
-                FloorLink(0, 1, 0),
-                FloorLink(0, 1),
-            ),
+            (FloorLink(0, 0), FloorLink(0, 0, next_floor=1), FloorLink(0, 1, 0), FloorLink(0, 1)),
             "links.3 \\(1–2, floor 2\\) must not close a ring",
         ),
     ],

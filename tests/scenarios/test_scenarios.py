@@ -239,10 +239,7 @@ U = jp.Uniform(0.1, 1.0)
             lambda: jp.UncertainStructures(PAPER, {"rod_1.tau_x": jp.Uniform(0.0, 0.004)}),
             r"must have at least 10% of its probability in \[0.004, inf\]",
         ),
-        (
-            lambda: jp.UncertainStructures(3, {"friction": U}),
-            "nominal = 3 must be of type",
-        ),
+        (lambda: jp.UncertainStructures(3, {"friction": U}), "nominal = 3 must be of type"),
         (lambda: jp.RandomRicker(0, U, U, U), "wavelets = 0 must be a positive whole number"),
         (lambda: jp.RandomRicker(2, 0.3, U, U), "amplitude = 0.3 must be of type Distribution"),
         (

@@ -16,12 +16,7 @@ from jaxpound.store import archive
 from jaxpound.store.archive import DamagedError, write_archive
 from jaxpound.store.store import MANIFEST, Store
 
-IDENTITY = {
-    "chunk_size": 4,
-    "precision": "float64",
-    "columns": ["a", "b"],
-    "grid": {"dt": 0.1},
-}
+IDENTITY = {"chunk_size": 4, "precision": "float64", "columns": ["a", "b"], "grid": {"dt": 0.1}}
 
 
 def columns(start, n):

@@ -119,19 +119,11 @@ FRICTION = {"links.*.friction": jp.LogNormal(0.1, 0.2)}
         (FRICTION, 1.0, "correlation = 1 must be above -1 and below 1, with 2 parameters that"),
         (FRICTION, -1.0, "correlation = -1 must be above -1 and below 1"),
         (FRICTION, "all", "correlation = 'all' must be a real number"),
-        (
-            FRICTION,
-            np.eye(3),
-            r"of shape \(3, 3\) must be a number, or of shape \(2, 2\): li",
-        ),
+        (FRICTION, np.eye(3), r"of shape \(3, 3\) must be a number, or of shape \(2, 2\): li"),
         (FRICTION, [[1.0, 0.5], [0.4, 1.0]], "must be symmetric and finite, with a diagonal of 1"),
         (FRICTION, [[2.0, 0.5], [0.5, 2.0]], "must be symmetric and finite, with a diagonal of 1"),
         (FRICTION, [[1.0, 1.0], [1.0, 1.0]], "must be positive definite, but its smallest eigenv"),
-        (
-            {"links.0.gap": jp.Uniform(0.1, 0.2)},
-            0.5,
-            "= 0.5 must not be given: no two paths",
-        ),
+        ({"links.0.gap": jp.Uniform(0.1, 0.2)}, 0.5, "= 0.5 must not be given: no two paths"),
         ({"links.*.slip": jp.Uniform(0.1, 0.2)}, None, r"no path matches 'links\.\*\.slip'"),
     ],
 )

@@ -516,10 +516,7 @@ def test_questions_that_make_no_sense_are_refused():
         (lambda: found["gap"], "column 'gap' must be one of min_gap"),
         (lambda: found.pounding_probability(-1.0), "gap = -1 must be finite and not negative"),
         (lambda: found.required_gap(0.0), "probability = 0 must be between 0 and 1"),
-        (
-            lambda: found.required_gap(0.1, 95),
-            "required_gap: confidence = 95 must be between",
-        ),
+        (lambda: found.required_gap(0.1, 95), "required_gap: confidence = 95 must be between"),
         (lambda: found.separation(1.0), "separation: probability = 1 must be between 0 and 1"),
         (
             lambda: found.pounding_probability(0.1, 95),

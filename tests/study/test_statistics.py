@@ -5,12 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from jaxpound.study.statistics import (
-    Estimate,
-    Moments,
-    probability,
-    quantile,
-)
+from jaxpound.study.statistics import Estimate, Moments, probability, quantile
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 10), (1, 10), (5, 10), (10, 10), (37, 10_000)])
