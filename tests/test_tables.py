@@ -9,6 +9,7 @@ import pytest
 import jaxpound as jp
 from jaxpound._tables import TextTable, rounded
 from tests.cli.commands import tables
+from tests.refusals import assert_refused
 from tests.study.test_run import LINEAR, study
 
 TABLE = TextTable(
@@ -130,8 +131,7 @@ def test_a_table_without_a_title_is_not_indented():
 
 @pytest.mark.parametrize("row", [("one",), ("one", 2.0, 3.0)])
 def test_rows_that_are_not_as_long_as_the_header_are_refused(row):
-    with pytest.raises(ValueError, match="table: the cells of a row"):
-        TextTable.of(("words", "number"), [row])
+    assert_refused("table: the cells of a row", TextTable.of, ("words", "number"), [row])
 
 
 @pytest.mark.parametrize(

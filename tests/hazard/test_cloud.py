@@ -8,6 +8,7 @@ import jaxpound as jp
 from tests.ground.test_suite import SUITE
 from tests.hazard.test_ida import GAP, PAIR, SCALES
 from tests.hazard.test_stripes import ROW, ROW_SCALES
+from tests.refusals import refusals
 
 RANDOM = np.random.default_rng(3)
 IM = np.exp(RANDOM.uniform(-2, 0.5, 400))
@@ -75,27 +76,21 @@ def test_records_as_they_are():
     assert "required gap (m) of 3 records over PGA (g)" in repr(cloud)
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: jp.fit_cloud([1.0, 2.0], [1.0, 2.0]), "at least 3 records"),
-        (lambda: jp.fit_cloud([1.0] * 3, [1.0, 2.0, 3.0]), "of different intensity"),
-        (lambda: jp.fit_cloud(IM, DEMAND, 1e-6), "below the limit"),
-        (lambda: jp.fit_cloud(IM, DEMAND[:2]), r"intensity \(400,\) and demand \(2,\)"),
-        (lambda: jp.fit_cloud(IM, 0.1 * IM**2), "σ = .* must be positive: demands that are a"),
-        (lambda: jp.fit_cloud(IM, 0.1 * IM**2, 0.05), "σ = .* must be positive"),
-        (lambda: jp.fit_cloud(IM, -DEMAND), "demand = .* must be positive"),
-        (lambda: jp.fit_cloud(IM, DEMAND).fragility(), "threshold = None must be a number"),
-        (lambda: jp.fit_cloud(IM, DEMAND).fragility([0.1, 0.2]), r"threshold of shape \(2,\) must"),
-        (lambda: jp.fit_cloud(IM, DEMAND).median(-1.0), "Cloud.median: intensity = -1 must be pos"),
-        (lambda: jp.cloud_analysis(PAIR, SUITE, scales=SCALES, threshold=0), "threshold = 0 must"),
-        (
-            lambda: jp.cloud_analysis(ROW, SUITE, scales=ROW_SCALES),
-            "threshold = None must be a gap: those at rest of the links differ",
-        ),
-        (lambda: jp.fit_cloud(IM, 1 / DEMAND).fragility(1.0), "slope b = -1.* must be positive"),
-    ],
+test_wrong_arguments = refusals(
+    (lambda: jp.fit_cloud([1.0, 2.0], [1.0, 2.0]), "at least 3 records"),
+    (lambda: jp.fit_cloud([1.0] * 3, [1.0, 2.0, 3.0]), "of different intensity"),
+    (lambda: jp.fit_cloud(IM, DEMAND, 1e-6), "below the limit"),
+    (lambda: jp.fit_cloud(IM, DEMAND[:2]), r"intensity \(400,\) and demand \(2,\)"),
+    (lambda: jp.fit_cloud(IM, 0.1 * IM**2), "σ = .* must be positive: demands that are a"),
+    (lambda: jp.fit_cloud(IM, 0.1 * IM**2, 0.05), "σ = .* must be positive"),
+    (lambda: jp.fit_cloud(IM, -DEMAND), "demand = .* must be positive"),
+    (lambda: jp.fit_cloud(IM, DEMAND).fragility(), "threshold = None must be a number"),
+    (lambda: jp.fit_cloud(IM, DEMAND).fragility([0.1, 0.2]), r"threshold of shape \(2,\) must"),
+    (lambda: jp.fit_cloud(IM, DEMAND).median(-1.0), "Cloud.median: intensity = -1 must be pos"),
+    (lambda: jp.cloud_analysis(PAIR, SUITE, scales=SCALES, threshold=0), "threshold = 0 must"),
+    (
+        lambda: jp.cloud_analysis(ROW, SUITE, scales=ROW_SCALES),
+        "threshold = None must be a gap: those at rest of the links differ",
+    ),
+    (lambda: jp.fit_cloud(IM, 1 / DEMAND).fragility(1.0), "slope b = -1.* must be positive"),
 )
-def test_wrong_arguments(call, words):
-    with pytest.raises(ValueError, match=words):
-        call()

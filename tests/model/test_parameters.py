@@ -9,6 +9,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.model import parameters
+from tests.refusals import assert_refused, refusals
 from tests.rows import ROW
 
 PAPER = jp.paper.structures()
@@ -158,8 +159,7 @@ def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
     ):
         assert parameters.name(tree, path) == name
         assert parameters.metadata(tree, path).kind == kind
-        with pytest.raises(ValueError, match=f"unknown path '{path}'"):
-            parameters.metadata(type(tree), path)
+        assert_refused(f"unknown path '{path}'", parameters.metadata, type(tree), path)
     soft = dataclasses.replace(PAPER, contact=jp.Hertz(1e4))
     assert parameters.metadata(soft, "contact.stiffness").kind == "hertz stiffness"
     with pytest.raises(ValueError, match=r"unknown path 'contact\.restitution'"):
@@ -188,19 +188,15 @@ def test_a_pattern_stands_for_all_paths_that_it_matches():
         }
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (["links.*.frction"], r"no path matches 'links\.\*\.frction'; did you mean 'links\.\*\.f"),
-        (["links.7*.gap"], r"no path matches 'links\.7\*\.gap'; did you mean 'links\.\*\.gap'"),
-        (["*"], r"no path matches '\*'; allowed: buildings\.\*\.rods\.\*\.material\.order, "),
-        (["links.*.gap", "links.0.*"], r"'links\.\*\.gap' and 'links\.0\.\*' must not both match"),
-        (["links.2.gap"], r"unknown path 'links\.2\.gap'; did you mean 'links\.1\.gap'"),
-    ],
+test_patterns_that_match_nothing_or_twice_are_named = refusals(
+    (["links.*.frction"], r"no path matches 'links\.\*\.frction'; did you mean 'links\.\*\.f"),
+    (["links.7*.gap"], r"no path matches 'links\.7\*\.gap'; did you mean 'links\.\*\.gap'"),
+    (["*"], r"no path matches '\*'; allowed: buildings\.\*\.rods\.\*\.material\.order, "),
+    (["links.*.gap", "links.0.*"], r"'links\.\*\.gap' and 'links\.0\.\*' must not both match"),
+    (["links.2.gap"], r"unknown path 'links\.2\.gap'; did you mean 'links\.1\.gap'"),
+    of=lambda given: parameters.expanded("owner", ROW, dict.fromkeys(given, 1.0)),
+    before="^owner: ",
 )
-def test_patterns_that_match_nothing_or_twice_are_named(given, message):
-    with pytest.raises(ValueError, match=f"^owner: {message}"):
-        parameters.expanded("owner", ROW, dict.fromkeys(given, 1.0))
 
 
 def test_an_unknown_path_is_told_with_what_was_meant():
@@ -212,13 +208,10 @@ def test_an_unknown_path_is_told_with_what_was_meant():
         lambda path: parameters.metadata(jp.AdjacentStructures, path),
     )
     for call in calls:
-        with pytest.raises(ValueError, match="unknown path 'frction'; did you mean 'friction'"):
-            call("frction")
+        assert_refused("unknown path 'frction'; did you mean 'friction'", call, "frction")
         for path in ("rod_1", "rod_1.natural_frequency", "rods.0.tau_x", "friction.0", ""):
-            with pytest.raises(ValueError, match=f"unknown path '{path}'"):
-                call(path)
-    with pytest.raises(ValueError, match=r"unknown path 'zeta'; allowed: rod_1\.order, "):
-        parameters.get(PAPER, "zeta")
+            assert_refused(f"unknown path '{path}'", call, path)
+    assert_refused(r"unknown path 'zeta'; allowed: rod_1\.order, ", parameters.get, PAPER, "zeta")
     with pytest.raises(ValueError, match=r"unknown path 'rods\.2\.stiffness'; did you mean 'rods"):
         parameters.get(TOWER, "rods.2.stiffness")
 

@@ -11,6 +11,7 @@ import jaxpound as jp
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
 from jaxpound.reliability.run import event_of
 from jaxpound.reliability.search import signs_of_missed_failures
+from tests.refusals import assert_refused, refusals
 from tests.reliability import case_w
 
 
@@ -189,10 +190,8 @@ def test_the_slope_of_a_probability_of_a_millionth():
     # from 0.47 to 0.645.
     assert 26 < event.decay.value < 34
     assert event.slopes["initial_gap"].value == 0
-    with pytest.raises(ValueError, match="unknown path 'fiction'; did you mean 'friction'"):
-        event.slope("fiction")
-    with pytest.raises(ValueError, match="path = 3 must be the name of a parameter"):
-        event.slope(3)
+    assert_refused("unknown path 'fiction'; did you mean 'friction'", event.slope, "fiction")
+    assert_refused("path = 3 must be the name of a parameter", event.slope, 3)
 
 
 @pytest.fixture(scope="module")
@@ -304,8 +303,7 @@ def test_events_that_are_not_rare():
     assert "out of reach" in out.warnings[0]
     assert "out of reach" in repr(out)
     # Where no point is found within reach, nothing is known.
-    with pytest.raises(ValueError, match="gradients must lead to the limit state, but none of 26"):
-        few(50.0)
+    assert_refused("gradients must lead to the limit state, but none of 26", few, 50.0)
 
 
 class Chosen:
@@ -322,39 +320,36 @@ STILL = jp.Scenarios(
 BY_POINTS = {"method": "design points"}
 
 
-@pytest.mark.parametrize(
-    ("match", "scenarios", "gap", "options"),
-    [
-        ("gap = -1", FEW, -1, {}),
-        ("cov = 1.5", FEW, 1.0, {"cov": 1.5}),
-        (
-            "method = 'desing points'; did you mean 'design points'",
-            FEW,
-            1.0,
-            {"method": "desing points"},
-        ),
-        ("unknown demand 'peak_x3'", FEW, None, {"demand": "peak_x3", "threshold": 1.0}),
-        ("threshold = None", FEW, None, {"demand": "peak_x1"}),
-        ("gap = 1.0 must be None", FEW, 1.0, {"demand": "peak_x1"}),
-        (
-            "demand of shape \\(2,\\) must be one number",
-            FEW,
-            None,
-            {"demand": lambda demand: np.ones(2) * demand.pga, "threshold": 1.0},
-        ),
-        (
-            "demand = None must be a real number",
-            FEW,
-            None,
-            {"demand": lambda demand: None, "threshold": 1.0},
-        ),
-        ("demand must depend on the random numbers", STILL, 1.0, BY_POINTS),
-        ("z_4 must not be discrete for design points", Chosen(), 1.0, BY_POINTS),
-    ],
+test_bad_input = refusals(
+    (FEW, -1, {}, "gap = -1"),
+    (FEW, 1.0, {"cov": 1.5}, "cov = 1.5"),
+    (
+        FEW,
+        1.0,
+        {"method": "desing points"},
+        "method = 'desing points'; did you mean 'design points'",
+    ),
+    (FEW, None, {"demand": "peak_x3", "threshold": 1.0}, "unknown demand 'peak_x3'"),
+    (FEW, None, {"demand": "peak_x1"}, "threshold = None"),
+    (FEW, 1.0, {"demand": "peak_x1"}, "gap = 1.0 must be None"),
+    (
+        FEW,
+        None,
+        {"demand": lambda demand: np.ones(2) * demand.pga, "threshold": 1.0},
+        "demand of shape \\(2,\\) must be one number",
+    ),
+    (
+        FEW,
+        None,
+        {"demand": lambda demand: None, "threshold": 1.0},
+        "demand = None must be a real number",
+    ),
+    (STILL, 1.0, BY_POINTS, "demand must depend on the random numbers"),
+    (Chosen(), 1.0, BY_POINTS, "z_4 must not be discrete for design points"),
+    of=lambda scenarios, gap, options: jp.rare_event(
+        scenarios, SHORT, gap, progress=False, **options
+    ),
 )
-def test_bad_input(match, scenarios, gap, options):
-    with pytest.raises(ValueError, match=match):
-        jp.rare_event(scenarios, SHORT, gap, progress=False, **options)
 
 
 @pytest.mark.parametrize("shape", [(5,), (0, 5), (2, 4)])
@@ -392,8 +387,7 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
     args = (cold.steps[0].probability, *args[1:])
     any_gap = jp.reach_probability("initial_gap", *args, **options)
     assert (any_gap.value, any_gap.error) == (1.0, np.inf)
-    with pytest.raises(ValueError, match="unknown path"):
-        jp.reach_probability("fiction", *args, **options)
+    assert_refused("unknown path", jp.reach_probability, "fiction", *args, **options)
     with pytest.raises(ValueError, match="reach_probability: scenarios: z_4 must not be discrete"):
         jp.reach_probability("friction", 1e-5, Chosen(), SHORT, 0.3, progress=False)
 

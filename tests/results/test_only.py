@@ -8,6 +8,7 @@ import pytest
 
 import jaxpound as jp
 from tests.made import row_of, row_response
+from tests.refusals import refusals
 
 GRID = jp.TimeGrid.until(8.0, dt=0.05)
 PAPER, GROUND = jp.paper.structures(), jp.paper.ground()
@@ -53,15 +54,10 @@ def test_gaps_of_several_links():
     assert timed.min_gap_time == whole.min_gap_time
 
 
-@pytest.mark.parametrize(
-    ("only", "message"),
-    [
-        (("min_gp",), "only: unknown 'min_gp'; did you mean 'min_gap'"),
-        (("peak_contact",), "only: unknown 'peak_contact'"),
-        ("min_gap", "demand: only = 'min_gap' must hold names of scalars"),
-        ((), r"demand: only = \(\) must hold names"),
-    ],
+test_names_of_no_scalars = refusals(
+    (("min_gp",), "only: unknown 'min_gp'; did you mean 'min_gap'"),
+    (("peak_contact",), "only: unknown 'peak_contact'"),
+    ("min_gap", "demand: only = 'min_gap' must hold names of scalars"),
+    ((), r"demand: only = \(\) must hold names"),
+    of=lambda only: jp.demand(PAPER, GROUND, GRID, only=only),
 )
-def test_names_of_no_scalars(only, message):
-    with pytest.raises(ValueError, match=message):
-        jp.demand(PAPER, GROUND, GRID, only=only)

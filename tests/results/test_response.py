@@ -9,6 +9,7 @@ import pytest
 
 import jaxpound as jp
 from tests.made import changed, pair_response
+from tests.refusals import assert_refused
 from tests.test_tables import assert_shown
 
 N = 200
@@ -198,16 +199,13 @@ def test_a_run_draws_itself(run):
     np.testing.assert_array_equal(gap, run.gap)
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
     assert len(batch.plot().axes) == len(figure.axes)
-    with pytest.raises(ValueError, match="the run is invalid"):
-        jax.tree.map(lambda x: x * jnp.nan, run).plot()
+    assert_refused("the run is invalid", jax.tree.map(lambda x: x * jnp.nan, run).plot)
 
 
 def test_a_batch_and_an_invalid_run_have_no_phases(run):
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
-    with pytest.raises(ValueError, match=r"batch of shape \(2, 1001\) must be indexed"):
-        batch.phases()
-    with pytest.raises(ValueError, match="the run is invalid"):
-        jax.tree.map(lambda x: x * jnp.nan, run).phases()
+    assert_refused(r"batch of shape \(2, 1001\) must be indexed", batch.phases)
+    assert_refused("the run is invalid", jax.tree.map(lambda x: x * jnp.nan, run).phases)
 
 
 @pytest.fixture(scope="module")

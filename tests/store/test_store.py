@@ -15,6 +15,7 @@ import jaxpound as jp
 from jaxpound.store import archive
 from jaxpound.store.archive import DamagedError, write_archive
 from jaxpound.store.store import MANIFEST, Store
+from tests.refusals import assert_refused
 
 IDENTITY = {"chunk_size": 4, "precision": "float64", "columns": ["a", "b"], "grid": {"dt": 0.1}}
 
@@ -173,14 +174,12 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
 def test_a_folder_without_a_good_manifest_is_refused(tmp_path, text, message):
     if text is not None:
         (tmp_path / MANIFEST).write_text(text)
-    with pytest.raises(ValueError, match=message):
-        Store(tmp_path)
+    assert_refused(message, Store, tmp_path)
 
 
 def test_a_missing_folder_is_called_missing(tmp_path):
     missing = tmp_path / "no" / "study"
-    with pytest.raises(ValueError, match=f"manifest.json; there is no folder {missing}"):
-        jp.Study.open(missing)
+    assert_refused(f"manifest.json; there is no folder {missing}", jp.Study.open, missing)
 
 
 @pytest.mark.parametrize(
@@ -196,8 +195,7 @@ def test_a_missing_folder_is_called_missing(tmp_path):
 def test_what_is_no_file_in_the_place_of_the_manifest_is_refused(tmp_path, put):
     put(tmp_path / MANIFEST)
     for open_it in (Store, lambda folder: Store.create(folder, IDENTITY, 10, {})):
-        with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is"):
-            open_it(tmp_path)
+        assert_refused(r"manifest.json is damaged \(it is", open_it, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -211,15 +209,13 @@ def test_what_is_no_file_in_the_place_of_the_manifest_is_refused(tmp_path, put):
     ],
 )
 def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path, change, message):
-    with pytest.raises(ValueError, match=message):
-        Store.create(tmp_path / "study", IDENTITY | change, 10, {})
+    assert_refused(message, Store.create, tmp_path / "study", IDENTITY | change, 10, {})
     assert not (tmp_path / "study").exists()
 
 
 def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
     os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
-    with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is too large\)"):
-        Store(store.folder)
+    assert_refused(r"manifest.json is damaged \(it is too large\)", Store, store.folder)
     monkeypatch.setattr("jaxpound.store.store._LARGEST_MANIFEST", 1000)
     with pytest.raises(
         ValueError, match=r"manifest.json must be at most 1,000 bytes with its notes"
@@ -229,8 +225,7 @@ def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
 
 def test_an_absurd_number_of_samples_is_refused(store):
     (store.folder / "samples-9999999999").touch()
-    with pytest.raises(ValueError, match="samples-9999999999 must be at most 2147483648"):
-        Store(store.folder)
+    assert_refused("samples-9999999999 must be at most 2147483648", Store, store.folder)
 
 
 def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(store):

@@ -4,6 +4,7 @@ from scipy import stats
 from scipy.optimize import minimize
 
 import jaxpound as jp
+from tests.refusals import refusals
 
 THETA, BETA = 0.4, 0.5
 
@@ -132,33 +133,24 @@ def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
     assert low[0] < 0.5 < high[0]
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: jp.fit_fragility([], []), r"intensity \(0,\), pounding \(0,\)"),
-        (lambda: jp.fit_fragility([1.0, 2.0], [True]), r"pounding \(1,\)"),
-        (lambda: jp.fit_fragility([0.0, 1.0], [0, 1]), "intensity = 0 .* must be positive"),
-        (lambda: jp.fit_fragility([1.0, 2.0], [0, 3], [2, 2]), "pounding = 3 .* must be from 0 to"),
-        (lambda: jp.fit_fragility([1.0, 2.0], [0, 0], [2, 0]), "trials = 0 .* must be whole"),
-        (lambda: jp.Fragility(-0.6, 0.4), "Fragility: median = -0.6 must be positive"),
-        (lambda: jp.Fragility(0.6, 0.0), "Fragility: dispersion = 0 must be positive"),
-        (lambda: jp.Fragility(0.6, [0.4, 0.5]), r"dispersion of shape \(2,\) must be one number"),
-        (lambda: jp.Fragility(0.6, 0.4, [0.1, 0.1]), r"covariance of shape \(2,\) must be \(2, 2"),
-        (lambda: jp.fit_fragility("im", [0, 1]), "fit_fragility: intensity = 'im' must be a real"),
-        (lambda: jp.fit_fragility([1.0, 2.0], ["no", "yes"]), "pounding = .* must be a real"),
-        (lambda: jp.fit_fragility(*stripes()).probability(-1.0), "intensity = -1 must be not neg"),
-        (lambda: jp.fit_fragility(*stripes()).band([1.0], replicates=0), "replicates = 0 must be"),
-        (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it never occurs"),
-        (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it always occurs"),
-        (
-            lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]),
-            "always occurs above im = 2 and never",
-        ),
-        (lambda: jp.fit_fragility([0.3, 0.3], [1, 0]), "all intensities are 0.3"),
-        (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [1, 0, 0]), "does not become more frequent"),
-        (lambda: jp.fit_fragility(*stripes()).band([1.0], 1.0), "confidence = 1 must be between"),
-    ],
+test_what_cannot_be_fitted_says_why = refusals(
+    (lambda: jp.fit_fragility([], []), r"intensity \(0,\), pounding \(0,\)"),
+    (lambda: jp.fit_fragility([1.0, 2.0], [True]), r"pounding \(1,\)"),
+    (lambda: jp.fit_fragility([0.0, 1.0], [0, 1]), "intensity = 0 .* must be positive"),
+    (lambda: jp.fit_fragility([1.0, 2.0], [0, 3], [2, 2]), "pounding = 3 .* must be from 0 to"),
+    (lambda: jp.fit_fragility([1.0, 2.0], [0, 0], [2, 0]), "trials = 0 .* must be whole"),
+    (lambda: jp.Fragility(-0.6, 0.4), "Fragility: median = -0.6 must be positive"),
+    (lambda: jp.Fragility(0.6, 0.0), "Fragility: dispersion = 0 must be positive"),
+    (lambda: jp.Fragility(0.6, [0.4, 0.5]), r"dispersion of shape \(2,\) must be one number"),
+    (lambda: jp.Fragility(0.6, 0.4, [0.1, 0.1]), r"covariance of shape \(2,\) must be \(2, 2"),
+    (lambda: jp.fit_fragility("im", [0, 1]), "fit_fragility: intensity = 'im' must be a real"),
+    (lambda: jp.fit_fragility([1.0, 2.0], ["no", "yes"]), "pounding = .* must be a real"),
+    (lambda: jp.fit_fragility(*stripes()).probability(-1.0), "intensity = -1 must be not neg"),
+    (lambda: jp.fit_fragility(*stripes()).band([1.0], replicates=0), "replicates = 0 must be"),
+    (lambda: jp.fit_fragility([1.0, 2.0], [0, 0]), "it never occurs"),
+    (lambda: jp.fit_fragility([1.0, 2.0], [1, 1]), "it always occurs"),
+    (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [0, 0, 1]), "always occurs above im = 2 and never"),
+    (lambda: jp.fit_fragility([0.3, 0.3], [1, 0]), "all intensities are 0.3"),
+    (lambda: jp.fit_fragility([1.0, 2.0, 3.0], [1, 0, 0]), "does not become more frequent"),
+    (lambda: jp.fit_fragility(*stripes()).band([1.0], 1.0), "confidence = 1 must be between"),
 )
-def test_what_cannot_be_fitted_says_why(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()

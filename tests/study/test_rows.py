@@ -11,6 +11,7 @@ from scipy import stats
 import jaxpound as jp
 from jaxpound.results.named import OF_CONTACTS, over_all, required_gaps
 from jaxpound.study.statistics import quantile
+from tests.refusals import assert_refused, refusals
 from tests.rows import GAPS, GRID, ROW, WAVES, touching
 from tests.test_tables import assert_shown
 
@@ -113,34 +114,27 @@ def test_a_matrix_correlates_any_parameters():
 FRICTION = {"links.*.friction": jp.LogNormal(0.1, 0.2)}
 
 
-@pytest.mark.parametrize(
-    ("uncertain", "correlation", "message"),
-    [
-        (FRICTION, 1.0, "correlation = 1 must be above -1 and below 1, with 2 parameters that"),
-        (FRICTION, -1.0, "correlation = -1 must be above -1 and below 1"),
-        (FRICTION, "all", "correlation = 'all' must be a real number"),
-        (FRICTION, np.eye(3), r"of shape \(3, 3\) must be a number, or of shape \(2, 2\): li"),
-        (FRICTION, [[1.0, 0.5], [0.4, 1.0]], "must be symmetric and finite, with a diagonal of 1"),
-        (FRICTION, [[2.0, 0.5], [0.5, 2.0]], "must be symmetric and finite, with a diagonal of 1"),
-        (FRICTION, [[1.0, 1.0], [1.0, 1.0]], "must be positive definite, but its smallest eigenv"),
-        ({"links.0.gap": jp.Uniform(0.1, 0.2)}, 0.5, "= 0.5 must not be given: no two paths"),
-        ({"links.*.slip": jp.Uniform(0.1, 0.2)}, None, r"no path matches 'links\.\*\.slip'"),
-    ],
+test_correlations_that_cannot_be_are_named = refusals(
+    (FRICTION, 1.0, "correlation = 1 must be above -1 and below 1, with 2 parameters that"),
+    (FRICTION, -1.0, "correlation = -1 must be above -1 and below 1"),
+    (FRICTION, "all", "correlation = 'all' must be a real number"),
+    (FRICTION, np.eye(3), r"of shape \(3, 3\) must be a number, or of shape \(2, 2\): li"),
+    (FRICTION, [[1.0, 0.5], [0.4, 1.0]], "must be symmetric and finite, with a diagonal of 1"),
+    (FRICTION, [[2.0, 0.5], [0.5, 2.0]], "must be symmetric and finite, with a diagonal of 1"),
+    (FRICTION, [[1.0, 1.0], [1.0, 1.0]], "must be positive definite, but its smallest eigenv"),
+    ({"links.0.gap": jp.Uniform(0.1, 0.2)}, 0.5, "= 0.5 must not be given: no two paths"),
+    ({"links.*.slip": jp.Uniform(0.1, 0.2)}, None, r"no path matches 'links\.\*\.slip'"),
+    of=lambda uncertain, correlation: jp.UncertainStructures(ROW, uncertain, correlation),
+    before="^UncertainStructures: .*",
 )
-def test_correlations_that_cannot_be_are_named(uncertain, correlation, message):
-    with pytest.raises(ValueError, match=f"^UncertainStructures: .*{message}"):
-        jp.UncertainStructures(ROW, uncertain, correlation)
 
 
 def test_links_that_are_not_there_are_named(study):
     for ask in (study.pounding_probability, study.pounding, study.fragility):
         for link in (2, -1, True, 0.0):
-            with pytest.raises(ValueError, match=r"link = .* must be the number of one of the 2 l"):
-                ask(link=link)
-    with pytest.raises(ValueError, match=r"^required_gap: link = 5 must be"):
-        study.required_gap(0.1, link=5)
-    with pytest.raises(ValueError, match=r"^pounding: gap = -1 must be finite and not negative"):
-        study.pounding(-1.0)
+            assert_refused(r"link = .* must be the number of one of the 2 l", ask, link=link)
+    assert_refused(r"^required_gap: link = 5 must be", study.required_gap, 0.1, link=5)
+    assert_refused(r"^pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
 
 
 def test_a_link_with_a_law_of_contact_has_no_required_gap(study):

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxpound as jp
+from tests.refusals import assert_refused
 from tests.test_tables import assert_shown
 
 GRID = jp.TimeGrid(0.1, 40)
@@ -46,8 +47,7 @@ def test_indices_of_a_product_are_its_closed_form():
 )
 def test_bad_arguments_are_named(change, message):
     arguments = {"scenarios": SCENARIOS, "grid": GRID, "n": 4} | change
-    with pytest.raises(ValueError, match=message):
-        jp.sobol_sensitivity(**arguments)
+    assert_refused(message, jp.sobol_sensitivity, **arguments)
 
 
 def test_scenarios_that_fail_are_counted():
@@ -56,8 +56,7 @@ def test_scenarios_that_fail_are_counted():
         return dataclasses.replace(SLIDING, rod_1=jp.ZenerRod(order, 0.1, 1.0))
 
     half = jp.Scenarios(jp.CustomDraw(structures, 2), jp.Ricker(0.3, [2.0], [1.5]))
-    with pytest.raises(ValueError, match=r"32 of 64 scenarios fail"):
-        jp.sobol_sensitivity(half, GRID, n=16)
+    assert_refused(r"32 of 64 scenarios fail", jp.sobol_sensitivity, half, GRID, n=16)
 
 
 def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
