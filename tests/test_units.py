@@ -1,6 +1,7 @@
 """Buildings in SI units, the dimensionless system of eq. (9), and results back in SI."""
 
 import dataclasses
+import itertools
 from functools import cache
 
 import jax
@@ -18,6 +19,7 @@ from tests.refusals import assert_refused, refusals
 BUILDING_1 = jp.Building(2.0e5, 8.0e6, 0.4, 0.01, 0.15)
 BUILDING_2 = jp.Building(1.3e5, 9.0e6, 0.7, 0.02, 0.20)
 SLIP_FORCE, GAP = 6.0e4, 0.05
+SYSTEM = {"building_1": BUILDING_1, "building_2": BUILDING_2, "friction_force": 1.0, "gap": 0.1}
 DT, N_SAMPLES = 0.01, 500
 
 
@@ -51,13 +53,8 @@ def run(building_1, building_2, friction_force, gap, gravity=jp.STANDARD_GRAVITY
 
 
 @cache
-def sliding():
-    return run(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP)
-
-
-@cache
-def frictionless():
-    return run(BUILDING_1, BUILDING_2, 0.0, GAP)
+def sliding(friction_force=SLIP_FORCE):
+    return run(BUILDING_1, BUILDING_2, friction_force, GAP)
 
 
 def assert_close(actual, expected, rel):
@@ -183,25 +180,20 @@ def test_dimensionless_is_differentiable_and_batched():
     )
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"building_1": None}, "building_1 = None must be of type Building"),
-        ({"building_2": 3.0}, r"building_2 = 3\.0 must be of type Building"),
-        ({"friction_force": -1.0}, "friction_force = -1 must be finite and not negative"),
-        ({"friction_force": "x"}, "friction_force = 'x' must be a real number"),
-        ({"gap": -0.1}, r"gap = -0\.1 must be finite and not negative"),
-        ({"gap": np.nan}, "gap = nan must be finite"),
-        ({"gap": [0.1, -0.2]}, r"gap = -0\.2 \(at index \[1\]\)"),
-        ({"gap": None}, "gap = None must be a real number"),
-        ({"gravity": 0}, "gravity = 0 must be positive and finite"),
-        ({"gravity": "g"}, "gravity = 'g' must be a real number"),
-        ({"contact": 0.65}, r"contact = 0\.65 must be of type ContactLaw or Newton or None"),
-    ],
+test_dimensionless_refuses_bad_values = refusals(
+    ({"building_1": None}, "building_1 = None must be of type Building"),
+    ({"building_2": 3.0}, r"building_2 = 3\.0 must be of type Building"),
+    ({"friction_force": -1.0}, "friction_force = -1 must be finite and not negative"),
+    ({"friction_force": "x"}, "friction_force = 'x' must be a real number"),
+    ({"gap": -0.1}, r"gap = -0\.1 must be finite and not negative"),
+    ({"gap": np.nan}, "gap = nan must be finite"),
+    ({"gap": [0.1, -0.2]}, r"gap = -0\.2 \(at index \[1\]\)"),
+    ({"gap": None}, "gap = None must be a real number"),
+    ({"gravity": 0}, "gravity = 0 must be positive and finite"),
+    ({"gravity": "g"}, "gravity = 'g' must be a real number"),
+    ({"contact": 0.65}, r"contact = 0\.65 must be of type ContactLaw or Newton or None"),
+    of=lambda changes: jp.dimensionless(**(SYSTEM | changes)),
 )
-def test_dimensionless_refuses_bad_values(changes, message):
-    values = {"building_1": BUILDING_1, "building_2": BUILDING_2, "friction_force": 1.0, "gap": 0.1}
-    assert_refused(message, jp.dimensionless, **values | changes)
 
 
 # Buildings
@@ -253,15 +245,12 @@ def test_unattainable_damping_is_refused_with_the_largest():
         jp.Building.from_period(1e5, 1.0, 0.6)
     assert_refused("damping_ratio = ", jp.Building.from_period, 1e5, 1.0, 1.0001 * largest)
     jp.Building.from_period(1e5, 1.0, 0.9999 * largest)
-
-
-def test_unattainable_damping_of_a_batch_is_refused_with_the_largest_of_that_building():
     largest = largest_damping(0.15 * np.pi, 0.01)
     with pytest.raises(ValueError, match=rf"= 0\.4 \(at index \[1\]\) .* can give, {largest:.8g}"):
         jp.Building.from_period(1e5, 1.0, [0.1, 0.4, 0.1], [0.9, 0.3, 0.5])
 
 
-def test_buildings_from_periods_come_in_batches():
+def test_buildings_from_periods_come_in_batches_and_are_differentiable():
     periods, dampings = [0.5, 1.0, 2.0], [0.02, 0.05, 0.0]
     batch = jp.Building.from_period(1e5, periods, dampings)
     np.testing.assert_allclose(batch.natural_period, periods, rtol=1e-12)
@@ -272,8 +261,6 @@ def test_buildings_from_periods_come_in_batches():
     np.testing.assert_allclose(mapped.stiffness, batch.stiffness, rtol=1e-12)
     np.testing.assert_allclose(mapped.tau_x, batch.tau_x, rtol=1e-12)
 
-
-def test_building_from_period_is_differentiable():
     def stiffness(period):
         return jp.Building.from_period(1e5, period, 0.05).stiffness
 
@@ -290,9 +277,6 @@ def test_traced_unattainable_damping_cannot_raise_but_spoils_the_run():
 
     assert jnp.isfinite(smallest_gap(0.05))
     assert jnp.isnan(smallest_gap(0.6))
-
-
-def test_known_unattainable_damping_raises_although_something_else_is_traced():
     with pytest.raises(ValueError, match=r"damping_ratio = 0\.6"):
         jax.jit(lambda mass: jp.Building.from_period(mass, 1.0, 0.6))(1e5)
 
@@ -322,29 +306,15 @@ def test_every_series_of_a_response_has_its_unit():
     response, scales, si = sliding()
     speed = scales.length / scales.time
     factors = {
-        "time": scales.time,
-        "x1": scales.length,
-        "x2": scales.length,
-        "v1": speed,
-        "v2": speed,
-        "f1": scales.force,
-        "f2": scales.force,
-        "friction": scales.force,
-        "ground_acceleration": scales.gravity,
-        "ground_velocity": speed,
-        "gap": scales.length,
-        "slip_velocity": speed,
-        "phase": 1.0,
-        "change_time": scales.time,
-        "mass_1": scales.mass,
-        "mass_2": scales.mass,
+        **dict.fromkeys(("time", "change_time"), scales.time),
+        **dict.fromkeys(("x1", "x2", "gap"), scales.length),
+        **dict.fromkeys(("v1", "v2", "ground_velocity", "slip_velocity"), speed),
+        **dict.fromkeys(("f1", "f2", "friction"), scales.force),
+        **dict.fromkeys(("mass_1", "mass_2"), scales.mass),
+        **{"ground_acceleration": scales.gravity, "phase": 1.0},
     }
-    flat = {
-        "time",
-        "ground_acceleration",
-        "ground_velocity",
-        *(x for _, names in response.columns() for x in names if getattr(response, x) is not None),
-    }
+    flat = {x for _, names in response.columns() for x in names if getattr(response, x) is not None}
+    flat |= {"time", "ground_acceleration", "ground_velocity"}
     assert flat == factors.keys()  # those of contact: tests/results/test_demand.py
     for name, factor in factors.items():
         np.testing.assert_allclose(
@@ -356,19 +326,12 @@ def test_every_series_of_a_response_has_its_unit():
 
 def test_every_scalar_of_a_demand_has_its_unit():
     response, scales, si = sliding()
+    lengths = ("min_gap", "peak_x1", "peak_x2", "slip_distance", "residual_offset")
     factors = {
-        "min_gap": scales.length,
-        "min_gap_time": scales.time,
-        "peak_x1": scales.length,
-        "peak_x2": scales.length,
-        "peak_f1": scales.force,
-        "peak_f2": scales.force,
-        "peak_acceleration_1": scales.gravity,
-        "peak_acceleration_2": scales.gravity,
-        "slip_distance": scales.length,
-        "friction_work": scales.force * scales.length,
-        "residual_offset": scales.length,
-        "pga": scales.gravity,
+        **dict.fromkeys(lengths, scales.length),
+        **dict.fromkeys(("peak_f1", "peak_f2"), scales.force),
+        **dict.fromkeys(("peak_acceleration_1", "peak_acceleration_2", "pga"), scales.gravity),
+        **{"min_gap_time": scales.time, "friction_work": scales.force * scales.length},
         "pgv": scales.length / scales.time,
     }
     assert set(factors) == set(response.demand.scalars()) - {"pounds"}
@@ -388,16 +351,14 @@ def mean_shaking(si):
 
 
 def test_blocks_obey_newton_in_si():
-    _, _, si = frictionless()
-    shaking = mean_shaking(si)[1:-1]
-    acceleration = np.diff(si.x1, 2) / DT**2
-    inertia_1 = BUILDING_1.mass * (acceleration + shaking)
-    assert_close(inertia_1, -si.f1[1:-1], rel=1e-9)
-    acceleration = np.diff(si.x2, 2) / DT**2
-    inertia_2 = BUILDING_2.mass * (acceleration + shaking)
-    assert_close(inertia_2, -si.f2[1:-1], rel=1e-9)
-    assert_close(si.absolute_accelerations[0][1:-1], inertia_1 / BUILDING_1.mass, rel=1e-9)
-    assert_close(si.absolute_accelerations[1][1:-1], inertia_2 / BUILDING_2.mass, rel=1e-9)
+    _, _, si = sliding(0.0)
+    blocks = zip(
+        (BUILDING_1, BUILDING_2), si.masses, si.rods, si.absolute_accelerations, strict=True
+    )
+    for building, block, rod, acceleration in blocks:
+        inertia = building.mass * (np.diff(block.x, 2) / DT**2 + mean_shaking(si)[1:-1])
+        assert_close(inertia, -rod.force[1:-1], rel=1e-9)
+        assert_close(acceleration[1:-1], inertia / building.mass, rel=1e-9)
 
 
 def test_damper_pulls_with_its_slip_force_in_newtons():
@@ -412,16 +373,18 @@ def test_damper_pulls_with_its_slip_force_in_newtons():
     np.testing.assert_allclose(np.abs(pull[slips]), SLIP_FORCE, rtol=1e-6)
 
 
-def test_gap_and_ground_are_those_of_the_buildings():
-    _, _, si = sliding()
+def test_gap_and_ground_are_those_of_the_buildings_and_are_not_converted_twice():
+    _, scales, si = sliding()
     assert si.gap[0] == pytest.approx(GAP, rel=1e-14)
     np.testing.assert_allclose(si.gap, GAP + si.x2 - si.x1, atol=1e-12)
     shaking = ground().samples * jp.STANDARD_GRAVITY
     np.testing.assert_allclose(si.ground_acceleration[:N_SAMPLES], shaking, atol=1e-9)
     assert si.time[-1] == pytest.approx(5.0)
+    for result in (si, si.demand):
+        assert_refused("to_si: result must be dimensionless", scales.to_si, result)
 
 
-def test_energies_are_in_joules():
+def test_energies_are_in_joules_and_phases_in_seconds():
     response, scales, si = sliding()
     energy = si.energy
     kinetic = BUILDING_1.mass * si.v1**2 / 2 + BUILDING_2.mass * si.v2**2 / 2
@@ -432,19 +395,9 @@ def test_energies_are_in_joules():
     for name, term in energy._asdict().items():
         expected = getattr(response.energy, name) * scales.force * scales.length
         np.testing.assert_allclose(term, expected, rtol=1e-9, atol=1e-9 * energy.input.max())
-
-
-def test_phases_are_in_seconds():
-    response, scales, si = sliding()
     for before, after in zip(response.phases(), si.phases(), strict=True):
         assert after.kind == before.kind
         assert after.end == pytest.approx(before.end * scales.time, rel=1e-12)
-
-
-def test_converting_twice_is_refused():
-    _, scales, si = sliding()
-    for result in (si, si.demand):
-        assert_refused("to_si: result must be dimensionless", scales.to_si, result)
 
 
 def test_batches_of_results_are_converted():
@@ -467,26 +420,18 @@ def test_batches_of_results_are_converted():
 # The scales are a choice of units: they must not be seen in SI
 
 
-SERIES = ["x1", "x2", "v1", "v2", "f1", "f2", "friction", "gap", "ground_acceleration"]
-
-
-def test_gravity_only_sets_the_scale():
+def test_gravity_only_sets_the_scale_and_either_building_may_set_it():
     _, _, si = sliding()
     _, _, other = run(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, gravity=1.7)
-    for name in SERIES:
+    for name in ("x1", "x2", "v1", "v2", "f1", "f2", "friction", "gap", "ground_acceleration"):
         assert_close(getattr(other, name), getattr(si, name), rel=1e-8)
     for name, value in si.demand.scalars().items():
         assert other.demand.scalars()[name] == pytest.approx(float(value), rel=1e-8), name
-
-
-def test_either_building_may_set_the_scales():
-    _, _, si = sliding()
     # Seen from the other side of the street the ground moves the other way.
     _, _, mirrored = run(BUILDING_2, BUILDING_1, SLIP_FORCE, GAP, sign=-1.0)
-    for name, twin in {"x1": "x2", "x2": "x1", "v1": "v2", "v2": "v1"}.items():
-        assert_close(getattr(mirrored, name), -getattr(si, twin), rel=1e-7)
-    assert_close(mirrored.f1, -si.f2, rel=1e-7)
-    assert_close(mirrored.f2, -si.f1, rel=1e-7)
+    for one, two in (("x1", "x2"), ("v1", "v2"), ("f1", "f2")):
+        assert_close(getattr(mirrored, one), -getattr(si, two), rel=1e-7)
+        assert_close(getattr(mirrored, two), -getattr(si, one), rel=1e-7)
     assert_close(mirrored.gap, si.gap, rel=1e-7)
     assert_close(mirrored.friction, si.friction, rel=1e-7)
     assert mirrored.min_gap == pytest.approx(float(si.min_gap), rel=1e-6)
@@ -501,6 +446,10 @@ def test_grid_is_the_dimensionless_one_of_a_duration_and_a_step_in_seconds():
     assert grid == jp.TimeGrid(0.04, 1000)
     assert grid.duration * scales.time == pytest.approx(10.0)
     assert scales.grid(10, 1).n_steps == 10
+    with pytest.raises(ValueError, match=r"frequency of shape \(2,\) must be one number"):
+        jp.Scales(1e5, [4.0, 5.0]).grid(10.0, 0.01)
+    with pytest.raises(ValueError, match="cannot be traced"):
+        jax.jit(lambda scales: scales.grid(10.0, 0.01))(jp.Scales(1e5, 4.0))
 
 
 test_grid_refuses_bad_values_in_the_users_units = refusals(
@@ -510,16 +459,9 @@ test_grid_refuses_bad_values_in_the_users_units = refusals(
     (10.0, 0, "dt = 0 must be positive and finite"),
     (10.0, None, "dt = None must be a real number"),
     (10.0, [0.1, 0.2], r"dt of shape \(2,\) must be one number"),
-    of=lambda duration, dt: jp.Scales(1e5, 4.0).grid(duration, dt),
+    of=jp.Scales(1e5, 4.0).grid,
     before=r"Scales\.grid: ",
 )
-
-
-def test_grid_of_a_batch_or_of_traced_scales_is_refused():
-    with pytest.raises(ValueError, match=r"frequency of shape \(2,\) must be one number"):
-        jp.Scales(1e5, [4.0, 5.0]).grid(10.0, 0.01)
-    with pytest.raises(ValueError, match="cannot be traced"):
-        jax.jit(lambda scales: scales.grid(10.0, 0.01))(jp.Scales(1e5, 4.0))
 
 
 def test_dimensionless_record_keeps_its_acceleration_and_scales_its_time():
@@ -533,21 +475,14 @@ def test_dimensionless_record_keeps_its_acceleration_and_scales_its_time():
     assert other.acceleration(4.0 * 1.234) == pytest.approx(float(record.acceleration(1.234)))
 
 
-@pytest.mark.parametrize("name", ["mass", "frequency", "gravity"])
-@pytest.mark.parametrize("bad", [0, -1.0, np.nan, np.inf, None, "1"])
-def test_scales_refuse_bad_values(name, bad):
+def test_scales_refuse_bad_values_and_conversions_name_the_type_they_take():
     values = {"mass": 1e5, "frequency": 4.0, "gravity": 9.81}
-    assert_refused(f"Scales: {name} = ", jp.Scales, **values | {name: bad})
-
-
-@pytest.mark.parametrize(
-    ("method", "message"),
-    [
-        ("to_si", "result = .* must be of type Response or Demand"),
-        ("to_dimensionless", "record = .* must be of type Record"),
-        ("buildings", "structures = .* must be of type AdjacentStructures"),
-    ],
-)
-@pytest.mark.parametrize("bad", [None, 3.0, np.ones(3), BUILDING_1])
-def test_conversions_name_the_type_they_take(method, message, bad):
-    assert_refused(f"Scales.{method}: {message}", getattr(jp.Scales(1e5, 4.0), method), bad)
+    for name, bad in itertools.product(values, (0, -1.0, np.nan, np.inf, None, "1")):
+        assert_refused(f"Scales: {name} = ", jp.Scales, **(values | {name: bad}))
+    for method, message in {
+        "to_si": "result = .* must be of type Response or Demand",
+        "to_dimensionless": "record = .* must be of type Record",
+        "buildings": "structures = .* must be of type AdjacentStructures",
+    }.items():
+        for bad in (None, 3.0, np.ones(3), BUILDING_1):
+            assert_refused(f"Scales.{method}: {message}", getattr(jp.Scales(1e5, 4.0), method), bad)
