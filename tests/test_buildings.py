@@ -95,10 +95,6 @@ def test_a_user_s_motion_is_traced_in_metres_and_seconds_with_its_velocity():
     expected = jax.jit(jax.jacfwd(lambda pulse: jp.demand(row, pulse, grid).min_gap))(same)
     assert float(slope.end) == pytest.approx(float(expected.end) * scales.length * second, rel=1e-8)
     assert float(slope.size) == pytest.approx(float(expected.size) * scales.length / g, rel=1e-8)
-
-
-def test_a_user_s_motion_is_traced_in_a_sum_with_a_record():
-    pulse = RectangularPulse(-0.5, 1.0, 1.503)
     both = as_run(2.0 * RECORD + pulse, GRID, 9.8)
     assert both.grounds[1] is pulse
     assert float(both.acceleration(1.2)) == pytest.approx(2 * 9.8 * RECORD.acceleration(1.2) - 0.5)
@@ -304,13 +300,10 @@ def test_sobol_indices_doubt_wavelets_that_are_hardly_in_metres():
         jp.sobol_sensitivity(scenarios, jp.TimeGrid(0.01, 60), n=2, strict=True)
 
 
-def test_modes_are_in_radians_per_second():
+def test_modes_are_in_radians_per_second_and_growth_takes_records_in_seconds():
     modes, (row, scales) = jp.modes(PAIR), PAIR.dimensionless()
     assert "frequency (rad/s)  period (s)" in str(modes)
     np.testing.assert_allclose(modes.frequencies, jp.modes(row).frequencies * scales.frequency)
-
-
-def test_growth_takes_records_in_seconds():
     growth = jp.growth(POUNDING, RECORD, GRID)
     assert np.isfinite(float(growth.end))
 

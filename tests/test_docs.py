@@ -42,17 +42,11 @@ def reference():
     return listed
 
 
-def test_every_public_name_is_in_the_reference():
+def test_the_reference_has_every_public_name_and_every_module_of_figures():
     # A constant is listed by the module that documents it.
     assert set(jp.__all__) <= {name.rpartition(".")[2] for name in reference()}
-
-
-def test_every_entry_of_the_reference_is_there():
     for name in reference():
         pkgutil.resolve_name(name if name.startswith("jaxpound") else f"jaxpound.{name}")
-
-
-def test_every_module_of_figures_is_in_the_reference():
     modules = {path.stem for path in (PACKAGE / "plots").glob("[a-z]*.py")}
     modules -= {"curves", "style", "panels", "sliders"}  # what figures are made of
     assert {f"jaxpound.plots.{module}" for module in modules} <= set(reference())
@@ -154,7 +148,7 @@ def from_notebooks():
     return module
 
 
-def test_pictures_of_gallery_and_list_are_in_the_notebooks(from_notebooks):
+def test_pictures_and_notebooks_are_listed(from_notebooks):
     for directive, page in (("gallery", "gallery.md"), ("notebook-list", "notebooks.md")):
         lines = entries(directive, DOCS / page)
         assert lines
@@ -164,9 +158,6 @@ def test_pictures_of_gallery_and_list_are_in_the_notebooks(from_notebooks):
                 assert (DOCS / code).exists()
             else:
                 assert from_notebooks.picture(stem, code, int(number or 1)).heading
-
-
-def test_every_notebook_is_in_the_list():
     listed = [line.partition(" | ")[0] for line in entries("notebook-list", DOCS / "notebooks.md")]
     assert listed == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
 

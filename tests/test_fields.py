@@ -122,12 +122,9 @@ test_a_broken_rule_is_told_by_object_field_value_and_rule = refusals(
 )
 
 
-def test_what_a_rule_allows_is_allowed_to_its_ends():
+def test_rules_have_ends_and_tell_tuples_by_index():
     Material(order=1, share=0, gap=0, least=1.0, high=np.nextafter(1, 2))
     assert Material(order=1).order == 1.0
-
-
-def test_an_object_in_a_tuple_and_a_number_in_one_are_told_by_their_index():
     with pytest.raises(ValueError, match=r"Frame: weights\.1 = -1 must be finite and not negative"):
         Frame(Material(), (), (0.0, -1))
     with pytest.raises(ValueError, match=r"Frame: more\.1 = 3 must be of type Material"):
@@ -161,7 +158,7 @@ def test_traced_values_become_flags():
     np.testing.assert_array_equal(flags, [False, True, False, False])
 
 
-def test_plain_dataclasses_are_checked_too():
+def test_plain_dataclasses_and_parameters_like_another_are_checked_too():
     assert Plain(2).size == 2.0
     assert Plain(2.0, Material()).inner.size == 1.0
     for value, message in (
@@ -170,9 +167,6 @@ def test_plain_dataclasses_are_checked_too():
     ):
         assert_refused(message, Plain, value)
     assert_refused(r"Plain: inner = 3 must be of type Material or None", Plain, 1.0, 3)
-
-
-def test_a_parameter_like_another_has_its_rule_with_fields_of_its_own():
     assert_refused(r"Copy: least = 1 must .* at least low = 2 \(by law\)", Copy, 2.0, 1.0)
 
 
@@ -186,22 +180,14 @@ def test_a_part_may_be_missing_of_any_kind_that_can_do_it_and_must_be_a_pytree(k
     assert_refused(f"{name}: held of type Hook must be a pytree: put @", kind, Hook())
 
 
-def test_a_class_does_not_tell_what_may_be_missing():
+def test_a_class_tells_what_its_objects_would_but_not_what_may_be_missing():
     assert list(walk(Wall, Parameter)) == []
-
-
-def test_a_class_tells_what_its_objects_would():
     found = {path: known for path, known, value in walk(Frame, Parameter) if value is None}
     assert {"one.size", "more.*.size", "weights.*"} <= found.keys()
     assert found["more.*.size"] == {p: k for p, k, _ in walk(FRAME, Parameter)}["one.size"]
-
-
-def test_what_are_ratios_follows_from_the_rules():
     known = {path: known for path, known, _ in walk(Material, Parameter)}
     assert {path for path in known if known[path].is_ratio} == {"size", "low", "high", "least"}
 
-
-def test_quantities_are_no_parameters():
     @dataclasses.dataclass(frozen=True)
     class Result:
         length: float = quantity("length", "a length")
@@ -212,7 +198,7 @@ def test_quantities_are_no_parameters():
     assert not list(walk(Result(2.0), Parameter))
 
 
-def test_long_objects_are_shown_in_short():
+def test_long_objects_are_shown_in_short_and_numbers_of_numpy_as_pythons():
     material = Material(order=1 / 3)
     assert repr(material) == (
         "Material(order=0.3333333333333333, share=0.5, free=-3.0, size=1.0, gap=inf, low=1.0, "
@@ -228,9 +214,6 @@ def test_long_objects_are_shown_in_short():
     assert "<28 more>" in shown
     assert "..." in repr(jax.tree.map(lambda x: np.full(500, x), many))
     jax.jit(lambda tree: repr(tree) and 0)(many)
-
-
-def test_numbers_of_numpy_are_shown_as_pythons():
     building = jp.Building(np.float64(5e5), np.float32(2.5), np.int64(1), 0.25, np.float64(0.5))
     assert repr(building) == (
         "Building(mass=500000.0, stiffness=2.5, order=1.0, tau_f=0.25, tau_x=0.5)"

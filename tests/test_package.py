@@ -85,8 +85,15 @@ def imports(module):
             yield from (alias.name for alias in node.names)
 
 
-def test_every_module_has_its_wing():
+def test_every_module_has_its_wing_and_no_imports_run_in_a_circle():
     assert {wing(module) for module in MODULES} == set().union(*WINGS)
+    # Within a wing, too.
+    graph = {
+        module: {m for m in imports(module) if m in MODULES and m not in ("jaxpound", module)}
+        for module in MODULES
+        if module != "jaxpound"
+    }
+    assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
 @pytest.mark.parametrize("level", range(len(WINGS)))
@@ -96,16 +103,6 @@ def test_no_import_runs_upwards(level):
         if wing(module) in WINGS[level]:
             ours = {m for m in imports(module) if m.partition(".")[0] == "jaxpound"}
             assert {wing(m) for m in ours} <= below | {wing(module)}, module
-
-
-def test_no_imports_run_in_a_circle():
-    """Within a wing, too."""
-    graph = {
-        module: {m for m in imports(module) if m in MODULES and m not in ("jaxpound", module)}
-        for module in MODULES
-        if module != "jaxpound"
-    }
-    assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
 def output_of(code, **options):
@@ -148,16 +145,13 @@ def test_only_figures_import_matplotlib():
             assert not any("matplotlib" in m for m in imports(module)), module
 
 
-def test_import_is_silent_and_changes_nothing():
+def test_imports_are_silent_change_nothing_and_bring_only_what_is_used():
     code = (
         "import jax; before = dict(jax.config.values); import jaxpound, sys; "
         "assert jax.config.values == before; assert 'matplotlib' not in sys.modules"
     )
     assert output_of(code) == ""
-
-
-def test_only_what_is_used_is_imported():
-    """JAX and SciPy take the better part of a second each: neither is paid for by a mere import."""
+    # JAX and SciPy take the better part of a second each: neither is paid for by a mere import.
     code = (
         "import sys, jaxpound\n"
         "assert jaxpound.__version__ and 'simulate' in dir(jaxpound)\n"
@@ -187,25 +181,19 @@ def test_public_names_are_there_however_they_are_asked_for():
     output_of(code)
 
 
-def test_no_module_has_the_name_of_what_another_holds():
+def test_no_module_has_the_name_of_what_another_or_itself_holds():
     """Its import would put it in the place of the function."""
     assert {wing(module) for module in MODULES} & set(jp.__all__) == {"paper"}  # a module itself
-
-
-def test_no_module_has_the_name_of_a_function_that_it_holds():
     for module, path in MODULES.items():
         body = ast.parse(path.read_text()).body
         held = {node.name for node in body if isinstance(node, ast.FunctionDef)}
         assert module.rpartition(".")[2] not in held - {"main"}, module
 
 
-def test_a_name_that_does_not_exist():
+def test_public_names_are_documented():
     with pytest.raises(AttributeError, match="module 'jaxpound' has no attribute 'simulat'") as e:
         jp.simulat  # noqa: B018
     assert (e.value.name, e.value.obj) == ("simulat", jp)  # whence Python's "Did you mean"
-
-
-def test_public_names_are_documented():
     for name in jp.__all__:
         thing = getattr(jp, name)
         if callable(thing) or name == "paper":
@@ -220,7 +208,7 @@ PRONOUNS = {
 """Names that say that something is there, and not what it is."""
 
 
-def test_names_say_what_they_hold():
+def test_names_say_what_they_hold_and_classes_have_names_of_their_own():
     """At most 3 of 1,000 identifiers are such names."""
     names = [
         token.string.strip("_")
@@ -230,9 +218,6 @@ def test_names_say_what_they_hold():
     ]
     counts = collections.Counter(name for name in names if name in PRONOUNS)
     assert counts.total() <= 3e-3 * len(names), counts.most_common()
-
-
-def test_a_class_has_a_name_of_its_own():
     names = collections.Counter(
         node.name.strip("_")
         for path in MODULES.values()
@@ -283,12 +268,9 @@ def test_a_program_gives_the_suite_s_numbers_as_users_compile_it(capsys):
     assert float(done.stdout) == pytest.approx(float(capsys.readouterr().out), rel=1e-9)
 
 
-def test_readme_and_ci_agree_on_the_test_command():
+def test_versions_agree():
     command = 'pip install -e ".[test]" && pytest'
     assert any(command in block for block in readme_blocks("sh"))
-
-
-def test_versions_agree():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert "version" in project["project"]["dynamic"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
@@ -296,9 +278,6 @@ def test_versions_agree():
     (released,) = re.findall(r"^date-released: (.*)$", citation, re.M)
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (.*)$\n\n(.*)\.$", changes, re.M)[0] == (jp.__version__, released)
-
-
-def test_types_are_marked_and_versions_of_python_are_named():
     assert (PACKAGE / "py.typed").exists()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     named = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))

@@ -51,15 +51,12 @@ def test_every_series_is_of_the_quantity_that_it_is_converted_by():
         np.testing.assert_allclose(converted[in_si], factor * values, err_msg=name)
 
 
-def test_units_in_words_and_in_names():
+def test_units_and_words_of_every_demand():
     assert [unit("velocity", si) for si in (False, True)] == ["g/ω1", "m/s"]
     assert [unit_of(name, True) for name in ("peak_f1", "pounds")] == ["N", ""]
     assert column("pga", "acceleration", True) == "pga_m_per_s2"
     assert column("peak_impulse", "impulse", True) == "peak_impulse_N_s"
     assert column("pga", "acceleration", False) == column("pga", None, True) == "pga"
-
-
-def test_every_demand_has_a_unit_and_words():
     for name in {*ONES.scalars(), "required_gap", *LIMITED_OF_PAIR} - {"pounds"}:
         assert kind_of(name) in SI
         assert in_words(name)[1:2].islower()  # words, no letters

@@ -37,7 +37,7 @@ def assert_shown(result):
     return shown
 
 
-def test_rows_as_text():
+def test_rows_as_text_and_html():
     assert TABLE.text().splitlines() == [
         TABLE.title,
         "    of               number  words",
@@ -46,9 +46,6 @@ def test_rows_as_text():
         "    c                   nan         g & more",
         "    a note with <b>tags</b>",
     ]
-
-
-def test_rows_as_html():
     html = TABLE.html()
     assert "<script" not in html
     assert "<b>" not in html
@@ -62,9 +59,6 @@ def test_rows_as_html():
     sides = [cell.get("style") for cell in tree.findall("table/tbody/tr")[0]]
     left, right = "text-align: left", "text-align: right"
     assert sides == [left, right, left, left]
-
-
-def test_a_table_without_rows_is_its_title():
     empty = TextTable("nothing & no one", ("a", "b"))
     assert empty.text() == "nothing & no one"
     assert empty.html() == "<div><div>nothing &amp; no one</div></div>"
@@ -113,15 +107,12 @@ ROWS = [("peak |x_1|", "m", 0.1, 2), ("force", "N", 1234567.0, None)]
 REPORT = TextTable.of(("demand", "unit", "mean before", "mean after"), ROWS)
 
 
-def test_a_markdown_table_has_every_cell_under_its_name():
+def test_a_markdown_table_has_every_cell_under_its_name_and_text_without_a_title_no_indent():
     (rows,) = tables(REPORT.markdown())
     assert rows == [
         {"demand": r"peak \|x_1\|", "unit": "m", "mean before": "0.1", "mean after": "2"},
         {"demand": "force", "unit": "N", "mean before": "1,235,000", "mean after": "-"},
     ]
-
-
-def test_a_table_without_a_title_is_not_indented():
     assert REPORT.text().splitlines() == [
         "demand      unit  mean before  mean after",
         "peak |x_1|  m             0.1           2",
@@ -129,24 +120,10 @@ def test_a_table_without_a_title_is_not_indented():
     ]
 
 
-@pytest.mark.parametrize("row", [("one",), ("one", 2.0, 3.0)])
-def test_rows_that_are_not_as_long_as_the_header_are_refused(row):
-    assert_refused("table: the cells of a row", TextTable.of, ("words", "number"), [row])
-
-
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    [
-        (None, "-"),
-        ("worst", "worst"),
-        (0, "0"),
-        (0.0123456, "0.01235"),
-        (-9999.4, "-9999"),
-        (12345.6, "12,350"),
-        (-2e9, "-2,000,000,000"),
-        (3e12, "3e+12"),
-        (float("inf"), "inf"),
-    ],
-)
-def test_rounded_numbers(value, shown):
-    assert rounded(value) == shown
+def test_rows_are_as_long_as_the_header_and_numbers_are_rounded():
+    for row in (("one",), ("one", 2.0, 3.0)):
+        words = "table: the cells of a row"
+        assert_refused(words, TextTable.of, ("words", "number"), [row])
+    shown = {None: "-", "worst": "worst", 0: "0", 0.0123456: "0.01235", -9999.4: "-9999"}
+    shown |= {12345.6: "12,350", -2e9: "-2,000,000,000", 3e12: "3e+12", float("inf"): "inf"}
+    assert {value: rounded(value) for value in shown} == shown

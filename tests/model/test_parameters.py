@@ -29,15 +29,12 @@ BUMPER = dataclasses.replace(
 )
 
 
-def test_paths_are_those_of_the_leaves():
+def test_paths_are_those_of_the_leaves_what_bounds_another_first():
     for tree in (PAPER, TOWER, POUNDING, BUMPER):
         leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
         expected = {jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves}
         assert set(parameters.paths(tree)) == expected
     assert parameters.paths(jp.AdjacentStructures) == parameters.paths(PAPER)
-
-
-def test_what_bounds_another_parameter_comes_first_and_alike_ones_stand_together():
     assert parameters.paths(PAPER) == (
         *("rod_1.order", "rod_2.order", "rod_1.tau_f", "rod_2.tau_f", "rod_1.tau_x", "rod_2.tau_x"),
         *("mass_ratio", "stiffness_ratio", "friction", "initial_gap"),
@@ -79,7 +76,7 @@ def test_parameters_that_bound_each_other_change_together_in_any_order(tau_f):
         assert (rod.tau_f, rod.tau_x) == (tau_f, 1.5 * tau_f)
 
 
-def test_what_is_put_is_checked_as_it_is_in_any_structures():
+def test_what_is_put_is_checked_or_traced_and_the_rest_stays_itself():
     with pytest.raises(ValueError, match=r"tau_x = 0.001 must be finite and at least tau_f = 0.01"):
         parameters.put(TOWER, {"rods.0.material.tau_x": 0.001})
     with pytest.raises(ValueError, match=r"masses\.1 = -1 must be positive and finite"):
@@ -89,8 +86,6 @@ def test_what_is_put_is_checked_as_it_is_in_any_structures():
     with pytest.raises(ValueError, match=r"Link: gap = inf must be finite \(contact needs"):
         parameters.put(BUMPER, {"links.0.gap": np.inf})
 
-
-def test_traced_values_are_put_and_differentiated():
     def total(x):
         changed = parameters.put(TOWER, {"rods.1.material.tau_x": x, "masses.0": 2 * x})
         assert parameters.get(changed, "rods.1.material.tau_x") is x
@@ -99,6 +94,10 @@ def test_traced_values_are_put_and_differentiated():
     assert jax.jit(jax.grad(total))(2.5) == 3.0
     batch = jax.vmap(lambda x: parameters.put(TOWER, {"masses.0": x}))(jnp.arange(1.0, 4.0))
     np.testing.assert_array_equal(parameters.get(batch, "masses.0"), [1, 2, 3])
+    changed = parameters.put(TOWER, {"rods.1.stiffness": 2.0})
+    assert changed.rods[0] is TOWER.rods[0]
+    assert changed.rods[1].material is RUBBER
+    assert dataclasses.replace(changed).rods == changed.rods
 
 
 def test_intervals_are_what_a_parameter_may_be_given_the_others():
@@ -123,8 +122,6 @@ def test_intervals_are_what_a_parameter_may_be_given_the_others():
     assert parameters.interval(PAPER, "rod_2.tau_x", others) == (least, np.inf)
     assert parameters.interval(PAPER, "rod_2.tau_f", others) == (least, np.inf)
 
-
-def test_intervals_of_traced_structures_are_traced():
     def ends(tau):
         low = parameters.interval(parameters.put(PAPER, {"rod_1.tau_f": tau}), "rod_1.tau_x")[0]
         high = parameters.interval(PAPER, "rod_1.tau_f", {"rod_1.tau_x": tau})[1]
@@ -240,13 +237,6 @@ def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
     with pytest.raises(ValueError, match=r"masses\.1 must not be both chosen and uncertain"):
         space.require_certain("owner", ["masses.1"])
     space.require_certain("owner", ["rods.1.material.tau_f"])
-
-
-def test_objects_without_a_changed_parameter_stay_themselves():
-    changed = parameters.put(TOWER, {"rods.1.stiffness": 2.0})
-    assert changed.rods[0] is TOWER.rods[0]
-    assert changed.rods[1].material is RUBBER
-    assert dataclasses.replace(changed).rods == changed.rods
 
 
 def test_elasticities_are_those_of_any_structures():

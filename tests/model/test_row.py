@@ -33,7 +33,7 @@ def test_a_row_is_its_system():
     jp.System(system.masses, system.rods, system.links[:2])
 
 
-def test_common_floors_are_those_of_one_number_or_one_height():
+def test_common_floors_are_those_of_one_number_or_one_height_and_have_links_of_one_gap():
     assert [(x.floor, x.other_floor) for x in jp.floor_links((HIGH, LOW))] == [(0, 0), (1, 1)]
     three = jp.ShearBuilding.from_period(3, 1e5, 0.4, 0.05, height=3.0)
     two = jp.ShearBuilding(three.storeys[:2], (6.1, 3.0))  # floors at 6.1 m and 9.1 m
@@ -44,9 +44,6 @@ def test_common_floors_are_those_of_one_number_or_one_height():
     with pytest.raises(ValueError, match="buildings 1 and 2 must have floors at the same height"):
         jp.floor_links((three, shifted))
     assert_refused("1 of them, must be two or more", jp.floor_links, (three,))
-
-
-def test_links_of_one_gap_are_those_of_its_buildings():
     three = (HIGH, LOW, HIGH)
     dampers = jp.floor_links(three, building=0, friction=0.1)
     links = dampers + jp.floor_links(three, building=1, gap=0.2)

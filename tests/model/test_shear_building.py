@@ -10,7 +10,7 @@ from tests import linear
 from tests.refusals import refusals
 
 
-def test_the_first_mode_has_the_period_and_damping_asked_for():
+def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a_building():
     for taper in (1.0, 0.4):
         building = ShearBuilding.from_period(6, 2e5, 0.8, 0.04, order=0.4, taper=taper)
         modes = building.modes()
@@ -19,9 +19,6 @@ def test_the_first_mode_has_the_period_and_damping_asked_for():
         stiffnesses = np.array([storey.stiffness for storey in building.storeys])
         np.testing.assert_allclose(np.diff(stiffnesses, 2) / stiffnesses[0], 0, atol=1e-12)
         assert stiffnesses[-1] == pytest.approx(taper * stiffnesses[0])
-
-
-def test_one_storey_is_a_building():
     storey = ShearBuilding.from_period(1, 5e5, 0.9, 0.05).storeys[0]
     block = jp.Building.from_period(5e5, 0.9, 0.05)
     assert vars(storey) == pytest.approx(vars(block), rel=1e-14)
@@ -80,10 +77,7 @@ def test_a_mode_that_only_creeps_has_no_free_vibration():
     assert modes.damping_ratios[1] > 1
     assert np.isnan(modes.eigenvalues).tolist() == [False, True]
     assert building.natural_period == pytest.approx(modes.periods[0], rel=1e-12)
-
-
-def test_heights_do_not_enter_the_motion():
-    """A building is differentiated by its masses and rods, whatever its heights."""
+    # A building is differentiated by its masses and rods, whatever its heights.
     low = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
     link = FloorLink(0, 1, gap=0.1)
 
@@ -174,12 +168,9 @@ test_bad_input = refusals(
 )
 
 
-def test_floors_at_other_heights_are_linked_where_it_is_said():
+def test_floors_at_other_heights_are_linked_where_it_is_said_and_tall_buildings_shown_in_short():
     row, _ = jp.dimensionless_row((LOW, SHIFTED), (FloorLink(0, 0, next_floor=0),))
     assert row.system().links[0].ends == (0, 2)
-
-
-def test_a_tall_building_and_a_row_of_many_are_shown_on_a_few_lines():
     building = ShearBuilding.from_period(20, 2e5, 2.0, 0.05)
     assert "<18 more>, Building(mass=200000, " in repr(building)
     row, _ = jp.dimensionless_row((building,) * 4, jp.floor_links((building,) * 4, gap=0.1))

@@ -172,15 +172,12 @@ def test_batched_and_compiled_rods_are_the_single_ones():
         np.testing.assert_allclose(jax.jit(jax.vmap(quantity))(batch), single, rtol=1e-14)
 
 
-def test_whole_numbers_are_differentiable_parameters():
+def test_numbers_whole_or_single_are_parameters():
     pair = structures(rod_2=jp.ZenerRod(1, 1, 1), mass_ratio=2, stiffness_ratio=8)
     gradient = jax.jit(jax.grad(lambda s: s.natural_frequencies[1]))(pair)
     # The elastic block 2 has ω = √(ρ ε).
     assert gradient.mass_ratio == pytest.approx(1.0, rel=1e-13)
     assert gradient.stiffness_ratio == pytest.approx(0.25, rel=1e-13)
-
-
-def test_single_precision_stays_single_precision():
     rod = jp.ZenerRod(*np.array([0.5, 0.1, 2.0], np.float32))
     omega = rod.natural_frequency()
     assert omega.dtype == jnp.float32
@@ -234,15 +231,12 @@ def test_a_pair_refuses_bad_values(names, values, message):
         assert_refused(f"AdjacentStructures: {name} = .* ?{message}", structures, **{name: bad})
 
 
-def test_the_contact_of_a_pair_is_that_of_its_link():
+def test_the_contact_of_a_pair_is_that_of_its_link_and_limits_are_allowed():
     for law in (None, jp.Newton(0.65), jp.HertzDamped(2e4, 0.65)):
         (link,) = structures(contact=law).system().links
         assert (link.contact, link.gap, link.friction) == (law, 1.0, 0.25)
     gradient = jax.grad(lambda s: s.system().links[0].contact.stiffness ** 2)
     assert gradient(structures(contact=jp.Hertz(3.0))).contact.stiffness == 6.0
-
-
-def test_limits_of_the_rules_are_allowed():
     jp.ZenerRod(1, 0.1, 0.1)
     structures(friction=0, initial_gap=0)
 
@@ -261,12 +255,25 @@ def test_traced_values_never_raise():
 # Pytree
 
 
-def test_every_parameter_is_a_leaf_with_a_readable_path():
+def test_every_parameter_is_a_leaf_with_a_path_and_gradients_and_replacements_are_structures():
     leaves = jax.tree_util.tree_leaves_with_path(structures())
     names = [f".{rod}.{x}" for rod in ("rod_1", "rod_2") for x in ("order", "tau_f", "tau_x")]
     names += [f".{x}" for x in RATIOS + FORCES]
     assert [jax.tree_util.keystr(path) for path, _ in leaves] == names
     assert [leaf for _, leaf in leaves] == [0.23, 0.004, 1.183, 0.53, 0.2, 4.0, 1.5, 2.0, 0.25, 1.0]
+    gradient = jax.grad(lambda s: s.mass_ratio * s.friction + s.rod_2.tau_x**2)(structures())
+    assert type(gradient) is jp.AdjacentStructures
+    assert type(gradient.rod_2) is jp.ZenerRod
+    assert (gradient.mass_ratio, gradient.friction, gradient.rod_2.tau_x) == (0.25, 1.5, 8.0)
+    assert (gradient.initial_gap, gradient.rod_1.order) == (0.0, 0.0)
+    pair = structures()
+    assert dataclasses.replace(pair, friction=0.5).friction == 0.5
+    assert pair.friction == 0.25
+    assert_refused("friction = -1", dataclasses.replace, pair, friction=-1.0)
+    assert_refused(r"tau_x = 0\.001", dataclasses.replace, pair.rod_1, tau_x=0.001)
+    for frozen, name in ((pair, "friction"), (pair.rod_1, "order")):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(frozen, name, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -280,25 +287,6 @@ def test_rebuilding_takes_any_leaf(leaf):
     assert rebuilt.rod_2.tau_x is leaf
     assert rebuilt.friction is leaf
     repr(rebuilt)
-
-
-def test_gradient_is_an_object_of_the_same_class():
-    gradient = jax.grad(lambda s: s.mass_ratio * s.friction + s.rod_2.tau_x**2)(structures())
-    assert type(gradient) is jp.AdjacentStructures
-    assert type(gradient.rod_2) is jp.ZenerRod
-    assert (gradient.mass_ratio, gradient.friction, gradient.rod_2.tau_x) == (0.25, 1.5, 8.0)
-    assert (gradient.initial_gap, gradient.rod_1.order) == (0.0, 0.0)
-
-
-def test_replacement_is_validated_and_leaves_the_frozen_original():
-    pair = structures()
-    assert dataclasses.replace(pair, friction=0.5).friction == 0.5
-    assert pair.friction == 0.25
-    assert_refused("friction = -1", dataclasses.replace, pair, friction=-1.0)
-    assert_refused(r"tau_x = 0\.001", dataclasses.replace, pair.rod_1, tau_x=0.001)
-    for frozen, name in ((pair, "friction"), (pair.rod_1, "order")):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(frozen, name, 1.0)
 
 
 def test_vmap_takes_and_returns_structures_with_axes_for_some_leaves():

@@ -111,11 +111,23 @@ test_what_no_system_can_be_made_of = refusals(
 )
 
 
-def test_a_forest_of_links_and_bearings_is_a_system():
+def test_masses_that_rods_join_are_a_building_and_forests_of_links_a_system():
     system = System((1.0,) * 4, GROUNDED, links((0, 1), (2, jp.GROUND), (jp.GROUND, 3)))
     assert system.topology.links == ((0, 1), (2, -1), (-1, 3))
     assert system.system() is system
     assert isinstance(system, Structures)
+    towers = rods((0, -1), (1, 0), (2, -1), (3, 2))
+    assert rod_groups(System((1.0,) * 4, towers).topology) == [(0, 1), (2, 3)]
+    bridge = (*towers, *rods((3, 1)))
+    assert rod_groups(System((1.0,) * 4, bridge).topology) == [(0, 1, 2, 3)]
+    ends = tuple(np.array([1, 0]))
+    whole = (Rod(ROD, 2, (0, -1)), Rod(ROD, np.float32(3), ends))
+    system = System([1, np.float32(2)], whole)
+    assert system.rods[1].ends == (1, 0)
+    assert all(type(end) is int for end in system.rods[1].ends)
+    assert len(jax.tree.leaves(system)) == 2 + 2 * 4
+    doubled = jax.tree.map(lambda x: 2 * x, system)
+    assert (doubled.masses, doubled.rods[0].ends) == ((2.0, 4.0), (0, -1))
 
 
 @pytest.mark.parametrize("law", [jp.Newton(0.5), jp.KelvinVoigt(100.0, 0.5), KnownCushion(50.0)])
@@ -137,24 +149,6 @@ def test_a_traced_gap_that_is_infinite_breaks_the_rule_where_there_is_contact():
         assert bool(valid(1.0, law))
         assert bool(valid(jnp.inf, law)) is not finite
     assert not valid(1.0, jax.tree.map(lambda _: -1.0, jp.Newton(0.5)))
-
-
-def test_masses_that_rods_join_are_a_building():
-    towers = rods((0, -1), (1, 0), (2, -1), (3, 2))
-    assert rod_groups(System((1.0,) * 4, towers).topology) == [(0, 1), (2, 3)]
-    bridge = (*towers, *rods((3, 1)))
-    assert rod_groups(System((1.0,) * 4, bridge).topology) == [(0, 1, 2, 3)]
-
-
-def test_numbers_of_any_kind_are_taken_and_kept_as_leaves():
-    ends = tuple(np.array([1, 0]))
-    whole = (Rod(ROD, 2, (0, -1)), Rod(ROD, np.float32(3), ends))
-    system = System([1, np.float32(2)], whole)
-    assert system.rods[1].ends == (1, 0)
-    assert all(type(end) is int for end in system.rods[1].ends)
-    assert len(jax.tree.leaves(system)) == 2 + 2 * 4
-    doubled = jax.tree.map(lambda x: 2 * x, system)
-    assert (doubled.masses, doubled.rods[0].ends) == ((2.0, 4.0), (0, -1))
 
 
 @pytest.mark.unchecked

@@ -48,7 +48,7 @@ def test_a_run_is_a_row_an_instant(batch):
     assert not np.signbit(si["slip_direction"][si["slip_direction"] == 0]).any()
 
 
-def test_a_batch_of_runs_has_their_numbers(batch):
+def test_a_batch_of_runs_has_their_numbers_and_a_batch_of_batches_one_an_axis(batch):
     table = batch.to_pandas()
     assert table.index.names == ["run", "time"]
     assert len(table) == 3 * 41
@@ -63,9 +63,6 @@ def test_a_batch_of_runs_has_their_numbers(batch):
     one = SCALES.to_si(batch[2].demand).to_pandas()
     assert one.shape == (1, len(batch.demand.scalars()))
     assert one["peak_f1_N"][0] == pytest.approx(float(batch.demand.peak_f1[2]) * SCALES.force)
-
-
-def test_a_batch_of_batches_has_a_number_an_axis(batch):
     twice = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), batch)
     table = twice.to_pandas()
     assert table.index.names == ["run_0", "run_1", "time"]

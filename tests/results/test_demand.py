@@ -68,9 +68,6 @@ def test_columns_of_contact_are_read_back():
     again = jp.Demand.of_columns(BATCH.scalars(), si=False)
     for name, x in BATCH.scalars().items():
         np.testing.assert_array_equal(getattr(again, name), x, err_msg=name)
-
-
-def test_links_with_a_law_and_without_one_are_read_back():
     (with_law,), (without,) = BATCH.links, pair_demand(np.ones(3)).links
     mixed = dataclasses.replace(BATCH, links=(without, with_law))
     scalars = mixed.scalars()
@@ -81,7 +78,7 @@ def test_links_with_a_law_and_without_one_are_read_back():
     np.testing.assert_array_equal(again.peak_contact_2, with_law.peak_contact)
 
 
-def test_a_table_tells_that_there_was_no_impact(tmp_path):
+def test_a_table_and_a_run_tell_of_impacts(tmp_path):
     shown = repr(SCALES.to_si(BATCH))
     (line,) = (x for x in shown.splitlines() if "first_impact_time" in x)
     assert line.split() == ["first_impact_time", "0.071429", "inf", "inf", "s"]
@@ -91,9 +88,6 @@ def test_a_table_tells_that_there_was_no_impact(tmp_path):
     header = (tmp_path / "runs.csv").read_text().partition("\n")[0].split(",")
     read = np.loadtxt(tmp_path / "runs.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(read[:, header.index("first_impact_time")], NEVER)
-
-
-def test_a_run_says_how_often_and_how_hard_it_touched():
     run = pair_response(np.arange(3.0), {}, demand=pair_demand(1.0, contact=True))
     assert "contact       1 impact, p ≤ 1 m1 g, impulse ≤ 1 m1 g/ω1, lost 1 m1 g²/ω1²" in repr(run)
     assert "contact" not in repr(pair_response(np.arange(3.0), {}))

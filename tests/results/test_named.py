@@ -37,9 +37,6 @@ def test_names_that_no_scalar_has_are_understood_as_well():
         *(True, True, False)
     ]
     assert [named.is_zero_by_newton(x) for x in ("peak_contact_2", "peak_impulse")] == [True, False]
-
-
-def test_the_overlap_is_minus_the_smallest_gap_and_needs_a_finite_one():
     system, demand = jp.paper.structures().system(), pair_demand(0.25)
     assert named.demand_named("LimitState", system, demand, named.OVERLAP) == -0.25
     (link,) = system.links

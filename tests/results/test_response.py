@@ -77,15 +77,12 @@ def test_phases_are_the_runs_of_equal_direction_at_their_instants():
     np.testing.assert_allclose([p.end for p in phases], [*starts[1:], 2.0])
 
 
-def test_phases_cover_the_run_without_holes(run):
+def test_phases_cover_the_run_without_holes_with_slip_of_their_sign(run):
     phases = run.phases()
     assert (phases[0].start, phases[-1].end) == (0, float(run.time[-1]))
     for one, following in itertools.pairwise(phases):
         assert one.end == following.start > one.start
         assert one.kind != following.kind
-
-
-def test_slip_velocity_has_the_sign_of_its_phase(run):
     t, w = np.asarray(run.time), np.asarray(run.slip_velocity)
     for phase in run.phases():
         inside = w[(t > phase.start + 0.02) & (t < phase.end - 0.02)]
@@ -102,13 +99,10 @@ def test_absolute_accelerations_are_those_of_the_blocks(run):
     for x, a in zip((run.x1, run.x2), run.absolute_accelerations, strict=True):
         seen = np.diff(np.asarray(x), 2) / 0.02**2 + mean
         np.testing.assert_allclose(seen[away], np.asarray(a)[1:-1][away], atol=0.02)
-
-
-def test_gap_follows_the_blocks(run):
     np.testing.assert_allclose(run.gap, 1 + run.x2 - run.x1, atol=1e-14)
 
 
-def test_pounds_tells_whether_the_gap_closes():
+def test_pounds_tells_whether_the_gap_closes_and_is_the_demand_s(run):
     def pounds(gap):
         structures = jp.AdjacentStructures(
             jp.paper.structures().rod_1, jp.paper.structures().rod_2, 1.0, 2.0, 0.25, gap
@@ -116,9 +110,6 @@ def test_pounds_tells_whether_the_gap_closes():
         return jp.demand(structures, jp.paper.ground(), jp.TimeGrid(0.02, 500)).pounds
 
     np.testing.assert_array_equal(jax.vmap(pounds)(jnp.array([0.5, 0.6, 0.7, 0.8])), [1, 1, 0, 0])
-
-
-def test_a_scalar_that_its_demand_has_is_named(run):
     with pytest.raises(AttributeError, match=r"no attribute 'pounds'; its demand has it: .demand"):
         _ = run.pounds
     with pytest.raises(AttributeError, match=r"no attribute 'pound'$"):
@@ -172,15 +163,13 @@ def test_what_holds_no_numbers_shows_itself_too(run):
         assert "not known before the program runs" in repr(empty.demand)
 
 
-def test_scalars_of_one_run_are_python_s_numbers(run):
+def test_scalars_of_one_run_are_python_s_numbers_and_stay_traced(run):
     scalars = run.demand.scalars()
     assert {type(x) for x in scalars.values()} == {float}
     assert json.loads(json.dumps(scalars)) == scalars
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), run.demand)
     assert batch.scalars()["peak_x1"] is batch.peak_x1
 
-
-def test_scalars_stay_traced(run):
     def doubled(demand):
         return {name: 2 * x for name, x in demand.scalars().items()}
 
@@ -192,7 +181,7 @@ def test_scalars_stay_traced(run):
     assert float(slope.pgv) == pytest.approx(2 * float(run.demand.pgv))
 
 
-def test_a_run_draws_itself(run):
+def test_a_run_draws_itself_and_a_batch_and_an_invalid_run_have_no_phases(run):
     figure = run.plot()
     times, gap = figure.axes[-1].lines[0].get_data()
     np.testing.assert_array_equal(times, run.time)
@@ -200,10 +189,6 @@ def test_a_run_draws_itself(run):
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
     assert len(batch.plot().axes) == len(figure.axes)
     assert_refused("the run is invalid", jax.tree.map(lambda x: x * jnp.nan, run).plot)
-
-
-def test_a_batch_and_an_invalid_run_have_no_phases(run):
-    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
     assert_refused(r"batch of shape \(2, 1001\) must be indexed", batch.phases)
     assert_refused("the run is invalid", jax.tree.map(lambda x: x * jnp.nan, run).phases)
 
