@@ -9,15 +9,17 @@ def assert_refused(message, function, /, *arguments, **options):
         function(*arguments, **options)
 
 
-def refusals(*rows, of=lambda function, *arguments: function(*arguments), before=""):
+def refusals(*rows, of=lambda function, *arguments: function(*arguments), before="", fixtures=()):
     """A test of each row: arguments of ``of``, and a pattern of what the refusal says.
 
     Without ``of`` a row begins with the function that is called. Patterns begin with ``before``.
+    ``of`` takes the values of ``fixtures`` first.
     """
 
     @pytest.mark.parametrize("row", rows, ids=[str(row[-1]) for row in rows])
-    def test(row):
+    def test(row, request):
         *arguments, message = row
-        assert_refused(before + message, of, *arguments)
+        values = map(request.getfixturevalue, fixtures)
+        assert_refused(before + message, of, *values, *arguments)
 
     return test

@@ -100,7 +100,7 @@ def test_a_user_s_motion_is_traced_in_metres_and_seconds_with_its_velocity():
     assert float(both.acceleration(1.2)) == pytest.approx(2 * 9.8 * RECORD.acceleration(1.2) - 0.5)
 
 
-def test_masses_and_stiffnesses_are_differentiated_and_batched():
+def test_masses_and_stiffnesses_are_differentiated_and_batched_in_any_precision():
     @jax.jit
     def gap(mass):
         left = dataclasses.replace(LEFT, mass=mass)
@@ -112,9 +112,6 @@ def test_masses_and_stiffnesses_are_differentiated_and_batched():
     gaps, slopes = jax.jit(jax.vmap(jax.value_and_grad(gap)))(masses)
     assert float(slopes[1]) == pytest.approx(float(slope), rel=1e-5)
     np.testing.assert_allclose(gaps, [gap(m) for m in masses], rtol=1e-12)
-
-
-def test_single_precision():
     response = jp.demand(*jax.tree.map(jnp.float32, (PAIR, RECORD)), GRID)
     assert response.min_gap.dtype == jnp.float32
     expected = jp.demand(PAIR, RECORD, GRID)
@@ -167,13 +164,28 @@ def test_a_rare_event_has_its_threshold_in_metres():
     assert state.time_step == pytest.approx(grid.dt)
 
 
-def test_a_user_s_law_of_contact_has_rare_events():
+def test_a_user_s_law_of_contact_has_rare_events_and_runs_as_it_is_written():
     """Its units are not known, so it has no dimensionless form; none is needed."""
     link = dataclasses.replace(PAIR.links[0], contact=KnownCushion(2e8))
     buildings = dataclasses.replace(PAIR, links=(link,))
     state = jp.LimitState(jp.Scenarios(buildings, random_ground()), GRID, threshold=0.15)
     assert state.time_step == pytest.approx(scaled(PAIR)[2].dt)
     assert_refused("must be a law of this package", buildings.dimensionless)
+
+    @jax.tree_util.register_dataclass
+    @dataclasses.dataclass(frozen=True)
+    class Spring:
+        stiffness: float
+
+        def force(self, penetration, speed, touch_speed):
+            return self.stiffness * penetration
+
+    def gap(law):
+        link = dataclasses.replace(POUNDING.links[0], contact=law)
+        return jp.demand(dataclasses.replace(POUNDING, links=(link,)), RECORD, GRID).min_gap
+
+    elastic = jp.KelvinVoigt(stiffness=2e9, restitution=1.0)
+    assert float(gap(Spring(2e9))) == pytest.approx(float(gap(elastic)), rel=1e-6)
 
 
 def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
@@ -208,23 +220,6 @@ def test_records_of_a_suite_need_no_scales():
     expected = jp.multiple_stripes(row, records, scales=scales, **options)
     np.testing.assert_allclose(stripes.demands, expected.demands, rtol=1e-6)
     assert str(stripes) == str(expected)
-
-
-def test_a_law_whose_units_are_unknown_runs_as_it_is_written():
-    @jax.tree_util.register_dataclass
-    @dataclasses.dataclass(frozen=True)
-    class Spring:
-        stiffness: float
-
-        def force(self, penetration, speed, touch_speed):
-            return self.stiffness * penetration
-
-    def gap(law):
-        link = dataclasses.replace(POUNDING.links[0], contact=law)
-        return jp.demand(dataclasses.replace(POUNDING, links=(link,)), RECORD, GRID).min_gap
-
-    elastic = jp.KelvinVoigt(stiffness=2e9, restitution=1.0)
-    assert float(gap(Spring(2e9))) == pytest.approx(float(gap(elastic)), rel=1e-6)
 
 
 test_errors_name_the_argument = refusals(
@@ -283,7 +278,7 @@ test_one_building_in_the_place_of_several = pytest.mark.unchecked(
 )
 
 
-def test_tables_of_a_calibration_and_of_elasticities_are_in_si():
+def test_tables_are_in_si_and_wavelets_hardly_in_metres_doubted():
     grid, ground = jp.TimeGrid(0.01, 100), jp.Ricker(0.02, 0.5, 0.4)
     space = jp.DesignSpace(PAIR, {"links.0.friction": (50e3, 200e3)})
     measured = {"x1": jp.simulate(PAIR, ground, grid).x1}
@@ -291,9 +286,6 @@ def test_tables_of_a_calibration_and_of_elasticities_are_in_si():
     assert "parameter (SI)" in str(fit)
     assert float(fit.structures.links[0].friction) == pytest.approx(100e3, rel=1e-3)
     assert " m;" in str(jp.elasticities(PAIR, ground, grid, demand="peak_x1"))
-
-
-def test_sobol_indices_doubt_wavelets_that_are_hardly_in_metres():
     uncertain = {"links.0.friction": jp.Uniform(5e4, 1e5), "links.0.gap": jp.Uniform(0.1, 0.2)}
     scenarios = jp.Scenarios(jp.UncertainStructures(PAIR, uncertain), jp.Ricker(30.0, 0.5, 0.2))
     with pytest.raises(ValueError, match="PGA of 100% of the 2 earthquakes looked at, up to"):

@@ -90,7 +90,7 @@ def test_no_page_installs_from_an_index():
     assert not [command for command in commands if "jaxpound" in command.partition("&&")[0]]
 
 
-def test_every_command_has_its_section(capsys):
+def test_every_extra_and_every_command_has_its_section(capsys):
     with pytest.raises(SystemExit):
         cli.main(["--help"])
     listed = capsys.readouterr().out.partition("COMMAND\n")[2]
@@ -98,6 +98,10 @@ def test_every_command_has_its_section(capsys):
     page = (DOCS / "command_line.md").read_text(encoding="utf-8")
     assert commands
     assert re.findall(r"^```\{command-help\} (\w+)$", page, re.M) == commands
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        extras = tomllib.load(file)["project"]["optional-dependencies"]
+    page = (DOCS / "installation.md").read_text(encoding="utf-8").partition("## Extras")[2]
+    assert {*re.findall(r"^\| `(\w+)` \|", page, re.M)} == {*extras}
 
 
 def test_every_comparison_of_the_readme_was_measured():
@@ -129,13 +133,6 @@ def test_the_examples_of_the_questions_are_right():
     runner = doctest.DocTestRunner()
     runner.run(examples)
     assert not runner.failures
-
-
-def test_every_extra_is_said_to_be_for_something():
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        extras = tomllib.load(file)["project"]["optional-dependencies"]
-    page = (DOCS / "installation.md").read_text(encoding="utf-8").partition("## Extras")[2]
-    assert {*re.findall(r"^\| `(\w+)` \|", page, re.M)} == {*extras}
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +194,7 @@ def test_every_source_that_is_named_is_in_the_bibliography():
         ), f"{place}: {names} {year}"
 
 
-def test_the_paper_s_title_is_the_same_everywhere():
+def test_the_bibliography_has_titles_authors_and_years():
     title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
     places = [ROOT / "CITATION.cff", PACKAGE / "paper.py"]
     places += [DOCS / "model.md", DOCS / "bibliography.md"]
@@ -205,9 +202,6 @@ def test_the_paper_s_title_is_the_same_everywhere():
         text = " ".join(place.read_text(encoding="utf-8").split())
         assert title in text, place.name
         assert "Grahovac" in text, place.name
-
-
-def test_entries_have_authors_year_and_title():
     first, *others = bibliography()
     assert first.startswith("Žigić")
     for entry in others:

@@ -132,7 +132,7 @@ def test_rules_have_ends_and_tell_tuples_by_index():
     assert_refused(r"Frame: one = None must be of type Material", Frame, None, (), ())
 
 
-def test_rules_of_a_tree_are_named_by_their_paths():
+def test_rules_of_a_tree_are_named_by_their_paths_and_traced_to_flags():
     names = [rule.name for rule in rules(FRAME)]
     assert {name for name in names if name.startswith("more.1.")} == {
         f"more.1.{field.name}" for field in dataclasses.fields(Material)
@@ -145,8 +145,6 @@ def test_rules_of_a_tree_are_named_by_their_paths():
     paths = [path for path, _, _ in walk(FRAME, Parameter)]
     assert [rule.name for rule in rules(FRAME)] == paths
 
-
-def test_traced_values_become_flags():
     @jax.jit
     def valid(low, least):
         return all_hold(rules((Material(low=low, high=5.0, least=least),)))

@@ -140,7 +140,7 @@ def test_both_modes_are_finite_and_adjoint_in_every_corner(scheme, grid, part):
     assert error[sure].max() < 1e-9
 
 
-def test_forward_equals_reverse_for_every_scalar_and_every_input():
+def test_forward_equals_reverse_and_batches_single_gradients():
     for x in neighbours(3):
         _, ahead = jacobian(x)
         every = np.eye(len(NAMES))
@@ -148,18 +148,12 @@ def test_forward_equals_reverse_for_every_scalar_and_every_input():
         largest = np.abs(ahead).max(axis=1, keepdims=True)
         assert (np.abs(ahead - back) <= 1e-9 * np.abs(ahead) + 1e-13 * largest).all()
         assert ((largest > 0).ravel() == [name != "pounds" for name in NAMES]).all()
-
-
-def test_gradients_without_jit_and_vmap_are_those_of_the_batch():
-    """In three corners: the paper's rods, those without friction, and nothing but the gap left."""
+    # In three corners: the paper's rods, those without friction, and nothing but the gap left.
     for x in np.stack([*corners()])[[0, 24, 47]]:
         structures, ground = recorded(x)
         alone = jax.grad(lambda s, ground=ground: jp.demand(s, ground, GRID).min_gap)(structures)
         together = (jacobian(x)[1][0] / size(x))[: len(jax.tree.leaves(alone))]
         np.testing.assert_allclose(jax.tree.leaves(alone), together, rtol=1e-9, atol=1e-12)
-
-
-def test_derivatives_without_friction_are_those_of_a_little():
     for x in neighbours(2):
         none, little = (jacobian(np.r_[x[:MU], mu, x[MU + 1 :]])[1] for mu in (0.0, 1e-9))
         largest = np.abs(little).max(axis=1, keepdims=True)
@@ -229,21 +223,16 @@ def paper_jacobian(h):
     return jacobian(PAPER[WAVES], jp.TimeGrid.until(20.0, h))
 
 
-def test_nine_derivatives_of_the_paper_s_case_at_three_steps():
+def test_the_paper_s_derivatives_and_every_scalar_converge_at_order_two():
     steps, bounds, errors = [0.02, 0.005, 0.002], [1e-3, 3e-4, 6e-5], []
     for h, bound in zip(steps, bounds, strict=True):
         gradient = paper_gradient(unrecorded(paper_jacobian(h)[1][0] / size(PAPER[WAVES]))[0])
         errors.append(max(abs(ours - true) for ours, true in gradient.values()))
         assert errors[-1] < bound
     assert convergence_order(steps, errors) > 1.7
-
-
-def test_every_scalar_and_its_derivatives_converge_at_order_two():
-    """The gradient by all inputs as one: single derivatives cross their limits on the way.
-
-    Here the acceleration of block 2 peaks by a jump of friction: its derivatives are rough. The
-    shaking's own peaks are those of the grid by definition.
-    """
+    # The gradient by all inputs as one: single derivatives cross their limits on the way. Here the
+    # acceleration of block 2 peaks by a jump of friction: its derivatives are rough. The shaking's
+    # own peaks are those of the grid by definition.
     steps, runs = [0.02, 0.005], {h: paper_jacobian(h) for h in (0.02, 0.005, 0.002)}
     fine, fine_slopes = runs[0.002]
     # To second order the distance to the fine run goes with h² − 0.002².

@@ -60,13 +60,10 @@ def test_a_file_that_is_being_written_is_finished_or_after_some_time_removed(tmp
     assert sorted(path.name for path in tmp_path.iterdir()) == ["used"]
 
 
-def test_a_signal_that_was_ignored_stays_so(tmp_path):
+def test_signals_that_were_ignored_stay_so_and_late_ones_are_told(tmp_path):
     """Such as Ctrl-C for what a script runs in the background."""
     told = end(tmp_path, 0.1, signal.SIGINT, signal.SIGTERM, ignored=True)
     assert told == (143, "jaxpound: terminated; a and b are kept\n")
-
-
-def test_a_signal_at_the_very_end_is_told():
     program = (
         "import os, signal; from jaxpound import _interruption as interruption\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"

@@ -113,12 +113,15 @@ def output_of(code, **options):
     return done.stdout
 
 
-def test_a_response_imports_its_figures_when_it_is_drawn():
+def test_figures_alone_import_matplotlib_and_responses_when_drawn():
     code = (
         "import sys, jaxpound.results.response; "
         "assert not {'jaxpound.plots', 'matplotlib'} & sys.modules.keys()"
     )
     output_of(code)
+    for module in MODULES:
+        if wing(module) != "plots":
+            assert not any("matplotlib" in m for m in imports(module)), module
 
 
 def test_no_import_is_hidden():
@@ -137,12 +140,6 @@ def test_no_import_is_hidden():
     importing = {module for module in MODULES if "jaxpound.cli.main" in imports(module)}
     assert importing <= {"jaxpound.__main__", "jaxpound.cli.main"}
     assert all(not library.startswith("jaxpound") for library in EXTRAS)
-
-
-def test_only_figures_import_matplotlib():
-    for module in MODULES:
-        if wing(module) != "plots":
-            assert not any("matplotlib" in m for m in imports(module)), module
 
 
 def test_imports_are_silent_change_nothing_and_bring_only_what_is_used():

@@ -30,16 +30,13 @@ FACTORS = {
 ONES = pair_demand(1.0, soft=1.0)
 
 
-def test_every_scalar_is_of_the_quantity_that_it_is_converted_by():
+def test_every_scalar_and_every_series_is_of_the_quantity_that_it_is_converted_by():
     assert FACTORS.keys() == SI.keys() == DIMENSIONLESS.keys()
     assert len(set(FACTORS.values())) == len(FACTORS)
     converted = SCALES.to_si(ONES)
     for name, value in converted.scalars().items():
         if name != "pounds":
             assert value == pytest.approx(FACTORS[kind_of(name)])
-
-
-def test_every_series_is_of_the_quantity_that_it_is_converted_by():
     response = pair_response(np.ones(3), dict.fromkeys(SERIES, np.ones(3)), demand=ONES)
     plain = response.to_columns()
     converted = SCALES.to_si(response).to_columns()

@@ -11,7 +11,7 @@ RANDOM = np.random.default_rng(5)
 CAPACITIES = 0.6 * np.exp(0.4 * RANDOM.standard_normal(40))
 
 
-def test_moments_of_known_capacities():
+def test_known_and_unknown_capacities_are_fitted():
     curve = jp.fit_capacities(CAPACITIES)
     z = np.log(CAPACITIES)
     assert curve.median == pytest.approx(np.exp(z.mean()))
@@ -23,9 +23,6 @@ def test_moments_of_known_capacities():
         shares, [(curve.intensity[i] >= CAPACITIES).mean() for i in range(40)]
     )
     assert "from 40 capacities" in repr(curve)
-
-
-def test_unknown_capacities_maximise_the_likelihood():
     most = 0.7
     seen = np.where(most >= CAPACITIES, CAPACITIES, np.inf)
     curve = jp.fit_capacities(seen, most)

@@ -15,7 +15,7 @@ IM = np.exp(RANDOM.uniform(-2, 0.5, 400))
 DEMAND = 0.1 * IM**1.2 * np.exp(0.3 * RANDOM.standard_normal(400))
 
 
-def test_a_cloud_is_a_regression_of_logarithms():
+def test_a_cloud_is_a_regression_of_logarithms_and_its_fragility_the_share_above_the_threshold():
     cloud = jp.fit_cloud(IM, DEMAND)
     known = stats.linregress(np.log(IM), np.log(DEMAND))
     assert cloud.slope == pytest.approx(known.slope)
@@ -24,10 +24,6 @@ def test_a_cloud_is_a_regression_of_logarithms():
     np.testing.assert_allclose(errors[:2], [known.intercept_stderr, known.stderr])
     assert cloud.dispersion == pytest.approx(0.3, rel=0.1)
     np.testing.assert_allclose(cloud.median(1.0), np.exp(known.intercept))
-
-
-def test_its_fragility_is_the_share_above_the_threshold():
-    cloud = jp.fit_cloud(IM, DEMAND)
     curve = cloud.fragility(0.05)
     for im in (0.3, 0.6):
         z = (np.log(0.05) - np.log(cloud.median(im))) / cloud.dispersion

@@ -46,7 +46,7 @@ def test_cornell_s_formula_is_exact(k, median, dispersion, points):
     assert low * (1 - 1e-12) <= found.value <= high * (1 + 1e-12)
 
 
-def test_the_integral_is_that_of_quadrature():
+def test_the_integral_is_that_of_quadrature_and_steps_take_the_curve_s_own_rate():
     curve = fragility(0.5, 0.4)
     found = CURVE.annual_rate_of(curve)
 
@@ -64,6 +64,10 @@ def test_the_integral_is_that_of_quadrature():
     assert found.bounds[0] == pytest.approx(within + 8e-5 * curve.probability(0.8), rel=1e-5)
     assert found.bounds[1] == pytest.approx(within + 8e-5 + found.below, rel=1e-5)
     assert "14.3 % from above 0.8" in repr(found)
+    # With β → 0 there is pounding exactly above θ.
+    for at in (0.07, 0.15, 0.205, 0.5, 1.5):
+        found = rate_at(at, 1e-6)
+        assert found.value == pytest.approx(float(CURVE.rate(at)), rel=1e-4)
 
 
 def by_delta_method(rates, h=1e-5):
@@ -74,7 +78,7 @@ def by_delta_method(rates, h=1e-5):
     return np.sqrt(np.einsum("i...,ij,j...->...", slope, COVARIANCE, slope))
 
 
-def test_the_coefficient_of_variation_is_the_delta_method_s():
+def test_the_coefficient_of_variation_is_the_delta_method_s_and_probabilities_poisson_s():
     rate, edges = RATE, [0.0, 0.15, 0.205, 0.5, np.inf]
     error = by_delta_method(lambda curve: CURVE.annual_rate_of(curve).value)
     assert rate.cov == pytest.approx(error / rate.value, rel=1e-6)
@@ -84,6 +88,15 @@ def test_the_coefficient_of_variation_is_the_delta_method_s():
     bands = rate.deaggregation(edges)
     errors = by_delta_method(lambda curve: CURVE.annual_rate_of(curve).deaggregation(edges).rate)
     np.testing.assert_allclose(bands.cov, errors / bands.rate, rtol=1e-5)
+    for years in (1.0, 50.0, 475.0):
+        found = [CURVE.intensity_at(p, years) for p in CURVE.probability(years)[[0, 3, 4]]]
+        assert found == pytest.approx(CURVE.intensity[[0, 3, 4]])
+    rate = RATE
+    assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
+    assert rate.return_period == pytest.approx(1 / rate.value)
+    assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
+    design = CURVE.intensity_at(0.02, 50.0)
+    assert float(CURVE.rate(design)) == pytest.approx(-np.log(0.98) / 50)
 
 
 def fitted(measure):
@@ -100,18 +113,15 @@ def fitted(measure):
     ]
 
 
-@pytest.mark.parametrize("measure", ["PGA (m/s²)", "peak ground velocity (m/s)", "Sa(0.9 s) (g)"])
-def test_a_fragility_of_another_measure_or_unit_is_refused(measure):
-    named = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, measure)
-    for curve, unknown in zip(fitted(measure), fitted(""), strict=True):
-        assert named.annual_rate_of(curve).value == CURVE.annual_rate_of(unknown).value
-        with pytest.raises(
-            ValueError, match=r"measure = 'PGA \(g\)' must be .* of the fragility, "
-        ):
-            CURVE.annual_rate_of(curve)
-
-
-def test_a_fragility_in_si_meets_a_curve_in_si_only():
+def test_a_fragility_of_another_measure_or_unit_is_refused():
+    for measure in ("PGA (m/s²)", "peak ground velocity (m/s)", "Sa(0.9 s) (g)"):
+        named = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, measure)
+        for curve, unknown in zip(fitted(measure), fitted(""), strict=True):
+            assert named.annual_rate_of(curve).value == CURVE.annual_rate_of(unknown).value
+            with pytest.raises(
+                ValueError, match=r"measure = 'PGA \(g\)' must be .* of the fragility, "
+            ):
+                CURVE.annual_rate_of(curve)
     curve = jp.Fragility(1, 1, unit="m/s2", measure="PGA (m/s2)")
     assert (curve.unit, str(curve.measured)) == ("m/s²", "PGA (m/s²)")
     in_si = jp.HazardCurve(10 * CURVE.intensity, CURVE.annual_rate, "PGA (m/s2)")
@@ -121,9 +131,8 @@ def test_a_fragility_in_si_meets_a_curve_in_si_only():
         CURVE.annual_rate_of(curve)
 
 
-@pytest.mark.parametrize(
-    ("of_curve", "of_fragility", "doubts"),
-    [
+def test_what_one_side_alone_states_is_told_of():
+    for of_curve, of_fragility, doubts in (
         ("SA(0.2)", "spectral acceleration at period 1 (g)", ["period 1 \\(g\\), names no period"]),
         (
             "Sa (g)",
@@ -135,26 +144,26 @@ def test_a_fragility_in_si_meets_a_curve_in_si_only():
         ("im (g)", "", []),
         ("Sa(T1) (g)", "Sa(T1) (g)", []),
         ("SA(0.9)", "Sa(0.9 s) (g)", []),
-    ],
-)
-def test_what_one_side_alone_states_is_told_of(of_curve, of_fragility, doubts):
-    hazard = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, of_curve)
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        hazard.annual_rate_of(jp.Fragility(0.5, 0.4, measure=of_fragility))
-    assert len(warned) == len(doubts)
-    for warning, words in zip(warned, doubts, strict=True):
-        assert re.search(words, str(warning.message))
+    ):
+        hazard = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, of_curve)
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            hazard.annual_rate_of(jp.Fragility(0.5, 0.4, measure=of_fragility))
+        assert len(warned) == len(doubts)
+        for warning, words in zip(warned, doubts, strict=True):
+            assert re.search(words, str(warning.message))
+    for intensity, rates, measure in (
+        ([0.005, 0.02, 0.1, 0.4], [0.999, 0.97, 0.3, 0.02], "im"),
+        ([0.1, 0.2, 0.4, 0.8], [0.39, 0.14, 0.03, 0.004], "PGA (g)"),
+        ([6.0, 9.0], [0.03, 0.01], "PGA (m/s²)"),
+    ):
+        with pytest.warns(
+            jp.PlausibilityWarning, match="annual_rate.*of probabilities p within years"
+        ):
+            jp.HazardCurve(intensity, rates, measure)
 
 
-def test_a_step_of_a_fragility_takes_the_curve_s_own_rate():
-    """With β → 0 there is pounding exactly above θ."""
-    for at in (0.07, 0.15, 0.205, 0.5, 1.5):
-        found = rate_at(at, 1e-6)
-        assert found.value == pytest.approx(float(CURVE.rate(at)), rel=1e-4)
-
-
-def test_deaggregation_adds_up():
+def test_deaggregation_adds_up_where_there_is_an_end():
     rate = RATE
     whole = rate.deaggregation(np.r_[0.0, CURVE.intensity, np.inf])
     assert whole.rate.sum() == pytest.approx(rate.value, rel=1e-12)
@@ -167,46 +176,25 @@ def test_deaggregation_adds_up():
     assert 0.997 < usual.share.sum() < 1
     assert 0.4 < usual.mean < 0.6
     assert "outside these bands 0.2 %" in repr(rate.deaggregation())
-
-
-@pytest.mark.parametrize("median", [1e-6, 1e-3, 0.3, 30.0, 1e6])
-def test_the_usual_bands_hold_the_rate_wherever_it_comes_from(median):
-    found = rate_at(median, 0.4).deaggregation(bands=60)
-    assert 0.997 < found.share.sum() < 1
-    k = CURVE.slope[0 if median < 0.1 else -1]
-    if not 0.05 < median < 1.6:  # within one power law the intensity at pounding has this mean
-        assert found.mean == pytest.approx(median * np.exp(1 / k - k * 0.4**2), rel=0.1)
-
-
-@pytest.mark.parametrize("median", [1e-290, 1e300])
-def test_bands_end_within_the_numbers(median):
-    """Of a curve so flat that even the farthest fragilities have a rate."""
-    flat = jp.HazardCurve([0.1, 10.0], [1e-2, 0.99e-2])
-    rate = flat.annual_rate_of(fragility(median, 5.0))
-    found = rate.deaggregation(bands=7)
-    assert rate.value > 0
-    assert np.isfinite(found.edges).all()
-
-
-def test_what_has_no_end_is_none():
     wide = jp.Fragility(0.5, 0.4, np.diag([1e10, 1e-2]))
     assert "(no 95% interval)" in repr(CURVE.annual_rate_of(wide))
     assert np.isnan(RATE.deaggregation([0.0, np.inf]).mean)
 
 
-def test_every_point_of_a_curve_is_found_again():
-    for years in (1.0, 50.0, 475.0):
-        found = [CURVE.intensity_at(p, years) for p in CURVE.probability(years)[[0, 3, 4]]]
-        assert found == pytest.approx(CURVE.intensity[[0, 3, 4]])
-
-
-def test_probabilities_within_years_are_poisson_s():
-    rate = RATE
-    assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
-    assert rate.return_period == pytest.approx(1 / rate.value)
-    assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
-    design = CURVE.intensity_at(0.02, 50.0)
-    assert float(CURVE.rate(design)) == pytest.approx(-np.log(0.98) / 50)
+def test_the_usual_bands_hold_the_rate_wherever_it_comes_from():
+    for median in (1e-6, 1e-3, 0.3, 30.0, 1e6):
+        found = rate_at(median, 0.4).deaggregation(bands=60)
+        assert 0.997 < found.share.sum() < 1
+        k = CURVE.slope[0 if median < 0.1 else -1]
+        if not 0.05 < median < 1.6:  # within one power law the intensity at pounding has this mean
+            assert found.mean == pytest.approx(median * np.exp(1 / k - k * 0.4**2), rel=0.1)
+    # Of a curve so flat that even the farthest fragilities have a rate.
+    for median in (1e-290, 1e300):
+        flat = jp.HazardCurve([0.1, 10.0], [1e-2, 0.99e-2])
+        rate = flat.annual_rate_of(fragility(median, 5.0))
+        found = rate.deaggregation(bands=7)
+        assert rate.value > 0
+        assert np.isfinite(found.edges).all()
 
 
 def test_the_distribution_draws_by_the_hazard():
@@ -262,16 +250,13 @@ San Jose CA,-121.9,37.35,2.8522064e-03,4.0021704e-06,0.0,0.0,0.0,0.0,0.0
 """
 
 
-def test_files_of_openquake_are_read(tmp_path):
+def test_files_of_openquake_and_the_usgs_are_read(tmp_path):
     path = tmp_path / "hazard_curve-mean-PGA_12.csv"
     path.write_text(OPENQUAKE)
     found = jp.HazardCurve.read(path)
     np.testing.assert_array_equal(found.intensity, [0.05, 0.1, 0.15, 0.2])
     assert found.probability(50.0) == pytest.approx([0.6135122, 0.5289103, 0.4375274, 0.350994])
     assert found.measure == "PGA (g)"
-
-
-def test_files_of_the_usgs_are_read(tmp_path):
     path = tmp_path / "SA0P2" / "total.csv"
     path.parent.mkdir()
     path.write_text(USGS)
@@ -347,13 +332,18 @@ test_bad_values_are_named = refusals(
 )
 
 
-def test_an_estimate_s_interval_is_scaled():
+def test_estimates_are_scaled_and_rates_told_with_their_bounds():
     found = CURVE.annual_rate_of(jp.Estimate(0.1, 0.08, 0.125, 0.9))
     assert (found.value, found.low, found.high, found.confidence) == pytest.approx(
         (1e-3, 8e-4, 1.25e-3, 0.9)
     )
     assert found.cov == pytest.approx(np.log(1.25) / stats.norm.ppf(0.95))
     assert np.isnan(CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).cov)
+    # A fragility of low intensities: nearly every earthquake beyond the curve's end pounds.
+    sure = repr(rate_at(0.3, 0.05))
+    assert "beyond" not in sure
+    assert "between" not in sure
+    assert "whatever it is there, the rate is" in sure
 
 
 def test_the_figure_has_the_curve_above_its_deaggregation():
@@ -372,24 +362,3 @@ def test_the_figure_has_the_curve_above_its_deaggregation():
     top = [line[1, 1] for line in lines]
     np.testing.assert_allclose(top, 100 * bands.share * (1 + bands.cov))
     figure.draw_without_rendering()
-
-
-@pytest.mark.parametrize(
-    ("intensity", "rates", "measure"),
-    [
-        ([0.005, 0.02, 0.1, 0.4], [0.999, 0.97, 0.3, 0.02], "im"),
-        ([0.1, 0.2, 0.4, 0.8], [0.39, 0.14, 0.03, 0.004], "PGA (g)"),
-        ([6.0, 9.0], [0.03, 0.01], "PGA (m/s²)"),
-    ],
-)
-def test_probabilities_in_fifty_years_are_not_taken_for_rates_in_silence(intensity, rates, measure):
-    with pytest.warns(jp.PlausibilityWarning, match="annual_rate.*of probabilities p within years"):
-        jp.HazardCurve(intensity, rates, measure)
-
-
-def test_bounds_that_print_alike_are_told_as_one_rate():
-    """A fragility of low intensities: nearly every earthquake beyond the curve's end pounds."""
-    sure = repr(rate_at(0.3, 0.05))
-    assert "beyond" not in sure
-    assert "between" not in sure
-    assert "whatever it is there, the rate is" in sure

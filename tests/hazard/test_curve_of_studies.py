@@ -49,22 +49,10 @@ def closing():
     return float(1.0 - unit().min_gap)
 
 
-def test_the_rate_of_pounding_is_that_of_the_intensity_that_closes_the_gap(found, closing):
+def test_a_study_tells_its_rate_and_from_which_intensities_it_comes(found, closing):
     for at in (0.15, 0.4, 0.9):
         rate = HAZARD.annual_rate_of(found.pounding_probability(at * closing, 0.999))
         assert rate.low < float(HAZARD.rate(at)) < rate.high < 10 * rate.low
-
-
-EDGES = [0.0, 0.3, 0.4, 0.55, 0.8, np.inf]
-
-
-def expected(least):
-    """Rates of amplitudes within EDGES that are at least so much."""
-    above = np.append(HAZARD.rate(np.maximum(EDGES[1:-1], least)), 0.0)
-    return np.r_[float(HAZARD.rate(least)), above[:-1]] - above
-
-
-def test_a_study_tells_from_which_intensities_its_rate_comes(found, closing):
     rate = HAZARD.annual_rate_of(found, gap=0.35 * closing)
     same = found.pounding_probability(0.35 * closing)
     assert [rate.value, rate.low, rate.high] == pytest.approx(2e-2 * np.array(same[:3]))
@@ -83,6 +71,18 @@ def test_a_study_tells_from_which_intensities_its_rate_comes(found, closing):
     assert usual.share.sum() == pytest.approx(1.0)
     assert usual.edges[0] == pytest.approx(found["pga"][amplitude >= 0.35].min(), rel=1e-5)
     assert "peak ground acceleration (g) from" in repr(usual)
+    for p in (0.1, 0.02):
+        gap = HAZARD.required_gap(found, p, 50.0, confidence=0.999)
+        assert gap.low < HAZARD.intensity_at(p, 50.0) * closing < gap.high < 2 * gap.low
+
+
+EDGES = [0.0, 0.3, 0.4, 0.55, 0.8, np.inf]
+
+
+def expected(least):
+    """Rates of amplitudes within EDGES that are at least so much."""
+    above = np.append(HAZARD.rate(np.maximum(EDGES[1:-1], least)), 0.0)
+    return np.r_[float(HAZARD.rate(least)), above[:-1]] - above
 
 
 def test_a_weighted_study_does_too_more_sharply(found, closing):
@@ -98,6 +98,12 @@ def test_a_weighted_study_does_too_more_sharply(found, closing):
         assert (by.cov[1:] < 0.25).all()
         assert abs(rate.value - exact.sum()) < 3.5 * rate.cov * rate.value
         assert by.rate.sum() == pytest.approx(rate.value)
+    # Medians .3 and σ .5 say little of weak earthquakes, and enough of strong ones.
+    weighted = other.weighted(weights, normalised=False)
+    gap = HAZARD.required_gap(weighted, 0.02, 50.0, confidence=0.999)
+    assert gap.low < HAZARD.intensity_at(0.02, 50.0) * closing < gap.high < 1.5 * gap.low
+    rate = HAZARD.annual_rate_of(weighted.pounding_probability(0.4 * closing, 0.999))
+    assert rate.low < 1.6e-3 < rate.high < 1.5 * rate.low
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +121,7 @@ def event():
     )
 
 
-def test_a_rare_event_s_rate_and_its_intensities(event):
+def test_a_rare_event_s_rate_and_its_intensities(event, found):
     rate = HAZARD.annual_rate_of(event, 0.9)
     assert (rate.value, rate.cov, rate.confidence) == (2e-2 * event.probability, event.cov, 0.9)
     assert abs(rate.value - 2.5e-4) < 3.5 * rate.cov * rate.value
@@ -129,6 +135,14 @@ def test_a_rare_event_s_rate_and_its_intensities(event):
     assert whole.cov[0] == pytest.approx(rate.cov)  # by the spread of repeats, too
     by = rate.deaggregation([0.8, 1.6, np.inf], intensity=amplitude)
     assert (np.abs(by.rate - [2.2e-4, 3e-5]) < 4 * by.cov * by.rate).all()
+    with pytest.raises(ValueError, match="the rate, 0 a year, must be positive"):
+        HAZARD.annual_rate_of(found, gap=1e6).deaggregation()
+    with pytest.raises(ValueError, match="intensity = None must be a parameter, z_1, or a number"):
+        HAZARD.annual_rate_of(event).deaggregation()
+    with pytest.raises(ValueError, match="gap = -1 must be finite and not negative"):
+        HAZARD.annual_rate_of(found, gap=-1.0)
+    with pytest.raises(ValueError, match="link = 0 must be None: pounding is not a study"):
+        HAZARD.annual_rate_of(event, link=0)
 
 
 def test_the_figure_of_a_study_shares_the_axis_of_one_measure_only(found, closing):
@@ -152,35 +166,6 @@ def test_the_figure_of_a_study_shares_the_axis_of_one_measure_only(found, closin
 def test_intensities_that_are_none_are_named(found, closing, intensity, message):
     rate = HAZARD.annual_rate_of(found, gap=0.3 * closing)
     assert_refused(message, rate.deaggregation, intensity=intensity)
-
-
-def test_rates_without_intensities_say_so(found, event):
-    with pytest.raises(ValueError, match="the rate, 0 a year, must be positive"):
-        HAZARD.annual_rate_of(found, gap=1e6).deaggregation()
-    with pytest.raises(ValueError, match="intensity = None must be a parameter, z_1, or a number"):
-        HAZARD.annual_rate_of(event).deaggregation()
-    with pytest.raises(ValueError, match="gap = -1 must be finite and not negative"):
-        HAZARD.annual_rate_of(found, gap=-1.0)
-    with pytest.raises(ValueError, match="link = 0 must be None: pounding is not a study"):
-        HAZARD.annual_rate_of(event, link=0)
-
-
-def test_the_gap_for_two_per_cent_in_fifty_years_is_that_of_its_intensity(found, closing):
-    for p in (0.1, 0.02):
-        gap = HAZARD.required_gap(found, p, 50.0, confidence=0.999)
-        assert gap.low < HAZARD.intensity_at(p, 50.0) * closing < gap.high < 2 * gap.low
-
-
-def test_a_study_of_other_intensities_is_weighted_by_the_hazard(closing):
-    """Medians .3 and σ .5 say little of weak earthquakes, and enough of strong ones."""
-    other = linear()
-    amplitude = other["pga"] / unit().pga
-    weights = HAZARD.weights(amplitude, drawn_from=jp.LogNormal(MEDIAN, SIGMA))
-    weighted = other.weighted(weights, normalised=False)
-    gap = HAZARD.required_gap(weighted, 0.02, 50.0, confidence=0.999)
-    assert gap.low < HAZARD.intensity_at(0.02, 50.0) * closing < gap.high < 1.5 * gap.low
-    rate = HAZARD.annual_rate_of(weighted.pounding_probability(0.4 * closing, 0.999))
-    assert rate.low < 1.6e-3 < rate.high < 1.5 * rate.low
 
 
 def of_ground(found, ground):
@@ -335,12 +320,15 @@ def test_a_curve_at_another_period_is_not_taken_for_a_measure_that_states_its_ow
             hazard.required_gap(shaken, intensity=name)
 
 
-def test_records_of_intensity_one_are_scaled_by_the_hazard():
+def test_records_are_scaled_by_the_hazard_and_rates_from_beyond_it_doubted():
     record = jp.Record(np.array([0.0, 1.0, -0.4, 0.0]), 0.5, time_unit="1/ω1")
     ground = jp.RandomRecord((record,), factor=DRAWN)
     for z, share in ((0.0, 0.5), (2.0, stats.norm.sf(2))):
         peak = np.abs(ground.draw(jnp.array([z])).samples).max()
         assert float(HAZARD.rate(peak)) == pytest.approx(2e-2 * share)
+    far, near = (HAZARD.annual_rate_of(jp.Fragility(median, 0.4)) for median in (6.0, 0.6))
+    assert "more than 50% of the rate comes from intensities beyond" in repr(far)
+    assert near.warnings == ()
 
 
 def test_a_fragility_knows_the_unit_of_the_study_that_it_is_of(found):
@@ -353,9 +341,3 @@ def test_a_fragility_knows_the_unit_of_the_study_that_it_is_of(found):
     with pytest.warns(jp.PlausibilityWarning, match="measure = 'im' names no unit; it should"):
         silent = HAZARD.annual_rate_of(curve)
     assert in_m.annual_rate_of(curve).value == silent.value
-
-
-def test_a_rate_from_beyond_the_curve_is_doubted():
-    far, near = (HAZARD.annual_rate_of(jp.Fragility(median, 0.4)) for median in (6.0, 0.6))
-    assert "more than 50% of the rate comes from intensities beyond" in repr(far)
-    assert near.warnings == ()

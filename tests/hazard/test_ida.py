@@ -28,32 +28,26 @@ def linear():
     return analysed()
 
 
-def test_demands_of_linear_buildings_are_proportional(linear):
+def test_demands_of_linear_buildings_are_proportional_and_capacities_those_of_single_runs(linear):
     closing = linear.demands / linear.intensities
     np.testing.assert_allclose(closing, closing[:, :1] * np.ones(4), rtol=1e-10)
     np.testing.assert_allclose(linear.capacities, GAP / closing[:, 0], rtol=1e-10)
     np.testing.assert_allclose(linear.unscaled, SUITE.pgas)
     assert linear.threshold == pytest.approx(GAP)
     assert linear.returning == ()
-
-
-def test_the_capacity_is_that_of_a_single_run(linear):
-    """Of buildings in SI units, by itself: the record scaled by its factor just closes the gap."""
+    # Of buildings in SI units, by itself: the record scaled by its factor just closes the gap.
     record = SUITE.scaled(linear.factors)[0]
     dt = float(SUITE[1].dt)  # the shortest of the suite is that of the common grid
     single = jp.simulate_buildings(LEFT, RIGHT, record, friction_force=0.0, gap=GAP, dt=dt)
     assert float(single.min_gap) == pytest.approx(0, abs=1e-6 * GAP)
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [{"refine": "newton"}, {"structures": dataclasses.replace(PAIR, contact=jp.Newton(0.65))}],
-)
-def test_newton_and_structures_with_a_law_of_contact_give_the_same(linear, changed):
-    np.testing.assert_allclose(analysed(**changed).capacities, linear.capacities, rtol=1e-10)
-
-
-def test_a_ladder_that_ends_below_leaves_capacities_open(linear):
+def test_newton_contact_and_ends_of_the_ladder(linear):
+    for changed in (
+        {"refine": "newton"},
+        {"structures": dataclasses.replace(PAIR, contact=jp.Newton(0.65))},
+    ):
+        np.testing.assert_allclose(analysed(**changed).capacities, linear.capacities, rtol=1e-10)
     most = float(np.sort(linear.capacities)[1] * 1.01)
     found = analysed(intensities=[most / 4, most / 3, most / 2, most])
     known = np.isfinite(found.capacities)
@@ -89,24 +83,18 @@ def test_any_measure_that_is_proportional(linear):
         hazard.annual_rate_of(curve.fragility())
 
 
-def test_a_gap_as_threshold_and_other_demands(linear):
+def test_thresholds_demands_records_and_fractiles(linear):
     half = analysed(threshold=GAP / 2)
     np.testing.assert_allclose(half.capacities, linear.capacities / 2, rtol=1e-10)
     peaks = analysed(demand="peak_x1", threshold=0.02)
     own = analysed(demand=lambda demand: demand.masses[0].peak_x, threshold=0.02)
     np.testing.assert_allclose(own.capacities, peaks.capacities, rtol=1e-10)
     np.testing.assert_allclose(peaks.demands[:, 1], 2 * peaks.demands[:, 0], rtol=1e-9)
-
-
-def test_dimensionless_structures_and_records(linear):
     records = [SCALES.to_dimensionless(record) for record in SUITE]
     grid = jp.TimeGrid.until(float(records[1].duration), float(records[1].dt))
     found = analysed(records=records, scales=None, grid=grid)
     np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-3)  # of another duration
     np.testing.assert_allclose(found.threshold, GAP / float(SCALES.length))
-
-
-def test_fractiles_stripes_and_the_moments_of_a_fragility(linear):
     low, middle, high = linear.fractiles()
     np.testing.assert_allclose(middle, np.median(linear.demands, axis=0))
     assert (low < middle).all()
@@ -148,7 +136,7 @@ def test_the_first_crossing_is_refined(method, batch):
         assert capacity == pytest.approx(fine[np.argmax(values >= 1.0)], abs=2e-5)
 
 
-def test_records_that_return_are_named():
+def test_records_that_return_are_named_and_strong_ones_warned_of():
     demands = np.array([[0.5, 1.2, 0.9, 1.5], [0.2, 0.4, 1.1, 1.3]])
     found = jp.IncrementalDynamicAnalysis(
         *(("wave", "line"), np.ones(2), np.arange(1.0, 5.0), demands, np.array([1.7, 2.9])),
@@ -156,9 +144,6 @@ def test_records_that_return_are_named():
     )
     assert found.returning == ("wave",)
     assert "below it again at higher intensities: wave" in repr(found)
-
-
-def test_strong_records_are_warned_of():
     with pytest.warns(jp.PlausibilityWarning, match=r"'slow' times .* has a PGA of 6 g"):
         analysed(records=[SUITE[0]], intensities=[0.1, 6.0])
     assert_refused("PGA of 6 g", analysed, intensities=[0.1, 6.0], strict=True)
@@ -240,11 +225,20 @@ def test_damaged_files_are_told_and_made_anew(linear, counted, tmp_path):
     assert_same(analysed(store=store, progress=False), whole)
 
 
-def test_the_progress_bar_shows_records_and_brackets(capsys):
+def test_the_progress_bar_shows_records_and_brackets_and_unfit_ones_are_named(capsys):
     analysed()
     shown = capsys.readouterr().err
     assert "0 of 3 records, brackets within 0." in shown
     assert "3 of 3 records" in shown
+    words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
+    with pytest.raises(FloatingPointError, match=words):
+        analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
+    fine = jp.Record(np.full(100, 0.1), 1e-5, "fine")
+    long = jp.Record(np.full(100, 0.1), 1.0, "long")
+    with pytest.raises(ValueError, match=r"'fine', the finest, and 'long', .* 1,000,000 steps"):
+        analysed(records=[fine, long])
+    with pytest.raises(ValueError, match=r"grid = None must be a TimeGrid: .* only for buildings"):
+        analysed(PAIR.system())
 
 
 test_wrong_arguments_are_named = refusals(
@@ -262,18 +256,3 @@ test_wrong_arguments_are_named = refusals(
     of=lambda changed: analysed(**changed),
     before="^(incremental_dynamic_analysis|RecordSuite): .*",
 )
-
-
-def test_runs_that_end_in_no_number_are_named():
-    words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
-    with pytest.raises(FloatingPointError, match=words):
-        analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
-
-
-def test_records_that_do_not_go_on_one_grid_are_named():
-    fine = jp.Record(np.full(100, 0.1), 1e-5, "fine")
-    long = jp.Record(np.full(100, 0.1), 1.0, "long")
-    with pytest.raises(ValueError, match=r"'fine', the finest, and 'long', .* 1,000,000 steps"):
-        analysed(records=[fine, long])
-    with pytest.raises(ValueError, match=r"grid = None must be a TimeGrid: .* only for buildings"):
-        analysed(PAIR.system())

@@ -89,24 +89,18 @@ def collision(law, mass, speed):
     return run
 
 
-@pytest.mark.parametrize("name", RETURNED)
-@pytest.mark.parametrize("i", range(3))
-def test_a_free_collision_returns_what_the_law_is_known_to_return(name, i):
-    law = made(name, 1000.0 if name.startswith("kelvin") else 1e4, RESTITUTIONS[i])
-    mass = 1 / (1 / 1.0 + 1 / 0.6)
-    run = collision(law, mass, 1.0)
-    assert -run.y[1, -1] == pytest.approx(RETURNED[name][i], abs=1e-6)
-    deepest = run.sol(np.linspace(0, run.t[-1], 4001))[0].max()
-    assert deepest == pytest.approx(PENETRATION[name][i], rel=1e-6)
-
-
-@pytest.mark.parametrize("name", RETURNED)
-def test_what_is_returned_depends_on_neither_stiffness_nor_mass_nor_speed(name):
-    run = collision(made(name, 37.0, 0.65), 2.5, 0.3)
-    assert -run.y[1, -1] / 0.3 == pytest.approx(RETURNED[name][1], abs=1e-6)
-
-
-def test_hertz_s_contact_is_as_deep_and_as_long_as_in_his_theory():
+def test_a_free_collision_returns_what_the_law_is_known_to_return():
+    for name in RETURNED:
+        for i in range(3):
+            law = made(name, 1000.0 if name.startswith("kelvin") else 1e4, RESTITUTIONS[i])
+            mass = 1 / (1 / 1.0 + 1 / 0.6)
+            run = collision(law, mass, 1.0)
+            assert -run.y[1, -1] == pytest.approx(RETURNED[name][i], abs=1e-6), (name, i)
+            deepest = run.sol(np.linspace(0, run.t[-1], 4001))[0].max()
+            assert deepest == pytest.approx(PENETRATION[name][i], rel=1e-6), (name, i)
+    for name in RETURNED:
+        run = collision(made(name, 37.0, 0.65), 2.5, 0.3)
+        assert -run.y[1, -1] / 0.3 == pytest.approx(RETURNED[name][1], abs=1e-6), name
     mass, stiffness, speed = 0.375, 1e4, 1.0
     run = collision(Hertz(stiffness), mass, speed)
     deepest = (5 * mass * speed**2 / (4 * stiffness)) ** 0.4
@@ -150,17 +144,17 @@ def test_the_elastic_part_is_the_force_at_rest_and_full_restitution_has_no_other
 
 
 @named
-@pytest.mark.parametrize("d", [0.0, -0.2])
-@pytest.mark.parametrize("w", [-1.0, 0.0, 1.0])
-def test_without_penetration_there_is_no_force_after_hertz_and_kelvin_s_stays_linear(law, d, w):
-    force = with_mass(law, 0.4).force
-    slopes = jax.grad(force, argnums=(0, 1, 2))(d, w, 1.0)
-    if isinstance(law, KelvinVoigt):
-        damping = 2 * law.damping_ratio * np.sqrt(1000.0 * 0.4)
-        assert force(d, w, 1.0) == pytest.approx(float(1000.0 * d + damping * w), rel=1e-14)
-        assert slopes == pytest.approx((1000.0, float(damping), 0.0), rel=1e-14)
-    else:
-        assert (force(d, w, 1.0), *slopes) == (0.0,) * 4
+def test_without_penetration_there_is_no_force_after_hertz_and_kelvin_s_stays_linear(law):
+    for d in (0.0, -0.2):
+        for w in (-1.0, 0.0, 1.0):
+            force = with_mass(law, 0.4).force
+            slopes = jax.grad(force, argnums=(0, 1, 2))(d, w, 1.0)
+            if isinstance(law, KelvinVoigt):
+                damping = 2 * law.damping_ratio * np.sqrt(1000.0 * 0.4)
+                assert force(d, w, 1.0) == pytest.approx(float(1000.0 * d + damping * w), rel=1e-14)
+                assert slopes == pytest.approx((1000.0, float(damping), 0.0), rel=1e-14)
+            else:
+                assert (force(d, w, 1.0), *slopes) == (0.0,) * 4
 
 
 @named
@@ -184,24 +178,16 @@ def test_every_derivative_is_finite_at_any_state(law):
 
 
 @named
-def test_blocks_that_touch_at_rest_find_the_elastic_force(law):
+def test_a_law_keeps_precision_and_batches_and_is_elastic_where_blocks_touch_at_rest(law):
     if isinstance(law, HertzDamped):
         assert law.force(0.1, 0.3, 0.0) == Hertz(1000.0).force(0.1, 0.3, 0.0)
     else:
         assert law.force(0.1, 0.3, 0.0) == law.force(0.1, 0.3, 2.0)
-
-
-@named
-def test_single_precision_stays_single_precision(law):
     exact = with_mass(law, 0.4).force(0.01, 0.3, 1.0)
     for one in (law, jax.tree.map(np.float32, law)):
         p = with_mass(one, jnp.float32(0.4)).force(*jnp.float32([0.01, 0.3, 1.0]))
         assert p.dtype == jnp.float32
         assert p == pytest.approx(float(exact), rel=1e-5)
-
-
-@named
-def test_a_batch_of_laws_is_each_of_them(law):
     if isinstance(law, Hertz):
         batch = Hertz([500.0, 1000.0, 2000.0])
         each = [Hertz(k) for k in batch.stiffness]
@@ -243,21 +229,25 @@ def equation(z, e):
 NEAR_ONE = [1 - 10.0**-n for n in (2, 4, 8, 12)]
 
 
-@pytest.mark.parametrize("e", [0.001, 0.01, 0.1, 0.2, 0.36, 0.38, 0.5, 0.65, 0.9, *NEAR_ONE])
-def test_the_exact_z_solves_its_equation_to_rounding(e):
-    z = float(factor(e))
-    with localcontext() as context:
-        context.prec = 2000  # 1 − Z e is exp(−1/e)
-        e, root = Decimal(e), Decimal(z)
-        low, high = root * (1 - Decimal("2e-15")), root * (1 + Decimal("2e-15"))
-        assert equation(low, e) > 0
-        assert high * e >= 1 or equation(high, e) < 0
-
-
-def test_the_exact_z_of_full_restitution_is_zero_with_slope_minus_three_halves():
+def test_the_exact_z_solves_its_equation_to_rounding_and_small_losses_agree():
+    for e in (0.001, 0.01, 0.1, 0.2, 0.36, 0.38, 0.5, 0.65, 0.9, *NEAR_ONE):
+        z = float(factor(e))
+        with localcontext() as context:
+            context.prec = 2000  # 1 − Z e is exp(−1/e)
+            e, root = Decimal(e), Decimal(z)
+            low, high = root * (1 - Decimal("2e-15")), root * (1 + Decimal("2e-15"))
+            assert equation(low, e) > 0
+            assert high * e >= 1 or equation(high, e) < 0
     for dtype in (float, jnp.float32):
         assert factor(dtype(1.0)) == 0.0
         assert slope_of(dtype(1.0)) == pytest.approx(-1.5, rel=1e-6)
+    difference = float(slope_of(0.65 + 1e-5) - slope_of(0.65 - 1e-5)) / 2e-5
+    assert jax.jit(jax.grad(slope_of))(0.65) == pytest.approx(difference, rel=1e-8)
+    # To first order in 1 − e; Ye's is larger by 16/15.
+    loss = 1e-6
+    for damping, first in (("muthukumar", 1.5), ("ye", 1.6), ("hunt-crossley", 1.5)):
+        assert factor(1 - loss, damping) == pytest.approx(first * loss, rel=1e-5)
+    assert factor(1 - loss) == pytest.approx(1.5 * loss, rel=1e-5)
 
 
 @pytest.mark.parametrize("damping", ["exact", "muthukumar", "ye", "hunt-crossley"])
@@ -269,19 +259,6 @@ def test_the_derivative_of_z_agrees_with_differences_in_both_modes(damping):
         difference = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h)
         for slope in (slope_of(e, damping=damping), forward(e)):
             assert slope == pytest.approx(difference, rel=1e-9, abs=1e-15 * f[0] / h)
-
-
-def test_the_second_derivative_of_the_exact_z_agrees_with_differences():
-    difference = float(slope_of(0.65 + 1e-5) - slope_of(0.65 - 1e-5)) / 2e-5
-    assert jax.jit(jax.grad(slope_of))(0.65) == pytest.approx(difference, rel=1e-8)
-
-
-def test_all_z_but_ye_s_agree_for_small_losses():
-    """To first order in 1 − e; Ye's is larger by 16/15."""
-    loss = 1e-6
-    for damping, first in (("muthukumar", 1.5), ("ye", 1.6), ("hunt-crossley", 1.5)):
-        assert factor(1 - loss, damping) == pytest.approx(first * loss, rel=1e-5)
-    assert factor(1 - loss) == pytest.approx(1.5 * loss, rel=1e-5)
 
 
 # What is refused
@@ -316,16 +293,13 @@ test_a_law_refuses_bad_values = pytest.mark.unchecked(
 )
 
 
-def test_traced_values_never_raise():
+def test_traced_values_never_raise_and_numbers_are_leaves():
     for law in LAWS:
         for bad in (jnp.nan, -1.0, 0.0):
             made = jax.jit(lambda x, law=law: jax.tree.map(lambda _: x, law))(bad)
             assert type(made) is type(law)
     batch = jax.vmap(lambda e: KelvinVoigt(1.0, e))(jnp.array([0.5, -1.0]))
     np.testing.assert_array_equal(batch.restitution, [0.5, -1.0])
-
-
-def test_numbers_are_leaves_and_what_shapes_the_program_is_not():
     assert jax.tree.leaves(KelvinVoigt(100, 0.5, tension=np.True_)) == [100.0, 0.5]
     soft, hard = HertzDamped(1.0, 0.5, "ye"), HertzDamped(2.0, 0.5, "ye")
     assert jax.tree.structure(soft) == jax.tree.structure(hard)

@@ -46,9 +46,8 @@ def test_paths_are_those_of_the_leaves_what_bounds_another_first():
         assert all(paths.index(low) < paths.index(path) for path, low in bounded.items() if low)
 
 
-@pytest.mark.parametrize(
-    ("tree", "path", "value"),
-    [
+def test_values_are_got_and_put_and_nothing_else_changes():
+    for tree, path, value in (
         (PAPER, "friction", PAPER.friction),
         (PAPER, "rod_2.tau_x", PAPER.rod_2.tau_x),
         (TOWER, "masses.1", 0.5),
@@ -57,23 +56,18 @@ def test_paths_are_those_of_the_leaves_what_bounds_another_first():
         (TOWER, "links.0.friction", 0.3),
         (POUNDING, "contact.stiffness", 400.0),
         (BUMPER, "links.0.contact.restitution", 0.5),
-    ],
-)
-def test_a_value_is_got_and_put_and_nothing_else_changes(tree, path, value):
-    assert parameters.get(tree, path) == value
-    changed = parameters.put(tree, {path: 0.9 * value})
-    for other in parameters.paths(tree):
-        factor = 0.9 if other == path else 1.0
-        assert parameters.get(changed, other) == factor * parameters.get(tree, other)
-    assert jax.tree.structure(changed) == jax.tree.structure(tree)
-
-
-@pytest.mark.parametrize("tau_f", [0.0001, 3.0])
-def test_parameters_that_bound_each_other_change_together_in_any_order(tau_f):
-    values = {"rod_1.tau_f": tau_f, "rod_1.tau_x": 1.5 * tau_f}
-    for given in (values, dict(reversed(values.items()))):
-        rod = parameters.put(PAPER, given).rod_1
-        assert (rod.tau_f, rod.tau_x) == (tau_f, 1.5 * tau_f)
+    ):
+        assert parameters.get(tree, path) == value
+        changed = parameters.put(tree, {path: 0.9 * value})
+        for other in parameters.paths(tree):
+            factor = 0.9 if other == path else 1.0
+            assert parameters.get(changed, other) == factor * parameters.get(tree, other)
+        assert jax.tree.structure(changed) == jax.tree.structure(tree)
+    for tau_f in (0.0001, 3.0):
+        values = {"rod_1.tau_f": tau_f, "rod_1.tau_x": 1.5 * tau_f}
+        for given in (values, dict(reversed(values.items()))):
+            rod = parameters.put(PAPER, given).rod_1
+            assert (rod.tau_f, rod.tau_x) == (tau_f, 1.5 * tau_f)
 
 
 def test_what_is_put_is_checked_or_traced_and_the_rest_stays_itself():
@@ -130,9 +124,8 @@ def test_intervals_are_what_a_parameter_may_be_given_the_others():
     assert jax.jit(ends)(0.3) == (0.3, 0.3)
 
 
-@pytest.mark.parametrize(
-    ("tree", "path", "name"),
-    [
+def test_names_and_kinds_need_no_more_than_the_class_but_a_contact_law_s():
+    for tree, path, name in (
         (PAPER, "friction", r"friction $\mu$"),
         (PAPER, "rod_1.tau_x", r"rod 1: $\bar\tau_x$"),
         (PAPER, "rod_2.order", "rod 2: order"),
@@ -141,15 +134,10 @@ def test_intervals_are_what_a_parameter_may_be_given_the_others():
         (TOWER, "rods.1.material.tau_f", r"rod 2: $\bar\tau_f$"),
         (ROW, "buildings.0.rods.1.stiffness", "building 1, storey 2: $K$"),
         (ROW, "buildings.1.masses.0", "building 2, floor 1: $m$"),
-    ],
-)
-def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
-    for owner in (tree, type(tree)):
-        assert parameters.name(owner, path) == name
-        assert parameters.metadata(owner, path).kind == KINDS.get(path)
-
-
-def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
+    ):
+        for owner in (tree, type(tree)):
+            assert parameters.name(owner, path) == name
+            assert parameters.metadata(owner, path).kind == KINDS.get(path)
     for tree, path, name, kind in (
         (POUNDING, "contact.stiffness", "contact: $k$", "stiffness"),
         (BUMPER, "links.0.contact.restitution", "link 1, contact: $e$", None),
@@ -213,7 +201,7 @@ def test_an_unknown_path_is_told_with_what_was_meant():
         parameters.get(TOWER, "rods.2.stiffness")
 
 
-def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
+def test_parameters_of_any_structures_may_be_random_chosen_or_elastic():
     uncertain = jp.UncertainStructures(
         TOWER,
         {"rods.1.material.tau_x": jp.Uniform(0.5, 3.0), "rods.1.material.tau_f": jp.Normal(1, 0.3)},
@@ -237,9 +225,6 @@ def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
     with pytest.raises(ValueError, match=r"masses\.1 must not be both chosen and uncertain"):
         space.require_certain("owner", ["masses.1"])
     space.require_certain("owner", ["rods.1.material.tau_f"])
-
-
-def test_elasticities_are_those_of_any_structures():
     found = jp.elasticities(
         TOWER, jp.paper.ground(), jp.TimeGrid(0.05, 40), demand="peak_acceleration_1"
     )

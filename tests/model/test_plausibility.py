@@ -81,16 +81,27 @@ def test_a_gap_that_no_earthquake_closes_is_told_of():
         jp.dimensionless_row(pair(), links)
 
 
-@pytest.mark.parametrize("law", [None, KELVIN, HERTZ, jp.Newton(0.65), jp.Jankowski(3e9, 0.65)])
-def test_usual_numbers_are_not_told_of(law):
+def test_usual_numbers_are_not_told_of_and_traced_ones_not_judged():
     """The suite makes errors of warnings; a model's masses, forces and lengths are small."""
-    jp.dimensionless(*pair(), **call(contact=law))
-    model = pair(masses=(50.0, 40.0), periods=(0.2, 0.15))
-    jp.dimensionless(*model, **call(friction_force=20.0, gap=0.005))
-    left, right = map(jp.ShearBuilding.published, ("jankowski-left", "jankowski-right"))
-    literature = jp.Jankowski(2.75e9, 0.65)  # with the force in N, of the same paper
-    links = jp.floor_links((left, right), gap=0.02, contact=literature)
-    jp.dimensionless_row((left, right), links)
+    for law in (None, KELVIN, HERTZ, jp.Newton(0.65), jp.Jankowski(3e9, 0.65)):
+        jp.dimensionless(*pair(), **call(contact=law))
+        model = pair(masses=(50.0, 40.0), periods=(0.2, 0.15))
+        jp.dimensionless(*model, **call(friction_force=20.0, gap=0.005))
+        left, right = map(jp.ShearBuilding.published, ("jankowski-left", "jankowski-right"))
+        literature = jp.Jankowski(2.75e9, 0.65)  # with the force in N, of the same paper
+        links = jp.floor_links((left, right), gap=0.02, contact=literature)
+        jp.dimensionless_row((left, right), links)
+
+    def gap(force, law):
+        return jp.dimensionless(*pair(), force, 0.1, contact=law)[0].initial_gap
+
+    jax.jit(gap)(1.0, jp.Hertz(1.0))
+    with pytest.warns(jp.PlausibilityWarning, match="friction_force = 1 N"):
+        jax.jit(lambda gap: jp.dimensionless(*pair(), 1.0, gap)[0].initial_gap)(0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        many = jp.Building.from_period(500.0, np.array([0.5, 0.9]), 0.05)
+        jp.dimensionless(many, many, 1e9, 0.1)
 
 
 def test_static_displacements_and_periods_of_a_tower_by_hand():
@@ -102,19 +113,6 @@ def test_static_displacements_and_periods_of_a_tower_by_hand():
     floors = _Floors.of(row, scales)
     np.testing.assert_allclose(floors.moved, 2e5 * 10 / 1e8 * np.array([3, 5, 6]), rtol=0.02)
     np.testing.assert_allclose(floors.first_periods, [tower.natural_period], rtol=1e-9)
-
-
-def test_traced_numbers_are_not_judged_and_the_others_are():
-    def gap(force, law):
-        return jp.dimensionless(*pair(), force, 0.1, contact=law)[0].initial_gap
-
-    jax.jit(gap)(1.0, jp.Hertz(1.0))
-    with pytest.warns(jp.PlausibilityWarning, match="friction_force = 1 N"):
-        jax.jit(lambda gap: jp.dimensionless(*pair(), 1.0, gap)[0].initial_gap)(0.1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        many = jp.Building.from_period(500.0, np.array([0.5, 0.9]), 0.05)
-        jp.dimensionless(many, many, 1e9, 0.1)
 
 
 test_numbers_that_no_building_has_are_refused = refusals(

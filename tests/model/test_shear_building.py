@@ -28,17 +28,16 @@ def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a
     assert modes.damping_ratios[0] == pytest.approx(float(block.damping_ratio), rel=1e-8)
 
 
-@pytest.mark.parametrize("orders", [(1.0, 1.0, 1.0), (0.5, 0.7, 0.5)])
-def test_free_vibrations_are_the_eigenvalues_of_the_relaxation_spectrum(orders):
-    rods = tuple(jp.Rod(jp.ZenerRod(order, 0.02, 0.08), 10.0 - i) for i, order in enumerate(orders))
-    building = jp.Storeys((1.0, 0.9, 0.7), rods)
-    known = linear.vibrations(building.system())
-    found = jp.modes(building).eigenvalues
-    np.testing.assert_allclose(found, known, rtol=1e-10 if orders[0] == 1 else 2e-4)
-
-
-def test_kelvin_voigt_rods_in_proportion_have_the_modes_of_textbooks():
-    """ω_j = 2 √(k/m) sin((2j − 1)π/(4n + 2)) and ζ_j = c ω_j / (2 k) (τ_f is not quite 0)."""
+def test_free_vibrations_are_those_of_spectra_and_of_textbooks():
+    for orders in ((1.0, 1.0, 1.0), (0.5, 0.7, 0.5)):
+        rods = tuple(
+            jp.Rod(jp.ZenerRod(order, 0.02, 0.08), 10.0 - i) for i, order in enumerate(orders)
+        )
+        building = jp.Storeys((1.0, 0.9, 0.7), rods)
+        known = linear.vibrations(building.system())
+        found = jp.modes(building).eigenvalues
+        np.testing.assert_allclose(found, known, rtol=1e-10 if orders[0] == 1 else 2e-4)
+    # ω_j = 2 √(k/m) sin((2j − 1)π/(4n + 2)) and ζ_j = c ω_j / (2 k) (τ_f is not quite 0).
     n, c = 5, 0.01
     law = jp.ZenerRod(1.0, 1e-9, c)
     modes = jp.modes(jp.Storeys((1.0,) * n, jp.Rod(law, 100.0)))
@@ -89,7 +88,7 @@ def test_a_mode_that_only_creeps_has_no_free_vibration():
     assert slopes.heights == low.heights
 
 
-def test_published_buildings_have_their_periods():
+def test_published_buildings_and_si_units():
     """Chopra's frame: T = 2 s; its higher periods are shorter by the rods' stiffening."""
     periods = ShearBuilding.published("chopra-5").modes().periods
     assert periods[0] == pytest.approx(2.0, rel=1e-3)
@@ -97,9 +96,6 @@ def test_published_buildings_have_their_periods():
     for name, period in (("jankowski-left", 1.2), ("jankowski-right", 0.3)):
         building = ShearBuilding.published(name)
         assert building.modes().periods[0] == pytest.approx(period, rel=1e-3)
-
-
-def test_si_units_and_back():
     left = ShearBuilding.from_period(2, 3e5, 0.4, 0.05)
     right = jp.Building.from_period(4e5, 0.5, 0.05)
     law = jp.KelvinVoigt(5e9, 0.65)

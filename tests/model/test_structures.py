@@ -46,15 +46,21 @@ def structures(**changes):
 # Moduli
 
 
-@pytest.mark.parametrize("order", [0.3, 0.8, 1.0])
-def test_slow_motion_sees_the_static_modulus_and_fast_motion_the_instantaneous_one(order):
-    rod = jp.ZenerRod(order, 0.1, 2.0)
-    assert (rod.static_modulus, rod.instantaneous_modulus) == (1, 2.0 / 0.1)
-    assert rod.storage_modulus(0.0) == 1
-    slow, *fast = 1e-18 ** (1 / order), 1e18 ** (1 / order), 1e250
-    for omega, modulus in ((slow, 1.0), *((omega, 2.0 / 0.1) for omega in fast)):
-        assert rod.storage_modulus(omega) == pytest.approx(modulus, rel=1e-15)
-        assert rod.loss_modulus(omega) == pytest.approx(0, abs=1e-15)
+def test_moduli_are_those_of_slow_and_fast_motion_and_take_arrays():
+    for order in (0.3, 0.8, 1.0):
+        rod = jp.ZenerRod(order, 0.1, 2.0)
+        assert (rod.static_modulus, rod.instantaneous_modulus) == (1, 2.0 / 0.1)
+        assert rod.storage_modulus(0.0) == 1
+        slow, *fast = 1e-18 ** (1 / order), 1e18 ** (1 / order), 1e250
+        for omega, modulus in ((slow, 1.0), *((omega, 2.0 / 0.1) for omega in fast)):
+            assert rod.storage_modulus(omega) == pytest.approx(modulus, rel=1e-15)
+            assert rod.loss_modulus(omega) == pytest.approx(0, abs=1e-15)
+    rod = jp.ZenerRod(0.5, 0.1, 2.0)
+    omega = np.array([[0.5, 1.0, 2.0], [3.0, 4.0, 5.0]])
+    np.testing.assert_allclose(rod.complex_modulus(omega), modulus(rod, omega), rtol=1e-14)
+    np.testing.assert_allclose(
+        rod.loss_modulus([3, 4]), modulus(rod, omega[1, :2]).imag, rtol=1e-13
+    )
 
 
 @given(zener_rods, frequencies)
@@ -90,15 +96,6 @@ def test_equal_relaxation_times_make_an_elastic_rod(order, tau, omega):
     assert rod.natural_frequency() == pytest.approx(1.0, rel=1e-15)
 
 
-def test_moduli_take_arrays_and_lists_of_frequencies():
-    rod = jp.ZenerRod(0.5, 0.1, 2.0)
-    omega = np.array([[0.5, 1.0, 2.0], [3.0, 4.0, 5.0]])
-    np.testing.assert_allclose(rod.complex_modulus(omega), modulus(rod, omega), rtol=1e-14)
-    np.testing.assert_allclose(
-        rod.loss_modulus([3, 4]), modulus(rod, omega[1, :2]).imag, rtol=1e-13
-    )
-
-
 # Natural frequency and damping
 
 
@@ -114,7 +111,7 @@ def test_natural_frequency_and_damping_ratio_are_those_of_the_modulus(rod, stiff
     assert zeta == pytest.approx(at_rest.imag / at_rest.real / 2, rel=1e-9, abs=1e-13)
 
 
-def test_pair_reports_both_uncoupled_structures():
+def test_pair_reports_both_uncoupled_structures_and_batches_are_the_single_ones():
     pair = structures(mass_ratio=3.0, stiffness_ratio=2.0)
     omega_1, omega_2 = (float(omega) for omega in pair.natural_frequencies)
     # Eq. (9) without ground and friction: x1'' = −f1 and x2'' = −ρ f2, with f2 in units of ε.
@@ -125,13 +122,49 @@ def test_pair_reports_both_uncoupled_structures():
     ):
         at_rest = modulus(rod, omega)
         assert zeta == pytest.approx(at_rest.imag / at_rest.real / 2, rel=1e-12)
+    slope = jax.jit(jax.grad(lambda tau_x: jp.ZenerRod(0.7, 0.01, tau_x).natural_frequency()))
+    h = 1e-5
+    difference = (slope(2.0 + h) - slope(2.0 - h)) / (2 * h)
+    assert jax.jit(jax.grad(slope))(2.0) == pytest.approx(float(difference), rel=1e-6)
+    parameters = np.array([[0.2, 0.01, 1.0], [0.5, 0.1, 0.1], [1.0, 0.5, 3.0]])
+    batch = jp.ZenerRod(*parameters.T)
+    for quantity in map(jax.jit, QUANTITIES.values()):
+        single = [quantity(jp.ZenerRod(*row)) for row in parameters]
+        np.testing.assert_allclose(quantity(batch), single, rtol=1e-14)
+        np.testing.assert_allclose(jax.jit(jax.vmap(quantity))(batch), single, rtol=1e-14)
+    pair = structures(rod_2=jp.ZenerRod(1, 1, 1), mass_ratio=2, stiffness_ratio=8)
+    gradient = jax.jit(jax.grad(lambda s: s.natural_frequencies[1]))(pair)
+    # The elastic block 2 has ω = √(ρ ε).
+    assert gradient.mass_ratio == pytest.approx(1.0, rel=1e-13)
+    assert gradient.stiffness_ratio == pytest.approx(0.25, rel=1e-13)
+    rod = jp.ZenerRod(*np.array([0.5, 0.1, 2.0], np.float32))
+    omega = rod.natural_frequency()
+    assert omega.dtype == jnp.float32
+    assert rod.complex_modulus(omega).dtype == jnp.complex64
+    assert omega**2 == pytest.approx(modulus(rod, float(omega)).real, rel=1e-6)
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, "a", None])
-def test_natural_frequency_refuses_bad_stiffness_and_mass(bad):
-    rod = jp.ZenerRod(0.5, 0.1, 2.0)
-    assert_refused("natural_frequency: stiffness = ", rod.natural_frequency, stiffness=bad)
-    assert_refused("natural_frequency: mass = ", rod.damping_ratio, mass=bad)
+def test_pairs_and_frequencies_refuse_bad_values():
+    for bad in (0.0, -1.0, np.nan, "a", None):
+        rod = jp.ZenerRod(0.5, 0.1, 2.0)
+        assert_refused("natural_frequency: stiffness = ", rod.natural_frequency, stiffness=bad)
+        assert_refused("natural_frequency: mass = ", rod.damping_ratio, mass=bad)
+    for names, values, message in (
+        (RATIOS, (0, -1.5, np.nan, np.inf, [1.0, -1.0]), "positive and finite"),
+        (FORCES, (-1e-9, np.nan, np.inf, [0.0, -1.0]), "and not negative"),
+        (RATIOS + FORCES, (None, "2", True, 2j), "must be a real number"),
+        (("rod_1", "rod_2"), (None, 0.5, (0.5, 0.1, 2.0), structures()), "of type ZenerRod"),
+        (("contact",), (3.0, "newton", jp.Newton, ROD), "of type ContactLaw or"),
+    ):
+        for name, bad in itertools.product(names, values):
+            assert_refused(f"AdjacentStructures: {name} = .* ?{message}", structures, **{name: bad})
+    for law in (None, jp.Newton(0.65), jp.HertzDamped(2e4, 0.65)):
+        (link,) = structures(contact=law).system().links
+        assert (link.contact, link.gap, link.friction) == (law, 1.0, 0.25)
+    gradient = jax.grad(lambda s: s.system().links[0].contact.stiffness ** 2)
+    assert gradient(structures(contact=jp.Hertz(3.0))).contact.stiffness == 6.0
+    jp.ZenerRod(1, 0.1, 0.1)
+    structures(friction=0, initial_gap=0)
 
 
 # Derivatives, batches
@@ -154,35 +187,6 @@ def test_gradients_agree_with_central_differences(quantity):
         steps = 1e-5 * np.diag(point)
         differences = [float(f(point + d) - f(point - d)) / (2 * d.sum()) for d in steps]
         np.testing.assert_allclose(gradient(point), differences, rtol=1e-7, atol=1e-8)
-
-
-def test_second_derivative_of_the_natural_frequency_agrees_with_differences():
-    slope = jax.jit(jax.grad(lambda tau_x: jp.ZenerRod(0.7, 0.01, tau_x).natural_frequency()))
-    h = 1e-5
-    difference = (slope(2.0 + h) - slope(2.0 - h)) / (2 * h)
-    assert jax.jit(jax.grad(slope))(2.0) == pytest.approx(float(difference), rel=1e-6)
-
-
-def test_batched_and_compiled_rods_are_the_single_ones():
-    parameters = np.array([[0.2, 0.01, 1.0], [0.5, 0.1, 0.1], [1.0, 0.5, 3.0]])
-    batch = jp.ZenerRod(*parameters.T)
-    for quantity in map(jax.jit, QUANTITIES.values()):
-        single = [quantity(jp.ZenerRod(*row)) for row in parameters]
-        np.testing.assert_allclose(quantity(batch), single, rtol=1e-14)
-        np.testing.assert_allclose(jax.jit(jax.vmap(quantity))(batch), single, rtol=1e-14)
-
-
-def test_numbers_whole_or_single_are_parameters():
-    pair = structures(rod_2=jp.ZenerRod(1, 1, 1), mass_ratio=2, stiffness_ratio=8)
-    gradient = jax.jit(jax.grad(lambda s: s.natural_frequencies[1]))(pair)
-    # The elastic block 2 has ω = √(ρ ε).
-    assert gradient.mass_ratio == pytest.approx(1.0, rel=1e-13)
-    assert gradient.stiffness_ratio == pytest.approx(0.25, rel=1e-13)
-    rod = jp.ZenerRod(*np.array([0.5, 0.1, 2.0], np.float32))
-    omega = rod.natural_frequency()
-    assert omega.dtype == jnp.float32
-    assert rod.complex_modulus(omega).dtype == jnp.complex64
-    assert omega**2 == pytest.approx(modulus(rod, float(omega)).real, rel=1e-6)
 
 
 # Validation
@@ -216,32 +220,7 @@ RATIOS, FORCES = ("mass_ratio", "stiffness_ratio"), ("friction", "initial_gap")
 ROD = jp.ZenerRod(0.5, 0.1, 2.0)
 
 
-@pytest.mark.parametrize(
-    ("names", "values", "message"),
-    [
-        (RATIOS, (0, -1.5, np.nan, np.inf, [1.0, -1.0]), "positive and finite"),
-        (FORCES, (-1e-9, np.nan, np.inf, [0.0, -1.0]), "and not negative"),
-        (RATIOS + FORCES, (None, "2", True, 2j), "must be a real number"),
-        (("rod_1", "rod_2"), (None, 0.5, (0.5, 0.1, 2.0), structures()), "of type ZenerRod"),
-        (("contact",), (3.0, "newton", jp.Newton, ROD), "of type ContactLaw or"),
-    ],
-)
-def test_a_pair_refuses_bad_values(names, values, message):
-    for name, bad in itertools.product(names, values):
-        assert_refused(f"AdjacentStructures: {name} = .* ?{message}", structures, **{name: bad})
-
-
-def test_the_contact_of_a_pair_is_that_of_its_link_and_limits_are_allowed():
-    for law in (None, jp.Newton(0.65), jp.HertzDamped(2e4, 0.65)):
-        (link,) = structures(contact=law).system().links
-        assert (link.contact, link.gap, link.friction) == (law, 1.0, 0.25)
-    gradient = jax.grad(lambda s: s.system().links[0].contact.stiffness ** 2)
-    assert gradient(structures(contact=jp.Hertz(3.0))).contact.stiffness == 6.0
-    jp.ZenerRod(1, 0.1, 0.1)
-    structures(friction=0, initial_gap=0)
-
-
-def test_traced_values_never_raise():
+def test_structures_are_traced_and_mapped():
     def build(x):
         rod = jp.ZenerRod(x, x, x)
         return structures(rod_1=rod, mass_ratio=x, stiffness_ratio=x, friction=x, initial_gap=x)
@@ -250,6 +229,20 @@ def test_traced_values_never_raise():
         assert type(jax.jit(build)(bad)) is jp.AdjacentStructures
         assert jax.vmap(build)(jnp.full(3, bad)).friction.shape == (3,)
         assert jax.grad(lambda x: build(x).friction)(bad) == 1
+    frictions = jnp.array([0.1, 0.2, 0.3])
+    paths = jax.tree_util.tree_map_with_path
+    keystr = jax.tree_util.keystr
+    pair = paths(lambda p, x: frictions if keystr(p) == ".friction" else x, structures())
+    axes = paths(lambda p, x: 0 if keystr(p) == ".friction" else None, pair)
+
+    def doubled(s):
+        return jax.tree.map(lambda x: 2.0 * x, s)
+
+    result = jax.vmap(doubled, in_axes=(axes,), out_axes=axes)(pair)
+    assert type(result) is jp.AdjacentStructures
+    np.testing.assert_allclose(result.friction, [0.2, 0.4, 0.6])
+    assert jnp.shape(result.rod_1.order) == ()
+    assert jax.vmap(doubled, in_axes=(axes,))(pair).rod_1.order.shape == (3,)
 
 
 # Pytree
@@ -287,20 +280,3 @@ def test_rebuilding_takes_any_leaf(leaf):
     assert rebuilt.rod_2.tau_x is leaf
     assert rebuilt.friction is leaf
     repr(rebuilt)
-
-
-def test_vmap_takes_and_returns_structures_with_axes_for_some_leaves():
-    frictions = jnp.array([0.1, 0.2, 0.3])
-    paths = jax.tree_util.tree_map_with_path
-    keystr = jax.tree_util.keystr
-    pair = paths(lambda p, x: frictions if keystr(p) == ".friction" else x, structures())
-    axes = paths(lambda p, x: 0 if keystr(p) == ".friction" else None, pair)
-
-    def doubled(s):
-        return jax.tree.map(lambda x: 2.0 * x, s)
-
-    result = jax.vmap(doubled, in_axes=(axes,), out_axes=axes)(pair)
-    assert type(result) is jp.AdjacentStructures
-    np.testing.assert_allclose(result.friction, [0.2, 0.4, 0.6])
-    assert jnp.shape(result.rod_1.order) == ()
-    assert jax.vmap(doubled, in_axes=(axes,))(pair).rod_1.order.shape == (3,)

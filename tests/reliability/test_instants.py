@@ -69,7 +69,7 @@ def test_the_gradient_of_a_closing_is_that_of_its_difference():
     assert abs(slope) > 0.01
 
 
-def test_series_of_a_row():
+def test_series_of_a_row_and_those_that_lead_to_impacts():
     system = row()
     gaps = series_of(system, "required_gap", pounding=False)
     assert [series.words for series in gaps] == [
@@ -89,11 +89,7 @@ def test_series_of_a_row():
     (up, down) = series_of(system, "peak_f1", pounding=False)
     assert (up.kind, up.row.tolist()) == ("force", [1.0, 0.0, 0.0, 0.0, 0.0])
     assert series_of(system, lambda demand: demand.pga, pounding=False) == ()
-
-
-def test_series_that_lead_to_impacts():
-    """Overlaps of the links that have a law of contact, to contact and accelerations by it."""
-    system = row()
+    # Overlaps of the links that have a law of contact, to contact and accelerations by it.
     free, touching = system.links
     touching = dataclasses.replace(touching, contact=jp.Newton(0.5))
     system = dataclasses.replace(system, links=(free, touching))

@@ -47,14 +47,11 @@ def test_probabilities_of_case_w(events, gap):
     assert event.runs + 4 * event.gradients < 6000
 
 
-def test_a_warm_start_needs_few_gradients(events):
+def test_starts_from_other_events(events):
     cold, *warm = events.values()
     assert cold.gradients > 500
     assert max(event.gradients for event in warm) < 250
-
-
-def test_a_start_from_a_rarer_event(events):
-    """Into an event that is common, or certain: plain Monte Carlo takes over, as without it."""
+    # Into an event that is common, or certain: plain Monte Carlo takes over, as without it.
     common, sure = (
         event_of(case_w.state(gap), key=1, start=events[0.27], progress=False) for gap in (0.1, 0.0)
     )
@@ -109,29 +106,23 @@ class Steep(Stuck):
         return np.where(wrong, 0.0, z[:, 0]) - 3, slopes
 
 
-def test_a_steep_slope_is_no_way_to_the_limit_state():
+def test_ways_to_the_limit_state_are_found():
     found = find_design_points(Steep, 0)
     assert len(found) > 10
     assert (found.instants % 3 > 0).all()
     assert found.betas == pytest.approx(3)
+    # Slopes are 0 around the origin, and behind it they lead back into where they are.
+    for key in range(3):
+        found = find_design_points(Stuck, key)
+        assert len(found) == 26
+        assert found.betas == pytest.approx(5)
 
 
-@pytest.mark.parametrize("key", range(3))
-def test_motions_that_open_lead_to_those_that_close(key):
-    """Slopes are 0 around the origin, and behind it they lead back into where they are."""
-    found = find_design_points(Stuck, key)
-    assert len(found) == 26
-    assert found.betas == pytest.approx(5)
-
-
-def test_max_runs_counts_all(events):
+def test_samples_depend_on_key_and_number_alone_and_all_runs_count(events):
     for most, runs in ((10, 768), (1100, 1024)):
         event = event_of(case_w.state(0.47), cov=0.01, max_runs=most, progress=False)
         assert event.runs == runs
         assert f"raise max_runs = {most:,}" in event.warnings[0]
-
-
-def test_samples_depend_on_key_and_number_alone(events):
     event = events[0.47]
     again = event_of(case_w.state(0.47), key=1, start=events[0.27], cov=0.2, progress=False)
     n = len(again.points)
@@ -205,7 +196,7 @@ def linear():
     return state, slopes[good], sizes[good], every[good]
 
 
-def test_linear_closings(linear):
+def test_closings_and_design_points_of_a_linear_pair_are_exact(linear):
     """The demand, which looks between instants too, is the largest of the linear closings."""
     state, slopes, _, _ = linear
     z = np.random.default_rng(0).standard_normal((20, case_w.N))
@@ -213,9 +204,6 @@ def test_linear_closings(linear):
     found = state.values(z) + state.level
     assert (found > largest - 1e-9).all()
     assert found == pytest.approx(largest, rel=1e-2)
-
-
-def test_design_points_of_a_linear_pair_are_exact(linear):
     state, slopes, sizes, every = linear
     found = find_design_points(state, 0)
     rows = np.searchsorted(every, found.instants)
@@ -352,13 +340,12 @@ test_bad_input = refusals(
 )
 
 
-@pytest.mark.parametrize("shape", [(5,), (0, 5), (2, 4)])
-def test_points_of_another_shape(shape):
-    with pytest.raises(ValueError, match=r"z of shape .* must be of shape \(n, 5\), n at least 1"):
-        STATE.values(np.zeros(shape))
-
-
-def test_which_method_and_why():
+def test_which_method_and_which_shapes_and_why():
+    for shape in ((5,), (0, 5), (2, 4)):
+        with pytest.raises(
+            ValueError, match=r"z of shape .* must be of shape \(n, 5\), n at least 1"
+        ):
+            STATE.values(np.zeros(shape))
     discrete = jp.rare_event(Chosen(), SHORT, 0.1, cov=0.5, progress=False)
     by_number = few(0.1, "auto", cov=0.5)
     assert discrete.method.startswith("z_4 discrete: subset simulation")

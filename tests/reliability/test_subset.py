@@ -53,7 +53,7 @@ def test_a_half_normal_peak(scaled, four):
         assert event.design_points.shape == (0, 4)
 
 
-def test_the_weighted_points_are_a_sample_of_the_whole_distribution(four):
+def test_the_weighted_points_are_a_sample_whose_tail_falls_as_a_normal_one(four):
     assert len(four.points) == len(four.values) == len(four.weights) == four.runs
     assert four.weights.mean() == pytest.approx(1.0)
     assert np.mean(four.weights * (four.values >= 0)) == pytest.approx(four.probability)
@@ -61,10 +61,7 @@ def test_the_weighted_points_are_a_sample_of_the_whole_distribution(four):
     for beta in (1.0, 2.0, 3.0):
         likelier = np.mean(four.weights * (four.values >= (beta - 4.0) * unit))
         assert likelier == pytest.approx(2 * ndtr(-beta), rel=0.15)
-
-
-def test_how_fast_the_probability_falls(four):
-    """−d ln P/db of a normal tail; its error is that of the repeats, whose samples are alike."""
+    # −d ln P/db of a normal tail; its error is that of the repeats, whose samples are alike.
     exact = np.exp(-(4.0**2) / 2) / np.sqrt(2 * np.pi) / ndtr(-4.0)
     exact /= four.limit_state.level / 4.0
     assert abs(four.decay.value - exact) < 3 * four.decay.error
@@ -112,15 +109,12 @@ def test_the_stated_interval_covers():
     assert np.mean([x.probability for x in found]) == pytest.approx(exact, rel=0.05)
 
 
-def test_an_event_that_always_occurs(scaled):
+def test_events_that_always_occur_or_are_out_of_reach(scaled):
     event = simulated(scaled(0.0), n=100, repeats=2, progress=False)
     assert event.probability == 1
     assert event.warnings == (
         "the event occurs in each of 200 random runs: its probability is above 0.985133 (95 %)",
     )
-
-
-def test_an_event_out_of_reach(scaled):
     state = scaled(30.0)
     event = simulated(state, n=100, repeats=2, progress=False)
     assert event.probability == 1e-12

@@ -94,10 +94,18 @@ def test_steps_are_adapted_to_the_acceptance_that_explores_most():
         assert np.mean(acceptance) == pytest.approx(0.44, abs=0.04)
 
 
-def test_a_repeat_does_not_depend_on_the_others():
+def test_a_repeat_depends_on_no_other_and_shares_divide_levels_unevenly():
     alone = simulated(linear(5, 4.0), 5, repeats=1)[0]
     among = simulated(linear(5, 4.0), 5, repeats=3)[0]
     assert [x.threshold for x in alone] == [x.threshold for x in among]
+    for levels in simulated(linear(4, 3.0), 4, n=333, p0=0.13, repeats=4):
+        assert {len(level.values) for level in levels} == {333}
+    found = simulated(lambda z: np.full(len(z), -1.0), 2, repeats=2)
+    assert [len(levels) for levels in found] == [1, 1]
+    assert probability(found)[0] == 0
+    found = simulated(linear(3, 40.0), 3, n=200, repeats=2)
+    assert all(levels[-1].probability < 1.1e-11 for levels in found)
+    assert all(levels[-1].estimate == 0 for levels in found)
 
 
 def test_requests_of_all_repeats_are_one_batch():
@@ -117,20 +125,3 @@ def test_requests_of_all_repeats_are_one_batch():
     assert least <= sum(sizes) < 1.01 * least
     assert reached[0] == 1
     assert reached[1] == pytest.approx(0.1)
-
-
-def test_a_share_that_divides_no_level_evenly():
-    for levels in simulated(linear(4, 3.0), 4, n=333, p0=0.13, repeats=4):
-        assert {len(level.values) for level in levels} == {333}
-
-
-def test_no_level_leads_on_from_a_plateau():
-    found = simulated(lambda z: np.full(len(z), -1.0), 2, repeats=2)
-    assert [len(levels) for levels in found] == [1, 1]
-    assert probability(found)[0] == 0
-
-
-def test_what_never_happens_ends_at_the_floor():
-    found = simulated(linear(3, 40.0), 3, n=200, repeats=2)
-    assert all(levels[-1].probability < 1.1e-11 for levels in found)
-    assert all(levels[-1].estimate == 0 for levels in found)

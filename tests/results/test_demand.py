@@ -25,15 +25,12 @@ NEVER = np.array([0.5, np.inf, np.inf])
 BATCH = changed(pair_demand(np.arange(3.0), contact=True), first_impact_time=NEVER)
 
 
-def test_scalars_of_contact_have_flat_names_and_are_none_without_a_law():
+def test_scalars_of_contact_have_flat_names_and_si_units():
     found, without = pair_demand(2.0, contact=True), pair_demand(2.0)
     for name in OF_CONTACT:
         assert getattr(found, name) == getattr(found.links[0], name) == found.scalars()[name]
         assert getattr(without, name) is None
         assert name not in without.scalars()
-
-
-def test_si_units_are_those_of_the_quantities():
     in_si = SCALES.to_si(pair_demand(2.0, contact=True))
     for name, kind in KINDS.items():
         assert kind_of(name) == kind

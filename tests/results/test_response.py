@@ -26,7 +26,7 @@ def synthetic(**series):
     return pair_response(t, {name: f(t) for name, f in series.items()}, masses=(1.0, 4.0))
 
 
-def test_energy_terms_are_the_integrals_of_the_powers():
+def test_energy_terms_are_the_integrals_of_the_powers_and_notice_wrong_forces(run):
     """A motion that solves no equation: each term alone against its closed form."""
     run = synthetic(
         v1=lambda t: np.sin(t),
@@ -45,9 +45,6 @@ def test_energy_terms_are_the_integrals_of_the_powers():
     np.testing.assert_allclose(energy.input, 1 - np.cos(t) + 2 * t**2, **close)
     balance = energy.rods + energy.friction + energy.kinetic - energy.input
     np.testing.assert_allclose(energy.residual, balance, atol=1e-15)
-
-
-def test_the_residual_notices_a_wrong_force(run):
     wrong = changed(run, f1=run.f1 * 1.1)
     sound, broken = (np.abs(r.energy.residual).max() for r in (run, wrong))
     assert broken > 3 * sound
@@ -134,6 +131,11 @@ def test_results_show_themselves(run):
     assert " m at " in "".join(assert_shown(si))
     shown = assert_shown(si.demand)
     assert shown[shown.index("peak_f2") + 2] == "N"
+    jax.jit(lambda result: assert_shown(result) and result.min_gap)(run.demand)
+    for leaf in (None, object(), jax.ShapeDtypeStruct((3,), float)):
+        empty = jax.tree.map(lambda _, leaf=leaf: leaf, run)
+        assert "not known before the program runs" in repr(empty)
+        assert "not known before the program runs" in repr(empty.demand)
 
 
 def test_a_batch_shows_its_range(run):
@@ -153,14 +155,6 @@ def test_a_batch_shows_its_range(run):
     assert invalid[1:] == ["pounding in 0 of 0 valid runs", "1 invalid, with NaN for every result"]
     for result in (batch[3], batch[3].demand):
         assert "an invalid run, every result is NaN" in assert_shown(result)[0]
-
-
-def test_what_holds_no_numbers_shows_itself_too(run):
-    jax.jit(lambda result: assert_shown(result) and result.min_gap)(run.demand)
-    for leaf in (None, object(), jax.ShapeDtypeStruct((3,), float)):
-        empty = jax.tree.map(lambda _, leaf=leaf: leaf, run)
-        assert "not known before the program runs" in repr(empty)
-        assert "not known before the program runs" in repr(empty.demand)
 
 
 def test_scalars_of_one_run_are_python_s_numbers_and_stay_traced(run):

@@ -83,7 +83,7 @@ def noise_in_scenarios(noise):
     return jp.Scenarios(PAPER, dimensionless)
 
 
-def test_noise_differentiates_by_its_filter_and_keeps_single_precision():
+def test_noise_is_linear_differentiates_and_keeps_single_precision():
     z = np.random.default_rng(1).normal(size=20)
 
     @jax.jit
@@ -97,9 +97,6 @@ def test_noise_differentiates_by_its_filter_and_keeps_single_precision():
     single = draw(z.astype(np.float32))
     assert single.dtype == jnp.float32
     np.testing.assert_allclose(single, draw(z), atol=1e-6)
-
-
-def test_a_random_intensity_is_the_last_number():
     noise = dataclasses.replace(SMALL, intensity=jp.LogNormal(0.1, 0.5))
     assert noise.dimension == 21
     z = np.append(np.random.default_rng(2).normal(size=20), -1.0)
@@ -178,7 +175,7 @@ def test_parameters_of_a_site_have_the_published_distributions_and_correlations(
     np.testing.assert_allclose(np.corrcoef(ranked), CORRELATIONS, atol=0.05)
 
 
-def test_a_population_of_sites_has_the_published_means():
+def test_a_population_of_sites_has_the_published_means_and_slopes():
     """Over all data, which is what a standard normal ν stands for.
 
     Means as in the paper's figures of the parameters' distributions.
@@ -198,11 +195,6 @@ def test_a_population_of_sites_has_the_published_means():
     logarithms = np.log(_distributions()["arias_intensity"](nu))
     assert logarithms.mean() == pytest.approx(-4.39, abs=0.03)
     assert logarithms.std() == pytest.approx(1.43, abs=0.02)
-
-
-def test_the_slope_of_frequencies_inverts_its_distribution():
-    from jaxpound.scenarios.site_noise import _distributions
-
     value = _distributions()["frequency_slope"]
     nu = np.linspace(-8.0, 8.0, 161)
     rise, fall = 6.7729, 17.095
@@ -272,16 +264,13 @@ def test_sums_and_multiples_of_random_motions():
     assert isinstance(np.float64(2.0) * SMALL, ScaledDraw)
 
 
-def test_a_pulse_with_a_residual_in_a_study():
+def test_pulses_with_residuals_in_studies_and_seconds():
     uncertain = jp.UncertainStructures(PAPER, {"friction": jp.LogNormal(0.25, 0.2)})
     scenarios = jp.Scenarios(uncertain, PULSE + SMALL)
     study = jp.monte_carlo(scenarios, 8, jp.TimeGrid(0.1, 40), key=1, progress=False)
     structures, ground = scenarios.at(3, 1)
     demand = jp.demand(structures, ground, jp.TimeGrid(0.1, 40))
     assert float(demand.min_gap) == pytest.approx(study["min_gap"][3])
-
-
-def test_motions_in_seconds_become_dimensionless():
     scales = jp.Scales(mass=5e5, frequency=7.0)
     noise = dataclasses.replace(SMALL, time_unit="s")
     pulse = dataclasses.replace(PULSE, time_unit="s")

@@ -63,17 +63,14 @@ def test_no_draw_is_invalid(uncertain, data):
         assert value(structures, path) == value(PAPER, path)
 
 
-def test_what_is_far_from_its_bounds_has_its_own_distribution():
+def test_distributions_far_from_bounds_stay_and_relaxation_times_keep_their_order():
     uncertain = {"friction": jp.LogNormal(0.25, 0.2), "rod_1.tau_x": jp.Normal(1.2, 0.1)}
     draw = jp.UncertainStructures(PAPER, uncertain)
     z = np.array([0.7, -1.3])
     np.testing.assert_allclose(
         list(draw.parameters(z).values()), [0.25 * np.exp(0.14), 1.2 - 0.13], rtol=1e-12
     )
-
-
-def test_relaxation_times_keep_their_order_by_truncation():
-    """τ_f below a certain τ_x; τ_x above the τ_f drawn, as given that it is above."""
+    # τ_f below a certain τ_x; τ_x above the τ_f drawn, as given that it is above.
     same = jp.LogNormal(1.0, 0.5)
     z = jnp.asarray(np.random.default_rng(0).normal(size=(20_000, 2)))
     alone = jp.UncertainStructures(PAPER, {"rod_1.tau_f": jp.LogNormal(1.183, 0.5)})
@@ -103,21 +100,18 @@ def test_random_wavelets_have_their_distributions():
     np.testing.assert_allclose(waves.amplitude[:, 1], expected)
 
 
-@pytest.mark.parametrize(("negative", "sign"), [(0.0, 1.0), (1.0, -1.0)])
-def test_a_certain_sign_takes_no_number(negative, sign):
-    draw = dataclasses.replace(RICKER, negative=negative, intensity=None)
-    assert draw.dimension == 9
-    wave = draw.draw(jnp.zeros(9))
-    np.testing.assert_allclose(wave.amplitude, sign * 0.2)
-    assert list(draw.parameters(jnp.zeros(9)))[:4] == [
-        "amplitude_1",
-        "amplitude_2",
-        "amplitude_3",
-        "period_1",
-    ]
-
-
-def test_signed_amplitudes_are_one_number_without_a_jump():
+def test_signs_take_a_number_only_where_they_are_drawn_by_themselves():
+    for negative, sign in ((0.0, 1.0), (1.0, -1.0)):
+        draw = dataclasses.replace(RICKER, negative=negative, intensity=None)
+        assert draw.dimension == 9
+        wave = draw.draw(jnp.zeros(9))
+        np.testing.assert_allclose(wave.amplitude, sign * 0.2)
+        assert list(draw.parameters(jnp.zeros(9)))[:4] == [
+            "amplitude_1",
+            "amplitude_2",
+            "amplitude_3",
+            "period_1",
+        ]
     size = RICKER.amplitude
     signed = jp.RandomRicker(3, jp.TwoSided(size), RICKER.periods, RICKER.arrivals)
     assert (signed.dimension, signed.discrete, signed.negative) == (9, (), 0.0)
@@ -162,15 +156,12 @@ def test_a_record_is_drawn_whole_and_scaled():
     z = jnp.asarray(np.random.default_rng(2).normal(size=(20_000, 2)))
     which = np.asarray(jax.jit(jax.vmap(draw.parameters))(z)["record"])
     np.testing.assert_allclose(np.bincount(which) / 20_000, [0.25, 0.5, 0.25], atol=0.01)
-
-
-def test_one_record_takes_a_factor_only():
     draw = jp.RandomRecord(RECORDS[:1], jp.Uniform(0.5, 2.0))
     assert draw.dimension == 1
     np.testing.assert_allclose(draw.draw(jnp.zeros(1)).samples, 1.25 * RECORDS[0].samples)
 
 
-def test_parts_combine_in_order():
+def test_parts_combine_in_order_with_names_and_derivatives():
     uncertain = {"friction": jp.Uniform(0.1, 0.5), "rod_2.order": jp.Uniform(0.3, 0.9)}
     structures = jp.UncertainStructures(PAPER, uncertain)
     both = jp.Scenarios(structures, RICKER)
@@ -187,8 +178,6 @@ def test_parts_combine_in_order():
     assert fixed.realize(z[:13])[0] is PAPER
     assert jp.Scenarios(structures, jp.paper.ground()).dimension == 2
 
-
-def test_custom_draws_have_the_names_given_or_numbers():
     def ground(z):
         return jp.Ricker(0.3 * jnp.exp(z[0]), [2.0], [3.0 + z[1]])
 
@@ -199,9 +188,6 @@ def test_custom_draws_have_the_names_given_or_numbers():
     structures = jp.UncertainStructures(PAPER, {"friction": jp.Uniform(0.1, 0.5)})
     assert parameter_names(jp.Scenarios(structures, unnamed)) == ("friction", "z_2", "z_3")
     assert float(named.draw(z).arrivals[0]) == 2.5
-
-
-def test_realizations_trace_and_differentiate():
     both = jp.Scenarios(
         jp.UncertainStructures(PAPER, {"rod_1.tau_x": jp.LogNormal(1.2, 0.3)}), RICKER
     )

@@ -43,7 +43,7 @@ def hit(study):
     return found
 
 
-def test_a_study_without_an_impact_somewhere_does_not_fail(study, hit):
+def test_times_of_impacts_are_told_of_scenarios_with_one(study, hit):
     assert study.failed == 0
     first = study["first_impact_time"]
     np.testing.assert_array_equal(np.isfinite(first), hit)
@@ -51,9 +51,6 @@ def test_a_study_without_an_impact_somewhere_does_not_fail(study, hit):
     np.testing.assert_array_equal(study["pounds"] == 1, hit)
     assert (study["peak_impulse"][hit] > 0).all()
     assert not study["peak_impulse"][~hit].any()
-
-
-def test_the_time_of_the_first_impact_is_told_of_scenarios_with_one(study, hit):
     first = study["first_impact_time"][hit]
     moments = study.moments("first_impact_time")
     assert moments.n == hit.sum()
@@ -64,9 +61,6 @@ def test_the_time_of_the_first_impact_is_told_of_scenarios_with_one(study, hit):
     rank = stats.spearmanr(e[hit], first).statistic
     found = study.correlations("first_impact_time")["contact.restitution"]
     assert found == pytest.approx(rank)
-
-
-def test_a_study_without_any_impact_knows_no_time(study):
     nowhere = dataclasses.replace(
         study, _parts=lambda name: iter([np.full(64, np.inf)] if "first" in name else [np.ones(64)])
     )
@@ -89,7 +83,7 @@ def test_the_study_is_read_back_from_its_store(study, folder):
     assert {"peak_impulse_N_s", "n_impacts", "contact_work_J"} <= {*in_si.to_columns()}
 
 
-def test_probability_that_a_demand_is_exceeded(study, hit):
+def test_probabilities_of_demands_and_numbers_of_impacts(study, hit):
     impulse = np.sort(study["peak_impulse"])
     found = study.exceedance("peak_impulse", impulse[-5])
     assert found.value == 4 / 64
@@ -99,9 +93,6 @@ def test_probability_that_a_demand_is_exceeded(study, hit):
     with pytest.raises(ValueError, match="column 'peak_force' must be one of min_gap, "):
         study.exceedance("peak_force", 1.0)
     assert_refused("exceedance: value", study.exceedance, "peak_impulse", [1.0, 2.0])
-
-
-def test_distribution_of_the_number_of_impacts(study, hit):
     counts = study.counts()
     assert [*counts] == sorted({*study["n_impacts"].astype(int)})
     assert counts[0].value == 1 - hit.mean()
@@ -109,16 +100,10 @@ def test_distribution_of_the_number_of_impacts(study, hit):
     mean = sum(k * x.value for k, x in counts.items())
     assert mean == pytest.approx(study.moments("n_impacts").mean)
     assert_refused("counts: the numbers of 'min_gap' must be whole", study.counts, "min_gap")
-
-
-def test_fragility_by_a_limit_of_the_impulse_is_below_that_of_any_impact(study, hit):
     pgv, limit = study["pgv"], np.median(study["peak_impulse"][hit])
     strong = jp.fit_fragility(pgv, study["peak_impulse"] > limit)
     assert strong.median > jp.fit_fragility(pgv, hit).median
-
-
-def test_what_blocks_that_meet_would_have_needed_is_not_told(study):
-    """After a contact the gap does not say how far the blocks would have moved without it."""
+    # After a contact the gap does not say how far the blocks would have moved without it.
     assert "required_gap" not in study.columns
     with pytest.raises(ValueError, match="column 'required_gap' must be one of min_gap, "):
         study.pounding_probability(0.05)

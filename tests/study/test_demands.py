@@ -46,23 +46,17 @@ def linked(*gaps):
     )
 
 
-@pytest.mark.parametrize(
-    ("gaps", "one"),
-    [
+def test_the_gap_at_rest_is_one_finite_number_or_none():
+    for gaps, one in (
         ((0.3,), 0.3),
         ((0.3, 0.3), 0.3),
         ((0.3, np.inf), 0.3),
         ((0.3, 0.4), None),
         ((np.inf,), None),
         ((), None),
-    ],
-)
-def test_the_gap_at_rest_is_one_finite_number_or_none(gaps, one):
-    system = linked(*gaps) if gaps else dataclasses.replace(SYSTEM, links=())
-    assert common_gap(system) == one
-
-
-def test_a_gap_not_known_before_the_program_runs_is_one_of_a_single_link():
+    ):
+        system = linked(*gaps) if gaps else dataclasses.replace(SYSTEM, links=())
+        assert common_gap(system) == one
     seen = []
     jax.eval_shape(lambda x: seen.append(common_gap(linked(x)) is x), 0.3)
     jax.eval_shape(lambda x: seen.append(common_gap(linked(x, x)) is x), 0.3)
@@ -104,7 +98,7 @@ def test_a_link_without_a_gap_is_no_failure(tmp_path):
         assert_refused("column 'required_gap' must be one of min_gap", ask)
 
 
-def test_sensitivities_of_a_system_are_by_default_those_of_the_required_gap():
+def test_sensitivities_are_by_default_those_of_the_required_gap():
     found = jp.sobol_sensitivity(scenarios(SYSTEM), GRID, n=4)
     assert found.demand == "required_gap"
     assert list(found.first) == ["z_1", "z_2"]
@@ -112,9 +106,6 @@ def test_sensitivities_of_a_system_are_by_default_those_of_the_required_gap():
         jp.sobol_sensitivity(scenarios(OPEN), GRID, n=4)
     with pytest.raises(ValueError, match="min_gap must be finite, but there is no gap"):
         jp.sobol_sensitivity(scenarios(OPEN), GRID, demand="min_gap", n=4)
-
-
-def test_of_one_parameter_there_is_nothing_to_share():
     one = jp.Scenarios(SYSTEM, jp.CustomDraw(lambda z: wave([z[0], 0.0]), 1))
     with pytest.raises(ValueError, match=r"scenarios.dimension = 1 must be at least 2"):
         jp.sobol_sensitivity(one, GRID, n=4)

@@ -21,7 +21,7 @@ def stripes(seed=0, trials=40):
     return levels, np.random.default_rng(seed).binomial(trials, chances), trials
 
 
-def test_known_parameters_are_recovered_within_their_errors():
+def test_known_parameters_and_bands_of_many_samples():
     fit = jp.fit_fragility(*cloud(100_000))
     assert fit.median == pytest.approx(THETA, rel=0.01)
     assert fit.dispersion == pytest.approx(BETA, rel=0.02)
@@ -29,6 +29,11 @@ def test_known_parameters_are_recovered_within_their_errors():
     assert abs(fit.dispersion - BETA) < 4 * fit.dispersion_error < 0.02
     np.testing.assert_allclose(fit.probability(THETA * np.exp(BETA)), stats.norm.cdf(1), atol=0.02)
     assert fit.probability(0.0) == 0
+    # In groups of neighbours, 50 samples each.
+    low, high = fit.band([fit.median], replicates=300)
+    slope = stats.norm.pdf(0) / fit.dispersion * fit.median_error / fit.median
+    assert (high - low)[0] == pytest.approx(2 * 1.96 * slope, rel=0.2)
+    assert low[0] < 0.5 < high[0]
 
 
 @pytest.mark.parametrize("data", [cloud(500), stripes()], ids=["cloud", "stripes"])
@@ -46,13 +51,17 @@ def test_estimates_and_errors_are_those_of_statsmodels_probit(data):
     np.testing.assert_allclose(fit.covariance, to @ theirs.cov_params() @ to.T, rtol=1e-5)
 
 
-def test_stripes_are_the_cloud_of_their_runs():
+def test_stripes_are_the_cloud_of_their_runs_with_one_number_of_trials():
     levels, k, n = stripes()
     im = np.repeat(levels, n)
     pounding = np.concatenate([np.arange(t) < hits for hits, t in zip(k, n, strict=True)])
     one, other = jp.fit_fragility(levels, k, n), jp.fit_fragility(im, pounding)
     assert one.median == pytest.approx(other.median, rel=1e-9)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6)
+    assert (n == n[0]).all()
+    one, each = jp.fit_fragility(levels, k, int(n[0])), jp.fit_fragility(levels, k, n)
+    assert (one.median, one.stripes) == (each.median, True)
+    np.testing.assert_array_equal(one.trials, each.trials)
 
 
 def test_stripes_are_fitted_as_baker_s_own_program_fits_its_example():
@@ -114,23 +123,6 @@ def test_a_curve_in_numbers_needs_no_data():
     reach = stats.norm.ppf(0.95) * 0.1
     np.testing.assert_allclose(low, stats.norm.cdf((z - reach) / 0.4))
     np.testing.assert_allclose(high, stats.norm.cdf((z + reach) / 0.4))
-
-
-def test_one_number_of_trials_is_that_of_all_stripes():
-    levels, k, n = stripes()
-    assert (n == n[0]).all()
-    one, each = jp.fit_fragility(levels, k, int(n[0])), jp.fit_fragility(levels, k, n)
-    assert (one.median, one.stripes) == (each.median, True)
-    np.testing.assert_array_equal(one.trials, each.trials)
-
-
-def test_the_band_of_many_samples_is_that_of_the_asymptotic_errors():
-    """In groups of neighbours, 50 samples each."""
-    fit = jp.fit_fragility(*cloud(100_000))
-    low, high = fit.band([fit.median], replicates=300)
-    slope = stats.norm.pdf(0) / fit.dispersion * fit.median_error / fit.median
-    assert (high - low)[0] == pytest.approx(2 * 1.96 * slope, rel=0.2)
-    assert low[0] < 0.5 < high[0]
 
 
 test_what_cannot_be_fitted_says_why = refusals(

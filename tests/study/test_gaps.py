@@ -10,17 +10,14 @@ from jaxpound.study.gaps import double_difference_correlation
 from tests.refusals import refusals
 
 
-def test_the_gap_of_en_1998_is_srss_and_less_where_floors_are_level():
+def test_gaps_of_codes_by_hand():
     """Displacements of 8 and 6 cm: 10 cm, and 7 cm."""
     assert jp.en_1998_gap(0.08, 0.06) == pytest.approx(0.1)
     assert jp.en_1998_gap(8, 6, level_floors=True) == pytest.approx(7.0)
     at_levels = jp.en_1998_gap(np.array([0.03, 0.05]), np.array([0.04, 0.12]))
     np.testing.assert_allclose(at_levels, [0.05, 0.13])
     assert float(jax.grad(lambda u: jp.en_1998_gap(u, 0.06))(0.08)) == pytest.approx(0.8)
-
-
-def test_the_gap_of_asce_7_amplifies_elastic_displacements():
-    """C_d 5.5 and 4, I_e 1 and 1.25: of 8/5.5 and 7.5/4 cm, 8 and 6 cm, which are 10 together."""
+    # C_d 5.5 and 4, I_e 1 and 1.25: of 8/5.5 and 7.5/4 cm, 8 and 6 cm, which are 10 together.
     gap = jp.asce_7_gap(8 / 5.5, 7.5 / 4, amplification=(5.5, 4.0), importance=(1.0, 1.25))
     assert gap == pytest.approx(10.0)
     assert jp.asce_7_gap(0.04, 0.03, amplification=4, importance=2.0) == pytest.approx(0.1)

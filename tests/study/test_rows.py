@@ -33,7 +33,7 @@ def study(folder):
     return run(64, folder)
 
 
-def test_the_gap_of_each_link_is_told(study):
+def test_gaps_and_pounding_are_those_of_one_link_or_of_any(study):
     assert study.n_links == 2
     own = [GAPS[k] - study[f"min_gap_{k + 1}"] for k in range(2)]
     for k in range(2):
@@ -41,9 +41,6 @@ def test_the_gap_of_each_link_is_told(study):
         assert study.required_gap(0.2, link=k) == quantile(study[f"required_gap_{k + 1}"], 0.8)
     np.testing.assert_array_equal(study["required_gap"], np.maximum(*own))
     assert study.required_gap(0.2).value >= study.required_gap(0.2, link=1).value
-
-
-def test_pounding_is_that_of_one_link_or_of_any(study):
     hit = [study[f"min_gap_{k + 1}"] <= 0 for k in range(2)]
     assert 0 < hit[0].sum() < (hit[0] | hit[1]).sum() < 64
     for k in range(2):
@@ -54,9 +51,6 @@ def test_pounding_is_that_of_one_link_or_of_any(study):
     assert study.pounding_probability().value == (hit[0] | hit[1]).mean()
     wide = np.maximum(*(study[f"required_gap_{k + 1}"] for k in range(2))) >= 0.09
     assert study.pounding_probability(0.09).value == wide.mean()
-
-
-def test_any_link_is_more_fragile_than_each(study):
     every = study.fragility("pgv")
     assert every.pounding.sum() == study.pounding().sum()
     for k in range(2):
@@ -64,6 +58,11 @@ def test_any_link_is_more_fragile_than_each(study):
         expected = jp.fit_fragility(study["pgv"], study[f"min_gap_{k + 1}"] <= 0)
         assert (own.median, own.dispersion) == (expected.median, expected.dispersion)
         assert (every.probability([0.2, 0.4]) > own.probability([0.2, 0.4])).all()
+    drifts = [study[name] for name in ("peak_x1", "peak_drift_2", "peak_x3", "peak_drift_4")]
+    np.testing.assert_array_equal(study["peak_drift"], np.max(drifts, axis=0))
+    accelerations = [study[f"peak_acceleration_{i}"] for i in range(1, 5)]
+    np.testing.assert_array_equal(study["peak_acceleration"], np.max(accelerations, axis=0))
+    assert study.demand.rods[1].peak_drift.shape == (64,)
 
 
 def test_required_gaps_are_a_table_with_a_row_for_each_link(study, folder):
@@ -78,15 +77,7 @@ def test_required_gaps_are_a_table_with_a_row_for_each_link(study, folder):
         assert "gap (m)" in shown
 
 
-def test_demands_over_all_floors_are_the_largest(study):
-    drifts = [study[name] for name in ("peak_x1", "peak_drift_2", "peak_x3", "peak_drift_4")]
-    np.testing.assert_array_equal(study["peak_drift"], np.max(drifts, axis=0))
-    accelerations = [study[f"peak_acceleration_{i}"] for i in range(1, 5)]
-    np.testing.assert_array_equal(study["peak_acceleration"], np.max(accelerations, axis=0))
-    assert study.demand.rods[1].peak_drift.shape == (64,)
-
-
-def test_storeys_of_a_building_are_correlated_and_those_of_two_are_not():
+def test_parameters_are_correlated_by_building_or_by_a_matrix():
     z = np.random.default_rng(0).normal(size=(20_000, SCENARIOS.structures.dimension))
     drawn = jax.jit(jax.vmap(SCENARIOS.structures.parameters))(z)
     assert [*drawn] == [f"buildings.{b}.rods.{i}.stiffness" for b in range(2) for i in range(2)]
@@ -96,9 +87,6 @@ def test_storeys_of_a_building_are_correlated_and_those_of_two_are_not():
     np.testing.assert_array_equal(SCENARIOS.structures.correlations, expected)
     for x in drawn.values():
         assert stats.kstest(np.log(x / 20.0) / 0.15, "norm").pvalue > 0.01
-
-
-def test_a_matrix_correlates_any_parameters():
     uncertain = {"links.*.friction": jp.LogNormal(0.1, 0.2), "links.0.gap": jp.LogNormal(0.1, 0.2)}
     matrix = np.array([[1.0, 0.2, -0.5], [0.2, 1.0, 0.3], [-0.5, 0.3, 1.0]])
     drawn = jp.UncertainStructures(ROW, uncertain, matrix)
@@ -129,12 +117,16 @@ test_correlations_that_cannot_be_are_named = refusals(
 )
 
 
-def test_links_that_are_not_there_are_named(study):
+def test_links_that_are_not_there_or_far_are_named(study, folder):
     for ask in (study.pounding_probability, study.pounding, study.fragility):
         for link in (2, -1, True, 0.0):
             assert_refused(r"link = .* must be the number of one of the 2 l", ask, link=link)
     assert_refused(r"^required_gap: link = 5 must be", study.required_gap, 0.1, link=5)
     assert_refused(r"^pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
+    lower, upper = ROW.links
+    far = dataclasses.replace(ROW, links=(lower, dataclasses.replace(upper, gap=1e3)))
+    with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: links\.1\.gap = \d+\S* g/ω1²"):
+        jp.monte_carlo(jp.Scenarios(far, WAVES), 16, GRID, chunk_size=32, progress=False)
 
 
 def test_a_link_with_a_law_of_contact_has_no_required_gap(study):
@@ -149,13 +141,6 @@ def test_a_link_with_a_law_of_contact_has_no_required_gap(study):
     largest = over_all(system, found)
     assert [*largest] == ["peak_drift", "peak_acceleration", *OF_CONTACTS]
     np.testing.assert_array_equal(largest["peak_contact"], np.ones(64))
-
-
-def test_a_gap_out_of_proportion_is_named_by_its_link(folder):
-    lower, upper = ROW.links
-    far = dataclasses.replace(ROW, links=(lower, dataclasses.replace(upper, gap=1e3)))
-    with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: links\.1\.gap = \d+\S* g/ω1²"):
-        jp.monte_carlo(jp.Scenarios(far, WAVES), 16, GRID, chunk_size=32, progress=False)
 
 
 def test_sensitivities_of_random_storeys():

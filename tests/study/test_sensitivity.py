@@ -50,16 +50,13 @@ def test_bad_arguments_are_named(change, message):
     assert_refused(message, jp.sobol_sensitivity, **arguments)
 
 
-def test_scenarios_that_fail_are_counted():
+def test_scenarios_that_fail_or_are_not_resolved_are_told():
     def structures(z):
         order = jnp.where(z[0] > 0, 2.0, 0.5)
         return dataclasses.replace(SLIDING, rod_1=jp.ZenerRod(order, 0.1, 1.0))
 
     half = jp.Scenarios(jp.CustomDraw(structures, 2), jp.Ricker(0.3, [2.0], [1.5]))
     assert_refused(r"32 of 64 scenarios fail", jp.sobol_sensitivity, half, GRID, n=16)
-
-
-def test_what_the_grid_does_not_resolve_is_warned_of_or_refused():
     coarse, said = jp.TimeGrid(0.4, 10), r"^sobol_sensitivity: ground: 100% of the 4 earthquakes"
     with pytest.warns(jp.PlausibilityWarning, match=said):
         jp.sobol_sensitivity(SCENARIOS, coarse, demand="peak_x1", n=4)

@@ -9,32 +9,26 @@ from jaxpound.study.statistics import Estimate, Moments, probability, quantile
 from tests.refusals import refusals
 
 
-@pytest.mark.parametrize(("k", "n"), [(0, 10), (1, 10), (5, 10), (10, 10), (37, 10_000)])
-def test_clopper_and_pearson_s_limits_are_beta_quantiles(k, n):
-    estimate = probability(k, n, 0.9)
-    assert estimate.value == k / n
-    assert estimate.low == pytest.approx(stats.beta.ppf(0.05, k, n - k + 1) if k else 0.0)
-    assert estimate.high == pytest.approx(stats.beta.ppf(0.95, k + 1, n - k) if k < n else 1.0)
-
-
-@pytest.mark.parametrize("p", [0.01, 0.1, 0.5])
-def test_the_interval_of_a_probability_covers_it(p):
-    """At least as often as it says, in 2,000 repetitions of 200 draws."""
-    counts = np.random.default_rng(0).binomial(200, p, 2000)
-    limits = {k: probability(int(k), 200, 0.9) for k in np.unique(counts)}
-    covered = np.mean([limits[k].low <= p <= limits[k].high for k in counts])
-    assert 0.9 - 0.01 < covered < 0.99
-
-
-@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
-def test_the_interval_of_a_quantile_covers_it_whatever_the_distribution(share):
-    draws = np.random.default_rng(1).standard_exponential((2000, 101)) ** 2
-    truth = stats.expon.ppf(share) ** 2
-    # The ends are order statistics: those of the numbers from 0 on are their ranks.
-    _, low, high, _ = quantile(np.arange(101.0), share, 0.9)
-    ranked = np.sort(draws)
-    covered = np.mean((ranked[:, int(low)] <= truth) & (truth <= ranked[:, int(high)]))
-    assert 0.9 - 0.01 < covered < 0.96
+def test_intervals_of_probabilities_are_beta_quantiles_and_cover():
+    for k, n in ((0, 10), (1, 10), (5, 10), (10, 10), (37, 10_000)):
+        estimate = probability(k, n, 0.9)
+        assert estimate.value == k / n
+        assert estimate.low == pytest.approx(stats.beta.ppf(0.05, k, n - k + 1) if k else 0.0)
+        assert estimate.high == pytest.approx(stats.beta.ppf(0.95, k + 1, n - k) if k < n else 1.0)
+    # At least as often as it says, in 2,000 repetitions of 200 draws.
+    for p in (0.01, 0.1, 0.5):
+        counts = np.random.default_rng(0).binomial(200, p, 2000)
+        limits = {k: probability(int(k), 200, 0.9) for k in np.unique(counts)}
+        covered = np.mean([limits[k].low <= p <= limits[k].high for k in counts])
+        assert 0.9 - 0.01 < covered < 0.99
+    for share in (0.05, 0.5, 0.9):
+        draws = np.random.default_rng(1).standard_exponential((2000, 101)) ** 2
+        truth = stats.expon.ppf(share) ** 2
+        # The ends are order statistics: those of the numbers from 0 on are their ranks.
+        _, low, high, _ = quantile(np.arange(101.0), share, 0.9)
+        ranked = np.sort(draws)
+        covered = np.mean((ranked[:, int(low)] <= truth) & (truth <= ranked[:, int(high)]))
+        assert 0.9 - 0.01 < covered < 0.96
 
 
 @given(

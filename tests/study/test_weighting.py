@@ -70,7 +70,7 @@ def test_importance_samples_say_what_their_target_does(normalised):
     assert there.counts("pounds")[1] == pytest.approx(there.pounding_probability())
 
 
-def test_a_fragility_does_not_depend_on_how_intensities_are_drawn():
+def test_fragilities_depend_neither_on_how_intensities_are_drawn_nor_on_repetition():
     im, pounding = cloud(20_000)
     w = stats.lognorm.pdf(im, 0.3, scale=0.5) / stats.lognorm.pdf(im, 0.6, scale=0.3)
     fit = jp.fit_fragility(im, pounding, weights=w)
@@ -79,9 +79,6 @@ def test_a_fragility_does_not_depend_on_how_intensities_are_drawn():
     again = jp.fit_fragility(im, pounding, weights=1e-6 * w)
     assert again.median == pytest.approx(fit.median)
     np.testing.assert_allclose(again.covariance, fit.covariance)
-
-
-def test_weights_that_are_whole_are_repetitions():
     levels, k, n = stripes()
     w = np.array([1, 3, 2, 1, 4, 1])
     one, other = jp.fit_fragility(levels, k, n, weights=w), jp.fit_fragility(levels, w * k, w * n)
@@ -116,7 +113,7 @@ def draws(n, seed, mean=2.0):
     return x, np.exp(mean**2 / 2 - mean * x)
 
 
-def test_intervals_of_rare_probabilities_cover_them():
+def test_intervals_cover_rare_probabilities_and_quantiles():
     """The smallest, 1.3e-3, with 200 samples: a plain sample would need 7,000 for this."""
     covered, widths = [], []
     for seed in range(300):
@@ -126,9 +123,6 @@ def test_intervals_of_rare_probabilities_cover_them():
         widths.append(estimate.high / estimate.low)
     assert 0.86 < np.mean(covered) < 0.96
     assert np.median(widths) < 2.2
-
-
-def test_intervals_of_quantiles_cover_them():
     for normalised, tail, mean in ((False, 1e-3, 2.5), (True, 0.3, 0.7), (False, 0.02, 2.0)):
         covered = []
         for seed in range(200):
@@ -136,15 +130,9 @@ def test_intervals_of_quantiles_cover_them():
             found = weighting.quantile(x, w, 1 - tail, normalised, 0.9)
             covered.append(found.low <= stats.norm.isf(tail) <= found.high)
         assert 0.83 < np.mean(covered) < 0.97, (normalised, tail)
-
-
-def test_a_low_quantile_is_counted_from_below():
     x, w = draws(400, 0)
     high, low = (weighting.quantile(s * x, w, p, False) for s, p in ((1, 0.99), (-1, 0.01)))
     assert low[:3] == (-high.value, -high.high, -high.low)
-
-
-def test_ends_beyond_the_samples_are_infinite():
     x = np.arange(10.0)
     found = weighting.quantile(x, np.ones(10), 0.9, True)
     assert found.high == np.inf == plain_quantile(x, 0.9).high
