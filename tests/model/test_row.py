@@ -1,5 +1,7 @@
 """Storeys, rows and links between floors: what they are as systems, and what they refuse."""
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
@@ -54,28 +56,24 @@ def test_common_floors_are_those_of_one_number_or_one_height_and_have_links_of_o
             jp.floor_links(three, building=building)
 
 
+LOWEST, LEVEL = FloorLink(0, 0), FloorLink(0, 1)
+UPWARDS, DOWN = FloorLink(0, 0, next_floor=1), FloorLink(0, 1, 0)
+LEFTWARDS, TO_ITSELF = FloorLink(1, 0, next_building=0), FloorLink(0, 1, 1, next_building=0)
+TO_GROUND, TIE = partial(FloorLink, next_building=jp.GROUND), Rod(STEEL, 1.0, (0, 1))
+
 test_links_that_cannot_be_are_refused = refusals(
     ((FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
     ((FloorLink(0, 2),), r"links.0: next_floor = 2 must be from 0 to 1: building 2 has 2 floors"),
     ((FloorLink(1, 0),), "links.0: next_building = 2 must be from 0 to 1"),
     ((FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
+    ((LEFTWARDS,), r"next_building = 0 must be 2 \(to the right\), 1 itself or the ground"),
+    ((TO_ITSELF,), "in 1, floor 2 must be two different floors"),
     (
-        (FloorLink(1, 0, next_building=0),),
-        r"next_building = 0 must be 2 \(to the right\), 1 itself or the ground",
+        (LOWEST, LEVEL, LEVEL),
+        r"links.2 \(1–2, floor 2\) must not stand where links.1 does: one link has friction, gap "
+        "and contact",
     ),
-    (
-        (FloorLink(0, 1, next_floor=1, next_building=0),),
-        "in 1, floor 2 must be two different floors",
-    ),
-    (
-        (FloorLink(0, 0), FloorLink(0, 1), FloorLink(0, 1)),
-        "links.2 \\(1–2, floor 2\\) must not stand where "
-        "links.1 does: one link has friction, gap and contact",
-    ),
-    (
-        (FloorLink(0, 0), FloorLink(0, 0, next_floor=1), FloorLink(0, 1, 0), FloorLink(0, 1)),
-        "links.3 \\(1–2, floor 2\\) must not close a ring",
-    ),
+    ((LOWEST, UPWARDS, DOWN, LEVEL), r"links.3 \(1–2, floor 2\) must not close a ring"),
     of=lambda links: Row((HIGH, LOW), links),
 )
 
@@ -85,14 +83,8 @@ test_bad_input = refusals(
     (lambda: FloorLink(True, 0), "building = True must be a whole number"),
     (lambda: FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
     (lambda: FloorLink(0, 0, gap=-0.1), "1–2, floor 1: gap = -0.1 must be not neg"),
-    (
-        lambda: FloorLink(0, 0, next_floor=3, next_building=jp.GROUND),
-        "next_floor = 3 must be left out: the other end is the ground",
-    ),
-    (
-        lambda: FloorLink(0, 0, next_floor=jp.GROUND, next_building=5),
-        "next_building = 5 must be left out",
-    ),
+    (TO_GROUND, 0, 0, 3, "next_floor = 3 must be left out: the other end is the ground"),
+    (lambda: FloorLink(0, 0, jp.GROUND, next_building=5), "next_building = 5 must be left out"),
     (lambda: Storeys((1.0,), STEEL), "rods of type ZenerRod must be a Rod, or a tuple"),
     (lambda: jp.floor_links((HIGH, jp.Building(1.0, 1.0, 1.0, 1.0, 1.0))), r"buildings.1"),
     (lambda: FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
@@ -100,10 +92,7 @@ test_bad_input = refusals(
     (lambda: Storeys((), ()), r"masses = \(\) must hold at least one floor"),
     (lambda: Storeys((1.0, 1.0), (ROD,)), "rods, 1 of them, must be one for each of the 2"),
     (lambda: Storeys((1.0, -1.0), ROD), "Storeys: masses.1 = -1 must be positive"),
-    (
-        lambda: Storeys((1.0,), (Rod(STEEL, 1.0, (0, 1)),)),
-        r"rods.0.ends = \(0, 1\) must be left out, or those of its storey",
-    ),
+    (Storeys, (1.0,), (TIE,), r"rods.0.ends = \(0, 1\) must be left out, or those of its storey"),
     (lambda: Row(()), r"buildings = \(\) must hold at least one building"),
     (lambda: Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
     (lambda: jp.System((1.0,), (ROD,)), "rods.0.ends = None must be two masses, or GROUND"),

@@ -122,43 +122,24 @@ def test_published_buildings_and_si_units():
 
 LOW = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
 SHIFTED = ShearBuilding(LOW.storeys, (4.0, 3.0))
+BY_PERIOD, OF_STOREYS = ShearBuilding.from_period, ShearBuilding.of_storeys
+ROW, ROD, HIGH, OWNER = jp.dimensionless_row, (0.5, 0.1, 0.2), (FloorLink(0, 2),), "ShearBuilding."
 
 
 test_bad_input = refusals(
     (lambda: ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
     (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, as storeys"),
     (lambda: ShearBuilding(LOW.storeys, -3.0), "heights.0 = -3 must be positive"),
-    (
-        lambda: ShearBuilding.of_storeys([1.0, 2.0], [1.0, 1.0, 1.0], 0.5, 0.1, 0.2),
-        "stiffnesses, 3 of them, must be 2, as masses, or one",
-    ),
-    (
-        lambda: ShearBuilding.of_storeys([1.0, -2.0], 1.0, 0.5, 0.1, 0.2),
-        "of_storeys: storeys.1: mass = -2 must be positive",
-    ),
-    (lambda: ShearBuilding.from_period(0, 1.0, 1.0, 0.05), "n_storeys = 0 must be"),
-    (
-        lambda: ShearBuilding.from_period(2, [1.0, 2.0], 0.5, 0.05),
-        r"storey_mass = \[1.0, 2.0\] must be one number, that of",
-    ),
-    (
-        lambda: ShearBuilding.from_period(2, 1.0, 1.0, 0.9),
-        "ShearBuilding.from_period: damping_ratio = 0.9 must be below what a rod",
-    ),
-    (
-        lambda: ShearBuilding.from_period(2, 1.0, 1.0, 0.05, taper=-1.0),
-        "taper = -1 must be positive",
-    ),
+    (OF_STOREYS, [1, 2], [1] * 3, *ROD, "stiffnesses, 3 of them, must be 2, as masses, or one"),
+    (OF_STOREYS, [1.0, -2.0], 1.0, *ROD, "of_storeys: storeys.1: mass = -2 must be positive"),
+    (BY_PERIOD, 0, 1.0, 1.0, 0.05, "n_storeys = 0 must be"),
+    (BY_PERIOD, 2, [1.0, 2], 0.5, 0.05, r"storey_mass = \[1.0, 2\] must be one number, that of"),
+    (BY_PERIOD, 2, 1, 1, 0.9, f"{OWNER}from_period: damping_ratio = 0.9 must be below what a rod"),
+    (lambda: BY_PERIOD(2, 1.0, 1.0, 0.05, taper=-1.0), "taper = -1 must be positive"),
     (lambda: ShearBuilding.published("chopra"), "unknown name 'chopra'"),
-    (
-        lambda: jp.dimensionless_row((LOW, SHIFTED), (FloorLink(0, 0),)),
-        "links.0: 1–2, floor 1, at 3 m and 4 m, must be at",
-    ),
-    (
-        lambda: jp.dimensionless_row((LOW, LOW), (FloorLink(0, 2),)),
-        "links.0: floor = 2 must be from 0 to 1: building 1 has 2 floors",
-    ),
-    (lambda: jp.dimensionless_row((LOW, 3.0)), "buildings.1 = 3.0 must be"),
+    (ROW, (LOW, SHIFTED), (FloorLink(0, 0),), "links.0: 1–2, floor 1, at 3 m and 4 m, must be at"),
+    (ROW, (LOW, LOW), HIGH, "links.0: floor = 2 must be from 0 to 1: building 1 has 2 floors"),
+    (ROW, (LOW, 3.0), "buildings.1 = 3.0 must be"),
     (lambda: jp.modes(3.0), "modes: structures = 3.0 must be"),
     (lambda: jp.modes(LOW), r"structures in SI units have a method of their own"),
 )

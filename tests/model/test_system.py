@@ -42,72 +42,63 @@ def links(*ends):
 
 
 GROUNDED = rods(*((i, jp.GROUND) for i in range(4)))
+TWO, LOOSE, LINK = (1.0, 1.0), rods((0, -1), (1, 0), (2, 3)), links((1, 2))
+TWICE, BEARINGS = links((0, 1), (1, 0)), links((0, -1), (1, -1), (0, 1))
+NEWTON, FREE = jp.Newton(0.5), {"gap": 1.0}
+LAW = "must be of type ContactLaw or Newton or None"
 
 
 test_what_no_system_can_be_made_of = refusals(
-    (lambda: System((), ()), r"System: masses = \(\) must hold at least one mass"),
-    (lambda: System(1.0, GROUNDED), r"System: masses = 1.0 must be a tuple"),
-    (System, (1.0, -2.0), GROUNDED[:2], r"System: masses.1 = -2 must be positive and finite"),
-    (lambda: System((1.0,), (ROD,)), r"System: rods.0 = ZenerRod.* must be of type Rod"),
-    (System, (1.0,), GROUNDED[:1], (ROD,), r"System: links.0 = ZenerRod.* must be of type Link"),
+    ((), (), r"masses = \(\) must hold at least one mass"),
+    (1.0, GROUNDED, r"masses = 1.0 must be a tuple"),
+    ((1.0, -2.0), GROUNDED[:2], r"masses.1 = -2 must be positive and finite"),
+    ((1.0,), (ROD,), r"rods.0 = ZenerRod.* must be of type Rod"),
+    ((1.0,), GROUNDED[:1], (ROD,), r"links.0 = ZenerRod.* must be of type Link"),
+    (TWO, GROUNDED[:3], r"rods.2.ends = \(2, -1\) must name masses from 0 to 1, or GROUND"),
+    (TWO, GROUNDED[:2], links((0, 2)), r"links.0.ends = \(0, 2\) must name masses from 0 to 1"),
+    ((1.0,) * 4, LOOSE, LINK, r"masses.2 must be tied to the ground by rods, directly or through"),
     (
-        lambda: System((1.0, 1.0), GROUNDED[:3]),
-        r"System: rods.2.ends = \(2, -1\) must name masses from 0 to 1, or GROUND",
+        *((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2), (2, 0))),
+        r"links.2.ends = \(2, 0\) must not close a ring with the links before it",
     ),
+    (TWO, GROUNDED[:2], TWICE, r"links.1.ends = \(1, 0\) must not close a ring"),
+    (TWO, GROUNDED[:2], BEARINGS, r"links.2.ends = \(0, 1\) must not close a ring"),
+    of=System,
+    before="System: ",
+)
+
+
+test_what_no_link_can_be_made_of = refusals(
+    ((1, 1), {}, r"ends = \(1, 1\) must be two different masses by number"),
+    ((0, -2), {}, r"ends = \(0, -2\) must be two different masses"),
+    ((0, 1.0), {}, r"ends = \(0, 1.0\) must be two different masses"),
+    ((0, True), {}, r"ends = \(0, True\) must be two different masses"),
+    (3, {}, r"ends = 3 must be two different masses"),
+    ((0, 1), {"friction": -0.1}, r"friction = -0.1 must be finite and not negative"),
+    ((0, 1), {"friction": 0.1, "gap": -1.0}, r"gap = -1 must be not negative"),
+    ((0, 1), {"contact": NEWTON}, r"gap = inf must be finite \(contact needs a finite gap\)"),
+    ((0, 1), {"gap": np.nan, "contact": NEWTON}, r"gap = nan must be not negative"),
     (
-        lambda: System((1.0, 1.0), GROUNDED[:2], links((0, 2))),
-        r"System: links.0.ends = \(0, 2\) must name masses from 0 to 1",
+        *((0, 1), {"gap": [1.0, np.inf], "contact": jp.Hertz(1e4)}),
+        r"gap = inf \(at index \[1\]\) must be finite \(contact needs",
     ),
+    ((0, 1), FREE | {"contact": 0.65}, f"contact = 0.65 {LAW}"),
+    ((0, 1), FREE | {"contact": jp.Hertz}, f"contact = <class .*Hertz'> {LAW}"),
     (
-        lambda: System((1.0,) * 4, rods((0, -1), (1, 0), (2, 3)), links((1, 2))),
-        r"System: masses.2 must be tied to the ground by rods, directly or through",
+        *((0, 1), FREE | {"contact": Cushion(50.0)}),
+        "contact of type Cushion must be a pytree: put @jax.tree_util.regist",
     ),
-    (
-        lambda: System((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2), (2, 0))),
-        r"System: links.2.ends = \(2, 0\) must not close a ring with the links before it",
-    ),
-    (
-        lambda: System((1.0,) * 2, GROUNDED[:2], links((0, 1), (1, 0))),
-        r"System: links.1.ends = \(1, 0\) must not close a ring",
-    ),
-    (
-        lambda: System((1.0,) * 2, GROUNDED[:2], links((0, -1), (1, -1), (0, 1))),
-        r"System: links.2.ends = \(0, 1\) must not close a ring",
-    ),
-    (lambda: Link((1, 1)), r"Link: ends = \(1, 1\) must be two different masses by number"),
-    (lambda: Link((0, -2)), r"Link: ends = \(0, -2\) must be two different masses"),
-    (lambda: Link((0, 1.0)), r"Link: ends = \(0, 1.0\) must be two different masses"),
-    (lambda: Link((0, True)), r"Link: ends = \(0, True\) must be two different masses"),
-    (lambda: Link(3), r"Link: ends = 3 must be two different masses"),
-    (lambda: Link((0, 1), -0.1), r"Link: friction = -0.1 must be finite and not negative"),
-    (lambda: Link((0, 1), 0.1, -1.0), r"Link: gap = -1 must be not negative"),
-    (
-        lambda: Link((0, 1), contact=jp.Newton(0.5)),
-        r"Link: gap = inf must be finite \(contact needs a finite gap\)",
-    ),
-    (
-        lambda: Link((0, 1), gap=np.nan, contact=jp.Newton(0.5)),
-        r"Link: gap = nan must be not negative",
-    ),
-    (
-        lambda: Link((0, 1), gap=[1.0, np.inf], contact=jp.Hertz(1e4)),
-        r"Link: gap = inf \(at index \[1\]\) must be finite \(contact needs",
-    ),
-    (
-        lambda: Link((0, 1), gap=1.0, contact=0.65),
-        r"Link: contact = 0.65 must be of type ContactLaw or Newton or None",
-    ),
-    (
-        lambda: Link((0, 1), gap=1.0, contact=jp.Hertz),
-        r"Link: contact = <class .*Hertz'> must be of type ContactLaw or Newton or None",
-    ),
-    (
-        lambda: Link((0, 1), gap=1.0, contact=Cushion(50.0)),
-        r"Link: contact of type Cushion must be a pytree: put @jax.tree_util.regist",
-    ),
-    (lambda: Rod(ROD, 0.0, (0, -1)), r"Rod: stiffness = 0 must be positive and finite"),
-    (lambda: Rod(1.0, 1.0, (0, -1)), r"Rod: material = 1.0 must be of type ZenerRod"),
-    (lambda: Rod(ROD, 1.0, (-1, -1)), r"Rod: ends = \(-1, -1\) must be two different"),
+    of=lambda ends, options: Link(ends, **options),
+    before="Link: ",
+)
+
+
+test_what_no_rod_can_be_made_of = refusals(
+    (ROD, 0.0, (0, -1), r"stiffness = 0 must be positive and finite"),
+    (1.0, 1.0, (0, -1), r"material = 1.0 must be of type ZenerRod"),
+    (ROD, 1.0, (-1, -1), r"ends = \(-1, -1\) must be two different"),
+    of=Rod,
+    before="Rod: ",
 )
 
 
