@@ -3,7 +3,7 @@
 import pytest
 
 
-def assert_refused(message, function, /, *arguments, **options):
+def refused(message, function, /, *arguments, **options):
     """A call raises ``ValueError`` with words that match a pattern."""
     with pytest.raises(ValueError, match=message):
         function(*arguments, **options)
@@ -20,6 +20,6 @@ def refusals(*rows, of=lambda function, *arguments: function(*arguments), before
     def test(row, request):
         *arguments, message = row
         values = map(request.getfixturevalue, fixtures)
-        assert_refused(before + message, of, *values, *arguments)
+        refused(before + message, of, *values, *arguments)
 
     return test

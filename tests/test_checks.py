@@ -28,7 +28,7 @@ from jaxpound._checks import (
     require_memory,
 )
 from jaxpound._fields import label, pytree_dataclass, static
-from tests.refusals import assert_refused
+from tests.refusals import refused
 
 
 @pytree_dataclass
@@ -79,7 +79,7 @@ def test_a_broken_rule_raises_with_owner_argument_value_index_and_rule():
     with pytest.raises(ValueError, match=r"mass = 2 \(at index \[1\]\) must be above"):
         enforce("Owner", [Rule("mass", 2.0, limit < 2, "above the limit")])
     rules = [Rule("a", 1.0, True, "x"), Rule("b", 2.0, False, "y"), Rule("c", 3.0, False, "z")]
-    assert_refused("b = 2", enforce, "Owner", rules)
+    refused("b = 2", enforce, "Owner", rules)
     enforce("Owner", [Rule("a", 1.0, True, "x"), Rule("b", np.ones(3), np.ones(3, bool), "y")])
 
 
@@ -127,8 +127,7 @@ def test_finite_refuses_infinities_and_nan_and_tracers_are_seen_anywhere():
     ids=repr,
 )
 def test_what_is_no_real_number_is_refused_by_name(value):
-    with pytest.raises(ValueError, match=r"^Owner: mass = .* (must be a real|is not a) number"):
-        real("Owner", "mass", value)
+    refused(r"^Owner: mass = .* (must be a real|is not a) number", real, "Owner", "mass", value)
 
 
 def test_refusal_of_a_long_value_stays_short():
@@ -143,7 +142,7 @@ def test_whole_numbers_become_floats_and_floats_keep_their_precision():
         assert np.asarray(result).dtype == np.float64
         assert result == float(whole)
     assert real("Owner", "mass", jnp.arange(3)).dtype == jnp.float64
-    assert_refused(r"mass = 1000.* too large", real, "Owner", "mass", 10**400)
+    refused(r"mass = 1000.* too large", real, "Owner", "mass", 10**400)
     for value in (np.float32(0.5), np.ones(2, np.float32), np.array(0.5, np.float16)):
         assert real("Owner", "mass", value).dtype == value.dtype
         assert real("Owner", "mass", jnp.asarray(value)).dtype == value.dtype
@@ -161,8 +160,7 @@ def test_anything_like_an_array_becomes_one_that_jax_takes():
 
 def test_number_takes_one_and_batch_what_can_be_broadcast_and_instance_a_type():
     assert number("Owner", "dt", 0.5) == 0.5
-    with pytest.raises(ValueError, match=r"Owner: dt of shape \(2,\) must be one number"):
-        number("Owner", "dt", [0.1, 0.2])
+    refused(r"Owner: dt of shape \(2,\) must be one number", number, "Owner", "dt", [0.1, 0.2])
     with pytest.raises(ValueError, match=r"Owner: dt of shape \(2,\) must be one number"):
         jax.jit(lambda x: number("Owner", "dt", x))(jnp.ones(2))
     require_batch("Owner", a=1.0, b=np.ones(3), c=np.ones((2, 1)))
@@ -177,10 +175,10 @@ def test_numbers_of_a_sign_become_floats_and_the_rest_is_refused():
     assert positive("Owner", a=1, b=2.5) == [1.0, 2.5]
     assert not_negative("Owner", a=0, b=2.5) == [0.0, 2.5]
     for bad in (0, -1.0, np.nan, np.inf):
-        assert_refused("Owner: b = .* must be positive and finite", positive, "Owner", a=1, b=bad)
+        refused("Owner: b = .* must be positive and finite", positive, "Owner", a=1, b=bad)
     for bad in (-1.0, np.nan, np.inf):
         words = "Owner: b = .* must be finite and not negative"
-        assert_refused(words, not_negative, "Owner", a=1, b=bad)
+        refused(words, not_negative, "Owner", a=1, b=bad)
 
 
 # Frozen dataclasses
@@ -196,9 +194,8 @@ def test_objects_are_frozen_and_judged_when_made_and_replaced():
         with pytest.raises(dataclasses.FrozenInstanceError):
             change()
     spring = Spring(1.0, 2.0, law="cubic", name="a")
-    assert_refused("Spring: stiffness = -1 must be positive", Spring, -1.0, 2.0)
-    with pytest.raises(ValueError, match="Spring: stiffness = -1 must be positive"):
-        dataclasses.replace(spring, stiffness=-1.0)
+    refused("Spring: stiffness = -1 must be positive", Spring, -1.0, 2.0)
+    refused("Spring: stiffness = -1 must be positive", dataclasses.replace, spring, stiffness=-1.0)
     other = dataclasses.replace(spring, length=3.0)
     assert (other.stiffness, other.length, other.law, other.name) == (1.0, 3.0, "cubic", "a")
     assert spring.length == 2.0
@@ -264,7 +261,7 @@ def test_what_memory_has_no_room_for_is_refused_with_its_bytes(small_machine):
         (10**18, 8 * 10**18, r"1.00e\+18 would take 8 EB"),
         (10**6000, 8 * 10**6000, r"1.00e\+6000 would take 8.00e\+5982 EB"),
     ):
-        assert_refused(f"^owner: n = {message}", require_memory, "owner", "n", value, size)
+        refused(f"^owner: n = {message}", require_memory, "owner", "n", value, size)
     require_memory("owner", "n", 10**9, 19 * 10**9)
 
 

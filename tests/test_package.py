@@ -85,40 +85,21 @@ def imports(module):
             yield from (alias.name for alias in node.names)
 
 
-def test_every_module_has_its_wing_and_no_imports_run_in_a_circle():
+def test_no_import_runs_upwards_or_in_a_circle():
+    """Within a wing, too."""
     assert {wing(module) for module in MODULES} == set().union(*WINGS)
-    # Within a wing, too.
-    graph = {
-        module: {m for m in imports(module) if m in MODULES and m not in ("jaxpound", module)}
-        for module in MODULES
-        if module != "jaxpound"
-    }
+    graph, below = {}, set()
+    for names in WINGS:
+        for module in (m for m in MODULES if wing(m) in names):
+            of_ours = {m for m in imports(module) if m.partition(".")[0] == "jaxpound"}
+            assert {wing(m) for m in of_ours} <= below | {wing(module)}, module
+            graph[module] = (of_ours & MODULES.keys()) - {"jaxpound", module}
+        below |= names
+    del graph["jaxpound"]
     assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
-@pytest.mark.parametrize("level", range(len(WINGS)))
-def test_no_import_runs_upwards(level):
-    below = set().union(*WINGS[:level])
-    for module in MODULES:
-        if wing(module) in WINGS[level]:
-            ours = {m for m in imports(module) if m.partition(".")[0] == "jaxpound"}
-            assert {wing(m) for m in ours} <= below | {wing(module)}, module
-
-
-def output_of(code, **options):
-    """What a process prints that runs this program, and nothing on stderr."""
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
-
-
-def test_figures_alone_import_matplotlib_and_responses_when_drawn():
-    code = (
-        "import sys, jaxpound.results.response; "
-        "assert not {'jaxpound.plots', 'matplotlib'} & sys.modules.keys()"
-    )
-    output_of(code)
+def test_figures_alone_import_matplotlib():
     for module in MODULES:
         if wing(module) != "plots":
             assert not any("matplotlib" in m for m in imports(module)), module
@@ -142,40 +123,43 @@ def test_no_import_is_hidden():
     assert all(not library.startswith("jaxpound") for library in EXTRAS)
 
 
-def test_imports_are_silent_change_nothing_and_bring_only_what_is_used():
-    code = (
-        "import jax; before = dict(jax.config.values); import jaxpound, sys; "
-        "assert jax.config.values == before; assert 'matplotlib' not in sys.modules"
-    )
-    assert output_of(code) == ""
-    # JAX and SciPy take the better part of a second each: neither is paid for by a mere import.
-    code = (
-        "import sys, jaxpound\n"
-        "assert jaxpound.__version__ and 'simulate' in dir(jaxpound)\n"
-        "assert not {'jax', 'numpy', 'scipy'} & {*sys.modules}\n"
-        "assert jaxpound.simulate and jaxpound.paper.structures()\n"
-        "assert not {'scipy.stats', 'scipy.optimize', 'optax'} & {*sys.modules}\n"
-    )
-    output_of(code)
+IMPORT = """
+import sys, jaxpound
+assert jaxpound.__version__ and 'simulate' in dir(jaxpound)
+assert not {'jax', 'numpy', 'scipy'} & {*sys.modules}
+assert jaxpound.simulate and jaxpound.paper.structures()
+assert not {'scipy.stats', 'scipy.optimize', 'optax'} & {*sys.modules}
+import jaxpound.results.response
+assert not {'jaxpound.plots', 'matplotlib'} & sys.modules.keys()
+"""
+"""JAX and SciPy take the better part of a second each: neither is paid for by a mere import."""
+
+NAMES = """
+import jax
+before = dict(jax.config.values)
+import jaxpound, sys
+assert jax.config.values == before and 'matplotlib' not in sys.modules
+from jaxpound import *
+from jaxpound import monte_carlo as study, paper as case
+import jaxpound as jp, pickle, types
+assert all(globals()[name] is getattr(jp, name) for name in jp.__all__)
+assert {*jp.__all__} <= {*dir(jp)}
+assert study is monte_carlo and case is paper
+again = pickle.loads(pickle.dumps((simulate, Limit(0.3), paper.structures())))
+assert again[0] is simulate and str(again[2]) == str(paper.structures())
+assert isinstance(jp.ground, types.ModuleType) and jp.contact.Newton is jp.Newton
+assert jp.hazard.HazardCurve is jp.HazardCurve and jp.ground.Ricker is jp.Ricker
+from jaxpound import plots
+assert jp.plots is plots and 'plots' in dir(jp)
+"""
 
 
-def test_public_names_are_there_however_they_are_asked_for():
+def test_imports_are_silent_change_nothing_and_bring_all_public_names_when_they_are_used():
     assert len(jp.__all__) == len(set(jp.__all__)) > 60
-    code = (
-        "from jaxpound import *\n"
-        "from jaxpound import monte_carlo as study, paper as case\n"
-        "import jaxpound as jp, pickle, types\n"
-        "assert all(globals()[name] is getattr(jp, name) for name in jp.__all__)\n"
-        "assert {*jp.__all__} <= {*dir(jp)}\n"
-        "assert study is monte_carlo and case is paper\n"
-        "again = pickle.loads(pickle.dumps((simulate, Limit(0.3), paper.structures())))\n"
-        "assert again[0] is simulate and str(again[2]) == str(paper.structures())\n"
-        "assert isinstance(jp.ground, types.ModuleType) and jp.contact.Newton is jp.Newton\n"
-        "assert jp.hazard.HazardCurve is jp.HazardCurve and jp.ground.Ricker is jp.Ricker\n"
-        "from jaxpound import plots\n"
-        "assert jp.plots is plots and 'plots' in dir(jp)\n"
-    )
-    output_of(code)
+    for program in (IMPORT, NAMES):
+        command = [sys.executable, "-c", program]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_no_module_has_the_name_of_what_another_or_itself_holds():

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
 from tests.made import changed
-from tests.refusals import assert_refused, refusals
+from tests.refusals import refusals, refused
 
 BUILDING_1 = jp.Building(2.0e5, 8.0e6, 0.4, 0.01, 0.15)
 BUILDING_2 = jp.Building(1.3e5, 9.0e6, 0.7, 0.02, 0.20)
@@ -159,9 +159,9 @@ def test_the_units_of_a_contact_law_of_one_s_own_are_not_guessed():
     scales, rule = jp.Scales(1e5, 4.0), "must be a law of this package: the units of a law of one's"
     for convert in (scales.contact_to_si, scales.contact_to_dimensionless):
         for law in (Cushion(1.0), with_mass(jp.KelvinVoigt(1.0, 0.5), 1.0)):
-            assert_refused(rf"Scales.contact_to_.*: law = .* {rule}", convert, law)
+            refused(rf"Scales.contact_to_.*: law = .* {rule}", convert, law)
         for law in (3.0, jp.Newton, BUILDING_1):
-            assert_refused(r"law = .* must be of type ContactLaw or Newton", convert, law)
+            refused(r"law = .* must be of type ContactLaw or Newton", convert, law)
     with pytest.raises(ValueError, match=f"^dimensionless: contact = .* {rule}"):
         jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=Cushion(1.0))
 
@@ -243,7 +243,7 @@ def test_unattainable_damping_is_refused_with_the_largest():
     largest = largest_damping(np.pi / 4, 0.01)
     with pytest.raises(ValueError, match=rf"damping_ratio = 0\.6 .* can give, {largest:.8g}"):
         jp.Building.from_period(1e5, 1.0, 0.6)
-    assert_refused("damping_ratio = ", jp.Building.from_period, 1e5, 1.0, 1.0001 * largest)
+    refused("damping_ratio = ", jp.Building.from_period, 1e5, 1.0, 1.0001 * largest)
     jp.Building.from_period(1e5, 1.0, 0.9999 * largest)
     largest = largest_damping(0.15 * np.pi, 0.01)
     with pytest.raises(ValueError, match=rf"= 0\.4 \(at index \[1\]\) .* can give, {largest:.8g}"):
@@ -381,7 +381,7 @@ def test_gap_and_ground_are_those_of_the_buildings_and_are_not_converted_twice()
     np.testing.assert_allclose(si.ground_acceleration[:N_SAMPLES], shaking, atol=1e-9)
     assert si.time[-1] == pytest.approx(5.0)
     for result in (si, si.demand):
-        assert_refused("to_si: result must be dimensionless", scales.to_si, result)
+        refused("to_si: result must be dimensionless", scales.to_si, result)
 
 
 def test_energies_are_in_joules_and_phases_in_seconds():
@@ -478,11 +478,11 @@ def test_dimensionless_record_keeps_its_acceleration_and_scales_its_time():
 def test_scales_refuse_bad_values_and_conversions_name_the_type_they_take():
     values = {"mass": 1e5, "frequency": 4.0, "gravity": 9.81}
     for name, bad in itertools.product(values, (0, -1.0, np.nan, np.inf, None, "1")):
-        assert_refused(f"Scales: {name} = ", jp.Scales, **(values | {name: bad}))
+        refused(f"Scales: {name} = ", jp.Scales, **(values | {name: bad}))
     for method, message in {
         "to_si": "result = .* must be of type Response or Demand",
         "to_dimensionless": "record = .* must be of type Record",
         "buildings": "structures = .* must be of type AdjacentStructures",
     }.items():
         for bad in (None, 3.0, np.ones(3), BUILDING_1):
-            assert_refused(f"Scales.{method}: {message}", getattr(jp.Scales(1e5, 4.0), method), bad)
+            refused(f"Scales.{method}: {message}", getattr(jp.Scales(1e5, 4.0), method), bad)

@@ -1,6 +1,7 @@
 """Incremental dynamic analysis of linear buildings, whose demand is proportional to the factor."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import jaxpound as jp
 from jaxpound.hazard import suite_runs
 from jaxpound.hazard.ida import Brackets, by_newton, by_sections
 from tests.ground.test_suite import SUITE
-from tests.refusals import assert_refused, refusals
+from tests.refusals import refusals, refused
 
 LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
 RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
@@ -68,17 +69,15 @@ def test_any_measure_that_is_proportional(linear):
     np.testing.assert_allclose(factors.capacities, factors.factors)
     # Their fragilities know what they are of, and meet hazard curves of no other measure.
     rates = [1e-2, 1e-3, 1e-5]
-    of_pga, of_sa, of_other = (
-        jp.HazardCurve([0.05, 0.2, 1.0], rates, f"{name} (g)")
-        for name in ("PGA", "SA(0.9)", "SA(0.2)")
-    )
+    of_measure = partial(jp.HazardCurve, [0.05, 0.2, 1.0], rates)
+    of_pga, of_sa, of_other = map(of_measure, ("PGA (g)", "SA(0.9) (g)", "SA(0.2) (g)"))
     assert spectral.fragility().measure == "Sa(0.9 s) (g)"
     for hazard, curve in ((of_pga, spectral), (of_other, spectral), (of_sa, linear)):
-        with pytest.raises(ValueError, match=r"measure = .* must be that of the fragility, "):
-            hazard.annual_rate_of(curve.fragility())
+        words = r"measure = .* must be that of the fragility, "
+        refused(words, hazard.annual_rate_of, curve.fragility())
     in_m = jp.HazardCurve([0.5, 2.0, 10.0], rates, "PGA (m/s²)")
-    with pytest.raises(ValueError, match="must be in the unit of the fragility, g: convert"):
-        in_m.annual_rate_of(linear.fragility())
+    words = "must be in the unit of the fragility, g: convert"
+    refused(words, in_m.annual_rate_of, linear.fragility())
     for hazard, curve in ((of_pga, linear), (of_sa, spectral), (in_m, factors)):
         hazard.annual_rate_of(curve.fragility())
 
@@ -97,8 +96,7 @@ def test_thresholds_demands_records_and_fractiles(linear):
     np.testing.assert_allclose(found.threshold, GAP / float(SCALES.length))
     low, middle, high = linear.fractiles()
     np.testing.assert_allclose(middle, np.median(linear.demands, axis=0))
-    assert (low < middle).all()
-    assert (middle < high).all()
+    assert ((low < middle) & (middle < high)).all()
     stripes = linear.stripes
     np.testing.assert_array_equal(stripes.trials, [3] * 4)
     expected = (linear.capacities[:, None] <= linear.intensities).sum(axis=0)
@@ -116,12 +114,9 @@ class Curves:
     def demands(self, which, intensities):
         return self.slopes(which, intensities)[0]
 
-    def slopes(self, which, intensities):
+    def slopes(self, which, im):
         phase = np.array([1.0, 1.3])[which]
-        return (
-            intensities + 0.8 * np.sin(phase * intensities),
-            1 + 0.8 * phase * np.cos(phase * intensities),
-        )
+        return im + 0.8 * np.sin(phase * im), 1 + 0.8 * phase * np.cos(phase * im)
 
 
 @pytest.mark.parametrize("method", [by_sections, by_newton])
@@ -146,7 +141,7 @@ def test_records_that_return_are_named_and_strong_ones_warned_of():
     assert "below it again at higher intensities: wave" in repr(found)
     with pytest.warns(jp.PlausibilityWarning, match=r"'slow' times .* has a PGA of 6 g"):
         analysed(records=[SUITE[0]], intensities=[0.1, 6.0])
-    assert_refused("PGA of 6 g", analysed, intensities=[0.1, 6.0], strict=True)
+    refused("PGA of 6 g", analysed, intensities=[0.1, 6.0], strict=True)
 
 
 @pytest.fixture
@@ -165,10 +160,10 @@ def counted(monkeypatch):
 
         return run
 
-    counting.most, sizes_of = None, sizes
+    counting.most = None
     monkeypatch.setattr(suite_runs, "in_chunks", counting)
     monkeypatch.setattr(suite_runs, "_part", lambda: 8)
-    return counting, sizes_of
+    return counting, sizes
 
 
 def assert_same(found, expected):
@@ -193,36 +188,27 @@ def test_a_stopped_analysis_goes_on(refine, counted, tmp_path):
     assert_same(analysed(**how, store=tmp_path / "ida"), whole)  # from its files alone
 
 
-def test_a_store_serves_other_questions_of_the_same_runs(counted, tmp_path):
+def test_a_store_serves_other_questions_of_the_same_runs_and_damage_is_told(counted, tmp_path):
     counting, sizes = counted
-    store = tmp_path / "ida"
-    first = analysed(store=store, progress=False)
+    stored = {"store": tmp_path / "ida", "progress": False}
+    first = analysed(**stored)
     counting.most = len(sizes)
-    assert_same(analysed(store=store, progress=False, measure=SUITE.pgas), first)
-    strip = jp.multiple_stripes(
-        PAIR, SUITE, intensities=LADDER, scales=SCALES, store=store, progress=False
-    )
+    assert_same(analysed(**stored, measure=SUITE.pgas), first)
+    strip = jp.multiple_stripes(PAIR, SUITE, intensities=LADDER, scales=SCALES, **stored)
     np.testing.assert_array_equal(strip.demands, first.demands.T)
     for changed, words in (
         ({"demand": "peak_x1", "threshold": 0.02}, "demand is 'required_gap' there and 'peak_x1'"),
         ({"records": SUITE.scaled([1.0, 1.0, 2.0])}, "records.* there and .* here"),
         ({"structures": dataclasses.replace(PAIR, friction=0.1)}, "structures.friction is 0.0 th"),
     ):
-        with pytest.raises(ValueError, match=f"holds another study: .*{words}"):
-            analysed(store=store, progress=False, **changed)
-
-
-def test_damaged_files_are_told_and_made_anew(linear, counted, tmp_path):
-    _, sizes = counted
-    store = tmp_path / "ida"
-    whole = analysed(store=store, progress=False)
-    files, done = sorted(store.glob("chunk-*.npz")), len(sizes)
+        refused(f"holds another study: .*{words}", analysed, **stored, **changed)
+    files, counting.most = sorted(stored["store"].glob("chunk-*.npz")), len(sizes) + 1
     files[1].write_bytes(b"damaged")
     with pytest.warns(UserWarning, match=r"ida: chunk 1 is damaged .*; its runs are made anew"):
-        assert_same(analysed(store=store, progress=False), whole)
-    assert len(sizes) == done + 1
-    assert sorted(store.glob("chunk-*.npz")) == files
-    assert_same(analysed(store=store, progress=False), whole)
+        assert_same(analysed(**stored), first)
+    assert len(sizes) == counting.most
+    assert sorted(stored["store"].glob("chunk-*.npz")) == files
+    assert_same(analysed(**stored), first)
 
 
 def test_the_progress_bar_shows_records_and_brackets_and_unfit_ones_are_named(capsys):
@@ -233,12 +219,9 @@ def test_the_progress_bar_shows_records_and_brackets_and_unfit_ones_are_named(ca
     words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
     with pytest.raises(FloatingPointError, match=words):
         analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
-    fine = jp.Record(np.full(100, 0.1), 1e-5, "fine")
-    long = jp.Record(np.full(100, 0.1), 1.0, "long")
-    with pytest.raises(ValueError, match=r"'fine', the finest, and 'long', .* 1,000,000 steps"):
-        analysed(records=[fine, long])
-    with pytest.raises(ValueError, match=r"grid = None must be a TimeGrid: .* only for buildings"):
-        analysed(PAIR.system())
+    fine, long = (jp.Record(np.full(100, 0.1), dt, x) for dt, x in ((1e-5, "fine"), (1, "long")))
+    refused(r"'fine', the finest, and 'long', .* 1,000,000 steps", analysed, records=[fine, long])
+    refused(r"grid = None must be a TimeGrid: .* only for buildings", analysed, PAIR.system())
 
 
 test_wrong_arguments_are_named = refusals(

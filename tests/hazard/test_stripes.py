@@ -8,7 +8,7 @@ import pytest
 import jaxpound as jp
 from tests.ground.test_suite import SUITE
 from tests.hazard.test_ida import LADDER, LEFT, PAIR, RIGHT, SCALES, analysed
-from tests.refusals import assert_refused
+from tests.refusals import refused
 
 ROW, ROW_SCALES = jp.dimensionless_row(
     (LEFT, RIGHT, LEFT), [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
@@ -46,7 +46,7 @@ def test_each_intensity_may_have_its_own_records(linear):
                      intensities=near)  # fmt: skip
     for rows, found in zip((slice(None), [0], [0, 1]), others.demands, strict=True):
         np.testing.assert_allclose(found, linear.demands[rows, 1], rtol=1e-6)
-    assert_refused("2 suites must be 4, one an intensity", striped, suites[:2])
+    refused("2 suites must be 4, one an intensity", striped, suites[:2])
 
 
 def test_pounding_where_gaps_differ_is_an_overlap_of_any_link():

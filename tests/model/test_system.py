@@ -12,7 +12,7 @@ from jaxpound import Link, Rod, System
 from jaxpound._checks import all_hold
 from jaxpound._fields import rules
 from jaxpound.model.system import Structures, rod_groups
-from tests.refusals import assert_refused, refusals
+from tests.refusals import refusals, refused
 
 ROD = jp.ZenerRod(0.5, 0.01, 0.05)
 
@@ -148,7 +148,7 @@ def test_a_run_refuses_what_is_no_structure():
             ValueError, match=r"structures = .* must be AdjacentStructures, a System"
         ):
             jp.demand(wrong, jp.paper.ground(), grid)
-        assert_refused(r"stability_limit: structures = .* must be Adj", jp.stability_limit, wrong)
+        refused(r"stability_limit: structures = .* must be Adj", jp.stability_limit, wrong)
     system = System((1.0, np.ones(3)), GROUNDED[:2])
     with pytest.raises(ValueError, match=r"structures: masses.1 of shape \(3,\) must be one num"):
         jp.demand(system, jp.paper.ground(), grid)

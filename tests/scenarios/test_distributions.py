@@ -10,7 +10,7 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.scenarios.distributions import reach, truncated
-from tests.refusals import assert_refused, refusals
+from tests.refusals import refusals, refused
 
 CASES = [
     (jp.Normal(2.0, 0.5), stats.norm(2.0, 0.5)),
@@ -78,7 +78,7 @@ def test_two_sided_numbers_pass_zero_without_a_jump_and_with_finite_slopes():
         (lambda: jp.TwoSided(jp.LogNormal(1.0, 1.0), 1.0), "negative = 1 must be between 0 and 1"),
         (lambda: jp.TwoSided(3), "size = 3 must be of type Distribution"),
     ):
-        assert_refused(message, make)
+        refused(message, make)
 
 
 def test_truncation_keeps_both_tails_and_the_nearer_end():

@@ -10,7 +10,7 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.scenarios.scenarios import discrete_coordinates, parameter_names, parameters
-from tests.refusals import assert_refused, refusals
+from tests.refusals import refusals, refused
 
 PAPER = jp.paper.structures()
 PATHS = [
@@ -275,4 +275,4 @@ def test_scenarios_by_index_are_those_of_the_study(sampling):
         (-1, "must be from 0 to"),
         (2**31, "must be from 0 to"),
     ):
-        assert_refused(message, scenarios.at, indices, 3, sampling=sampling)
+        refused(message, scenarios.at, indices, 3, sampling=sampling)

@@ -15,7 +15,7 @@ import jaxpound as jp
 from jaxpound.store import archive
 from jaxpound.store.archive import DamagedError, write_archive
 from jaxpound.store.store import MANIFEST, Store
-from tests.refusals import assert_refused
+from tests.refusals import refused
 
 IDENTITY = {"chunk_size": 4, "precision": "float64", "columns": ["a", "b"], "grid": {"dt": 0.1}}
 
@@ -140,9 +140,9 @@ def fresh(store):
 def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_alone(store):
     again = Store.create, store.folder
     words = r"holds another study: grid.dt is 0.1 there and 0.2 here"
-    assert_refused(words, *again, IDENTITY | {"grid": {"dt": 0.2}}, 10, {})
+    refused(words, *again, IDENTITY | {"grid": {"dt": 0.2}}, 10, {})
     words = r"grid.h is absent there and 1 here"
-    assert_refused(words, *again, IDENTITY | {"grid": {"dt": 0.1, "h": 1}}, 10, {})
+    refused(words, *again, IDENTITY | {"grid": {"dt": 0.1, "h": 1}}, 10, {})
     assert all(store.read(k) is not None for k in store.chunks())
     fresh(store).mkdir()
     with pytest.raises(DamagedError, match="it is no regular file"):
@@ -153,7 +153,7 @@ def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")
     words = r"must be empty or hold a manifest.json, but has 'thesis"
-    assert_refused(words, Store.create, folder, IDENTITY, 10, {})
+    refused(words, Store.create, folder, IDENTITY, 10, {})
     assert [p.name for p in folder.iterdir()] == ["thesis.tex"]
 
 
@@ -171,17 +171,17 @@ def test_a_folder_without_a_good_manifest_is_refused(tmp_path):
     ):
         if text is not None:
             (tmp_path / MANIFEST).write_text(text)
-        assert_refused(message, Store, tmp_path)
+        refused(message, Store, tmp_path)
     missing = tmp_path / "no" / "study"
-    assert_refused(f"manifest.json; there is no folder {missing}", jp.Study.open, missing)
+    refused(f"manifest.json; there is no folder {missing}", jp.Study.open, missing)
     # What is no file: a folder, a pipe, a link to itself, a device.
     to_itself, to_a_device = (lambda p: p.symlink_to(p)), (lambda p: p.symlink_to("/dev/zero"))
     for i, put in enumerate((Path.mkdir, os.mkfifo, to_itself, to_a_device)):
         folder = tmp_path / f"{i}"
         folder.mkdir()
         put(folder / MANIFEST)
-        assert_refused(r"manifest.json is damaged \(it is", Store, folder)
-        assert_refused(r"manifest.json is damaged \(it is", Store.create, folder, IDENTITY, 10, {})
+        refused(r"manifest.json is damaged \(it is", Store, folder)
+        refused(r"manifest.json is damaged \(it is", Store.create, folder, IDENTITY, 10, {})
 
 
 def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path):
@@ -192,18 +192,16 @@ def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path):
         ({"columns": []}, r"columns = \[\] must be names"),
         ({"columns": ["../a"]}, "column '../a' must have a name"),
     ):
-        assert_refused(message, Store.create, tmp_path / "study", IDENTITY | change, 10, {})
+        refused(message, Store.create, tmp_path / "study", IDENTITY | change, 10, {})
         assert not (tmp_path / "study").exists()
 
 
 def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
     os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
-    assert_refused(r"manifest.json is damaged \(it is too large\)", Store, store.folder)
+    refused(r"manifest.json is damaged \(it is too large\)", Store, store.folder)
     monkeypatch.setattr("jaxpound.store.store._LARGEST_MANIFEST", 1000)
     words, folder = r"must be at most 1,000 bytes with its notes", store.folder.with_name("other")
-    assert_refused(
-        f"manifest.json {words}", Store.create, folder, IDENTITY, 10, {"notes": "x" * 1000}
-    )
+    refused(f"manifest.json {words}", Store.create, folder, IDENTITY, 10, {"notes": "x" * 1000})
 
 
 def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(store):
@@ -214,7 +212,7 @@ def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(sto
     assert Store(store.folder, 6).held() == [0, 1]
     assert [*dict(Store(store.folder).undamaged(Store(store.folder).held(), ""))] == [0, 1]
     (store.folder / "samples-9999999999").touch()
-    assert_refused("samples-9999999999 must be at most 2147483648", Store, store.folder)
+    refused("samples-9999999999 must be at most 2147483648", Store, store.folder)
 
 
 def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, monkeypatch):
