@@ -13,6 +13,7 @@ from jaxpound.reliability.run import event_of
 from jaxpound.reliability.search import signs_of_missed_failures
 from tests.refusals import refusals, refused
 from tests.reliability import case_w
+from tests.reliability.test_subset import stopped
 
 
 @pytest.fixture(scope="module")
@@ -67,13 +68,8 @@ def test_a_start_from_few_instants(events):
     """Each neighbour of an instant with a point is sought from it: a curve loses none for good."""
     event = events[0.645]
     few = {name: getattr(event, name)[:2] for name in ("design_points", "instants", "series")}
-    again = event_of(
-        event.limit_state,
-        start=dataclasses.replace(event, **few),
-        max_runs=10,
-        method="design points",
-        progress=False,
-    )
+    how = {"max_runs": 10, "method": "design points", "progress": False}
+    again = event_of(event.limit_state, start=dataclasses.replace(event, **few), **how)
     assert "fail far from all design points" in again.warnings[0]
     assert len(again.instants) > 3
     assert set(event.instants[:2]) < set(again.instants)
@@ -135,18 +131,7 @@ def test_a_stopped_search_goes_on(events, tmp_path, monkeypatch):
     """Stopped by an interrupt in the third batch, and after that at none of its runs."""
     state, folder = case_w.state(0.47), tmp_path / "search"
     options = {"key": 1, "start": events[0.27], "store": folder, "progress": False}
-    made, run = [], jp.LimitState.values_and_times
-
-    def stopping(self, z):
-        if len(made) == 2:
-            raise KeyboardInterrupt
-        made.append(len(z))
-        return run(self, z)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(jp.LimitState, "values_and_times", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            event_of(state, **options)
+    stopped(monkeypatch, 2, lambda: event_of(state, **options), "values_and_times")
     after = event_of(state, **options)
     assert np.array_equal(after.values, events[0.47].values)
     for name in ("probability", "gradients"):
@@ -198,13 +183,12 @@ def linear():
 
 def test_closings_and_design_points_of_a_linear_pair_are_exact(linear):
     """The demand, which looks between instants too, is the largest of the linear closings."""
-    state, slopes, _, _ = linear
+    state, slopes, sizes, every = linear
     z = np.random.default_rng(0).standard_normal((20, case_w.N))
     largest = (z @ slopes.T).max(axis=1)
     found = state.values(z) + state.level
     assert (found > largest - 1e-9).all()
     assert found == pytest.approx(largest, rel=1e-2)
-    state, slopes, sizes, every = linear
     found = find_design_points(state, 0)
     rows = np.searchsorted(every, found.instants)
     assert len(found) > 10
@@ -247,9 +231,15 @@ def test_instants_of_accelerations_and_forces(demand, threshold, probability, co
 
 SHORT = jp.TimeGrid.until(8.0, dt=0.1)
 HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
-FEW = jp.Scenarios(
-    jp.paper.structures(), jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5)
-)
+
+
+def drawn(factor):
+    """Motions of five hills, times a factor."""
+    draw = jp.CustomDraw(lambda z: jp.Record(factor * HILLS @ z, 0.1, time_unit="1/ω1"), 5)
+    return jp.Scenarios(jp.paper.structures(), draw)
+
+
+FEW, STILL = drawn(1), drawn(0)
 
 
 STATE = jp.LimitState(FEW, SHORT, threshold=0.3)
@@ -257,9 +247,8 @@ STATE = jp.LimitState(FEW, SHORT, threshold=0.3)
 
 def few(gap, method="design points", **options):
     """The event of a gap; all share their programs."""
-    return event_of(
-        dataclasses.replace(STATE, threshold=gap), method=method, progress=False, **options
-    )
+    state = dataclasses.replace(STATE, threshold=gap)
+    return event_of(state, method=method, progress=False, **options)
 
 
 def test_a_demand_as_a_series_and_as_a_function():
@@ -285,10 +274,8 @@ def test_events_that_are_not_rare():
     sure, out = few(0.0), few(0.9)
     assert (sure.probability, sure.cov, sure.runs) == (1.0, 0.0, 256)
     assert "in each of 256 random runs" in sure.warnings[0]
-    assert out.probability == 1e-12
-    assert out.estimate[:3] == (1e-12, 0.0, 1e-12)
-    assert "out of reach" in out.warnings[0]
-    assert "out of reach" in repr(out)
+    assert (out.probability, *out.estimate[:3]) == (1e-12, 1e-12, 0.0, 1e-12)
+    assert ("out of reach" in out.warnings[0], "out of reach" in repr(out)) == (True, True)
     # Where no point is found within reach, nothing is known.
     refused("gradients must lead to the limit state, but none of 26", few, 50.0)
 
@@ -300,12 +287,14 @@ class Chosen:
     realize = staticmethod(FEW.realize)
 
 
-STILL = jp.Scenarios(
-    jp.paper.structures(),
-    jp.CustomDraw(lambda z: jp.Record(0 * HILLS @ z, 0.1, time_unit="1/ω1"), 5),
-)
+def two_demands(demand):
+    return np.ones(2) * demand.pga
+
+
 BY_POINTS = {"method": "design points"}
 
+
+MEASURE = {"threshold": 1.0}
 
 test_bad_input = refusals(
     (FEW, -1, {}, "gap = -1"),
@@ -316,34 +305,21 @@ test_bad_input = refusals(
         {"method": "desing points"},
         "method = 'desing points'; did you mean 'design points'",
     ),
-    (FEW, None, {"demand": "peak_x3", "threshold": 1.0}, "unknown demand 'peak_x3'"),
+    (FEW, None, {"demand": "peak_x3"} | MEASURE, "unknown demand 'peak_x3'"),
     (FEW, None, {"demand": "peak_x1"}, "threshold = None"),
     (FEW, 1.0, {"demand": "peak_x1"}, "gap = 1.0 must be None"),
-    (
-        FEW,
-        None,
-        {"demand": lambda demand: np.ones(2) * demand.pga, "threshold": 1.0},
-        "demand of shape \\(2,\\) must be one number",
-    ),
-    (
-        FEW,
-        None,
-        {"demand": lambda demand: None, "threshold": 1.0},
-        "demand = None must be a real number",
-    ),
+    (FEW, None, MEASURE | {"demand": two_demands}, r"demand of shape \(2,\) must be one number"),
+    (FEW, None, MEASURE | {"demand": lambda _: None}, "demand = None must be a real number"),
     (STILL, 1.0, BY_POINTS, "demand must depend on the random numbers"),
     (Chosen(), 1.0, BY_POINTS, "z_4 must not be discrete for design points"),
-    of=lambda scenarios, gap, options: jp.rare_event(
-        scenarios, SHORT, gap, progress=False, **options
-    ),
+    of=lambda draw, gap, options: jp.rare_event(draw, SHORT, gap, progress=False, **options),
 )
 
 
 def test_which_method_and_which_shapes_and_why():
+    words = r"z of shape .* must be of shape \(n, 5\), n at least 1"
     for shape in ((5,), (0, 5), (2, 4)):
-        refused(
-            r"z of shape .* must be of shape \(n, 5\), n at least 1", STATE.values, np.zeros(shape)
-        )
+        refused(words, STATE.values, np.zeros(shape))
     discrete = jp.rare_event(Chosen(), SHORT, 0.1, cov=0.5, progress=False)
     by_number = few(0.1, "auto", cov=0.5)
     assert discrete.method.startswith("z_4 discrete: subset simulation")
@@ -380,13 +356,9 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
 def test_a_period_of_structure_1_is_in_the_unit_of_the_instants():
     """The only design point is at 1 s and half of the failures at 1.8 s, a period of 0.63 s on."""
     state = SimpleNamespace(grid=SimpleNamespace(dt=0.01), time_step=0.1)
-    event = SimpleNamespace(
-        limit_state=state,
-        thin=0.0,
-        largest_share=0.0,
-        values=np.ones(2),
-        failures_by_instant=(np.array([1.0, 1.8]), np.array([0.5, 0.5])),
-    )
+    instants = {"failures_by_instant": (np.array([1.0, 1.8]), np.array([0.5, 0.5]))}
+    of_estimate = {"limit_state": state, "thin": 0.0, "largest_share": 0.0, "values": np.ones(2)}
+    event = SimpleNamespace(**of_estimate, **instants)
     near = SimpleNamespace(instants=np.array([100]))
     (sign,) = signs_of_missed_failures(event, near)
     assert sign.startswith("50% of the estimate comes from runs whose demand is largest at times")

@@ -288,9 +288,8 @@ def test_a_stray_file_keeps_nobody_waiting_and_a_store_all_damaged_is_no_study(t
     study(n=20, store=tmp_path)
     for path in tmp_path.glob("chunk-*"):
         path.write_bytes(b"")
-    refused = pytest.raises(ValueError, match="at least one finished chunk")
-    with pytest.warns(UserWarning, match="chunk 0 is damaged .*; chunk 1 is damaged"), refused:
-        jp.Study.open(tmp_path)
+    with pytest.warns(UserWarning, match="chunk 0 is damaged .*; chunk 1 is damaged"):
+        refused("at least one finished chunk", jp.Study.open, tmp_path)
 
 
 def test_a_chunk_of_another_key_is_not_taken_for_this_study_s(tmp_path):
@@ -306,43 +305,34 @@ def test_a_chunk_of_another_key_is_not_taken_for_this_study_s(tmp_path):
         other["pga"]
 
 
-@pytest.fixture(scope="module")
-def eight(tmp_path_factory):
-    """The store of a study of 8 samples."""
-    folder = tmp_path_factory.mktemp("study") / "eight"
-    study(n=8, store=folder)
-    return folder
+UNCERTAIN, PAIR = "'UncertainStructures'", "'AdjacentStructures'"
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_another_study_is_refused_with_what_differs(tmp_path):
+    stored = {"n": 8, "store": tmp_path / "study"}
+    study(**stored)
+    before, kind = files(stored["store"]), "scenarios.structures.type"
+    of_pair = dataclasses.replace(RANDOM, structures=SLIDING)
+    for change, message in (
         ({"key": 1}, "key.numbers is "),
         ({"sampling": "sobol"}, "sampling is 'plain' there and 'sobol' here"),
         ({"scheme": jp.Scheme(order=1)}, "scheme.order is 2 there and 1 here"),
         ({"keep_parameters": True}, "columns is "),
         ({"scales": jp.Scales(1e5, 7.0)}, "scales is absent there and"),
         ({"chunk_size": 8}, "chunk_size is 16 there and 8 here"),
-        (
-            {"scenarios": dataclasses.replace(RANDOM, structures=jp.paper.structures())},
-            "scenarios.structures.type is 'UncertainStructures' there and 'AdjacentStructures'",
-        ),
-    ],
-    ids=lambda x: next(iter(x)) if isinstance(x, dict) else "",
-)
-def test_another_study_is_refused_with_what_differs(eight, change, message):
-    before = files(eight)
-    refused(f"holds another study: .*{message}", study, **{"n": 8, "store": eight} | change)
-    assert files(eight) == before
+        ({"scenarios": of_pair}, f"{kind} is 'UncertainStructures' there and 'AdjacentStructures'"),
+    ):
+        refused(f"holds another study: .*{message}", study, **stored | change)
+        assert files(stored["store"]) == before
 
-
-def test_a_function_with_other_numbers_inside_is_another_study(tmp_path):
+    # A function with other numbers inside, too.
     def scenarios(factor):
         return jp.Scenarios(SLIDING, jp.CustomDraw(lambda z: factor * wave(z), 1))
 
-    study(scenarios(2.0), n=8, store=tmp_path / "study")
-    study(scenarios(2.0), n=8, store=tmp_path / "study")
-    refused("holds another study: program", study, scenarios(3.0), n=8, store=tmp_path / "study")
+    stored["store"] = tmp_path / "of a function"
+    for _ in range(2):
+        study(scenarios(2.0), **stored)
+    refused("holds another study: program", study, scenarios(3.0), **stored)
 
 
 FILLING = """
