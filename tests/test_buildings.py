@@ -133,16 +133,14 @@ def test_a_study_is_in_si(tmp_path):
         np.testing.assert_allclose(study[name], expected[name], rtol=1e-7, atol=1e-9)
         assert study.unit(name) == expected.unit(name)
     assert 50e3 < study["links.0.friction"].min() < study["links.0.friction"].max() < 150e3
-    assert "m/s²" in str(study)
-    assert "(SI)" in str(study)
+    assert all(words in str(study) for words in ("m/s²", "(SI)"))
     rules = study.separation(0.1)
     paper_pair, _ = jp.dimensionless(LEFT, RIGHT, friction_force=100e3, gap=0.05)
     scenarios = jp.Scenarios(paper_pair, ground)
     same = jp.monte_carlo(scenarios, 48, grid, key=3, scales=scales, progress=False).separation(0.1)
     assert rules.correlation == pytest.approx(same.correlation, rel=1e-9)
-    assert rules.srss == pytest.approx(
-        np.hypot(*(study.quantile(f"peak_x{i}", 0.9).value for i in (1, 2)))
-    )
+    peaks = [study.quantile(f"peak_x{i}", 0.9).value for i in (1, 2)]
+    assert rules.srss == pytest.approx(np.hypot(*peaks))
     again = jp.Study.open(tmp_path / "study")
     assert again.unit("min_gap") == "m"
     np.testing.assert_array_equal(again["required_gap"], study["required_gap"])
@@ -172,20 +170,12 @@ def test_a_user_s_law_of_contact_has_rare_events_and_runs_as_it_is_written():
     assert state.time_step == pytest.approx(scaled(PAIR)[2].dt)
     refused("must be a law of this package", buildings.dimensionless)
 
-    @jax.tree_util.register_dataclass
-    @dataclasses.dataclass(frozen=True)
-    class Spring:
-        stiffness: float
-
-        def force(self, penetration, speed, touch_speed):
-            return self.stiffness * penetration
-
     def gap(law):
         link = dataclasses.replace(POUNDING.links[0], contact=law)
         return jp.demand(dataclasses.replace(POUNDING, links=(link,)), RECORD, GRID).min_gap
 
     elastic = jp.KelvinVoigt(stiffness=2e9, restitution=1.0)
-    assert float(gap(Spring(2e9))) == pytest.approx(float(gap(elastic)), rel=1e-6)
+    assert float(gap(KnownCushion(2e9))) == pytest.approx(float(gap(elastic)), rel=1e-6)
 
 
 def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
@@ -222,58 +212,42 @@ def test_records_of_a_suite_need_no_scales():
     assert str(stripes) == str(expected)
 
 
+BOTH, ROD = (LEFT, RIGHT), jp.paper.structures().rod_2
+DIMENSIONLESS = jp.Record(RECORD.samples, 0.02, time_unit="1/ω1")
+NOISE = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
+SEVERAL = r"Buildings\(\(left, right\), links\) makes"
+
 test_errors_name_the_argument = refusals(
+    (jp.demand, PAIR, DIMENSIONLESS, GRID, "must be in seconds, as Buildings are"),
     (
-        lambda: jp.demand(PAIR, jp.Record(RECORD.samples, 0.02, time_unit="1/ω1"), GRID),
-        "must be in seconds, as Buildings are",
-    ),
-    (
-        lambda: jp.demand(jp.paper.structures(), RECORD, GRID),
+        *(jp.demand, jp.paper.structures(), RECORD, GRID),
         "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged",
     ),
-    (
-        lambda: jp.Scenarios(
-            PAIR, jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
-        ),
-        "Scenarios: ground: .*must be in seconds",
-    ),
+    (jp.Scenarios, PAIR, NOISE, "Scenarios: ground: .*must be in seconds"),
     (
         lambda: jp.monte_carlo(
             jp.Scenarios(PAIR, random_ground()), 8, GRID, scales=jp.Scales(500e3, 7.0)
         ),
         r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units",
     ),
-    (lambda: jp.Buildings((), ()), r"Buildings: buildings = \(\) must hold at least one"),
-    (
-        lambda: jp.Buildings((LEFT,), (jp.FloorLink(0, 0, gap=0.1),)),
-        "Buildings: links.0: next_building = 1 must be from 0 to 0",
-    ),
-    (
-        lambda: jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=15.0),)),
-        r"Buildings: links.0.gap = 15 must be between 0 and 10 m",
-    ),
-    (lambda: jp.Buildings((LEFT, RIGHT), gravity=0.0), "Buildings: gravity = 0 must be positive"),
-    (
-        lambda: jp.Buildings((LEFT, jp.paper.structures().rod_2)),
-        "Buildings: buildings.1 = .* must be of type ShearBuilding or Building",
-    ),
 )
-
-
+test_buildings_name_the_argument = refusals(
+    ((), (), r"buildings = \(\) must hold at least one"),
+    ((LEFT,), (jp.FloorLink(0, 0, gap=0.1),), "links.0: next_building = 1 must be from 0 to 0"),
+    ((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=15),), "links.0.gap = 15 must be between 0 and 10 m"),
+    ((LEFT, RIGHT), (), 0.0, "gravity = 0 must be positive"),
+    ((LEFT, ROD), "buildings.1 = .* must be of type ShearBuilding or Building"),
+    of=jp.Buildings,
+    before="Buildings: ",
+)
 test_one_building_in_the_place_of_several = pytest.mark.unchecked(
     refusals(
+        (jp.Buildings, LEFT, RIGHT, f"buildings = .* a tuple; .* {SEVERAL}"),
         (
-            lambda: jp.Buildings(LEFT, RIGHT),
-            r"buildings = .* a tuple; .* Buildings\(\(left, right\), links\) makes",
-        ),
-        (
-            lambda: jp.floor_links(PAIR),
+            *(jp.floor_links, PAIR),
             "floor_links: buildings = .* must be a tuple; .* its field buildings has each building",
         ),
-        (
-            lambda: jp.simulate((LEFT, RIGHT), RECORD, GRID),
-            r"structures = .* .* Buildings or .*; .* Buildings\(\(left, right\), links\) makes",
-        ),
+        (jp.simulate, BOTH, RECORD, GRID, f"structures = .* Buildings or .*; .* {SEVERAL}"),
     )
 )
 
@@ -313,15 +287,12 @@ def test_a_rare_event_has_the_design_points_of_the_dimensionless_form():
     assert event.probability == pytest.approx(expected.probability, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
+def test_units_that_are_hardly_meant_are_warned_of():
+    for changes, words in (
         ({"friction": 100.0}, "links.0.friction = 100 N should be 0 or between"),
         ({"gap": 9.0}, "links.0.gap = 9 m should be at most 5 times"),
         ({"contact": jp.KelvinVoigt(2e3, 0.65)}, "links.0.contact: stiffness = 2000 N/m makes"),
-    ],
-)
-def test_units_that_are_hardly_meant_are_warned_of(changes, says):
-    link = dataclasses.replace(PAIR.links[0], **changes)
-    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {says}"):
-        jp.Buildings((LEFT, RIGHT), (link,))
+    ):
+        link = dataclasses.replace(PAIR.links[0], **changes)
+        with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {words}"):
+            jp.Buildings((LEFT, RIGHT), (link,))

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
 from tests.made import changed
+from tests.model.test_system import KnownCushion
 from tests.refusals import refusals, refused
 
 BUILDING_1 = jp.Building(2.0e5, 8.0e6, 0.4, 0.01, 0.15)
@@ -107,17 +108,11 @@ def test_natural_periods_are_the_same_in_both_systems(first, second):
         assert building.damping_ratio == pytest.approx(float(zeta), rel=1e-6, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        jp.Newton(0.65),
-        jp.KelvinVoigt(1.6e9, 0.65, tension=True),
-        jp.Hertz(3e9),
-        jp.HertzDamped(3e9, 0.65, "ye"),
-        jp.Jankowski(3e9, 0.65),
-    ],
-    ids=lambda law: type(law).__name__,
-)
+LAWS = [jp.Newton(0.65), jp.KelvinVoigt(1.6e9, 0.65, tension=True), jp.Hertz(3e9)]
+LAWS += [jp.HertzDamped(3e9, 0.65, "ye"), jp.Jankowski(3e9, 0.65)]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 def test_a_contact_law_keeps_its_force_in_other_units(law):
     structures, scales = jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=law)
     other = structures.contact
@@ -128,11 +123,10 @@ def test_a_contact_law_keeps_its_force_in_other_units(law):
     if isinstance(law, jp.Newton):
         assert other.restitution == 0.65
     else:
-        speed = scales.length / scales.time
-        p = with_mass(law, 8e4).force(0.002, 0.3, 0.5)
-        q = with_mass(other, 8e4 / scales.mass).force(
-            0.002 / scales.length, 0.3 / speed, 0.5 / speed
-        )
+        state = np.array([0.002, 0.3, 0.5])
+        units = np.array([scales.length, *[scales.length / scales.time] * 2])
+        p = with_mass(law, 8e4).force(*state)
+        q = with_mass(other, 8e4 / scales.mass).force(*state / units)
         assert q * scales.force == pytest.approx(float(p), rel=1e-13)
 
 
@@ -148,22 +142,14 @@ def test_contact_stiffness_goes_with_the_scales_by_hand_and_in_gradients():
 
 
 def test_the_units_of_a_contact_law_of_one_s_own_are_not_guessed():
-    @jax.tree_util.register_dataclass
-    @dataclasses.dataclass(frozen=True)
-    class Cushion:
-        stiffness: float
-
-        def force(self, penetration, speed, touch_speed):
-            return self.stiffness * penetration
-
     scales, rule = jp.Scales(1e5, 4.0), "must be a law of this package: the units of a law of one's"
     for convert in (scales.contact_to_si, scales.contact_to_dimensionless):
-        for law in (Cushion(1.0), with_mass(jp.KelvinVoigt(1.0, 0.5), 1.0)):
+        for law in (KnownCushion(1.0), with_mass(jp.KelvinVoigt(1.0, 0.5), 1.0)):
             refused(rf"Scales.contact_to_.*: law = .* {rule}", convert, law)
         for law in (3.0, jp.Newton, BUILDING_1):
             refused(r"law = .* must be of type ContactLaw or Newton", convert, law)
     with pytest.raises(ValueError, match=f"^dimensionless: contact = .* {rule}"):
-        jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=Cushion(1.0))
+        jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=KnownCushion(1.0))
 
 
 def test_dimensionless_is_differentiable_and_batched():
@@ -175,9 +161,8 @@ def test_dimensionless_is_differentiable_and_batched():
     expected = SLIP_FORCE / (2e5 * jp.STANDARD_GRAVITY)
     assert friction(2e5) == pytest.approx(expected, rel=1e-15)
     assert jax.grad(friction)(2e5) == pytest.approx(-expected / 2e5, rel=1e-12)
-    np.testing.assert_allclose(
-        jax.vmap(friction)(jnp.array([2e5, 4e5])), [expected, expected / 2], rtol=1e-14
-    )
+    batch = jax.vmap(friction)(jnp.array([2e5, 4e5]))
+    np.testing.assert_allclose(batch, [expected, expected / 2], rtol=1e-14)
 
 
 test_dimensionless_refuses_bad_values = refusals(

@@ -12,26 +12,17 @@ from scipy import stats
 import jaxpound as jp
 from jaxpound.scenarios.ground_draw import ScaledDraw, SumOfDraws
 from jaxpound.scenarios.scenarios import discrete_coordinates, parameter_names
-from jaxpound.scenarios.site_noise import CORRELATIONS, REGRESSIONS
+from jaxpound.scenarios.site_noise import CORRELATIONS, REGRESSIONS, _distributions
 from tests.refusals import refusals
 
 PAPER = jp.paper.structures()
 KT = jp.KanaiTajimi(2.0, 0.6)
 SMALL = jp.FilteredNoise(KT, samples=20, dt=0.1, intensity=0.1)
-GIVEN = jp.NonstationaryNoise(
-    arias_intensity=0.05,
-    duration=10.0,
-    mid_time=7.0,
-    frequency=5.0,
-    frequency_slope=-0.2,
-    damping=0.2,
-    samples=1250,
-    dt=0.02,
-    high_pass=None,
-)
-SITE = jp.SiteBasedNoise(
-    magnitude=6.6, distance=20.0, vs30=600.0, fault="reverse", samples=1250, dt=0.02
-)
+SIZES = {"samples": 1250, "dt": 0.02}
+MOTION = {"arias_intensity": 0.05, "duration": 10.0, "mid_time": 7.0, "damping": 0.2}
+MOTION |= {"frequency": 5.0, "frequency_slope": -0.2}
+GIVEN = jp.NonstationaryNoise(**MOTION, **SIZES, high_pass=None)
+SITE = jp.SiteBasedNoise(magnitude=6.6, distance=20.0, vs30=600.0, fault="reverse", **SIZES)
 PULSE = jp.RandomPulse(
     amplitude=jp.TwoSided(jp.LogNormal(0.2, 0.4)), period=jp.Normal(3.0, 0.5), arrival=1.0
 )
@@ -51,14 +42,9 @@ def test_noise_of_a_spectral_density_has_its_variance_and_intensity_scales_it():
 
 def test_filtered_motions_that_end_displaced_are_returned_to_rest():
     """Noise of Clough and Penzien's filter, an envelope of 10 s, 30 s: without the filter, 2 m."""
-    adrift = jp.FilteredNoise(
-        jp.CloughPenzien(15.6, 0.6, high_pass=1.5),
-        samples=1500,
-        dt=0.02,
-        envelope=jp.PlateauEnvelope(rise=2.0, end=10.0, decay=0.5),
-        time_unit="s",
-        spectral_density=0.01 / jp.STANDARD_GRAVITY**2,
-    )
+    filter_, envelope = jp.CloughPenzien(15.6, 0.6, high_pass=1.5), jp.PlateauEnvelope(2, 10, 0.5)
+    how = {"time_unit": "s", "spectral_density": 0.01 / jp.STANDARD_GRAVITY**2}
+    adrift = jp.FilteredNoise(filter_, samples=1500, dt=0.02, envelope=envelope, **how)
     z, t = np.random.default_rng(1).normal(size=(20, 1500)), 0.02 * np.arange(1502)
     last = []
     for noise in (adrift, dataclasses.replace(adrift, high_pass=0.1)):
@@ -77,9 +63,11 @@ def test_noise_is_linear_in_its_numbers(noise):
     assert not noise.discrete
 
 
+SCALES = jp.Scales(mass=5e5, frequency=7.0)
+
+
 def noise_in_scenarios(noise):
-    scales = jp.Scales(mass=5e5, frequency=7.0)
-    dimensionless = scales.to_dimensionless(noise) if noise.time_unit == "s" else noise
+    dimensionless = SCALES.to_dimensionless(noise) if noise.time_unit == "s" else noise
     return jp.Scenarios(PAPER, dimensionless)
 
 
@@ -176,20 +164,10 @@ def test_parameters_of_a_site_have_the_published_distributions_and_correlations(
 
 
 def test_a_population_of_sites_has_the_published_means_and_slopes():
-    """Over all data, which is what a standard normal ν stands for.
-
-    Means as in the paper's figures of the parameters' distributions.
-    """
-    from jaxpound.scenarios.site_noise import _distributions
-
+    """Over all data, for which a standard normal ν stands; means are of the paper's figures."""
     nu = stats.norm.ppf((np.arange(20_000) + 0.5) / 20_000)
-    published = {
-        "duration": 17.4,
-        "mid_time": 12.3,
-        "frequency": 5.7,
-        "frequency_slope": -0.1,
-        "damping": 0.21,
-    }
+    published = {"duration": 17.4, "mid_time": 12.3, "frequency": 5.7, "damping": 0.21}
+    published["frequency_slope"] = -0.1
     for name, mean in published.items():
         assert jax.jit(_distributions()[name])(nu).mean() == pytest.approx(mean, rel=0.12), name
     logarithms = np.log(_distributions()["arias_intensity"](nu))
@@ -271,15 +249,12 @@ def test_pulses_with_residuals_in_studies_and_seconds():
     structures, ground = scenarios.at(3, 1)
     demand = jp.demand(structures, ground, jp.TimeGrid(0.1, 40))
     assert float(demand.min_gap) == pytest.approx(study["min_gap"][3])
-    scales = jp.Scales(mass=5e5, frequency=7.0)
-    noise = dataclasses.replace(SMALL, time_unit="s")
-    pulse = dataclasses.replace(PULSE, time_unit="s")
+    noise, pulse = (dataclasses.replace(x, time_unit="s") for x in (SMALL, PULSE))
     z = np.random.default_rng(8).normal(size=22)
     t = np.linspace(0.0, 2.0, 30)
-    both = scales.to_dimensionless(pulse + noise)
-    np.testing.assert_allclose(
-        both.draw(z).acceleration(7 * t), (pulse + noise).draw(z).acceleration(t), atol=1e-12
-    )
+    both = SCALES.to_dimensionless(pulse + noise)
+    in_seconds = (pulse + noise).draw(z).acceleration(t)
+    np.testing.assert_allclose(both.draw(z).acceleration(7 * t), in_seconds, atol=1e-12)
     assert both.time_unit == "1/ω1"
 
 

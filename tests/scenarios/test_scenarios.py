@@ -17,17 +17,10 @@ PATHS = [
     *(f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_f", "tau_x")),
     *("mass_ratio", "stiffness_ratio", "friction", "initial_gap"),
 ]
-RICKER = jp.RandomRicker(
-    3,
-    jp.LogNormal(0.2, 0.5),
-    jp.Uniform(1.0, 3.0),
-    jp.Uniform(0.0, 8.0),
-    intensity=jp.LogNormal(1, 1),
-)
-RECORDS = [
-    jp.Record(np.sin(np.arange(k)), dt, time_unit="1/ω1")
-    for k, dt in ((5, 0.1), (9, 0.2), (7, 0.05))
-]
+WAVELETS = jp.LogNormal(0.2, 0.5), jp.Uniform(1.0, 3.0), jp.Uniform(0.0, 8.0)
+RICKER = jp.RandomRicker(3, *WAVELETS, intensity=jp.LogNormal(1, 1))
+SIZES = (5, 0.1), (9, 0.2), (7, 0.05)
+RECORDS = [jp.Record(np.sin(np.arange(k)), dt, time_unit="1/ω1") for k, dt in SIZES]
 
 
 def value(structures, path):
@@ -67,9 +60,8 @@ def test_distributions_far_from_bounds_stay_and_relaxation_times_keep_their_orde
     uncertain = {"friction": jp.LogNormal(0.25, 0.2), "rod_1.tau_x": jp.Normal(1.2, 0.1)}
     draw = jp.UncertainStructures(PAPER, uncertain)
     z = np.array([0.7, -1.3])
-    np.testing.assert_allclose(
-        list(draw.parameters(z).values()), [0.25 * np.exp(0.14), 1.2 - 0.13], rtol=1e-12
-    )
+    values = list(draw.parameters(z).values())
+    np.testing.assert_allclose(values, [0.25 * np.exp(0.14), 1.2 - 0.13], rtol=1e-12)
     # τ_f below a certain τ_x; τ_x above the τ_f drawn, as given that it is above.
     same = jp.LogNormal(1.0, 0.5)
     z = jnp.asarray(np.random.default_rng(0).normal(size=(20_000, 2)))
@@ -106,12 +98,8 @@ def test_signs_take_a_number_only_where_they_are_drawn_by_themselves():
         assert draw.dimension == 9
         wave = draw.draw(jnp.zeros(9))
         np.testing.assert_allclose(wave.amplitude, sign * 0.2)
-        assert list(draw.parameters(jnp.zeros(9)))[:4] == [
-            "amplitude_1",
-            "amplitude_2",
-            "amplitude_3",
-            "period_1",
-        ]
+        names = [*(f"amplitude_{i}" for i in (1, 2, 3)), "period_1"]
+        assert list(draw.parameters(jnp.zeros(9)))[:4] == names
     size = RICKER.amplitude
     signed = jp.RandomRicker(3, jp.TwoSided(size), RICKER.periods, RICKER.arrivals)
     assert (signed.dimension, signed.discrete, signed.negative) == (9, (), 0.0)
@@ -203,25 +191,21 @@ def test_parts_combine_in_order_with_names_and_derivatives():
     np.testing.assert_allclose(slopes, numeric, rtol=1e-6, atol=1e-8)
 
 
-U = jp.Uniform(0.1, 1.0)
+U, LOW = jp.Uniform(0.1, 1.0), {"rod_1.tau_x": jp.Uniform(0.0, 0.004)}
+UNCERTAIN = jp.UncertainStructures
+RUBBED, FRICTION = UNCERTAIN(PAPER, {"friction": U}), jp.CustomDraw(abs, 1, ("friction",))
 
 
 test_bad_values_are_named = refusals(
     (lambda: jp.UncertainStructures(PAPER, {}), "must name a parameter"),
+    (UNCERTAIN, PAPER, {"rod_1.tau_y": U}, "unknown path 'rod_1.tau_y'; did you mean 'rod_1.tau_"),
+    (UNCERTAIN, PAPER, {"friction": 0.2}, "friction = 0.2 must be of type"),
     (
-        lambda: jp.UncertainStructures(PAPER, {"rod_1.tau_y": U}),
-        "unknown path 'rod_1.tau_y'; did you mean 'rod_1.tau_",
-    ),
-    (lambda: jp.UncertainStructures(PAPER, {"friction": 0.2}), "friction = 0.2 must be of type"),
-    (
-        lambda: jp.UncertainStructures(PAPER, {"rod_1.order": jp.Uniform(1.2, 1.8)}),
+        *(UNCERTAIN, PAPER, {"rod_1.order": jp.Uniform(1.2, 1.8)}),
         r"rod_1.order ~ Uniform\(low=1.2, high=1.8\) must have at least 10% .* in \[1e-30, 1\]",
     ),
-    (
-        lambda: jp.UncertainStructures(PAPER, {"rod_1.tau_x": jp.Uniform(0.0, 0.004)}),
-        r"must have at least 10% of its probability in \[0.004, inf\]",
-    ),
-    (lambda: jp.UncertainStructures(3, {"friction": U}), "nominal = 3 must be of type"),
+    (UNCERTAIN, PAPER, LOW, r"must have at least 10% of its probability in \[0.004, inf\]"),
+    (UNCERTAIN, 3, {"friction": U}, "nominal = 3 must be of type"),
     (lambda: jp.RandomRicker(0, U, U, U), "wavelets = 0 must be a positive whole number"),
     (lambda: jp.RandomRicker(2, 0.3, U, U), "amplitude = 0.3 must be of type Distribution"),
     (lambda: jp.RandomRicker(2, U, U, U, negative=1.5), "negative = 1.5 must be between 0 and 1"),
@@ -230,12 +214,7 @@ test_bad_values_are_named = refusals(
     (lambda: jp.RandomRecord(RECORDS, weights=(1, 2)), r"weights = \(1, 2\) must be 3 numbers"),
     (lambda: jp.RandomRecord(RECORDS, weights=(0, 0, 0)), "with a positive sum"),
     (lambda: jp.Scenarios(PAPER, jp.paper.ground()), "both fixed; one must be drawn"),
-    (
-        lambda: jp.Scenarios(
-            jp.UncertainStructures(PAPER, {"friction": U}), jp.CustomDraw(abs, 1, ("friction",))
-        ),
-        "friction, must be 2 different names",
-    ),
+    (jp.Scenarios, RUBBED, FRICTION, "friction, must be 2 different names"),
     (lambda: jp.Scenarios(3, RICKER), "structures = 3 must be of type Structures or"),
     (lambda: jp.Scenarios(PAPER, 3), "ground = 3 must have acceleration"),
     (lambda: jp.CustomDraw(3, 1), "function = 3 must be a function of z"),
