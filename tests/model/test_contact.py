@@ -1,6 +1,7 @@
 """Contact laws: their forces, what a free collision returns, and what is refused."""
 
 import dataclasses
+import itertools
 from decimal import Decimal, localcontext
 from functools import partial
 
@@ -91,14 +92,12 @@ def collision(law, mass, speed):
 
 def test_a_free_collision_returns_what_the_law_is_known_to_return():
     for name in RETURNED:
-        for i in range(3):
-            law = made(name, 1000.0 if name.startswith("kelvin") else 1e4, RESTITUTIONS[i])
-            mass = 1 / (1 / 1.0 + 1 / 0.6)
-            run = collision(law, mass, 1.0)
+        for i, restitution in enumerate(RESTITUTIONS):
+            law = made(name, 1000.0 if name.startswith("kelvin") else 1e4, restitution)
+            run = collision(law, 1 / (1 / 1.0 + 1 / 0.6), 1.0)
             assert -run.y[1, -1] == pytest.approx(RETURNED[name][i], abs=1e-6), (name, i)
             deepest = run.sol(np.linspace(0, run.t[-1], 4001))[0].max()
             assert deepest == pytest.approx(PENETRATION[name][i], rel=1e-6), (name, i)
-    for name in RETURNED:
         run = collision(made(name, 37.0, 0.65), 2.5, 0.3)
         assert -run.y[1, -1] / 0.3 == pytest.approx(RETURNED[name][1], abs=1e-6), name
     mass, stiffness, speed = 0.375, 1e4, 1.0
@@ -145,36 +144,31 @@ def test_the_elastic_part_is_the_force_at_rest_and_full_restitution_has_no_other
 
 @named
 def test_without_penetration_there_is_no_force_after_hertz_and_kelvin_s_stays_linear(law):
-    for d in (0.0, -0.2):
-        for w in (-1.0, 0.0, 1.0):
-            force = with_mass(law, 0.4).force
-            slopes = jax.grad(force, argnums=(0, 1, 2))(d, w, 1.0)
-            if isinstance(law, KelvinVoigt):
-                damping = 2 * law.damping_ratio * np.sqrt(1000.0 * 0.4)
-                assert force(d, w, 1.0) == pytest.approx(float(1000.0 * d + damping * w), rel=1e-14)
-                assert slopes == pytest.approx((1000.0, float(damping), 0.0), rel=1e-14)
-            else:
-                assert (force(d, w, 1.0), *slopes) == (0.0,) * 4
+    force = with_mass(law, 0.4).force
+    for d, w in itertools.product((0.0, -0.2), (-1.0, 0.0, 1.0)):
+        slopes = jax.grad(force, argnums=(0, 1, 2))(d, w, 1.0)
+        if isinstance(law, KelvinVoigt):
+            damping = 2 * law.damping_ratio * np.sqrt(1000.0 * 0.4)
+            assert force(d, w, 1.0) == pytest.approx(float(1000.0 * d + damping * w), rel=1e-14)
+            assert slopes == pytest.approx((1000.0, float(damping), 0.0), rel=1e-14)
+        else:
+            assert (force(d, w, 1.0), *slopes) == (0.0,) * 4
 
 
 @named
 def test_every_derivative_is_finite_at_any_state(law):
-    @jax.jit
-    def slopes(law, mass, *state):
-        return jax.grad(lambda a, m, *s: with_mass(a, m).force(*s), argnums=(0, 1, 2, 3, 4))(
-            law, mass, *state
-        )
+    def force(law, mass, *state):
+        return with_mass(law, mass).force(*state)
 
-    for dtype in (jnp.float32, jnp.float64):
-        for d in (-1.0, 0.0, 1e-30, 1e-3, 10.0):
-            for w in (-2.0, 0.0, 2.0):
-                for v0 in (0.0, 1.0):
-                    for e in (1e-3, 0.5, 1.0):
-                        asked = jax.tree.map(lambda x, e=e: e if x < 1 else x, law)
-                        numbers = jax.tree.map(dtype, (asked, 0.4, d, w, v0))
-                        found = jax.tree.leaves(slopes(*numbers))
-                        assert all(np.isfinite(x) for x in found), (d, w, v0, e)
-                        assert {x.dtype for x in found} == {np.dtype(dtype)}
+    slopes = jax.jit(jax.grad(force, argnums=(0, 1, 2, 3, 4)))
+    states = (-1.0, 0.0, 1e-30, 1e-3, 10.0), (-2.0, 0.0, 2.0), (0.0, 1.0)
+    precisions, restitutions = (jnp.float32, jnp.float64), (1e-3, 0.5, 1.0)
+    for dtype, e, *state in itertools.product(precisions, restitutions, *states):
+        with_e = jax.tree.map(lambda x, e=e: e if x < 1 else x, law)
+        numbers = jax.tree.map(dtype, (with_e, 0.4, *state))
+        derivatives = jax.tree.leaves(slopes(*numbers))
+        assert all(np.isfinite(x) for x in derivatives), (e, state)
+        assert {x.dtype for x in derivatives} == {np.dtype(dtype)}
 
 
 @named
