@@ -5,7 +5,7 @@ of a record added to them, 100 samples, their interval and a factor.
 """
 
 import dataclasses
-from functools import cache
+from functools import cache, partial
 from itertools import product
 
 import jax
@@ -67,9 +67,8 @@ def value(scheme, grid):
 @cache
 def forward(scheme, grid):
     """From a case and a direction to the scalars and their derivatives."""
-    return in_lanes(
-        lambda x, d: jnp.stack(jax.jvp(lambda x: scalars(x, scheme, grid), (x,), (d,))), grid
-    )
+    of_case = partial(scalars, scheme=scheme, grid=grid)
+    return in_lanes(lambda x, d: jnp.stack(jax.jvp(of_case, (x,), (d,))), grid)
 
 
 @cache
@@ -110,9 +109,6 @@ def neighbours(n, seed=0):
     x = x * random.uniform(0.8, 1.2, (n, x.size))
     x[:, 0] = random.uniform(0.1, 1.0, n)
     return x
-
-
-# Both modes.
 
 
 @pytest.mark.parametrize(
@@ -215,9 +211,6 @@ def test_derivatives_against_differences(structures, ground):
     assert smooth.mean() > 0.97
 
 
-# Limits.
-
-
 @cache
 def paper_jacobian(h):
     return jacobian(PAPER[WAVES], jp.TimeGrid.until(20.0, h))
@@ -267,9 +260,6 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
         errors.append(max(abs(ours - true) for ours, true in gradient.values()))
     assert convergence_order(widths, errors) > 0.5
     assert errors[-1] < 7e-3
-
-
-# Memory.
 
 
 def test_checkpoints_save_the_memory_of_reverse_mode_and_change_no_derivative():

@@ -63,9 +63,6 @@ def assert_close(actual, expected, rel):
     np.testing.assert_allclose(actual, expected, rtol=0, atol=rel * np.abs(expected).max())
 
 
-# Eq. (8)
-
-
 def test_dimensionless_system_by_hand():
     structures, scales = jp.dimensionless(
         jp.Building(mass=4, stiffness=16, order=0.5, tau_f=0.1, tau_x=3),
@@ -181,9 +178,6 @@ test_dimensionless_refuses_bad_values = refusals(
 )
 
 
-# Buildings
-
-
 test_building_refuses_bad_values = refusals(
     ({"mass": 0}, "Building: mass = 0 must be positive and finite"),
     ({"mass": None}, "Building: mass = None must be a real number"),
@@ -282,9 +276,6 @@ test_building_from_period_refuses_bad_values = refusals(
     ((1, [1, 2], [0.05] * 3), r"period \(2,\), damping_ratio \(3,\)"),
     of=lambda arguments: jp.Building.from_period(*arguments),
 )
-
-
-# Results in SI
 
 
 def test_every_series_of_a_response_has_its_unit():
@@ -402,9 +393,6 @@ def test_batches_of_results_are_converted():
     np.testing.assert_allclose(together.mass_1, [2e5, 2e5], rtol=1e-15)
 
 
-# The scales are a choice of units: they must not be seen in SI
-
-
 def test_gravity_only_sets_the_scale_and_either_building_may_set_it():
     _, _, si = sliding()
     _, _, other = run(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, gravity=1.7)
@@ -420,9 +408,6 @@ def test_gravity_only_sets_the_scale_and_either_building_may_set_it():
     assert_close(mirrored.gap, si.gap, rel=1e-7)
     assert_close(mirrored.friction, si.friction, rel=1e-7)
     assert mirrored.min_gap == pytest.approx(float(si.min_gap), rel=1e-6)
-
-
-# Scales
 
 
 def test_grid_is_the_dimensionless_one_of_a_duration_and_a_step_in_seconds():

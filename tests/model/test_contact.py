@@ -57,9 +57,6 @@ LAWS = [made(name, 1000.0, 0.65) for name in RETURNED]
 named = pytest.mark.parametrize("law", LAWS, ids=RETURNED)
 
 
-# Free collisions
-
-
 @jax.jit
 def pressing(law, x, v, speed):
     p = law.force(x, v, speed)
@@ -106,9 +103,6 @@ def test_a_free_collision_returns_what_the_law_is_known_to_return():
     assert run.sol(run.t[-1] / 2)[0] == pytest.approx(deepest, rel=1e-8)
     lasts = 0.8 * np.sqrt(np.pi) * gamma(0.4) / gamma(0.9) * deepest / speed
     assert run.t[-1] == pytest.approx(lasts, rel=1e-9)
-
-
-# Forces
 
 
 def test_forces_by_hand():
@@ -204,9 +198,6 @@ def test_the_force_itself_is_that_of_effective_mass_1_and_only_kelvin_s_may_pull
     assert [with_mass(law, 0.4) is law for law in (LAWS[0], Hertz(1.0))] == [False, True]
 
 
-# Z of Hertz's law with damping
-
-
 @partial(jax.jit, static_argnames="damping")
 def factor(restitution, damping="exact"):
     return HertzDamped(1.0, restitution, damping).damping_factor
@@ -255,9 +246,6 @@ def test_the_derivative_of_z_agrees_with_differences_in_both_modes(damping):
             assert slope == pytest.approx(difference, rel=1e-9, abs=1e-15 * f[0] / h)
 
 
-# What is refused
-
-
 test_a_law_refuses_bad_values = pytest.mark.unchecked(
     refusals(
         (lambda: Newton(0.0), r"Newton: restitution = 0 must be in \(0, 1\]"),
@@ -299,9 +287,6 @@ def test_traced_values_never_raise_and_numbers_are_leaves():
     assert jax.tree.structure(soft) == jax.tree.structure(hard)
     assert jax.tree.structure(soft) != jax.tree.structure(HertzDamped(1.0, 0.5))
     assert hash(jax.tree.structure(KelvinVoigt(1.0, 0.5)))
-
-
-# The suggested stiffness
 
 
 def test_a_floor_s_stiffness_is_axial_and_a_storey_s_is_twenty_times_the_stiffer_one():

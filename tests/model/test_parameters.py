@@ -159,16 +159,12 @@ def test_a_pattern_stands_for_all_paths_that_it_matches():
         ("links.*.friction", ["links.0.friction", "links.1.friction"]),
     ):
         assert parameters.expanded("owner", ROW, {pattern: 1.0}) == dict.fromkeys(matched, 1.0)
-    assert parameters.expanded("owner", PAPER, {"rod_*.order": 1}) == {
-        "rod_1.order": 1,
-        "rod_2.order": 1,
-    }
+    orders = dict.fromkeys(("rod_1.order", "rod_2.order"), 1)
+    assert parameters.expanded("owner", PAPER, {"rod_*.order": 1}) == orders
     both = {"links.1.friction": 2.0, "links.*.friction": 1.0}
-    for given in (both, dict(reversed(both.items()))):
-        assert parameters.expanded("owner", ROW, given) == {
-            "links.0.friction": 1.0,
-            "links.1.friction": 2.0,
-        }
+    frictions = {"links.0.friction": 1.0, "links.1.friction": 2.0}
+    for values in (both, dict(reversed(both.items()))):
+        assert parameters.expanded("owner", ROW, values) == frictions
 
 
 test_patterns_that_match_nothing_or_twice_are_named = refusals(
@@ -200,10 +196,9 @@ def test_an_unknown_path_is_told_with_what_was_meant():
 
 
 def test_parameters_of_any_structures_may_be_random_chosen_or_elastic():
-    uncertain = jp.UncertainStructures(
-        TOWER,
-        {"rods.1.material.tau_x": jp.Uniform(0.5, 3.0), "rods.1.material.tau_f": jp.Normal(1, 0.3)},
-    )
+    tau_x, tau_f = jp.Uniform(0.5, 3.0), jp.Normal(1, 0.3)
+    of_rod = {"rods.1.material.tau_x": tau_x, "rods.1.material.tau_f": tau_f}
+    uncertain = jp.UncertainStructures(TOWER, of_rod)
     for z in np.random.default_rng(0).normal(size=(20, 2)):
         material = uncertain.draw(z).rods[1].material
         assert 0 < material.tau_f <= material.tau_x <= 3
@@ -223,9 +218,8 @@ def test_parameters_of_any_structures_may_be_random_chosen_or_elastic():
     with pytest.raises(ValueError, match=r"masses\.1 must not be both chosen and uncertain"):
         space.require_certain("owner", ["masses.1"])
     space.require_certain("owner", ["rods.1.material.tau_f"])
-    found = jp.elasticities(
-        TOWER, jp.paper.ground(), jp.TimeGrid(0.05, 40), demand="peak_acceleration_1"
-    )
+    grid, demand = jp.TimeGrid(0.05, 40), "peak_acceleration_1"
+    found = jp.elasticities(TOWER, jp.paper.ground(), grid, demand=demand)
     assert tuple(found.parameters) == parameters.paths(TOWER)
     assert all(np.isfinite(x) for x in found.values.values())
     assert found.values["rods.0.stiffness"] != 0

@@ -12,15 +12,9 @@ from tests.refusals import refused
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 GRID = jp.TimeGrid(0.1, 40)
-SYSTEM = jp.System(
-    masses=(1.0, 1.0, 0.8),
-    rods=(
-        jp.Rod(STEEL, 20.0, (0, jp.GROUND)),
-        jp.Rod(STEEL, 20.0, (1, 0)),
-        jp.Rod(STEEL, 30.0, (2, jp.GROUND)),
-    ),
-    links=(jp.Link((1, 2), 0.1, 0.1),),
-)
+ENDS = {(0, jp.GROUND): 20.0, (1, 0): 20.0, (2, jp.GROUND): 30.0}
+RODS = tuple(jp.Rod(STEEL, stiffness, ends) for ends, stiffness in ENDS.items())
+SYSTEM = jp.System((1.0, 1.0, 0.8), RODS, (jp.Link((1, 2), 0.1, 0.1),))
 OPEN = dataclasses.replace(SYSTEM, links=(jp.Link((1, 2), 0.1),))
 
 

@@ -111,14 +111,12 @@ def test_the_band_covers_the_truth(draw, seeds, replicates, least, most):
 
 
 def test_a_curve_in_numbers_needs_no_data():
-    curve = jp.Fragility(0.6, 0.4)
-    np.testing.assert_allclose(
-        curve.probability([0.0, 0.4, np.inf]), [0, stats.norm.cdf(np.log(0.4 / 0.6) / 0.4), 1]
-    )
+    curve, z = jp.Fragility(0.6, 0.4), np.log([0.4 / 0.6])
+    expected = [0, stats.norm.cdf(z[0] / 0.4), 1]
+    np.testing.assert_allclose(curve.probability([0.0, 0.4, np.inf]), expected)
     assert "fitted" not in repr(curve)
     assert np.isnan(curve.band([0.4])).all()
     known = jp.Fragility(0.6, 0.4, np.diag([0.01, 0.0]))
-    z = np.log([0.4 / 0.6])
     low, high = known.band([0.4], 0.9)
     reach = stats.norm.ppf(0.95) * 0.1
     np.testing.assert_allclose(low, stats.norm.cdf((z - reach) / 0.4))

@@ -60,9 +60,6 @@ def files(folder):
     return {path.name: path.read_bytes() for path in paths}
 
 
-# Against closed forms.
-
-
 @cache
 def linear():
     return study(LINEAR, 4000, chunk_size=1000, key=5)
@@ -167,9 +164,6 @@ def test_spectral_acceleration_is_a_measure_for_fragility():
     assert curve.median == pytest.approx(at_half, rel=4 * curve.median_error / curve.median)
 
 
-# The same sample whatever the way.
-
-
 @pytest.mark.parametrize("sampling", ["plain", "sobol"])
 def test_samples_do_not_depend_on_chunks_or_shards_or_where_they_run(tmp_path, sampling):
     whole, sevens = study(sampling=sampling), {"sampling": sampling, "store": tmp_path / "c"}
@@ -223,9 +217,6 @@ def test_a_key_is_a_seed_or_a_key_and_precision_the_caller_s(tmp_path):
         assert single["pga"].dtype == np.float32
     assert jp.Study.open(tmp_path / "study")["pga"].dtype == np.float32
     refused("precision is 'float32' there and 'float64' here", study, n=8, store=tmp_path / "study")
-
-
-# The store.
 
 
 def test_a_finished_study_is_read_not_run(tmp_path, monkeypatch):
@@ -383,9 +374,6 @@ def test_processes_that_fill_one_store_and_are_killed_go_on_to_the_same_files(tm
     assert not [*both.glob("*.part")]
     few = study(n=2500, chunk_size=1000, store=both)
     assert_array_equal(few["pga"], jp.Study.open(both)["pga"][:2500])
-
-
-# Failures.
 
 
 def failing(z):
