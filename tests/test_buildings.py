@@ -43,7 +43,7 @@ def random_ground(metre=1.0, second=1.0):
     return jp.RandomRicker(3, jp.LogNormal(0.015 * metre, 0.4), periods, arrivals)
 
 
-def test_a_run_is_that_of_the_dimensionless_form():
+def test_runs_are_those_of_the_dimensionless_form_with_records_in_g_and_motions_in_metres():
     response = jp.simulate(POUNDING, RECORD, GRID)
     row, scales, grid = scaled(POUNDING)
     expected = scales.to_si(jp.simulate(row, scales.to_dimensionless(RECORD), grid))
@@ -55,9 +55,6 @@ def test_a_run_is_that_of_the_dimensionless_form():
     close(jp.demand(POUNDING, RECORD, GRID), expected.demand)
     for name in ("x1", "v2", "f1", "gap", "friction", "ground_acceleration", "ground_velocity"):
         close(getattr(response, name), getattr(expected, name))
-
-
-def test_records_are_in_g_and_all_other_motions_in_metres_and_seconds():
     wavelet = jp.Ricker(0.03, 0.8, 2.0)
     row, scales, grid = scaled(PAIR)
     metre, second = 1 / scales.length, 1 / scales.time
@@ -146,7 +143,7 @@ def test_a_study_is_in_si(tmp_path):
     np.testing.assert_array_equal(again["required_gap"], study["required_gap"])
 
 
-def test_a_rare_event_has_its_threshold_in_metres():
+def test_rare_events_have_thresholds_in_metres_and_the_same_design_points():
     state = jp.LimitState(jp.Scenarios(PAIR, random_ground()), GRID, threshold=0.15)
     row, scales, grid = scaled(PAIR)
     metre, second = 1 / scales.length, 1 / scales.time
@@ -160,6 +157,16 @@ def test_a_rare_event_has_its_threshold_in_metres():
     np.testing.assert_allclose(values * metre, expected_values, rtol=1e-7)
     np.testing.assert_allclose(slopes * metre, expected_slopes, rtol=1e-6, atol=1e-9)
     assert state.time_step == pytest.approx(grid.dt)
+    noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 60, 0.04, intensity=0.1, time_unit="s")
+    grid = jp.TimeGrid.until(2.4, 0.04)
+    options = {"method": "design points", "key": 1, "progress": False, "max_runs": 768}
+    event = jp.rare_event(jp.Scenarios(PAIR, noise), grid, 0.11, **options)
+    row, scales = PAIR.dimensionless()
+    scenarios = jp.Scenarios(row, scales.to_dimensionless(noise))
+    same = scales.grid(2.4, 0.04)
+    expected = jp.rare_event(scenarios, same, 0.11 / float(scales.length), **options)
+    assert len(event.instants) == len(expected.instants) > 5
+    assert event.probability == pytest.approx(expected.probability, rel=1e-6)
 
 
 def test_a_user_s_law_of_contact_has_rare_events_and_runs_as_it_is_written():
@@ -272,19 +279,6 @@ def test_modes_are_in_radians_per_second_and_growth_takes_records_in_seconds():
     np.testing.assert_allclose(modes.frequencies, jp.modes(row).frequencies * scales.frequency)
     growth = jp.growth(POUNDING, RECORD, GRID)
     assert np.isfinite(float(growth.end))
-
-
-def test_a_rare_event_has_the_design_points_of_the_dimensionless_form():
-    noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 60, 0.04, intensity=0.1, time_unit="s")
-    grid = jp.TimeGrid.until(2.4, 0.04)
-    options = {"method": "design points", "key": 1, "progress": False, "max_runs": 768}
-    event = jp.rare_event(jp.Scenarios(PAIR, noise), grid, 0.11, **options)
-    row, scales = PAIR.dimensionless()
-    scenarios = jp.Scenarios(row, scales.to_dimensionless(noise))
-    same = scales.grid(2.4, 0.04)
-    expected = jp.rare_event(scenarios, same, 0.11 / float(scales.length), **options)
-    assert len(event.instants) == len(expected.instants) > 5
-    assert event.probability == pytest.approx(expected.probability, rel=1e-6)
 
 
 def test_units_that_are_hardly_meant_are_warned_of():

@@ -96,7 +96,7 @@ def test_enforce_lets_traced_values_and_limits_pass():
     assert jax.jit(checked)(2.0) == 2
 
 
-def test_all_hold_is_a_flag_of_every_rule_everywhere_that_can_be_traced_and_batched():
+def test_rules_hold_everywhere_or_not_known_or_traced():
     yes, mixed = np.array([True, True]), np.array([True, False])
     for held in ([True, True], [yes, jnp.array(True)], []):
         assert all_hold([Rule("x", 0.0, holds, "so") for holds in held])
@@ -104,9 +104,6 @@ def test_all_hold_is_a_flag_of_every_rule_everywhere_that_can_be_traced_and_batc
         assert not all_hold([Rule("x", 0.0, holds, "so") for holds in held])
     flags = jax.jit(jax.vmap(lambda x: all_hold([Rule("x", x, x > 0, "positive")])))
     np.testing.assert_array_equal(flags(jnp.array([1.0, -1.0, jnp.nan])), [True, False, False])
-
-
-def test_finite_refuses_infinities_and_nan_and_tracers_are_seen_anywhere():
     values = [0.0, -1e300, np.inf, -np.inf, np.nan]
     np.testing.assert_array_equal(finite(np.array(values)), [True, True, False, False, False])
     np.testing.assert_array_equal(jax.jit(finite)(jnp.array(values)), [True, True] + [False] * 3)
@@ -125,7 +122,7 @@ def test_what_is_no_real_number_is_refused_by_name():
     assert len(str(caught.value)) < 200
 
 
-def test_whole_numbers_become_floats_and_floats_keep_their_precision():
+def test_numbers_become_floats_and_arrays_that_jax_takes():
     for whole in (3, np.int8(3), np.uint16(3), np.array(3), 10**30):
         result = real("Owner", "mass", whole)
         assert np.asarray(result).dtype == np.float64
@@ -135,9 +132,6 @@ def test_whole_numbers_become_floats_and_floats_keep_their_precision():
     for value in (np.float32(0.5), np.ones(2, np.float32), np.array(0.5, np.float16)):
         assert real("Owner", "mass", value).dtype == value.dtype
         assert real("Owner", "mass", jnp.asarray(value)).dtype == value.dtype
-
-
-def test_anything_like_an_array_becomes_one_that_jax_takes():
     like = [1, 2], (1.0, 2.0), np.array([1.0, 2.0], ">f4"), np.longdouble([1, 2]), Foreign()
     for value in like:
         result = real("Owner", "mass", value)
@@ -187,15 +181,12 @@ def test_objects_are_frozen_and_judged_when_made_and_replaced():
     assert spring.length == 2.0
 
 
-def test_only_continuous_fields_are_leaves_and_their_paths_can_be_read():
+def test_leaves_have_paths_and_are_not_judged():
     leaves = jax.tree_util.tree_leaves_with_path({"s": Spring(1.0, 2.0, law="cubic", name="a")})
     assert [(jax.tree_util.keystr(path), leaf) for path, leaf in leaves] == [
         ("['s'].stiffness", 1.0),
         ("['s'].length", 2.0),
     ]
-
-
-def test_rebuilding_judges_no_leaf():
     structure = jax.tree.structure(Spring(1.0, 2.0, law="cubic"))
     for leaf in (None, object(), -1.0, "text", 0, np.nan):
         rebuilt = jax.tree.unflatten(structure, [leaf, leaf])

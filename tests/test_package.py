@@ -99,14 +99,11 @@ def test_no_import_runs_upwards_or_in_a_circle():
     assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
-def test_figures_alone_import_matplotlib():
+def test_figures_alone_import_matplotlib_and_no_import_is_hidden():
     for module in MODULES:
         if wing(module) != "plots":
             assert not any("matplotlib" in m for m in imports(module)), module
-
-
-def test_no_import_is_hidden():
-    """By ``importlib``, ``__import__`` or ``sys.modules``, where this file could not see it."""
+    # By ``importlib``, ``__import__`` or ``sys.modules``, where this file could not see it.
     for module, path in MODULES.items():
         names = {
             node.attr if isinstance(node, ast.Attribute) else node.id
@@ -162,16 +159,13 @@ def test_imports_are_silent_change_nothing_and_bring_all_public_names_when_they_
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_no_module_has_the_name_of_what_another_or_itself_holds():
+def test_public_names_are_documented_and_hidden_by_no_module():
     """Its import would put it in the place of the function."""
     assert {wing(module) for module in MODULES} & set(jp.__all__) == {"paper"}  # a module itself
     for module, path in MODULES.items():
         body = ast.parse(path.read_text()).body
         held = {node.name for node in body if isinstance(node, ast.FunctionDef)}
         assert module.rpartition(".")[2] not in held - {"main"}, module
-
-
-def test_public_names_are_documented():
     with pytest.raises(AttributeError, match="module 'jaxpound' has no attribute 'simulat'") as e:
         jp.simulat  # noqa: B018
     assert (e.value.name, e.value.obj) == ("simulat", jp)  # whence Python's "Did you mean"

@@ -62,7 +62,7 @@ def test_rows_as_text_and_html():
     assert empty.html() == "<div><div>nothing &amp; no one</div></div>"
 
 
-def test_a_study_and_its_answers_show_themselves():
+def test_a_study_a_fragility_and_their_answers_show_themselves():
     scales = jp.Scales(mass=500e3, frequency=7.0)
     found = study(LINEAR, 64, measures={"<i>my measure": lambda s, g: s.friction})
     for result, units in ((found, ("g/ω1²", "m1 g")), (found.in_si(scales), ("m", "N"))):
@@ -73,9 +73,6 @@ def test_a_study_and_its_answers_show_themselves():
     assert_shown(found.separation(0.1))
     estimate = found.pounding_probability(0.3)
     assert str(estimate) in estimate._repr_html_()
-
-
-def test_a_fragility_shows_itself():
     for trials in ([20] * 5, None):
         pounding = [1, 4, 9, 14, 18] if trials else [0, 1, 0, 1, 1]
         curve = jp.fit_fragility([0.2, 0.4, 0.6, 0.8, 1.0], pounding, trials)

@@ -127,7 +127,7 @@ def test_a_contact_law_keeps_its_force_in_other_units(law):
         assert q * scales.force == pytest.approx(float(p), rel=1e-13)
 
 
-def test_contact_stiffness_goes_with_the_scales_by_hand_and_in_gradients():
+def test_contact_stiffness_goes_with_the_scales_and_units_of_other_laws_are_not_guessed():
     scales = jp.Scales(mass=4.0, frequency=2.0, gravity=10.0)
     # m1 ω1² = 16 N/m, and m1 g / (g/ω1²)^1.5 = 40 / 2.5^1.5 N/m^1.5.
     assert scales.contact_to_dimensionless(jp.KelvinVoigt(32.0, 0.5)).stiffness == 2.0
@@ -136,9 +136,6 @@ def test_contact_stiffness_goes_with_the_scales_by_hand_and_in_gradients():
     slope = jax.grad(lambda s: s.contact_to_si(jp.KelvinVoigt(3.0, 0.5)).stiffness)(scales)
     assert slope.frequency == pytest.approx(2 * 3 * 4 * 2, rel=1e-14)
     assert scales.contact_to_si(None) is scales.contact_to_dimensionless(None) is None
-
-
-def test_the_units_of_a_contact_law_of_one_s_own_are_not_guessed():
     scales, rule = jp.Scales(1e5, 4.0), "must be a law of this package: the units of a law of one's"
     for convert in (scales.contact_to_si, scales.contact_to_dimensionless):
         for law in (KnownCushion(1.0), with_mass(jp.KelvinVoigt(1.0, 0.5), 1.0)):
@@ -326,7 +323,7 @@ def mean_shaking(si):
     return np.r_[0, (u[:-2] + 6 * u[1:-1] + u[2:]) / 8, 0]
 
 
-def test_blocks_obey_newton_in_si():
+def test_blocks_obey_newton_in_si_and_dampers_pull_with_their_slip_force():
     _, _, si = sliding(0.0)
     blocks = zip(
         (BUILDING_1, BUILDING_2), si.masses, si.rods, si.absolute_accelerations, strict=True
@@ -335,9 +332,6 @@ def test_blocks_obey_newton_in_si():
         inertia = building.mass * (np.diff(block.x, 2) / DT**2 + mean_shaking(si)[1:-1])
         assert_close(inertia, -rod.force[1:-1], rel=1e-9)
         assert_close(acceleration[1:-1], inertia / building.mass, rel=1e-9)
-
-
-def test_damper_pulls_with_its_slip_force_in_newtons():
     _, _, si = sliding()
     assert np.abs(si.friction).max() == pytest.approx(SLIP_FORCE, rel=1e-12)
     # Where it slips throughout, the block's own motion tells the force as well.
@@ -410,7 +404,7 @@ def test_gravity_only_sets_the_scale_and_either_building_may_set_it():
     assert mirrored.min_gap == pytest.approx(float(si.min_gap), rel=1e-6)
 
 
-def test_grid_is_the_dimensionless_one_of_a_duration_and_a_step_in_seconds():
+def test_grids_and_records_keep_their_acceleration_and_scale_their_time():
     scales = jp.Scales(mass=1e5, frequency=4.0)
     grid = scales.grid(10.0, 0.01)
     assert grid == jp.TimeGrid(0.04, 1000)
@@ -420,6 +414,13 @@ def test_grid_is_the_dimensionless_one_of_a_duration_and_a_step_in_seconds():
         jp.Scales(1e5, [4.0, 5.0]).grid(10.0, 0.01)
     with pytest.raises(ValueError, match="cannot be traced"):
         jax.jit(lambda scales: scales.grid(10.0, 0.01))(jp.Scales(1e5, 4.0))
+    record = ground()
+    other = scales.to_dimensionless(record)
+    np.testing.assert_array_equal(other.samples, record.samples)
+    assert jp.pga(other) == jp.pga(record)
+    assert other.duration == pytest.approx(4.0 * record.duration)
+    assert (other.name, other.time_unit, record.time_unit) == ("sweep", "1/ω1", "s")
+    assert other.acceleration(4.0 * 1.234) == pytest.approx(float(record.acceleration(1.234)))
 
 
 test_grid_refuses_bad_values_in_the_users_units = refusals(
@@ -432,17 +433,6 @@ test_grid_refuses_bad_values_in_the_users_units = refusals(
     of=jp.Scales(1e5, 4.0).grid,
     before=r"Scales\.grid: ",
 )
-
-
-def test_dimensionless_record_keeps_its_acceleration_and_scales_its_time():
-    scales = jp.Scales(mass=1e5, frequency=4.0)
-    record = ground()
-    other = scales.to_dimensionless(record)
-    np.testing.assert_array_equal(other.samples, record.samples)
-    assert jp.pga(other) == jp.pga(record)
-    assert other.duration == pytest.approx(4.0 * record.duration)
-    assert (other.name, other.time_unit, record.time_unit) == ("sweep", "1/ω1", "s")
-    assert other.acceleration(4.0 * 1.234) == pytest.approx(float(record.acceleration(1.234)))
 
 
 def test_scales_refuse_bad_values_and_conversions_name_the_type_they_take():

@@ -113,7 +113,7 @@ def fitted(measure):
     ]
 
 
-def test_a_fragility_of_another_measure_or_unit_is_refused():
+def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_states_is_told():
     words = r"measure = 'PGA \(g\)' must be .* of the fragility, "
     for measure in ("PGA (m/s²)", "peak ground velocity (m/s)", "Sa(0.9 s) (g)"):
         named = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, measure)
@@ -126,9 +126,6 @@ def test_a_fragility_of_another_measure_or_unit_is_refused():
     tenth = rate_at(0.1, 1.0)  # the same in units of 10 m/s²
     assert in_si.annual_rate_of(curve).value == pytest.approx(tenth.value, rel=1e-12)
     refused(r"'PGA \(g\)' must be in the unit of the fragility, m/s²", CURVE.annual_rate_of, curve)
-
-
-def test_what_one_side_alone_states_is_told_of():
     no_period = r"measure = 'Sa \(g\)' names no period; .* Sa\(0.9 s\) \(g\)"
     for of_curve, of_fragility, doubts in (
         ("SA(0.2)", "spectral acceleration at period 1 (g)", ["period 1 \\(g\\), names no period"]),
@@ -156,7 +153,7 @@ def test_what_one_side_alone_states_is_told_of():
             jp.HazardCurve(intensity, rates, measure)
 
 
-def test_deaggregation_adds_up_where_there_is_an_end():
+def test_deaggregation_adds_up_in_bands_that_hold_the_rate_wherever_it_comes_from():
     rate = RATE
     whole = rate.deaggregation(np.r_[0.0, CURVE.intensity, np.inf])
     assert whole.rate.sum() == pytest.approx(rate.value, rel=1e-12)
@@ -172,9 +169,6 @@ def test_deaggregation_adds_up_where_there_is_an_end():
     wide = jp.Fragility(0.5, 0.4, np.diag([1e10, 1e-2]))
     assert "(no 95% interval)" in repr(CURVE.annual_rate_of(wide))
     assert np.isnan(RATE.deaggregation([0.0, np.inf]).mean)
-
-
-def test_the_usual_bands_hold_the_rate_wherever_it_comes_from():
     for median in (1e-6, 1e-3, 0.3, 30.0, 1e6):
         found = rate_at(median, 0.4).deaggregation(bands=60)
         assert 0.997 < found.share.sum() < 1

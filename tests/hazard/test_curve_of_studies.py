@@ -256,7 +256,7 @@ test_gaps_that_cannot_be_told_say_why = refusals(
 )
 
 
-def test_a_curve_in_g_is_not_taken_for_a_column_in_si(found):
+def test_curves_in_other_units_and_of_other_measures_are_not_mistaken(found):
     in_si = found.in_si(jp.Scales(mass=1e5, frequency=6.0))
     assert (found.unit("pga"), in_si.unit("pga"), in_si.unit("pounds")) == ("g", "m/s²", "")
     in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s2"))
@@ -269,6 +269,14 @@ def test_a_curve_in_g_is_not_taken_for_a_column_in_si(found):
     for hazard, other in ((in_g, found), (in_m, in_si)):  # of which no fragility can be fitted
         with pytest.raises(ValueError, match="must be the rate of pounding at a gap"):
             hazard.required_gap(other, intensity="pga")
+    scales = found.in_si(jp.Scales(mass=1e5, frequency=6.0)).scales
+    curve = dataclasses.replace(lognormal_gaps(found, 500), scales=scales).fragility(gap=1.0)
+    assert curve.unit == "m/s²" in repr(curve)
+    in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s²"))
+    refused(r"measure = 'PGA \(g\)' must be in the unit of the frag", in_g.annual_rate_of, curve)
+    with pytest.warns(jp.PlausibilityWarning, match="measure = 'im' names no unit; it should"):
+        silent = HAZARD.annual_rate_of(curve)
+    assert in_m.annual_rate_of(curve).value == silent.value
 
 
 @dataclasses.dataclass(frozen=True)
@@ -301,14 +309,3 @@ def test_records_are_scaled_by_the_hazard_and_rates_from_beyond_it_doubted():
     far, near = (HAZARD.annual_rate_of(jp.Fragility(median, 0.4)) for median in (6.0, 0.6))
     assert "more than 50% of the rate comes from intensities beyond" in repr(far)
     assert near.warnings == ()
-
-
-def test_a_fragility_knows_the_unit_of_the_study_that_it_is_of(found):
-    scales = found.in_si(jp.Scales(mass=1e5, frequency=6.0)).scales
-    curve = dataclasses.replace(lognormal_gaps(found, 500), scales=scales).fragility(gap=1.0)
-    assert curve.unit == "m/s²" in repr(curve)
-    in_g, in_m = (dataclasses.replace(HAZARD, measure=f"PGA ({x})") for x in ("g", "m/s²"))
-    refused(r"measure = 'PGA \(g\)' must be in the unit of the frag", in_g.annual_rate_of, curve)
-    with pytest.warns(jp.PlausibilityWarning, match="measure = 'im' names no unit; it should"):
-        silent = HAZARD.annual_rate_of(curve)
-    assert in_m.annual_rate_of(curve).value == silent.value

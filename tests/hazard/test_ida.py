@@ -131,7 +131,7 @@ def test_the_first_crossing_is_refined(method, batch):
         assert capacity == pytest.approx(fine[np.argmax(values >= 1.0)], abs=2e-5)
 
 
-def test_records_that_return_are_named_and_strong_ones_warned_of():
+def test_records_that_return_are_strong_or_unfit_are_named(capsys):
     demands = np.array([[0.5, 1.2, 0.9, 1.5], [0.2, 0.4, 1.1, 1.3]])
     found = jp.IncrementalDynamicAnalysis(
         *(("wave", "line"), np.ones(2), np.arange(1.0, 5.0), demands, np.array([1.7, 2.9])),
@@ -142,6 +142,16 @@ def test_records_that_return_are_named_and_strong_ones_warned_of():
     with pytest.warns(jp.PlausibilityWarning, match=r"'slow' times .* has a PGA of 6 g"):
         analysed(records=[SUITE[0]], intensities=[0.1, 6.0])
     refused("PGA of 6 g", analysed, intensities=[0.1, 6.0], strict=True)
+    analysed()
+    shown = capsys.readouterr().err
+    assert "0 of 3 records, brackets within 0." in shown
+    assert "3 of 3 records" in shown
+    words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
+    with pytest.raises(FloatingPointError, match=words):
+        analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
+    fine, long = (jp.Record(np.full(100, 0.1), dt, x) for dt, x in ((1e-5, "fine"), (1, "long")))
+    refused(r"'fine', the finest, and 'long', .* 1,000,000 steps", analysed, records=[fine, long])
+    refused(r"grid = None must be a TimeGrid: .* only for buildings", analysed, PAIR.system())
 
 
 @pytest.fixture
@@ -209,19 +219,6 @@ def test_a_store_serves_other_questions_of_the_same_runs_and_damage_is_told(coun
     assert len(sizes) == counting.most
     assert sorted(stored["store"].glob("chunk-*.npz")) == files
     assert_same(analysed(**stored), first)
-
-
-def test_the_progress_bar_shows_records_and_brackets_and_unfit_ones_are_named(capsys):
-    analysed()
-    shown = capsys.readouterr().err
-    assert "0 of 3 records, brackets within 0." in shown
-    assert "3 of 3 records" in shown
-    words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
-    with pytest.raises(FloatingPointError, match=words):
-        analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
-    fine, long = (jp.Record(np.full(100, 0.1), dt, x) for dt, x in ((1e-5, "fine"), (1, "long")))
-    refused(r"'fine', the finest, and 'long', .* 1,000,000 steps", analysed, records=[fine, long])
-    refused(r"grid = None must be a TimeGrid: .* only for buildings", analysed, PAIR.system())
 
 
 test_wrong_arguments_are_named = refusals(

@@ -25,14 +25,11 @@ def striped(records, structures=PAIR, **changed):
     return jp.multiple_stripes(structures, records, **how)
 
 
-def test_stripes_of_one_suite_are_those_of_the_incremental_analysis(linear):
+def test_stripes_of_one_suite_or_of_one_each_are_those_of_the_incremental_analysis(linear):
     found = striped(SUITE)
     np.testing.assert_allclose(np.transpose(found.demands), linear.demands, rtol=1e-12)
     np.testing.assert_array_equal(found.pounding, linear.stripes.pounding)
     assert "required gap (m)" in repr(found)
-
-
-def test_each_intensity_may_have_its_own_records(linear):
     suites = [SUITE, SUITE.chosen([0, 2]), SUITE, SUITE.chosen([1])]
     found = striped(suites)
     np.testing.assert_array_equal(found.trials, [3, 2, 3, 1])

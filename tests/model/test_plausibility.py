@@ -69,7 +69,7 @@ def test_numbers_in_a_wrong_unit_are_told_of_before_a_run(buildings, between, me
     refused(f"^simulate_row: {of_row}", jp.simulate_row, buildings, links, RECORD, strict=True)
 
 
-def test_a_gap_that_no_earthquake_closes_is_told_of():
+def test_gaps_are_judged_by_static_displacements():
     message = (
         r"gap = 10 m should be at most 5 times what the buildings move at an acceleration of 1"
     )
@@ -78,6 +78,14 @@ def test_a_gap_that_no_earthquake_closes_is_told_of():
     links = jp.floor_links(pair(), gap=10.0)
     with pytest.warns(jp.PlausibilityWarning, match=rf"^dimensionless_row: links\.0\.{message}"):
         jp.dimensionless_row(pair(), links)
+    # The top moves 3 + 2 + 1 times what the weight of one floor makes of a storey.
+    from jaxpound.model.plausibility import _Floors
+
+    tower = jp.ShearBuilding.of_storeys([2e5] * 3, 1e8, 1.0, 1e-9, 1e-9)
+    row, scales = jp.dimensionless_row((tower,), gravity=10.0)
+    floors = _Floors.of(row, scales)
+    np.testing.assert_allclose(floors.moved, 2e5 * 10 / 1e8 * np.array([3, 5, 6]), rtol=0.02)
+    np.testing.assert_allclose(floors.first_periods, [tower.natural_period], rtol=1e-9)
 
 
 def test_usual_numbers_are_not_told_of_and_traced_ones_not_judged():
@@ -101,17 +109,6 @@ def test_usual_numbers_are_not_told_of_and_traced_ones_not_judged():
         warnings.simplefilter("error")
         many = jp.Building.from_period(500.0, np.array([0.5, 0.9]), 0.05)
         jp.dimensionless(many, many, 1e9, 0.1)
-
-
-def test_static_displacements_and_periods_of_a_tower_by_hand():
-    """The top moves 3 + 2 + 1 times what the weight of one floor makes of a storey."""
-    from jaxpound.model.plausibility import _Floors
-
-    tower = jp.ShearBuilding.of_storeys([2e5] * 3, 1e8, 1.0, 1e-9, 1e-9)
-    row, scales = jp.dimensionless_row((tower,), gravity=10.0)
-    floors = _Floors.of(row, scales)
-    np.testing.assert_allclose(floors.moved, 2e5 * 10 / 1e8 * np.array([3, 5, 6]), rtol=0.02)
-    np.testing.assert_allclose(floors.first_periods, [tower.natural_period], rtol=1e-9)
 
 
 test_numbers_that_no_building_has_are_refused = refusals(

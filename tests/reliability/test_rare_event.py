@@ -48,7 +48,7 @@ def test_probabilities_of_case_w(events, gap):
     assert event.runs + 4 * event.gradients < 6000
 
 
-def test_starts_from_other_events(events):
+def test_starts_from_other_events_and_from_few_instants(events):
     cold, *warm = events.values()
     assert cold.gradients > 500
     assert max(event.gradients for event in warm) < 250
@@ -62,10 +62,7 @@ def test_starts_from_other_events(events):
     # An event without design points is no start.
     again = event_of(case_w.state(0.1), key=1, start=common, progress=False)
     assert (again.probability, again.gradients) == (common.probability, 0)
-
-
-def test_a_start_from_few_instants(events):
-    """Each neighbour of an instant with a point is sought from it: a curve loses none for good."""
+    # Each neighbour of an instant with a point is sought from it: a curve loses none for good.
     event = events[0.645]
     few = {name: getattr(event, name)[:2] for name in ("design_points", "instants", "series")}
     how = {"max_runs": 10, "method": "design points", "progress": False}
@@ -181,7 +178,7 @@ def linear():
     return state, slopes[good], sizes[good], every[good]
 
 
-def test_closings_and_design_points_of_a_linear_pair_are_exact(linear):
+def test_linear_pairs_have_exact_closings_design_points_and_probabilities(linear):
     """The demand, which looks between instants too, is the largest of the linear closings."""
     state, slopes, sizes, every = linear
     z = np.random.default_rng(0).standard_normal((20, case_w.N))
@@ -194,11 +191,7 @@ def test_closings_and_design_points_of_a_linear_pair_are_exact(linear):
     assert len(found) > 10
     assert found.betas == pytest.approx(state.level / sizes[rows], rel=1e-9)
     assert found.z == pytest.approx(slopes[rows] * (state.level / sizes[rows] ** 2)[:, None])
-
-
-def test_the_probability_of_a_linear_pair(linear):
-    """That of the union over all 500 instants, exact but for what happens between them."""
-    state, slopes, sizes, every = linear
+    # That of the union over all 500 instants, exact but for what happens between them.
     directions, betas = slopes / sizes[:, None], state.level / sizes
     order = np.argsort(betas)
     none = np.zeros(len(order), int)
@@ -270,7 +263,7 @@ def assert_alike(event, other):
     assert abs(apart) < 3 * np.hypot(event.cov, other.cov)
 
 
-def test_events_that_are_not_rare():
+def test_events_that_are_not_rare_and_the_method_of_each():
     sure, out = few(0.0), few(0.9)
     assert (sure.probability, sure.cov, sure.runs) == (1.0, 0.0, 256)
     assert "in each of 256 random runs" in sure.warnings[0]
@@ -278,6 +271,15 @@ def test_events_that_are_not_rare():
     assert ("out of reach" in out.warnings[0], "out of reach" in repr(out)) == (True, True)
     # Where no point is found within reach, nothing is known.
     refused("gradients must lead to the limit state, but none of 26", few, 50.0)
+    words = r"z of shape .* must be of shape \(n, 5\), n at least 1"
+    for shape in ((5,), (0, 5), (2, 4)):
+        refused(words, STATE.values, np.zeros(shape))
+    discrete = jp.rare_event(Chosen(), SHORT, 0.1, cov=0.5, progress=False)
+    by_number = few(0.1, "auto", cov=0.5)
+    assert discrete.method.startswith("z_4 discrete: subset simulation")
+    assert by_number.method.startswith("5 random numbers, fewer than 30: subset simulation")
+    assert discrete.probability == by_number.probability
+    assert_alike(few(0.1), by_number)
 
 
 class Chosen:
@@ -314,18 +316,6 @@ test_bad_input = refusals(
     (Chosen(), 1.0, BY_POINTS, "z_4 must not be discrete for design points"),
     of=lambda draw, gap, options: jp.rare_event(draw, SHORT, gap, progress=False, **options),
 )
-
-
-def test_which_method_and_which_shapes_and_why():
-    words = r"z of shape .* must be of shape \(n, 5\), n at least 1"
-    for shape in ((5,), (0, 5), (2, 4)):
-        refused(words, STATE.values, np.zeros(shape))
-    discrete = jp.rare_event(Chosen(), SHORT, 0.1, cov=0.5, progress=False)
-    by_number = few(0.1, "auto", cov=0.5)
-    assert discrete.method.startswith("z_4 discrete: subset simulation")
-    assert by_number.method.startswith("5 random numbers, fewer than 30: subset simulation")
-    assert discrete.probability == by_number.probability
-    assert_alike(few(0.1), by_number)
 
 
 def test_the_friction_for_a_probability(tmp_path, monkeypatch):

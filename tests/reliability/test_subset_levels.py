@@ -38,12 +38,22 @@ def test_a_plane(dimension, exact):
     assert abs(estimate - exact) < 3 * error < exact
 
 
-def test_few_samples_a_level_make_no_bias():
+def test_few_samples_a_level_make_no_bias_and_one_sign_counts():
     """A threshold between two samples would make it +10 % here."""
     exact = ndtr(-3.5)
     estimate, error = probability(simulated(linear(10, 3.5), 10, n=200, repeats=1500))
     assert error < 0.025 * exact
     assert abs(estimate - exact) < 2.5 * error
+    # A discrete number, and failures on both sides of it.
+
+    def value(z):
+        return np.where(z[:, 0] < 0, z[:, 1], -z[:, 1]) - 3.5
+
+    found = simulated(value, 3, repeats=100)
+    estimate, error = probability(found)
+    assert abs(estimate - ndtr(-3.5)) < 3 * error < 0.15 * estimate
+    signs = [np.sign(levels[-1].points[:, 0]).mean() for levels in found]
+    assert abs(np.mean(signs)) < 0.3  # both sides are sampled
 
 
 @pytest.mark.parametrize(
@@ -60,20 +70,7 @@ def test_a_sphere_and_a_plateau(value, dimension, exact):
     assert abs(estimate - exact) < 3 * error
 
 
-def test_a_number_of_which_only_the_sign_counts():
-    """A discrete number, and failures on both sides of it."""
-
-    def value(z):
-        return np.where(z[:, 0] < 0, z[:, 1], -z[:, 1]) - 3.5
-
-    found = simulated(value, 3, repeats=100)
-    estimate, error = probability(found)
-    assert abs(estimate - ndtr(-3.5)) < 3 * error < 0.15 * estimate
-    signs = [np.sign(levels[-1].points[:, 0]).mean() for levels in found]
-    assert abs(np.mean(signs)) < 0.3  # both sides are sampled
-
-
-def test_each_level_is_the_distribution_beyond_its_threshold():
+def test_each_level_is_the_distribution_beyond_its_threshold_reached_by_adapted_steps():
     beta = 3.719
     for levels in simulated(linear(20, beta), 20, n=2000, repeats=4):
         for level in levels[1:]:
@@ -84,10 +81,7 @@ def test_each_level_is_the_distribution_beyond_its_threshold():
             mean = np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi) / exact
             assert level.values.mean() + beta == pytest.approx(mean, rel=0.05)
             assert level.values.min() > level.threshold
-
-
-def test_steps_are_adapted_to_the_acceptance_that_explores_most():
-    """Papaioannou et al. 2015 find 0.44, whatever the dimension and the level."""
+    # Papaioannou et al. 2015 find 0.44, whatever the dimension and the level.
     for dimension in (5, 100):
         found = simulated(linear(dimension, 4.75), dimension, repeats=10)
         acceptance = [level.acceptance for levels in found for level in levels[1:]]

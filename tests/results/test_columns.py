@@ -28,7 +28,7 @@ def batch():
     return jax.jit(jax.vmap(simulate))(jnp.array([0.1, 0.2, 0.3]))
 
 
-def test_a_run_is_a_row_an_instant(batch):
+def test_a_run_is_a_row_an_instant_in_a_folder_that_is_there(batch, tmp_path):
     run = batch[1]
     columns, si = run.to_columns(), SCALES.to_si(run).to_columns()
     assert [*columns][:4] == ["time", "ground_acceleration", "x1", "x2"]
@@ -40,6 +40,10 @@ def test_a_run_is_a_row_an_instant(batch):
     np.testing.assert_allclose(si["gap_m"], run.gap * SCALES.length)
     np.testing.assert_array_equal(si["slip_direction"], run.phase)
     assert not np.signbit(si["slip_direction"][si["slip_direction"] == 0]).any()
+    file = tmp_path / "no" / "run.csv"
+    for write in (batch.to_csv, batch.to_parquet, jp.read_record):
+        with pytest.raises(FileNotFoundError, match=f"{file}: the folder {file.parent} is missing"):
+            write(file)
 
 
 def test_a_batch_of_runs_has_their_numbers_and_a_batch_of_batches_one_an_axis(batch):
@@ -125,13 +129,6 @@ def test_names_that_users_gave_stay_apart(of_study, tmp_path):
                 assert next(csv.reader(file)) == ["sample", *renamed.columns]
         else:
             refused(f"column '{name}' must differ from every other", renamed.to_columns)
-
-
-def test_a_missing_folder_is_called_missing(batch, tmp_path):
-    file = tmp_path / "no" / "run.csv"
-    for write in (batch.to_csv, batch.to_parquet, jp.read_record):
-        with pytest.raises(FileNotFoundError, match=f"{file}: the folder {file.parent} is missing"):
-            write(file)
 
 
 def test_links_without_friction_do_not_tell_of_slip():

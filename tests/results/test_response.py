@@ -56,16 +56,13 @@ def test_a_link_has_a_damper_where_it_has_a_slip_force(friction):
     assert float(in_si.links[0].slip_force) == pytest.approx(friction * 2e5 * 9.80665)
 
 
-def test_phases_are_the_runs_of_equal_direction_at_their_instants():
+def test_phases_are_the_runs_of_equal_direction_without_holes(run):
     direction = np.repeat([0, 1, -1, 0], [50, 60, 40, 51]).astype(float)
     phases = synthetic(phase=direction, change_time=T + 0.003).phases()
     assert [p.kind for p in phases] == ["stick", "slip right", "slip left", "stick"]
     starts = [0.0, *(T[[50, 110, 150]] + 0.003)]
     np.testing.assert_allclose([p.start for p in phases], starts)
     np.testing.assert_allclose([p.end for p in phases], [*starts[1:], 2.0])
-
-
-def test_phases_cover_the_run_without_holes_with_slip_of_their_sign(run):
     phases = run.phases()
     assert (phases[0].start, phases[-1].end) == (0, float(run.time[-1]))
     for one, following in itertools.pairwise(phases):

@@ -178,7 +178,7 @@ def test_a_folder_without_a_good_manifest_is_refused(tmp_path):
         refused(r"manifest.json is damaged \(it is", Store.create, folder, IDENTITY, 10, {})
 
 
-def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path):
+def test_identities_and_files_that_make_no_store_are_refused(tmp_path, monkeypatch):
     for change, message in (
         ({"chunk_size": 0}, "chunk_size = 0 must be from 1"),
         ({"chunk_size": 10**12}, "chunk_size = 1000000000000 must be from 1 to 2,147,483,648"),
@@ -188,6 +188,16 @@ def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path):
     ):
         refused(message, Store.create, tmp_path / "study", IDENTITY | change, 10, {})
         assert not (tmp_path / "study").exists()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="the store cannot be written"):
+        Store.create(tmp_path / "file", IDENTITY, 10, {})
+
+    def link(*_):
+        """A file system without links will do."""
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(archive.os, "link", link)
+    assert Store.create(tmp_path / "study", IDENTITY, 10, {}).n == 10
 
 
 def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
@@ -299,20 +309,6 @@ def test_a_process_killed_at_any_moment_leaves_whole_chunks_only(tmp_path):
                 assert found["a"][0] == 20_000 * chunk
                 np.testing.assert_array_equal(found["a"], -found["b"])
     assert half_written
-
-
-def test_a_file_in_the_place_of_the_folder_is_refused_and_no_links_are_needed(
-    tmp_path, monkeypatch
-):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match="the store cannot be written"):
-        Store.create(tmp_path / "file", IDENTITY, 10, {})
-
-    def link(*_):
-        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
-
-    monkeypatch.setattr(archive.os, "link", link)
-    assert Store.create(tmp_path / "study", IDENTITY, 10, {}).n == 10
 
 
 MAKER = """

@@ -106,7 +106,7 @@ def test_probabilities_of_demands_and_numbers_of_impacts(study, hit):
     assert study.pounding_probability().value > 0
 
 
-def test_restitution_matters_to_the_energy_lost():
+def test_restitution_matters_to_the_energy_lost_and_times_of_impacts_have_no_variance(monkeypatch):
     ground = jp.Ricker([0.12], [2.5], [2.5])
     uncertain = RESTITUTION | {"rod_2.order": jp.Uniform(0.529, 0.531)}
     scenarios = jp.Scenarios(jp.UncertainStructures(TOUCHING, uncertain), ground)
@@ -115,8 +115,6 @@ def test_restitution_matters_to_the_energy_lost():
     with pytest.raises(ValueError, match=r"there is no required gap unless .* a law of contact"):
         jp.sobol_sensitivity(scenarios, GRID, n=16)
 
-
-def test_the_time_of_an_impact_that_need_not_be_has_no_variance(monkeypatch):
     def demands(structures, ground, *_):
         e = structures.contact.restitution
         return {"first_impact_time": jnp.where(e > 0.65, jnp.inf, e)}

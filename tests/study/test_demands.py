@@ -81,7 +81,7 @@ def test_a_study_of_a_system_is_kept_in_a_store(tmp_path):
     refused(r"Study.separation: structures must be a pair", opened.separation, 0.1)
 
 
-def test_a_link_without_a_gap_is_no_failure(tmp_path):
+def test_links_without_a_gap_fail_nothing_and_have_no_sensitivities(tmp_path):
     found = study(OPEN, store=tmp_path)
     assert found.failed == 0
     assert (found["min_gap"] == np.inf).all()
@@ -90,9 +90,6 @@ def test_a_link_without_a_gap_is_no_failure(tmp_path):
     np.testing.assert_array_equal(study(OPEN, store=tmp_path)["peak_x1"], found["peak_x1"])
     for ask in (lambda: found.pounding_probability(0.1), lambda: found.required_gap(0.1)):
         refused("column 'required_gap' must be one of min_gap", ask)
-
-
-def test_sensitivities_are_by_default_those_of_the_required_gap():
     found = jp.sobol_sensitivity(scenarios(SYSTEM), GRID, n=4)
     assert found.demand == "required_gap"
     assert list(found.first) == ["z_1", "z_2"]

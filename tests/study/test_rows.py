@@ -65,7 +65,7 @@ def test_gaps_and_pounding_are_those_of_one_link_or_of_any(study):
     assert study.demand.rods[1].peak_drift.shape == (64,)
 
 
-def test_required_gaps_are_a_table_with_a_row_for_each_link(study, folder):
+def test_required_gaps_are_a_table_of_the_links_without_contact(study, folder):
     scales = jp.Scales(mass=500e3, frequency=7.0)
     for one in (study, jp.Study.open(folder)):
         found = one.in_si(scales).required_gaps(0.1)
@@ -75,6 +75,17 @@ def test_required_gaps_are_a_table_with_a_row_for_each_link(study, folder):
         at = shown.index("1–2, floor 2")
         assert shown[at + 1] == f"{found.gaps[1].value:.4g}"
         assert "gap (m)" in shown
+    # The other has: what happens there does not depend on its own gap.
+    system = touching(jp.KelvinVoigt(300.0, 0.65)).system()
+    lower, upper = study.demand.links
+    hit = dict.fromkeys(OF_CONTACTS, np.ones(64))
+    found = dataclasses.replace(study.demand, links=(lower, dataclasses.replace(upper, **hit)))
+    gaps = required_gaps(system, found)
+    assert [*gaps] == ["required_gap_1"]
+    np.testing.assert_allclose(gaps["required_gap_1"], study["required_gap_1"], atol=1e-12)
+    largest = over_all(system, found)
+    assert [*largest] == ["peak_drift", "peak_acceleration", *OF_CONTACTS]
+    np.testing.assert_array_equal(largest["peak_contact"], np.ones(64))
 
 
 def test_parameters_are_correlated_by_building_or_by_a_matrix():
@@ -127,20 +138,6 @@ def test_links_that_are_not_there_or_far_are_named(study, folder):
     far = dataclasses.replace(ROW, links=(lower, dataclasses.replace(upper, gap=1e3)))
     with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: links\.1\.gap = \d+\S* g/ω1²"):
         jp.monte_carlo(jp.Scenarios(far, WAVES), 16, GRID, chunk_size=32, progress=False)
-
-
-def test_a_link_with_a_law_of_contact_has_no_required_gap(study):
-    """The other has: what happens there does not depend on its own gap."""
-    system = touching(jp.KelvinVoigt(300.0, 0.65)).system()
-    lower, upper = study.demand.links
-    hit = dict.fromkeys(OF_CONTACTS, np.ones(64))
-    found = dataclasses.replace(study.demand, links=(lower, dataclasses.replace(upper, **hit)))
-    gaps = required_gaps(system, found)
-    assert [*gaps] == ["required_gap_1"]
-    np.testing.assert_allclose(gaps["required_gap_1"], study["required_gap_1"], atol=1e-12)
-    largest = over_all(system, found)
-    assert [*largest] == ["peak_drift", "peak_acceleration", *OF_CONTACTS]
-    np.testing.assert_array_equal(largest["peak_contact"], np.ones(64))
 
 
 def test_sensitivities_of_random_storeys():

@@ -384,7 +384,7 @@ def failing(z):
 FAILING = jp.Scenarios(jp.CustomDraw(failing, 1, ("z",)), jp.Ricker(0.3, [2.0], [1.5]))
 
 
-def test_a_scenario_that_fails_is_named_with_its_reason(tmp_path):
+def test_scenarios_that_fail_are_named_or_kept_and_left_out(tmp_path):
     words = r"scenario \d+ fails: "
     order = r".*order = 2 must be in \(0, 1\]"
     refused(words + order, study, FAILING, store=tmp_path / "study")
@@ -394,9 +394,6 @@ def test_a_scenario_that_fails_is_named_with_its_reason(tmp_path):
     # An error in a worker reaches the caller and stops the rest.
     with ThreadPoolExecutor(1) as threads:
         refused("fails", study, FAILING, 200, executor=threads, store=tmp_path / "threads")
-
-
-def test_failures_may_be_kept_and_are_left_out_of_every_answer(tmp_path):
     found = study(FAILING, 200, keep_failures=True)
     bad = np.abs(found.points()[:, 0]) > 1.5
     assert 0 < found.failed == bad.sum() < 50

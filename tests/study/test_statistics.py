@@ -9,7 +9,7 @@ from jaxpound.study.statistics import Estimate, Moments, probability, quantile
 from tests.refusals import refusals
 
 
-def test_intervals_of_probabilities_are_beta_quantiles_and_cover():
+def test_intervals_of_probabilities_are_beta_quantiles_and_cover_or_are_none():
     for k, n in ((0, 10), (1, 10), (5, 10), (10, 10), (37, 10_000)):
         estimate = probability(k, n, 0.9)
         assert estimate.value == k / n
@@ -29,6 +29,10 @@ def test_intervals_of_probabilities_are_beta_quantiles_and_cover():
         ranked = np.sort(draws)
         covered = np.mean((ranked[:, int(low)] <= truth) & (truth <= ranked[:, int(high)]))
         assert 0.9 - 0.01 < covered < 0.96
+    assert str(Estimate(0.25, 0.2, np.inf)) == "0.25 (95%: 0.2 to inf)"
+    for end in (np.nan, np.inf):
+        assert str(Estimate(0.25, -end, end, 0.9)) == "0.25 (no 90% interval)"
+    assert str(quantile(np.array([0.25]), 0.5)) == "0.25 (no 95% interval)"
 
 
 @given(
@@ -67,10 +71,3 @@ def test_moments_of_parts_are_those_of_the_whole(sample, data):
     assert whole.std == pytest.approx(sample.std(ddof=1), rel=1e-9, abs=1e-9)
     if sample.std() > 1e-3:
         assert whole.times(3.0).std == pytest.approx(3 * whole.std)
-
-
-def test_what_has_no_interval_says_so():
-    assert str(Estimate(0.25, 0.2, np.inf)) == "0.25 (95%: 0.2 to inf)"
-    for end in (np.nan, np.inf):
-        assert str(Estimate(0.25, -end, end, 0.9)) == "0.25 (no 90% interval)"
-    assert str(quantile(np.array([0.25]), 0.5)) == "0.25 (no 95% interval)"
