@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.study.test_run import LINEAR, study
+from tests.study.test_run import LINEAR, assert_same, study
 
 ROOT = Path(__file__).parents[1]
 
@@ -36,12 +36,8 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     distributed = pytest.importorskip("distributed")
     killed = tmp_path / "killed"
     arguments = {"n": 40_000, "chunk_size": 1000}
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
+    how = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(**how) as cluster, distributed.Client(cluster) as client:
         found = []
 
         def run():
@@ -60,9 +56,7 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     assert not [*killed.glob("*.part")]  # what the killed one was writing
     assert all(path.stat().st_ino == file for path, file in had.items())
     # Workers have one thread for linear algebra, whose rounding differs.
-    here = study(**arguments)
-    for name in here.columns:
-        np.testing.assert_allclose(found[0][name], here[name], rtol=1e-9, atol=1e-12)
+    assert_same(found[0], study(**arguments))
 
 
 def start_two(*command, others=()):
@@ -70,21 +64,14 @@ def start_two(*command, others=()):
     with socket.socket() as free:
         free.bind(("localhost", 0))
         address = f"localhost:{free.getsockname()[1]}"
-    processes = [
-        subprocess.Popen(
-            [sys.executable, *command, address, "2", str(i), *others],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for i in (0, 1)
-    ]
-    told = []
-    for process in processes:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    commands = [[sys.executable, *command, address, "2", str(i), *others] for i in (0, 1)]
+    printed = []
+    for process in [subprocess.Popen(arguments, **pipes) for arguments in commands]:
         out, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
-        told.append(out)
-    return told
+        printed.append(out)
+    return printed
 
 
 SHARDS = """
@@ -102,9 +89,7 @@ print(len(study(LINEAR, 256, store=sys.argv[4], chunk_size=64, shard=shard)))
 def test_the_processes_of_one_program_fill_a_store_each_with_its_own_devices(tmp_path):
     told = start_two("-c", SHARDS, others=[str(tmp_path / "study")])
     assert told == ["128\n", "128\n"]
-    found, here = jp.Study.open(tmp_path / "study"), study(LINEAR, 256)
-    for name in here.columns:
-        np.testing.assert_allclose(found[name], here[name], rtol=1e-9, atol=1e-12)
+    assert_same(jp.Study.open(tmp_path / "study"), study(LINEAR, 256))
 
 
 def test_one_program_over_the_devices_of_two_processes():
