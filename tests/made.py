@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from hypothesis import strategies
 
 import jaxpound as jp
 from jaxpound.model.system import elongation
@@ -118,3 +119,8 @@ def row_response(row, time, displacement):
             pgv=1.0,
         ),
     )
+
+
+def log_uniform(low, high):
+    """Numbers for tests of any of them, their logarithms evenly spread."""
+    return strategies.floats(np.log10(low), np.log10(high)).map(lambda x: 10.0**x)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from tests.made import changed
+from tests.made import changed, log_uniform
 from tests.model.test_system import KnownCushion
 from tests.refusals import refusals, refused
 
@@ -24,17 +24,10 @@ SYSTEM = {"building_1": BUILDING_1, "building_2": BUILDING_2, "friction_force": 
 DT, N_SAMPLES = 0.01, 500
 
 
-def log_uniform(low, high):
-    return st.floats(np.log10(low), np.log10(high)).map(lambda x: 10.0**x)
-
-
+masses, stiffnesses, orders = log_uniform(1.0, 1e7), log_uniform(1.0, 1e10), st.floats(0.01, 1.0)
 buildings = st.builds(
     lambda m, k, order, tau_f, ratio: jp.Building(m, k, order, tau_f, tau_f * ratio),
-    log_uniform(1.0, 1e7),
-    log_uniform(1.0, 1e10),
-    st.floats(0.01, 1.0),
-    log_uniform(1e-4, 1.0),
-    log_uniform(1.0, 1e4),
+    *(masses, stiffnesses, orders, log_uniform(1e-4, 1.0), log_uniform(1.0, 1e4)),
 )
 
 
@@ -64,13 +57,9 @@ def assert_close(actual, expected, rel):
 
 
 def test_dimensionless_system_by_hand():
-    structures, scales = jp.dimensionless(
-        jp.Building(mass=4, stiffness=16, order=0.5, tau_f=0.1, tau_x=3),
-        jp.Building(mass=2, stiffness=8, order=1, tau_f=0.2, tau_x=1.5),
-        friction_force=10,
-        gap=5,
-        gravity=10,
-    )
+    first = jp.Building(mass=4, stiffness=16, order=0.5, tau_f=0.1, tau_x=3)
+    second = jp.Building(mass=2, stiffness=8, order=1, tau_f=0.2, tau_x=1.5)
+    structures, scales = jp.dimensionless(first, second, friction_force=10, gap=5, gravity=10)
     # ω1 = 2, so time is in 1/2 s, length in 10/4 m, force in 40 N.
     assert (scales.frequency, scales.time, scales.length, scales.force) == (2.0, 0.5, 2.5, 40.0)
     assert (scales.mass, scales.gravity) == (4.0, 10.0)
@@ -189,13 +178,10 @@ test_building_refuses_bad_values = refusals(
 )
 
 
-@given(
-    log_uniform(1.0, 1e8),
-    log_uniform(0.05, 20.0),
-    st.just(0.0) | st.floats(0.0, 0.9),
-    st.floats(0.05, 1.0),
-    st.none() | log_uniform(1e-3, 1.0),
-)
+shares, reaches = st.just(0.0) | st.floats(0.0, 0.9), st.none() | log_uniform(1e-3, 1.0)
+
+
+@given(log_uniform(1.0, 1e8), log_uniform(0.05, 20.0), shares, st.floats(0.05, 1.0), reaches)
 def test_building_from_period_has_that_period_and_damping(mass, period, share, order, reach):
     omega = 2 * np.pi / period
     tau_f = None if reach is None else reach / omega**order
@@ -290,9 +276,8 @@ def test_every_series_of_a_response_has_its_unit():
     flat |= {"time", "ground_acceleration", "ground_velocity"}
     assert flat == factors.keys()  # those of contact: tests/results/test_demand.py
     for name, factor in factors.items():
-        np.testing.assert_allclose(
-            getattr(si, name), factor * getattr(response, name), rtol=1e-14, err_msg=name
-        )
+        expected = factor * getattr(response, name)
+        np.testing.assert_allclose(getattr(si, name), expected, rtol=1e-14, err_msg=name)
     assert (response.si, si.si) == (False, True)
     assert si.method == response.method
 
@@ -325,19 +310,15 @@ def mean_shaking(si):
 
 def test_blocks_obey_newton_in_si_and_dampers_pull_with_their_slip_force():
     _, _, si = sliding(0.0)
-    blocks = zip(
-        (BUILDING_1, BUILDING_2), si.masses, si.rods, si.absolute_accelerations, strict=True
-    )
-    for building, block, rod, acceleration in blocks:
-        inertia = building.mass * (np.diff(block.x, 2) / DT**2 + mean_shaking(si)[1:-1])
-        assert_close(inertia, -rod.force[1:-1], rel=1e-9)
-        assert_close(acceleration[1:-1], inertia / building.mass, rel=1e-9)
+    for i, building in enumerate((BUILDING_1, BUILDING_2)):
+        inertia = building.mass * (np.diff(si.masses[i].x, 2) / DT**2 + mean_shaking(si)[1:-1])
+        assert_close(inertia, -si.rods[i].force[1:-1], rel=1e-9)
+        assert_close(si.absolute_accelerations[i][1:-1], inertia / building.mass, rel=1e-9)
     _, _, si = sliding()
     assert np.abs(si.friction).max() == pytest.approx(SLIP_FORCE, rel=1e-12)
     # Where it slips throughout, the block's own motion tells the force as well.
     slips = np.abs(np.convolve(si.phase, np.ones(5) / 5, "same")) == 1
-    acceleration = np.zeros(slips.size)
-    acceleration[1:-1] = np.diff(si.x1, 2) / DT**2
+    acceleration = np.pad(np.diff(si.x1, 2) / DT**2, 1)
     pull = -BUILDING_1.mass * (acceleration + mean_shaking(si)) - si.f1
     assert slips.sum() > 100
     np.testing.assert_allclose(np.abs(pull[slips]), SLIP_FORCE, rtol=1e-6)

@@ -12,12 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import jaxpound as jp
+from tests.made import log_uniform
 from tests.refusals import refusals, refused
-
-
-def log_uniform(low, high):
-    return st.floats(np.log10(low), np.log10(high)).map(lambda x: 10.0**x)
-
 
 orders = st.floats(0.01, 1.0)
 taus = log_uniform(1e-4, 1e3)
