@@ -146,11 +146,11 @@ def test_number_takes_one_and_batch_what_can_be_broadcast_and_instance_a_type():
     with pytest.raises(ValueError, match=r"Owner: dt of shape \(2,\) must be one number"):
         jax.jit(lambda x: number("Owner", "dt", x))(jnp.ones(2))
     require_batch("Owner", a=1.0, b=np.ones(3), c=np.ones((2, 1)))
-    with pytest.raises(ValueError, match=r"Owner: the shapes of a \(2,\), b \(3,\) must make one"):
-        require_batch("Owner", a=np.ones(2), b=np.ones(3))
+    words = r"Owner: the shapes of a \(2,\), b \(3,\) must make one"
+    refused(words, require_batch, "Owner", a=np.ones(2), b=np.ones(3))
     instance("Owner", "spring", 3, int, str)
-    with pytest.raises(ValueError, match="Owner: spring = 3 must be of type str or Spring"):
-        instance("Owner", "spring", 3, str, Spring)
+    words = "Owner: spring = 3 must be of type str or Spring"
+    refused(words, instance, "Owner", "spring", 3, str, Spring)
 
 
 def test_numbers_of_a_sign_become_floats_and_the_rest_is_refused():
@@ -164,15 +164,10 @@ def test_numbers_of_a_sign_become_floats_and_the_rest_is_refused():
 
 
 def test_objects_are_frozen_and_judged_when_made_and_replaced():
-    spring = Spring(1.0, 2.0)
-    for change in (
-        lambda: setattr(spring, "stiffness", 2.0),
-        lambda: setattr(spring, "colour", "red"),
-        lambda: delattr(spring, "length"),
-    ):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            change()
     spring = Spring(1.0, 2.0, law="cubic", name="a")
+    for change in ((setattr, "stiffness", 2.0), (setattr, "colour", "red"), (delattr, "length")):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            change[0](spring, *change[1:])
     refused("Spring: stiffness = -1 must be positive", Spring, -1.0, 2.0)
     refused("Spring: stiffness = -1 must be positive", dataclasses.replace, spring, stiffness=-1.0)
     other = dataclasses.replace(spring, length=3.0)
