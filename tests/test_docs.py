@@ -50,12 +50,8 @@ def test_the_reference_and_the_tables_of_contents_leave_nothing_out():
     modules = {path.stem for path in (PACKAGE / "plots").glob("[a-z]*.py")}
     modules -= {"curves", "style", "panels", "sliders"}  # what figures are made of
     assert {f"jaxpound.plots.{module}" for module in modules} <= set(reference())
-    listed = {
-        (page.parent / entry).with_suffix(".md")
-        for page in PAGES
-        for entry in entries("toctree", page)
-    }
-    assert {*PAGES} - listed <= {DOCS / "index.md"}
+    contents = [page.parent / entry for page in PAGES for entry in entries("toctree", page)]
+    assert {*PAGES} - {page.with_suffix(".md") for page in contents} <= {DOCS / "index.md"}
 
 
 def code(text):

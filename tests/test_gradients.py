@@ -111,17 +111,17 @@ def neighbours(n, seed=0):
     return x
 
 
-@pytest.mark.parametrize(
-    ("scheme", "grid", "part"),
-    [
-        (SCHEME, GRID, slice(None)),
-        (jp.Scheme(jp.Smoothed(0.01)), GRID, WAVES),
-        (jp.PAPER_SCHEME, jp.TimeGrid(0.04, 200), WAVES),
-    ],
-    ids=["event-resolved", "smoothed", "paper"],
-)
-def test_both_modes_are_finite_and_adjoint_in_every_corner(scheme, grid, part):
+CASES = {
+    "event-resolved": (SCHEME, GRID, slice(None)),
+    "smoothed": (jp.Scheme(jp.Smoothed(0.01)), GRID, WAVES),
+    "paper": (jp.PAPER_SCHEME, jp.TimeGrid(0.04, 200), WAVES),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_both_modes_are_finite_and_adjoint_in_every_corner(case):
     """⟨w, J d⟩ = ⟨Jᵀ w, d⟩; in dense d and w no derivative that is NaN or infinite can hide."""
+    scheme, grid, part = CASES[case]
     x = np.concatenate([[*corners()], neighbours(LANES - 72)])[:, part]
     random = np.random.default_rng(1)
     d = random.normal(size=x.shape) * np.where(x == 0, 1.0, np.abs(x))
@@ -156,29 +156,23 @@ def test_forward_equals_reverse_and_batches_single_gradients():
         assert (np.abs(none - little) <= 1e-6 * largest).all()
 
 
-# Differences.
+def floats(*ranges):
+    return [st.floats(*ends) for ends in ranges]
+
 
 rods = st.builds(
     lambda order, tau_f, ratio: jp.ZenerRod(order, tau_f, tau_f * ratio),
-    st.floats(0.05, 0.99),
-    st.floats(0.01, 1.0),
-    st.floats(1.02, 20.0),
+    *floats((0.05, 0.99), (0.01, 1.0), (1.02, 20.0)),
 )
-masses, stiffnesses, frictions, gaps = (
-    st.floats(*range_) for range_ in ((0.3, 3.0), (0.3, 3.0), (0.02, 1.0), (0.1, 2.0))
-)
-structures_ = st.builds(jp.AdjacentStructures, rods, rods, masses, stiffnesses, frictions, gaps)
+ratios = floats((0.3, 3.0), (0.3, 3.0), (0.02, 1.0), (0.1, 2.0))
+structures_ = st.builds(jp.AdjacentStructures, rods, rods, *ratios)
+times = [st.lists(x, min_size=5, max_size=5) for x in floats((0.8, 4.0), (0.0, 6.0))]
 grounds = st.builds(
-    lambda amplitude, periods, arrivals, factor, seed, dt: (
+    lambda amplitude, factor, dt, periods, arrivals, seed: (
         jp.Ricker(amplitude, periods, arrivals)
         + factor * jp.Record(np.random.default_rng(seed).normal(size=100), dt, time_unit="1/ω1")
     ),
-    st.floats(-1.0, 1.0),
-    st.lists(st.floats(0.8, 4.0), min_size=5, max_size=5),
-    st.lists(st.floats(0.0, 6.0), min_size=5, max_size=5),
-    st.floats(-1.0, 1.0),
-    st.integers(0, 2**32),
-    st.floats(0.1, 0.2),
+    *(*floats((-1.0, 1.0), (-1.0, 1.0), (0.1, 0.2)), *times, st.integers(0, 2**32)),
 )
 
 

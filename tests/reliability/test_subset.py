@@ -113,9 +113,8 @@ def test_the_stated_interval_covers():
 def test_events_that_always_occur_or_are_out_of_reach(scaled):
     event = simulated(scaled(0.0), n=100, repeats=2, progress=False)
     assert event.probability == 1
-    assert event.warnings == (
-        "the event occurs in each of 200 random runs: its probability is above 0.985133 (95 %)",
-    )
+    sure = "the event occurs in each of 200 random runs: its probability is above 0.985133 (95 %)"
+    assert event.warnings == (sure,)
     state = scaled(30.0)
     event = simulated(state, n=100, repeats=2, progress=False)
     assert event.probability == 1e-12
@@ -227,9 +226,12 @@ def whole(scaled):
     return simulated(scaled(3.0), **STORED)
 
 
-def test_a_stopped_search_goes_on(scaled, whole, tmp_path, monkeypatch):
+def test_a_stopped_search_goes_on_and_damaged_files_are_made_anew(
+    scaled, whole, tmp_path, monkeypatch
+):
     """Stopped within the first level, and within others; all that was done is kept."""
-    state, options = scaled(3.0), STORED | {"store": tmp_path / "search"}
+    state, folder = scaled(3.0), tmp_path / "search"
+    options = STORED | {"store": folder}
     ran = sum(stopped(monkeypatch, k, lambda: simulated(state, **options)) for k in (1, 9))
     counted, run = [], jp.LimitState.values
     with monkeypatch.context() as patch:
@@ -237,6 +239,14 @@ def test_a_stopped_search_goes_on(scaled, whole, tmp_path, monkeypatch):
         assert_same(simulated(state, **options), whole)
     assert ran + sum(counted) == whole.runs
     assert_same(without_runs(monkeypatch, state, **options), whole)
+    files = sorted(folder.glob("chunk-*.npz"))
+    for path in (files[1], files[4]):
+        path.write_bytes(path.read_bytes()[:-9])
+    words = r"store .*search: chunk 1 is damaged .*; chunk 4 is .*; its runs are made anew"
+    with pytest.warns(UserWarning, match=words):
+        assert_same(simulated(state, **options), whole)
+    assert_same(without_runs(monkeypatch, state, **options), whole)
+    assert sorted(folder.glob("chunk-*.npz")) == files
 
 
 def test_a_store_grows_to_more_repeats_and_a_smaller_cov(scaled, whole, tmp_path, monkeypatch):
@@ -251,19 +261,6 @@ def test_a_store_grows_to_more_repeats_and_a_smaller_cov(scaled, whole, tmp_path
     assert_same(without_runs(monkeypatch, state, **options), whole)
 
 
-def test_damaged_files_are_told_and_made_anew(scaled, whole, tmp_path, monkeypatch):
-    state, folder = scaled(3.0), tmp_path / "search"
-    simulated(state, **STORED, store=folder)
-    files = sorted(folder.glob("chunk-*.npz"))
-    for path in (files[1], files[4]):
-        path.write_bytes(path.read_bytes()[:-9])
-    words = r"store .*search: chunk 1 is damaged .*; chunk 4 is .*; its runs are made anew"
-    with pytest.warns(UserWarning, match=words):
-        assert_same(simulated(state, **STORED, store=folder), whole)
-    assert_same(without_runs(monkeypatch, state, **STORED, store=folder), whole)
-    assert sorted(folder.glob("chunk-*.npz")) == files
-
-
 def test_another_search_is_refused(scaled, tmp_path):
     options = STORED | {"store": tmp_path / "search", "n": 100, "repeats": 2}
     simulated(scaled(2.0), **options)
@@ -275,9 +272,9 @@ def test_another_search_is_refused(scaled, tmp_path):
     ):
         refused(f"holds another study: {words}", simulated, state, **options | changed)
     words = "search is 'a subset simulation' there and 'a search by design"
-    with pytest.raises(ValueError, match=words):
-        event_of(scaled(2.0), method="design points", store=options["store"], progress=False)
-    refused("must hold a study, but holds a subset simulation", jp.Study.open, options["store"])
+    stored = {"store": options["store"], "progress": False}
+    refused(words, event_of, scaled(2.0), method="design points", **stored)
+    refused("must hold a study, but holds a subset simulation", jp.Study.open, stored["store"])
 
 
 def test_a_search_that_falls_back_on_subset_simulation_goes_on(tmp_path, monkeypatch):
@@ -297,10 +294,8 @@ def test_a_search_that_falls_back_on_subset_simulation_goes_on(tmp_path, monkeyp
         assert_same(event_of(state, **options), first)
     for name in ("design-points.npz", "chunk-000000.npz"):
         (options["store"] / name).write_bytes(b"damaged")
-    with (
-        pytest.warns(UserWarning, match=r"search: design-points.npz is damaged .* made anew"),
-        pytest.warns(UserWarning, match=r"search: chunk 0 is damaged .* made anew"),
-    ):
+    told = [rf"search: {x} is damaged .* made anew" for x in ("design-points.npz", "chunk 0")]
+    with pytest.warns(UserWarning, match=told[0]), pytest.warns(UserWarning, match=told[1]):
         assert_same(event_of(state, **options), first)
 
 
