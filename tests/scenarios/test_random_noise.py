@@ -149,8 +149,7 @@ def test_parameters_of_a_site_have_the_published_distributions_and_correlations(
     location = np.log(np.pi / 2) - 4.8255
     nu["arias_intensity"] = (np.log(found["arias_intensity"]) - location) / 1.4318
     for name, x in nu.items():
-        r = REGRESSIONS[name]
-        place = np.array([20 / 25, 600 / 750])
+        r, place = REGRESSIONS[name], np.array([20 / 25, 600 / 750])
         place = np.log(place) if name == "arias_intensity" else place
         mean = np.array(r.coefficients) @ [1.0, 1.0, 6.6 / 7, *place]
         spread = np.hypot(r.between, r.within)

@@ -12,7 +12,7 @@ from jaxpound.study import weighting
 from jaxpound.study.statistics import Moments
 from jaxpound.study.statistics import quantile as plain_quantile
 from jaxpound.study.weighting import Hits
-from tests.refusals import refusals
+from tests.refusals import refusals, refused
 from tests.study.test_fragility import BETA, THETA, cloud, stripes
 from tests.study.test_run import MEDIAN, SIGMA, linear, study, unit
 
@@ -146,11 +146,8 @@ def test_a_column_s_weights_are_read_with_the_others(tmp_path):
     found = study(n=50, store=tmp_path / "s", measures=measures)
     by_name = jp.Study.open(tmp_path / "s").weighted("weight")
     by_array = found.weighted(found["weight"])
-    for one, other in zip(
-        by_name.exceedance("required_gap", 0.2), by_array.exceedance("required_gap", 0.2),
-        strict=True,
-    ):  # fmt: skip
-        assert one == pytest.approx(other)
+    exceedances = [x.exceedance("required_gap", 0.2) for x in (by_name, by_array)]
+    assert [*exceedances[0]] == pytest.approx([*exceedances[1]])
     gap, w = float(np.median(found["required_gap"])), found["weight"]
     curve = by_name.fragility(gap=gap)
     plain = jp.fit_fragility(found["pga"], found["required_gap"] >= gap, weights=w)
@@ -163,12 +160,10 @@ def test_a_study_with_weights_needs_no_more_memory():
     found = linear()
     part = np.random.default_rng(0).normal(size=16_384)
     rows, total = [range(64 * part.size)], Moments.of(part)
-    large = dataclasses.replace(
-        found,
-        rows=rows,
-        _parts=lambda name: (np.abs(part) for _ in range(64)),
-        _moments=dict.fromkeys(("pga", "weight", "required_gap"), total._replace(smallest=0.0)),
-    ).weighted("weight")
+    moments = dict.fromkeys(("pga", "weight", "required_gap"), total._replace(smallest=0.0))
+    parts = lambda name: (np.abs(part) for _ in range(64))  # noqa: E731
+    large = dataclasses.replace(found, rows=rows, _parts=parts, _moments=moments)
+    large = large.weighted("weight")
     tracemalloc.start()
     found = large.moments("required_gap"), large.pounding_probability(1.0)
     _, peak = tracemalloc.get_traced_memory()
@@ -195,8 +190,8 @@ def test_weights_of_runs_that_failed_do_not_matter():
     rest = np.where(np.isnan(weights), 0.0, weights)
     of = found.weighted(rest).pounding_probability(0.5)
     assert there.pounding_probability(0.5) == pytest.approx(of)
-    with pytest.raises(ValueError, match=r"weights = nan .* must be finite and not negative"):
-        some.weighted(np.full(len(some), np.nan))
+    nowhere, words = np.full(len(some), np.nan), r"weights = nan .* must be finite and not negative"
+    refused(words, some.weighted, nowhere)
 
 
 test_bad_weights_are_named = refusals(
