@@ -23,7 +23,6 @@ SERIES = (
     *("ground_acceleration", "ground_velocity"),
 )
 
-
 OF_CONTACT = (
     *("peak_contact", "peak_impulse", "peak_penetration", "n_impacts", "first_impact_time"),
     *("contact_work", "soft_peak_contact"),

@@ -102,7 +102,6 @@ class Other:
 
 FRAME = Frame(Material(), (Material(), Material(size=2)), (0.0, 1.0))
 
-
 test_a_broken_rule_is_told_by_object_field_value_and_rule = refusals(
     ({"order": 0}, r"Material: order = 0 must be in \(0, 1\]$"),
     ({"order": 1.5}, r"order = 1\.5 must be in \(0, 1\]$"),

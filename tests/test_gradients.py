@@ -175,7 +175,6 @@ grounds = st.builds(
     *(*floats((-1.0, 1.0), (-1.0, 1.0), (0.1, 0.2)), *times, st.integers(0, 2**32)),
 )
 
-
 ROD = jp.ZenerRod(0.3, 0.1, 1.0)
 
 

@@ -34,7 +34,6 @@ threading.Thread(target=write, daemon=True).start()
 time.sleep(60)
 """
 
-
 LATE = """
 import os, signal
 from jaxpound import _interruption as interruption

@@ -46,7 +46,6 @@ WINGS = [
     {"__main__"},
 ]
 
-
 UPWARDS = {("jaxpound.results.response", "jaxpound.plots")}
 """The one import that runs upwards, when it is called: a response draws itself."""
 
@@ -57,6 +56,7 @@ def module_name(path):
 
 
 MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+TREES = {module: ast.parse(path.read_text("utf-8")) for module, path in MODULES.items()}
 
 
 def wing(module):
@@ -67,14 +67,10 @@ def wing(module):
 
 def imports(module):
     """What a module imports, as modules: ``from jaxpound import x`` is one of x too."""
-    tree = ast.parse(MODULES[module].read_text())
-    for_types_only = {
-        node
-        for test in ast.walk(tree)
-        if isinstance(test, ast.If) and ast.unparse(test.test) == "TYPE_CHECKING"
-        for node in ast.walk(test)
-    }
-    for node in ast.walk(tree):
+    nodes = [*ast.walk(TREES[module])]
+    tests = [x for x in nodes if isinstance(x, ast.If) and ast.unparse(x.test) == "TYPE_CHECKING"]
+    for_types_only = {node for test in tests for node in ast.walk(test)}
+    for node in nodes:
         if isinstance(node, ast.ImportFrom) and node not in for_types_only:
             assert node.level == 0, f"{module}: imports are absolute"
             for alias in node.names:
@@ -104,12 +100,9 @@ def test_figures_alone_import_matplotlib_and_no_import_is_hidden():
         if wing(module) != "plots":
             assert not any("matplotlib" in m for m in imports(module)), module
     # By ``importlib``, ``__import__`` or ``sys.modules``, where this file could not see it.
-    for module, path in MODULES.items():
-        names = {
-            node.attr if isinstance(node, ast.Attribute) else node.id
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.Attribute | ast.Name)
-        }
+    for module, tree in TREES.items():
+        nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute | ast.Name)]
+        names = {x.attr if isinstance(x, ast.Attribute) else x.id for x in nodes}
         hidden = names & {"import_module", "__import__", "modules"}
         # The root stands above all, the command line's table of commands above every command, and
         # the extras are other packages.
@@ -151,20 +144,25 @@ assert jp.plots is plots and 'plots' in dir(jp)
 """
 
 
+def ran(program, **options):
+    """What a program printed in a process of its own."""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def test_imports_are_silent_change_nothing_and_bring_all_public_names_when_they_are_used():
     assert len(jp.__all__) == len(set(jp.__all__)) > 60
-    for program in (IMPORT, NAMES):
-        command = [sys.executable, "-c", program]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    for done in map(ran, (IMPORT, NAMES)):
+        assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_public_names_are_documented_and_hidden_by_no_module():
     """Its import would put it in the place of the function."""
     assert {wing(module) for module in MODULES} & set(jp.__all__) == {"paper"}  # a module itself
-    for module, path in MODULES.items():
-        body = ast.parse(path.read_text()).body
-        held = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+    for module, tree in TREES.items():
+        held = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
         assert module.rpartition(".")[2] not in held - {"main"}, module
     with pytest.raises(AttributeError, match="module 'jaxpound' has no attribute 'simulat'") as e:
         jp.simulat  # noqa: B018
@@ -193,18 +191,12 @@ def test_names_say_what_they_hold_and_classes_have_names_of_their_own():
     ]
     counts = collections.Counter(name for name in names if name in PRONOUNS)
     assert counts.total() <= 3e-3 * len(names), counts.most_common()
-    names = collections.Counter(
-        node.name.strip("_")
-        for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ClassDef)
-    )
-    assert not {name for name, times in names.items() if times > 1}
+    nodes = (node for tree in TREES.values() for node in ast.walk(tree))
+    classes = collections.Counter(x.name.strip("_") for x in nodes if isinstance(x, ast.ClassDef))
+    assert not {name for name, times in classes.items() if times > 1}
 
 
-MODULES_WITH_EXAMPLES = [
-    module for module, path in MODULES.items() if ">>>" in path.read_text(encoding="utf-8")
-]
+MODULES_WITH_EXAMPLES = [module for module, path in MODULES.items() if ">>>" in path.read_text()]
 
 
 @pytest.mark.parametrize("module", MODULES_WITH_EXAMPLES)
@@ -219,9 +211,7 @@ def readme_blocks(language):
 
 @pytest.mark.parametrize("number", range(len(readme_blocks("python"))))
 def test_readme_s_python_examples_run(number):
-    block = readme_blocks("python")[number]
-    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    ran(readme_blocks("python")[number])
 
 
 PROGRAM = """
@@ -237,23 +227,20 @@ def test_a_program_gives_the_suite_s_numbers_as_users_compile_it(capsys):
     """Without the suite's options of XLA; a slow machine notes on stderr that it compiles."""
     environment = {k: x for k, x in os.environ.items() if not k.startswith(("XLA_", "JAX_"))}
     exec(PROGRAM)
-    command = [sys.executable, "-c", PROGRAM]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout) == pytest.approx(float(capsys.readouterr().out), rel=1e-9)
+    here = float(capsys.readouterr().out)
+    assert float(ran(PROGRAM, env=environment).stdout) == pytest.approx(here, rel=1e-9)
 
 
 def test_versions_agree():
     command = 'pip install -e ".[test]" && pytest'
     assert any(command in block for block in readme_blocks("sh"))
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    assert "version" in project["project"]["dynamic"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert "version" in project["dynamic"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.findall(r"^version: (.*)$", citation, re.M) == [jp.__version__]
     (released,) = re.findall(r"^date-released: (.*)$", citation, re.M)
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (.*)$\n\n(.*)\.$", changes, re.M)[0] == (jp.__version__, released)
     assert (PACKAGE / "py.typed").exists()
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     named = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
     assert f">={named[0]}" == project["requires-python"]

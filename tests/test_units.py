@@ -23,7 +23,6 @@ SLIP_FORCE, GAP = 6.0e4, 0.05
 SYSTEM = {"building_1": BUILDING_1, "building_2": BUILDING_2, "friction_force": 1.0, "gap": 0.1}
 DT, N_SAMPLES = 0.01, 500
 
-
 masses, stiffnesses, orders = log_uniform(1.0, 1e7), log_uniform(1.0, 1e10), st.floats(0.01, 1.0)
 buildings = st.builds(
     lambda m, k, order, tau_f, ratio: jp.Building(m, k, order, tau_f, tau_f * ratio),
@@ -163,7 +162,6 @@ test_dimensionless_refuses_bad_values = refusals(
     of=lambda changes: jp.dimensionless(**(SYSTEM | changes)),
 )
 
-
 test_building_refuses_bad_values = refusals(
     ({"mass": 0}, "Building: mass = 0 must be positive and finite"),
     ({"mass": None}, "Building: mass = None must be a real number"),
@@ -176,7 +174,6 @@ test_building_refuses_bad_values = refusals(
     ({"mass": [1.0, 2.0], "tau_x": [1.0] * 3}, r"Building: the shapes of mass \(2,\), .*batch"),
     of=lambda changes: dataclasses.replace(BUILDING_1, **changes),
 )
-
 
 shares, reaches = st.just(0.0) | st.floats(0.0, 0.9), st.none() | log_uniform(1e-3, 1.0)
 

@@ -272,7 +272,6 @@ test_files_that_are_no_hazard_curve_say_why = refusals(
     fixtures=("tmp_path",),
 )
 
-
 test_bad_values_are_named = refusals(
     (lambda: jp.HazardCurve([0.1, 0.2], [1e-3]), r"intensity \(2,\) and annual_rate \(1,\)"),
     (lambda: jp.HazardCurve([0.1], [1e-3]), "one length m ≥ 2"),

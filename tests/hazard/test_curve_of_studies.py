@@ -172,7 +172,6 @@ def wavelets(intensity):
 
 STRONGER = jp.HazardCurve(HAZARD.intensity, HAZARD.annual_rate**0.9)
 
-
 KT, ENVELOPE = jp.KanaiTajimi(15.0, 0.6), jp.PlateauEnvelope(1.0, 4.0, 0.8)
 UNDRAWN = {
     "wavelets": wavelets(LOGNORMAL),

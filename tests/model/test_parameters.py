@@ -15,7 +15,6 @@ from tests.rows import ROW
 PAPER = jp.paper.structures()
 STEEL, RUBBER = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.2, 0.1, 2.0)
 
-
 KINDS = {"friction": "force", "links.0.friction": "force", "masses.1": "mass"}
 KINDS["buildings.1.masses.0"] = "mass"
 TOWER = jp.System(

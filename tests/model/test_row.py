@@ -77,7 +77,6 @@ test_links_that_cannot_be_are_refused = refusals(
     of=lambda links: Row((HIGH, LOW), links),
 )
 
-
 test_bad_input = refusals(
     (lambda: FloorLink(0, -1), "FloorLink: floor = -1 must be a whole number from 0 on"),
     (lambda: FloorLink(True, 0), "building = True must be a whole number"),

@@ -186,7 +186,6 @@ test_rod_refuses_bad_values = refusals(
     before="^ZenerRod: .*",
 )
 
-
 RATIOS, FORCES = ("mass_ratio", "stiffness_ratio"), ("friction", "initial_gap")
 ROD = jp.ZenerRod(0.5, 0.1, 2.0)
 

@@ -47,7 +47,6 @@ TWICE, BEARINGS = links((0, 1), (1, 0)), links((0, -1), (1, -1), (0, 1))
 NEWTON, FREE = jp.Newton(0.5), {"gap": 1.0}
 LAW = "must be of type ContactLaw or Newton or None"
 
-
 test_what_no_system_can_be_made_of = refusals(
     ((), (), r"masses = \(\) must hold at least one mass"),
     (1.0, GROUNDED, r"masses = 1.0 must be a tuple"),
@@ -66,7 +65,6 @@ test_what_no_system_can_be_made_of = refusals(
     of=System,
     before="System: ",
 )
-
 
 test_what_no_link_can_be_made_of = refusals(
     ((1, 1), {}, r"ends = \(1, 1\) must be two different masses by number"),
@@ -91,7 +89,6 @@ test_what_no_link_can_be_made_of = refusals(
     of=lambda ends, options: Link(ends, **options),
     before="Link: ",
 )
-
 
 test_what_no_rod_can_be_made_of = refusals(
     (ROD, 0.0, (0, -1), r"stiffness = 0 must be positive and finite"),

@@ -234,7 +234,6 @@ def drawn(factor):
 
 FEW, STILL = drawn(1), drawn(0)
 
-
 STATE = jp.LimitState(FEW, SHORT, threshold=0.3)
 
 
@@ -294,7 +293,6 @@ def two_demands(demand):
 
 
 BY_POINTS = {"method": "design points"}
-
 
 MEASURE = {"threshold": 1.0}
 

@@ -186,7 +186,6 @@ test_arguments_that_break_a_rule = refusals(
     of=lambda wrong: jp.subset_simulation(SCENARIOS, GRID, **{"progress": False} | wrong),
 )
 
-
 STORED = {"n": 300, "repeats": 10, "key": 3, "progress": False}  # two parts at the first level
 
 

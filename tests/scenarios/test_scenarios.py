@@ -195,7 +195,6 @@ U, LOW = jp.Uniform(0.1, 1.0), {"rod_1.tau_x": jp.Uniform(0.0, 0.004)}
 UNCERTAIN = jp.UncertainStructures
 RUBBED, FRICTION = UNCERTAIN(PAPER, {"friction": U}), jp.CustomDraw(abs, 1, ("friction",))
 
-
 test_bad_values_are_named = refusals(
     (lambda: jp.UncertainStructures(PAPER, {}), "must name a parameter"),
     (UNCERTAIN, PAPER, {"rod_1.tau_y": U}, "unknown path 'rod_1.tau_y'; did you mean 'rod_1.tau_"),
