@@ -81,8 +81,6 @@ class Hook:
 
 @pytree_dataclass
 class Peg(Hook):
-    """Holds."""
-
     size: object = parameter(above=0)
 
 

@@ -35,12 +35,11 @@ def test_stripes_of_one_suite_or_of_one_each_are_those_of_the_incremental_analys
     np.testing.assert_array_equal(found.trials, [3, 2, 3, 1])
     np.testing.assert_allclose(found.demands[1], linear.demands[[0, 2], 1], rtol=1e-12)
     np.testing.assert_allclose(found.demands[3], linear.demands[[1], 3], rtol=1e-12)
-    scaled = [SUITE, SUITE.scaled(2.0), SUITE.scaled(3.0), SUITE]  # of the same names
-    again = striped(scaled)
+    again = striped([SUITE, SUITE.scaled(2.0), SUITE.scaled(3.0), SUITE])  # of the same names
     np.testing.assert_allclose(np.transpose(again.demands), linear.demands, rtol=1e-9)
     near = [0.1, 0.1 + 1e-9, 0.1 + 2e-9]  # at which records of one name have one name again
-    others = striped([SUITE, SUITE.chosen([0]).scaled(2.0), SUITE.chosen([0, 1]).scaled(3.0)],
-                     intensities=near)  # fmt: skip
+    alike = [SUITE, SUITE.chosen([0]).scaled(2.0), SUITE.chosen([0, 1]).scaled(3.0)]
+    others = striped(alike, intensities=near)
     for rows, found in zip((slice(None), [0], [0, 1]), others.demands, strict=True):
         np.testing.assert_allclose(found, linear.demands[rows, 1], rtol=1e-6)
     refused("2 suites must be 4, one an intensity", striped, suites[:2])

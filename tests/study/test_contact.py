@@ -157,10 +157,16 @@ STUDIES = {
 
 
 @pytest.mark.parametrize("function", STUDIES)
-def test_contact_in_single_precision_is_told_before_the_first_run(function):
+def test_single_precision_and_batches_are_told_by_the_function_that_was_called(function):
     says = rf'^{function}: contact is run in float32.*jax\.config\.update\("jax_enable_x64", True\)'
     with jax.enable_x64(False), pytest.raises(jp.PlausibilityWarning, match=says):
         STUDIES[function](TOUCHING)
+    soft = jp.KelvinVoigt(np.array([50.0, 60.0]), 0.65)
+    batches = {"initial_gap": {"initial_gap": jnp.array([0.1, 0.2])}}
+    batches[r"contact\.stiffness"] = {"contact": soft}
+    for name, change in batches.items():
+        says = rf"^{function}: structures: {name} of shape \(2,\) must be one number; .* jax\.vmap"
+        refused(says, STUDIES[function], dataclasses.replace(TOUCHING, **change))
 
 
 def test_it_is_told_once(monkeypatch):
@@ -172,13 +178,3 @@ def test_it_is_told_once(monkeypatch):
     assert len(told) == 1
     with jax.enable_x64(False), pytest.raises(ValueError, match=r"^monte_carlo: contact is"):
         jp.monte_carlo(SCENARIOS, 4, GRID, strict=True)
-
-
-@pytest.mark.parametrize("function", STUDIES)
-def test_a_batch_of_structures_is_refused_by_the_function_that_was_called(function):
-    soft = jp.KelvinVoigt(np.array([50.0, 60.0]), 0.65)
-    batches = {"initial_gap": {"initial_gap": jnp.array([0.1, 0.2])}}
-    batches[r"contact\.stiffness"] = {"contact": soft}
-    for name, change in batches.items():
-        says = rf"^{function}: structures: {name} of shape \(2,\) must be one number; .* jax\.vmap"
-        refused(says, STUDIES[function], dataclasses.replace(TOUCHING, **change))
