@@ -95,11 +95,9 @@ def test_the_processes_of_one_program_fill_a_store_each_with_its_own_devices(tmp
 def test_one_program_over_the_devices_of_two_processes():
     """The documented script gives in both processes what a plain batch gives in this one."""
     printed = start_two(str(ROOT / "examples" / "many_processes.py"))
-    what = r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)"
-    told = [re.search(what, out) for out in printed]
-    assert [match[1] for match in told] == ["0", "1"]
-    assert told[0].groups()[1:] == told[1].groups()[1:]
-
+    words = r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)"
+    (first, *numbers), (second, *same) = (re.search(words, out).groups() for out in printed)
+    assert (first, second, numbers) == ("0", "1", same)
     ground = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3), jp.Uniform(0, 8))
     scenarios = jp.Scenarios(jp.paper.structures(), ground)
     grid = jp.TimeGrid.until(20.0, 0.04)
@@ -109,5 +107,5 @@ def test_one_program_over_the_devices_of_two_processes():
         return jp.demand(*scenarios.realize(z), grid).min_gap
 
     gaps = jp.in_chunks(gap)(jnp.arange(8192))
-    assert float(told[0][2]) == pytest.approx(np.mean(gaps <= 0.5), abs=1e-6)
-    assert float(told[0][3]) == pytest.approx(gaps.min(), abs=1e-8)
+    assert float(numbers[0]) == pytest.approx(np.mean(gaps <= 0.5), abs=1e-6)
+    assert float(numbers[1]) == pytest.approx(gaps.min(), abs=1e-8)

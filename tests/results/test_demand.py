@@ -12,21 +12,16 @@ from jaxpound.results.named import kind_of, unit_of
 from tests.made import OF_CONTACT, changed, pair_demand, pair_response
 
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
-KINDS = {
-    "peak_contact": "force",
-    "peak_impulse": "impulse",
-    "peak_penetration": "length",
-    "n_impacts": None,
-    "first_impact_time": "time",
-    "contact_work": "energy",
-    "soft_peak_contact": "force",
-}
+KINDS = {"peak_contact": "force", "soft_peak_contact": "force", "contact_work": "energy"}
+KINDS |= {"peak_impulse": "impulse", "peak_penetration": "length"}
+KINDS |= {"n_impacts": None, "first_impact_time": "time"}
 NEVER = np.array([0.5, np.inf, np.inf])
 BATCH = changed(pair_demand(np.arange(3.0), contact=True), first_impact_time=NEVER)
 
 
 def test_scalars_of_contact_have_flat_names_and_si_units():
     found, without = pair_demand(2.0, contact=True), pair_demand(2.0)
+    assert KINDS.keys() == {*OF_CONTACT}
     for name in OF_CONTACT:
         assert getattr(found, name) == getattr(found.links[0], name) == found.scalars()[name]
         assert getattr(without, name) is None

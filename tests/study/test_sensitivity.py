@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxpound as jp
-from tests.refusals import refused
+from tests.refusals import refusals, refused
 from tests.test_tables import assert_shown
 
 GRID = jp.TimeGrid(0.1, 40)
@@ -35,19 +35,16 @@ def test_indices_of_a_product_are_its_closed_form():
     assert again.first == found.first
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"n": 1000}, "n = 1000 must be a power of 2"),
-        ({"demand": "gap"}, "demand = 'gap' must be one of min_gap, .*, required_gap"),
-        ({"demand": "friction_work"}, "friction_work = 0 must vary, but does not"),
-        ({"confidence": 2.0}, "confidence = 2 must be between 0 and 1"),
-        ({"scenarios": 3}, "scenarios = 3 must be of type ScenarioSet"),
-    ],
+ARGUMENTS = {"scenarios": SCENARIOS, "grid": GRID, "n": 4}
+
+test_bad_arguments_are_named = refusals(
+    ({"n": 1000}, "n = 1000 must be a power of 2"),
+    ({"demand": "gap"}, "demand = 'gap' must be one of min_gap, .*, required_gap"),
+    ({"demand": "friction_work"}, "friction_work = 0 must vary, but does not"),
+    ({"confidence": 2.0}, "confidence = 2 must be between 0 and 1"),
+    ({"scenarios": 3}, "scenarios = 3 must be of type ScenarioSet"),
+    of=lambda change: jp.sobol_sensitivity(**ARGUMENTS | change),
 )
-def test_bad_arguments_are_named(change, message):
-    arguments = {"scenarios": SCENARIOS, "grid": GRID, "n": 4} | change
-    refused(message, jp.sobol_sensitivity, **arguments)
 
 
 def test_scenarios_that_fail_or_are_not_resolved_are_told():
