@@ -79,7 +79,7 @@ def test_a_broken_rule_raises_with_owner_argument_value_index_and_rule():
     enforce("Owner", [Rule("a", 1.0, True, "x"), Rule("b", np.ones(3), np.ones(3, bool), "y")])
 
 
-def test_enforce_lets_traced_values_and_limits_pass():
+def test_rules_hold_everywhere_or_not_known_or_traced():
     def checked(x):
         enforce("Owner", [Rule("x", x, x > 0, "positive")])
         return x
@@ -93,9 +93,6 @@ def test_enforce_lets_traced_values_and_limits_pass():
         return limit
 
     assert jax.jit(checked)(2.0) == 2
-
-
-def test_rules_hold_everywhere_or_not_known_or_traced():
     yes, mixed = np.array([True, True]), np.array([True, False])
     for held in ([True, True], [yes, jnp.array(True)], []):
         assert all_hold([Rule("x", 0.0, holds, "so") for holds in held])
@@ -140,7 +137,7 @@ def test_numbers_become_floats_and_arrays_that_jax_takes():
     np.testing.assert_array_equal(result, [2.0, 3.0])
 
 
-def test_number_takes_one_and_batch_what_can_be_broadcast_and_instance_a_type():
+def test_numbers_of_a_sign_or_shape_are_taken_and_the_rest_is_refused():
     assert number("Owner", "dt", 0.5) == 0.5
     refused(r"Owner: dt of shape \(2,\) must be one number", number, "Owner", "dt", [0.1, 0.2])
     with pytest.raises(ValueError, match=r"Owner: dt of shape \(2,\) must be one number"):
@@ -151,9 +148,6 @@ def test_number_takes_one_and_batch_what_can_be_broadcast_and_instance_a_type():
     instance("Owner", "spring", 3, int, str)
     words = "Owner: spring = 3 must be of type str or Spring"
     refused(words, instance, "Owner", "spring", 3, str, Spring)
-
-
-def test_numbers_of_a_sign_become_floats_and_the_rest_is_refused():
     assert positive("Owner", a=1, b=2.5) == [1.0, 2.5]
     assert not_negative("Owner", a=0, b=2.5) == [0.0, 2.5]
     for bad in (0, -1.0, np.nan, np.inf):

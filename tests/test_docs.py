@@ -144,11 +144,26 @@ def test_pictures_and_notebooks_are_listed(from_notebooks):
     assert listed == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
 
 
-def test_terms_of_the_glossary_are_in_order_and_said_once():
+def test_the_glossary_and_the_bibliography_are_in_order():
     body = (DOCS / "glossary.md").read_text(encoding="utf-8").partition("{glossary}")[2]
     terms = re.findall(r"^(\S.*)$", body.partition("\n```")[0], re.M)
     assert len(terms) > 30
     assert terms == sorted(set(terms), key=str.lower)
+    title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
+    pages = DOCS / "model.md", DOCS / "bibliography.md"
+    for place in (ROOT / "CITATION.cff", PACKAGE / "paper.py", *pages):
+        text = " ".join(place.read_text(encoding="utf-8").split())
+        assert title in text, place.name
+        assert "Grahovac" in text, place.name
+    first, *others = bibliography()
+    assert first.startswith("Žigić")
+    form = r"[^:*]+ \((18|19|20)\d\d\): \*[^*]+\*( \(in Russian\)|, \w+ edition)?\. "
+    for entry in others:
+        assert re.match(form, entry)
+    links = re.findall(r"\[(doi|arXiv):([^]]+)\]\(https://([^)]+)\)", " ".join(others))
+    assert links
+    for kind, number, address in links:
+        assert address == {"doi": "doi.org/", "arXiv": "arxiv.org/abs/"}[kind] + number
 
 
 def bibliography():
@@ -176,21 +191,3 @@ def test_every_source_that_is_named_is_in_the_bibliography():
             f"({year})" in entry and all(author in entry.split(":")[0] for author in authors)
             for entry in entries
         ), f"{place}: {names} {year}"
-
-
-def test_the_bibliography_has_titles_authors_and_years():
-    title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
-    pages = DOCS / "model.md", DOCS / "bibliography.md"
-    for place in (ROOT / "CITATION.cff", PACKAGE / "paper.py", *pages):
-        text = " ".join(place.read_text(encoding="utf-8").split())
-        assert title in text, place.name
-        assert "Grahovac" in text, place.name
-    first, *others = bibliography()
-    assert first.startswith("Žigić")
-    form = r"[^:*]+ \((18|19|20)\d\d\): \*[^*]+\*( \(in Russian\)|, \w+ edition)?\. "
-    for entry in others:
-        assert re.match(form, entry)
-    links = re.findall(r"\[(doi|arXiv):([^]]+)\]\(https://([^)]+)\)", " ".join(others))
-    assert links
-    for kind, number, address in links:
-        assert address == {"doi": "doi.org/", "arXiv": "arxiv.org/abs/"}[kind] + number

@@ -119,16 +119,13 @@ test_a_broken_rule_is_told_by_object_field_value_and_rule = refusals(
 )
 
 
-def test_rules_have_ends_and_tell_tuples_by_index():
+def test_rules_have_ends_and_are_named_by_their_paths_and_traced_to_flags():
     Material(order=1, share=0, gap=0, least=1.0, high=np.nextafter(1, 2))
     assert Material(order=1).order == 1.0
     with pytest.raises(ValueError, match=r"Frame: weights\.1 = -1 must be finite and not negative"):
         Frame(Material(), (), (0.0, -1))
     refused(r"Frame: more\.1 = 3 must be of type Material", Frame, Material(), (Material(), 3), ())
     refused(r"Frame: one = None must be of type Material", Frame, None, (), ())
-
-
-def test_rules_of_a_tree_are_named_by_their_paths_and_traced_to_flags():
     names = [rule.name for rule in rules(FRAME)]
     assert {name for name in names if name.startswith("more.1.")} == {
         f"more.1.{field.name}" for field in dataclasses.fields(Material)

@@ -190,7 +190,7 @@ def largest_damping(theta, reach):
     return limit.imag / limit.real / 2
 
 
-def test_unattainable_damping_is_refused_with_the_largest():
+def test_unattainable_damping_is_refused_with_the_largest_or_spoils_the_run():
     largest = largest_damping(np.pi / 4, 0.01)
     with pytest.raises(ValueError, match=rf"damping_ratio = 0\.6 .* can give, {largest:.8g}"):
         jp.Building.from_period(1e5, 1.0, 0.6)
@@ -199,6 +199,17 @@ def test_unattainable_damping_is_refused_with_the_largest():
     largest = largest_damping(0.15 * np.pi, 0.01)
     with pytest.raises(ValueError, match=rf"= 0\.4 \(at index \[1\]\) .* can give, {largest:.8g}"):
         jp.Building.from_period(1e5, 1.0, [0.1, 0.4, 0.1], [0.9, 0.3, 0.5])
+
+    @jax.jit
+    def smallest_gap(damping):
+        building = jp.Building.from_period(1e5, 1.0, damping)
+        structures, _ = jp.dimensionless(building, building, 0.0, 0.05)
+        return jp.demand(structures, jp.Ricker(0.1, 2.0, 1.0), jp.TimeGrid(0.02, 50)).min_gap
+
+    assert jnp.isfinite(smallest_gap(0.05))
+    assert jnp.isnan(smallest_gap(0.6))
+    with pytest.raises(ValueError, match=r"damping_ratio = 0\.6"):
+        jax.jit(lambda mass: jp.Building.from_period(mass, 1.0, 0.6))(1e5)
 
 
 def test_buildings_from_periods_come_in_batches_and_are_differentiable():
@@ -219,19 +230,6 @@ def test_buildings_from_periods_come_in_batches_and_are_differentiable():
     assert jax.grad(stiffness)(2.0) == pytest.approx(-2 * stiffness(2.0) / 2.0, rel=1e-12)
 
 
-def test_traced_unattainable_damping_cannot_raise_but_spoils_the_run():
-    @jax.jit
-    def smallest_gap(damping):
-        building = jp.Building.from_period(1e5, 1.0, damping)
-        structures, _ = jp.dimensionless(building, building, 0.0, 0.05)
-        return jp.demand(structures, jp.Ricker(0.1, 2.0, 1.0), jp.TimeGrid(0.02, 50)).min_gap
-
-    assert jnp.isfinite(smallest_gap(0.05))
-    assert jnp.isnan(smallest_gap(0.6))
-    with pytest.raises(ValueError, match=r"damping_ratio = 0\.6"):
-        jax.jit(lambda mass: jp.Building.from_period(mass, 1.0, 0.6))(1e5)
-
-
 test_building_from_period_refuses_bad_values = refusals(
     ((0, 1, 0.05), "mass = 0 must be positive and finite"),
     ((1, -1, 0.05), "period = -1 must be positive and finite"),
@@ -250,7 +248,7 @@ test_building_from_period_refuses_bad_values = refusals(
 )
 
 
-def test_every_series_of_a_response_has_its_unit():
+def test_every_series_and_every_scalar_of_a_response_has_its_unit():
     response, scales, si = sliding()
     speed = scales.length / scales.time
     factors = {
@@ -269,10 +267,6 @@ def test_every_series_of_a_response_has_its_unit():
         np.testing.assert_allclose(getattr(si, name), expected, rtol=1e-14, err_msg=name)
     assert (response.si, si.si) == (False, True)
     assert si.method == response.method
-
-
-def test_every_scalar_of_a_demand_has_its_unit():
-    response, scales, si = sliding()
     lengths = ("min_gap", "peak_x1", "peak_x2", "slip_distance", "residual_offset")
     factors = {
         **dict.fromkeys(lengths, scales.length),
@@ -313,7 +307,7 @@ def test_blocks_obey_newton_in_si_and_dampers_pull_with_their_slip_force():
     np.testing.assert_allclose(np.abs(pull[slips]), SLIP_FORCE, rtol=1e-6)
 
 
-def test_gap_and_ground_are_those_of_the_buildings_and_are_not_converted_twice():
+def test_gap_ground_energies_and_phases_are_in_si_and_not_converted_twice():
     _, scales, si = sliding()
     assert si.gap[0] == pytest.approx(GAP, rel=1e-14)
     np.testing.assert_allclose(si.gap, GAP + si.x2 - si.x1, atol=1e-12)
@@ -322,9 +316,6 @@ def test_gap_and_ground_are_those_of_the_buildings_and_are_not_converted_twice()
     assert si.time[-1] == pytest.approx(5.0)
     for result in (si, si.demand):
         refused("to_si: result must be dimensionless", scales.to_si, result)
-
-
-def test_energies_are_in_joules_and_phases_in_seconds():
     response, scales, si = sliding()
     energy = si.energy
     kinetic = BUILDING_1.mass * si.v1**2 / 2 + BUILDING_2.mass * si.v2**2 / 2

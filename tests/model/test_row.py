@@ -17,7 +17,7 @@ HIGH = Storeys((1.0, 0.9, 0.8), ROD)
 LOW = Storeys((1.2, 1.1), (Rod(STEEL, 4.0), Rod(STEEL, 3.0, (1, 0))))
 
 
-def test_a_row_is_its_system():
+def test_a_row_is_its_system_and_a_pytree_whose_numbers_are_leaves():
     links = (
         FloorLink(0, 1, friction=0.1, gap=0.3),
         FloorLink(0, 2, next_floor=1, gap=0.2, contact=jp.Newton(0.6)),
@@ -33,6 +33,16 @@ def test_a_row_is_its_system():
     assert system.links[1].contact == links[1].contact
     # The checks of a system find nothing to complain of.
     jp.System(system.masses, system.rods, system.links[:2])
+    row = Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
+    batch = jax.tree.map(lambda x: np.stack([x, x]), row)
+    assert isinstance(batch, Row)
+    assert batch.links[0].floor == 0
+    assert batch.links[0].gap.shape == (2,)
+    assert jax.tree.structure(batch) == jax.tree.structure(row)
+    changed = parameters.put(row, {"buildings.1.rods.0.stiffness": 7.0, "links.1.gap": 0.5})
+    assert changed.system().rods[3].stiffness == 7.0
+    assert [link.gap for link in changed.system().links] == [0.3, 0.5]
+    assert "buildings.0.masses.2" in parameters.paths(row)
 
 
 def test_common_floors_are_those_of_one_number_or_one_height_and_have_links_of_one_gap():
@@ -96,16 +106,3 @@ test_bad_input = refusals(
     (lambda: Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
     (lambda: jp.System((1.0,), (ROD,)), "rods.0.ends = None must be two masses, or GROUND"),
 )
-
-
-def test_a_row_is_a_pytree_whose_numbers_are_leaves_with_paths():
-    row = Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
-    batch = jax.tree.map(lambda x: np.stack([x, x]), row)
-    assert isinstance(batch, Row)
-    assert batch.links[0].floor == 0
-    assert batch.links[0].gap.shape == (2,)
-    assert jax.tree.structure(batch) == jax.tree.structure(row)
-    changed = parameters.put(row, {"buildings.1.rods.0.stiffness": 7.0, "links.1.gap": 0.5})
-    assert changed.system().rods[3].stiffness == 7.0
-    assert [link.gap for link in changed.system().links] == [0.3, 0.5]
-    assert "buildings.0.masses.2" in parameters.paths(row)

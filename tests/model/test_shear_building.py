@@ -28,7 +28,7 @@ def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a
     assert modes.damping_ratios[0] == pytest.approx(float(block.damping_ratio), rel=1e-8)
 
 
-def test_free_vibrations_are_those_of_spectra_and_of_textbooks():
+def test_free_vibrations_are_those_of_spectra_and_of_textbooks_wherever_damping_sits():
     for orders in ((1.0, 1.0, 1.0), (0.5, 0.7, 0.5)):
         rods = tuple(
             jp.Rod(jp.ZenerRod(order, 0.02, 0.08), 10.0 - i) for i, order in enumerate(orders)
@@ -52,10 +52,7 @@ def test_free_vibrations_are_those_of_spectra_and_of_textbooks():
     shape = np.sin((np.arange(n) + 1) * np.pi / (2 * n + 1))
     np.testing.assert_allclose(modes.shapes[:, 0].real, shape / shape.max(), rtol=1e-6)
     assert "frequency (ω1)  period (1/ω1)" in str(modes)
-
-
-def test_modes_keep_their_definition_where_damping_sits_in_one_storey():
-    """The real part of an eigenvalue is then below that of the stiffness alone."""
+    # The real part of an eigenvalue is then below that of the stiffness alone.
     elastic, damped = (jp.ZenerRod(1.0, 1e-9, tau) for tau in (1e-6, 0.2))
     rods = [jp.Rod(damped if i == 1 else elastic, 1.0) for i in range(5)]
     modes = jp.modes(jp.Storeys((1.0,) * 5, tuple(rods)))

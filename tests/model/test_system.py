@@ -99,7 +99,7 @@ test_what_no_rod_can_be_made_of = refusals(
 )
 
 
-def test_masses_that_rods_join_are_a_building_and_forests_of_links_a_system():
+def test_systems_are_forests_of_links_with_laws_of_contact():
     system = System((1.0,) * 4, GROUNDED, links((0, 1), (2, jp.GROUND), (jp.GROUND, 3)))
     assert system.topology.links == ((0, 1), (2, -1), (-1, 3))
     assert system.system() is system
@@ -116,9 +116,6 @@ def test_masses_that_rods_join_are_a_building_and_forests_of_links_a_system():
     assert len(jax.tree.leaves(system)) == 2 + 2 * 4
     doubled = jax.tree.map(lambda x: 2 * x, system)
     assert (doubled.masses, doubled.rods[0].ends) == ((2.0, 4.0), (0, -1))
-
-
-def test_links_have_laws_of_contact_whose_numbers_are_leaves_and_whose_gaps_are_finite():
     for law in (jp.Newton(0.5), jp.KelvinVoigt(100.0, 0.5), KnownCushion(50.0)):
         bare = Link((0, 1), 0.1, 1.0)
         link = dataclasses.replace(bare, contact=law)

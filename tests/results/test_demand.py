@@ -19,7 +19,7 @@ NEVER = np.array([0.5, np.inf, np.inf])
 BATCH = changed(pair_demand(np.arange(3.0), contact=True), first_impact_time=NEVER)
 
 
-def test_scalars_of_contact_have_flat_names_and_si_units():
+def test_scalars_impacts_and_series_of_contact_have_flat_names_and_si_units():
     found, without = pair_demand(2.0, contact=True), pair_demand(2.0)
     assert KINDS.keys() == {*OF_CONTACT}
     for name in OF_CONTACT:
@@ -35,9 +35,6 @@ def test_scalars_of_contact_have_flat_names_and_si_units():
     # An impulse changes a velocity by itself over the mass.
     velocity = in_si.peak_impulse / SCALES.mass
     assert velocity == pytest.approx(2.0 * SCALES.units["velocity"])
-
-
-def test_impacts_and_series_of_contact_in_si_units():
     response, made = pair_response(np.arange(3.0), {}), np.array([0.5, 1.5, np.nan])
     series = ImpactSeries(**{f.name: made for f in dataclasses.fields(ImpactSeries)})
     link = dataclasses.replace(

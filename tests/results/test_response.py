@@ -76,7 +76,7 @@ def test_phases_are_the_runs_of_equal_direction_without_holes(run):
         assert (np.sign(inside) == sign).all(), phase
 
 
-def test_absolute_accelerations_are_those_of_the_blocks(run):
+def test_absolute_accelerations_and_pounding_are_those_of_the_blocks(run):
     """Against second differences of x plus the mean of u'' over the step, away from the kinks."""
     t, ground = np.asarray(run.time), np.asarray(run.ground_acceleration)
     mean = ground[1:-1] + np.diff(ground, 2) / 24
@@ -87,8 +87,6 @@ def test_absolute_accelerations_are_those_of_the_blocks(run):
         np.testing.assert_allclose(seen[away], np.asarray(a)[1:-1][away], atol=0.02)
     np.testing.assert_allclose(run.gap, 1 + run.x2 - run.x1, atol=1e-14)
 
-
-def test_pounds_tells_whether_the_gap_closes_and_is_the_demand_s(run):
     def pounds(gap):
         structures = jp.AdjacentStructures(
             jp.paper.structures().rod_1, jp.paper.structures().rod_2, 1.0, 2.0, 0.25, gap

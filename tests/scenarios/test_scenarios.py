@@ -78,7 +78,7 @@ def test_distributions_far_from_bounds_stay_and_relaxation_times_keep_their_orde
     assert stats.kstest(above, "uniform").pvalue > 0.01
 
 
-def test_random_wavelets_have_their_distributions():
+def test_random_wavelets_have_their_distributions_and_signs():
     z = jnp.asarray(np.random.default_rng(1).normal(size=(20_000, RICKER.dimension)))
     assert RICKER.dimension == 3 * 4 + 1
     named, waves = jax.jit(jax.vmap(lambda z: (RICKER.parameters(z), RICKER.draw(z))))(z)
@@ -90,9 +90,6 @@ def test_random_wavelets_have_their_distributions():
     assert abs(float((waves.amplitude < 0).mean()) - 0.5) < 0.01
     expected = named["intensity"] * named["sign_2"] * named["amplitude_2"]
     np.testing.assert_allclose(waves.amplitude[:, 1], expected)
-
-
-def test_signs_take_a_number_only_where_they_are_drawn_by_themselves():
     for negative, sign in ((0.0, 1.0), (1.0, -1.0)):
         draw = dataclasses.replace(RICKER, negative=negative, intensity=None)
         assert draw.dimension == 9
