@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from hypothesis import strategies
 
 import jaxpound as jp
 from jaxpound.model.system import elongation
@@ -22,7 +23,6 @@ SERIES = (
     *("ground_acceleration", "ground_velocity"),
 )
 
-
 OF_CONTACT = (
     *("peak_contact", "peak_impulse", "peak_penetration", "n_impacts", "first_impact_time"),
     *("contact_work", "soft_peak_contact"),
@@ -38,21 +38,16 @@ def pair_demand(value, soft=None, contact=False):
 
 def pair_response(time, series, masses=(1.0, 1.0), demand=None, slip_force=0.0):
     """The response of a pair, of series by flat name; what is not given is zero."""
-    given = dict.fromkeys(SERIES, np.zeros(len(time))) | series
-    given["slip_velocity"] = series.get("slip_velocity", given["v1"] - given["v2"])
+    every = dict.fromkeys(SERIES, np.zeros(len(time))) | series
+    every["slip_velocity"] = series.get("slip_velocity", every["v1"] - every["v2"])
+    of_link = {name: every[name] for name in OF_LINKS}
     return jp.Response(
         time=time,
-        ground_acceleration=given["ground_acceleration"],
-        ground_velocity=given["ground_velocity"],
-        masses=tuple(
-            MassResponse(given[f"x{i}"], given[f"v{i}"], m) for i, m in enumerate(masses, 1)
-        ),
-        rods=tuple(RodResponse(given[f"f{i}"], (i - 1, jp.GROUND)) for i in (1, 2)),
-        links=(
-            LinkResponse(
-                **{name: given[name] for name in OF_LINKS}, ends=(0, 1), slip_force=slip_force
-            ),
-        ),
+        ground_acceleration=every["ground_acceleration"],
+        ground_velocity=every["ground_velocity"],
+        masses=tuple(MassResponse(every[f"x{i}"], every[f"v{i}"], masses[i - 1]) for i in (1, 2)),
+        rods=tuple(RodResponse(every[f"f{i}"], (i - 1, jp.GROUND)) for i in (1, 2)),
+        links=(LinkResponse(**of_link, ends=(0, 1), slip_force=slip_force),),
         demand=pair_demand(0.0) if demand is None else demand,
     )
 
@@ -123,3 +118,8 @@ def row_response(row, time, displacement):
             pgv=1.0,
         ),
     )
+
+
+def log_uniform(low, high):
+    """Numbers for tests of any of them, their logarithms evenly spread."""
+    return strategies.floats(np.log10(low), np.log10(high)).map(lambda x: 10.0**x)

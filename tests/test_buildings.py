@@ -11,6 +11,7 @@ import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
 from jaxpound.ground.run_input import as_run
 from tests.model.test_system import KnownCushion
+from tests.refusals import refusals, refused
 
 LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
 RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
@@ -29,34 +30,30 @@ def scaled(buildings):
 
 
 def close(result, expected, rtol=1e-8):
-    jax.tree.map(
-        lambda x, y: np.testing.assert_allclose(x, y, rtol=rtol, atol=rtol * np.abs(y).max()),
-        result,
-        expected,
-    )
+    assert jax.tree.structure(result) == jax.tree.structure(expected)
+    for x, y in zip(*map(jax.tree.leaves, (result, expected)), strict=True):
+        np.testing.assert_allclose(x, y, rtol=rtol, atol=rtol * np.abs(y).max())
 
 
-def random_ground(metre=1.0, second=1.0):
+def random_ground(scales=None):
+    """Wavelets in metres and seconds, or the same in dimensionless numbers."""
+    metre, second = (1.0, 1.0) if scales is None else (1 / scales.length, 1 / scales.time)
     periods = jp.Uniform(0.6 * second, 2.0 * second)
     arrivals = jp.Uniform(1.0 * second, 4.0 * second)
     return jp.RandomRicker(3, jp.LogNormal(0.015 * metre, 0.4), periods, arrivals)
 
 
-def test_a_run_is_that_of_the_dimensionless_form():
+def test_runs_are_those_of_the_dimensionless_form_with_records_in_g_and_motions_in_metres():
     response = jp.simulate(POUNDING, RECORD, GRID)
     row, scales, grid = scaled(POUNDING)
     expected = scales.to_si(jp.simulate(row, scales.to_dimensionless(RECORD), grid))
-    assert response.si
-    assert response.demand.si
+    assert (response.si, response.demand.si) == (True, True)
     assert float(response.demand.n_impacts) > 2
     assert str(response) == str(expected)
     close(response.demand, expected.demand)
     close(jp.demand(POUNDING, RECORD, GRID), expected.demand)
     for name in ("x1", "v2", "f1", "gap", "friction", "ground_acceleration", "ground_velocity"):
         close(getattr(response, name), getattr(expected, name))
-
-
-def test_records_are_in_g_and_all_other_motions_in_metres_and_seconds():
     wavelet = jp.Ricker(0.03, 0.8, 2.0)
     row, scales, grid = scaled(PAIR)
     metre, second = 1 / scales.length, 1 / scales.time
@@ -94,16 +91,12 @@ def test_a_user_s_motion_is_traced_in_metres_and_seconds_with_its_velocity():
     expected = jax.jit(jax.jacfwd(lambda pulse: jp.demand(row, pulse, grid).min_gap))(same)
     assert float(slope.end) == pytest.approx(float(expected.end) * scales.length * second, rel=1e-8)
     assert float(slope.size) == pytest.approx(float(expected.size) * scales.length / g, rel=1e-8)
-
-
-def test_a_user_s_motion_is_traced_in_a_sum_with_a_record():
-    pulse = RectangularPulse(-0.5, 1.0, 1.503)
     both = as_run(2.0 * RECORD + pulse, GRID, 9.8)
     assert both.grounds[1] is pulse
     assert float(both.acceleration(1.2)) == pytest.approx(2 * 9.8 * RECORD.acceleration(1.2) - 0.5)
 
 
-def test_masses_and_stiffnesses_are_differentiated_and_batched():
+def test_masses_and_stiffnesses_are_differentiated_and_batched_in_any_precision():
     @jax.jit
     def gap(mass):
         left = dataclasses.replace(LEFT, mass=mass)
@@ -115,9 +108,6 @@ def test_masses_and_stiffnesses_are_differentiated_and_batched():
     gaps, slopes = jax.jit(jax.vmap(jax.value_and_grad(gap)))(masses)
     assert float(slopes[1]) == pytest.approx(float(slope), rel=1e-5)
     np.testing.assert_allclose(gaps, [gap(m) for m in masses], rtol=1e-12)
-
-
-def test_single_precision():
     response = jp.demand(*jax.tree.map(jnp.float32, (PAIR, RECORD)), GRID)
     assert response.min_gap.dtype == jnp.float32
     expected = jp.demand(PAIR, RECORD, GRID)
@@ -130,35 +120,31 @@ def test_a_study_is_in_si(tmp_path):
     options = {"progress": False, "keep_parameters": True, "store": tmp_path / "study"}
     study = jp.monte_carlo(scenarios, 48, GRID, key=3, **options)
     row, scales, grid = scaled(PAIR)
-    metre, second = 1 / scales.length, 1 / scales.time
     uncertain = {"links.0.friction": jp.Uniform(50e3 / scales.force, 150e3 / scales.force)}
-    ground = random_ground(metre, second)
+    ground = random_ground(scales)
     scenarios = jp.Scenarios(jp.UncertainStructures(row, uncertain), ground)
     expected = jp.monte_carlo(scenarios, 48, grid, key=3, scales=scales, progress=False)
     for name in expected.columns:
         np.testing.assert_allclose(study[name], expected[name], rtol=1e-7, atol=1e-9)
         assert study.unit(name) == expected.unit(name)
     assert 50e3 < study["links.0.friction"].min() < study["links.0.friction"].max() < 150e3
-    assert "m/s²" in str(study)
-    assert "(SI)" in str(study)
+    assert all(words in str(study) for words in ("m/s²", "(SI)"))
     rules = study.separation(0.1)
     paper_pair, _ = jp.dimensionless(LEFT, RIGHT, friction_force=100e3, gap=0.05)
     scenarios = jp.Scenarios(paper_pair, ground)
     same = jp.monte_carlo(scenarios, 48, grid, key=3, scales=scales, progress=False).separation(0.1)
     assert rules.correlation == pytest.approx(same.correlation, rel=1e-9)
-    assert rules.srss == pytest.approx(
-        np.hypot(*(study.quantile(f"peak_x{i}", 0.9).value for i in (1, 2)))
-    )
+    peaks = [study.quantile(f"peak_x{i}", 0.9).value for i in (1, 2)]
+    assert rules.srss == pytest.approx(np.hypot(*peaks))
     again = jp.Study.open(tmp_path / "study")
     assert again.unit("min_gap") == "m"
     np.testing.assert_array_equal(again["required_gap"], study["required_gap"])
 
 
-def test_a_rare_event_has_its_threshold_in_metres():
+def test_rare_events_have_thresholds_in_metres_and_the_same_design_points():
     state = jp.LimitState(jp.Scenarios(PAIR, random_ground()), GRID, threshold=0.15)
     row, scales, grid = scaled(PAIR)
-    metre, second = 1 / scales.length, 1 / scales.time
-    scenarios = jp.Scenarios(row, random_ground(metre, second))
+    metre, scenarios = 1 / scales.length, jp.Scenarios(row, random_ground(scales))
     expected = jp.LimitState(scenarios, grid, threshold=0.15 * float(metre))
     z = np.random.default_rng(1).normal(size=(4, state.dimension))
     np.testing.assert_allclose(state.values(z) * metre, expected.values(z), rtol=1e-7)
@@ -168,34 +154,46 @@ def test_a_rare_event_has_its_threshold_in_metres():
     np.testing.assert_allclose(values * metre, expected_values, rtol=1e-7)
     np.testing.assert_allclose(slopes * metre, expected_slopes, rtol=1e-6, atol=1e-9)
     assert state.time_step == pytest.approx(grid.dt)
+    noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 60, 0.04, intensity=0.1, time_unit="s")
+    grid = jp.TimeGrid.until(2.4, 0.04)
+    options = {"method": "design points", "key": 1, "progress": False, "max_runs": 768}
+    event = jp.rare_event(jp.Scenarios(PAIR, noise), grid, 0.11, **options)
+    scenarios = jp.Scenarios(row, scales.to_dimensionless(noise))
+    gap = 0.11 / float(scales.length)
+    expected = jp.rare_event(scenarios, scales.grid(2.4, 0.04), gap, **options)
+    assert len(event.instants) == len(expected.instants) > 5
+    assert event.probability == pytest.approx(expected.probability, rel=1e-6)
 
 
-def test_a_user_s_law_of_contact_has_rare_events():
+def test_a_user_s_law_of_contact_has_rare_events_and_runs_as_it_is_written():
     """Its units are not known, so it has no dimensionless form; none is needed."""
     link = dataclasses.replace(PAIR.links[0], contact=KnownCushion(2e8))
     buildings = dataclasses.replace(PAIR, links=(link,))
     state = jp.LimitState(jp.Scenarios(buildings, random_ground()), GRID, threshold=0.15)
     assert state.time_step == pytest.approx(scaled(PAIR)[2].dt)
-    with pytest.raises(ValueError, match="must be a law of this package"):
-        buildings.dimensionless()
+    refused("must be a law of this package", buildings.dimensionless)
+
+    def gap(law):
+        link = dataclasses.replace(POUNDING.links[0], contact=law)
+        return jp.demand(dataclasses.replace(POUNDING, links=(link,)), RECORD, GRID).min_gap
+
+    elastic = jp.KelvinVoigt(stiffness=2e9, restitution=1.0)
+    assert float(gap(KnownCushion(2e9))) == pytest.approx(float(gap(elastic)), rel=1e-6)
 
 
 def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
-    bounds = {"links.0.friction": (0.0, 400e3)}
-    ensemble = jp.Ensemble.drawn(jp.Scenarios(PAIR, random_ground()), 8, key=1)
-    limits = {"damper_force": 300e3, "peak_x1": 0.2}
-    objective = jp.Objective(limits={name: jp.Limit(x) for name, x in limits.items()})
-    problem = DesignProblem(jp.DesignSpace(PAIR, bounds), ensemble, GRID, jp.Scheme(), objective)
+    limits = {"damper_force": jp.Limit(300e3), "peak_x1": jp.Limit(0.2)}
     row, scales, grid = scaled(PAIR)
-    ground = random_ground(1 / scales.length, 1 / scales.time)
-    same = DesignProblem(
-        jp.DesignSpace(row, {"links.0.friction": (0.0, 400e3 / float(scales.force))}),
-        jp.Ensemble.drawn(jp.Scenarios(row, ground), 8, key=1),
-        grid,
-        jp.Scheme(),
-        objective,
-        scales,
-    )
+
+    def problem_of(structures, most, ground, grid, *scales):
+        space = jp.DesignSpace(structures, {"links.0.friction": (0.0, most)})
+        ensemble = jp.Ensemble.drawn(jp.Scenarios(structures, ground), 8, key=1)
+        how = jp.Scheme(), jp.Objective(limits=limits)
+        return DesignProblem(space, ensemble, grid, *how, *scales)
+
+    problem = problem_of(PAIR, 400e3, random_ground(), GRID)
+    most = 400e3 / float(scales.force)
+    same = problem_of(row, most, random_ground(scales), grid, scales)
     share = np.array([0.6])
     columns, expected = (x.evaluate(share, x.ensemble) for x in (problem, same))
     assert columns.keys() == expected.keys()
@@ -214,94 +212,47 @@ def test_records_of_a_suite_need_no_scales():
     assert str(stripes) == str(expected)
 
 
-def test_a_law_whose_units_are_unknown_runs_as_it_is_written():
-    @jax.tree_util.register_dataclass
-    @dataclasses.dataclass(frozen=True)
-    class Spring:
-        stiffness: float
+BOTH, ROD = (LEFT, RIGHT), jp.paper.structures().rod_2
+DIMENSIONLESS = jp.Record(RECORD.samples, 0.02, time_unit="1/ω1")
+NOISE = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
+SEVERAL = r"Buildings\(\(left, right\), links\) makes"
 
-        def force(self, penetration, speed, touch_speed):
-            return self.stiffness * penetration
-
-    def gap(law):
-        link = dataclasses.replace(POUNDING.links[0], contact=law)
-        return jp.demand(dataclasses.replace(POUNDING, links=(link,)), RECORD, GRID).min_gap
-
-    elastic = jp.KelvinVoigt(stiffness=2e9, restitution=1.0)
-    assert float(gap(Spring(2e9))) == pytest.approx(float(gap(elastic)), rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
-        (
-            lambda: jp.demand(PAIR, jp.Record(RECORD.samples, 0.02, time_unit="1/ω1"), GRID),
-            "must be in seconds, as Buildings are",
+test_errors_name_the_argument = refusals(
+    (jp.demand, PAIR, DIMENSIONLESS, GRID, "must be in seconds, as Buildings are"),
+    (
+        *(jp.demand, jp.paper.structures(), RECORD, GRID),
+        "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged",
+    ),
+    (jp.Scenarios, PAIR, NOISE, "Scenarios: ground: .*must be in seconds"),
+    (
+        lambda: jp.monte_carlo(
+            jp.Scenarios(PAIR, random_ground()), 8, GRID, scales=jp.Scales(500e3, 7.0)
         ),
-        (
-            lambda: jp.demand(jp.paper.structures(), RECORD, GRID),
-            "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged",
-        ),
-        (
-            lambda: jp.Scenarios(
-                PAIR, jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
-            ),
-            "Scenarios: ground: .*must be in seconds",
-        ),
-        (
-            lambda: jp.monte_carlo(
-                jp.Scenarios(PAIR, random_ground()), 8, GRID, scales=jp.Scales(500e3, 7.0)
-            ),
-            r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units",
-        ),
-        (lambda: jp.Buildings((), ()), r"Buildings: buildings = \(\) must hold at least one"),
-        (
-            lambda: jp.Buildings((LEFT,), (jp.FloorLink(0, 0, gap=0.1),)),
-            "Buildings: links.0: next_building = 1 must be from 0 to 0",
-        ),
-        (
-            lambda: jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=15.0),)),
-            r"Buildings: links.0.gap = 15 must be between 0 and 10 m",
-        ),
-        (
-            lambda: jp.Buildings((LEFT, RIGHT), gravity=0.0),
-            "Buildings: gravity = 0 must be positive",
-        ),
-        (
-            lambda: jp.Buildings((LEFT, jp.paper.structures().rod_2)),
-            "Buildings: buildings.1 = .* must be of type ShearBuilding or Building",
-        ),
-    ],
+        r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units",
+    ),
 )
-def test_errors_name_the_argument(call, says):
-    with pytest.raises(ValueError, match=says):
-        call()
-
-
-@pytest.mark.unchecked
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
+test_buildings_name_the_argument = refusals(
+    ((), (), r"buildings = \(\) must hold at least one"),
+    ((LEFT,), (jp.FloorLink(0, 0, gap=0.1),), "links.0: next_building = 1 must be from 0 to 0"),
+    ((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=15),), "links.0.gap = 15 must be between 0 and 10 m"),
+    ((LEFT, RIGHT), (), 0.0, "gravity = 0 must be positive"),
+    ((LEFT, ROD), "buildings.1 = .* must be of type ShearBuilding or Building"),
+    of=jp.Buildings,
+    before="Buildings: ",
+)
+test_one_building_in_the_place_of_several = pytest.mark.unchecked(
+    refusals(
+        (jp.Buildings, LEFT, RIGHT, f"buildings = .* a tuple; .* {SEVERAL}"),
         (
-            lambda: jp.Buildings(LEFT, RIGHT),
-            r"buildings = .* a tuple; .* Buildings\(\(left, right\), links\) makes",
-        ),
-        (
-            lambda: jp.floor_links(PAIR),
+            *(jp.floor_links, PAIR),
             "floor_links: buildings = .* must be a tuple; .* its field buildings has each building",
         ),
-        (
-            lambda: jp.simulate((LEFT, RIGHT), RECORD, GRID),
-            r"structures = .* .* Buildings or .*; .* Buildings\(\(left, right\), links\) makes",
-        ),
-    ],
+        (jp.simulate, BOTH, RECORD, GRID, f"structures = .* Buildings or .*; .* {SEVERAL}"),
+    )
 )
-def test_one_building_in_the_place_of_several(call, says):
-    with pytest.raises(ValueError, match=says):
-        call()
 
 
-def test_tables_of_a_calibration_and_of_elasticities_are_in_si():
+def test_tables_are_in_si_and_wavelets_hardly_in_metres_doubted():
     grid, ground = jp.TimeGrid(0.01, 100), jp.Ricker(0.02, 0.5, 0.4)
     space = jp.DesignSpace(PAIR, {"links.0.friction": (50e3, 200e3)})
     measured = {"x1": jp.simulate(PAIR, ground, grid).x1}
@@ -309,48 +260,26 @@ def test_tables_of_a_calibration_and_of_elasticities_are_in_si():
     assert "parameter (SI)" in str(fit)
     assert float(fit.structures.links[0].friction) == pytest.approx(100e3, rel=1e-3)
     assert " m;" in str(jp.elasticities(PAIR, ground, grid, demand="peak_x1"))
-
-
-def test_sobol_indices_doubt_wavelets_that_are_hardly_in_metres():
     uncertain = {"links.0.friction": jp.Uniform(5e4, 1e5), "links.0.gap": jp.Uniform(0.1, 0.2)}
     scenarios = jp.Scenarios(jp.UncertainStructures(PAIR, uncertain), jp.Ricker(30.0, 0.5, 0.2))
     with pytest.raises(ValueError, match="PGA of 100% of the 2 earthquakes looked at, up to"):
         jp.sobol_sensitivity(scenarios, jp.TimeGrid(0.01, 60), n=2, strict=True)
 
 
-def test_modes_are_in_radians_per_second():
+def test_modes_are_in_radians_per_second_and_growth_takes_records_in_seconds():
     modes, (row, scales) = jp.modes(PAIR), PAIR.dimensionless()
     assert "frequency (rad/s)  period (s)" in str(modes)
     np.testing.assert_allclose(modes.frequencies, jp.modes(row).frequencies * scales.frequency)
-
-
-def test_growth_takes_records_in_seconds():
     growth = jp.growth(POUNDING, RECORD, GRID)
     assert np.isfinite(float(growth.end))
 
 
-def test_a_rare_event_has_the_design_points_of_the_dimensionless_form():
-    noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 60, 0.04, intensity=0.1, time_unit="s")
-    grid = jp.TimeGrid.until(2.4, 0.04)
-    options = {"method": "design points", "key": 1, "progress": False, "max_runs": 768}
-    event = jp.rare_event(jp.Scenarios(PAIR, noise), grid, 0.11, **options)
-    row, scales = PAIR.dimensionless()
-    scenarios = jp.Scenarios(row, scales.to_dimensionless(noise))
-    same = scales.grid(2.4, 0.04)
-    expected = jp.rare_event(scenarios, same, 0.11 / float(scales.length), **options)
-    assert len(event.instants) == len(expected.instants) > 5
-    assert event.probability == pytest.approx(expected.probability, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
+def test_units_that_are_hardly_meant_are_warned_of():
+    for changes, words in (
         ({"friction": 100.0}, "links.0.friction = 100 N should be 0 or between"),
         ({"gap": 9.0}, "links.0.gap = 9 m should be at most 5 times"),
         ({"contact": jp.KelvinVoigt(2e3, 0.65)}, "links.0.contact: stiffness = 2000 N/m makes"),
-    ],
-)
-def test_units_that_are_hardly_meant_are_warned_of(changes, says):
-    link = dataclasses.replace(PAIR.links[0], **changes)
-    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {says}"):
-        jp.Buildings((LEFT, RIGHT), (link,))
+    ):
+        link = dataclasses.replace(PAIR.links[0], **changes)
+        with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {words}"):
+            jp.Buildings((LEFT, RIGHT), (link,))

@@ -28,6 +28,7 @@ from jaxpound._checks import (
     require_memory,
 )
 from jaxpound._fields import label, pytree_dataclass, static
+from tests.refusals import refused
 
 
 @pytree_dataclass
@@ -52,58 +53,33 @@ class Foreign:
         return np.array([1.0, 2.0])
 
 
-# Rules
-
-
-@pytest.mark.parametrize("one", [3, np.int8(3), np.array(3), jnp.int32(3), np.uint16(3)])
-def test_whole_numbers_may_be_arrays_of_a_single_one(one):
-    assert is_whole(one)
-    link = jp.FloorLink(one, 0, next_floor=one)
-    assert (link.building, link.next_floor) == (3, 3)
-    assert {type(link.building), type(link.next_floor)} == {int}
-
-
-@pytest.mark.parametrize(
-    "other", [True, np.True_, jnp.bool_(1), 3.0, jnp.float32(3), np.array([3]), "3", None]
-)
-def test_other_values_are_no_whole_numbers(other):
-    assert not is_whole(other)
-
-
-def test_a_traced_number_is_no_known_whole_number():
+def test_whole_numbers_are_known_single_integers_of_any_library():
+    for whole in (3, np.int8(3), np.array(3), jnp.int32(3), np.uint16(3)):
+        assert is_whole(whole)
+        link = jp.FloorLink(whole, 0, next_floor=whole)
+        assert (link.building, link.next_floor) == (3, 3)
+        assert {type(link.building), type(link.next_floor)} == {int}
+    for other in (True, np.True_, jnp.bool_(1), 3.0, jnp.float32(3), np.array([3]), "3", None):
+        assert not is_whole(other), other
     with pytest.raises(ValueError, match=r"building = .* must be a whole number from 0 on"):
         jax.jit(lambda i: jp.FloorLink(i, 0).friction)(3)
     assert not is_whole(jax.random.key(0))
 
 
-def test_broken_rule_raises_with_owner_argument_value_and_rule():
-    with pytest.raises(ValueError, match=r"^Owner: mass = -2\.5 must be positive$"):
-        enforce("Owner", [Rule("mass", -2.5, False, "positive")])
-
-
-def test_broken_rule_of_an_array_names_the_first_bad_entry():
-    value = np.array([[1.0, 2.0], [3.0, -4.0], [-5.0, 6.0]])
-    with pytest.raises(ValueError, match=r"mass = -4 \(at index \[1, 1\]\) must be positive"):
-        enforce("Owner", [Rule("mass", value, value > 0, "positive")])
-
-
-def test_rule_may_depend_on_an_array_while_its_value_is_a_number():
-    limit = np.array([1.0, 9.0])
-    with pytest.raises(ValueError, match=r"mass = 2 \(at index \[1\]\) must be above"):
-        enforce("Owner", [Rule("mass", 2.0, limit < 2, "above the limit")])
-
-
-def test_first_broken_rule_is_the_one_reported():
+def test_a_broken_rule_raises_with_owner_argument_value_index_and_rule():
+    value, limit = np.array([[1.0, 2.0], [3.0, -4.0], [-5.0, 6.0]]), np.array([1.0, 9.0])
+    for rule, message in (
+        (("mass", -2.5, False, "positive"), r"^Owner: mass = -2\.5 must be positive$"),
+        (("mass", value, value > 0, "so"), r"mass = -4 \(at index \[1, 1\]\) must be so"),
+        (("mass", 2.0, limit < 2, "above the limit"), r"mass = 2 \(at index \[1\]\) must be above"),
+    ):
+        refused(message, enforce, "Owner", [Rule(*rule)])
     rules = [Rule("a", 1.0, True, "x"), Rule("b", 2.0, False, "y"), Rule("c", 3.0, False, "z")]
-    with pytest.raises(ValueError, match="b = 2"):
-        enforce("Owner", rules)
-
-
-def test_rules_that_hold_do_not_raise():
+    refused("b = 2", enforce, "Owner", rules)
     enforce("Owner", [Rule("a", 1.0, True, "x"), Rule("b", np.ones(3), np.ones(3, bool), "y")])
 
 
-def test_enforce_lets_traced_values_pass():
+def test_rules_hold_everywhere_or_not_known_or_traced():
     def checked(x):
         enforce("Owner", [Rule("x", x, x > 0, "positive")])
         return x
@@ -112,189 +88,105 @@ def test_enforce_lets_traced_values_pass():
     np.testing.assert_array_equal(jax.vmap(checked)(jnp.array([-1.0, 1.0])), [-1, 1])
     assert jax.grad(checked)(-1.0) == 1
 
-
-def test_enforce_lets_a_known_value_pass_whose_limit_is_traced():
     def checked(limit):
         enforce("Owner", [Rule("x", 1.0, limit < 1.0, "above the limit")])
         return limit
 
     assert jax.jit(checked)(2.0) == 2
-
-
-@pytest.mark.parametrize(
-    ("held", "expected"),
-    [
-        ([True, True], True),
-        ([True, False], False),
-        ([np.array([True, False])], False),
-        ([np.array([True, True]), jnp.array(True)], True),
-        ([], True),
-    ],
-)
-def test_all_hold_is_whether_every_rule_holds_everywhere(held, expected):
-    assert bool(all_hold([Rule("x", 0.0, h, "so") for h in held])) is expected
-
-
-def test_all_hold_is_a_flag_that_can_be_traced_and_batched():
+    yes, mixed = np.array([True, True]), np.array([True, False])
+    for held in ([True, True], [yes, jnp.array(True)], []):
+        assert all_hold([Rule("x", 0.0, holds, "so") for holds in held])
+    for held in ([True, False], [mixed]):
+        assert not all_hold([Rule("x", 0.0, holds, "so") for holds in held])
     flags = jax.jit(jax.vmap(lambda x: all_hold([Rule("x", x, x > 0, "positive")])))
     np.testing.assert_array_equal(flags(jnp.array([1.0, -1.0, jnp.nan])), [True, False, False])
-
-
-def test_finite_refuses_infinities_and_nan():
     values = [0.0, -1e300, np.inf, -np.inf, np.nan]
     np.testing.assert_array_equal(finite(np.array(values)), [True, True, False, False, False])
     np.testing.assert_array_equal(jax.jit(finite)(jnp.array(values)), [True, True] + [False] * 3)
-
-
-def test_is_traced_sees_tracers_anywhere_in_a_tree():
     seen = []
     jax.jit(lambda x: seen.append((is_traced({"a": [1, (x,)]}), is_traced([1, np.ones(2)]))))(1.0)
     assert seen == [(True, False)]
 
 
-# Numbers
-
-
-@pytest.mark.parametrize(
-    "value",
-    [None, "a", "1", True, 1j, print, {}, [True, False], np.array("x"), [1j], [[1.0], [1, 2]]],
-    ids=repr,
-)
-def test_what_is_no_real_number_is_refused_by_name(value):
-    with pytest.raises(ValueError, match=r"^Owner: mass = .* (must be a real|is not a) number"):
-        real("Owner", "mass", value)
-
-
-def test_refusal_of_a_long_value_stays_short():
+def test_what_is_no_real_number_is_refused_by_name():
+    lists = [True, False], np.array("x"), [1j], [[1.0], [1, 2]]
+    for value in (None, "a", "1", True, 1j, print, {}, *lists):
+        words = r"^Owner: mass = .* (must be a real|is not a) number"
+        refused(words, real, "Owner", "mass", value)
     with pytest.raises(ValueError, match="Owner: mass = ") as caught:
         real("Owner", "mass", ["text"] * 10_000)
     assert len(str(caught.value)) < 200
 
 
-@pytest.mark.parametrize("value", [3, np.int8(3), np.uint16(3), np.array(3), 10**30], ids=repr)
-def test_whole_numbers_become_floats(value):
-    result = real("Owner", "mass", value)
-    assert np.asarray(result).dtype == np.float64
-    assert result == float(value)
-
-
-def test_whole_numbers_of_jax_become_floats():
+def test_numbers_become_floats_and_arrays_that_jax_takes():
+    for whole in (3, np.int8(3), np.uint16(3), np.array(3), 10**30):
+        result = real("Owner", "mass", whole)
+        assert np.asarray(result).dtype == np.float64
+        assert result == float(whole)
     assert real("Owner", "mass", jnp.arange(3)).dtype == jnp.float64
-
-
-def test_an_integer_beyond_all_floats_is_refused():
-    with pytest.raises(ValueError, match=r"mass = 1000.* too large"):
-        real("Owner", "mass", 10**400)
-
-
-@pytest.mark.parametrize(
-    "value", [np.float32(0.5), np.ones(2, np.float32), np.array(0.5, np.float16)], ids=repr
-)
-def test_floats_keep_their_precision(value):
-    assert real("Owner", "mass", value).dtype == value.dtype
-    assert real("Owner", "mass", jnp.asarray(value)).dtype == value.dtype
-
-
-@pytest.mark.parametrize(
-    "value", [[1, 2], (1.0, 2.0), np.array([1.0, 2.0], ">f4"), np.longdouble([1, 2]), Foreign()]
-)
-def test_anything_like_an_array_becomes_one_that_jax_takes(value):
-    result = real("Owner", "mass", value)
-    np.testing.assert_array_equal(jax.jit(lambda x: 2 * x)(result), [2.0, 4.0])
-
-
-def test_list_that_holds_traced_numbers_becomes_a_traced_array():
+    refused(r"mass = 1000.* too large", real, "Owner", "mass", 10**400)
+    for value in (np.float32(0.5), np.ones(2, np.float32), np.array(0.5, np.float16)):
+        assert real("Owner", "mass", value).dtype == value.dtype
+        assert real("Owner", "mass", jnp.asarray(value)).dtype == value.dtype
+    like = [1, 2], (1.0, 2.0), np.array([1.0, 2.0], ">f4"), np.longdouble([1, 2]), Foreign()
+    for value in like:
+        result = real("Owner", "mass", value)
+        np.testing.assert_array_equal(jax.jit(lambda x: 2 * x)(result), [2.0, 4.0])
+    # A list that holds traced numbers becomes a traced array.
     result = jax.jit(lambda x: real("Owner", "mass", [x, 3.0]))(2.0)
     np.testing.assert_array_equal(result, [2.0, 3.0])
 
 
-def test_number_refuses_arrays_known_or_traced():
+def test_numbers_of_a_sign_or_shape_are_taken_and_the_rest_is_refused():
     assert number("Owner", "dt", 0.5) == 0.5
-    with pytest.raises(ValueError, match=r"Owner: dt of shape \(2,\) must be one number"):
-        number("Owner", "dt", [0.1, 0.2])
+    refused(r"Owner: dt of shape \(2,\) must be one number", number, "Owner", "dt", [0.1, 0.2])
     with pytest.raises(ValueError, match=r"Owner: dt of shape \(2,\) must be one number"):
         jax.jit(lambda x: number("Owner", "dt", x))(jnp.ones(2))
-
-
-@pytest.mark.parametrize("bad", [0, -1.0, np.nan, np.inf])
-def test_positive_returns_floats_and_refuses_the_rest(bad):
-    assert positive("Owner", a=1, b=2.5) == [1.0, 2.5]
-    with pytest.raises(ValueError, match=r"Owner: b = .* must be positive and finite"):
-        positive("Owner", a=1, b=bad)
-
-
-@pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
-def test_not_negative_returns_floats_and_refuses_the_rest(bad):
-    assert not_negative("Owner", a=0, b=2.5) == [0.0, 2.5]
-    with pytest.raises(ValueError, match=r"Owner: b = .* must be finite and not negative"):
-        not_negative("Owner", a=1, b=bad)
-
-
-def test_batch_refuses_shapes_that_cannot_be_broadcast():
     require_batch("Owner", a=1.0, b=np.ones(3), c=np.ones((2, 1)))
-    with pytest.raises(ValueError, match=r"Owner: the shapes of a \(2,\), b \(3,\) must make one"):
-        require_batch("Owner", a=np.ones(2), b=np.ones(3))
-
-
-def test_instance_names_the_argument_and_the_type_it_wants():
+    words = r"Owner: the shapes of a \(2,\), b \(3,\) must make one"
+    refused(words, require_batch, "Owner", a=np.ones(2), b=np.ones(3))
     instance("Owner", "spring", 3, int, str)
-    with pytest.raises(ValueError, match="Owner: spring = 3 must be of type str or Spring"):
-        instance("Owner", "spring", 3, str, Spring)
+    words = "Owner: spring = 3 must be of type str or Spring"
+    refused(words, instance, "Owner", "spring", 3, str, Spring)
+    assert positive("Owner", a=1, b=2.5) == [1.0, 2.5]
+    assert not_negative("Owner", a=0, b=2.5) == [0.0, 2.5]
+    for bad in (0, -1.0, np.nan, np.inf):
+        refused("Owner: b = .* must be positive and finite", positive, "Owner", a=1, b=bad)
+    for bad in (-1.0, np.nan, np.inf):
+        words = "Owner: b = .* must be finite and not negative"
+        refused(words, not_negative, "Owner", a=1, b=bad)
 
 
-# Frozen dataclasses
-
-
-def test_objects_are_frozen():
-    spring = Spring(1.0, 2.0)
-    for change in (
-        lambda: setattr(spring, "stiffness", 2.0),
-        lambda: setattr(spring, "colour", "red"),
-        lambda: delattr(spring, "length"),
-    ):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            change()
-
-
-def test_only_continuous_fields_are_leaves_and_their_paths_can_be_read():
-    leaves = jax.tree_util.tree_leaves_with_path({"s": Spring(1.0, 2.0, law="cubic", name="a")})
-    assert [(jax.tree_util.keystr(path), leaf) for path, leaf in leaves] == [
-        ("['s'].stiffness", 1.0),
-        ("['s'].length", 2.0),
-    ]
-
-
-@pytest.mark.parametrize(
-    "leaf", [None, object(), -1.0, "text", 0, np.nan], ids=lambda leaf: type(leaf).__name__
-)
-def test_rebuilding_judges_no_leaf(leaf):
-    structure = jax.tree.structure(Spring(1.0, 2.0, law="cubic"))
-    rebuilt = jax.tree.unflatten(structure, [leaf, leaf])
-    assert type(rebuilt) is Spring
-    assert rebuilt.stiffness is leaf
-    assert rebuilt.length is leaf
-    assert rebuilt.law == "cubic"
-
-
-def test_construction_and_replacement_are_judged():
+def test_objects_are_frozen_and_judged_when_made_and_replaced():
     spring = Spring(1.0, 2.0, law="cubic", name="a")
-    with pytest.raises(ValueError, match="Spring: stiffness = -1 must be positive"):
-        Spring(-1.0, 2.0)
-    with pytest.raises(ValueError, match="Spring: stiffness = -1 must be positive"):
-        dataclasses.replace(spring, stiffness=-1.0)
+    for change in ((setattr, "stiffness", 2.0), (setattr, "colour", "red"), (delattr, "length")):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            change[0](spring, *change[1:])
+    refused("Spring: stiffness = -1 must be positive", Spring, -1.0, 2.0)
+    refused("Spring: stiffness = -1 must be positive", dataclasses.replace, spring, stiffness=-1.0)
     other = dataclasses.replace(spring, length=3.0)
     assert (other.stiffness, other.length, other.law, other.name) == (1.0, 3.0, "cubic", "a")
     assert spring.length == 2.0
 
 
-def test_transformations_keep_static_fields_and_drop_labels():
+def test_leaves_have_paths_and_are_not_judged():
+    leaves = jax.tree_util.tree_leaves_with_path({"s": Spring(1.0, 2.0, law="cubic", name="a")})
+    assert [(jax.tree_util.keystr(path), leaf) for path, leaf in leaves] == [
+        ("['s'].stiffness", 1.0),
+        ("['s'].length", 2.0),
+    ]
+    structure = jax.tree.structure(Spring(1.0, 2.0, law="cubic"))
+    for leaf in (None, object(), -1.0, "text", 0, np.nan):
+        rebuilt = jax.tree.unflatten(structure, [leaf, leaf])
+        assert (type(rebuilt), rebuilt.law) == (Spring, "cubic")
+        assert rebuilt.stiffness is rebuilt.length is leaf
+
+
+def test_static_fields_shape_the_program_and_labels_do_not():
     spring = Spring(1.0, 2.0, law="cubic", name="mine")
     for after in (jax.jit(lambda s: s)(spring), jax.tree.map(lambda x: x, spring)):
         assert after.law == "cubic"
         assert after.name == "unnamed"
-
-
-def test_labels_and_values_cause_no_retrace_but_static_fields_do():
     traces = []
 
     @jax.jit
@@ -310,41 +202,24 @@ def test_labels_and_values_cause_no_retrace_but_static_fields_do():
     assert traces == ["linear", "cubic"]
 
 
-def test_gradient_of_an_object_is_an_object():
+def test_gradients_and_copies_of_an_object_are_objects():
     gradient = jax.grad(lambda s: s.stiffness * s.length**2)(Spring(2.0, 3.0, law="cubic"))
     assert type(gradient) is Spring
     assert (gradient.stiffness, gradient.length, gradient.law) == (9.0, 12.0, "cubic")
-
-
-def test_objects_can_be_copied_and_pickled():
     spring = Spring(1.0, 2.0, law="cubic", name="a")
     for twin in (copy.deepcopy(spring), pickle.loads(pickle.dumps(spring))):
         assert type(twin) is Spring
         assert vars(twin) == vars(spring)
 
 
-# Sizes
-
-
-@pytest.mark.parametrize(
-    ("value", "size", "message"),
-    [
-        (1_000_000, 8 * 10**12, "n = 1,000,000 would take 8 TB of memory; this machine has 24 GB"),
-        (10**12, 20 * 10**9, "n = 1,000,000,000,000 would take 20 GB of memory"),
-        (10**18, 8 * 10**18, r"n = 1.00e\+18 would take 8 EB"),
-    ],
-)
-def test_what_memory_has_no_room_for_is_refused_with_its_bytes(small_machine, value, size, message):
-    with pytest.raises(ValueError, match=f"^owner: {message}"):
-        require_memory("owner", "n", value, size)
-
-
-def test_numbers_that_cannot_be_written_out_are_told_all_the_same(small_machine):
-    with pytest.raises(ValueError, match=r"n = 1.00e\+6000 would take 8.00e\+5982 EB"):
-        require_memory("owner", "n", 10**6000, 8 * 10**6000)
-
-
-def test_what_memory_has_room_for_is_not_refused(small_machine):
+def test_what_memory_has_no_room_for_is_refused_with_its_bytes(small_machine):
+    for value, size, message in (
+        (10**6, 8 * 10**12, "1,000,000 would take 8 TB of memory; this machine has 24 GB"),
+        (10**12, 20 * 10**9, "1,000,000,000,000 would take 20 GB of memory"),
+        (10**18, 8 * 10**18, r"1.00e\+18 would take 8 EB"),
+        (10**6000, 8 * 10**6000, r"1.00e\+6000 would take 8.00e\+5982 EB"),
+    ):
+        refused(f"^owner: n = {message}", require_memory, "owner", "n", value, size)
     require_memory("owner", "n", 10**9, 19 * 10**9)
 
 
@@ -356,9 +231,6 @@ def test_the_memory_of_this_machine_is_the_least_that_is_known(monkeypatch, tmp_
         (tmp_path / "limit").write_text(text)
         monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", (str(tmp_path / "limit"),))
         assert machine_memory() == known
-
-
-def test_a_system_that_does_not_tell_its_memory_refuses_nothing(monkeypatch):
     monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", ())
     monkeypatch.delattr(_checks.os, "sysconf")
     require_memory("owner", "n", 1, 10**15)

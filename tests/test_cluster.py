@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.study.test_run import LINEAR, study
+from tests.study.test_run import LINEAR, assert_same, study
 
 ROOT = Path(__file__).parents[1]
 
@@ -36,12 +36,8 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     distributed = pytest.importorskip("distributed")
     killed = tmp_path / "killed"
     arguments = {"n": 40_000, "chunk_size": 1000}
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
+    how = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(**how) as cluster, distributed.Client(cluster) as client:
         found = []
 
         def run():
@@ -60,9 +56,7 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     assert not [*killed.glob("*.part")]  # what the killed one was writing
     assert all(path.stat().st_ino == file for path, file in had.items())
     # Workers have one thread for linear algebra, whose rounding differs.
-    here = study(**arguments)
-    for name in here.columns:
-        np.testing.assert_allclose(found[0][name], here[name], rtol=1e-9, atol=1e-12)
+    assert_same(found[0], study(**arguments))
 
 
 def start_two(*command, others=()):
@@ -70,21 +64,14 @@ def start_two(*command, others=()):
     with socket.socket() as free:
         free.bind(("localhost", 0))
         address = f"localhost:{free.getsockname()[1]}"
-    processes = [
-        subprocess.Popen(
-            [sys.executable, *command, address, "2", str(i), *others],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for i in (0, 1)
-    ]
-    told = []
-    for process in processes:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    commands = [[sys.executable, *command, address, "2", str(i), *others] for i in (0, 1)]
+    printed = []
+    for process in [subprocess.Popen(arguments, **pipes) for arguments in commands]:
         out, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
-        told.append(out)
-    return told
+        printed.append(out)
+    return printed
 
 
 SHARDS = """
@@ -102,19 +89,15 @@ print(len(study(LINEAR, 256, store=sys.argv[4], chunk_size=64, shard=shard)))
 def test_the_processes_of_one_program_fill_a_store_each_with_its_own_devices(tmp_path):
     told = start_two("-c", SHARDS, others=[str(tmp_path / "study")])
     assert told == ["128\n", "128\n"]
-    found, here = jp.Study.open(tmp_path / "study"), study(LINEAR, 256)
-    for name in here.columns:
-        np.testing.assert_allclose(found[name], here[name], rtol=1e-9, atol=1e-12)
+    assert_same(jp.Study.open(tmp_path / "study"), study(LINEAR, 256))
 
 
 def test_one_program_over_the_devices_of_two_processes():
     """The documented script gives in both processes what a plain batch gives in this one."""
     printed = start_two(str(ROOT / "examples" / "many_processes.py"))
-    what = r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)"
-    told = [re.search(what, out) for out in printed]
-    assert [match[1] for match in told] == ["0", "1"]
-    assert told[0].groups()[1:] == told[1].groups()[1:]
-
+    words = r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)"
+    (first, *numbers), (second, *same) = (re.search(words, out).groups() for out in printed)
+    assert (first, second, numbers) == ("0", "1", same)
     ground = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3), jp.Uniform(0, 8))
     scenarios = jp.Scenarios(jp.paper.structures(), ground)
     grid = jp.TimeGrid.until(20.0, 0.04)
@@ -124,5 +107,5 @@ def test_one_program_over_the_devices_of_two_processes():
         return jp.demand(*scenarios.realize(z), grid).min_gap
 
     gaps = jp.in_chunks(gap)(jnp.arange(8192))
-    assert float(told[0][2]) == pytest.approx(np.mean(gaps <= 0.5), abs=1e-6)
-    assert float(told[0][3]) == pytest.approx(gaps.min(), abs=1e-8)
+    assert float(numbers[0]) == pytest.approx(np.mean(gaps <= 0.5), abs=1e-6)
+    assert float(numbers[1]) == pytest.approx(gaps.min(), abs=1e-8)

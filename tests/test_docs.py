@@ -42,39 +42,24 @@ def reference():
     return listed
 
 
-def test_every_public_name_is_in_the_reference():
+def test_the_reference_and_the_tables_of_contents_leave_nothing_out():
     # A constant is listed by the module that documents it.
     assert set(jp.__all__) <= {name.rpartition(".")[2] for name in reference()}
-
-
-def test_every_entry_of_the_reference_is_there():
     for name in reference():
         pkgutil.resolve_name(name if name.startswith("jaxpound") else f"jaxpound.{name}")
-
-
-def test_every_module_of_figures_is_in_the_reference():
     modules = {path.stem for path in (PACKAGE / "plots").glob("[a-z]*.py")}
     modules -= {"curves", "style", "panels", "sliders"}  # what figures are made of
     assert {f"jaxpound.plots.{module}" for module in modules} <= set(reference())
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_every_page_is_in_a_table_of_contents(page):
-    found = {
-        (other.parent / entry).with_suffix(".md")
-        for other in PAGES
-        for entry in entries("toctree", other)
-    }
-    assert page in found or page == DOCS / "index.md"
+    contents = [page.parent / entry for page in PAGES for entry in entries("toctree", page)]
+    assert {*PAGES} - {page.with_suffix(".md") for page in contents} <= {DOCS / "index.md"}
 
 
 def code(text):
     return "".join(re.findall(r"^```python\n(.*?)^```", text, re.M | re.S))
 
 
-FIRST, *SECTIONS = re.split(
-    r"^## ", (DOCS / "extending.md").read_text(encoding="utf-8"), flags=re.M
-)
+EXTENDING = (DOCS / "extending.md").read_text(encoding="utf-8")
+FIRST, *SECTIONS = re.split(r"^## ", EXTENDING, flags=re.M)
 
 
 @pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.partition("\n")[0])
@@ -86,17 +71,14 @@ def test_every_extension_runs(section):
 
 def test_no_page_installs_from_an_index():
     """The package is installed from its clone, as the README says."""
-    texts = [ROOT / "README.md", *PAGES, *(ROOT / "notebooks").glob("*.ipynb")]
-    commands = [
-        command
-        for path in texts
-        for command in re.findall(r"pip install ([^`\n]+)", path.read_text(encoding="utf-8"))
-    ]
+    paths = [ROOT / "README.md", *PAGES, *(ROOT / "notebooks").glob("*.ipynb")]
+    texts = "\n".join(path.read_text(encoding="utf-8") for path in paths)
+    commands = re.findall(r"pip install ([^`\n]+)", texts)
     assert len(commands) > 4
     assert not [command for command in commands if "jaxpound" in command.partition("&&")[0]]
 
 
-def test_every_command_has_its_section(capsys):
+def test_every_extra_and_every_command_has_its_section(capsys):
     with pytest.raises(SystemExit):
         cli.main(["--help"])
     listed = capsys.readouterr().out.partition("COMMAND\n")[2]
@@ -104,17 +86,18 @@ def test_every_command_has_its_section(capsys):
     page = (DOCS / "command_line.md").read_text(encoding="utf-8")
     assert commands
     assert re.findall(r"^```\{command-help\} (\w+)$", page, re.M) == commands
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        extras = tomllib.load(file)["project"]["optional-dependencies"]
+    page = (DOCS / "installation.md").read_text(encoding="utf-8").partition("## Extras")[2]
+    assert {*re.findall(r"^\| `(\w+)` \|", page, re.M)} == {*extras}
 
 
 def test_every_comparison_of_the_readme_was_measured():
     """Its numbers are in the page that the row's command makes, or is the heading of."""
     page = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
     _, *sections = re.split(r"^## ", page, flags=re.M)
-    rows = re.findall(
-        r"^\| [^|]* \|(.*)\| `(python (?:-m )?benchmarks[^ `]*)[^`]*` \|$",
-        (ROOT / "README.md").read_text(encoding="utf-8"),
-        re.M,
-    )
+    row = r"^\| [^|]* \|(.*)\| `(python (?:-m )?benchmarks[^ `]*)[^`]*` \|$"
+    rows = re.findall(row, (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
     assert len(rows) > 6
     for numbers, command in rows:
         if command.endswith(".verification"):
@@ -137,13 +120,6 @@ def test_the_examples_of_the_questions_are_right():
     assert not runner.failures
 
 
-def test_every_extra_is_said_to_be_for_something():
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        extras = tomllib.load(file)["project"]["optional-dependencies"]
-    page = (DOCS / "installation.md").read_text(encoding="utf-8").partition("## Extras")[2]
-    assert {*re.findall(r"^\| `(\w+)` \|", page, re.M)} == {*extras}
-
-
 @pytest.fixture(scope="module")
 def from_notebooks():
     """The extension that takes pictures from the notebooks."""
@@ -154,7 +130,7 @@ def from_notebooks():
     return module
 
 
-def test_pictures_of_gallery_and_list_are_in_the_notebooks(from_notebooks):
+def test_pictures_and_notebooks_are_listed(from_notebooks):
     for directive, page in (("gallery", "gallery.md"), ("notebook-list", "notebooks.md")):
         lines = entries(directive, DOCS / page)
         assert lines
@@ -164,18 +140,30 @@ def test_pictures_of_gallery_and_list_are_in_the_notebooks(from_notebooks):
                 assert (DOCS / code).exists()
             else:
                 assert from_notebooks.picture(stem, code, int(number or 1)).heading
-
-
-def test_every_notebook_is_in_the_list():
     listed = [line.partition(" | ")[0] for line in entries("notebook-list", DOCS / "notebooks.md")]
     assert listed == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
 
 
-def test_terms_of_the_glossary_are_in_order_and_said_once():
+def test_the_glossary_and_the_bibliography_are_in_order():
     body = (DOCS / "glossary.md").read_text(encoding="utf-8").partition("{glossary}")[2]
     terms = re.findall(r"^(\S.*)$", body.partition("\n```")[0], re.M)
     assert len(terms) > 30
     assert terms == sorted(set(terms), key=str.lower)
+    title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
+    pages = DOCS / "model.md", DOCS / "bibliography.md"
+    for place in (ROOT / "CITATION.cff", PACKAGE / "paper.py", *pages):
+        text = " ".join(place.read_text(encoding="utf-8").split())
+        assert title in text, place.name
+        assert "Grahovac" in text, place.name
+    first, *others = bibliography()
+    assert first.startswith("Žigić")
+    form = r"[^:*]+ \((18|19|20)\d\d\): \*[^*]+\*( \(in Russian\)|, \w+ edition)?\. "
+    for entry in others:
+        assert re.match(form, entry)
+    links = re.findall(r"\[(doi|arXiv):([^]]+)\]\(https://([^)]+)\)", " ".join(others))
+    assert links
+    for kind, number, address in links:
+        assert address == {"doi": "doi.org/", "arXiv": "arxiv.org/abs/"}[kind] + number
 
 
 def bibliography():
@@ -186,9 +174,8 @@ def bibliography():
 
 def test_every_source_that_is_named_is_in_the_bibliography():
     name = r"(?:Den |Der )?[A-Z][\w’'-]+"
-    named = re.compile(
-        rf"({name}(?:, {name})*(?: and {name})?)(?: et al\.)? \(?((?:18|19|20)\d\d)[);,]"
-    )
+    names, year = rf"({name}(?:, {name})*(?: and {name})?)", r"((?:18|19|20)\d\d)"
+    named = re.compile(rf"{names}(?: et al\.)? \(?{year}[);,]")
     modules = sorted(PACKAGE.rglob("*.py"))
     pages = [page for page in PAGES if page.stem not in ("bibliography", "changelog")]
     found = [
@@ -204,26 +191,3 @@ def test_every_source_that_is_named_is_in_the_bibliography():
             f"({year})" in entry and all(author in entry.split(":")[0] for author in authors)
             for entry in entries
         ), f"{place}: {names} {year}"
-
-
-def test_the_paper_s_title_is_the_same_everywhere():
-    title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
-    places = [ROOT / "CITATION.cff", PACKAGE / "paper.py"]
-    places += [DOCS / "model.md", DOCS / "bibliography.md"]
-    for place in places:
-        text = " ".join(place.read_text(encoding="utf-8").split())
-        assert title in text, place.name
-        assert "Grahovac" in text, place.name
-
-
-def test_entries_have_authors_year_and_title():
-    first, *others = bibliography()
-    assert first.startswith("Žigić")
-    for entry in others:
-        assert re.match(
-            r"[^:*]+ \((18|19|20)\d\d\): \*[^*]+\*( \(in Russian\)|, \w+ edition)?\. ", entry
-        )
-    links = re.findall(r"\[(doi|arXiv):([^]]+)\]\(https://([^)]+)\)", " ".join(others))
-    assert links
-    for kind, number, address in links:
-        assert address == {"doi": "doi.org/", "arXiv": "arxiv.org/abs/"}[kind] + number

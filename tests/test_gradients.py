@@ -5,7 +5,7 @@ of a record added to them, 100 samples, their interval and a factor.
 """
 
 import dataclasses
-from functools import cache
+from functools import cache, partial
 from itertools import product
 
 import jax
@@ -67,9 +67,8 @@ def value(scheme, grid):
 @cache
 def forward(scheme, grid):
     """From a case and a direction to the scalars and their derivatives."""
-    return in_lanes(
-        lambda x, d: jnp.stack(jax.jvp(lambda x: scalars(x, scheme, grid), (x,), (d,))), grid
-    )
+    of_case = partial(scalars, scheme=scheme, grid=grid)
+    return in_lanes(lambda x, d: jnp.stack(jax.jvp(of_case, (x,), (d,))), grid)
 
 
 @cache
@@ -112,20 +111,17 @@ def neighbours(n, seed=0):
     return x
 
 
-# Both modes.
+CASES = {
+    "event-resolved": (SCHEME, GRID, slice(None)),
+    "smoothed": (jp.Scheme(jp.Smoothed(0.01)), GRID, WAVES),
+    "paper": (jp.PAPER_SCHEME, jp.TimeGrid(0.04, 200), WAVES),
+}
 
 
-@pytest.mark.parametrize(
-    ("scheme", "grid", "part"),
-    [
-        (SCHEME, GRID, slice(None)),
-        (jp.Scheme(jp.Smoothed(0.01)), GRID, WAVES),
-        (jp.PAPER_SCHEME, jp.TimeGrid(0.04, 200), WAVES),
-    ],
-    ids=["event-resolved", "smoothed", "paper"],
-)
-def test_both_modes_are_finite_and_adjoint_in_every_corner(scheme, grid, part):
+@pytest.mark.parametrize("case", CASES)
+def test_both_modes_are_finite_and_adjoint_in_every_corner(case):
     """⟨w, J d⟩ = ⟨Jᵀ w, d⟩; in dense d and w no derivative that is NaN or infinite can hide."""
+    scheme, grid, part = CASES[case]
     x = np.concatenate([[*corners()], neighbours(LANES - 72)])[:, part]
     random = np.random.default_rng(1)
     d = random.normal(size=x.shape) * np.where(x == 0, 1.0, np.abs(x))
@@ -140,7 +136,7 @@ def test_both_modes_are_finite_and_adjoint_in_every_corner(scheme, grid, part):
     assert error[sure].max() < 1e-9
 
 
-def test_forward_equals_reverse_for_every_scalar_and_every_input():
+def test_forward_equals_reverse_and_batches_single_gradients():
     for x in neighbours(3):
         _, ahead = jacobian(x)
         every = np.eye(len(NAMES))
@@ -148,49 +144,36 @@ def test_forward_equals_reverse_for_every_scalar_and_every_input():
         largest = np.abs(ahead).max(axis=1, keepdims=True)
         assert (np.abs(ahead - back) <= 1e-9 * np.abs(ahead) + 1e-13 * largest).all()
         assert ((largest > 0).ravel() == [name != "pounds" for name in NAMES]).all()
-
-
-def test_gradients_without_jit_and_vmap_are_those_of_the_batch():
-    """In three corners: the paper's rods, those without friction, and nothing but the gap left."""
+    # In three corners: the paper's rods, those without friction, and nothing but the gap left.
     for x in np.stack([*corners()])[[0, 24, 47]]:
         structures, ground = recorded(x)
         alone = jax.grad(lambda s, ground=ground: jp.demand(s, ground, GRID).min_gap)(structures)
         together = (jacobian(x)[1][0] / size(x))[: len(jax.tree.leaves(alone))]
         np.testing.assert_allclose(jax.tree.leaves(alone), together, rtol=1e-9, atol=1e-12)
-
-
-def test_derivatives_without_friction_are_those_of_a_little():
     for x in neighbours(2):
         none, little = (jacobian(np.r_[x[:MU], mu, x[MU + 1 :]])[1] for mu in (0.0, 1e-9))
         largest = np.abs(little).max(axis=1, keepdims=True)
         assert (np.abs(none - little) <= 1e-6 * largest).all()
 
 
-# Differences.
+def floats(*ranges):
+    return [st.floats(*ends) for ends in ranges]
+
 
 rods = st.builds(
     lambda order, tau_f, ratio: jp.ZenerRod(order, tau_f, tau_f * ratio),
-    st.floats(0.05, 0.99),
-    st.floats(0.01, 1.0),
-    st.floats(1.02, 20.0),
+    *floats((0.05, 0.99), (0.01, 1.0), (1.02, 20.0)),
 )
-masses, stiffnesses, frictions, gaps = (
-    st.floats(*range_) for range_ in ((0.3, 3.0), (0.3, 3.0), (0.02, 1.0), (0.1, 2.0))
-)
-structures_ = st.builds(jp.AdjacentStructures, rods, rods, masses, stiffnesses, frictions, gaps)
+ratios = floats((0.3, 3.0), (0.3, 3.0), (0.02, 1.0), (0.1, 2.0))
+structures_ = st.builds(jp.AdjacentStructures, rods, rods, *ratios)
+times = [st.lists(x, min_size=5, max_size=5) for x in floats((0.8, 4.0), (0.0, 6.0))]
 grounds = st.builds(
-    lambda amplitude, periods, arrivals, factor, seed, dt: (
+    lambda amplitude, factor, dt, periods, arrivals, seed: (
         jp.Ricker(amplitude, periods, arrivals)
         + factor * jp.Record(np.random.default_rng(seed).normal(size=100), dt, time_unit="1/ω1")
     ),
-    st.floats(-1.0, 1.0),
-    st.lists(st.floats(0.8, 4.0), min_size=5, max_size=5),
-    st.lists(st.floats(0.0, 6.0), min_size=5, max_size=5),
-    st.floats(-1.0, 1.0),
-    st.integers(0, 2**32),
-    st.floats(0.1, 0.2),
+    *(*floats((-1.0, 1.0), (-1.0, 1.0), (0.1, 0.2)), *times, st.integers(0, 2**32)),
 )
-
 
 ROD = jp.ZenerRod(0.3, 0.1, 1.0)
 
@@ -221,29 +204,21 @@ def test_derivatives_against_differences(structures, ground):
     assert smooth.mean() > 0.97
 
 
-# Limits.
-
-
 @cache
 def paper_jacobian(h):
     return jacobian(PAPER[WAVES], jp.TimeGrid.until(20.0, h))
 
 
-def test_nine_derivatives_of_the_paper_s_case_at_three_steps():
+def test_the_paper_s_derivatives_and_every_scalar_converge_at_order_two():
     steps, bounds, errors = [0.02, 0.005, 0.002], [1e-3, 3e-4, 6e-5], []
     for h, bound in zip(steps, bounds, strict=True):
         gradient = paper_gradient(unrecorded(paper_jacobian(h)[1][0] / size(PAPER[WAVES]))[0])
         errors.append(max(abs(ours - true) for ours, true in gradient.values()))
         assert errors[-1] < bound
     assert convergence_order(steps, errors) > 1.7
-
-
-def test_every_scalar_and_its_derivatives_converge_at_order_two():
-    """The gradient by all inputs as one: single derivatives cross their limits on the way.
-
-    Here the acceleration of block 2 peaks by a jump of friction: its derivatives are rough. The
-    shaking's own peaks are those of the grid by definition.
-    """
+    # The gradient by all inputs as one: single derivatives cross their limits on the way. Here the
+    # acceleration of block 2 peaks by a jump of friction: its derivatives are rough. The shaking's
+    # own peaks are those of the grid by definition.
     steps, runs = [0.02, 0.005], {h: paper_jacobian(h) for h in (0.02, 0.005, 0.002)}
     fine, fine_slopes = runs[0.002]
     # To second order the distance to the fine run goes with h² − 0.002².
@@ -278,9 +253,6 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
         errors.append(max(abs(ours - true) for ours, true in gradient.values()))
     assert convergence_order(widths, errors) > 0.5
     assert errors[-1] < 7e-3
-
-
-# Memory.
 
 
 def test_checkpoints_save_the_memory_of_reverse_mode_and_change_no_derivative():

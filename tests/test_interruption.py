@@ -34,6 +34,15 @@ threading.Thread(target=write, daemon=True).start()
 time.sleep(60)
 """
 
+LATE = """
+import os, signal
+from jaxpound import _interruption as interruption
+signal.signal(signal.SIGINT, signal.default_int_handler)
+interruption.end_at_a_signal()
+os.kill(os.getpid(), signal.SIGINT)
+interruption.end(0)
+"""
+
 
 def end(folder, seconds, *numbers, ignored=False):
     """Exit status and stderr of a process that has begun to write a file, after signals."""
@@ -50,36 +59,23 @@ def end(folder, seconds, *numbers, ignored=False):
         return process.wait(30), process.stderr.read()
 
 
-def test_a_file_that_is_being_written_is_finished(tmp_path):
+def test_a_file_that_is_being_written_is_finished_or_after_some_time_removed(tmp_path):
     told = end(tmp_path, 0.1, signal.SIGINT)
     assert told == (130, "jaxpound: interrupted; a and b are kept\n")
     assert (tmp_path / "x").read_text() == "whole"
     # Of the folders that it made, those it had written to stay.
     assert sorted(path.name for path in tmp_path.iterdir()) == ["used", "x"]
+    slow = tmp_path / "slow"
+    slow.mkdir()
+    assert end(slow, 60, signal.SIGINT)[0] == 130
+    assert sorted(path.name for path in slow.iterdir()) == ["used"]
 
 
-def test_a_file_that_takes_too_long_is_removed(tmp_path):
-    assert end(tmp_path, 60, signal.SIGINT)[0] == 130
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["used"]
-
-
-def test_a_signal_that_was_ignored_stays_so(tmp_path):
+def test_signals_that_were_ignored_stay_so_and_late_ones_are_told(tmp_path):
     """Such as Ctrl-C for what a script runs in the background."""
     told = end(tmp_path, 0.1, signal.SIGINT, signal.SIGTERM, ignored=True)
     assert told == (143, "jaxpound: terminated; a and b are kept\n")
-
-
-def test_a_signal_at_the_very_end_is_told():
-    program = (
-        "import os, signal; from jaxpound import _interruption as interruption\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "interruption.end_at_a_signal()\n"
-        "os.kill(os.getpid(), signal.SIGINT)\n"
-        "interruption.end(0)"
-    )
     for _ in range(5):
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-        assert (done.returncode, done.stderr) == (
-            130,
-            "jaxpound: interrupted; nothing was written\n",
-        )
+        done = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True)
+        told = (done.returncode, done.stderr)
+        assert told == (130, "jaxpound: interrupted; nothing was written\n")

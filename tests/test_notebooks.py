@@ -27,15 +27,12 @@ def notebook(path):
     return nbformat.read(path, as_version=4)
 
 
-def test_purpose_and_run_time_come_first(notebook):
+def test_purpose_run_time_and_small_sizes_come_first(notebook):
     first = notebook.cells[0]
     assert first.cell_type == "markdown"
     assert first.source.startswith("# ")
     assert "**Purpose:**" in first.source
     assert re.search(r"Runs in about \d+ s on two cores", first.source)
-
-
-def test_sizes_come_next_and_are_small_when_tested(notebook):
     code = next(cell for cell in notebook.cells if cell.cell_type == "code")
     sizes = {target.id for line in ast.parse(code.source).body for target in line.targets}
     assert set(code.metadata["nbmake"]["mock"]) <= sizes
@@ -53,19 +50,13 @@ def test_outputs_are_those_of_a_run_from_top_to_bottom(path, notebook):
     assert path.stat().st_size < LARGEST
 
 
-def test_nothing_tells_of_a_machine(path):
+def test_nothing_tells_of_a_machine_and_links_lead_somewhere(path, notebook):
     text = path.read_text()
     for words in (r"/home/", r"/tmp/", r"/root/", r"/work/", r"site-packages", r"C:\\\\"):
         assert not re.search(words, text), words
-
-
-def test_links_lead_somewhere_and_on_to_the_next(path, notebook):
     links = re.findall(r"\]\(([^)#:]+)\)", "".join(c.source for c in notebook.cells))
     for link in links:
         assert (path.parent / link).exists(), link
     if path != PATHS[-1]:
         assert PATHS[PATHS.index(path) + 1].name in links
-
-
-def test_readme_leads_to_it(path):
     assert f"(notebooks/{path.name})" in (ROOT / "README.md").read_text()

@@ -46,7 +46,6 @@ WINGS = [
     {"__main__"},
 ]
 
-
 UPWARDS = {("jaxpound.results.response", "jaxpound.plots")}
 """The one import that runs upwards, when it is called: a response draws itself."""
 
@@ -57,6 +56,7 @@ def module_name(path):
 
 
 MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+TREES = {module: ast.parse(path.read_text("utf-8")) for module, path in MODULES.items()}
 
 
 def wing(module):
@@ -67,14 +67,10 @@ def wing(module):
 
 def imports(module):
     """What a module imports, as modules: ``from jaxpound import x`` is one of x too."""
-    tree = ast.parse(MODULES[module].read_text())
-    for_types_only = {
-        node
-        for test in ast.walk(tree)
-        if isinstance(test, ast.If) and ast.unparse(test.test) == "TYPE_CHECKING"
-        for node in ast.walk(test)
-    }
-    for node in ast.walk(tree):
+    nodes = [*ast.walk(TREES[module])]
+    tests = [x for x in nodes if isinstance(x, ast.If) and ast.unparse(x.test) == "TYPE_CHECKING"]
+    for_types_only = {node for test in tests for node in ast.walk(test)}
+    for node in nodes:
         if isinstance(node, ast.ImportFrom) and node not in for_types_only:
             assert node.level == 0, f"{module}: imports are absolute"
             for alias in node.names:
@@ -85,53 +81,28 @@ def imports(module):
             yield from (alias.name for alias in node.names)
 
 
-def test_every_module_has_its_wing():
-    assert {wing(module) for module in MODULES} == set().union(*WINGS)
-
-
-@pytest.mark.parametrize("level", range(len(WINGS)))
-def test_no_import_runs_upwards(level):
-    below = set().union(*WINGS[:level])
-    for module in MODULES:
-        if wing(module) in WINGS[level]:
-            ours = {m for m in imports(module) if m.partition(".")[0] == "jaxpound"}
-            assert {wing(m) for m in ours} <= below | {wing(module)}, module
-
-
-def test_no_imports_run_in_a_circle():
+def test_no_import_runs_upwards_or_in_a_circle():
     """Within a wing, too."""
-    graph = {
-        module: {m for m in imports(module) if m in MODULES and m not in ("jaxpound", module)}
-        for module in MODULES
-        if module != "jaxpound"
-    }
+    assert {wing(module) for module in MODULES} == set().union(*WINGS)
+    graph, below = {}, set()
+    for names in WINGS:
+        for module in (m for m in MODULES if wing(m) in names):
+            of_ours = {m for m in imports(module) if m.partition(".")[0] == "jaxpound"}
+            assert {wing(m) for m in of_ours} <= below | {wing(module)}, module
+            graph[module] = (of_ours & MODULES.keys()) - {"jaxpound", module}
+        below |= names
+    del graph["jaxpound"]
     assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
-def output_of(code, **options):
-    """What a process prints that runs this program, and nothing on stderr."""
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
-
-
-def test_a_response_imports_its_figures_when_it_is_drawn():
-    code = (
-        "import sys, jaxpound.results.response; "
-        "assert not {'jaxpound.plots', 'matplotlib'} & sys.modules.keys()"
-    )
-    output_of(code)
-
-
-def test_no_import_is_hidden():
-    """By ``importlib``, ``__import__`` or ``sys.modules``, where this file could not see it."""
-    for module, path in MODULES.items():
-        names = {
-            node.attr if isinstance(node, ast.Attribute) else node.id
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.Attribute | ast.Name)
-        }
+def test_figures_alone_import_matplotlib_and_no_import_is_hidden():
+    for module in MODULES:
+        if wing(module) != "plots":
+            assert not any("matplotlib" in m for m in imports(module)), module
+    # By ``importlib``, ``__import__`` or ``sys.modules``, where this file could not see it.
+    for module, tree in TREES.items():
+        nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute | ast.Name)]
+        names = {x.attr if isinstance(x, ast.Attribute) else x.id for x in nodes}
         hidden = names & {"import_module", "__import__", "modules"}
         # The root stands above all, the command line's table of commands above every command, and
         # the extras are other packages.
@@ -142,70 +113,60 @@ def test_no_import_is_hidden():
     assert all(not library.startswith("jaxpound") for library in EXTRAS)
 
 
-def test_only_figures_import_matplotlib():
-    for module in MODULES:
-        if wing(module) != "plots":
-            assert not any("matplotlib" in m for m in imports(module)), module
+IMPORT = """
+import sys, jaxpound
+assert jaxpound.__version__ and 'simulate' in dir(jaxpound)
+assert not {'jax', 'numpy', 'scipy'} & {*sys.modules}
+assert jaxpound.simulate and jaxpound.paper.structures()
+assert not {'scipy.stats', 'scipy.optimize', 'optax'} & {*sys.modules}
+import jaxpound.results.response
+assert not {'jaxpound.plots', 'matplotlib'} & sys.modules.keys()
+"""
+"""JAX and SciPy take the better part of a second each: neither is paid for by a mere import."""
+
+NAMES = """
+import jax
+before = dict(jax.config.values)
+import jaxpound, sys
+assert jax.config.values == before and 'matplotlib' not in sys.modules
+from jaxpound import *
+from jaxpound import monte_carlo as study, paper as case
+import jaxpound as jp, pickle, types
+assert all(globals()[name] is getattr(jp, name) for name in jp.__all__)
+assert {*jp.__all__} <= {*dir(jp)}
+assert study is monte_carlo and case is paper
+again = pickle.loads(pickle.dumps((simulate, Limit(0.3), paper.structures())))
+assert again[0] is simulate and str(again[2]) == str(paper.structures())
+assert isinstance(jp.ground, types.ModuleType) and jp.contact.Newton is jp.Newton
+assert jp.hazard.HazardCurve is jp.HazardCurve and jp.ground.Ricker is jp.Ricker
+from jaxpound import plots
+assert jp.plots is plots and 'plots' in dir(jp)
+"""
 
 
-def test_import_is_silent_and_changes_nothing():
-    code = (
-        "import jax; before = dict(jax.config.values); import jaxpound, sys; "
-        "assert jax.config.values == before; assert 'matplotlib' not in sys.modules"
-    )
-    assert output_of(code) == ""
+def ran(program, **options):
+    """What a program printed in a process of its own."""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, done.stderr
+    return done
 
 
-def test_only_what_is_used_is_imported():
-    """JAX and SciPy take the better part of a second each: neither is paid for by a mere import."""
-    code = (
-        "import sys, jaxpound\n"
-        "assert jaxpound.__version__ and 'simulate' in dir(jaxpound)\n"
-        "assert not {'jax', 'numpy', 'scipy'} & {*sys.modules}\n"
-        "assert jaxpound.simulate and jaxpound.paper.structures()\n"
-        "assert not {'scipy.stats', 'scipy.optimize', 'optax'} & {*sys.modules}\n"
-    )
-    output_of(code)
-
-
-def test_public_names_are_there_however_they_are_asked_for():
+def test_imports_are_silent_change_nothing_and_bring_all_public_names_when_they_are_used():
     assert len(jp.__all__) == len(set(jp.__all__)) > 60
-    code = (
-        "from jaxpound import *\n"
-        "from jaxpound import monte_carlo as study, paper as case\n"
-        "import jaxpound as jp, pickle, types\n"
-        "assert all(globals()[name] is getattr(jp, name) for name in jp.__all__)\n"
-        "assert {*jp.__all__} <= {*dir(jp)}\n"
-        "assert study is monte_carlo and case is paper\n"
-        "again = pickle.loads(pickle.dumps((simulate, Limit(0.3), paper.structures())))\n"
-        "assert again[0] is simulate and str(again[2]) == str(paper.structures())\n"
-        "assert isinstance(jp.ground, types.ModuleType) and jp.contact.Newton is jp.Newton\n"
-        "assert jp.hazard.HazardCurve is jp.HazardCurve and jp.ground.Ricker is jp.Ricker\n"
-        "from jaxpound import plots\n"
-        "assert jp.plots is plots and 'plots' in dir(jp)\n"
-    )
-    output_of(code)
+    for done in map(ran, (IMPORT, NAMES)):
+        assert (done.stdout, done.stderr) == ("", "")
 
 
-def test_no_module_has_the_name_of_what_another_holds():
+def test_public_names_are_documented_and_hidden_by_no_module():
     """Its import would put it in the place of the function."""
     assert {wing(module) for module in MODULES} & set(jp.__all__) == {"paper"}  # a module itself
-
-
-def test_no_module_has_the_name_of_a_function_that_it_holds():
-    for module, path in MODULES.items():
-        body = ast.parse(path.read_text()).body
-        held = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+    for module, tree in TREES.items():
+        held = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
         assert module.rpartition(".")[2] not in held - {"main"}, module
-
-
-def test_a_name_that_does_not_exist():
     with pytest.raises(AttributeError, match="module 'jaxpound' has no attribute 'simulat'") as e:
         jp.simulat  # noqa: B018
     assert (e.value.name, e.value.obj) == ("simulat", jp)  # whence Python's "Did you mean"
-
-
-def test_public_names_are_documented():
     for name in jp.__all__:
         thing = getattr(jp, name)
         if callable(thing) or name == "paper":
@@ -220,7 +181,7 @@ PRONOUNS = {
 """Names that say that something is there, and not what it is."""
 
 
-def test_names_say_what_they_hold():
+def test_names_say_what_they_hold_and_classes_have_names_of_their_own():
     """At most 3 of 1,000 identifiers are such names."""
     names = [
         token.string.strip("_")
@@ -230,21 +191,12 @@ def test_names_say_what_they_hold():
     ]
     counts = collections.Counter(name for name in names if name in PRONOUNS)
     assert counts.total() <= 3e-3 * len(names), counts.most_common()
+    nodes = (node for tree in TREES.values() for node in ast.walk(tree))
+    classes = collections.Counter(x.name.strip("_") for x in nodes if isinstance(x, ast.ClassDef))
+    assert not {name for name, times in classes.items() if times > 1}
 
 
-def test_a_class_has_a_name_of_its_own():
-    names = collections.Counter(
-        node.name.strip("_")
-        for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ClassDef)
-    )
-    assert not {name for name, times in names.items() if times > 1}
-
-
-MODULES_WITH_EXAMPLES = [
-    module for module, path in MODULES.items() if ">>>" in path.read_text(encoding="utf-8")
-]
+MODULES_WITH_EXAMPLES = [module for module, path in MODULES.items() if ">>>" in path.read_text()]
 
 
 @pytest.mark.parametrize("module", MODULES_WITH_EXAMPLES)
@@ -259,9 +211,7 @@ def readme_blocks(language):
 
 @pytest.mark.parametrize("number", range(len(readme_blocks("python"))))
 def test_readme_s_python_examples_run(number):
-    block = readme_blocks("python")[number]
-    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    ran(readme_blocks("python")[number])
 
 
 PROGRAM = """
@@ -277,29 +227,20 @@ def test_a_program_gives_the_suite_s_numbers_as_users_compile_it(capsys):
     """Without the suite's options of XLA; a slow machine notes on stderr that it compiles."""
     environment = {k: x for k, x in os.environ.items() if not k.startswith(("XLA_", "JAX_"))}
     exec(PROGRAM)
-    command = [sys.executable, "-c", PROGRAM]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout) == pytest.approx(float(capsys.readouterr().out), rel=1e-9)
-
-
-def test_readme_and_ci_agree_on_the_test_command():
-    command = 'pip install -e ".[test]" && pytest'
-    assert any(command in block for block in readme_blocks("sh"))
+    here = float(capsys.readouterr().out)
+    assert float(ran(PROGRAM, env=environment).stdout) == pytest.approx(here, rel=1e-9)
 
 
 def test_versions_agree():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    assert "version" in project["project"]["dynamic"]
+    command = 'pip install -e ".[test]" && pytest'
+    assert any(command in block for block in readme_blocks("sh"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert "version" in project["dynamic"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.findall(r"^version: (.*)$", citation, re.M) == [jp.__version__]
     (released,) = re.findall(r"^date-released: (.*)$", citation, re.M)
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (.*)$\n\n(.*)\.$", changes, re.M)[0] == (jp.__version__, released)
-
-
-def test_types_are_marked_and_versions_of_python_are_named():
     assert (PACKAGE / "py.typed").exists()
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     named = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
     assert f">={named[0]}" == project["requires-python"]

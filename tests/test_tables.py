@@ -9,6 +9,7 @@ import pytest
 import jaxpound as jp
 from jaxpound._tables import TextTable, rounded
 from tests.cli.commands import tables
+from tests.refusals import refused
 from tests.study.test_run import LINEAR, study
 
 TABLE = TextTable(
@@ -36,7 +37,7 @@ def assert_shown(result):
     return shown
 
 
-def test_rows_as_text():
+def test_rows_as_text_and_html():
     assert TABLE.text().splitlines() == [
         TABLE.title,
         "    of               number  words",
@@ -45,12 +46,8 @@ def test_rows_as_text():
         "    c                   nan         g & more",
         "    a note with <b>tags</b>",
     ]
-
-
-def test_rows_as_html():
     html = TABLE.html()
-    assert "<script" not in html
-    assert "<b>" not in html
+    assert not any(tag in html for tag in ("<script", "<b>"))
     tree = ElementTree.fromstring(html)
     title, note = tree.findall("div")
     assert (title.text, note.text) == (TABLE.title, TABLE.notes[0])
@@ -59,17 +56,13 @@ def test_rows_as_html():
     assert rows[0] == ["a<b", "1,234,567", "one", "m/s²"]
     assert [row[0] for row in rows] == [row[0] for row in TABLE.rows]
     sides = [cell.get("style") for cell in tree.findall("table/tbody/tr")[0]]
-    left, right = "text-align: left", "text-align: right"
-    assert sides == [left, right, left, left]
-
-
-def test_a_table_without_rows_is_its_title():
+    assert sides == [f"text-align: {side}" for side in ("left", "right", "left", "left")]
     empty = TextTable("nothing & no one", ("a", "b"))
     assert empty.text() == "nothing & no one"
     assert empty.html() == "<div><div>nothing &amp; no one</div></div>"
 
 
-def test_a_study_and_its_answers_show_themselves():
+def test_a_study_a_fragility_and_their_answers_show_themselves():
     scales = jp.Scales(mass=500e3, frequency=7.0)
     found = study(LINEAR, 64, measures={"<i>my measure": lambda s, g: s.friction})
     for result, units in ((found, ("g/ω1²", "m1 g")), (found.in_si(scales), ("m", "N"))):
@@ -80,9 +73,6 @@ def test_a_study_and_its_answers_show_themselves():
     assert_shown(found.separation(0.1))
     estimate = found.pounding_probability(0.3)
     assert str(estimate) in estimate._repr_html_()
-
-
-def test_a_fragility_shows_itself():
     for trials in ([20] * 5, None):
         pounding = [1, 4, 9, 14, 18] if trials else [0, 1, 0, 1, 1]
         curve = jp.fit_fragility([0.2, 0.4, 0.6, 0.8, 1.0], pounding, trials)
@@ -112,15 +102,12 @@ ROWS = [("peak |x_1|", "m", 0.1, 2), ("force", "N", 1234567.0, None)]
 REPORT = TextTable.of(("demand", "unit", "mean before", "mean after"), ROWS)
 
 
-def test_a_markdown_table_has_every_cell_under_its_name():
+def test_a_markdown_table_has_every_cell_under_its_name_and_text_without_a_title_no_indent():
     (rows,) = tables(REPORT.markdown())
     assert rows == [
         {"demand": r"peak \|x_1\|", "unit": "m", "mean before": "0.1", "mean after": "2"},
         {"demand": "force", "unit": "N", "mean before": "1,235,000", "mean after": "-"},
     ]
-
-
-def test_a_table_without_a_title_is_not_indented():
     assert REPORT.text().splitlines() == [
         "demand      unit  mean before  mean after",
         "peak |x_1|  m             0.1           2",
@@ -128,25 +115,10 @@ def test_a_table_without_a_title_is_not_indented():
     ]
 
 
-@pytest.mark.parametrize("row", [("one",), ("one", 2.0, 3.0)])
-def test_rows_that_are_not_as_long_as_the_header_are_refused(row):
-    with pytest.raises(ValueError, match="table: the cells of a row"):
-        TextTable.of(("words", "number"), [row])
-
-
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    [
-        (None, "-"),
-        ("worst", "worst"),
-        (0, "0"),
-        (0.0123456, "0.01235"),
-        (-9999.4, "-9999"),
-        (12345.6, "12,350"),
-        (-2e9, "-2,000,000,000"),
-        (3e12, "3e+12"),
-        (float("inf"), "inf"),
-    ],
-)
-def test_rounded_numbers(value, shown):
-    assert rounded(value) == shown
+def test_rows_are_as_long_as_the_header_and_numbers_are_rounded():
+    for row in (("one",), ("one", 2.0, 3.0)):
+        words = "table: the cells of a row"
+        refused(words, TextTable.of, ("words", "number"), [row])
+    shown = {None: "-", "worst": "worst", 0: "0", 0.0123456: "0.01235", -9999.4: "-9999"}
+    shown |= {12345.6: "12,350", -2e9: "-2,000,000,000", 3e12: "3e+12", float("inf"): "inf"}
+    assert {value: rounded(value) for value in shown} == shown

@@ -5,12 +5,13 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
+from tests.refusals import refusals
 
 RANDOM = np.random.default_rng(5)
 CAPACITIES = 0.6 * np.exp(0.4 * RANDOM.standard_normal(40))
 
 
-def test_moments_of_known_capacities():
+def test_known_and_unknown_capacities_are_fitted():
     curve = jp.fit_capacities(CAPACITIES)
     z = np.log(CAPACITIES)
     assert curve.median == pytest.approx(np.exp(z.mean()))
@@ -22,9 +23,6 @@ def test_moments_of_known_capacities():
         shares, [(curve.intensity[i] >= CAPACITIES).mean() for i in range(40)]
     )
     assert "from 40 capacities" in repr(curve)
-
-
-def test_unknown_capacities_maximise_the_likelihood():
     most = 0.7
     seen = np.where(most >= CAPACITIES, CAPACITIES, np.inf)
     curve = jp.fit_capacities(seen, most)
@@ -49,19 +47,14 @@ def test_the_band_covers_the_truth(n):
     np.testing.assert_allclose(np.mean(inside, axis=0), 0.95, atol=0.03)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (([],), r"capacities of shape \(0,\)"),
-        (([0.1, -0.2],), "capacities = -0.2 .* must be positive"),
-        (([0.1, 0.2, np.inf],), "analysed = None must be given"),
-        (([0.1, 0.2, np.inf], np.inf), "analysed = inf .* positive, and finite where a capacity"),
-        (([0.1, 0.2, np.inf], [0.4, 0.4]), r"analysed of shape \(2,\) must be \(3,\)"),
-        (("ab",), "capacities = 'ab' must be a real number"),
-        (([0.1, np.inf], 0.4), "at least 2 records; they are known of 1 of 2"),
-        (([0.1, 0.1],), "they are equal"),
-    ],
+test_wrong_capacities = refusals(
+    (([],), r"capacities of shape \(0,\)"),
+    (([0.1, -0.2],), "capacities = -0.2 .* must be positive"),
+    (([0.1, 0.2, np.inf],), "analysed = None must be given"),
+    (([0.1, 0.2, np.inf], np.inf), "analysed = inf .* positive, and finite where a capacity"),
+    (([0.1, 0.2, np.inf], [0.4, 0.4]), r"analysed of shape \(2,\) must be \(3,\)"),
+    (("ab",), "capacities = 'ab' must be a real number"),
+    (([0.1, np.inf], 0.4), "at least 2 records; they are known of 1 of 2"),
+    (([0.1, 0.1],), "they are equal"),
+    of=lambda arguments: jp.fit_capacities(*arguments),
 )
-def test_wrong_capacities(arguments, words):
-    with pytest.raises(ValueError, match=words):
-        jp.fit_capacities(*arguments)

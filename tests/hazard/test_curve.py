@@ -14,6 +14,7 @@ from scipy import integrate, stats
 import jaxpound as jp
 from jaxpound.plots import hazards
 from jaxpound.scenarios.distributions import Distribution, density
+from tests.refusals import refusals, refused
 
 mpl.use("Agg")
 
@@ -45,7 +46,7 @@ def test_cornell_s_formula_is_exact(k, median, dispersion, points):
     assert low * (1 - 1e-12) <= found.value <= high * (1 + 1e-12)
 
 
-def test_the_integral_is_that_of_quadrature():
+def test_the_integral_is_that_of_quadrature_and_steps_take_the_curve_s_own_rate():
     curve = fragility(0.5, 0.4)
     found = CURVE.annual_rate_of(curve)
 
@@ -63,6 +64,10 @@ def test_the_integral_is_that_of_quadrature():
     assert found.bounds[0] == pytest.approx(within + 8e-5 * curve.probability(0.8), rel=1e-5)
     assert found.bounds[1] == pytest.approx(within + 8e-5 + found.below, rel=1e-5)
     assert "14.3 % from above 0.8" in repr(found)
+    # With β → 0 there is pounding exactly above θ.
+    for at in (0.07, 0.15, 0.205, 0.5, 1.5):
+        found = rate_at(at, 1e-6)
+        assert found.value == pytest.approx(float(CURVE.rate(at)), rel=1e-4)
 
 
 def by_delta_method(rates, h=1e-5):
@@ -73,7 +78,7 @@ def by_delta_method(rates, h=1e-5):
     return np.sqrt(np.einsum("i...,ij,j...->...", slope, COVARIANCE, slope))
 
 
-def test_the_coefficient_of_variation_is_the_delta_method_s():
+def test_the_coefficient_of_variation_is_the_delta_method_s_and_probabilities_poisson_s():
     rate, edges = RATE, [0.0, 0.15, 0.205, 0.5, np.inf]
     error = by_delta_method(lambda curve: CURVE.annual_rate_of(curve).value)
     assert rate.cov == pytest.approx(error / rate.value, rel=1e-6)
@@ -83,6 +88,15 @@ def test_the_coefficient_of_variation_is_the_delta_method_s():
     bands = rate.deaggregation(edges)
     errors = by_delta_method(lambda curve: CURVE.annual_rate_of(curve).deaggregation(edges).rate)
     np.testing.assert_allclose(bands.cov, errors / bands.rate, rtol=1e-5)
+    for years in (1.0, 50.0, 475.0):
+        found = [CURVE.intensity_at(p, years) for p in CURVE.probability(years)[[0, 3, 4]]]
+        assert found == pytest.approx(CURVE.intensity[[0, 3, 4]])
+    rate = RATE
+    assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
+    assert rate.return_period == pytest.approx(1 / rate.value)
+    assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
+    design = CURVE.intensity_at(0.02, 50.0)
+    assert float(CURVE.rate(design)) == pytest.approx(-np.log(0.98) / 50)
 
 
 def fitted(measure):
@@ -99,61 +113,47 @@ def fitted(measure):
     ]
 
 
-@pytest.mark.parametrize("measure", ["PGA (m/s²)", "peak ground velocity (m/s)", "Sa(0.9 s) (g)"])
-def test_a_fragility_of_another_measure_or_unit_is_refused(measure):
-    named = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, measure)
-    for curve, unknown in zip(fitted(measure), fitted(""), strict=True):
-        assert named.annual_rate_of(curve).value == CURVE.annual_rate_of(unknown).value
-        with pytest.raises(
-            ValueError, match=r"measure = 'PGA \(g\)' must be .* of the fragility, "
-        ):
-            CURVE.annual_rate_of(curve)
-
-
-def test_a_fragility_in_si_meets_a_curve_in_si_only():
+def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_states_is_told():
+    words = r"measure = 'PGA \(g\)' must be .* of the fragility, "
+    for measure in ("PGA (m/s²)", "peak ground velocity (m/s)", "Sa(0.9 s) (g)"):
+        named = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, measure)
+        for curve, unknown in zip(fitted(measure), fitted(""), strict=True):
+            assert named.annual_rate_of(curve).value == CURVE.annual_rate_of(unknown).value
+            refused(words, CURVE.annual_rate_of, curve)
     curve = jp.Fragility(1, 1, unit="m/s2", measure="PGA (m/s2)")
     assert (curve.unit, str(curve.measured)) == ("m/s²", "PGA (m/s²)")
     in_si = jp.HazardCurve(10 * CURVE.intensity, CURVE.annual_rate, "PGA (m/s2)")
     tenth = rate_at(0.1, 1.0)  # the same in units of 10 m/s²
     assert in_si.annual_rate_of(curve).value == pytest.approx(tenth.value, rel=1e-12)
-    with pytest.raises(ValueError, match=r"'PGA \(g\)' must be in the unit of the fragility, m/s²"):
-        CURVE.annual_rate_of(curve)
-
-
-@pytest.mark.parametrize(
-    ("of_curve", "of_fragility", "doubts"),
-    [
+    refused(r"'PGA \(g\)' must be in the unit of the fragility, m/s²", CURVE.annual_rate_of, curve)
+    no_period = r"measure = 'Sa \(g\)' names no period; .* Sa\(0.9 s\) \(g\)"
+    for of_curve, of_fragility, doubts in (
         ("SA(0.2)", "spectral acceleration at period 1 (g)", ["period 1 \\(g\\), names no period"]),
-        (
-            "Sa (g)",
-            "Sa(0.9 s) (g)",
-            [r"measure = 'Sa \(g\)' names no period; .* Sa\(0.9 s\) \(g\)"],
-        ),
+        ("Sa (g)", "Sa(0.9 s) (g)", [no_period]),
         ("SA(0.9) (g)", "Sa", ["Sa, names no unit; it should be that of", "Sa, names no period"]),
         ("PGA (g)", "PGA", ["the fragility, PGA, names no unit"]),
         ("im (g)", "", []),
         ("Sa(T1) (g)", "Sa(T1) (g)", []),
         ("SA(0.9)", "Sa(0.9 s) (g)", []),
-    ],
-)
-def test_what_one_side_alone_states_is_told_of(of_curve, of_fragility, doubts):
-    hazard = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, of_curve)
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        hazard.annual_rate_of(jp.Fragility(0.5, 0.4, measure=of_fragility))
-    assert len(warned) == len(doubts)
-    for warning, words in zip(warned, doubts, strict=True):
-        assert re.search(words, str(warning.message))
+    ):
+        hazard = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, of_curve)
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            hazard.annual_rate_of(jp.Fragility(0.5, 0.4, measure=of_fragility))
+        assert len(warned) == len(doubts)
+        for warning, words in zip(warned, doubts, strict=True):
+            assert re.search(words, str(warning.message))
+    words = "annual_rate.*of probabilities p within years"
+    for intensity, rates, measure in (
+        ([0.005, 0.02, 0.1, 0.4], [0.999, 0.97, 0.3, 0.02], "im"),
+        ([0.1, 0.2, 0.4, 0.8], [0.39, 0.14, 0.03, 0.004], "PGA (g)"),
+        ([6.0, 9.0], [0.03, 0.01], "PGA (m/s²)"),
+    ):
+        with pytest.warns(jp.PlausibilityWarning, match=words):
+            jp.HazardCurve(intensity, rates, measure)
 
 
-def test_a_step_of_a_fragility_takes_the_curve_s_own_rate():
-    """With β → 0 there is pounding exactly above θ."""
-    for at in (0.07, 0.15, 0.205, 0.5, 1.5):
-        found = rate_at(at, 1e-6)
-        assert found.value == pytest.approx(float(CURVE.rate(at)), rel=1e-4)
-
-
-def test_deaggregation_adds_up():
+def test_deaggregation_adds_up_in_bands_that_hold_the_rate_wherever_it_comes_from():
     rate = RATE
     whole = rate.deaggregation(np.r_[0.0, CURVE.intensity, np.inf])
     assert whole.rate.sum() == pytest.approx(rate.value, rel=1e-12)
@@ -166,46 +166,21 @@ def test_deaggregation_adds_up():
     assert 0.997 < usual.share.sum() < 1
     assert 0.4 < usual.mean < 0.6
     assert "outside these bands 0.2 %" in repr(rate.deaggregation())
-
-
-@pytest.mark.parametrize("median", [1e-6, 1e-3, 0.3, 30.0, 1e6])
-def test_the_usual_bands_hold_the_rate_wherever_it_comes_from(median):
-    found = rate_at(median, 0.4).deaggregation(bands=60)
-    assert 0.997 < found.share.sum() < 1
-    k = CURVE.slope[0 if median < 0.1 else -1]
-    if not 0.05 < median < 1.6:  # within one power law the intensity at pounding has this mean
-        assert found.mean == pytest.approx(median * np.exp(1 / k - k * 0.4**2), rel=0.1)
-
-
-@pytest.mark.parametrize("median", [1e-290, 1e300])
-def test_bands_end_within_the_numbers(median):
-    """Of a curve so flat that even the farthest fragilities have a rate."""
-    flat = jp.HazardCurve([0.1, 10.0], [1e-2, 0.99e-2])
-    rate = flat.annual_rate_of(fragility(median, 5.0))
-    found = rate.deaggregation(bands=7)
-    assert rate.value > 0
-    assert np.isfinite(found.edges).all()
-
-
-def test_what_has_no_end_is_none():
     wide = jp.Fragility(0.5, 0.4, np.diag([1e10, 1e-2]))
     assert "(no 95% interval)" in repr(CURVE.annual_rate_of(wide))
     assert np.isnan(RATE.deaggregation([0.0, np.inf]).mean)
-
-
-def test_every_point_of_a_curve_is_found_again():
-    for years in (1.0, 50.0, 475.0):
-        found = [CURVE.intensity_at(p, years) for p in CURVE.probability(years)[[0, 3, 4]]]
-        assert found == pytest.approx(CURVE.intensity[[0, 3, 4]])
-
-
-def test_probabilities_within_years_are_poisson_s():
-    rate = RATE
-    assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
-    assert rate.return_period == pytest.approx(1 / rate.value)
-    assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
-    design = CURVE.intensity_at(0.02, 50.0)
-    assert float(CURVE.rate(design)) == pytest.approx(-np.log(0.98) / 50)
+    for median in (1e-6, 1e-3, 0.3, 30.0, 1e6):
+        found = rate_at(median, 0.4).deaggregation(bands=60)
+        assert 0.997 < found.share.sum() < 1
+        k = CURVE.slope[0 if median < 0.1 else -1]
+        if not 0.05 < median < 1.6:  # within one power law the intensity at pounding has this mean
+            assert found.mean == pytest.approx(median * np.exp(1 / k - k * 0.4**2), rel=0.1)
+    # Of a curve so flat that even the farthest fragilities have a rate.
+    flat = jp.HazardCurve([0.1, 10.0], [1e-2, 0.99e-2])
+    for median in (1e-290, 1e300):
+        rate = flat.annual_rate_of(fragility(median, 5.0))
+        assert rate.value > 0
+        assert np.isfinite(rate.deaggregation(bands=7).edges).all()
 
 
 def test_the_distribution_draws_by_the_hazard():
@@ -225,21 +200,16 @@ def test_the_distribution_draws_by_the_hazard():
 
 def test_weights_turn_other_intensities_into_those_of_the_hazard():
     """λ by samples of another distribution, and by stripes, is that of the integral."""
-    curve = fragility(0.5, 0.4)
-    exact = CURVE.annual_rate_of(curve)
-    other = jp.LogNormal(0.4, 0.8)
+    curve, other = fragility(0.5, 0.4), jp.LogNormal(0.4, 0.8)
+    exact = (RATE.value - RATE.below) / 1e-2
     im = np.asarray(other.from_normal(stats.norm.ppf((np.arange(40_000) + 0.5) / 40_000)))
     weights = CURVE.weights(im, drawn_from=other)
     assert weights.mean() == pytest.approx(1.0, abs=0.02)
-    assert 1e-2 * np.mean(weights * curve.probability(im)) == pytest.approx(
-        exact.value - exact.below, rel=0.01
-    )
+    assert np.mean(weights * curve.probability(im)) == pytest.approx(exact, rel=0.01)
     stripes = np.repeat(np.geomspace(0.1, 5.0, 60), [3, 5] * 30)
     weights = CURVE.weights(stripes)
     assert weights.mean() == pytest.approx(1.0)
-    assert 1e-2 * np.mean(weights * curve.probability(stripes)) == pytest.approx(
-        exact.value - exact.below, rel=0.02
-    )
+    assert np.mean(weights * curve.probability(stripes)) == pytest.approx(exact, rel=0.02)
     one, *_, last = (weights[stripes == x].sum() / weights.sum() for x in np.unique(stripes))
     edge = np.sqrt(stripes[0] * stripes[3])
     assert one == pytest.approx(1 - float(CURVE.rate(edge)) / 1e-2)
@@ -261,105 +231,93 @@ San Jose CA,-121.9,37.35,2.8522064e-03,4.0021704e-06,0.0,0.0,0.0,0.0,0.0
 """
 
 
-def test_files_of_openquake_are_read(tmp_path):
+def test_files_of_openquake_and_the_usgs_are_read(tmp_path):
     path = tmp_path / "hazard_curve-mean-PGA_12.csv"
     path.write_text(OPENQUAKE)
-    found = jp.HazardCurve.read(path)
-    np.testing.assert_array_equal(found.intensity, [0.05, 0.1, 0.15, 0.2])
-    assert found.probability(50.0) == pytest.approx([0.6135122, 0.5289103, 0.4375274, 0.350994])
-    assert found.measure == "PGA (g)"
-
-
-def test_files_of_the_usgs_are_read(tmp_path):
+    curve = jp.HazardCurve.read(path)
+    np.testing.assert_array_equal(curve.intensity, [0.05, 0.1, 0.15, 0.2])
+    assert curve.probability(50.0) == pytest.approx([0.6135122, 0.5289103, 0.4375274, 0.350994])
     path = tmp_path / "SA0P2" / "total.csv"
     path.parent.mkdir()
     path.write_text(USGS)
-    found = jp.HazardCurve.read(path, "Oakland CA")
-    assert found.intensity.tolist() == [0.005, 0.103, 0.145, 0.203, 0.284, 0.397]
-    assert found.annual_rate[1] == 1.286985e-3
-    assert found.measure == "SA(0.2) (g)"
+    of_site = jp.HazardCurve.read(path, "Oakland CA")
+    assert of_site.intensity.tolist() == [0.005, 0.103, 0.145, 0.203, 0.284, 0.397]
+    assert of_site.annual_rate[1] == 1.286985e-3
+    assert (curve.measure, of_site.measure) == ("PGA (g)", "SA(0.2) (g)")
     assert jp.HazardCurve.read(path, 1).annual_rate[-1] == 4.0021704e-06
 
 
-@pytest.mark.parametrize(
-    ("text", "site", "message"),
-    [
-        (USGS, None, r"a\.csv: site must be one of 2, from 0: Oakland CA, San Jose CA"),
-        (USGS, "San Jos CA", "site = 'San Jos CA' must be .* did you mean 'San Jose CA'"),
-        (USGS, 2, "site = 2 must be a row from 0 to 1"),
-        (OPENQUAKE.replace("investigation_time", "time"), None, "investigation_time must be given"),
-        (OPENQUAKE.replace("5.289103E-01", "much"), None, "'much' must be a number"),
-        (OPENQUAKE.replace("5.289103E-01", "1.5"), None, "probabilities must be from 0 to 1"),
-        (OPENQUAKE.replace(",0.0\n", "\n"), None, "8 numbers and names must have one for each"),
-        (OPENQUAKE.replace("6.135122E-01", "0.4"), None, "annual_rate = .* a hazard curve falls"),
-        (
-            USGS.replace("4.0021704e-06", "0"),
-            "San Jose CA",
-            r"a\.csv: the site must have two intensities or more",
-        ),
-        (
-            USGS.replace("5.740355e-04", "5"),
-            0,
-            r"HazardCurve\.read: .*a\.csv: annual_rate = 5 .* curve falls",
-        ),
-        ("lon,lat\n1,2\n", None, "must hold a line of names, lon and lat and the intensities"),
-        ("", None, "must hold a line of names"),
-    ],
+RISING = USGS.replace("5.740355e-04", "5")
+
+
+def read(folder, text, site):
+    (folder / "a.csv").write_text(text)
+    jp.HazardCurve.read(folder / "a.csv", site)
+
+
+test_files_that_are_no_hazard_curve_say_why = refusals(
+    (USGS, None, r"a\.csv: site must be one of 2, from 0: Oakland CA, San Jose CA"),
+    (USGS, "San Jos CA", "site = 'San Jos CA' must be .* did you mean 'San Jose CA'"),
+    (USGS, 2, "site = 2 must be a row from 0 to 1"),
+    (OPENQUAKE.replace("investigation_time", "time"), None, "investigation_time must be given"),
+    (OPENQUAKE.replace("5.289103E-01", "much"), None, "'much' must be a number"),
+    (OPENQUAKE.replace("5.289103E-01", "1.5"), None, "probabilities must be from 0 to 1"),
+    (OPENQUAKE.replace(",0.0\n", "\n"), None, "8 numbers and names must have one for each"),
+    (OPENQUAKE.replace("6.135122E-01", "0.4"), None, "annual_rate = .* a hazard curve falls"),
+    (USGS.replace("4.0021704e-06", "0"), 1, r"a\.csv: the site must have two intensities or more"),
+    (RISING, 0, r"HazardCurve\.read: .*a\.csv: annual_rate = 5 .* curve falls"),
+    ("lon,lat\n1,2\n", None, "must hold a line of names, lon and lat and the intensities"),
+    ("", None, "must hold a line of names"),
+    of=read,
+    fixtures=("tmp_path",),
 )
-def test_files_that_are_no_hazard_curve_say_why(text, site, message, tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message):
-        jp.HazardCurve.read(path, site)
 
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3]), r"intensity \(2,\) and annual_rate \(1,\)"),
-        (lambda: jp.HazardCurve([0.1], [1e-3]), "one length m ≥ 2"),
-        (lambda: jp.HazardCurve("abc", [1e-3]), "HazardCurve: intensity = 'abc' must be a real"),
-        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 2e-3]), r"annual_rate = 0.002 .*curve falls"),
-        (lambda: jp.HazardCurve([0.2, 0.1], [1e-3, 1e-4]), "intensity = 0.1 .* larger than"),
-        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 0.0]), "annual_rate = 0 .* must be from"),
-        (lambda: jp.HazardCurve([0.1, 1e300], [1e-2, 1e-3]), "intensity = 1e.300 .* to 1e.12"),
-        (lambda: jp.HazardCurve([0.1, 0.2], [3e7, 1e-3]), "annual_rate = 30000000 .* to 1000 a y"),
-        (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 1e-300]), "annual_rate = 1e-300 .* from 1e-100"),
-        (lambda: rate_at(1e-290, 1), "median = 1e-290 .* nearer to"),
-        (lambda: jp.Fragility(1, 1, unit="g", measure="PGA (m/s2)"), "must be in the unit of the"),
-        (lambda: CURVE.annual_rate_of(0.1), "pounding = 0.1 must be of type Fragility or Estimate"),
-        (lambda: CURVE.annual_rate_of(fragility(1, 1), 1.0), "confidence = 1 must be between"),
-        (lambda: CURVE.intensity_at(0.001), "must be one of the curve's, 8e-05 to 0.01"),
-        (lambda: CURVE.probability(-1.0), "years = -1 must be positive"),
-        (lambda: CURVE.weights([0.3, 0.3]), "intensity of 1 stripe must be of two"),
-        (lambda: CURVE.probability([1.0, 50.0]), r"years of shape \(2,\) must be one number"),
-        (lambda: rate_at(1, 1).probability([1, 50]), "AnnualRate.probability: years of shape"),
-        (lambda: CURVE.annual_rate_of(fragility(1, 1), gap=0.1), "gap = 0.1 must be None: pound"),
-        (lambda: CURVE.weights([0.3, 5.0], jp.Uniform(0, 1)), "intensity = 5 .* can draw"),
-        (lambda: CURVE.weights([0.3], 2.0), "drawn_from = 2.0 must be of type Distribution"),
-        (lambda: jp.HazardCurve([1, 2], [1e-3, 1e-3]).distribution(), "must be smaller than that"),
-        (lambda: CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).deaggregation(), "not of an est"),
-        (lambda: rate_at(1, 1).deaggregation([2, 1]), "edges = 1 .* larger"),
-        (
-            lambda: rate_at(1, 1).deaggregation(intensity="pga"),
-            "intensity must be None: a fragility has its own",
-        ),
-        (lambda: rate_at(1e300, 0.1).deaggregation(), "the rate, 0 a year, must be positive"),
-        (lambda: rate_at(1, 1).deaggregation([2]), r"edges of shape \(1,\)"),
-    ],
+test_bad_values_are_named = refusals(
+    (lambda: jp.HazardCurve([0.1, 0.2], [1e-3]), r"intensity \(2,\) and annual_rate \(1,\)"),
+    (lambda: jp.HazardCurve([0.1], [1e-3]), "one length m ≥ 2"),
+    (lambda: jp.HazardCurve("abc", [1e-3]), "HazardCurve: intensity = 'abc' must be a real"),
+    (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 2e-3]), r"annual_rate = 0.002 .*curve falls"),
+    (lambda: jp.HazardCurve([0.2, 0.1], [1e-3, 1e-4]), "intensity = 0.1 .* larger than"),
+    (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 0.0]), "annual_rate = 0 .* must be from"),
+    (lambda: jp.HazardCurve([0.1, 1e300], [1e-2, 1e-3]), "intensity = 1e.300 .* to 1e.12"),
+    (lambda: jp.HazardCurve([0.1, 0.2], [3e7, 1e-3]), "annual_rate = 30000000 .* to 1000 a y"),
+    (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 1e-300]), "annual_rate = 1e-300 .* from 1e-100"),
+    (lambda: rate_at(1e-290, 1), "median = 1e-290 .* nearer to"),
+    (lambda: jp.Fragility(1, 1, unit="g", measure="PGA (m/s2)"), "must be in the unit of the"),
+    (lambda: CURVE.annual_rate_of(0.1), "pounding = 0.1 must be of type Fragility or Estimate"),
+    (lambda: CURVE.annual_rate_of(fragility(1, 1), 1.0), "confidence = 1 must be between"),
+    (lambda: CURVE.intensity_at(0.001), "must be one of the curve's, 8e-05 to 0.01"),
+    (lambda: CURVE.probability(-1.0), "years = -1 must be positive"),
+    (lambda: CURVE.weights([0.3, 0.3]), "intensity of 1 stripe must be of two"),
+    (lambda: CURVE.probability([1.0, 50.0]), r"years of shape \(2,\) must be one number"),
+    (lambda: rate_at(1, 1).probability([1, 50]), "AnnualRate.probability: years of shape"),
+    (lambda: CURVE.annual_rate_of(fragility(1, 1), gap=0.1), "gap = 0.1 must be None: pound"),
+    (lambda: CURVE.weights([0.3, 5.0], jp.Uniform(0, 1)), "intensity = 5 .* can draw"),
+    (lambda: CURVE.weights([0.3], 2.0), "drawn_from = 2.0 must be of type Distribution"),
+    (lambda: jp.HazardCurve([1, 2], [1e-3, 1e-3]).distribution(), "must be smaller than that"),
+    (lambda: CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).deaggregation(), "not of an est"),
+    (lambda: rate_at(1, 1).deaggregation([2, 1]), "edges = 1 .* larger"),
+    (
+        lambda: RATE.deaggregation(intensity="pga"),
+        "intensity must be None: a fragility has its own",
+    ),
+    (lambda: rate_at(1e300, 0.1).deaggregation(), "the rate, 0 a year, must be positive"),
+    (lambda: rate_at(1, 1).deaggregation([2]), r"edges of shape \(1,\)"),
 )
-def test_bad_values_are_named(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()
 
 
-def test_an_estimate_s_interval_is_scaled():
+def test_estimates_are_scaled_and_rates_told_with_their_bounds():
     found = CURVE.annual_rate_of(jp.Estimate(0.1, 0.08, 0.125, 0.9))
     assert (found.value, found.low, found.high, found.confidence) == pytest.approx(
         (1e-3, 8e-4, 1.25e-3, 0.9)
     )
     assert found.cov == pytest.approx(np.log(1.25) / stats.norm.ppf(0.95))
     assert np.isnan(CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).cov)
+    # A fragility of low intensities: nearly every earthquake beyond the curve's end pounds.
+    sure = repr(rate_at(0.3, 0.05))
+    assert "beyond" not in sure
+    assert "between" not in sure
+    assert "whatever it is there, the rate is" in sure
 
 
 def test_the_figure_has_the_curve_above_its_deaggregation():
@@ -378,24 +336,3 @@ def test_the_figure_has_the_curve_above_its_deaggregation():
     top = [line[1, 1] for line in lines]
     np.testing.assert_allclose(top, 100 * bands.share * (1 + bands.cov))
     figure.draw_without_rendering()
-
-
-@pytest.mark.parametrize(
-    ("intensity", "rates", "measure"),
-    [
-        ([0.005, 0.02, 0.1, 0.4], [0.999, 0.97, 0.3, 0.02], "im"),
-        ([0.1, 0.2, 0.4, 0.8], [0.39, 0.14, 0.03, 0.004], "PGA (g)"),
-        ([6.0, 9.0], [0.03, 0.01], "PGA (m/s²)"),
-    ],
-)
-def test_probabilities_in_fifty_years_are_not_taken_for_rates_in_silence(intensity, rates, measure):
-    with pytest.warns(jp.PlausibilityWarning, match="annual_rate.*of probabilities p within years"):
-        jp.HazardCurve(intensity, rates, measure)
-
-
-def test_bounds_that_print_alike_are_told_as_one_rate():
-    """A fragility of low intensities: nearly every earthquake beyond the curve's end pounds."""
-    sure = repr(rate_at(0.3, 0.05))
-    assert "beyond" not in sure
-    assert "between" not in sure
-    assert "whatever it is there, the rate is" in sure

@@ -1,6 +1,7 @@
 """Contact laws: their forces, what a free collision returns, and what is refused."""
 
 import dataclasses
+import itertools
 from decimal import Decimal, localcontext
 from functools import partial
 
@@ -14,6 +15,7 @@ from scipy.special import gamma
 import jaxpound as jp
 from jaxpound import Hertz, HertzDamped, Jankowski, KelvinVoigt, Newton
 from jaxpound.model.contact import may_pull, with_mass
+from tests.refusals import refusals
 
 RESTITUTIONS = (0.4, 0.65, 0.9)
 # What a free collision really returns, by an independent solver: 5-stage Radau, events located.
@@ -55,9 +57,6 @@ LAWS = [made(name, 1000.0, 0.65) for name in RETURNED]
 named = pytest.mark.parametrize("law", LAWS, ids=RETURNED)
 
 
-# Free collisions
-
-
 @jax.jit
 def pressing(law, x, v, speed):
     p = law.force(x, v, speed)
@@ -88,33 +87,22 @@ def collision(law, mass, speed):
     return run
 
 
-@pytest.mark.parametrize("name", RETURNED)
-@pytest.mark.parametrize("i", range(3))
-def test_a_free_collision_returns_what_the_law_is_known_to_return(name, i):
-    law = made(name, 1000.0 if name.startswith("kelvin") else 1e4, RESTITUTIONS[i])
-    mass = 1 / (1 / 1.0 + 1 / 0.6)
-    run = collision(law, mass, 1.0)
-    assert -run.y[1, -1] == pytest.approx(RETURNED[name][i], abs=1e-6)
-    deepest = run.sol(np.linspace(0, run.t[-1], 4001))[0].max()
-    assert deepest == pytest.approx(PENETRATION[name][i], rel=1e-6)
-
-
-@pytest.mark.parametrize("name", RETURNED)
-def test_what_is_returned_depends_on_neither_stiffness_nor_mass_nor_speed(name):
-    run = collision(made(name, 37.0, 0.65), 2.5, 0.3)
-    assert -run.y[1, -1] / 0.3 == pytest.approx(RETURNED[name][1], abs=1e-6)
-
-
-def test_hertz_s_contact_is_as_deep_and_as_long_as_in_his_theory():
+def test_a_free_collision_returns_what_the_law_is_known_to_return():
+    for name in RETURNED:
+        for i, restitution in enumerate(RESTITUTIONS):
+            law = made(name, 1000.0 if name.startswith("kelvin") else 1e4, restitution)
+            run = collision(law, 1 / (1 / 1.0 + 1 / 0.6), 1.0)
+            assert -run.y[1, -1] == pytest.approx(RETURNED[name][i], abs=1e-6), (name, i)
+            deepest = run.sol(np.linspace(0, run.t[-1], 4001))[0].max()
+            assert deepest == pytest.approx(PENETRATION[name][i], rel=1e-6), (name, i)
+        run = collision(made(name, 37.0, 0.65), 2.5, 0.3)
+        assert -run.y[1, -1] / 0.3 == pytest.approx(RETURNED[name][1], abs=1e-6), name
     mass, stiffness, speed = 0.375, 1e4, 1.0
     run = collision(Hertz(stiffness), mass, speed)
     deepest = (5 * mass * speed**2 / (4 * stiffness)) ** 0.4
     assert run.sol(run.t[-1] / 2)[0] == pytest.approx(deepest, rel=1e-8)
     lasts = 0.8 * np.sqrt(np.pi) * gamma(0.4) / gamma(0.9) * deepest / speed
     assert run.t[-1] == pytest.approx(lasts, rel=1e-9)
-
-
-# Forces
 
 
 def test_forces_by_hand():
@@ -138,7 +126,7 @@ def test_forces_by_hand():
 
 
 @named
-def test_the_elastic_part_is_the_force_at_rest_and_full_restitution_has_no_other(law):
+def test_the_elastic_part_is_the_force_at_rest_and_without_penetration_there_is_none(law):
     power = 1.0 if isinstance(law, KelvinVoigt) else 1.5
     for d in (1e-6, 0.01, 3.0):
         elastic = pytest.approx(1000.0 * d**power, rel=1e-13)
@@ -146,61 +134,44 @@ def test_the_elastic_part_is_the_force_at_rest_and_full_restitution_has_no_other
         if not isinstance(law, Hertz):
             lossless = dataclasses.replace(law, restitution=1.0)
             assert with_mass(lossless, 0.4).force(d, 0.7, 0.7) == elastic
-
-
-@named
-@pytest.mark.parametrize("d", [0.0, -0.2])
-@pytest.mark.parametrize("w", [-1.0, 0.0, 1.0])
-def test_without_penetration_there_is_no_force_after_hertz_and_kelvin_s_stays_linear(law, d, w):
     force = with_mass(law, 0.4).force
-    slopes = jax.grad(force, argnums=(0, 1, 2))(d, w, 1.0)
-    if isinstance(law, KelvinVoigt):
-        damping = 2 * law.damping_ratio * np.sqrt(1000.0 * 0.4)
-        assert force(d, w, 1.0) == pytest.approx(float(1000.0 * d + damping * w), rel=1e-14)
-        assert slopes == pytest.approx((1000.0, float(damping), 0.0), rel=1e-14)
-    else:
-        assert (force(d, w, 1.0), *slopes) == (0.0,) * 4
+    for d, w in itertools.product((0.0, -0.2), (-1.0, 0.0, 1.0)):
+        slopes = jax.grad(force, argnums=(0, 1, 2))(d, w, 1.0)
+        if isinstance(law, KelvinVoigt):
+            damping = 2 * law.damping_ratio * np.sqrt(1000.0 * 0.4)
+            assert force(d, w, 1.0) == pytest.approx(float(1000.0 * d + damping * w), rel=1e-14)
+            assert slopes == pytest.approx((1000.0, float(damping), 0.0), rel=1e-14)
+        else:
+            assert (force(d, w, 1.0), *slopes) == (0.0,) * 4
 
 
 @named
 def test_every_derivative_is_finite_at_any_state(law):
-    @jax.jit
-    def slopes(law, mass, *state):
-        return jax.grad(lambda a, m, *s: with_mass(a, m).force(*s), argnums=(0, 1, 2, 3, 4))(
-            law, mass, *state
-        )
+    def force(law, mass, *state):
+        return with_mass(law, mass).force(*state)
 
-    for dtype in (jnp.float32, jnp.float64):
-        for d in (-1.0, 0.0, 1e-30, 1e-3, 10.0):
-            for w in (-2.0, 0.0, 2.0):
-                for v0 in (0.0, 1.0):
-                    for e in (1e-3, 0.5, 1.0):
-                        asked = jax.tree.map(lambda x, e=e: e if x < 1 else x, law)
-                        numbers = jax.tree.map(dtype, (asked, 0.4, d, w, v0))
-                        found = jax.tree.leaves(slopes(*numbers))
-                        assert all(np.isfinite(x) for x in found), (d, w, v0, e)
-                        assert {x.dtype for x in found} == {np.dtype(dtype)}
+    slopes = jax.jit(jax.grad(force, argnums=(0, 1, 2, 3, 4)))
+    states = (-1.0, 0.0, 1e-30, 1e-3, 10.0), (-2.0, 0.0, 2.0), (0.0, 1.0)
+    precisions, restitutions = (jnp.float32, jnp.float64), (1e-3, 0.5, 1.0)
+    for dtype, e, *state in itertools.product(precisions, restitutions, *states):
+        with_e = jax.tree.map(lambda x, e=e: e if x < 1 else x, law)
+        numbers = jax.tree.map(dtype, (with_e, 0.4, *state))
+        derivatives = jax.tree.leaves(slopes(*numbers))
+        assert all(np.isfinite(x) for x in derivatives), (e, state)
+        assert {x.dtype for x in derivatives} == {np.dtype(dtype)}
 
 
 @named
-def test_blocks_that_touch_at_rest_find_the_elastic_force(law):
+def test_a_law_keeps_precision_and_batches_and_is_elastic_where_blocks_touch_at_rest(law):
     if isinstance(law, HertzDamped):
         assert law.force(0.1, 0.3, 0.0) == Hertz(1000.0).force(0.1, 0.3, 0.0)
     else:
         assert law.force(0.1, 0.3, 0.0) == law.force(0.1, 0.3, 2.0)
-
-
-@named
-def test_single_precision_stays_single_precision(law):
     exact = with_mass(law, 0.4).force(0.01, 0.3, 1.0)
     for one in (law, jax.tree.map(np.float32, law)):
         p = with_mass(one, jnp.float32(0.4)).force(*jnp.float32([0.01, 0.3, 1.0]))
         assert p.dtype == jnp.float32
         assert p == pytest.approx(float(exact), rel=1e-5)
-
-
-@named
-def test_a_batch_of_laws_is_each_of_them(law):
     if isinstance(law, Hertz):
         batch = Hertz([500.0, 1000.0, 2000.0])
         each = [Hertz(k) for k in batch.stiffness]
@@ -223,9 +194,6 @@ def test_the_force_itself_is_that_of_effective_mass_1_and_only_kelvin_s_may_pull
     assert [with_mass(law, 0.4) is law for law in (LAWS[0], Hertz(1.0))] == [False, True]
 
 
-# Z of Hertz's law with damping
-
-
 @partial(jax.jit, static_argnames="damping")
 def factor(restitution, damping="exact"):
     return HertzDamped(1.0, restitution, damping).damping_factor
@@ -242,54 +210,37 @@ def equation(z, e):
 NEAR_ONE = [1 - 10.0**-n for n in (2, 4, 8, 12)]
 
 
-@pytest.mark.parametrize("e", [0.001, 0.01, 0.1, 0.2, 0.36, 0.38, 0.5, 0.65, 0.9, *NEAR_ONE])
-def test_the_exact_z_solves_its_equation_to_rounding(e):
-    z = float(factor(e))
-    with localcontext() as context:
-        context.prec = 2000  # 1 − Z e is exp(−1/e)
-        e, root = Decimal(e), Decimal(z)
-        low, high = root * (1 - Decimal("2e-15")), root * (1 + Decimal("2e-15"))
-        assert equation(low, e) > 0
-        assert high * e >= 1 or equation(high, e) < 0
-
-
-def test_the_exact_z_of_full_restitution_is_zero_with_slope_minus_three_halves():
+def test_the_exact_z_solves_its_equation_to_rounding_with_derivatives():
+    for e in (0.001, 0.01, 0.1, 0.2, 0.36, 0.38, 0.5, 0.65, 0.9, *NEAR_ONE):
+        z = float(factor(e))
+        with localcontext() as context:
+            context.prec = 2000  # 1 − Z e is exp(−1/e)
+            e, root = Decimal(e), Decimal(z)
+            low, high = root * (1 - Decimal("2e-15")), root * (1 + Decimal("2e-15"))
+            assert equation(low, e) > 0
+            assert high * e >= 1 or equation(high, e) < 0
     for dtype in (float, jnp.float32):
         assert factor(dtype(1.0)) == 0.0
         assert slope_of(dtype(1.0)) == pytest.approx(-1.5, rel=1e-6)
-
-
-@pytest.mark.parametrize("damping", ["exact", "muthukumar", "ye", "hunt-crossley"])
-def test_the_derivative_of_z_agrees_with_differences_in_both_modes(damping):
-    forward = jax.jit(jax.jacfwd(partial(factor, damping=damping)))
-    for e in (0.001, 0.05, 0.37, 0.65, 0.95):
-        h = 1e-4 * e
-        f = [float(factor(e + i * h, damping)) for i in (-2, -1, 1, 2)]
-        difference = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h)
-        for slope in (slope_of(e, damping=damping), forward(e)):
-            assert slope == pytest.approx(difference, rel=1e-9, abs=1e-15 * f[0] / h)
-
-
-def test_the_second_derivative_of_the_exact_z_agrees_with_differences():
     difference = float(slope_of(0.65 + 1e-5) - slope_of(0.65 - 1e-5)) / 2e-5
     assert jax.jit(jax.grad(slope_of))(0.65) == pytest.approx(difference, rel=1e-8)
-
-
-def test_all_z_but_ye_s_agree_for_small_losses():
-    """To first order in 1 − e; Ye's is larger by 16/15."""
+    # To first order in 1 − e; Ye's is larger by 16/15.
     loss = 1e-6
     for damping, first in (("muthukumar", 1.5), ("ye", 1.6), ("hunt-crossley", 1.5)):
         assert factor(1 - loss, damping) == pytest.approx(first * loss, rel=1e-5)
     assert factor(1 - loss) == pytest.approx(1.5 * loss, rel=1e-5)
+    for damping in ("exact", "muthukumar", "ye", "hunt-crossley"):
+        forward = jax.jit(jax.jacfwd(partial(factor, damping=damping)))
+        for e in (0.001, 0.05, 0.37, 0.65, 0.95):
+            h = 1e-4 * e
+            f = [float(factor(e + i * h, damping)) for i in (-2, -1, 1, 2)]
+            difference = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h)
+            for slope in (slope_of(e, damping=damping), forward(e)):
+                assert slope == pytest.approx(difference, rel=1e-9, abs=1e-15 * f[0] / h)
 
 
-# What is refused
-
-
-@pytest.mark.unchecked
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
+test_a_law_refuses_bad_values = pytest.mark.unchecked(
+    refusals(
         (lambda: Newton(0.0), r"Newton: restitution = 0 must be in \(0, 1\]"),
         (lambda: Newton(1.01), r"Newton: restitution = 1\.01 must be in \(0, 1\]"),
         (lambda: Newton(np.nan), r"Newton: restitution = nan must be in \(0, 1\]"),
@@ -313,31 +264,22 @@ def test_all_z_but_ye_s_agree_for_small_losses():
         (lambda: HertzDamped(1.0, 0.5, ["ye"]), r"HertzDamped: damping = \['ye'\] must be"),
         (lambda: Jankowski(-1.0, 0.5), "Jankowski: stiffness = -1 must be positive and finite"),
         (lambda: Jankowski(1.0, 2.0), "Jankowski: restitution = 2 must be in"),
-    ],
+    )
 )
-def test_a_law_refuses_bad_values(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
 
 
-def test_traced_values_never_raise():
+def test_traced_values_never_raise_and_numbers_are_leaves():
     for law in LAWS:
         for bad in (jnp.nan, -1.0, 0.0):
             made = jax.jit(lambda x, law=law: jax.tree.map(lambda _: x, law))(bad)
             assert type(made) is type(law)
     batch = jax.vmap(lambda e: KelvinVoigt(1.0, e))(jnp.array([0.5, -1.0]))
     np.testing.assert_array_equal(batch.restitution, [0.5, -1.0])
-
-
-def test_numbers_are_leaves_and_what_shapes_the_program_is_not():
     assert jax.tree.leaves(KelvinVoigt(100, 0.5, tension=np.True_)) == [100.0, 0.5]
     soft, hard = HertzDamped(1.0, 0.5, "ye"), HertzDamped(2.0, 0.5, "ye")
     assert jax.tree.structure(soft) == jax.tree.structure(hard)
     assert jax.tree.structure(soft) != jax.tree.structure(HertzDamped(1.0, 0.5))
     assert hash(jax.tree.structure(KelvinVoigt(1.0, 0.5)))
-
-
-# The suggested stiffness
 
 
 def test_a_floor_s_stiffness_is_axial_and_a_storey_s_is_twenty_times_the_stiffer_one():
@@ -348,10 +290,8 @@ def test_a_floor_s_stiffness_is_axial_and_a_storey_s_is_twenty_times_the_stiffer
     np.testing.assert_array_equal(stiffer(jnp.array([3.0, 7.0])), [0.0, 20.0])
 
 
-@pytest.mark.unchecked
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
+test_a_stiffness_is_suggested_in_exactly_one_of_two_ways = pytest.mark.unchecked(
+    refusals(
         ({}, "contact_stiffness: give either modulus, area and length, or storeys"),
         ({"storeys": (1.0, 2.0), "area": 1.0}, "give either"),
         ({"modulus": 1.0, "area": 1.0}, "contact_stiffness: length = None must be a real number"),
@@ -359,8 +299,6 @@ def test_a_floor_s_stiffness_is_axial_and_a_storey_s_is_twenty_times_the_stiffer
         ({"storeys": (1.0, -2.0)}, r"storeys\.1 = -2 must be positive and finite"),
         ({"storeys": (1.0,)}, r"storeys = \(1\.0,\) must be two numbers"),
         ({"storeys": 5.0}, r"storeys = 5\.0 must be two numbers"),
-    ],
+        of=lambda given: jp.contact_stiffness(**given),
+    )
 )
-def test_a_stiffness_is_suggested_in_exactly_one_of_two_ways(given, message):
-    with pytest.raises(ValueError, match=message):
-        jp.contact_stiffness(**given)

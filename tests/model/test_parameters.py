@@ -9,11 +9,11 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.model import parameters
+from tests.refusals import refusals, refused
 from tests.rows import ROW
 
 PAPER = jp.paper.structures()
 STEEL, RUBBER = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.2, 0.1, 2.0)
-
 
 KINDS = {"friction": "force", "links.0.friction": "force", "masses.1": "mass"}
 KINDS["buildings.1.masses.0"] = "mass"
@@ -28,15 +28,12 @@ BUMPER = dataclasses.replace(
 )
 
 
-def test_paths_are_those_of_the_leaves():
+def test_paths_are_those_of_the_leaves_what_bounds_another_first():
     for tree in (PAPER, TOWER, POUNDING, BUMPER):
         leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
         expected = {jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves}
         assert set(parameters.paths(tree)) == expected
     assert parameters.paths(jp.AdjacentStructures) == parameters.paths(PAPER)
-
-
-def test_what_bounds_another_parameter_comes_first_and_alike_ones_stand_together():
     assert parameters.paths(PAPER) == (
         *("rod_1.order", "rod_2.order", "rod_1.tau_f", "rod_2.tau_f", "rod_1.tau_x", "rod_2.tau_x"),
         *("mass_ratio", "stiffness_ratio", "friction", "initial_gap"),
@@ -48,9 +45,8 @@ def test_what_bounds_another_parameter_comes_first_and_alike_ones_stand_together
         assert all(paths.index(low) < paths.index(path) for path, low in bounded.items() if low)
 
 
-@pytest.mark.parametrize(
-    ("tree", "path", "value"),
-    [
+def test_values_are_got_and_put_and_nothing_else_changes():
+    for tree, path, value in (
         (PAPER, "friction", PAPER.friction),
         (PAPER, "rod_2.tau_x", PAPER.rod_2.tau_x),
         (TOWER, "masses.1", 0.5),
@@ -59,37 +55,29 @@ def test_what_bounds_another_parameter_comes_first_and_alike_ones_stand_together
         (TOWER, "links.0.friction", 0.3),
         (POUNDING, "contact.stiffness", 400.0),
         (BUMPER, "links.0.contact.restitution", 0.5),
-    ],
-)
-def test_a_value_is_got_and_put_and_nothing_else_changes(tree, path, value):
-    assert parameters.get(tree, path) == value
-    changed = parameters.put(tree, {path: 0.9 * value})
-    for other in parameters.paths(tree):
-        factor = 0.9 if other == path else 1.0
-        assert parameters.get(changed, other) == factor * parameters.get(tree, other)
-    assert jax.tree.structure(changed) == jax.tree.structure(tree)
+    ):
+        assert parameters.get(tree, path) == value
+        changed = parameters.put(tree, {path: 0.9 * value})
+        for other in parameters.paths(tree):
+            factor = 0.9 if other == path else 1.0
+            assert parameters.get(changed, other) == factor * parameters.get(tree, other)
+        assert jax.tree.structure(changed) == jax.tree.structure(tree)
+    for tau_f in (0.0001, 3.0):
+        values = {"rod_1.tau_f": tau_f, "rod_1.tau_x": 1.5 * tau_f}
+        for given in (values, dict(reversed(values.items()))):
+            rod = parameters.put(PAPER, given).rod_1
+            assert (rod.tau_f, rod.tau_x) == (tau_f, 1.5 * tau_f)
 
 
-@pytest.mark.parametrize("tau_f", [0.0001, 3.0])
-def test_parameters_that_bound_each_other_change_together_in_any_order(tau_f):
-    values = {"rod_1.tau_f": tau_f, "rod_1.tau_x": 1.5 * tau_f}
-    for given in (values, dict(reversed(values.items()))):
-        rod = parameters.put(PAPER, given).rod_1
-        assert (rod.tau_f, rod.tau_x) == (tau_f, 1.5 * tau_f)
-
-
-def test_what_is_put_is_checked_as_it_is_in_any_structures():
+def test_what_is_put_is_checked_or_traced_and_the_rest_stays_itself():
     with pytest.raises(ValueError, match=r"tau_x = 0.001 must be finite and at least tau_f = 0.01"):
         parameters.put(TOWER, {"rods.0.material.tau_x": 0.001})
-    with pytest.raises(ValueError, match=r"masses\.1 = -1 must be positive and finite"):
-        parameters.put(TOWER, {"masses.1": -1})
+    refused(r"masses\.1 = -1 must be positive and finite", parameters.put, TOWER, {"masses.1": -1})
     with pytest.raises(ValueError, match=r"Newton: restitution = 1\.5 must be in \(0, 1\]"):
         parameters.put(BUMPER, {"links.0.contact.restitution": 1.5})
     with pytest.raises(ValueError, match=r"Link: gap = inf must be finite \(contact needs"):
         parameters.put(BUMPER, {"links.0.gap": np.inf})
 
-
-def test_traced_values_are_put_and_differentiated():
     def total(x):
         changed = parameters.put(TOWER, {"rods.1.material.tau_x": x, "masses.0": 2 * x})
         assert parameters.get(changed, "rods.1.material.tau_x") is x
@@ -98,6 +86,10 @@ def test_traced_values_are_put_and_differentiated():
     assert jax.jit(jax.grad(total))(2.5) == 3.0
     batch = jax.vmap(lambda x: parameters.put(TOWER, {"masses.0": x}))(jnp.arange(1.0, 4.0))
     np.testing.assert_array_equal(parameters.get(batch, "masses.0"), [1, 2, 3])
+    changed = parameters.put(TOWER, {"rods.1.stiffness": 2.0})
+    assert changed.rods[0] is TOWER.rods[0]
+    assert changed.rods[1].material is RUBBER
+    assert dataclasses.replace(changed).rods == changed.rods
 
 
 def test_intervals_are_what_a_parameter_may_be_given_the_others():
@@ -122,8 +114,6 @@ def test_intervals_are_what_a_parameter_may_be_given_the_others():
     assert parameters.interval(PAPER, "rod_2.tau_x", others) == (least, np.inf)
     assert parameters.interval(PAPER, "rod_2.tau_f", others) == (least, np.inf)
 
-
-def test_intervals_of_traced_structures_are_traced():
     def ends(tau):
         low = parameters.interval(parameters.put(PAPER, {"rod_1.tau_f": tau}), "rod_1.tau_x")[0]
         high = parameters.interval(PAPER, "rod_1.tau_f", {"rod_1.tau_x": tau})[1]
@@ -132,9 +122,8 @@ def test_intervals_of_traced_structures_are_traced():
     assert jax.jit(ends)(0.3) == (0.3, 0.3)
 
 
-@pytest.mark.parametrize(
-    ("tree", "path", "name"),
-    [
+def test_names_and_kinds_need_no_more_than_the_class_but_a_contact_law_s():
+    for tree, path, name in (
         (PAPER, "friction", r"friction $\mu$"),
         (PAPER, "rod_1.tau_x", r"rod 1: $\bar\tau_x$"),
         (PAPER, "rod_2.order", "rod 2: order"),
@@ -143,27 +132,20 @@ def test_intervals_of_traced_structures_are_traced():
         (TOWER, "rods.1.material.tau_f", r"rod 2: $\bar\tau_f$"),
         (ROW, "buildings.0.rods.1.stiffness", "building 1, storey 2: $K$"),
         (ROW, "buildings.1.masses.0", "building 2, floor 1: $m$"),
-    ],
-)
-def test_names_and_kinds_need_no_more_than_the_class(tree, path, name):
-    for owner in (tree, type(tree)):
-        assert parameters.name(owner, path) == name
-        assert parameters.metadata(owner, path).kind == KINDS.get(path)
-
-
-def test_a_contact_law_s_parameters_are_known_to_the_object_alone():
+    ):
+        for owner in (tree, type(tree)):
+            assert parameters.name(owner, path) == name
+            assert parameters.metadata(owner, path).kind == KINDS.get(path)
     for tree, path, name, kind in (
         (POUNDING, "contact.stiffness", "contact: $k$", "stiffness"),
         (BUMPER, "links.0.contact.restitution", "link 1, contact: $e$", None),
     ):
         assert parameters.name(tree, path) == name
         assert parameters.metadata(tree, path).kind == kind
-        with pytest.raises(ValueError, match=f"unknown path '{path}'"):
-            parameters.metadata(type(tree), path)
+        refused(f"unknown path '{path}'", parameters.metadata, type(tree), path)
     soft = dataclasses.replace(PAPER, contact=jp.Hertz(1e4))
     assert parameters.metadata(soft, "contact.stiffness").kind == "hertz stiffness"
-    with pytest.raises(ValueError, match=r"unknown path 'contact\.restitution'"):
-        parameters.get(soft, "contact.restitution")
+    refused(r"unknown path 'contact\.restitution'", parameters.get, soft, "contact.restitution")
 
 
 def test_a_pattern_stands_for_all_paths_that_it_matches():
@@ -176,34 +158,23 @@ def test_a_pattern_stands_for_all_paths_that_it_matches():
         ("links.*.friction", ["links.0.friction", "links.1.friction"]),
     ):
         assert parameters.expanded("owner", ROW, {pattern: 1.0}) == dict.fromkeys(matched, 1.0)
-    assert parameters.expanded("owner", PAPER, {"rod_*.order": 1}) == {
-        "rod_1.order": 1,
-        "rod_2.order": 1,
-    }
+    orders = dict.fromkeys(("rod_1.order", "rod_2.order"), 1)
+    assert parameters.expanded("owner", PAPER, {"rod_*.order": 1}) == orders
     both = {"links.1.friction": 2.0, "links.*.friction": 1.0}
-    for given in (both, dict(reversed(both.items()))):
-        assert parameters.expanded("owner", ROW, given) == {
-            "links.0.friction": 1.0,
-            "links.1.friction": 2.0,
-        }
+    frictions = {"links.0.friction": 1.0, "links.1.friction": 2.0}
+    for values in (both, dict(reversed(both.items()))):
+        assert parameters.expanded("owner", ROW, values) == frictions
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (
-            ["links.*.frction"],
-            r"no path matches 'links\.\*\.frction'; did you mean 'links\.\*\.f",
-        ),
-        (["links.7*.gap"], r"no path matches 'links\.7\*\.gap'; did you mean 'links\.\*\.gap'"),
-        (["*"], r"no path matches '\*'; allowed: buildings\.\*\.rods\.\*\.material\.order, "),
-        (["links.*.gap", "links.0.*"], r"'links\.\*\.gap' and 'links\.0\.\*' must not both match"),
-        (["links.2.gap"], r"unknown path 'links\.2\.gap'; did you mean 'links\.1\.gap'"),
-    ],
+test_patterns_that_match_nothing_or_twice_are_named = refusals(
+    (["links.*.frction"], r"no path matches 'links\.\*\.frction'; did you mean 'links\.\*\.f"),
+    (["links.7*.gap"], r"no path matches 'links\.7\*\.gap'; did you mean 'links\.\*\.gap'"),
+    (["*"], r"no path matches '\*'; allowed: buildings\.\*\.rods\.\*\.material\.order, "),
+    (["links.*.gap", "links.0.*"], r"'links\.\*\.gap' and 'links\.0\.\*' must not both match"),
+    (["links.2.gap"], r"unknown path 'links\.2\.gap'; did you mean 'links\.1\.gap'"),
+    of=lambda given: parameters.expanded("owner", ROW, dict.fromkeys(given, 1.0)),
+    before="^owner: ",
 )
-def test_patterns_that_match_nothing_or_twice_are_named(given, message):
-    with pytest.raises(ValueError, match=f"^owner: {message}"):
-        parameters.expanded("owner", ROW, dict.fromkeys(given, 1.0))
 
 
 def test_an_unknown_path_is_told_with_what_was_meant():
@@ -215,22 +186,18 @@ def test_an_unknown_path_is_told_with_what_was_meant():
         lambda path: parameters.metadata(jp.AdjacentStructures, path),
     )
     for call in calls:
-        with pytest.raises(ValueError, match="unknown path 'frction'; did you mean 'friction'"):
-            call("frction")
+        refused("unknown path 'frction'; did you mean 'friction'", call, "frction")
         for path in ("rod_1", "rod_1.natural_frequency", "rods.0.tau_x", "friction.0", ""):
-            with pytest.raises(ValueError, match=f"unknown path '{path}'"):
-                call(path)
-    with pytest.raises(ValueError, match=r"unknown path 'zeta'; allowed: rod_1\.order, "):
-        parameters.get(PAPER, "zeta")
+            refused(f"unknown path '{path}'", call, path)
+    refused(r"unknown path 'zeta'; allowed: rod_1\.order, ", parameters.get, PAPER, "zeta")
     with pytest.raises(ValueError, match=r"unknown path 'rods\.2\.stiffness'; did you mean 'rods"):
         parameters.get(TOWER, "rods.2.stiffness")
 
 
-def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
-    uncertain = jp.UncertainStructures(
-        TOWER,
-        {"rods.1.material.tau_x": jp.Uniform(0.5, 3.0), "rods.1.material.tau_f": jp.Normal(1, 0.3)},
-    )
+def test_parameters_of_any_structures_may_be_random_chosen_or_elastic():
+    tau_x, tau_f = jp.Uniform(0.5, 3.0), jp.Normal(1, 0.3)
+    of_rod = {"rods.1.material.tau_x": tau_x, "rods.1.material.tau_f": tau_f}
+    uncertain = jp.UncertainStructures(TOWER, of_rod)
     for z in np.random.default_rng(0).normal(size=(20, 2)):
         material = uncertain.draw(z).rods[1].material
         assert 0 < material.tau_f <= material.tau_x <= 3
@@ -250,19 +217,8 @@ def test_a_random_or_chosen_parameter_may_be_in_any_nesting():
     with pytest.raises(ValueError, match=r"masses\.1 must not be both chosen and uncertain"):
         space.require_certain("owner", ["masses.1"])
     space.require_certain("owner", ["rods.1.material.tau_f"])
-
-
-def test_objects_without_a_changed_parameter_stay_themselves():
-    changed = parameters.put(TOWER, {"rods.1.stiffness": 2.0})
-    assert changed.rods[0] is TOWER.rods[0]
-    assert changed.rods[1].material is RUBBER
-    assert dataclasses.replace(changed).rods == changed.rods
-
-
-def test_elasticities_are_those_of_any_structures():
-    found = jp.elasticities(
-        TOWER, jp.paper.ground(), jp.TimeGrid(0.05, 40), demand="peak_acceleration_1"
-    )
+    grid, demand = jp.TimeGrid(0.05, 40), "peak_acceleration_1"
+    found = jp.elasticities(TOWER, jp.paper.ground(), grid, demand=demand)
     assert tuple(found.parameters) == parameters.paths(TOWER)
     assert all(np.isfinite(x) for x in found.values.values())
     assert found.values["rods.0.stiffness"] != 0

@@ -1,5 +1,7 @@
 """Storeys, rows and links between floors: what they are as systems, and what they refuse."""
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 import jaxpound as jp
 from jaxpound import FloorLink, Rod, Row, Storeys
 from jaxpound.model import parameters
+from tests.refusals import refusals, refused
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 ROD = Rod(STEEL, 5.0)
@@ -14,7 +17,7 @@ HIGH = Storeys((1.0, 0.9, 0.8), ROD)
 LOW = Storeys((1.2, 1.1), (Rod(STEEL, 4.0), Rod(STEEL, 3.0, (1, 0))))
 
 
-def test_a_row_is_its_system():
+def test_a_row_is_its_system_and_a_pytree_whose_numbers_are_leaves():
     links = (
         FloorLink(0, 1, friction=0.1, gap=0.3),
         FloorLink(0, 2, next_floor=1, gap=0.2, contact=jp.Newton(0.6)),
@@ -30,109 +33,6 @@ def test_a_row_is_its_system():
     assert system.links[1].contact == links[1].contact
     # The checks of a system find nothing to complain of.
     jp.System(system.masses, system.rods, system.links[:2])
-
-
-def test_common_floors_are_those_of_one_number_or_one_height():
-    assert [(x.floor, x.other_floor) for x in jp.floor_links((HIGH, LOW))] == [(0, 0), (1, 1)]
-    three = jp.ShearBuilding.from_period(3, 1e5, 0.4, 0.05, height=3.0)
-    two = jp.ShearBuilding(three.storeys[:2], (6.1, 3.0))  # floors at 6.1 m and 9.1 m
-    assert [(x.floor, x.other_floor) for x in jp.floor_links((three, two))] == [(1, 0), (2, 1)]
-    model = jp.ShearBuilding(three.storeys, 0.1)  # of a shaking table: no slab is 0.2 m there
-    assert len(jp.floor_links((model, model))) == 3
-    shifted = jp.ShearBuilding(three.storeys, (4.5, 3.0, 3.0))
-    with pytest.raises(ValueError, match="buildings 1 and 2 must have floors at the same height"):
-        jp.floor_links((three, shifted))
-    with pytest.raises(ValueError, match="1 of them, must be two or more"):
-        jp.floor_links((three,))
-
-
-def test_links_of_one_gap_are_those_of_its_buildings():
-    three = (HIGH, LOW, HIGH)
-    dampers = jp.floor_links(three, building=0, friction=0.1)
-    links = dampers + jp.floor_links(three, building=1, gap=0.2)
-    assert [str(link) for link in links] == [str(link) for link in jp.floor_links(three)]
-    assert [float(link.friction) for link in links] == [0.1, 0.1, 0.0, 0.0]
-    for building in (2, -1, 1.0, (0, 1)):
-        with pytest.raises(ValueError, match=r"building = .* must be from 0 to 1, a building with"):
-            jp.floor_links(three, building=building)
-
-
-@pytest.mark.parametrize(
-    ("links", "message"),
-    [
-        ((FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
-        (
-            (FloorLink(0, 2),),
-            r"links.0: next_floor = 2 must be from 0 to 1: building 2 has 2 floors",
-        ),
-        ((FloorLink(1, 0),), "links.0: next_building = 2 must be from 0 to 1"),
-        ((FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
-        (
-            (FloorLink(1, 0, next_building=0),),
-            r"next_building = 0 must be 2 \(to the right\), 1 itself or the ground",
-        ),
-        (
-            (FloorLink(0, 1, next_floor=1, next_building=0),),
-            "in 1, floor 2 must be two different floors",
-        ),
-        (
-            (FloorLink(0, 0), FloorLink(0, 1), FloorLink(0, 1)),
-            "links.2 \\(1–2, floor 2\\) must not stand where "
-            "links.1 does: one link has friction, gap and contact",
-        ),
-        (
-            (
-                FloorLink(0, 0),
-                FloorLink(0, 0, next_floor=1),
-                FloorLink(0, 1, 0),
-                FloorLink(0, 1),
-            ),
-            "links.3 \\(1–2, floor 2\\) must not close a ring",
-        ),
-    ],
-)
-def test_links_that_cannot_be_are_refused(links, message):
-    with pytest.raises(ValueError, match=message):
-        Row((HIGH, LOW), links)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: FloorLink(0, -1), "FloorLink: floor = -1 must be a whole number from 0 on"),
-        (lambda: FloorLink(True, 0), "building = True must be a whole number"),
-        (lambda: FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
-        (lambda: FloorLink(0, 0, gap=-0.1), "1–2, floor 1: gap = -0.1 must be not neg"),
-        (
-            lambda: FloorLink(0, 0, next_floor=3, next_building=jp.GROUND),
-            "next_floor = 3 must be left out: the other end is the ground",
-        ),
-        (
-            lambda: FloorLink(0, 0, next_floor=jp.GROUND, next_building=5),
-            "next_building = 5 must be left out",
-        ),
-        (lambda: Storeys((1.0,), STEEL), "rods of type ZenerRod must be a Rod, or a tuple"),
-        (lambda: jp.floor_links((HIGH, jp.Building(1.0, 1.0, 1.0, 1.0, 1.0))), r"buildings.1"),
-        (lambda: FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
-        (lambda: FloorLink(0, 0, contact=jp.Newton(0.5)), "gap = inf must be finite"),
-        (lambda: Storeys((), ()), r"masses = \(\) must hold at least one floor"),
-        (lambda: Storeys((1.0, 1.0), (ROD,)), "rods, 1 of them, must be one for each of the 2"),
-        (lambda: Storeys((1.0, -1.0), ROD), "Storeys: masses.1 = -1 must be positive"),
-        (
-            lambda: Storeys((1.0,), (Rod(STEEL, 1.0, (0, 1)),)),
-            r"rods.0.ends = \(0, 1\) must be left out, or those of its storey",
-        ),
-        (lambda: Row(()), r"buildings = \(\) must hold at least one building"),
-        (lambda: Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
-        (lambda: jp.System((1.0,), (ROD,)), "rods.0.ends = None must be two masses, or GROUND"),
-    ],
-)
-def test_bad_input(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
-def test_a_row_is_a_pytree_whose_numbers_are_leaves_with_paths():
     row = Row((HIGH, LOW), jp.floor_links((HIGH, LOW), friction=0.1, gap=0.3))
     batch = jax.tree.map(lambda x: np.stack([x, x]), row)
     assert isinstance(batch, Row)
@@ -143,3 +43,66 @@ def test_a_row_is_a_pytree_whose_numbers_are_leaves_with_paths():
     assert changed.system().rods[3].stiffness == 7.0
     assert [link.gap for link in changed.system().links] == [0.3, 0.5]
     assert "buildings.0.masses.2" in parameters.paths(row)
+
+
+def test_common_floors_are_those_of_one_number_or_one_height_and_have_links_of_one_gap():
+    assert [(x.floor, x.other_floor) for x in jp.floor_links((HIGH, LOW))] == [(0, 0), (1, 1)]
+    three = jp.ShearBuilding.from_period(3, 1e5, 0.4, 0.05, height=3.0)
+    two = jp.ShearBuilding(three.storeys[:2], (6.1, 3.0))  # floors at 6.1 m and 9.1 m
+    assert [(x.floor, x.other_floor) for x in jp.floor_links((three, two))] == [(1, 0), (2, 1)]
+    model = jp.ShearBuilding(three.storeys, 0.1)  # of a shaking table: no slab is 0.2 m there
+    assert len(jp.floor_links((model, model))) == 3
+    shifted = jp.ShearBuilding(three.storeys, (4.5, 3.0, 3.0))
+    with pytest.raises(ValueError, match="buildings 1 and 2 must have floors at the same height"):
+        jp.floor_links((three, shifted))
+    refused("1 of them, must be two or more", jp.floor_links, (three,))
+    three = (HIGH, LOW, HIGH)
+    dampers = jp.floor_links(three, building=0, friction=0.1)
+    links = dampers + jp.floor_links(three, building=1, gap=0.2)
+    assert [str(link) for link in links] == [str(link) for link in jp.floor_links(three)]
+    assert [float(link.friction) for link in links] == [0.1, 0.1, 0.0, 0.0]
+    for building in (2, -1, 1.0, (0, 1)):
+        with pytest.raises(ValueError, match=r"building = .* must be from 0 to 1, a building with"):
+            jp.floor_links(three, building=building)
+
+
+LOWEST, LEVEL = FloorLink(0, 0), FloorLink(0, 1)
+UPWARDS, DOWN = FloorLink(0, 0, next_floor=1), FloorLink(0, 1, 0)
+LEFTWARDS, TO_ITSELF = FloorLink(1, 0, next_building=0), FloorLink(0, 1, 1, next_building=0)
+TO_GROUND, TIE = partial(FloorLink, next_building=jp.GROUND), Rod(STEEL, 1.0, (0, 1))
+
+test_links_that_cannot_be_are_refused = refusals(
+    ((FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
+    ((FloorLink(0, 2),), r"links.0: next_floor = 2 must be from 0 to 1: building 2 has 2 floors"),
+    ((FloorLink(1, 0),), "links.0: next_building = 2 must be from 0 to 1"),
+    ((FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
+    ((LEFTWARDS,), r"next_building = 0 must be 2 \(to the right\), 1 itself or the ground"),
+    ((TO_ITSELF,), "in 1, floor 2 must be two different floors"),
+    (
+        (LOWEST, LEVEL, LEVEL),
+        r"links.2 \(1–2, floor 2\) must not stand where links.1 does: one link has friction, gap "
+        "and contact",
+    ),
+    ((LOWEST, UPWARDS, DOWN, LEVEL), r"links.3 \(1–2, floor 2\) must not close a ring"),
+    of=lambda links: Row((HIGH, LOW), links),
+)
+
+test_bad_input = refusals(
+    (lambda: FloorLink(0, -1), "FloorLink: floor = -1 must be a whole number from 0 on"),
+    (lambda: FloorLink(True, 0), "building = True must be a whole number"),
+    (lambda: FloorLink(0, 0, next_floor=-2), "next_floor = -2 .* or GROUND"),
+    (lambda: FloorLink(0, 0, gap=-0.1), "1–2, floor 1: gap = -0.1 must be not neg"),
+    (TO_GROUND, 0, 0, 3, "next_floor = 3 must be left out: the other end is the ground"),
+    (lambda: FloorLink(0, 0, jp.GROUND, next_building=5), "next_building = 5 must be left out"),
+    (lambda: Storeys((1.0,), STEEL), "rods of type ZenerRod must be a Rod, or a tuple"),
+    (lambda: jp.floor_links((HIGH, jp.Building(1.0, 1.0, 1.0, 1.0, 1.0))), r"buildings.1"),
+    (lambda: FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
+    (lambda: FloorLink(0, 0, contact=jp.Newton(0.5)), "gap = inf must be finite"),
+    (lambda: Storeys((), ()), r"masses = \(\) must hold at least one floor"),
+    (lambda: Storeys((1.0, 1.0), (ROD,)), "rods, 1 of them, must be one for each of the 2"),
+    (lambda: Storeys((1.0, -1.0), ROD), "Storeys: masses.1 = -1 must be positive"),
+    (Storeys, (1.0,), (TIE,), r"rods.0.ends = \(0, 1\) must be left out, or those of its storey"),
+    (lambda: Row(()), r"buildings = \(\) must hold at least one building"),
+    (lambda: Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
+    (lambda: jp.System((1.0,), (ROD,)), "rods.0.ends = None must be two masses, or GROUND"),
+)

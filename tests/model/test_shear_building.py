@@ -7,9 +7,10 @@ import pytest
 import jaxpound as jp
 from jaxpound import FloorLink, ShearBuilding
 from tests import linear
+from tests.refusals import refusals
 
 
-def test_the_first_mode_has_the_period_and_damping_asked_for():
+def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a_building():
     for taper in (1.0, 0.4):
         building = ShearBuilding.from_period(6, 2e5, 0.8, 0.04, order=0.4, taper=taper)
         modes = building.modes()
@@ -18,9 +19,6 @@ def test_the_first_mode_has_the_period_and_damping_asked_for():
         stiffnesses = np.array([storey.stiffness for storey in building.storeys])
         np.testing.assert_allclose(np.diff(stiffnesses, 2) / stiffnesses[0], 0, atol=1e-12)
         assert stiffnesses[-1] == pytest.approx(taper * stiffnesses[0])
-
-
-def test_one_storey_is_a_building():
     storey = ShearBuilding.from_period(1, 5e5, 0.9, 0.05).storeys[0]
     block = jp.Building.from_period(5e5, 0.9, 0.05)
     assert vars(storey) == pytest.approx(vars(block), rel=1e-14)
@@ -30,17 +28,16 @@ def test_one_storey_is_a_building():
     assert modes.damping_ratios[0] == pytest.approx(float(block.damping_ratio), rel=1e-8)
 
 
-@pytest.mark.parametrize("orders", [(1.0, 1.0, 1.0), (0.5, 0.7, 0.5)])
-def test_free_vibrations_are_the_eigenvalues_of_the_relaxation_spectrum(orders):
-    rods = tuple(jp.Rod(jp.ZenerRod(order, 0.02, 0.08), 10.0 - i) for i, order in enumerate(orders))
-    building = jp.Storeys((1.0, 0.9, 0.7), rods)
-    known = linear.vibrations(building.system())
-    found = jp.modes(building).eigenvalues
-    np.testing.assert_allclose(found, known, rtol=1e-10 if orders[0] == 1 else 2e-4)
-
-
-def test_kelvin_voigt_rods_in_proportion_have_the_modes_of_textbooks():
-    """ω_j = 2 √(k/m) sin((2j − 1)π/(4n + 2)) and ζ_j = c ω_j / (2 k) (τ_f is not quite 0)."""
+def test_free_vibrations_are_those_of_spectra_and_of_textbooks_wherever_damping_sits():
+    for orders in ((1.0, 1.0, 1.0), (0.5, 0.7, 0.5)):
+        rods = tuple(
+            jp.Rod(jp.ZenerRod(order, 0.02, 0.08), 10.0 - i) for i, order in enumerate(orders)
+        )
+        building = jp.Storeys((1.0, 0.9, 0.7), rods)
+        known = linear.vibrations(building.system())
+        found = jp.modes(building).eigenvalues
+        np.testing.assert_allclose(found, known, rtol=1e-10 if orders[0] == 1 else 2e-4)
+    # ω_j = 2 √(k/m) sin((2j − 1)π/(4n + 2)) and ζ_j = c ω_j / (2 k) (τ_f is not quite 0).
     n, c = 5, 0.01
     law = jp.ZenerRod(1.0, 1e-9, c)
     modes = jp.modes(jp.Storeys((1.0,) * n, jp.Rod(law, 100.0)))
@@ -55,10 +52,7 @@ def test_kelvin_voigt_rods_in_proportion_have_the_modes_of_textbooks():
     shape = np.sin((np.arange(n) + 1) * np.pi / (2 * n + 1))
     np.testing.assert_allclose(modes.shapes[:, 0].real, shape / shape.max(), rtol=1e-6)
     assert "frequency (ω1)  period (1/ω1)" in str(modes)
-
-
-def test_modes_keep_their_definition_where_damping_sits_in_one_storey():
-    """The real part of an eigenvalue is then below that of the stiffness alone."""
+    # The real part of an eigenvalue is then below that of the stiffness alone.
     elastic, damped = (jp.ZenerRod(1.0, 1e-9, tau) for tau in (1e-6, 0.2))
     rods = [jp.Rod(damped if i == 1 else elastic, 1.0) for i in range(5)]
     modes = jp.modes(jp.Storeys((1.0,) * 5, tuple(rods)))
@@ -79,10 +73,7 @@ def test_a_mode_that_only_creeps_has_no_free_vibration():
     assert modes.damping_ratios[1] > 1
     assert np.isnan(modes.eigenvalues).tolist() == [False, True]
     assert building.natural_period == pytest.approx(modes.periods[0], rel=1e-12)
-
-
-def test_heights_do_not_enter_the_motion():
-    """A building is differentiated by its masses and rods, whatever its heights."""
+    # A building is differentiated by its masses and rods, whatever its heights.
     low = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
     link = FloorLink(0, 1, gap=0.1)
 
@@ -94,7 +85,7 @@ def test_heights_do_not_enter_the_motion():
     assert slopes.heights == low.heights
 
 
-def test_published_buildings_have_their_periods():
+def test_published_buildings_and_si_units():
     """Chopra's frame: T = 2 s; its higher periods are shorter by the rods' stiffening."""
     periods = ShearBuilding.published("chopra-5").modes().periods
     assert periods[0] == pytest.approx(2.0, rel=1e-3)
@@ -102,9 +93,6 @@ def test_published_buildings_have_their_periods():
     for name, period in (("jankowski-left", 1.2), ("jankowski-right", 0.3)):
         building = ShearBuilding.published(name)
         assert building.modes().periods[0] == pytest.approx(period, rel=1e-3)
-
-
-def test_si_units_and_back():
     left = ShearBuilding.from_period(2, 3e5, 0.4, 0.05)
     right = jp.Building.from_period(4e5, 0.5, 0.05)
     law = jp.KelvinVoigt(5e9, 0.65)
@@ -131,60 +119,31 @@ def test_si_units_and_back():
 
 LOW = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
 SHIFTED = ShearBuilding(LOW.storeys, (4.0, 3.0))
+BY_PERIOD, OF_STOREYS = ShearBuilding.from_period, ShearBuilding.of_storeys
+ROW, ROD, HIGH, OWNER = jp.dimensionless_row, (0.5, 0.1, 0.2), (FloorLink(0, 2),), "ShearBuilding."
 
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
-        (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, as storeys"),
-        (lambda: ShearBuilding(LOW.storeys, -3.0), "heights.0 = -3 must be positive"),
-        (
-            lambda: ShearBuilding.of_storeys([1.0, 2.0], [1.0, 1.0, 1.0], 0.5, 0.1, 0.2),
-            "stiffnesses, 3 of them, must be 2, as masses, or one",
-        ),
-        (
-            lambda: ShearBuilding.of_storeys([1.0, -2.0], 1.0, 0.5, 0.1, 0.2),
-            "of_storeys: storeys.1: mass = -2 must be positive",
-        ),
-        (lambda: ShearBuilding.from_period(0, 1.0, 1.0, 0.05), "n_storeys = 0 must be"),
-        (
-            lambda: ShearBuilding.from_period(2, [1.0, 2.0], 0.5, 0.05),
-            r"storey_mass = \[1.0, 2.0\] must be one number, that of",
-        ),
-        (
-            lambda: ShearBuilding.from_period(2, 1.0, 1.0, 0.9),
-            "ShearBuilding.from_period: damping_ratio = 0.9 must be below what a rod",
-        ),
-        (
-            lambda: ShearBuilding.from_period(2, 1.0, 1.0, 0.05, taper=-1.0),
-            "taper = -1 must be positive",
-        ),
-        (lambda: ShearBuilding.published("chopra"), "unknown name 'chopra'"),
-        (
-            lambda: jp.dimensionless_row((LOW, SHIFTED), (FloorLink(0, 0),)),
-            "links.0: 1–2, floor 1, at 3 m and 4 m, must be at",
-        ),
-        (
-            lambda: jp.dimensionless_row((LOW, LOW), (FloorLink(0, 2),)),
-            "links.0: floor = 2 must be from 0 to 1: building 1 has 2 floors",
-        ),
-        (lambda: jp.dimensionless_row((LOW, 3.0)), "buildings.1 = 3.0 must be"),
-        (lambda: jp.modes(3.0), "modes: structures = 3.0 must be"),
-        (lambda: jp.modes(LOW), r"structures in SI units have a method of their own"),
-    ],
+test_bad_input = refusals(
+    (lambda: ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
+    (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, as storeys"),
+    (lambda: ShearBuilding(LOW.storeys, -3.0), "heights.0 = -3 must be positive"),
+    (OF_STOREYS, [1, 2], [1] * 3, *ROD, "stiffnesses, 3 of them, must be 2, as masses, or one"),
+    (OF_STOREYS, [1.0, -2.0], 1.0, *ROD, "of_storeys: storeys.1: mass = -2 must be positive"),
+    (BY_PERIOD, 0, 1.0, 1.0, 0.05, "n_storeys = 0 must be"),
+    (BY_PERIOD, 2, [1.0, 2], 0.5, 0.05, r"storey_mass = \[1.0, 2\] must be one number, that of"),
+    (BY_PERIOD, 2, 1, 1, 0.9, f"{OWNER}from_period: damping_ratio = 0.9 must be below what a rod"),
+    (lambda: BY_PERIOD(2, 1.0, 1.0, 0.05, taper=-1.0), "taper = -1 must be positive"),
+    (lambda: ShearBuilding.published("chopra"), "unknown name 'chopra'"),
+    (ROW, (LOW, SHIFTED), (FloorLink(0, 0),), "links.0: 1–2, floor 1, at 3 m and 4 m, must be at"),
+    (ROW, (LOW, LOW), HIGH, "links.0: floor = 2 must be from 0 to 1: building 1 has 2 floors"),
+    (ROW, (LOW, 3.0), "buildings.1 = 3.0 must be"),
+    (lambda: jp.modes(3.0), "modes: structures = 3.0 must be"),
+    (lambda: jp.modes(LOW), r"structures in SI units have a method of their own"),
 )
-def test_bad_input(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
 
 
-def test_floors_at_other_heights_are_linked_where_it_is_said():
+def test_floors_at_other_heights_are_linked_where_it_is_said_and_tall_buildings_shown_in_short():
     row, _ = jp.dimensionless_row((LOW, SHIFTED), (FloorLink(0, 0, next_floor=0),))
     assert row.system().links[0].ends == (0, 2)
-
-
-def test_a_tall_building_and_a_row_of_many_are_shown_on_a_few_lines():
     building = ShearBuilding.from_period(20, 2e5, 2.0, 0.05)
     assert "<18 more>, Building(mass=200000, " in repr(building)
     row, _ = jp.dimensionless_row((building,) * 4, jp.floor_links((building,) * 4, gap=0.1))

@@ -8,6 +8,7 @@ from scipy.special import ndtr, ndtri
 
 import jaxpound as jp
 from jaxpound.reliability.run import event_of
+from tests.refusals import refused
 
 KEYS = range(10)
 
@@ -119,14 +120,19 @@ def is_right(event, probability):
     return abs(event.probability / probability - 1) < 3 * event.cov
 
 
+def assert_sampled(event, state):
+    """The event of a state is right, and has nothing to warn of."""
+    assert is_right(event, state.probability)
+    assert event.warnings == ()
+    assert event.method.startswith("importance sampling")
+
+
 @pytest.mark.parametrize(("state", "points"), [(Samples(), 60), (Unlikely(), 1)])
 def test_nothing_is_hidden(state, points):
     """Of eighty ways to fail, and of one that is out of reach: nothing is said of either."""
     for key in KEYS:
         event = event_of(state, key=key, progress=False)
-        assert is_right(event, state.probability)
-        assert event.warnings == ()
-        assert event.method.startswith("importance sampling")
+        assert_sampled(event, state)
         assert len(event.design_points) > points
 
 
@@ -138,9 +144,7 @@ def test_a_start_does_not_vouch_for_its_points():
     few = {name: getattr(cold, name)[:10] for name in ("design_points", "instants", "series")}
     for event in (warm, event_of(Samples(), start=replace(cold, **few), progress=False)):
         assert len(event.design_points) > 60
-        assert is_right(event, Samples.probability)
-        assert event.method.startswith("importance sampling")
-        assert event.warnings == ()
+        assert_sampled(event, Samples)
 
 
 def test_overlaps_lead_to_impacts():
@@ -172,24 +176,19 @@ def test_failures_in_a_direction_without_a_slope(state):
 
 def test_no_design_point_is_no_bound():
     state, words = Beyond(), "gradients must lead to the limit state"
+    by_points = {"method": "design points", "progress": False}
     for unreached in (state, Impacts(5000.0)):
-        with pytest.raises(ValueError, match=f"{words}, but none of"):
-            event_of(unreached, method="design points", progress=False)
+        refused(f"{words}, but none of", event_of, unreached, **by_points)
     event = event_of(state, progress=False)
     assert event.method.startswith("no gradients lead to the limit state: subset simulation")
     assert is_right(event, state.probability)
 
 
-@pytest.mark.parametrize(
-    ("method", "words"),
-    [
-        ("design points", ["compiling the runs", "compiling the gradients", "P = "]),
-        ("subset", ["compiling the runs", "P = "]),
-    ],
-)
-def test_a_bar_says_what_is_compiled(method, words, capsys):
-    event_of(Unlikely(), method=method, cov=0.5)
-    screen = capsys.readouterr().err
-    places = [screen.find(one) for one in words]
-    assert places == sorted(places)
-    assert places[0] >= 0
+def test_a_bar_says_what_is_compiled(capsys):
+    compiled = "compiling the runs", "compiling the gradients", "P = "
+    for method, words in (("design points", compiled), ("subset", compiled[::2])):
+        event_of(Unlikely(), method=method, cov=0.5)
+        screen = capsys.readouterr().err
+        places = [screen.find(x) for x in words]
+        assert places == sorted(places)
+        assert places[0] >= 0

@@ -20,14 +20,16 @@ def row():
     return jp.Row((left, right), jp.floor_links((left, right), friction=0.1, gap=1.0)).system()
 
 
-def test_positions_at_an_instant_are_those_of_the_run():
-    grid = jp.TimeGrid.until(6.0, dt=0.04)
-    structures, ground = jp.paper.structures(), jp.paper.ground()
-    response, system = jp.simulate(structures, ground, grid), structures.system()
+PAPER, GROUND, SCHEME = jp.paper.structures(), jp.paper.ground(), jp.Scheme()
+GRID = jp.TimeGrid.until(6.0, dt=0.04)
+
+
+def test_positions_at_an_instant_are_those_of_the_run_with_their_gradients():
+    response, system = jp.simulate(PAPER, GROUND, GRID), PAPER.system()
     (closing,) = series_of(system, "required_gap", pounding=False)
     (pounding,) = series_of(system, "required_gap", pounding=True)
     for instant in (0, 17, 60):
-        positions = observed_at(POSITIONS, structures, ground, grid, jp.Scheme(), instant)
+        positions = observed_at(POSITIONS, PAPER, GROUND, GRID, SCHEME, instant)
         x = [float(mass.x[instant]) for mass in response.masses]
         gap = float(response.links[0].gap[instant])
         assert [*map(float, positions[:2])] == pytest.approx(x, abs=1e-12)
@@ -35,65 +37,49 @@ def test_positions_at_an_instant_are_those_of_the_run():
             at_instant = measured("length", series.row, positions, system)
             assert float(at_instant) == pytest.approx(value, abs=1e-12)
 
+    def closing_of(amplitude):
+        return observed_at(POSITIONS, PAPER, amplitude * GROUND, GRID, SCHEME, 112)[2]
 
-@pytest.mark.parametrize(
-    ("observer", "series_of_all"),
-    [
-        (ACCELERATIONS, lambda response: response.absolute_accelerations),
-        (ROD_FORCES, lambda response: [rod.force for rod in response.rods]),
-    ],
-)
-def test_accelerations_and_forces_at_an_instant_are_those_of_the_run(observer, series_of_all):
-    """With a contact force among them, and without."""
-    grid = jp.TimeGrid.until(6.0, dt=0.04)
-    law = jp.KelvinVoigt(50.0, 0.6)
-    structures = dataclasses.replace(jp.paper.structures(), initial_gap=0.05, contact=law)
-    response = jp.simulate(structures, jp.paper.ground(), grid)
-    meets = int(np.argmax(response.links[0].contact))
-    assert response.links[0].contact[meets] > 0
-    for instant in (17, meets):
-        observed = observed_at(observer, structures, jp.paper.ground(), grid, jp.Scheme(), instant)
-        expected = [float(series[instant]) for series in series_of_all(response)]
-        assert [*map(float, observed)] == pytest.approx(expected, abs=1e-12)
-
-
-def test_the_gradient_of_a_closing_is_that_of_its_difference():
-    grid = jp.TimeGrid.until(6.0, dt=0.1)
-
-    def closing(amplitude):
-        ground = amplitude * jp.paper.ground()
-        return observed_at(POSITIONS, jp.paper.structures(), ground, grid, jp.Scheme(), 45)[2]
-
-    slope, secant = jax.grad(closing)(1.5), (closing(1.5001) - closing(1.4999)) / 2e-4
+    slope, secant = jax.grad(closing_of)(1.5), (closing_of(1.5001) - closing_of(1.4999)) / 2e-4
     assert float(slope) == pytest.approx(float(secant), rel=1e-6)
     assert abs(slope) > 0.01
 
 
-def test_series_of_a_row():
+def test_accelerations_and_forces_at_an_instant_are_those_of_the_run():
+    """With a contact force among them, and without."""
+    law = jp.KelvinVoigt(50.0, 0.6)
+    structures = dataclasses.replace(PAPER, initial_gap=0.05, contact=law)
+    response = jp.simulate(structures, GROUND, GRID)
+    meets = int(np.argmax(response.links[0].contact))
+    assert response.links[0].contact[meets] > 0
+    forces = [rod.force for rod in response.rods]
+    for observer, run in ((ACCELERATIONS, response.absolute_accelerations), (ROD_FORCES, forces)):
+        for instant in (17, meets):
+            observed = observed_at(observer, structures, GROUND, GRID, SCHEME, instant)
+            expected = [float(series[instant]) for series in run]
+            assert [*map(float, observed)] == pytest.approx(expected, abs=1e-12)
+
+
+def test_series_of_a_row_and_those_that_lead_to_impacts():
     system = row()
     gaps = series_of(system, "required_gap", pounding=False)
-    assert [series.words for series in gaps] == [
-        f"closing, {place}" for place in link_places(system.topology)
-    ]
+    places = [f"closing, {place}" for place in link_places(system.topology)]
+    assert [series.words for series in gaps] == places
     # Five masses and two links: displacements, closings, gaps.
     assert [np.flatnonzero(series.row).tolist() for series in gaps] == [[5], [6]]
-    (up, down) = series_of(system, "peak_drift_2", pounding=False)
-    assert up.row[:3].tolist() == [-1.0, 1.0, 0.0]
-    assert np.array_equal(up.row, -down.row)
-    assert len(series_of(system, "peak_drift", pounding=False)) == 10
     # Of accelerations the factors are by mass, of forces by rod.
-    (up, down) = series_of(system, "peak_acceleration_2", pounding=False)
-    assert (up.kind, up.row.tolist()) == ("acceleration", [0.0, 1.0, 0.0, 0.0, 0.0])
-    assert np.array_equal(up.row, -down.row)
-    assert len(series_of(system, "peak_acceleration", pounding=False)) == 10
-    (up, down) = series_of(system, "peak_f1", pounding=False)
-    assert (up.kind, up.row.tolist()) == ("force", [1.0, 0.0, 0.0, 0.0, 0.0])
+    for demand, kind, factors in (
+        ("peak_drift_2", "length", [-1.0, 1.0, 0.0]),
+        ("peak_acceleration_2", "acceleration", [0.0, 1.0, 0.0, 0.0, 0.0]),
+        ("peak_f1", "force", [1.0, 0.0, 0.0, 0.0, 0.0]),
+    ):
+        (up, down) = series_of(system, demand, pounding=False)
+        assert (up.kind, up.row[: len(factors)].tolist()) == (kind, factors)
+        assert np.array_equal(up.row, -down.row)
+    for demand in ("peak_drift", "peak_acceleration"):
+        assert len(series_of(system, demand, pounding=False)) == 10
     assert series_of(system, lambda demand: demand.pga, pounding=False) == ()
-
-
-def test_series_that_lead_to_impacts():
-    """Overlaps of the links that have a law of contact, to contact and accelerations by it."""
-    system = row()
+    # Overlaps of the links that have a law of contact, to contact and accelerations by it.
     free, touching = system.links
     touching = dataclasses.replace(touching, contact=jp.Newton(0.5))
     system = dataclasses.replace(system, links=(free, touching))

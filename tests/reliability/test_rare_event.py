@@ -11,7 +11,9 @@ import jaxpound as jp
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
 from jaxpound.reliability.importance import signs_of_missed_failures
 from jaxpound.reliability.run import event_of
+from tests.refusals import refusals, refused
 from tests.reliability import case_w
+from tests.reliability.test_subset import stopped
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +48,11 @@ def test_probabilities_of_case_w(events, gap):
     assert event.runs + 4 * event.gradients < 6000
 
 
-def test_a_warm_start_needs_few_gradients(events):
+def test_starts_from_other_events_and_from_few_instants(events):
     cold, *warm = events.values()
     assert cold.gradients > 500
     assert max(event.gradients for event in warm) < 250
-
-
-def test_a_start_from_a_rarer_event(events):
-    """Into an event that is common, or certain: plain Monte Carlo takes over, as without it."""
+    # Into an event that is common, or certain: plain Monte Carlo takes over, as without it.
     common, sure = (
         event_of(case_w.state(gap), key=1, start=events[0.27], progress=False) for gap in (0.1, 0.0)
     )
@@ -63,19 +62,11 @@ def test_a_start_from_a_rarer_event(events):
     # An event without design points is no start.
     again = event_of(case_w.state(0.1), key=1, start=common, progress=False)
     assert (again.probability, again.gradients) == (common.probability, 0)
-
-
-def test_a_start_from_few_instants(events):
-    """Each neighbour of an instant with a point is sought from it: a curve loses none for good."""
+    # Each neighbour of an instant with a point is sought from it: a curve loses none for good.
     event = events[0.645]
     few = {name: getattr(event, name)[:2] for name in ("design_points", "instants", "series")}
-    again = event_of(
-        event.limit_state,
-        start=dataclasses.replace(event, **few),
-        max_runs=10,
-        method="design points",
-        progress=False,
-    )
+    how = {"max_runs": 10, "method": "design points", "progress": False}
+    again = event_of(event.limit_state, start=dataclasses.replace(event, **few), **how)
     assert "fail far from all design points" in again.warnings[0]
     assert len(again.instants) > 3
     assert set(event.instants[:2]) < set(again.instants)
@@ -108,29 +99,23 @@ class Steep(Stuck):
         return np.where(wrong, 0.0, z[:, 0]) - 3, slopes
 
 
-def test_a_steep_slope_is_no_way_to_the_limit_state():
+def test_ways_to_the_limit_state_are_found():
     found = find_design_points(Steep, 0)
     assert len(found) > 10
     assert (found.instants % 3 > 0).all()
     assert found.betas == pytest.approx(3)
+    # Slopes are 0 around the origin, and behind it they lead back into where they are.
+    for key in range(3):
+        found = find_design_points(Stuck, key)
+        assert len(found) == 26
+        assert found.betas == pytest.approx(5)
 
 
-@pytest.mark.parametrize("key", range(3))
-def test_motions_that_open_lead_to_those_that_close(key):
-    """Slopes are 0 around the origin, and behind it they lead back into where they are."""
-    found = find_design_points(Stuck, key)
-    assert len(found) == 26
-    assert found.betas == pytest.approx(5)
-
-
-def test_max_runs_counts_all(events):
+def test_samples_depend_on_key_and_number_alone_and_all_runs_count(events):
     for most, runs in ((10, 768), (1100, 1024)):
         event = event_of(case_w.state(0.47), cov=0.01, max_runs=most, progress=False)
         assert event.runs == runs
         assert f"raise max_runs = {most:,}" in event.warnings[0]
-
-
-def test_samples_depend_on_key_and_number_alone(events):
     event = events[0.47]
     again = event_of(case_w.state(0.47), key=1, start=events[0.27], cov=0.2, progress=False)
     n = len(again.points)
@@ -143,18 +128,7 @@ def test_a_stopped_search_goes_on(events, tmp_path, monkeypatch):
     """Stopped by an interrupt in the third batch, and after that at none of its runs."""
     state, folder = case_w.state(0.47), tmp_path / "search"
     options = {"key": 1, "start": events[0.27], "store": folder, "progress": False}
-    made, run = [], jp.LimitState.values_and_times
-
-    def stopping(self, z):
-        if len(made) == 2:
-            raise KeyboardInterrupt
-        made.append(len(z))
-        return run(self, z)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(jp.LimitState, "values_and_times", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            event_of(state, **options)
+    stopped(monkeypatch, 2, lambda: event_of(state, **options), "values_and_times")
     after = event_of(state, **options)
     assert np.array_equal(after.values, events[0.47].values)
     for name in ("probability", "gradients"):
@@ -189,10 +163,8 @@ def test_the_slope_of_a_probability_of_a_millionth():
     # from 0.47 to 0.645.
     assert 26 < event.decay.value < 34
     assert event.slopes["initial_gap"].value == 0
-    with pytest.raises(ValueError, match="unknown path 'fiction'; did you mean 'friction'"):
-        event.slope("fiction")
-    with pytest.raises(ValueError, match="path = 3 must be the name of a parameter"):
-        event.slope(3)
+    refused("unknown path 'fiction'; did you mean 'friction'", event.slope, "fiction")
+    refused("path = 3 must be the name of a parameter", event.slope, 3)
 
 
 @pytest.fixture(scope="module")
@@ -206,28 +178,20 @@ def linear():
     return state, slopes[good], sizes[good], every[good]
 
 
-def test_linear_closings(linear):
+def test_linear_pairs_have_exact_closings_design_points_and_probabilities(linear):
     """The demand, which looks between instants too, is the largest of the linear closings."""
-    state, slopes, _, _ = linear
+    state, slopes, sizes, every = linear
     z = np.random.default_rng(0).standard_normal((20, case_w.N))
     largest = (z @ slopes.T).max(axis=1)
     found = state.values(z) + state.level
     assert (found > largest - 1e-9).all()
     assert found == pytest.approx(largest, rel=1e-2)
-
-
-def test_design_points_of_a_linear_pair_are_exact(linear):
-    state, slopes, sizes, every = linear
     found = find_design_points(state, 0)
     rows = np.searchsorted(every, found.instants)
     assert len(found) > 10
     assert found.betas == pytest.approx(state.level / sizes[rows], rel=1e-9)
     assert found.z == pytest.approx(slopes[rows] * (state.level / sizes[rows] ** 2)[:, None])
-
-
-def test_the_probability_of_a_linear_pair(linear):
-    """That of the union over all 500 instants, exact but for what happens between them."""
-    state, slopes, sizes, every = linear
+    # That of the union over all 500 instants, exact but for what happens between them.
     directions, betas = slopes / sizes[:, None], state.level / sizes
     order = np.argsort(betas)
     none = np.zeros(len(order), int)
@@ -260,19 +224,23 @@ def test_instants_of_accelerations_and_forces(demand, threshold, probability, co
 
 SHORT = jp.TimeGrid.until(8.0, dt=0.1)
 HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
-FEW = jp.Scenarios(
-    jp.paper.structures(), jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5)
-)
 
+
+def drawn(factor):
+    """Motions of five hills, times a factor."""
+    draw = jp.CustomDraw(lambda z: jp.Record(factor * HILLS @ z, 0.1, time_unit="1/ω1"), 5)
+    return jp.Scenarios(jp.paper.structures(), draw)
+
+
+FEW, STILL = drawn(1), drawn(0)
 
 STATE = jp.LimitState(FEW, SHORT, threshold=0.3)
 
 
 def few(gap, method="design points", **options):
     """The event of a gap; all share their programs."""
-    return event_of(
-        dataclasses.replace(STATE, threshold=gap), method=method, progress=False, **options
-    )
+    state = dataclasses.replace(STATE, threshold=gap)
+    return event_of(state, method=method, progress=False, **options)
 
 
 def test_a_demand_as_a_series_and_as_a_function():
@@ -282,8 +250,7 @@ def test_a_demand_as_a_series_and_as_a_function():
         for demand in ("peak_x1", lambda demand: demand.masses[0].peak_x)
     )
     assert by_name.probability < 1e-2
-    with pytest.raises(ValueError, match="start of the demand 'peak_x1' must be of 'required_gap'"):
-        few(0.5, start=by_name)
+    refused("start of the demand 'peak_x1' must be of 'required_gap'", few, 0.5, start=by_name)
     assert np.isfinite(by_name.instants).all()
     assert np.isnan(by_function.instants).all()
     assert_alike(by_name, by_function)
@@ -295,17 +262,23 @@ def assert_alike(event, other):
     assert abs(apart) < 3 * np.hypot(event.cov, other.cov)
 
 
-def test_events_that_are_not_rare():
+def test_events_that_are_not_rare_and_the_method_of_each():
     sure, out = few(0.0), few(0.9)
     assert (sure.probability, sure.cov, sure.runs) == (1.0, 0.0, 256)
     assert "in each of 256 random runs" in sure.warnings[0]
-    assert out.probability == 1e-12
-    assert out.estimate[:3] == (1e-12, 0.0, 1e-12)
-    assert "out of reach" in out.warnings[0]
-    assert "out of reach" in repr(out)
+    assert (out.probability, *out.estimate[:3]) == (1e-12, 1e-12, 0.0, 1e-12)
+    assert ("out of reach" in out.warnings[0], "out of reach" in repr(out)) == (True, True)
     # Where no point is found within reach, nothing is known.
-    with pytest.raises(ValueError, match="gradients must lead to the limit state, but none of 26"):
-        few(50.0)
+    refused("gradients must lead to the limit state, but none of 26", few, 50.0)
+    words = r"z of shape .* must be of shape \(n, 5\), n at least 1"
+    for shape in ((5,), (0, 5), (2, 4)):
+        refused(words, STATE.values, np.zeros(shape))
+    discrete = jp.rare_event(Chosen(), SHORT, 0.1, cov=0.5, progress=False)
+    by_number = few(0.1, "auto", cov=0.5)
+    assert discrete.method.startswith("z_4 discrete: subset simulation")
+    assert by_number.method.startswith("5 random numbers, fewer than 30: subset simulation")
+    assert discrete.probability == by_number.probability
+    assert_alike(few(0.1), by_number)
 
 
 class Chosen:
@@ -315,61 +288,32 @@ class Chosen:
     realize = staticmethod(FEW.realize)
 
 
-STILL = jp.Scenarios(
-    jp.paper.structures(),
-    jp.CustomDraw(lambda z: jp.Record(0 * HILLS @ z, 0.1, time_unit="1/ω1"), 5),
-)
+def two_demands(demand):
+    return np.ones(2) * demand.pga
+
+
 BY_POINTS = {"method": "design points"}
 
+MEASURE = {"threshold": 1.0}
 
-@pytest.mark.parametrize(
-    ("match", "scenarios", "gap", "options"),
-    [
-        ("gap = -1", FEW, -1, {}),
-        ("cov = 1.5", FEW, 1.0, {"cov": 1.5}),
-        (
-            "method = 'desing points'; did you mean 'design points'",
-            FEW,
-            1.0,
-            {"method": "desing points"},
-        ),
-        ("unknown demand 'peak_x3'", FEW, None, {"demand": "peak_x3", "threshold": 1.0}),
-        ("threshold = None", FEW, None, {"demand": "peak_x1"}),
-        ("gap = 1.0 must be None", FEW, 1.0, {"demand": "peak_x1"}),
-        (
-            "demand of shape \\(2,\\) must be one number",
-            FEW,
-            None,
-            {"demand": lambda demand: np.ones(2) * demand.pga, "threshold": 1.0},
-        ),
-        (
-            "demand = None must be a real number",
-            FEW,
-            None,
-            {"demand": lambda demand: None, "threshold": 1.0},
-        ),
-        ("demand must depend on the random numbers", STILL, 1.0, BY_POINTS),
-        ("z_4 must not be discrete for design points", Chosen(), 1.0, BY_POINTS),
-    ],
+test_bad_input = refusals(
+    (FEW, -1, {}, "gap = -1"),
+    (FEW, 1.0, {"cov": 1.5}, "cov = 1.5"),
+    (
+        FEW,
+        1.0,
+        {"method": "desing points"},
+        "method = 'desing points'; did you mean 'design points'",
+    ),
+    (FEW, None, {"demand": "peak_x3"} | MEASURE, "unknown demand 'peak_x3'"),
+    (FEW, None, {"demand": "peak_x1"}, "threshold = None"),
+    (FEW, 1.0, {"demand": "peak_x1"}, "gap = 1.0 must be None"),
+    (FEW, None, MEASURE | {"demand": two_demands}, r"demand of shape \(2,\) must be one number"),
+    (FEW, None, MEASURE | {"demand": lambda _: None}, "demand = None must be a real number"),
+    (STILL, 1.0, BY_POINTS, "demand must depend on the random numbers"),
+    (Chosen(), 1.0, BY_POINTS, "z_4 must not be discrete for design points"),
+    of=lambda draw, gap, options: jp.rare_event(draw, SHORT, gap, progress=False, **options),
 )
-def test_bad_input(match, scenarios, gap, options):
-    with pytest.raises(ValueError, match=match):
-        jp.rare_event(scenarios, SHORT, gap, progress=False, **options)
-
-
-@pytest.mark.parametrize("shape", [(5,), (0, 5), (2, 4)])
-def test_points_of_another_shape(shape):
-    with pytest.raises(ValueError, match=r"z of shape .* must be of shape \(n, 5\), n at least 1"):
-        STATE.values(np.zeros(shape))
-
-
-def test_which_method_and_why():
-    discrete = jp.rare_event(Chosen(), SHORT, 0.1, cov=0.5, progress=False)
-    by_number = few(0.1, "auto", cov=0.5)
-    assert discrete.method.startswith("z_4 discrete: subset simulation")
-    assert by_number.method.startswith("5 random numbers, fewer than 30: subset simulation")
-    assert discrete.probability == by_number.probability
-    assert_alike(few(0.1), by_number)
 
 
 def test_the_friction_for_a_probability(tmp_path, monkeypatch):
@@ -392,8 +336,7 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
     args = (cold.steps[0].probability, *args[1:])
     any_gap = jp.reach_probability("initial_gap", *args, **options)
     assert (any_gap.value, any_gap.error) == (1.0, np.inf)
-    with pytest.raises(ValueError, match="unknown path"):
-        jp.reach_probability("fiction", *args, **options)
+    refused("unknown path", jp.reach_probability, "fiction", *args, **options)
     with pytest.raises(ValueError, match="reach_probability: scenarios: z_4 must not be discrete"):
         jp.reach_probability("friction", 1e-5, Chosen(), SHORT, 0.3, progress=False)
 
@@ -401,13 +344,9 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
 def test_a_period_of_structure_1_is_in_the_unit_of_the_instants():
     """The only design point is at 1 s and half of the failures at 1.8 s, a period of 0.63 s on."""
     state = SimpleNamespace(grid=SimpleNamespace(dt=0.01), time_step=0.1)
-    event = SimpleNamespace(
-        limit_state=state,
-        thin=0.0,
-        largest_share=0.0,
-        values=np.ones(2),
-        failures_by_instant=(np.array([1.0, 1.8]), np.array([0.5, 0.5])),
-    )
+    instants = {"failures_by_instant": (np.array([1.0, 1.8]), np.array([0.5, 0.5]))}
+    of_estimate = {"limit_state": state, "thin": 0.0, "largest_share": 0.0, "values": np.ones(2)}
+    event = SimpleNamespace(**of_estimate, **instants)
     near = SimpleNamespace(instants=np.array([100]))
     (sign,) = signs_of_missed_failures(event, near)
     assert sign.startswith("50% of the estimate comes from runs whose demand is largest at times")

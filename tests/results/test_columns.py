@@ -11,6 +11,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.results.elements import without_idle_dampers
+from tests.refusals import refused
 from tests.study.test_run import LINEAR, study
 
 GRID = jp.TimeGrid(0.05, 40)
@@ -27,27 +28,25 @@ def batch():
     return jax.jit(jax.vmap(simulate))(jnp.array([0.1, 0.2, 0.3]))
 
 
-def test_a_run_is_a_row_an_instant(batch):
+def test_a_run_is_a_row_an_instant_in_a_folder_that_is_there(batch, tmp_path):
     run = batch[1]
     columns, si = run.to_columns(), SCALES.to_si(run).to_columns()
     assert [*columns][:4] == ["time", "ground_acceleration", "x1", "x2"]
-    assert [*si][:6] == [
-        "time_s",
-        "ground_acceleration_m_per_s2",
-        "x1_m",
-        "x2_m",
-        "v1_m_per_s",
-        "v2_m_per_s",
-    ]
+    first = "time_s ground_acceleration_m_per_s2 x1_m x2_m v1_m_per_s v2_m_per_s"
+    assert " ".join([*si][:6]) == first
     assert [*si][-4:] == ["friction_N", "gap_m", "ground_velocity_m_per_s", "slip_direction"]
     np.testing.assert_array_equal(columns["v2"], run.v2)
     np.testing.assert_array_equal(columns["absolute_acceleration_2"], run.absolute_accelerations[1])
     np.testing.assert_allclose(si["gap_m"], run.gap * SCALES.length)
     np.testing.assert_array_equal(si["slip_direction"], run.phase)
     assert not np.signbit(si["slip_direction"][si["slip_direction"] == 0]).any()
+    file = tmp_path / "no" / "run.csv"
+    for write in (batch.to_csv, batch.to_parquet, jp.read_record):
+        with pytest.raises(FileNotFoundError, match=f"{file}: the folder {file.parent} is missing"):
+            write(file)
 
 
-def test_a_batch_of_runs_has_their_numbers(batch):
+def test_a_batch_of_runs_has_their_numbers_and_a_batch_of_batches_one_an_axis(batch):
     table = batch.to_pandas()
     assert table.index.names == ["run", "time"]
     assert len(table) == 3 * 41
@@ -56,15 +55,11 @@ def test_a_batch_of_runs_has_their_numbers(batch):
         assert one.index.name == "time"
         np.testing.assert_array_equal(table.loc[i], one)
     demands = batch.demand.to_pandas()
-    assert demands.index.name == "run"
-    assert list(demands.index) == [0, 1, 2]
+    assert (demands.index.name, list(demands.index)) == ("run", [0, 1, 2])
     np.testing.assert_array_equal(demands["peak_f1"], batch.demand.peak_f1)
     one = SCALES.to_si(batch[2].demand).to_pandas()
     assert one.shape == (1, len(batch.demand.scalars()))
     assert one["peak_f1_N"][0] == pytest.approx(float(batch.demand.peak_f1[2]) * SCALES.force)
-
-
-def test_a_batch_of_batches_has_a_number_an_axis(batch):
     twice = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), batch)
     table = twice.to_pandas()
     assert table.index.names == ["run_0", "run_1", "time"]
@@ -74,18 +69,20 @@ def test_a_batch_of_batches_has_a_number_an_axis(batch):
     assert demands.loc[(1, 2), "peak_x1"] == 2 * float(batch.demand.peak_x1[2])
 
 
-@pytest.mark.parametrize("kind", ["response", "response of a batch", "demand", "batch", "study"])
-def test_files_hold_the_same_numbers(batch, of_study, kind, tmp_path, monkeypatch):
+RESULTS = {
+    "response": lambda runs, _: runs[1],
+    "response of a batch": lambda runs, _: runs,
+    "demand": lambda runs, _: runs[1].demand,
+    "batch": lambda runs, _: runs.demand,
+    "study": lambda _, of_study: of_study,
+}
+
+
+@pytest.mark.parametrize("result_of", RESULTS.values(), ids=RESULTS)
+def test_files_hold_the_same_numbers(batch, of_study, result_of, tmp_path, monkeypatch):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
-    runs = SCALES.to_si(batch)
-    result = {
-        "response": runs[1],
-        "response of a batch": runs,
-        "demand": runs[1].demand,
-        "batch": runs.demand,
-        "study": of_study,
-    }[kind]
+    result = result_of(SCALES.to_si(batch), of_study)
     table = result.to_pandas()
     result.to_parquet(tmp_path / "table.parquet")
     pandas.testing.assert_frame_equal(pandas.read_parquet(tmp_path / "table.parquet"), table)
@@ -121,31 +118,17 @@ def test_a_study_is_a_row_a_sample(of_study, tmp_path):
     np.testing.assert_array_equal(read["required_gap_m"], in_si["required_gap"])
 
 
-@pytest.mark.parametrize(
-    ("name", "scales"), [("μ, the friction", None), ("sample", None), ("min_gap_m", SCALES)]
-)
-def test_names_that_users_gave_stay_apart(of_study, name, scales, tmp_path):
-    moments = {name if x == "mu" else x: m for x, m in of_study._moments.items()}
-    renamed = dataclasses.replace(
-        of_study,
-        _moments=moments,
-        _parts=lambda x: of_study._parts("mu" if x == name else x),
-        scales=scales,
-    )
-    if name.startswith("μ"):
-        renamed.to_csv(tmp_path / "study.csv")
-        with open(tmp_path / "study.csv", encoding="utf-8", newline="") as file:
-            assert next(csv.reader(file)) == ["sample", *renamed.columns]
-    else:
-        with pytest.raises(ValueError, match=f"column '{name}' must differ from every other"):
-            renamed.to_columns()
-
-
-def test_a_missing_folder_is_called_missing(batch, tmp_path):
-    file = tmp_path / "no" / "run.csv"
-    for write in (batch.to_csv, batch.to_parquet, jp.read_record):
-        with pytest.raises(FileNotFoundError, match=f"{file}: the folder {file.parent} is missing"):
-            write(file)
+def test_names_that_users_gave_stay_apart(of_study, tmp_path):
+    for name, scales in (("μ, the friction", None), ("sample", None), ("min_gap_m", SCALES)):
+        moments = {name if x == "mu" else x: m for x, m in of_study._moments.items()}
+        parts = lambda x, name=name: of_study._parts("mu" if x == name else x)  # noqa: E731
+        renamed = dataclasses.replace(of_study, _moments=moments, _parts=parts, scales=scales)
+        if name.startswith("μ"):
+            renamed.to_csv(tmp_path / "study.csv")
+            with open(tmp_path / "study.csv", encoding="utf-8", newline="") as file:
+                assert next(csv.reader(file)) == ["sample", *renamed.columns]
+        else:
+            refused(f"column '{name}' must differ from every other", renamed.to_columns)
 
 
 def test_links_without_friction_do_not_tell_of_slip():

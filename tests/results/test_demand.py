@@ -12,28 +12,20 @@ from jaxpound.results.named import kind_of, unit_of
 from tests.made import OF_CONTACT, changed, pair_demand, pair_response
 
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
-KINDS = {
-    "peak_contact": "force",
-    "peak_impulse": "impulse",
-    "peak_penetration": "length",
-    "n_impacts": None,
-    "first_impact_time": "time",
-    "contact_work": "energy",
-    "soft_peak_contact": "force",
-}
+KINDS = {"peak_contact": "force", "soft_peak_contact": "force", "contact_work": "energy"}
+KINDS |= {"peak_impulse": "impulse", "peak_penetration": "length"}
+KINDS |= {"n_impacts": None, "first_impact_time": "time"}
 NEVER = np.array([0.5, np.inf, np.inf])
 BATCH = changed(pair_demand(np.arange(3.0), contact=True), first_impact_time=NEVER)
 
 
-def test_scalars_of_contact_have_flat_names_and_are_none_without_a_law():
+def test_scalars_impacts_and_series_of_contact_have_flat_names_and_si_units():
     found, without = pair_demand(2.0, contact=True), pair_demand(2.0)
+    assert KINDS.keys() == {*OF_CONTACT}
     for name in OF_CONTACT:
         assert getattr(found, name) == getattr(found.links[0], name) == found.scalars()[name]
         assert getattr(without, name) is None
         assert name not in without.scalars()
-
-
-def test_si_units_are_those_of_the_quantities():
     in_si = SCALES.to_si(pair_demand(2.0, contact=True))
     for name, kind in KINDS.items():
         assert kind_of(name) == kind
@@ -43,9 +35,6 @@ def test_si_units_are_those_of_the_quantities():
     # An impulse changes a velocity by itself over the mass.
     velocity = in_si.peak_impulse / SCALES.mass
     assert velocity == pytest.approx(2.0 * SCALES.units["velocity"])
-
-
-def test_impacts_and_series_of_contact_in_si_units():
     response, made = pair_response(np.arange(3.0), {}), np.array([0.5, 1.5, np.nan])
     series = ImpactSeries(**{f.name: made for f in dataclasses.fields(ImpactSeries)})
     link = dataclasses.replace(
@@ -68,9 +57,6 @@ def test_columns_of_contact_are_read_back():
     again = jp.Demand.of_columns(BATCH.scalars(), si=False)
     for name, x in BATCH.scalars().items():
         np.testing.assert_array_equal(getattr(again, name), x, err_msg=name)
-
-
-def test_links_with_a_law_and_without_one_are_read_back():
     (with_law,), (without,) = BATCH.links, pair_demand(np.ones(3)).links
     mixed = dataclasses.replace(BATCH, links=(without, with_law))
     scalars = mixed.scalars()
@@ -81,7 +67,7 @@ def test_links_with_a_law_and_without_one_are_read_back():
     np.testing.assert_array_equal(again.peak_contact_2, with_law.peak_contact)
 
 
-def test_a_table_tells_that_there_was_no_impact(tmp_path):
+def test_a_table_and_a_run_tell_of_impacts(tmp_path):
     shown = repr(SCALES.to_si(BATCH))
     (line,) = (x for x in shown.splitlines() if "first_impact_time" in x)
     assert line.split() == ["first_impact_time", "0.071429", "inf", "inf", "s"]
@@ -91,9 +77,6 @@ def test_a_table_tells_that_there_was_no_impact(tmp_path):
     header = (tmp_path / "runs.csv").read_text().partition("\n")[0].split(",")
     read = np.loadtxt(tmp_path / "runs.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(read[:, header.index("first_impact_time")], NEVER)
-
-
-def test_a_run_says_how_often_and_how_hard_it_touched():
     run = pair_response(np.arange(3.0), {}, demand=pair_demand(1.0, contact=True))
     assert "contact       1 impact, p ≤ 1 m1 g, impulse ≤ 1 m1 g/ω1, lost 1 m1 g²/ω1²" in repr(run)
     assert "contact" not in repr(pair_response(np.arange(3.0), {}))

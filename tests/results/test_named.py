@@ -1,11 +1,14 @@
 """Demands by their names: what each is called, and its value in a run."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 import jaxpound as jp
 from jaxpound.results import named
 from tests.made import pair_demand, row_response
+from tests.refusals import refused
 
 STEEL = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
 LINKS = (jp.FloorLink(0, 0, gap=0.2, contact=jp.Newton(0.5)), jp.FloorLink(0, 1, gap=0.3))
@@ -33,19 +36,13 @@ def test_names_that_no_scalar_has_are_understood_as_well():
     assert named.in_words("required_gap_2") == "required gap of link 2"
     assert named.in_words("damper_force_2", ROW.system().topology).endswith(", 1–2, floor 2")
     assert named.kind_and_symbol("measure_of_mine") == (None, "measure of mine")
-    assert [named.is_demand(x) for x in ("required_gap_2", "peak_drift", "initial_gap")] == [
-        *(True, True, False)
-    ]
+    demands = [named.is_demand(x) for x in ("required_gap_2", "peak_drift", "initial_gap")]
+    assert demands == [True, True, False]
     assert [named.is_zero_by_newton(x) for x in ("peak_contact_2", "peak_impulse")] == [True, False]
-
-
-def test_the_overlap_is_minus_the_smallest_gap_and_needs_a_finite_one():
     system, demand = jp.paper.structures().system(), pair_demand(0.25)
-    assert named.demand_named("LimitState", system, demand, named.OVERLAP) == -0.25
+    demand_named = partial(named.demand_named, "LimitState", system, demand)
+    assert demand_named(named.OVERLAP) == -0.25
     (link,) = system.links
-    gap = named.demand_named("LimitState", system, demand, named.REQUIRED_GAP)
-    assert float(gap) == pytest.approx(float(link.gap) - 0.25)
-    with pytest.raises(ValueError, match=r"^LimitState: unknown demand 'peak_x3'"):
-        named.demand_named("LimitState", system, demand, "peak_x3")
-    with pytest.raises(ValueError, match=r"^LimitState: demand = 'peak_contact' must be of str"):
-        named.demand_named("LimitState", system, demand, "peak_contact")
+    assert float(demand_named(named.REQUIRED_GAP)) == pytest.approx(float(link.gap) - 0.25)
+    refused(r"^LimitState: unknown demand 'peak_x3'", demand_named, "peak_x3")
+    refused(r"^LimitState: demand = 'peak_contact' must be of str", demand_named, "peak_contact")

@@ -12,25 +12,17 @@ from scipy import stats
 import jaxpound as jp
 from jaxpound.scenarios.ground_draw import ScaledDraw, SumOfDraws
 from jaxpound.scenarios.scenarios import discrete_coordinates, parameter_names
-from jaxpound.scenarios.site_noise import CORRELATIONS, REGRESSIONS
+from jaxpound.scenarios.site_noise import CORRELATIONS, REGRESSIONS, _distributions
+from tests.refusals import refusals, refused
 
 PAPER = jp.paper.structures()
 KT = jp.KanaiTajimi(2.0, 0.6)
 SMALL = jp.FilteredNoise(KT, samples=20, dt=0.1, intensity=0.1)
-GIVEN = jp.NonstationaryNoise(
-    arias_intensity=0.05,
-    duration=10.0,
-    mid_time=7.0,
-    frequency=5.0,
-    frequency_slope=-0.2,
-    damping=0.2,
-    samples=1250,
-    dt=0.02,
-    high_pass=None,
-)
-SITE = jp.SiteBasedNoise(
-    magnitude=6.6, distance=20.0, vs30=600.0, fault="reverse", samples=1250, dt=0.02
-)
+SIZES = {"samples": 1250, "dt": 0.02}
+MOTION = {"arias_intensity": 0.05, "duration": 10.0, "mid_time": 7.0, "damping": 0.2}
+MOTION |= {"frequency": 5.0, "frequency_slope": -0.2}
+GIVEN = jp.NonstationaryNoise(**MOTION, **SIZES, high_pass=None)
+SITE = jp.SiteBasedNoise(magnitude=6.6, distance=20.0, vs30=600.0, fault="reverse", **SIZES)
 PULSE = jp.RandomPulse(
     amplitude=jp.TwoSided(jp.LogNormal(0.2, 0.4)), period=jp.Normal(3.0, 0.5), arrival=1.0
 )
@@ -50,14 +42,9 @@ def test_noise_of_a_spectral_density_has_its_variance_and_intensity_scales_it():
 
 def test_filtered_motions_that_end_displaced_are_returned_to_rest():
     """Noise of Clough and Penzien's filter, an envelope of 10 s, 30 s: without the filter, 2 m."""
-    adrift = jp.FilteredNoise(
-        jp.CloughPenzien(15.6, 0.6, high_pass=1.5),
-        samples=1500,
-        dt=0.02,
-        envelope=jp.PlateauEnvelope(rise=2.0, end=10.0, decay=0.5),
-        time_unit="s",
-        spectral_density=0.01 / jp.STANDARD_GRAVITY**2,
-    )
+    filter_, envelope = jp.CloughPenzien(15.6, 0.6, high_pass=1.5), jp.PlateauEnvelope(2, 10, 0.5)
+    how = {"time_unit": "s", "spectral_density": 0.01 / jp.STANDARD_GRAVITY**2}
+    adrift = jp.FilteredNoise(filter_, samples=1500, dt=0.02, envelope=envelope, **how)
     z, t = np.random.default_rng(1).normal(size=(20, 1500)), 0.02 * np.arange(1502)
     last = []
     for noise in (adrift, dataclasses.replace(adrift, high_pass=0.1)):
@@ -65,6 +52,21 @@ def test_filtered_motions_that_end_displaced_are_returned_to_rest():
         last.append(jp.STANDARD_GRAVITY * 0.02 * np.asarray(velocity).sum(1).std())
     assert 1.0 < last[0] < 4.0
     assert last[1] < 1e-4
+    z, last = np.random.default_rng(4).normal(size=2500), 2500 * GIVEN.dt
+    share = {}
+    for high_pass in (0.1, None):
+        noise = dataclasses.replace(GIVEN, samples=2500, high_pass=high_pass)
+        assert noise.time_unit == "s"
+
+        @jax.jit
+        def velocities(z, noise=noise):
+            record = noise.draw(z)
+            return record.velocity(last), jp.pgv(record)
+
+        end, largest = velocities(z)
+        share[high_pass] = abs(float(end)) / float(largest)
+    assert share[0.1] < 1e-3
+    assert share[None] > 1e-2
 
 
 @pytest.mark.parametrize("noise", [SMALL, dataclasses.replace(GIVEN, samples=200, high_pass=0.1)])
@@ -76,13 +78,15 @@ def test_noise_is_linear_in_its_numbers(noise):
     assert not noise.discrete
 
 
+SCALES = jp.Scales(mass=5e5, frequency=7.0)
+
+
 def noise_in_scenarios(noise):
-    scales = jp.Scales(mass=5e5, frequency=7.0)
-    dimensionless = scales.to_dimensionless(noise) if noise.time_unit == "s" else noise
+    dimensionless = SCALES.to_dimensionless(noise) if noise.time_unit == "s" else noise
     return jp.Scenarios(PAPER, dimensionless)
 
 
-def test_noise_differentiates_by_its_filter_and_keeps_single_precision():
+def test_noise_is_linear_differentiates_and_keeps_single_precision():
     z = np.random.default_rng(1).normal(size=20)
 
     @jax.jit
@@ -96,9 +100,6 @@ def test_noise_differentiates_by_its_filter_and_keeps_single_precision():
     single = draw(z.astype(np.float32))
     assert single.dtype == jnp.float32
     np.testing.assert_allclose(single, draw(z), atol=1e-6)
-
-
-def test_a_random_intensity_is_the_last_number():
     noise = dataclasses.replace(SMALL, intensity=jp.LogNormal(0.1, 0.5))
     assert noise.dimension == 21
     z = np.append(np.random.default_rng(2).normal(size=20), -1.0)
@@ -131,24 +132,6 @@ def test_nonstationary_noise_has_its_intensity_duration_and_frequencies():
         assert crossings(x, t, at - 1, at + 1) == pytest.approx(expected, rel=0.04)
 
 
-def test_a_high_pass_filter_returns_the_ground_to_rest():
-    z, last = np.random.default_rng(4).normal(size=2500), 2500 * GIVEN.dt
-    share = {}
-    for high_pass in (0.1, None):
-        noise = dataclasses.replace(GIVEN, samples=2500, high_pass=high_pass)
-        assert noise.time_unit == "s"
-
-        @jax.jit
-        def velocities(z, noise=noise):
-            record = noise.draw(z)
-            return record.velocity(last), jp.pgv(record)
-
-        end, largest = velocities(z)
-        share[high_pass] = abs(float(end)) / float(largest)
-    assert share[0.1] < 1e-3
-    assert share[None] > 1e-2
-
-
 def test_parameters_of_a_site_have_the_published_distributions_and_correlations():
     """Against SciPy's distributions, at the means that the regression gives."""
     z = np.random.default_rng(5).normal(size=(4000, 6))
@@ -163,8 +146,7 @@ def test_parameters_of_a_site_have_the_published_distributions_and_correlations(
     location = np.log(np.pi / 2) - 4.8255
     nu["arias_intensity"] = (np.log(found["arias_intensity"]) - location) / 1.4318
     for name, x in nu.items():
-        r = REGRESSIONS[name]
-        place = np.array([20 / 25, 600 / 750])
+        r, place = REGRESSIONS[name], np.array([20 / 25, 600 / 750])
         place = np.log(place) if name == "arias_intensity" else place
         mean = np.array(r.coefficients) @ [1.0, 1.0, 6.6 / 7, *place]
         spread = np.hypot(r.between, r.within)
@@ -177,31 +159,16 @@ def test_parameters_of_a_site_have_the_published_distributions_and_correlations(
     np.testing.assert_allclose(np.corrcoef(ranked), CORRELATIONS, atol=0.05)
 
 
-def test_a_population_of_sites_has_the_published_means():
-    """Over all data, which is what a standard normal ν stands for.
-
-    Means as in the paper's figures of the parameters' distributions.
-    """
-    from jaxpound.scenarios.site_noise import _distributions
-
+def test_a_population_of_sites_has_the_published_means_and_slopes():
+    """Over all data, for which a standard normal ν stands; means are of the paper's figures."""
     nu = stats.norm.ppf((np.arange(20_000) + 0.5) / 20_000)
-    published = {
-        "duration": 17.4,
-        "mid_time": 12.3,
-        "frequency": 5.7,
-        "frequency_slope": -0.1,
-        "damping": 0.21,
-    }
+    published = {"duration": 17.4, "mid_time": 12.3, "frequency": 5.7, "damping": 0.21}
+    published["frequency_slope"] = -0.1
     for name, mean in published.items():
         assert jax.jit(_distributions()[name])(nu).mean() == pytest.approx(mean, rel=0.12), name
     logarithms = np.log(_distributions()["arias_intensity"](nu))
     assert logarithms.mean() == pytest.approx(-4.39, abs=0.03)
     assert logarithms.std() == pytest.approx(1.43, abs=0.02)
-
-
-def test_the_slope_of_frequencies_inverts_its_distribution():
-    from jaxpound.scenarios.site_noise import _distributions
-
     value = _distributions()["frequency_slope"]
     nu = np.linspace(-8.0, 8.0, 161)
     rise, fall = 6.7729, 17.095
@@ -229,7 +196,7 @@ def test_motions_of_a_site_differentiate_and_are_finite_far_out():
         assert np.isfinite(draw(np.append(np.full(6, far), z[6:])))
 
 
-def test_random_pulses_have_their_distributions_and_numbers():
+def test_random_pulses_sums_and_multiples_have_their_numbers():
     assert (PULSE.dimension, PULSE.discrete) == (2, ())
     pulse = PULSE.draw(np.array([-0.3, 1.0]))
     assert (pulse.arrival, pulse.cycles) == (1.0, 2.0)
@@ -237,10 +204,7 @@ def test_random_pulses_have_their_distributions_and_numbers():
     assert float(pulse.amplitude) < 0
     assert list(PULSE.parameters(np.zeros(2))) == ["amplitude", "period"]
     assert float(PULSE.draw(np.array([0.0, -9.0])).period) > 0
-
-
-def test_sums_and_multiples_of_random_motions():
-    """Numbers in order of the parts; names that repeat are numbered by part."""
+    # Numbers in order of the parts; names that repeat are numbered by part.
     jumping = jp.RandomRicker(1, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3), jp.Uniform(1, 3))
     both = 2 * (PULSE + SMALL * jp.LogNormal(1.0, 0.3) + jp.Ricker(0.1, 2.0, 1.0))
     assert both.dimension == 2 + 21
@@ -271,71 +235,55 @@ def test_sums_and_multiples_of_random_motions():
     assert isinstance(np.float64(2.0) * SMALL, ScaledDraw)
 
 
-def test_a_pulse_with_a_residual_in_a_study():
+def test_pulses_with_residuals_in_studies_and_seconds():
     uncertain = jp.UncertainStructures(PAPER, {"friction": jp.LogNormal(0.25, 0.2)})
     scenarios = jp.Scenarios(uncertain, PULSE + SMALL)
     study = jp.monte_carlo(scenarios, 8, jp.TimeGrid(0.1, 40), key=1, progress=False)
     structures, ground = scenarios.at(3, 1)
     demand = jp.demand(structures, ground, jp.TimeGrid(0.1, 40))
     assert float(demand.min_gap) == pytest.approx(study["min_gap"][3])
-
-
-def test_motions_in_seconds_become_dimensionless():
-    scales = jp.Scales(mass=5e5, frequency=7.0)
-    noise = dataclasses.replace(SMALL, time_unit="s")
-    pulse = dataclasses.replace(PULSE, time_unit="s")
+    noise, pulse = (dataclasses.replace(x, time_unit="s") for x in (SMALL, PULSE))
     z = np.random.default_rng(8).normal(size=22)
     t = np.linspace(0.0, 2.0, 30)
-    both = scales.to_dimensionless(pulse + noise)
-    np.testing.assert_allclose(
-        both.draw(z).acceleration(7 * t), (pulse + noise).draw(z).acceleration(t), atol=1e-12
-    )
+    both = SCALES.to_dimensionless(pulse + noise)
+    in_seconds = (pulse + noise).draw(z).acceleration(t)
+    np.testing.assert_allclose(both.draw(z).acceleration(7 * t), in_seconds, atol=1e-12)
     assert both.time_unit == "1/ω1"
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: jp.FilteredNoise(3, 20, 0.1), "filter = 3 must be of type Filter"),
-        (lambda: jp.FilteredNoise(KT, 1, 0.1), "samples = 1 must be at least 2"),
-        (lambda: jp.FilteredNoise(KT, 2.5, 0.1), "samples = 2.5 must be a positive whole"),
-        (lambda: jp.FilteredNoise(KT, 20, 0.0), "dt = 0 must be positive"),
-        (lambda: jp.FilteredNoise(KT, 20, 0.1, 3.0), "envelope = 3.0 must be a function of t"),
-        (lambda: jp.FilteredNoise(KT, 20, 0.1, None, -1.0), "intensity = -1 must be finite and"),
-        (partial(dataclasses.replace, SMALL, high_pass=0.0), "high_pass = 0 must be positive and"),
-        (
-            partial(dataclasses.replace, SMALL, spectral_density=-1.0),
-            "spectral_density = -1 must be positive and finite",
-        ),
-        (partial(dataclasses.replace, SMALL, time_unit="h"), "time_unit = 'h' must be 's' or"),
-        (partial(dataclasses.replace, GIVEN, damping=1.0), "damping = 1 must be below 1"),
-        (partial(dataclasses.replace, GIVEN, high_pass=0.0), "high_pass = 0 must be positive"),
-        (partial(dataclasses.replace, SITE, fault="normal"), "fault = 'normal' must be 'strike"),
-        (partial(dataclasses.replace, SITE, distance=-1.0), "distance = -1 must be positive"),
-        (lambda: jp.RandomPulse(1.0, 1.0, 1.0), "one of the parameters must be a Distribution"),
-        (partial(dataclasses.replace, PULSE, cycles=-1.0), "cycles = -1 must be positive"),
-        (lambda: SumOfDraws((jp.Ricker(1, 1, 1),)), "must hold at least one that is drawn"),
-        (lambda: SMALL + 3, r"parts\[1\] = 3 must have acceleration"),
-        (lambda: SMALL + GIVEN, "must be in the same unit of time, but are in 1/ω1 and s"),
-        (lambda: SMALL * "2", "factor = '2' must be a real number"),
-        (lambda: SMALL * np.nan, "factor = nan must be finite"),
-        (lambda: SMALL / 0, "divisor = 0 must be no zero"),
-        (lambda: SMALL.draw(np.zeros(3)), r"FilteredNoise: z of shape \(3,\) must be of shape"),
-        (lambda: SITE.draw(np.zeros((2, 3))), r"SiteBasedNoise: z of shape \(2, 3\) must be of"),
-        (partial(dataclasses.replace, SMALL, envelope=jp.GammaEnvelope), "must be a function of t"),
-        (lambda: jp.Scenarios(PAPER, GIVEN), "must be in units of 1/ω1, as the structures are"),
-        (
-            lambda: jp.Scales(1.0, 7.0).to_dimensionless(SMALL),
-            "must be in seconds, but is in units of 1/ω1 already",
-        ),
-    ],
+with_ = partial(partial, dataclasses.replace)
+
+test_bad_values_are_named = refusals(
+    (lambda: jp.FilteredNoise(3, 20, 0.1), "filter = 3 must be of type Filter"),
+    (lambda: jp.FilteredNoise(KT, 1, 0.1), "samples = 1 must be at least 2"),
+    (lambda: jp.FilteredNoise(KT, 2.5, 0.1), "samples = 2.5 must be a positive whole"),
+    (lambda: jp.FilteredNoise(KT, 20, 0.0), "dt = 0 must be positive"),
+    (lambda: jp.FilteredNoise(KT, 20, 0.1, 3.0), "envelope = 3.0 must be a function of t"),
+    (lambda: jp.FilteredNoise(KT, 20, 0.1, None, -1.0), "intensity = -1 must be finite and"),
+    (with_(SMALL, high_pass=0.0), "high_pass = 0 must be positive and"),
+    (with_(SMALL, spectral_density=-1.0), "spectral_density = -1 must be positive and finite"),
+    (with_(SMALL, time_unit="h"), "time_unit = 'h' must be 's' or"),
+    (with_(GIVEN, damping=1.0), "damping = 1 must be below 1"),
+    (with_(GIVEN, high_pass=0.0), "high_pass = 0 must be positive"),
+    (with_(SITE, fault="normal"), "fault = 'normal' must be 'strike"),
+    (with_(SITE, distance=-1.0), "distance = -1 must be positive"),
+    (lambda: jp.RandomPulse(1.0, 1.0, 1.0), "one of the parameters must be a Distribution"),
+    (with_(PULSE, cycles=-1.0), "cycles = -1 must be positive"),
+    (lambda: SumOfDraws((jp.Ricker(1, 1, 1),)), "must hold at least one that is drawn"),
+    (lambda: SMALL + 3, r"parts\[1\] = 3 must have acceleration"),
+    (lambda: SMALL + GIVEN, "must be in the same unit of time, but are in 1/ω1 and s"),
+    (lambda: SMALL * "2", "factor = '2' must be a real number"),
+    (lambda: SMALL * np.nan, "factor = nan must be finite"),
+    (lambda: SMALL / 0, "divisor = 0 must be no zero"),
+    (lambda: SMALL.draw(np.zeros(3)), r"FilteredNoise: z of shape \(3,\) must be of shape"),
+    (lambda: SITE.draw(np.zeros((2, 3))), r"SiteBasedNoise: z of shape \(2, 3\) must be of"),
+    (with_(SMALL, envelope=jp.GammaEnvelope), "must be a function of t"),
+    (jp.Scenarios, PAPER, GIVEN, "must be in units of 1/ω1, as the structures are"),
+    (SCALES.to_dimensionless, SMALL, "must be in seconds, but is in units of 1/ω1 already"),
 )
-def test_bad_values_are_named(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
 
 
 @pytest.mark.usefixtures("small_machine")
 def test_more_samples_than_memory_has_room_for_are_refused():
-    with pytest.raises(ValueError, match="samples = 10,000,000 would take 220 GB of memory"):
-        jp.FilteredNoise(KT, 10_000_000, 0.1)
+    words = "samples = 10,000,000 would take 220 GB of memory"
+    refused(words, jp.FilteredNoise, KT, 10_000_000, 0.1)

@@ -9,17 +9,13 @@ KEY = jax.random.key(3)
 
 
 @pytest.mark.parametrize("sampling", SAMPLINGS)
-def test_a_point_depends_on_its_index_alone(sampling):
+def test_points_depend_on_their_index_alone_and_are_standard_normals(sampling):
     whole = points(sampling, KEY, 5)(0, 100)
     for starts in ([0, 40, 41], [41, 0, 40]):
         draw = points(sampling, KEY, 5)
         for start in starts:
             np.testing.assert_array_equal(draw(start, start + 30), whole[start : start + 30])
     assert np.abs(whole - points(sampling, jax.random.key(4), 5)(0, 100)).min() > 0
-
-
-@pytest.mark.parametrize("sampling", SAMPLINGS)
-def test_points_are_independent_standard_normals(sampling):
     z = points(sampling, KEY, 4)(0, 4096)
     assert np.isfinite(z).all()
     for column in z.T:

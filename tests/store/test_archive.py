@@ -9,15 +9,8 @@ import numpy as np
 import pytest
 
 from jaxpound.store import archive
-from jaxpound.store.archive import (
-    DamagedError,
-    is_part,
-    opened,
-    replace_file,
-    require_name,
-    sweep_parts,
-    write_archive,
-)
+from jaxpound.store.archive import DamagedError, opened, write_archive
+from tests.refusals import refused
 
 ARRAYS = {
     "numbers": np.linspace(0, 1, 5),
@@ -35,15 +28,15 @@ ARRAYS = {
 def test_what_was_written_is_read_and_numpy_reads_it_too(tmp_path):
     path = tmp_path / "all.npz"
     write_archive(path, ARRAYS, {"who": "me"})
-    with opened(path) as archive:
-        assert archive.about == {"who": "me"}
+    with opened(path) as whole:
+        assert whole.about == {"who": "me"}
         for name, x in ARRAYS.items():
-            np.testing.assert_array_equal(archive.read(name, x.shape, x.dtype), x)
+            np.testing.assert_array_equal(whole.read(name, x.shape, x.dtype), x)
         with pytest.raises(DamagedError, match="it lacks 'other'"):
-            archive.read("other", (), float)
+            whole.read("other", (), float)
     with np.load(path) as held:
-        np.testing.assert_array_equal(held["numbers"], ARRAYS["numbers"])
-        np.testing.assert_array_equal(held["file"], ARRAYS["file"])
+        for name in ("numbers", "file"):
+            np.testing.assert_array_equal(held[name], ARRAYS[name])
     first = path.read_bytes()
     write_archive(path, ARRAYS, {"who": "me"})
     assert path.read_bytes() == first
@@ -51,8 +44,7 @@ def test_what_was_written_is_read_and_numpy_reads_it_too(tmp_path):
 
 @pytest.mark.parametrize("name", ["", "a/b", "..\\b", "a\0b", "a\nb", "\ud800", "x" * 201, 3, None])
 def test_what_cannot_name_an_array_is_refused(name):
-    with pytest.raises(ValueError, match=r"owner: column .* must have a name of 1 to 200"):
-        require_name("owner", name)
+    refused(r"owner: column .* must have a name of 1 to 200", archive.require_name, "owner", name)
 
 
 def part(path, *, host=None, process=None, began=None, age=0.0):
@@ -62,13 +54,13 @@ def part(path, *, host=None, process=None, began=None, age=0.0):
     left = path.with_name(f"{path.name}-{host or archive._host()}-{process}-{began}-0123abcd.part")
     left.write_bytes(b"half")
     os.utime(left, times=(time.time() - age,) * 2)
-    assert is_part(left.name)
+    assert archive.is_part(left.name)
     return left
 
 
 def test_a_file_is_written_under_a_name_that_tells_its_writer(tmp_path):
     names = []
-    replace_file(tmp_path / "a", lambda file: names.append(file.name))
+    archive.replace_file(tmp_path / "a", lambda file: names.append(file.name))
     assert names == [str(part(tmp_path / "a")).replace("0123abcd", names[0][-13:-5])]
     assert (tmp_path / "a").read_bytes() == b""
 
@@ -90,13 +82,13 @@ def test_what_processes_that_are_gone_left_is_swept(tmp_path):
         mine = tmp_path / "download.part"
         mine.write_bytes(b"a user's own")
         os.utime(mine, times=(0, 0))
-        sweep_parts(tmp_path, "b")
+        archive.sweep_parts(tmp_path, "b")
         assert left[0].exists()
-        sweep_parts(tmp_path)
+        archive.sweep_parts(tmp_path)
         assert sorted(tmp_path.iterdir()) == sorted([*written, mine])
         alive.kill()
         # It has ended, though nobody has asked how.
         while archive._start_time(alive.pid) != "0":
             time.sleep(0.01)
-        sweep_parts(tmp_path)
+        archive.sweep_parts(tmp_path)
         assert sorted(tmp_path.iterdir()) == sorted([written[0], written[2], mine])

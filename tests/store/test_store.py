@@ -15,18 +15,21 @@ import jaxpound as jp
 from jaxpound.store import archive
 from jaxpound.store.archive import DamagedError, write_archive
 from jaxpound.store.store import MANIFEST, Store
+from tests.refusals import refused
 
-IDENTITY = {
-    "chunk_size": 4,
-    "precision": "float64",
-    "columns": ["a", "b"],
-    "grid": {"dt": 0.1},
-}
+IDENTITY = {"chunk_size": 4, "precision": "float64", "columns": ["a", "b"], "grid": {"dt": 0.1}}
 
 
 def columns(start, n):
     rows = np.arange(start, start + n)
     return {"a": rows / 3, "b": np.sqrt(rows)}
+
+
+def assert_held(store, chunk, start, n):
+    """A chunk has the columns of its samples."""
+    read = store.read(chunk)
+    for name, x in columns(start, n).items():
+        np.testing.assert_array_equal(read[name], x)
 
 
 @pytest.fixture
@@ -37,27 +40,24 @@ def store(tmp_path):
     return store
 
 
-def test_what_was_written_is_read(store):
+def test_what_was_written_is_read_and_a_store_grows_and_serves_fewer(store):
     assert [list(store.rows(k)) for k in store.chunks()] == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9]]
     again = Store(store.folder)
     assert (again.n, again.manifest["notes"]) == (10, "mine")
     for chunk, start in enumerate((0, 4, 8)):
+        assert_held(again, chunk, start, len(store.rows(chunk)))
         for name, x in columns(start, len(store.rows(chunk))).items():
-            np.testing.assert_array_equal(again.read(chunk)[name], x)
             np.testing.assert_array_equal(again.read(chunk, [name])[name], x)
     assert again.read(3) is None
     with pytest.raises(DamagedError, match=r"chunk 0 is damaged \(it lacks 'c'"):
         again.read(0, ["c"])
-
-
-def test_a_store_grows_and_serves_fewer(store):
     larger = Store.create(store.folder, IDENTITY, 13, {"notes": None})
     assert Store(store.folder).n == 13
     assert Store(store.folder).manifest["notes"] == "mine"
     assert [larger.read(k) is not None for k in larger.chunks()] == [True, True, False, False]
     fewer = Store.create(store.folder, IDENTITY, 6, {})
     assert Store(store.folder).n == 13
-    assert fewer.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+    assert_held(fewer, 1, 4, 2)
 
 
 def flipped(path, bits):
@@ -69,32 +69,25 @@ def flipped(path, bits):
             yield
 
 
-def test_no_flipped_bit_of_a_chunk_goes_unnoticed(tmp_path):
-    store = Store.create(tmp_path / "study", IDENTITY, 4, {})
+def test_no_flipped_bit_goes_unnoticed(tmp_path):
+    """Of a chunk, where some bytes are of no consequence, such as a date; and of a manifest."""
+    store = Store.create(tmp_path / "study", IDENTITY, 4, {"notes": "mine"})
     store.write(0, columns(0, 4))
     (path,) = store.folder.glob("chunk-*")
     noticed = harmless = 0
     for _ in flipped(path, lambda place: {place % 8, 3 * place % 8}):
         try:
-            read = store.read(0)
+            assert_held(store, 0, 0, 4)
+            harmless += 1
         except DamagedError:
             noticed += 1
-            continue
-        harmless += 1  # a byte of no consequence, such as a date
-        for name, x in columns(0, 4).items():
-            np.testing.assert_array_equal(read[name], x)
     assert noticed > 3 * harmless > 0
-
-
-def test_no_flipped_bit_of_a_manifest_goes_unnoticed(store):
     whole, noticed = store.manifest, 0
     for _ in flipped(store.folder / MANIFEST, lambda place: range(8)):
         try:
-            held = Store(store.folder).manifest
+            assert Store(store.folder).manifest == whole  # a space that is another one now
         except ValueError:
             noticed += 1
-            continue
-        assert held == whole  # a space that is another one now
     assert noticed > 8 * 200
 
 
@@ -129,7 +122,7 @@ def test_what_is_no_chunk_of_this_place_is_damage_and_made_anew(store, put, mess
     with pytest.raises(DamagedError, match=f"chunk 1 is damaged .*{message}"):
         store.read(1)
     store.write(1, columns(4, 4))
-    assert store.read(1)["a"].tolist() == columns(4, 4)["a"].tolist()
+    assert_held(store, 1, 4, 4)
 
 
 def fresh(store):
@@ -138,32 +131,28 @@ def fresh(store):
     return path
 
 
-def test_a_folder_in_the_place_of_a_chunk_is_told(store):
+def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_alone(store):
+    again = Store.create, store.folder
+    words = r"holds another study: grid.dt is 0.1 there and 0.2 here"
+    refused(words, *again, IDENTITY | {"grid": {"dt": 0.2}}, 10, {})
+    words = r"grid.h is absent there and 1 here"
+    refused(words, *again, IDENTITY | {"grid": {"dt": 0.1, "h": 1}}, 10, {})
+    assert all(store.read(k) is not None for k in store.chunks())
     fresh(store).mkdir()
     with pytest.raises(DamagedError, match="it is no regular file"):
         store.read(1)
     with pytest.raises(OSError, match=r"the store cannot be written \(Is a directory"):
         store.write(1, columns(4, 4))
+    folder = store.folder.with_name("home")
+    folder.mkdir()
+    (folder / "thesis.tex").write_text("years of work")
+    words = r"must be empty or hold a manifest.json, but has 'thesis"
+    refused(words, Store.create, folder, IDENTITY, 10, {})
+    assert [p.name for p in folder.iterdir()] == ["thesis.tex"]
 
 
-def test_another_study_is_refused_with_what_differs(store):
-    with pytest.raises(ValueError, match=r"holds another study: grid.dt is 0.1 there and 0.2 here"):
-        Store.create(store.folder, IDENTITY | {"grid": {"dt": 0.2}}, 10, {})
-    with pytest.raises(ValueError, match=r"grid.h is absent there and 1 here"):
-        Store.create(store.folder, IDENTITY | {"grid": {"dt": 0.1, "h": 1}}, 10, {})
-    assert all(store.read(k) is not None for k in store.chunks())
-
-
-def test_a_folder_of_other_things_is_left_alone(tmp_path):
-    (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(ValueError, match=r"must be empty or hold a manifest.json, but has 'thesis"):
-        Store.create(tmp_path, IDENTITY, 10, {})
-    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_a_folder_without_a_good_manifest_is_refused(tmp_path):
+    for text, message in (
         (None, r"must be a folder with a manifest.json"),
         ("", r"manifest.json is damaged"),
         ("{", r"manifest.json is damaged"),
@@ -173,69 +162,50 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
         ('{"format": 2}', r"manifest.json is damaged \(its checksum is wrong\)"),
         ('{"format": 99}', r"format 99 must be 2; another version"),
         ('{"format": 1, "n": 10, "identity": {}}', r"format 1 must be 2; .* run the study anew"),
-    ],
-)
-def test_a_folder_without_a_good_manifest_is_refused(tmp_path, text, message):
-    if text is not None:
-        (tmp_path / MANIFEST).write_text(text)
-    with pytest.raises(ValueError, match=message):
-        Store(tmp_path)
-
-
-def test_a_missing_folder_is_called_missing(tmp_path):
+    ):
+        if text is not None:
+            (tmp_path / MANIFEST).write_text(text)
+        refused(message, Store, tmp_path)
     missing = tmp_path / "no" / "study"
-    with pytest.raises(ValueError, match=f"manifest.json; there is no folder {missing}"):
-        jp.Study.open(missing)
+    refused(f"manifest.json; there is no folder {missing}", jp.Study.open, missing)
+    # What is no file: a folder, a pipe, a link to itself, a device.
+    to_itself, to_a_device = (lambda p: p.symlink_to(p)), (lambda p: p.symlink_to("/dev/zero"))
+    for i, put in enumerate((Path.mkdir, os.mkfifo, to_itself, to_a_device)):
+        folder = tmp_path / f"{i}"
+        folder.mkdir()
+        put(folder / MANIFEST)
+        refused(r"manifest.json is damaged \(it is", Store, folder)
+        refused(r"manifest.json is damaged \(it is", Store.create, folder, IDENTITY, 10, {})
 
 
-@pytest.mark.parametrize(
-    "put",
-    [
-        Path.mkdir,
-        os.mkfifo,
-        lambda path: path.symlink_to(path),
-        lambda p: p.symlink_to("/dev/zero"),
-    ],
-    ids=["folder", "pipe", "loop", "device"],
-)
-def test_what_is_no_file_in_the_place_of_the_manifest_is_refused(tmp_path, put):
-    put(tmp_path / MANIFEST)
-    for open_it in (Store, lambda folder: Store.create(folder, IDENTITY, 10, {})):
-        with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is"):
-            open_it(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_identities_and_files_that_make_no_store_are_refused(tmp_path, monkeypatch):
+    for change, message in (
         ({"chunk_size": 0}, "chunk_size = 0 must be from 1"),
         ({"chunk_size": 10**12}, "chunk_size = 1000000000000 must be from 1 to 2,147,483,648"),
         ({"precision": "float16"}, "precision = 'float16' must be float32 or float64"),
         ({"columns": []}, r"columns = \[\] must be names"),
         ({"columns": ["../a"]}, "column '../a' must have a name"),
-    ],
-)
-def test_an_identity_that_cannot_be_read_again_is_refused(tmp_path, change, message):
-    with pytest.raises(ValueError, match=message):
-        Store.create(tmp_path / "study", IDENTITY | change, 10, {})
-    assert not (tmp_path / "study").exists()
+    ):
+        refused(message, Store.create, tmp_path / "study", IDENTITY | change, 10, {})
+        assert not (tmp_path / "study").exists()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="the store cannot be written"):
+        Store.create(tmp_path / "file", IDENTITY, 10, {})
+
+    def link(*_):
+        """A file system without links will do."""
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(archive.os, "link", link)
+    assert Store.create(tmp_path / "study", IDENTITY, 10, {}).n == 10
 
 
 def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
     os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
-    with pytest.raises(ValueError, match=r"manifest.json is damaged \(it is too large\)"):
-        Store(store.folder)
+    refused(r"manifest.json is damaged \(it is too large\)", Store, store.folder)
     monkeypatch.setattr("jaxpound.store.store._LARGEST_MANIFEST", 1000)
-    with pytest.raises(
-        ValueError, match=r"manifest.json must be at most 1,000 bytes with its notes"
-    ):
-        Store.create(store.folder.with_name("other"), IDENTITY, 10, {"notes": "x" * 1000})
-
-
-def test_an_absurd_number_of_samples_is_refused(store):
-    (store.folder / "samples-9999999999").touch()
-    with pytest.raises(ValueError, match="samples-9999999999 must be at most 2147483648"):
-        Store(store.folder)
+    words, folder = r"must be at most 1,000 bytes with its notes", store.folder.with_name("other")
+    refused(f"manifest.json {words}", Store.create, folder, IDENTITY, 10, {"notes": "x" * 1000})
 
 
 def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(store):
@@ -245,23 +215,25 @@ def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(sto
     assert Store(store.folder).held() == [0, 1, 2]
     assert Store(store.folder, 6).held() == [0, 1]
     assert [*dict(Store(store.folder).undamaged(Store(store.folder).held(), ""))] == [0, 1]
+    (store.folder / "samples-9999999999").touch()
+    refused("samples-9999999999 must be at most 2147483648", Store, store.folder)
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
-def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, number, monkeypatch):
-    def write_array(file, *_, **__):
-        file.write(b"half a file")
-        raise OSError(number, os.strerror(number))
+def test_a_disk_that_cannot_be_written_says_so_and_keeps_what_there_is(store, monkeypatch):
+    for number in (errno.ENOSPC, errno.EROFS, errno.EACCES):
 
-    with monkeypatch.context() as patch:
-        patch.setattr(archive.np.lib.format, "write_array", write_array)
-        with pytest.raises(
-            OSError, match=r"cannot be written .* its finished chunks are kept"
-        ) as e:
-            store.write(1, columns(4, 4))
-    assert (e.value.errno, e.value.filename) == (number, str(store._path(1, 4)))
-    assert not [*store.folder.glob("*.part")]
-    assert all(store.read(k) is not None for k in store.chunks())
+        def write_array(file, *_, number=number, **__):
+            file.write(b"half a file")
+            raise OSError(number, os.strerror(number))
+
+        words = r"cannot be written .* its finished chunks are kept"
+        with monkeypatch.context() as patch:
+            patch.setattr(archive.np.lib.format, "write_array", write_array)
+            with pytest.raises(OSError, match=words) as refusal:
+                store.write(1, columns(4, 4))
+        assert (refusal.value.errno, refusal.value.filename) == (number, str(store._path(1, 4)))
+        assert not [*store.folder.glob("*.part")]
+        assert all(store.read(k) is not None for k in store.chunks())
 
 
 def test_a_file_that_finds_no_more_room_is_given_up(tmp_path):
@@ -284,17 +256,16 @@ def test_a_file_that_finds_no_more_room_is_given_up(tmp_path):
 def test_a_folder_that_may_only_be_read_is_read():
     """As somebody without rights, which root is not."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder, root = Path(name), os.geteuid() == 0
         store = Store.create(folder / "study", IDENTITY, 10, {})
         store.write(0, columns(0, 4))
         folder.chmod(0o755)
         store.folder.chmod(0o555)
-        root = os.geteuid() == 0
         if root:
             os.seteuid(65534)
         try:
             again = Store.create(store.folder, IDENTITY, 10, {})
-            assert again.read(0)["a"].tolist() == columns(0, 4)["a"].tolist()
+            assert_held(again, 0, 0, 4)
             with pytest.raises(OSError, match=r"cannot be written \(Permission denied\)"):
                 again.write(1, columns(4, 4))
             with pytest.raises(OSError, match=r"cannot be written \(Permission denied\)"):
@@ -340,39 +311,29 @@ def test_a_process_killed_at_any_moment_leaves_whole_chunks_only(tmp_path):
     assert half_written
 
 
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match="the store cannot be written"):
-        Store.create(tmp_path / "file", IDENTITY, 10, {})
+MAKER = """
+import sys, json
+from jaxpound.store.store import Store
+for i in range(50):
+    Store.create(f'{sys.argv[1]}/{i}', json.loads(sys.argv[2]), 10, {})
+"""
 
 
-def test_a_file_system_without_links_will_do(tmp_path, monkeypatch):
-    def link(*_):
-        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
-
-    monkeypatch.setattr(archive.os, "link", link)
-    assert Store.create(tmp_path / "study", IDENTITY, 10, {}).n == 10
+def ends(program, *arguments, given=b""):
+    """What processes of a program write to stderr that run at once."""
+    commands = [[sys.executable, "-c", program, *each] for each in arguments]
+    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE}
+    workers = [subprocess.Popen(command, **pipes) for command in commands]
+    return [worker.communicate(given)[1].decode() for worker in workers]
 
 
 def test_processes_that_make_one_store_at_once_agree_on_it(tmp_path):
-    code = (
-        "import sys, json; from jaxpound.store.store import Store; "
-        "identity = json.loads(sys.argv[2]); "
-        "[Store.create(f'{sys.argv[1]}/{i}', identity, 10, {}) for i in range(50)]"
-    )
-    kinds = [json.dumps(IDENTITY)] * 2 + [json.dumps(IDENTITY | {"chunk_size": 5})]
-    workers = [
-        subprocess.Popen([sys.executable, "-c", code, tmp_path, kind], stderr=subprocess.PIPE)
-        for kind in kinds
-    ]
-    ends = [worker.communicate()[1].decode() for worker in workers]
+    one, other = (json.dumps(IDENTITY | {"chunk_size": k}) for k in (4, 5))
+    errors = ends(MAKER, *((tmp_path, kind) for kind in (one, one, other)))
     assert {Store(tmp_path / f"{i}").n for i in range(50)} == {10}
     # One of the two kinds was first, and all of the other were refused.
-    assert sum("holds another study: chunk_size" in end for end in ends) in (1, 2, 3)
+    assert sum("holds another study: chunk_size" in end for end in errors) in (1, 2, 3)
     assert not [*Path(tmp_path).glob("*/*.part")]
-
-
-# Studies of other sizes in one store.
 
 
 def test_a_smaller_study_leaves_what_a_larger_one_made(tmp_path):
@@ -386,19 +347,17 @@ def test_a_smaller_study_leaves_what_a_larger_one_made(tmp_path):
     small.write(1, columns(4, 2))
     large.write(2, columns(8, 3))
     assert (Store(folder).n, small.n, large.n) == (13, 6, 11)
-    assert small.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
-    assert large.read(2)["b"].tolist() == columns(8, 3)["b"].tolist()
-    assert larger.read(1)["a"].tolist() == columns(4, 4)["a"].tolist()
+    assert_held(small, 1, 4, 2)
+    assert_held(large, 2, 8, 3)
+    assert_held(larger, 1, 4, 4)
     larger.write(0, columns(0, 4))
     larger.write(3, columns(12, 1))
     Store.create(folder, IDENTITY, 6, {})  # sweeps
     assert sorted(path.name for path in folder.iterdir()) == [
         *(f"chunk-00000{i}.npz" for i in range(3)),
-        "chunk-000003-1.npz",
-        MANIFEST,
-        "samples-13",
+        *("chunk-000003-1.npz", MANIFEST, "samples-13"),
     ]
-    assert small.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+    assert_held(small, 1, 4, 2)
 
 
 def test_a_chunk_s_part_stays_until_the_whole_is_there_and_right(tmp_path):
@@ -407,7 +366,7 @@ def test_a_chunk_s_part_stays_until_the_whole_is_there_and_right(tmp_path):
     larger = Store.create(tmp_path, IDENTITY, 8, {})
     (tmp_path / "chunk-000001.npz").write_bytes(b"damaged")
     larger.sweep()
-    assert store.read(1)["a"].tolist() == columns(4, 2)["a"].tolist()
+    assert_held(store, 1, 4, 2)
     with pytest.raises(DamagedError):
         larger.read(1)
     larger.write(1, columns(4, 4))
@@ -437,19 +396,11 @@ for n in numbers:
 
 
 def test_processes_that_grow_one_store_to_other_sizes_do_not_disturb_each_other(tmp_path):
-    commands = [
-        [sys.executable, "-c", GROWER, tmp_path / "study", json.dumps(IDENTITY), *numbers]
-        for numbers in (("2", "80", "3"), ("3", "80", "2"))
-    ]
-    workers = [
-        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
-        for command in commands
-    ]
-    ends = [worker.communicate(b"go\n")[1].decode() for worker in workers]
-    assert ends == ["", ""]
-    store = Store.create(tmp_path / "study", IDENTITY, 79, {})
+    folder, identity = tmp_path / "study", json.dumps(IDENTITY)
+    sizes = ("2", "80", "3"), ("3", "80", "2")
+    assert ends(GROWER, *((folder, identity, *x) for x in sizes), given=b"go\n") == ["", ""]
+    store = Store.create(folder, IDENTITY, 79, {})
     assert sorted(path.name for path in store.folder.iterdir()) == [
         *(f"chunk-{i:06d}{'-3' * (i == 19)}.npz" for i in range(20)),
-        MANIFEST,
-        "samples-79",
+        *(MANIFEST, "samples-79"),
     ]

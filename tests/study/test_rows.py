@@ -11,6 +11,7 @@ from scipy import stats
 import jaxpound as jp
 from jaxpound.results.named import OF_CONTACTS, over_all, required_gaps
 from jaxpound.study.statistics import quantile
+from tests.refusals import refusals, refused
 from tests.rows import GAPS, GRID, ROW, WAVES, touching
 from tests.test_tables import assert_shown
 
@@ -32,7 +33,7 @@ def study(folder):
     return run(64, folder)
 
 
-def test_the_gap_of_each_link_is_told(study):
+def test_gaps_and_pounding_are_those_of_one_link_or_of_any(study):
     assert study.n_links == 2
     own = [GAPS[k] - study[f"min_gap_{k + 1}"] for k in range(2)]
     for k in range(2):
@@ -40,9 +41,6 @@ def test_the_gap_of_each_link_is_told(study):
         assert study.required_gap(0.2, link=k) == quantile(study[f"required_gap_{k + 1}"], 0.8)
     np.testing.assert_array_equal(study["required_gap"], np.maximum(*own))
     assert study.required_gap(0.2).value >= study.required_gap(0.2, link=1).value
-
-
-def test_pounding_is_that_of_one_link_or_of_any(study):
     hit = [study[f"min_gap_{k + 1}"] <= 0 for k in range(2)]
     assert 0 < hit[0].sum() < (hit[0] | hit[1]).sum() < 64
     for k in range(2):
@@ -53,9 +51,6 @@ def test_pounding_is_that_of_one_link_or_of_any(study):
     assert study.pounding_probability().value == (hit[0] | hit[1]).mean()
     wide = np.maximum(*(study[f"required_gap_{k + 1}"] for k in range(2))) >= 0.09
     assert study.pounding_probability(0.09).value == wide.mean()
-
-
-def test_any_link_is_more_fragile_than_each(study):
     every = study.fragility("pgv")
     assert every.pounding.sum() == study.pounding().sum()
     for k in range(2):
@@ -63,9 +58,14 @@ def test_any_link_is_more_fragile_than_each(study):
         expected = jp.fit_fragility(study["pgv"], study[f"min_gap_{k + 1}"] <= 0)
         assert (own.median, own.dispersion) == (expected.median, expected.dispersion)
         assert (every.probability([0.2, 0.4]) > own.probability([0.2, 0.4])).all()
+    drifts = [study[name] for name in ("peak_x1", "peak_drift_2", "peak_x3", "peak_drift_4")]
+    np.testing.assert_array_equal(study["peak_drift"], np.max(drifts, axis=0))
+    accelerations = [study[f"peak_acceleration_{i}"] for i in range(1, 5)]
+    np.testing.assert_array_equal(study["peak_acceleration"], np.max(accelerations, axis=0))
+    assert study.demand.rods[1].peak_drift.shape == (64,)
 
 
-def test_required_gaps_are_a_table_with_a_row_for_each_link(study, folder):
+def test_required_gaps_are_a_table_of_the_links_without_contact(study, folder):
     scales = jp.Scales(mass=500e3, frequency=7.0)
     for one in (study, jp.Study.open(folder)):
         found = one.in_si(scales).required_gaps(0.1)
@@ -75,17 +75,20 @@ def test_required_gaps_are_a_table_with_a_row_for_each_link(study, folder):
         at = shown.index("1–2, floor 2")
         assert shown[at + 1] == f"{found.gaps[1].value:.4g}"
         assert "gap (m)" in shown
+    # The other has: what happens there does not depend on its own gap.
+    system = touching(jp.KelvinVoigt(300.0, 0.65)).system()
+    lower, upper = study.demand.links
+    hit = dict.fromkeys(OF_CONTACTS, np.ones(64))
+    found = dataclasses.replace(study.demand, links=(lower, dataclasses.replace(upper, **hit)))
+    gaps = required_gaps(system, found)
+    assert [*gaps] == ["required_gap_1"]
+    np.testing.assert_allclose(gaps["required_gap_1"], study["required_gap_1"], atol=1e-12)
+    largest = over_all(system, found)
+    assert [*largest] == ["peak_drift", "peak_acceleration", *OF_CONTACTS]
+    np.testing.assert_array_equal(largest["peak_contact"], np.ones(64))
 
 
-def test_demands_over_all_floors_are_the_largest(study):
-    drifts = [study[name] for name in ("peak_x1", "peak_drift_2", "peak_x3", "peak_drift_4")]
-    np.testing.assert_array_equal(study["peak_drift"], np.max(drifts, axis=0))
-    accelerations = [study[f"peak_acceleration_{i}"] for i in range(1, 5)]
-    np.testing.assert_array_equal(study["peak_acceleration"], np.max(accelerations, axis=0))
-    assert study.demand.rods[1].peak_drift.shape == (64,)
-
-
-def test_storeys_of_a_building_are_correlated_and_those_of_two_are_not():
+def test_parameters_are_correlated_by_building_or_by_a_matrix():
     z = np.random.default_rng(0).normal(size=(20_000, SCENARIOS.structures.dimension))
     drawn = jax.jit(jax.vmap(SCENARIOS.structures.parameters))(z)
     assert [*drawn] == [f"buildings.{b}.rods.{i}.stiffness" for b in range(2) for i in range(2)]
@@ -95,9 +98,6 @@ def test_storeys_of_a_building_are_correlated_and_those_of_two_are_not():
     np.testing.assert_array_equal(SCENARIOS.structures.correlations, expected)
     for x in drawn.values():
         assert stats.kstest(np.log(x / 20.0) / 0.15, "norm").pvalue > 0.01
-
-
-def test_a_matrix_correlates_any_parameters():
     uncertain = {"links.*.friction": jp.LogNormal(0.1, 0.2), "links.0.gap": jp.LogNormal(0.1, 0.2)}
     matrix = np.array([[1.0, 0.2, -0.5], [0.2, 1.0, 0.3], [-0.5, 0.3, 1.0]])
     drawn = jp.UncertainStructures(ROW, uncertain, matrix)
@@ -112,60 +112,27 @@ def test_a_matrix_correlates_any_parameters():
 
 FRICTION = {"links.*.friction": jp.LogNormal(0.1, 0.2)}
 
-
-@pytest.mark.parametrize(
-    ("uncertain", "correlation", "message"),
-    [
-        (FRICTION, 1.0, "correlation = 1 must be above -1 and below 1, with 2 parameters that"),
-        (FRICTION, -1.0, "correlation = -1 must be above -1 and below 1"),
-        (FRICTION, "all", "correlation = 'all' must be a real number"),
-        (
-            FRICTION,
-            np.eye(3),
-            r"of shape \(3, 3\) must be a number, or of shape \(2, 2\): li",
-        ),
-        (FRICTION, [[1.0, 0.5], [0.4, 1.0]], "must be symmetric and finite, with a diagonal of 1"),
-        (FRICTION, [[2.0, 0.5], [0.5, 2.0]], "must be symmetric and finite, with a diagonal of 1"),
-        (FRICTION, [[1.0, 1.0], [1.0, 1.0]], "must be positive definite, but its smallest eigenv"),
-        (
-            {"links.0.gap": jp.Uniform(0.1, 0.2)},
-            0.5,
-            "= 0.5 must not be given: no two paths",
-        ),
-        ({"links.*.slip": jp.Uniform(0.1, 0.2)}, None, r"no path matches 'links\.\*\.slip'"),
-    ],
+test_correlations_that_cannot_be_are_named = refusals(
+    (FRICTION, 1.0, "correlation = 1 must be above -1 and below 1, with 2 parameters that"),
+    (FRICTION, -1.0, "correlation = -1 must be above -1 and below 1"),
+    (FRICTION, "all", "correlation = 'all' must be a real number"),
+    (FRICTION, np.eye(3), r"of shape \(3, 3\) must be a number, or of shape \(2, 2\): li"),
+    (FRICTION, [[1.0, 0.5], [0.4, 1.0]], "must be symmetric and finite, with a diagonal of 1"),
+    (FRICTION, [[2.0, 0.5], [0.5, 2.0]], "must be symmetric and finite, with a diagonal of 1"),
+    (FRICTION, [[1.0, 1.0], [1.0, 1.0]], "must be positive definite, but its smallest eigenv"),
+    ({"links.0.gap": jp.Uniform(0.1, 0.2)}, 0.5, "= 0.5 must not be given: no two paths"),
+    ({"links.*.slip": jp.Uniform(0.1, 0.2)}, None, r"no path matches 'links\.\*\.slip'"),
+    of=lambda uncertain, correlation: jp.UncertainStructures(ROW, uncertain, correlation),
+    before="^UncertainStructures: .*",
 )
-def test_correlations_that_cannot_be_are_named(uncertain, correlation, message):
-    with pytest.raises(ValueError, match=f"^UncertainStructures: .*{message}"):
-        jp.UncertainStructures(ROW, uncertain, correlation)
 
 
-def test_links_that_are_not_there_are_named(study):
+def test_links_that_are_not_there_or_far_are_named(study, folder):
     for ask in (study.pounding_probability, study.pounding, study.fragility):
         for link in (2, -1, True, 0.0):
-            with pytest.raises(ValueError, match=r"link = .* must be the number of one of the 2 l"):
-                ask(link=link)
-    with pytest.raises(ValueError, match=r"^required_gap: link = 5 must be"):
-        study.required_gap(0.1, link=5)
-    with pytest.raises(ValueError, match=r"^pounding: gap = -1 must be finite and not negative"):
-        study.pounding(-1.0)
-
-
-def test_a_link_with_a_law_of_contact_has_no_required_gap(study):
-    """The other has: what happens there does not depend on its own gap."""
-    system = touching(jp.KelvinVoigt(300.0, 0.65)).system()
-    lower, upper = study.demand.links
-    hit = dict.fromkeys(OF_CONTACTS, np.ones(64))
-    found = dataclasses.replace(study.demand, links=(lower, dataclasses.replace(upper, **hit)))
-    gaps = required_gaps(system, found)
-    assert [*gaps] == ["required_gap_1"]
-    np.testing.assert_allclose(gaps["required_gap_1"], study["required_gap_1"], atol=1e-12)
-    largest = over_all(system, found)
-    assert [*largest] == ["peak_drift", "peak_acceleration", *OF_CONTACTS]
-    np.testing.assert_array_equal(largest["peak_contact"], np.ones(64))
-
-
-def test_a_gap_out_of_proportion_is_named_by_its_link(folder):
+            refused(r"link = .* must be the number of one of the 2 l", ask, link=link)
+    refused(r"^required_gap: link = 5 must be", study.required_gap, 0.1, link=5)
+    refused(r"^pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
     lower, upper = ROW.links
     far = dataclasses.replace(ROW, links=(lower, dataclasses.replace(upper, gap=1e3)))
     with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: links\.1\.gap = \d+\S* g/ω1²"):

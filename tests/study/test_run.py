@@ -14,9 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 import jaxpound as jp
+from tests.refusals import refusals, refused
 
 TESTS = Path(__file__).parent
 GRID = jp.TimeGrid(0.1, 40)
@@ -41,6 +43,12 @@ def study(scenarios=RANDOM, n=50, **more):
     return jp.monte_carlo(scenarios, n, GRID, **more)
 
 
+def assert_same(found, expected, rtol=1e-9, atol=1e-12):
+    """All columns of two studies."""
+    for name in expected.columns:
+        assert_allclose(found[name], expected[name], rtol=rtol, atol=atol, err_msg=name)
+
+
 @cache
 def unit():
     return jp.demand(SLIDING, jp.Ricker(1.0, [2.0], [1.5]), GRID)
@@ -52,15 +60,12 @@ def files(folder):
     return {path.name: path.read_bytes() for path in paths}
 
 
-# Against closed forms.
-
-
 @cache
 def linear():
     return study(LINEAR, 4000, chunk_size=1000, key=5)
 
 
-def test_statistics_of_a_linear_response_are_the_lognormal_s():
+def test_statistics_of_a_linear_response_are_the_lognormal_s_and_rules_of_codes_by_quantiles():
     found, one = linear(), unit()
     for name in ("peak_x1", "peak_f2", "pga", "required_gap"):
         per_amplitude = float(1 - one.min_gap if name == "required_gap" else getattr(one, name))
@@ -74,29 +79,6 @@ def test_statistics_of_a_linear_response_are_the_lognormal_s():
             estimate = found.quantile(name, share, 0.999)
             assert estimate.low <= known.ppf(share) <= estimate.high
     assert found.correlations("peak_x1")["amplitude"] == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("gap", [0.1, 0.3, 0.8])
-def test_the_probability_of_pounding_at_any_gap_from_one_run(gap):
-    known = stats.lognorm(SIGMA, scale=MEDIAN * float(1 - unit().min_gap))
-    found = linear().pounding_probability(gap, 0.999)
-    assert found.low <= known.sf(gap) <= found.high
-    assert found.high - found.low < 0.06
-    needed = linear().required_gap(float(known.sf(gap)), 0.999)
-    assert needed.low <= gap <= needed.high
-
-
-def test_the_gap_of_the_scenarios_is_the_default():
-    wide, narrow = (
-        study(jp.Scenarios(dataclasses.replace(SLIDING, initial_gap=gap), LINEAR.ground), 200)
-        for gap in (1.0, 0.2)
-    )
-    np.testing.assert_allclose(wide["required_gap"], narrow["required_gap"], rtol=1e-9, atol=1e-12)
-    assert narrow.pounding_probability() == wide.pounding_probability(0.2)
-    assert narrow.pounding_probability().value == np.mean(narrow["pounds"])
-
-
-def test_code_rules_beside_the_required_gap():
     found = linear().separation(0.01)
     u1, u2 = (np.quantile(linear()[f"peak_x{i}"], 0.99) for i in (1, 2))
     assert found.absolute_sum == pytest.approx(u1 + u2)
@@ -107,20 +89,37 @@ def test_code_rules_beside_the_required_gap():
     assert found.required_gap == linear().required_gap(0.01)
 
 
+def test_the_probability_of_pounding_at_any_gap_from_one_run():
+    """The gap of the scenarios is the default."""
+    required = stats.lognorm(SIGMA, scale=MEDIAN * float(1 - unit().min_gap))
+    for gap in (0.1, 0.3, 0.8):
+        estimate = linear().pounding_probability(gap, 0.999)
+        assert estimate.low <= required.sf(gap) <= estimate.high < estimate.low + 0.06
+        needed = linear().required_gap(float(required.sf(gap)), 0.999)
+        assert needed.low <= gap <= needed.high
+    wide, narrow = (
+        study(jp.Scenarios(dataclasses.replace(SLIDING, initial_gap=gap), LINEAR.ground), 200)
+        for gap in (1.0, 0.2)
+    )
+    assert_allclose(wide["required_gap"], narrow["required_gap"], rtol=1e-9, atol=1e-12)
+    assert narrow.pounding_probability() == wide.pounding_probability(0.2)
+    assert narrow.pounding_probability().value == np.mean(narrow["pounds"])
+
+
 def test_answers_in_si_units():
     scales = jp.Scales(2e5, 7.0)
     si = linear().in_si(scales)
     assert si.pounding_probability(0.3 * scales.length) == linear().pounding_probability(0.3)
     needed, bare = si.required_gap(0.1), linear().required_gap(0.1)
-    np.testing.assert_allclose(needed[:3], np.array(bare[:3]) * scales.length)
+    assert_allclose(needed[:3], np.array(bare[:3]) * scales.length)
     demand = scales.to_si(linear().demand)
     assert si.demand.si
     for name, values in demand.scalars().items():
-        np.testing.assert_allclose(si[name], values, rtol=1e-12)
+        assert_allclose(si[name], values, rtol=1e-12)
         assert si.moments(name).mean == pytest.approx(float(np.mean(values)))
     assert "(SI)" in repr(si)
     made = study(LINEAR, 4, scales=scales)
-    np.testing.assert_allclose(made["pga"], study(LINEAR, 4)["pga"] * 9.80665)
+    assert_allclose(made["pga"], study(LINEAR, 4)["pga"] * 9.80665)
 
 
 def test_sobol_points_estimate_a_mean_better():
@@ -145,7 +144,7 @@ def test_any_object_with_a_dimension_and_a_way_to_realize_will_do():
     found = study(Mine(), 20)
     assert list(found.correlations()) == ["z_1", "z_2"]
     peak = jax.jit(jax.vmap(lambda z: jp.demand(*Mine().realize(z), GRID).peak_x2))
-    np.testing.assert_allclose(found["peak_x2"], peak(found.points()), rtol=1e-9)
+    assert_allclose(found["peak_x2"], peak(found.points()), rtol=1e-9)
 
 
 def test_spectral_acceleration_is_a_measure_for_fragility():
@@ -157,15 +156,12 @@ def test_spectral_acceleration_is_a_measure_for_fragility():
     found = study(LINEAR, 400, measures={"sa": sa}, chunk_size=400)
     one = jax.jit(sa)(SLIDING, jp.Ricker(1.0, [2.0], [1.5]))
     amplitude = MEDIAN * np.exp(SIGMA * found.points()[:, 0])
-    np.testing.assert_allclose(found["sa"], amplitude * float(one), rtol=1e-9)
+    assert_allclose(found["sa"], amplitude * float(one), rtol=1e-9)
     noisy = found["required_gap"] * np.random.default_rng(0).lognormal(0, 0.2, 400)
     threshold = float(np.median(noisy))
     curve = jp.fit_fragility(found["sa"], noisy >= threshold)
     at_half = threshold * float(one) / float(1 - unit().min_gap)
     assert curve.median == pytest.approx(at_half, rel=4 * curve.median_error / curve.median)
-
-
-# The same sample whatever the way.
 
 
 @pytest.mark.parametrize("sampling", ["plain", "sobol"])
@@ -180,38 +176,12 @@ def test_samples_do_not_depend_on_chunks_or_shards_or_where_they_run(tmp_path, s
     assert sorted(np.concatenate([part.indices for part in parts])) == list(range(50))
     ways.append(jp.Study.open(tmp_path / "b"))
     for way in ways:
-        np.testing.assert_array_equal(way.indices, whole.indices)
-        for name in whole.columns:
-            np.testing.assert_allclose(way[name], whole[name], rtol=1e-9, atol=1e-12)
+        assert_array_equal(way.indices, whole.indices)
+        assert_same(way, whole)
     for part in parts:
-        np.testing.assert_allclose(part["pga"], whole["pga"][part.indices], rtol=1e-9)
-        np.testing.assert_array_equal(part.points(), whole.points()[part.indices])
+        assert_allclose(part["pga"], whole["pga"][part.indices], rtol=1e-9)
+        assert_array_equal(part.points(), whole.points()[part.indices])
     assert files(tmp_path / "a") == files(tmp_path / "b")
-
-
-def test_chunks_may_run_in_other_processes(tmp_path):
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as processes:
-        found = study(store=tmp_path / "study", executor=processes)
-    here = study()
-    for name in here.columns:
-        np.testing.assert_allclose(found[name], here[name], rtol=1e-9, atol=1e-12)
-
-
-def test_a_key_is_a_seed_or_a_key():
-    seeded, keyed = (study(n=4, key=key) for key in (3, jax.random.key(3)))
-    other = study(n=4, key=4)
-    np.testing.assert_array_equal(seeded["pga"], keyed["pga"])
-    np.testing.assert_array_equal(study(n=4, key=jax.random.PRNGKey(3))["pga"], keyed["pga"])
-    assert np.abs(seeded["pga"] - other["pga"]).min() > 0
-
-
-def test_single_precision_is_the_callers(tmp_path):
-    with jax.enable_x64(False):
-        single = study(n=8, store=tmp_path / "study")
-        assert single["pga"].dtype == np.float32
-    assert jp.Study.open(tmp_path / "study")["pga"].dtype == np.float32
-    with pytest.raises(ValueError, match="precision is 'float32' there and 'float64' here"):
-        study(n=8, store=tmp_path / "study")
 
 
 TWO_DEVICES = """
@@ -226,17 +196,27 @@ np.savez(sys.argv[1], **{name: found[name] for name in found.columns})
 """
 
 
-def test_many_samples_are_the_same_on_one_device_and_on_two(tmp_path):
+def test_samples_are_the_same_in_other_processes_and_on_two_devices(tmp_path):
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as processes:
+        assert_same(study(store=tmp_path / "study", executor=processes), study())
     command = [sys.executable, "-c", TWO_DEVICES, str(tmp_path / "two.npz")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    two, one = np.load(tmp_path / "two.npz"), study(n=20_000, chunk_size=None)
     assert len(jax.devices()) == 1
-    for name in one.columns:
-        np.testing.assert_allclose(two[name], one[name], rtol=1e-9, atol=1e-12, err_msg=name)
+    assert_same(np.load(tmp_path / "two.npz"), study(n=20_000, chunk_size=None))
 
 
-# The store.
+def test_a_key_is_a_seed_or_a_key_and_precision_the_caller_s(tmp_path):
+    seeded, keyed = (study(n=4, key=key) for key in (3, jax.random.key(3)))
+    other = study(n=4, key=4)
+    assert_array_equal(seeded["pga"], keyed["pga"])
+    assert_array_equal(study(n=4, key=jax.random.PRNGKey(3))["pga"], keyed["pga"])
+    assert np.abs(seeded["pga"] - other["pga"]).min() > 0
+    with jax.enable_x64(False):
+        single = study(n=8, store=tmp_path / "study")
+        assert single["pga"].dtype == np.float32
+    assert jp.Study.open(tmp_path / "study")["pga"].dtype == np.float32
+    refused("precision is 'float32' there and 'float64' here", study, n=8, store=tmp_path / "study")
 
 
 def test_a_finished_study_is_read_not_run(tmp_path, monkeypatch):
@@ -245,31 +225,25 @@ def test_a_finished_study_is_read_not_run(tmp_path, monkeypatch):
     monkeypatch.setattr("jaxpound.study.chunk.Task.finish", None)
     again = study(store=tmp_path / "study", scales=jp.Scales(1e5, 7.0))
     opened = jp.Study.open(tmp_path / "study")
-    for name in first.columns:
-        np.testing.assert_array_equal(opened[name], first[name])
-        np.testing.assert_array_equal(again[name], first[name])
+    assert_same(opened, first, 0, 0)
+    assert_same(again, first, 0, 0)
     assert files(tmp_path / "study") == before
     assert opened.about["notes"] == {"who": "me"}
     assert float(opened.scales.mass) == 1e5
     assert repr(opened) == repr(first)
-    with pytest.raises(ValueError, match="keep_parameters=True keeps them"):
-        opened.parameters()
+    refused("keep_parameters=True keeps them", opened.parameters)
     assert next(iter(again.parameters())) == "friction"
 
 
 def test_a_study_grows_and_serves_fewer(tmp_path):
     folder = tmp_path / "study"
-    small = study(n=20, store=folder)
-    large = study(n=50, store=folder)
-    np.testing.assert_array_equal(large["pga"][:20], small["pga"])
-    np.testing.assert_array_equal(study(n=20, store=folder)["pga"], small["pga"])
-    assert files(folder) == files(study(n=50, store=tmp_path / "new") and tmp_path / "new")
-
-
-def test_fewer_samples_than_the_store_is_for_write_whole_chunks(tmp_path):
-    folder = tmp_path / "study"
-    study(n=50, store=folder)
+    small, large = (study(n=n, store=folder) for n in (20, 50))
+    assert_array_equal(large["pga"][:20], small["pga"])
+    assert_array_equal(study(n=20, store=folder)["pga"], small["pga"])
     before = files(folder)
+    study(n=50, store=tmp_path / "new")
+    assert before == files(tmp_path / "new")
+    # Fewer samples than the store is for write whole chunks.
     (folder / "chunk-000001.npz").unlink()
     few = study(n=20, store=folder)
     assert len(few) == few.moments("pga").n == 20
@@ -297,20 +271,16 @@ def test_a_damaged_chunk_is_made_anew(tmp_path):
     assert len(jp.Study.open(folder)) == 50
 
 
-def test_a_stray_file_that_asks_for_many_samples_keeps_nobody_waiting(tmp_path):
+def test_a_stray_file_keeps_nobody_waiting_and_a_store_all_damaged_is_no_study(tmp_path):
     """The last chunk, of 2 samples, is not whole in a study of so many."""
     there = study(store=tmp_path)
     (tmp_path / "samples-2147483648").touch()
-    np.testing.assert_array_equal(jp.Study.open(tmp_path)["pga"], there["pga"][:48])
-
-
-def test_a_store_all_of_which_is_damaged_is_no_study(tmp_path):
+    assert_array_equal(jp.Study.open(tmp_path)["pga"], there["pga"][:48])
     study(n=20, store=tmp_path)
     for path in tmp_path.glob("chunk-*"):
         path.write_bytes(b"")
-    refused = pytest.raises(ValueError, match="at least one finished chunk")
-    with pytest.warns(UserWarning, match="chunk 0 is damaged .*; chunk 1 is damaged"), refused:
-        jp.Study.open(tmp_path)
+    with pytest.warns(UserWarning, match="chunk 0 is damaged .*; chunk 1 is damaged"):
+        refused("at least one finished chunk", jp.Study.open, tmp_path)
 
 
 def test_a_chunk_of_another_key_is_not_taken_for_this_study_s(tmp_path):
@@ -320,51 +290,40 @@ def test_a_chunk_of_another_key_is_not_taken_for_this_study_s(tmp_path):
     (tmp_path / "0" / name).write_bytes((tmp_path / "1" / name).read_bytes())
     with pytest.raises(ValueError, match=r"chunk 1 is damaged \(study is .* run monte_carlo"):
         one["pga"]
-    np.testing.assert_array_equal(jp.Study.open(tmp_path / "1")["pga"], other["pga"])
+    assert_array_equal(jp.Study.open(tmp_path / "1")["pga"], other["pga"])
     (tmp_path / "1" / name).write_bytes(b"")
     with pytest.raises(ValueError, match=r"chunk 1 is damaged \(.*\); run monte_carlo again"):
         other["pga"]
 
 
-@pytest.fixture(scope="module")
-def eight(tmp_path_factory):
-    """The store of a study of 8 samples."""
-    folder = tmp_path_factory.mktemp("study") / "eight"
-    study(n=8, store=folder)
-    return folder
+UNCERTAIN, PAIR = "'UncertainStructures'", "'AdjacentStructures'"
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_another_study_is_refused_with_what_differs(tmp_path):
+    stored = {"n": 8, "store": tmp_path / "study"}
+    study(**stored)
+    before, kind = files(stored["store"]), "scenarios.structures.type"
+    of_pair = dataclasses.replace(RANDOM, structures=SLIDING)
+    for change, message in (
         ({"key": 1}, "key.numbers is "),
         ({"sampling": "sobol"}, "sampling is 'plain' there and 'sobol' here"),
         ({"scheme": jp.Scheme(order=1)}, "scheme.order is 2 there and 1 here"),
         ({"keep_parameters": True}, "columns is "),
         ({"scales": jp.Scales(1e5, 7.0)}, "scales is absent there and"),
         ({"chunk_size": 8}, "chunk_size is 16 there and 8 here"),
-        (
-            {"scenarios": dataclasses.replace(RANDOM, structures=jp.paper.structures())},
-            "scenarios.structures.type is 'UncertainStructures' there and 'AdjacentStructures'",
-        ),
-    ],
-    ids=lambda x: next(iter(x)) if isinstance(x, dict) else "",
-)
-def test_another_study_is_refused_with_what_differs(eight, change, message):
-    before = files(eight)
-    with pytest.raises(ValueError, match=f"holds another study: .*{message}"):
-        study(**({"n": 8, "store": eight} | change))
-    assert files(eight) == before
+        ({"scenarios": of_pair}, f"{kind} is 'UncertainStructures' there and 'AdjacentStructures'"),
+    ):
+        refused(f"holds another study: .*{message}", study, **stored | change)
+        assert files(stored["store"]) == before
 
-
-def test_a_function_with_other_numbers_inside_is_another_study(tmp_path):
+    # A function with other numbers inside, too.
     def scenarios(factor):
         return jp.Scenarios(SLIDING, jp.CustomDraw(lambda z: factor * wave(z), 1))
 
-    study(scenarios(2.0), n=8, store=tmp_path / "study")
-    study(scenarios(2.0), n=8, store=tmp_path / "study")
-    with pytest.raises(ValueError, match="holds another study: program"):
-        study(scenarios(3.0), n=8, store=tmp_path / "study")
+    stored["store"] = tmp_path / "of a function"
+    for _ in range(2):
+        study(scenarios(2.0), **stored)
+    refused("holds another study: program", study, scenarios(3.0), **stored)
 
 
 FILLING = """
@@ -407,17 +366,14 @@ def test_processes_that_fill_one_store_and_are_killed_go_on_to_the_same_files(tm
     assert 2 <= len([*both.glob("chunk-*.npz")]) < 20
     for worker in [start(20_000, i, 2) for i in (1, 2)]:
         finish(worker)
-    np.testing.assert_array_equal(jp.Study.open(both).indices, np.arange(20_000))
+    assert_array_equal(jp.Study.open(both).indices, np.arange(20_000))
     study(n=20_000, chunk_size=1000, store=both)  # sweeps
     study(n=20_000, chunk_size=1000, store=whole)
     assert len(files(whole)) == 20 + 2  # the manifest, and how many samples are asked for
     assert files(both) == files(whole)
     assert not [*both.glob("*.part")]
     few = study(n=2500, chunk_size=1000, store=both)
-    np.testing.assert_array_equal(few["pga"], jp.Study.open(both)["pga"][:2500])
-
-
-# Failures.
+    assert_array_equal(few["pga"], jp.Study.open(both)["pga"][:2500])
 
 
 def failing(z):
@@ -428,16 +384,20 @@ def failing(z):
 FAILING = jp.Scenarios(jp.CustomDraw(failing, 1, ("z",)), jp.Ricker(0.3, [2.0], [1.5]))
 
 
-def test_a_scenario_that_fails_is_named_with_its_reason(tmp_path):
-    with pytest.raises(ValueError, match=r"scenario \d+ fails: .*order = 2 must be in \(0, 1\]"):
-        study(FAILING, store=tmp_path / "study")
-
-
-def test_failures_may_be_kept_and_are_left_out_of_every_answer(tmp_path):
+def test_scenarios_that_fail_are_named_or_kept_and_left_out(tmp_path):
+    words = r"scenario \d+ fails: "
+    order = r".*order = 2 must be in \(0, 1\]"
+    refused(words + order, study, FAILING, store=tmp_path / "study")
+    stiff = jp.UncertainStructures(SLIDING, {"stiffness_ratio": jp.LogNormal(20.0, 2.0)})
+    unstable = jp.Scenarios(stiff, LINEAR.ground)
+    refused(f"{words}.*must be below the stability limit", study, unstable, 200)
+    # An error in a worker reaches the caller and stops the rest.
+    with ThreadPoolExecutor(1) as threads:
+        refused("fails", study, FAILING, 200, executor=threads, store=tmp_path / "threads")
     found = study(FAILING, 200, keep_failures=True)
     bad = np.abs(found.points()[:, 0]) > 1.5
     assert 0 < found.failed == bad.sum() < 50
-    np.testing.assert_array_equal(np.isnan(found["min_gap"]), bad)
+    assert_array_equal(np.isnan(found["min_gap"]), bad)
     assert np.isnan(found["pounds"][bad]).all()
     assert found.moments("peak_x1").n == 200 - bad.sum()
     good = found["required_gap"][~bad]
@@ -445,88 +405,56 @@ def test_failures_may_be_kept_and_are_left_out_of_every_answer(tmp_path):
     assert found.pounding_probability(0.1).value == pytest.approx(np.mean(good >= 0.1))
 
 
-def test_an_unstable_step_is_the_reason_given():
-    stiff = jp.UncertainStructures(SLIDING, {"stiffness_ratio": jp.LogNormal(20.0, 2.0)})
-    with pytest.raises(
-        ValueError, match=r"scenario \d+ fails: .*must be below the stability limit"
-    ):
-        study(jp.Scenarios(stiff, LINEAR.ground), 200)
-
-
-def test_an_error_in_a_worker_reaches_the_caller_and_stops_the_rest(tmp_path):
-    with ThreadPoolExecutor(1) as threads, pytest.raises(ValueError, match="fails"):
-        study(FAILING, 200, executor=threads, store=tmp_path / "study")
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"n": 0}, "n = 0 must be a positive whole number"),
-        ({"n": 2**31 + 1}, "n = 2147483649 must be at most 2,147,483,648 for plain"),
-        ({"scenarios": jp.paper.structures()}, "scenarios = .* must be of type ScenarioSet"),
-        ({"sampling": "halton"}, "sampling = 'halton' must be 'plain' or 'sobol'"),
-        ({"key": -1}, "key = -1 must be from 0"),
-        ({"key": "seed"}, "key = 'seed' must be a whole number or a key"),
-        ({"key": jax.random.key(3, impl="rbg")}, "key of kind rbg must be of kind threefry2x32"),
-        ({"chunk_size": 0}, "chunk_size = 0 must be a positive whole number"),
-        ({"notes": {1, 2}}, "notes must be what JSON can hold"),
-        ({"key": jnp.asarray(3.0)}, "must be a whole number or a key"),
-        ({"key": jax.random.split(jax.random.key(0))}, "must be a whole number or a key"),
-        ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
-        ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
-        ({"shard": (0, 2)}, r"shard = \(0, 2\) must be \(i, k\)"),
-        ({"shard": (1, 2)}, r"shard = \(1, 2\) must come with a store"),
-        ({"scales": 3}, "scales = 3 must be of type Scales"),
-        ({"measures": {"pga": lambda s, g: 1.0}}, "'pga' is the name of a demand"),
-        ({"measures": {"two": lambda s, g: jnp.ones(2)}}, r"'two' of shape \(2,\) must be one"),
-        ({"measures": {"a/b": lambda s, g: 1.0}}, "column 'a/b' must have a name of 1 to 200"),
-        ({"measures": {"a\0": lambda s, g: 1.0}}, r"column 'a\\x00' must have a name"),
-        ({"measures": {3: lambda s, g: 1.0}}, "column 3 must have a name"),
-        ({"measures": {"two": 3}}, r"measures\['two'\] = 3 must be a function"),
-        (
-            {"shard": (5, 5), "store": "never made"},
-            r"leave a chunk for each shard: the study has 4",
-        ),
-    ],
+test_bad_arguments_are_named = refusals(
+    ({"n": 0}, "n = 0 must be a positive whole number"),
+    ({"n": 2**31 + 1}, "n = 2147483649 must be at most 2,147,483,648 for plain"),
+    ({"scenarios": jp.paper.structures()}, "scenarios = .* must be of type ScenarioSet"),
+    ({"sampling": "halton"}, "sampling = 'halton' must be 'plain' or 'sobol'"),
+    ({"key": -1}, "key = -1 must be from 0"),
+    ({"key": "seed"}, "key = 'seed' must be a whole number or a key"),
+    ({"key": jax.random.key(3, impl="rbg")}, "key of kind rbg must be of kind threefry2x32"),
+    ({"chunk_size": 0}, "chunk_size = 0 must be a positive whole number"),
+    ({"notes": {1, 2}}, "notes must be what JSON can hold"),
+    ({"key": jnp.asarray(3.0)}, "must be a whole number or a key"),
+    ({"key": jax.random.split(jax.random.key(0))}, "must be a whole number or a key"),
+    ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
+    ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
+    ({"shard": (0, 2)}, r"shard = \(0, 2\) must be \(i, k\)"),
+    ({"shard": (1, 2)}, r"shard = \(1, 2\) must come with a store"),
+    ({"scales": 3}, "scales = 3 must be of type Scales"),
+    ({"measures": {"pga": lambda s, g: 1.0}}, "'pga' is the name of a demand"),
+    ({"measures": {"two": lambda s, g: jnp.ones(2)}}, r"'two' of shape \(2,\) must be one"),
+    ({"measures": {"a/b": lambda s, g: 1.0}}, "column 'a/b' must have a name of 1 to 200"),
+    ({"measures": {"a\0": lambda s, g: 1.0}}, r"column 'a\\x00' must have a name"),
+    ({"measures": {3: lambda s, g: 1.0}}, "column 3 must have a name"),
+    ({"measures": {"two": 3}}, r"measures\['two'\] = 3 must be a function"),
+    ({"shard": (5, 5), "store": "never made"}, r"leave a chunk for each shard: the study has 4"),
+    of=lambda change: study(**change),
 )
-def test_bad_arguments_are_named(change, message):
-    with pytest.raises(ValueError, match=message):
-        study(**change)
 
 
 @pytest.mark.usefixtures("small_machine")
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_what_memory_has_no_room_for_is_refused_before_it_is_asked_for():
+    for change, message in (
         ({}, r"n \(without a store\) = 2,147,483,648 would take \d+ GB of memory; this .* 24 GB"),
         ({"chunk_size": 2**31, "store": "never"}, r"samples of a chunk = 2,147,483,648 would take"),
         ({"chunk_size": 1, "store": "never"}, r"number of chunks = 2,147,483,648 would take .* TB"),
         ({"chunk_size": 2**40, "store": "never", "n": 4}, "chunk_size = .* must be from 1 to"),
-    ],
-)
-def test_what_memory_has_no_room_for_is_refused_before_it_is_asked_for(change, message):
-    with pytest.raises(ValueError, match=message):
-        study(**({"n": 2**31} | change))
-    assert not Path("never").exists()
-
-
-def test_questions_that_make_no_sense_are_refused():
-    found = linear()
-    for ask, message in (
-        (lambda: found["gap"], "column 'gap' must be one of min_gap"),
-        (lambda: found.pounding_probability(-1.0), "gap = -1 must be finite and not negative"),
-        (lambda: found.required_gap(0.0), "probability = 0 must be between 0 and 1"),
-        (
-            lambda: found.required_gap(0.1, 95),
-            "required_gap: confidence = 95 must be between",
-        ),
-        (lambda: found.separation(1.0), "separation: probability = 1 must be between 0 and 1"),
-        (
-            lambda: found.pounding_probability(0.1, 95),
-            "pounding_probability: confidence = 95 must be between 0 and 1",
-        ),
-        (lambda: found.correlations(kind="fancy"), "kind = 'fancy' must be 'rank' or 'linear'"),
-        (lambda: found.in_si(3.0), "scales = 3.0 must be of type Scales"),
     ):
-        with pytest.raises(ValueError, match=message):
-            ask()
+        refused(message, study, **{"n": 2**31} | change)
+        assert not Path("never").exists()
+
+
+test_questions_that_make_no_sense_are_refused = refusals(
+    (lambda: linear()["gap"], "column 'gap' must be one of min_gap"),
+    (lambda: linear().pounding_probability(-1.0), "gap = -1 must be finite and not negative"),
+    (
+        lambda: linear().pounding_probability(0.1, 95),
+        "pounding_probability: confidence = 95 must be between 0 and 1",
+    ),
+    (lambda: linear().required_gap(0.0), "probability = 0 must be between 0 and 1"),
+    (lambda: linear().required_gap(0.1, 95), "required_gap: confidence = 95 must be between"),
+    (lambda: linear().separation(1.0), "separation: probability = 1 must be between 0 and 1"),
+    (lambda: linear().correlations(kind="fancy"), "kind = 'fancy' must be 'rank' or 'linear'"),
+    (lambda: linear().in_si(3.0), "scales = 3.0 must be of type Scales"),
+)

@@ -12,6 +12,7 @@ from jaxpound.study import weighting
 from jaxpound.study.statistics import Moments
 from jaxpound.study.statistics import quantile as plain_quantile
 from jaxpound.study.weighting import Hits
+from tests.refusals import refusals, refused
 from tests.study.test_fragility import BETA, THETA, cloud, stripes
 from tests.study.test_run import MEDIAN, SIGMA, linear, study, unit
 
@@ -69,7 +70,7 @@ def test_importance_samples_say_what_their_target_does(normalised):
     assert there.counts("pounds")[1] == pytest.approx(there.pounding_probability())
 
 
-def test_a_fragility_does_not_depend_on_how_intensities_are_drawn():
+def test_fragilities_depend_neither_on_how_intensities_are_drawn_nor_on_repetition():
     im, pounding = cloud(20_000)
     w = stats.lognorm.pdf(im, 0.3, scale=0.5) / stats.lognorm.pdf(im, 0.6, scale=0.3)
     fit = jp.fit_fragility(im, pounding, weights=w)
@@ -78,9 +79,6 @@ def test_a_fragility_does_not_depend_on_how_intensities_are_drawn():
     again = jp.fit_fragility(im, pounding, weights=1e-6 * w)
     assert again.median == pytest.approx(fit.median)
     np.testing.assert_allclose(again.covariance, fit.covariance)
-
-
-def test_weights_that_are_whole_are_repetitions():
     levels, k, n = stripes()
     w = np.array([1, 3, 2, 1, 4, 1])
     one, other = jp.fit_fragility(levels, k, n, weights=w), jp.fit_fragility(levels, w * k, w * n)
@@ -115,7 +113,7 @@ def draws(n, seed, mean=2.0):
     return x, np.exp(mean**2 / 2 - mean * x)
 
 
-def test_intervals_of_rare_probabilities_cover_them():
+def test_intervals_cover_rare_probabilities_and_quantiles():
     """The smallest, 1.3e-3, with 200 samples: a plain sample would need 7,000 for this."""
     covered, widths = [], []
     for seed in range(300):
@@ -125,9 +123,6 @@ def test_intervals_of_rare_probabilities_cover_them():
         widths.append(estimate.high / estimate.low)
     assert 0.86 < np.mean(covered) < 0.96
     assert np.median(widths) < 2.2
-
-
-def test_intervals_of_quantiles_cover_them():
     for normalised, tail, mean in ((False, 1e-3, 2.5), (True, 0.3, 0.7), (False, 0.02, 2.0)):
         covered = []
         for seed in range(200):
@@ -135,15 +130,9 @@ def test_intervals_of_quantiles_cover_them():
             found = weighting.quantile(x, w, 1 - tail, normalised, 0.9)
             covered.append(found.low <= stats.norm.isf(tail) <= found.high)
         assert 0.83 < np.mean(covered) < 0.97, (normalised, tail)
-
-
-def test_a_low_quantile_is_counted_from_below():
     x, w = draws(400, 0)
     high, low = (weighting.quantile(s * x, w, p, False) for s, p in ((1, 0.99), (-1, 0.01)))
     assert low[:3] == (-high.value, -high.high, -high.low)
-
-
-def test_ends_beyond_the_samples_are_infinite():
     x = np.arange(10.0)
     found = weighting.quantile(x, np.ones(10), 0.9, True)
     assert found.high == np.inf == plain_quantile(x, 0.9).high
@@ -157,11 +146,8 @@ def test_a_column_s_weights_are_read_with_the_others(tmp_path):
     found = study(n=50, store=tmp_path / "s", measures=measures)
     by_name = jp.Study.open(tmp_path / "s").weighted("weight")
     by_array = found.weighted(found["weight"])
-    for one, other in zip(
-        by_name.exceedance("required_gap", 0.2), by_array.exceedance("required_gap", 0.2),
-        strict=True,
-    ):  # fmt: skip
-        assert one == pytest.approx(other)
+    exceedances = [x.exceedance("required_gap", 0.2) for x in (by_name, by_array)]
+    assert [*exceedances[0]] == pytest.approx([*exceedances[1]])
     gap, w = float(np.median(found["required_gap"])), found["weight"]
     curve = by_name.fragility(gap=gap)
     plain = jp.fit_fragility(found["pga"], found["required_gap"] >= gap, weights=w)
@@ -174,12 +160,10 @@ def test_a_study_with_weights_needs_no_more_memory():
     found = linear()
     part = np.random.default_rng(0).normal(size=16_384)
     rows, total = [range(64 * part.size)], Moments.of(part)
-    large = dataclasses.replace(
-        found,
-        rows=rows,
-        _parts=lambda name: (np.abs(part) for _ in range(64)),
-        _moments=dict.fromkeys(("pga", "weight", "required_gap"), total._replace(smallest=0.0)),
-    ).weighted("weight")
+    moments = dict.fromkeys(("pga", "weight", "required_gap"), total._replace(smallest=0.0))
+    parts = lambda name: (np.abs(part) for _ in range(64))  # noqa: E731
+    large = dataclasses.replace(found, rows=rows, _parts=parts, _moments=moments)
+    large = large.weighted("weight")
     tracemalloc.start()
     found = large.moments("required_gap"), large.pounding_probability(1.0)
     _, peak = tracemalloc.get_traced_memory()
@@ -206,25 +190,20 @@ def test_weights_of_runs_that_failed_do_not_matter():
     rest = np.where(np.isnan(weights), 0.0, weights)
     of = found.weighted(rest).pounding_probability(0.5)
     assert there.pounding_probability(0.5) == pytest.approx(of)
-    with pytest.raises(ValueError, match=r"weights = nan .* must be finite and not negative"):
-        some.weighted(np.full(len(some), np.nan))
+    nowhere, words = np.full(len(some), np.nan), r"weights = nan .* must be finite and not negative"
+    refused(words, some.weighted, nowhere)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda x: x.weighted("wait"), "Study: column 'wait' must be one of"),
-        (lambda x: x.weighted([1.0]), r"Study.weighted: weights must be \(4000,\)"),
-        (lambda x: x.weighted("min_gap"), "weights = -.* must be finite and not negative"),
-        (lambda x: x.weighted(np.zeros(4000)), "sum of the weights = 0 must be positive"),
-        (lambda x: x.weighted("first_impact_time"), "be one of|be finite in every run"),
-        (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1]), r"weights \(1,\) must be \(2,\)"),
-        (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1, -1]), "weights = -1 .* negative"),
-        (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[0, 0]), "sum of the weights = 0 must"),
-        (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1, 0]), "it never occurs"),
-        (lambda x: weighting.quantile(np.ones(0), np.ones(0), 0.5, True), r"\(0,\) must be \(n,\)"),
-    ],
+test_bad_weights_are_named = refusals(
+    (lambda x: x.weighted("wait"), "Study: column 'wait' must be one of"),
+    (lambda x: x.weighted([1.0]), r"Study.weighted: weights must be \(4000,\)"),
+    (lambda x: x.weighted("min_gap"), "weights = -.* must be finite and not negative"),
+    (lambda x: x.weighted(np.zeros(4000)), "sum of the weights = 0 must be positive"),
+    (lambda x: x.weighted("first_impact_time"), "be one of|be finite in every run"),
+    (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1]), r"weights \(1,\) must be \(2,\)"),
+    (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1, -1]), "weights = -1 .* negative"),
+    (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[0, 0]), "sum of the weights = 0 must"),
+    (lambda x: jp.fit_fragility([1, 2], [0, 1], weights=[1, 0]), "it never occurs"),
+    (lambda x: weighting.quantile(np.ones(0), np.ones(0), 0.5, True), r"\(0,\) must be \(n,\)"),
+    of=lambda call: call(linear()),
 )
-def test_bad_weights_are_named(call, message):
-    with pytest.raises(ValueError, match=message):
-        call(linear())
