@@ -20,7 +20,6 @@ from jaxpound.simulation.contact.records import (
     Clock,
     Contact,
     Impacts,
-    MidStep,
     StepLog,
 )
 
@@ -41,6 +40,16 @@ class SmoothState(NamedTuple):
     impulse: jax.Array
 
 
+class Snapshot(NamedTuple):
+    """The state of a flow in the middle of the step, as far as a ``MidStep`` needs it."""
+
+    y: jax.Array
+    slip: jax.Array
+    contact: Contact
+    strongest: jax.Array
+    powers: jax.Array
+
+
 class FlowState(NamedTuple):
     """The state of a flow."""
 
@@ -48,7 +57,7 @@ class FlowState(NamedTuple):
     slip: jax.Array  # direction of slip, 0 in stick
     contact: Contact  # its impulse is that of ``y``
     rising: jax.Array  # 1 while the contact force grows
-    now: MidStep  # its forces are found at the end
+    middle: Snapshot
     log: StepLog
     stage: jax.Array  # 0 before the middle of the step, 1 after it, 2 at the end
     iterations: jax.Array
@@ -59,7 +68,7 @@ class FlowState(NamedTuple):
     @property
     def regime(self) -> Regime:
         """What is constant until the next event."""
-        return Regime(self.slip, self.contact.mode, self.contact.touch_speed)
+        return Regime.of(self.slip, self.contact)
 
 
 class Place(NamedTuple):
@@ -108,6 +117,16 @@ class Event(NamedTuple):
     gap that is a rounding too small and opens does not close."""
 
 
+def _speed(at: Place, length: jax.Array) -> jax.Array:
+    """Size of the velocities within a substep."""
+    return jnp.abs(at.w) + length * jnp.abs(at.forces.acceleration)
+
+
+def _distance(at: Place, length: jax.Array) -> jax.Array:
+    """Size of the closings within a substep."""
+    return jnp.abs(at.s) + length * _speed(at, length)
+
+
 def table(laws: LinkLaws) -> list[Event]:
     """The events that are possible in a group with these laws."""
     events = [_TURN, _BREAK]
@@ -129,7 +148,7 @@ def _turn(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _TURN = Event(
     value=lambda setting, x, at: x.slip * at.w,
     armed=lambda setting, x, at: (x.slip != 0) & (x.contact.mode != REST),
-    scale=lambda at, length: jnp.abs(at.w) + length * jnp.abs(at.forces.acceleration),
+    scale=lambda at, length: _speed(at, length),
     effect=_turn,
     of_force=False,
 )
@@ -178,7 +197,7 @@ def _release(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _RELEASE = Event(
     value=lambda setting, x, at: at.s - setting.laws.gap,
     armed=lambda setting, x, at: x.regime.deformed,
-    scale=lambda at, length: 0 * at.s,
+    scale=lambda at, length: _distance(at, length),
     effect=_release,
     of_force=False,
 )
@@ -242,7 +261,7 @@ def _touch(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _TOUCH = Event(
     value=lambda setting, x, at: setting.laws.gap - at.s,
     armed=lambda setting, x, at: setting.laws.has_law & (x.contact.mode == APART),
-    scale=lambda at, length: 0 * at.s,
+    scale=lambda at, length: _distance(at, length),
     effect=_touch,
     of_force=False,
 )
@@ -349,8 +368,8 @@ def _record_turns(setting: Setting, x: FlowState, turned: jax.Array, slip: jax.A
 def first_zero(start: Any, slope: Any, end: Any, slope_end: Any, noise: Any) -> jax.Array:
     """Where a cubic on [0, 1] first falls below zero; inf if it never falls below −``noise``.
 
-    The cubic is given by its values and slopes at both ends; its ``start`` is ≥ 0. A monotone part
-    of it that ends below zero is found, and the zero in it by safeguarded Newton steps.
+    The cubic is given by its values and slopes at both ends; its ``start`` is ≥ 0. The zero in its
+    first monotone part that ends below zero is found by Laguerre's method, safeguarded by halving.
     """
     bend, twist = 3 * (end - start) - 2 * slope - slope_end, 2 * (start - end) + slope + slope_end
 
@@ -368,12 +387,12 @@ def first_zero(start: Any, slope: Any, end: Any, slope_end: Any, noise: Any) -> 
     high = jnp.where(at_early, early, jnp.where(at_late, late, 1.0))
     falls = at_early | at_late | (end < -noise)
 
-    at_low, at_high = cubic(low), cubic(high)
-    x = low + (high - low) * at_low / _nonzero(at_low - at_high)
+    x = (low + high) / 2
     for _ in range(4):
-        y = cubic(x)
+        y, fall = cubic(x), slope + x * (2 * bend + x * 3 * twist)
         low, high = jnp.where(y > 0, x, low), jnp.where(y > 0, high, x)
-        step = x - y / _nonzero(slope + x * (2 * bend + x * 3 * twist))
+        root = jnp.sqrt(larger(4 * fall**2 - 12 * y * (bend + x * 3 * twist), 0.0))
+        step = x - 3 * y / _nonzero(fall - root)
         x = jnp.where((step >= low) & (step <= high), step, (low + high) / 2)
     return jnp.where(falls, x, jnp.inf)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import smaller
 from jaxpound.model.contact import Newton, may_pull
-from jaxpound.simulation.contact.records import PRESSED, REST, is_deformed
+from jaxpound.simulation.contact.records import PRESSED, REST, Contact, is_deformed
 
 
 class Regime(NamedTuple):
@@ -18,6 +18,11 @@ class Regime(NamedTuple):
     slip: jax.Array  # direction of slip, 0 in stick
     mode: jax.Array  # of contact
     touch_speed: jax.Array  # of the contact under way
+
+    @staticmethod
+    def of(slip: jax.Array, contact: Contact) -> Regime:
+        """The regime of links that slip in a direction, and of their contact."""
+        return Regime(slip, contact.mode, contact.touch_speed)
 
     @property
     def held(self) -> jax.Array:

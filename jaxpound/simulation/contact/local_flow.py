@@ -28,6 +28,7 @@ from jaxpound.simulation.contact.events import (
     Place,
     Setting,
     SmoothState,
+    Snapshot,
     first_zero,
     table,
 )
@@ -123,13 +124,14 @@ class LocalFlow:
         empty: Any = dict.fromkeys(StepLog._fields, zeros)
         empty |= {"impacts": Impacts(*[slots] * len(Impacts._fields))}
         empty |= {"highest_forces": zeros[:, None] * inputs.delassus}
-        touched = jnp.where(contact.mode == APART, 0.0, 1.0).astype(self.dtype)
+        slip = jnp.sign(lax.stop_gradient(w))
+        touched = self._one_where(contact.mode != APART)
         return FlowState(
             y=jnp.stack(y),
-            slip=jnp.sign(lax.stop_gradient(w)),
+            slip=slip,
             contact=contact,
-            rising=jnp.where(contact.mode == PRESSED, 1.0, 0.0).astype(self.dtype),
-            now=MidStep(s, w, *(zeros,) * 5, contact, zeros, zeros),
+            rising=self._one_where(contact.mode == PRESSED),
+            middle=Snapshot(jnp.stack(y), slip, contact, zeros, zeros),
             log=StepLog(**empty)._replace(touched=touched, farthest=zeros - jnp.inf),
             stage=none,
             iterations=none,
@@ -150,13 +152,14 @@ class LocalFlow:
         x = self._with_highest(x, begin)
         substep, worst = self._substep(x, begin, inverse)
         stop = jnp.where(x.stage < 1, self.h / 2, self.h)
-        event, growth_end = self._first_event(*lax.stop_gradient((x, substep, stop, inverse)))
+        fixed = LocalFlow(self.h, 0, *lax.stop_gradient((self.inputs, self.setting.clock)))
+        event, growth_end = fixed._first_event(*lax.stop_gradient((x, substep, stop, inverse)))
         at_start = event.time <= _AT_ONCE * self.h
         wrong = (worst > 1) & regime.deformed.any()
         place, now = self._located(x, substep, event, stop, inverse)
         after = x._replace(
             y=jnp.where(wrong, x.y, place),
-            rising=jnp.where(~wrong & (growth_end <= 0), 0.0, x.rising),
+            rising=jnp.where(wrong, x.rising, self._one_where(growth_end > 0)),
             iterations=x.iterations + 1,
         )
         happens = ~wrong & jnp.isfinite(event.time)
@@ -164,26 +167,15 @@ class LocalFlow:
         links = happens & (numbers == event.number)
         for kind, which in zip(self.events, links, strict=True):
             after = kind.effect(self.setting, after, Occurrence(which, now, at_start))
-        stops = happens & (event.number == numbers.size)
-        after = self._with_midstep(after, stops)
+        after = self._with_stop(after, happens & (event.number == numbers.size))
         return self._with_next_length(after, substep.length, event, worst, wrong, regime)
 
-    def _with_midstep(self, x: FlowState, stops: jax.Array) -> FlowState:
-        """The state after a stop of the flow: in mid-step, it is recorded."""
-        at, middle = SmoothState(*x.y), stops & (x.stage == 0)
-        seen = x.now._replace(
-            closing=at.s,
-            velocity=at.w,
-            stored=at.stored,
-            lost=at.lost,
-            held=jnp.where(x.regime.held, 1.0, 0.0).astype(self.dtype),
-            friction=x.slip,  # until the end, where the forces are computed
-            contact=x.contact._replace(impulse=at.impulse),
-            strongest=x.log.strongest,
-            powers=x.log.powers,
-        )
-        now = jax.tree.map(lambda new, old: jnp.where(middle, new, old), seen, x.now)
-        return x._replace(now=now, stage=x.stage + jnp.where(stops, 1, 0))
+    def _with_stop(self, x: FlowState, stops: jax.Array) -> FlowState:
+        """The state after a stop of the flow: in the middle of the step it is kept."""
+        seen = Snapshot(x.y, x.slip, x.contact, x.log.strongest, x.log.powers)
+        keeps = stops & (x.stage == 0)
+        middle = jax.tree.map(lambda new, old: jnp.where(keeps, new, old), seen, x.middle)
+        return x._replace(middle=middle, stage=x.stage + jnp.where(stops, 1, 0))
 
     def _with_next_length(
         self,
@@ -207,8 +199,7 @@ class LocalFlow:
         aims = wrong & (event.time < 0.9 * length) & (event.time > _AT_ONCE * self.h)
         tried = jnp.where(aims, jnp.minimum(_JUST * event.time, left), tried)
         usual, tried = lax.stop_gradient((usual, tried))
-        rejected = jnp.where(wrong, 1.0, 0.0).astype(self.dtype)
-        return after._replace(usual=usual, length=tried, rejected=rejected)
+        return after._replace(usual=usual, length=tried, rejected=self._one_where(wrong))
 
     # -- a substep ----------------------------------------------------------------------------
 
@@ -270,45 +261,36 @@ class LocalFlow:
 
     # -- events -------------------------------------------------------------------------------
 
-    def _place(self, y: jax.Array, regime: Regime, inverse: jax.Array) -> tuple[Place, Place]:
-        """The links at a place, and the time derivatives of all that along the flow."""
-        t, s, w = y[:3]
-
-        def at(t: jax.Array, s: jax.Array, w: jax.Array) -> Forces:
-            return self.laws.at(self.pull(t), s, w, regime, inverse)
-
-        now, along = jax.linearize(at, t, s, w)
-        a = now.acceleration
-        change = along(jnp.ones_like(t), w, a)
-        growth = bend = jnp.zeros_like(s)
-        if self.laws.has_contact_force:
-            laws = self.laws
-            growth, bend = jax.jvp(
-                lambda s, w, a: laws.growth(s, w, a, regime), (s, w, a), (w, a, change.acceleration)
-            )
-        return Place(s, w, now, growth), Place(w, a, change, bend)
-
     def _values(
         self, x: FlowState, y: jax.Array, inverse: jax.Array
     ) -> tuple[Place, jax.Array, jax.Array]:
         """The links at a place; values of all events, (events, n), and their time derivatives."""
-        place, rate = self._place(y, x.regime, inverse)
+        (t, s, w), regime = y[:3], x.regime
+
+        def forces(t: jax.Array, s: jax.Array, w: jax.Array) -> Forces:
+            return self.laws.at(self.pull(t), s, w, regime, inverse)
+
+        now, along = jax.linearize(forces, t, s, w)
+        a = now.acceleration
+        change = along(jnp.ones_like(t), w, a)
+        growth = bend = jnp.zeros_like(s)
+        if self.laws.has_contact_force:
+            growth, bend = jax.jvp(
+                lambda s, w, a: self.laws.growth(s, w, a, regime),
+                (s, w, a),
+                (w, a, change.acceleration),
+            )
 
         def values(place: Place) -> jax.Array:
             return jnp.stack([kind.value(self.setting, x, place) for kind in self.events])
 
-        return place, *jax.jvp(values, (place,), (rate,))
+        place = Place(s, w, now, growth)
+        return place, *jax.jvp(values, (place,), (Place(w, a, change, bend),))
 
     def _first_event(
         self, x: FlowState, substep: _Flight | _Integrated, stop: jax.Array, inverse: jax.Array
     ) -> tuple[_First, jax.Array]:
         """The first event in a substep, and the growths of the laws' forces at its end."""
-        fixed = LocalFlow(self.h, 0, *lax.stop_gradient((self.inputs, self.setting.clock)))
-        return fixed._first(x, substep, stop, inverse)
-
-    def _first(
-        self, x: FlowState, substep: _Flight | _Integrated, stop: jax.Array, inverse: jax.Array
-    ) -> tuple[_First, jax.Array]:
         length = substep.length
         both = jnp.stack([x.y, substep.at(length)])
         places, values, slopes = jax.vmap(lambda y: self._values(x, y, inverse))(both)
@@ -340,7 +322,9 @@ class LocalFlow:
         """The state at an event, or at the end of a substep without one, and the forces there."""
         length, exists = substep.length, jnp.isfinite(event.time)
         at_start = event.time <= _AT_ONCE * self.h
-        most = jnp.where(at_start, 1e-3 * self.h, _NEAR * length)
+        # Beyond ``near`` a start is that of an event which a jump of the forces has made.
+        near = jnp.where(at_start, 1e-3 * self.h, _NEAR * length)
+        farthest = jnp.where(at_start, 0.0, near)
 
         def nearer(_: Any, state: Any) -> Any:
             time = lax.stop_gradient(state[0])
@@ -349,7 +333,7 @@ class LocalFlow:
             value, slope = jnp.append(values, stop - y[0, 0]), jnp.append(slopes, -1.0)
             value, slope = value[event.number], lax.stop_gradient(slope[event.number])
             step = jnp.where(exists & (slope != 0), -value / jnp.where(slope == 0, 1.0, slope), 0.0)
-            step = jnp.clip(step, -most, most)
+            step = jnp.where(jnp.abs(step) <= near, step, jnp.sign(step) * farthest)
             moved = y + step * self._rates(y, place.forces)
             return jnp.clip(time + step, 0.0, length), moved, place.forces
 
@@ -364,25 +348,42 @@ class LocalFlow:
 
     def result(self, x: FlowState) -> FlowResult:
         """The result of a flow from the state in which it ended."""
-        at, contact, now = SmoothState(*x.y), x.contact, x.now
+        at, contact, middle = SmoothState(*x.y), x.contact, x.middle
         unpressed = jnp.where(contact.mode == PRESSED, CLIPPED, contact.mode)
-        held = held_inverse(self.inputs.delassus, x.regime.held)
-        end = self._forces(x.y, x.regime._replace(mode=unpressed), held)
-        middle = Regime(now.friction, now.contact.mode, now.contact.touch_speed)
-        moving = jnp.stack([0 * at.t + self.h / 2, now.closing, now.velocity])
-        held = held_inverse(self.inputs.delassus, middle.held)
-        forces = self._forces(moving, middle, held)
+        end = self._forces_in(x.y, x.regime._replace(mode=unpressed))
         result = FlowResult(
             closing=at.s,
             velocity=at.w,
             acceleration=end.acceleration,
-            held=jnp.where(x.regime.held, 1.0, 0.0).astype(self.dtype),
+            held=self._one_where(x.regime.held),
             mean=at.area / self.h,
             stored=at.stored,
             lost=at.lost,
             contact=contact._replace(impulse=at.impulse),
-            now=now._replace(friction=forces.friction, contact_force=forces.contact),
+            now=self._midstep(middle),
             log=x.log,
         )
         poison = jnp.where(x.stage == 2, 1.0, jnp.nan).astype(self.dtype)
         return jax.tree.map(lambda a: a * poison, result)
+
+    def _midstep(self, middle: Snapshot) -> MidStep:
+        at, regime = SmoothState(*middle.y), Regime.of(middle.slip, middle.contact)
+        forces = self._forces_in(middle.y, regime)
+        return MidStep(
+            closing=at.s,
+            velocity=at.w,
+            friction=forces.friction,
+            contact_force=forces.contact,
+            stored=at.stored,
+            lost=at.lost,
+            held=self._one_where(regime.held),
+            contact=middle.contact._replace(impulse=at.impulse),
+            strongest=middle.strongest,
+            powers=middle.powers,
+        )
+
+    def _forces_in(self, y: jax.Array, regime: Regime) -> Forces:
+        return self._forces(y, regime, held_inverse(self.inputs.delassus, regime.held))
+
+    def _one_where(self, holds: jax.Array) -> jax.Array:
+        return jnp.where(holds, 1.0, 0.0).astype(self.dtype)
