@@ -214,7 +214,7 @@ _CLIP = Event(
     armed=lambda setting, x, at: x.regime.deformed & setting.laws.clips,
     scale=lambda at, length: jnp.abs(at.forces.elastic) + jnp.abs(at.forces.raw),
     effect=_clip,
-    of_force=True,
+    of_force=False,
 )
 
 
@@ -387,14 +387,15 @@ def first_zero(start: Any, slope: Any, end: Any, slope_end: Any, noise: Any) -> 
     high = jnp.where(at_early, early, jnp.where(at_late, late, 1.0))
     falls = at_early | at_late | (end < -noise)
 
-    x = (low + high) / 2
+    first, x = low, (low + high) / 2
+    starts_there = cubic(first) <= noise
     for _ in range(4):
         y, fall = cubic(x), slope + x * (2 * bend + x * 3 * twist)
         low, high = jnp.where(y > 0, x, low), jnp.where(y > 0, high, x)
         root = jnp.sqrt(larger(4 * fall**2 - 12 * y * (bend + x * 3 * twist), 0.0))
         step = x - 3 * y / _nonzero(fall - root)
         x = jnp.where((step >= low) & (step <= high), step, (low + high) / 2)
-    return jnp.where(falls, x, jnp.inf)
+    return jnp.where(falls, jnp.where(starts_there, first, x), jnp.inf)
 
 
 def _nonzero(x: jax.Array) -> jax.Array:

@@ -305,7 +305,7 @@ class LocalFlow:
             larger(values[0], 0.0), length * slopes[0], values[1], length * slopes[1], noise
         )
         shares = jnp.where(of_force & (values[0] < -noise), 0.0, shares)
-        times = jnp.where(armed, shares * length, jnp.inf).ravel()
+        times = jnp.where(armed & (shares <= 1), shares * length, jnp.inf).ravel()
         at_stop = x.y[0, 0] + length >= stop - 1e-12 * self.h
         times = jnp.append(times, jnp.where(at_stop, stop - x.y[0, 0], jnp.inf))
         number = jnp.argmin(times)
@@ -369,6 +369,7 @@ class LocalFlow:
     def _midstep(self, middle: Snapshot) -> MidStep:
         at, regime = SmoothState(*middle.y), Regime.of(middle.slip, middle.contact)
         forces = self._forces_in(middle.y, regime)
+        peak = larger(middle.contact.peak_force, forces.contact)
         return MidStep(
             closing=at.s,
             velocity=at.w,
@@ -377,7 +378,7 @@ class LocalFlow:
             stored=at.stored,
             lost=at.lost,
             held=self._one_where(regime.held),
-            contact=middle.contact._replace(impulse=at.impulse),
+            contact=middle.contact._replace(impulse=at.impulse, peak_force=peak),
             strongest=middle.strongest,
             powers=middle.powers,
         )
