@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._extrema import larger, smaller
+from jaxpound._extrema import larger
 from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
 from jaxpound.simulation.contact.records import (
     APART,
@@ -112,9 +112,11 @@ class Event(NamedTuple):
     share of it."""
     effect: Callable[[Setting, FlowState, Occurrence], FlowState]
     """The state after the event, from that before it."""
-    of_force: bool
+    of_force: bool = False
     """Whether a substep that starts below zero starts with the event. Else zero is taken there: a
     gap that is a rounding too small and opens does not close."""
+    may_return: bool = True
+    """Whether values that are below zero only between the ends of a substep count."""
 
 
 def _speed(at: Place, length: jax.Array) -> jax.Array:
@@ -150,7 +152,6 @@ _TURN = Event(
     armed=lambda setting, x, at: (x.slip != 0) & (x.contact.mode != REST),
     scale=lambda at, length: _speed(at, length),
     effect=_turn,
-    of_force=False,
 )
 
 
@@ -199,7 +200,6 @@ _RELEASE = Event(
     armed=lambda setting, x, at: x.regime.deformed,
     scale=lambda at, length: _distance(at, length),
     effect=_release,
-    of_force=False,
 )
 
 
@@ -214,7 +214,6 @@ _CLIP = Event(
     armed=lambda setting, x, at: x.regime.deformed & setting.laws.clips,
     scale=lambda at, length: jnp.abs(at.forces.elastic) + jnp.abs(at.forces.raw),
     effect=_clip,
-    of_force=False,
 )
 
 
@@ -223,7 +222,7 @@ _TOP = Event(  # a substep ends where the force of a law is largest
     armed=lambda setting, x, at: (x.contact.mode == PRESSED) & (x.rising > 0) & (at.growth > 0),
     scale=lambda at, length: 0 * at.growth,
     effect=lambda setting, x, event: x._replace(rising=jnp.where(event.links, 0.0, x.rising)),
-    of_force=False,
+    may_return=False,  # the growth at a touch may be infinite
 )
 
 
@@ -263,7 +262,6 @@ _TOUCH = Event(
     armed=lambda setting, x, at: setting.laws.has_law & (x.contact.mode == APART),
     scale=lambda at, length: _distance(at, length),
     effect=_touch,
-    of_force=False,
 )
 
 
@@ -363,40 +361,3 @@ def _record_turns(setting: Setting, x: FlowState, turned: jax.Array, slip: jax.A
         farthest_time=jnp.where(farther, time, log.farthest_time),
     )
     return x._replace(log=log)
-
-
-def first_zero(start: Any, slope: Any, end: Any, slope_end: Any, noise: Any) -> jax.Array:
-    """Where a cubic on [0, 1] first falls below zero; inf if it never falls below −``noise``.
-
-    The cubic is given by its values and slopes at both ends; its ``start`` is ≥ 0. The zero in its
-    first monotone part that ends below zero is found by Laguerre's method, safeguarded by halving.
-    """
-    bend, twist = 3 * (end - start) - 2 * slope - slope_end, 2 * (start - end) + slope + slope_end
-
-    def cubic(x: Any) -> Any:
-        return start + x * (slope + x * (bend + x * twist))
-
-    # Extrema, where slope + 2 bend x + 3 twist x² = 0; 0 for those outside.
-    root = jnp.sqrt(larger(bend**2 - 3 * twist * slope, 0.0))
-    q = -(bend + jnp.where(bend < 0, -root, root))
-    extrema = [q / _nonzero(3 * twist), slope / _nonzero(q)]
-    one, two = (jnp.where((x > 0) & (x < 1), x, 0.0) for x in extrema)
-    early, late = smaller(one, two), larger(one, two)
-    at_early, at_late = cubic(early) < -noise, cubic(late) < -noise
-    low = jnp.where(at_early, 0.0, jnp.where(at_late, early, late))
-    high = jnp.where(at_early, early, jnp.where(at_late, late, 1.0))
-    falls = at_early | at_late | (end < -noise)
-
-    first, x = low, (low + high) / 2
-    starts_there = cubic(first) <= noise
-    for _ in range(4):
-        y, fall = cubic(x), slope + x * (2 * bend + x * 3 * twist)
-        low, high = jnp.where(y > 0, x, low), jnp.where(y > 0, high, x)
-        root = jnp.sqrt(larger(4 * fall**2 - 12 * y * (bend + x * 3 * twist), 0.0))
-        step = x - 3 * y / _nonzero(fall - root)
-        x = jnp.where((step >= low) & (step <= high), step, (low + high) / 2)
-    return jnp.where(falls, jnp.where(starts_there, first, x), jnp.inf)
-
-
-def _nonzero(x: jax.Array) -> jax.Array:
-    return jnp.where(x == 0, 1.0, x)

@@ -29,9 +29,9 @@ from jaxpound.simulation.contact.events import (
     Setting,
     SmoothState,
     Snapshot,
-    first_zero,
     table,
 )
+from jaxpound.simulation.contact.first_zero import first_zero
 from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, held_inverse
 from jaxpound.simulation.contact.records import (
     APART,
@@ -300,9 +300,17 @@ class LocalFlow:
         )
         noise = 32 * self.eps * scales.sum(1)
         armed = jnp.stack([kind.armed(self.setting, x, begin) for kind in self.events])
-        of_force = jnp.asarray([kind.of_force for kind in self.events])[:, None]
+        of_force, may_return = (
+            jnp.asarray([getattr(kind, name) for kind in self.events])[:, None]
+            for name in ("of_force", "may_return")
+        )
         shares = first_zero(
-            larger(values[0], 0.0), length * slopes[0], values[1], length * slopes[1], noise
+            larger(values[0], 0.0),
+            length * slopes[0],
+            values[1],
+            length * slopes[1],
+            noise,
+            may_return,
         )
         shares = jnp.where(of_force & (values[0] < -noise), 0.0, shares)
         times = jnp.where(armed & (shares <= 1), shares * length, jnp.inf).ravel()
