@@ -13,7 +13,7 @@ import jaxpound as jp
 from benchmarks.verification.case import Case, Errors, Number, refine
 from tests.reference import load
 from tests.simulation.pairs import FORCES, OneOf
-from tests.simulation.test_events import LAWS
+from tests.simulation.contact.test_flow import LAWS
 
 STEPS = (0.05, 0.025)
 END = 0.8

@@ -3,8 +3,8 @@
 ``run`` has ``simulate`` and ``demand``. ``scheme`` chooses the discretisation: ``history`` and
 ``rod`` of the rods, ``friction`` of the links. ``rollout`` prepares a run, ``stepping`` is one
 step, ``scan`` the loop over time, ``state`` what a step hands to the next. A link that is alone
-slides by ``coulomb`` in closed form; ``contact`` follows links that touch or share masses through
-the step by the local flow of ``events``, which ``local_flow`` makes differentiable. ``tally``
+slides by ``coulomb`` in closed form; the package ``contact`` follows links that touch or share
+masses through the step, from event to event. ``tally``
 accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI units.
 ``docs/numerics.md`` has the equations.
 """

@@ -60,7 +60,7 @@ class LinkMotion(NamedTuple):
         """The force q + p at t_m."""
         if self.contact is None:
             return self.force
-        return self.force + self.contact.result.now.contact
+        return self.force + self.contact.result.now.contact_force
 
 
 @runtime_checkable

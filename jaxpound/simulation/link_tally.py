@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 from jaxpound.results.element_demands import LinkDemand
-from jaxpound.simulation.contact import ContactMotion
-from jaxpound.simulation.forces import APART, SOFT, Contact, is_deformed
+from jaxpound.simulation.contact.group import ContactMotion
+from jaxpound.simulation.contact.records import APART, SOFT, Contact, is_deformed
 from jaxpound.simulation.state import LinkInstant
 
 WINDOW = 3  # samples of a parabola: no older event is a kink of it
@@ -51,9 +51,7 @@ class ContactTally(NamedTuple):
     slid: jax.Array  # distance until t_m
     since_touch: jax.Array  # instants since an impact began
     since_end: jax.Array  # and since one ended
-    mode: jax.Array  # of contact at t_m, as in ``forces``
-    counts: jax.Array  # whether the contact under way at t_m counts as an impact
-    under_way: Contact  # at t_m, with the time of the run
+    now: Contact  # at t_m
 
     @property
     def is_kink(self) -> jax.Array:
@@ -67,7 +65,7 @@ class ContactTally(NamedTuple):
         touches = jnp.where(last & (log.first_touch > 0), 0.0, log.touches)
         begins = (touches > 0) & (self.touches == 0)
         return self._replace(
-            highest=larger(self.highest, jnp.where(late, now.contact, log.highest)),
+            highest=larger(self.highest, jnp.where(late, now.contact_force, log.highest)),
             strongest=larger(self.strongest, jnp.where(last, now.strongest, log.strongest)),
             touches=self.touches + touches,
             first=jnp.where(begins, time + log.first_touch, self.first),
@@ -78,9 +76,7 @@ class ContactTally(NamedTuple):
             powers=self.powers + jnp.where(last, now.powers, log.powers),
             since_touch=jnp.where(log.touches > 0, 0.0, self.since_touch + 1),
             since_end=jnp.where(log.ended > 0, 0.0, self.since_end + 1),
-            mode=now.mode,
-            counts=now.counts,
-            under_way=now.under_way,
+            now=now.contact,
         )
 
 
@@ -169,9 +165,10 @@ class LinkTally(NamedTuple):
         if contact is None:
             return demand
         # The contact in which the run ends.
-        counts, last = (contact.mode != APART) & (contact.counts > 0), contact.under_way
+        last = contact.now
+        counts = (last.mode != APART) & (last.counts > 0)
         powers = contact.powers + jnp.where(counts, last.peak_force**SOFT, 0.0)
-        deformed = counts & is_deformed(contact.mode)
+        deformed = counts & is_deformed(last.mode)
         hit = powers > 0
         return dataclasses.replace(
             demand,

@@ -27,7 +27,7 @@ from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import GROUND, Link, Structures, System, gravity_of, is_closable
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
-from jaxpound.simulation.forces import SLOTS
+from jaxpound.simulation.contact.records import SLOTS
 from jaxpound.simulation.link_tally import ContactTally
 from jaxpound.simulation.programs import note_long_compilations
 from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response

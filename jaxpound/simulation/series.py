@@ -15,13 +15,11 @@ from jaxpound.model.system import Link, System
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
-from jaxpound.simulation.forces import Impacts, is_deformed
+from jaxpound.simulation.contact.records import Impacts, is_deformed
 from jaxpound.simulation.link_tally import ContactTally
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Instant, of_all_masses
 from jaxpound.simulation.tally import Tally
-
-_TIMES = ("touch_time", "end_time")
 
 
 class StoredSeries(NamedTuple):
@@ -52,14 +50,13 @@ class StoredSeries(NamedTuple):
             if (contact := tallied.contact) is not None:
                 log = contact_motion.result.log
                 entries |= {
-                    "contact": contact_motion.result.now.contact,
+                    "contact": contact_motion.result.now.contact_force,
                     "touching": log.touched,
                     "contact_stored": contact.stored_now,
                     "contact_lost": contact.lost_now,
                     "slid": contact.slid,
                 }
-                later = {name: now.time + getattr(log.impacts, name) for name in _TIMES}
-                impact = jax.tree.map(tuple, log.impacts._replace(**later))
+                impact = jax.tree.map(tuple, log.impacts)
             links.append(entries)
             impacts.append(impact)
         return StoredSeries(now.x, now.v, now.forces, tuple(links), tuple(impacts))
@@ -119,8 +116,8 @@ def _link_response(
     if ended is None or end is None:
         return LinkResponse(gap=gap, **entries, ends=link.ends)
     passed = Impacts(*[jnp.stack(slots, -1).ravel() for slots in ended])
-    acts, never = is_deformed(end.mode) & (end.counts > 0), jnp.nan * last
-    under_way = end.under_way
+    under_way, never = end.now, jnp.nan * last
+    acts = is_deformed(under_way.mode) & (under_way.counts > 0)
     unfinished = Impacts(
         touch_time=under_way.touch_time,
         approach_velocity=jnp.where(acts, under_way.touch_speed, 0.0),

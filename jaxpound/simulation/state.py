@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound.model.system import GROUND, Ends, System, Topology, elongation, link_groups
-from jaxpound.simulation.contact import ContactState, Coupling, coupling, needs_flow
-from jaxpound.simulation.forces import Contact
+from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, needs_flow
+from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.rod import RodLaw, rod_law
 from jaxpound.simulation.scheme import Scheme
@@ -119,8 +119,8 @@ def start_state(
     links = []
     for k, ends in enumerate(topology.links):
         closing, velocity = (zero if y is None else elongation(ends, y) for y in (x, v))
-        under_way = Contact(*(zero,) * 4)
-        contact = ContactState(closing, zero, zero, zero, under_way) if k in flowing else None
+        apart = Contact(*(zero,) * len(Contact._fields))
+        contact = ContactState(closing, apart) if k in flowing else None
         links.append(LinkState(closing, velocity, zero, zero, contact))
 
     def of_free(y: Sequence[jax.Array] | None) -> tuple[jax.Array | None, ...]:

@@ -20,9 +20,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound.model.system import GROUND, LinkGroup, elongation, link_groups, load_on
-from jaxpound.simulation import contact, state
-from jaxpound.simulation.contact import ContactState, Coupling, GroupStep
-from jaxpound.simulation.forces import FlowResult
+from jaxpound.simulation import state
+from jaxpound.simulation.contact import group as contact
+from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
+from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme

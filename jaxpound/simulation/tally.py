@@ -18,7 +18,7 @@ from jaxpound._extrema import larger
 from jaxpound.model.system import GROUND, Ends, System, elongation, is_storey, link_groups, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
-from jaxpound.simulation.forces import Contact
+from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.state import Instant, StepConstants, of_all_masses
 
@@ -160,7 +160,7 @@ class Tally(NamedTuple):
         """
         topology, peak = system.topology, Peak(zero, zero, zero)
         softly = LogMeanExp(zero, zero, zero) if soft else None
-        zeros = ContactTally(*(zero,) * 14, Contact(*(zero,) * 4))
+        zeros = ContactTally(*(zero,) * 12, Contact(*(zero,) * len(Contact._fields)))
         never = zeros._replace(
             first=zero + jnp.inf, since_touch=zero + WINDOW, since_end=zero + WINDOW
         )

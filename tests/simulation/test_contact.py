@@ -11,8 +11,8 @@ import pytest
 import jaxpound as jp
 from jaxpound.model import parameters
 from tests.reference import convergence_order, load
+from tests.simulation.contact.test_flow import LAWS
 from tests.simulation.pairs import FORCES, OneOf, in_unit_of_time, padded, stacked
-from tests.simulation.test_events import LAWS
 
 CASES = load("contact")["cases"]
 PAIRS = [name for name in CASES if not name.startswith(("row3", "storeys"))]

@@ -10,8 +10,8 @@ from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from jaxpound.simulation.forces import SLOTS, Contact, ContactStart, FlowInput
-from jaxpound.simulation.local_flow import flow
+from jaxpound.simulation.contact.flow import flow
+from jaxpound.simulation.contact.records import SLOTS, Clock, Contact, FlowInput
 from tests.reference import load
 
 COLLISIONS = load("contact")["collisions"]
@@ -26,7 +26,7 @@ LAWS = {
     "jankowski": jp.Jankowski,
     "newton": lambda _, e: jp.Newton(e),
 }
-AT_START = ContactStart(*(jnp.zeros(1),) * 3, jnp.zeros(()))
+AT_START = Clock(jnp.zeros(()), jnp.zeros(()))
 
 
 def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
@@ -40,7 +40,7 @@ def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
         friction=friction * one,
         gap=gap * one,
         laws=(with_mass(jax.tree.map(jnp.asarray, law), 1 / delassus),),
-        under_way=Contact(*(0 * one,) * 4),
+        contact=Contact(*(0 * one,) * len(Contact._fields)),
     )
 
 
@@ -107,7 +107,7 @@ def test_rebounds_of_newtons_law_come_to_rest():
     rest = collided()(
         given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=1.0)._replace()
     )
-    assert float(rest.now.contact[0] + rest.now.friction[0]) == pytest.approx(0.5)
+    assert float(rest.now.contact_force[0] + rest.now.friction[0]) == pytest.approx(0.5)
     assert float(rest.log.touches[0]) == 0
 
 

@@ -1,6 +1,6 @@
 r"""Links that may touch or that share masses, over one step of a run.
 
-A group of such links runs the local flow (``local_flow``) where it needs it: in contact, where a
+A group of such links runs the local flow (``flow``) where it needs it: in contact, where a
 gap may close within the step, and, for links that share masses, where slip or stick ends. All other
 steps have closed forms.
 
@@ -26,19 +26,17 @@ import jax.numpy as jnp
 from jaxpound._extrema import larger
 from jaxpound.model.contact import with_mass
 from jaxpound.model.system import Link, LinkGroup, Topology
-from jaxpound.simulation.forces import (
+from jaxpound.simulation.contact.flow import flow
+from jaxpound.simulation.contact.forces import held_inverse, inverse_of, response
+from jaxpound.simulation.contact.records import (
     APART,
     PRESSED,
+    Clock,
     Contact,
-    ContactStart,
     FlowInput,
     FlowResult,
-    held_inverse,
-    inverse_of,
-    response,
 )
 from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
-from jaxpound.simulation.local_flow import flow
 
 
 class Coupling(NamedTuple):
@@ -62,17 +60,14 @@ class ContactState(NamedTuple):
     """State of a link in a group that may need the local flow, besides that of any link."""
 
     closing_before: jax.Array  # closing at t_m − h/2
-    mode: jax.Array  # of contact, as in ``forces``
-    counts: jax.Array  # 1 if the contact under way is an impact
-    fastest: jax.Array  # largest speed of approach so far
-    under_way: Contact  # with the time of the run
+    contact: Contact
 
 
 class ContactMotion(NamedTuple):
     """Motion of such a link in a step from t_m − h/2 to t_m + h/2."""
 
     used: jax.Array  # whether the local flow was needed
-    result: FlowResult  # zero if it was not; ``now`` with the time of the run
+    result: FlowResult  # zero if it was not
 
 
 def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
@@ -175,7 +170,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     most = larger(before.pull + jnp.abs(before.rise) / 2 + pushed, 0.0)
     reach = state.closing_before + h * larger(before.velocity, 0.0) + h**2 / 2 * most
     meets = jnp.asarray([law is not None for law in group.laws])
-    needed = (meets & ((state.mode != APART) | (reach >= group.gaps))).any()
+    needed = (meets & ((state.contact.mode != APART) | (reach >= group.gaps))).any()
     if len(group.laws) > 1:
         needed = needed | ~_is_undisturbed(group, before)
     inputs = FlowInput(
@@ -187,20 +182,14 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
         friction=group.frictions,
         gap=group.gaps,
         laws=group.laws,
-        under_way=_at(-before.time, state.under_way),
+        contact=state.contact,
     )
-    start = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
-    contact_start = ContactStart(state.mode, state.counts, state.fastest, start)
-    result = flow(h, before.slots, needed, inputs, contact_start)
+    begin = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
+    result = flow(h, before.slots, needed, inputs, Clock(before.time, begin))
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
     used = needed if len(group.laws) > 1 else needed & touched
     return result, used
-
-
-def _at(shift: jax.Array, contact: Contact) -> Contact:
-    """A contact under way with its time counted from another instant."""
-    return contact._replace(touch_time=contact.touch_time + shift)
 
 
 def mean_sample(result: FlowResult, before: GroupStep) -> jax.Array:
@@ -225,11 +214,11 @@ def finish_step(
     h, state, at, log = before.dt, before.state, result.now, result.log
     gain, _ = group.response(result.held > 0, pull_change, 0 * pull_change)
     # No position correction while a contact force acts: the force would respond to it.
-    shift = jnp.where(result.mode == PRESSED, 0.0, h**2 / 2 * gain)
+    shift = jnp.where(result.contact.mode == PRESSED, 0.0, h**2 / 2 * gain)
     velocity, closing_after = result.velocity + h * gain, result.closing + shift
     after = closing_after + h / 2 * velocity + h**2 / 8 * (result.acceleration + gain)
     gain_now, _ = group.response(at.held > 0, pull_change, 0 * pull_change)
-    shift_now = jnp.where(at.contact != 0, 0.0, h**2 / 8 * gain_now)
+    shift_now = jnp.where(at.contact_force != 0, 0.0, h**2 / 8 * gain_now)
     closing_now = at.closing + shift_now
     kick = before.pull - (velocity - before.velocity) / h
     motion_of_flow = LinkMotion(
@@ -253,11 +242,11 @@ def finish_step(
     friction = group.frictions * motion_without_flow.phase
     end, _ = group.response(held, before.pull + before.rise / 2, friction)
     plain_half = next_closing - h / 2 * motion_without_flow.velocity - h**2 / 8 * end
-    under_way = _at(before.time, result.under_way)
-    contact = ContactState(closing_after, result.mode, result.counts, result.fastest, under_way)
-    plain = state._replace(closing_before=plain_half)
-    contact = jax.tree.map(lambda a, b: jnp.where(used, a, b), contact, plain)
-    result = result._replace(now=at._replace(under_way=_at(before.time, at.under_way)))
+    contact = jax.tree.map(
+        lambda a, b: jnp.where(used, a, b),
+        ContactState(closing_after, result.contact),
+        state._replace(closing_before=plain_half),
+    )
     result = jax.tree.map(lambda x: jnp.where(used, x, jnp.zeros_like(x)), result)
     motion = motion._replace(
         contact=ContactMotion(jnp.broadcast_to(used, closing_after.shape), result)

@@ -1,0 +1,106 @@
+"""Derivatives in both modes of a function with a loop, which JAX differentiates forwards only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.flatten_util import ravel_pytree
+
+Program = Callable[..., Any]
+
+
+def in_both_modes(
+    function: Program,
+    is_differentiated: Callable[[Any], bool] = lambda path: True,
+    mapped: Callable[[Program, bool], Program] = lambda program, reverse: program,
+) -> Program:
+    """``function(inputs, constants)``, a pytree of real arrays, with derivatives by the inputs.
+
+    Reverse mode, Jᵀ w, computes the columns of the Jacobian J by forward mode, side by side, and
+    stores nothing but the inputs. That suits functions of few inputs whose loop has a state of many
+    numbers, and needs one program for both modes. Equinox's checkpointed loop instead stores states
+    on the way and goes back through them: its time does not depend on the number of inputs, but it
+    runs the loop again between the states and has the transposed body as a second program.
+
+    Second derivatives are refused by a ``NotImplementedError``.
+
+    Parameters
+    ----------
+    function
+        May have ``lax.while_loop``; a jitted one is traced once.
+    is_differentiated
+        Whether a leaf of the inputs, by its path, may have a derivative other than zero.
+    mapped
+        What is to be done with each of the programs, functions of (inputs, constants, ...), before
+        they are called, such as another rule for batches; its second argument says whether the
+        program is that of reverse mode.
+    """
+
+    @jax.jit
+    def push(inputs: Any, constants: Any, change: Any) -> Any:
+        return jax.jvp(lambda x: function(x, constants), (inputs,), (change,))[1]
+
+    @jax.jit
+    def pull(inputs: Any, constants: Any, weights: Any) -> Any:
+        flat, rebuild = ravel_pytree(inputs)
+        paths = jax.tree_util.tree_leaves_with_path(inputs)
+        mask = [is_differentiated(path) for path, leaf in paths for _ in range(jnp.size(leaf))]
+        (numbers,) = jnp.asarray(mask).nonzero(size=sum(mask))
+
+        def component(number: jax.Array) -> jax.Array:
+            change = rebuild(jnp.zeros_like(flat).at[number].set(1.0))
+            products = jax.tree.map(jnp.multiply, push(inputs, constants, change), weights)
+            return ravel_pytree(products)[0].sum()
+
+        return rebuild(jnp.zeros_like(flat).at[numbers].set(jax.vmap(component)(numbers)))
+
+    run, push_mapped, pull_mapped = (
+        mapped(jax.jit(function), False),
+        mapped(push, False),
+        mapped(pull, True),
+    )
+
+    @jax.custom_jvp
+    def differentiable(inputs: Any, constants: Any) -> Any:
+        return run(inputs, constants)
+
+    @differentiable.defjvp
+    def linear(primals: Any, tangents: Any) -> Any:
+        inputs, constants = primals
+        out = differentiable(inputs, constants)
+
+        # The linear map t → J t as the solution (t, J t) of [[1, 0], [−J, 1]] z = (t, 0), whose
+        # transpose has the solution (a + Jᵀ b, b): so each direction has the program that suits it.
+        # Only second derivatives would evaluate the system itself.
+        inputs = jax.tree.map(_differentiated_once, inputs)
+        change, as_inputs = ravel_pytree(tangents[0])
+        flat, as_out = ravel_pytree(out)
+        n = change.size
+
+        def forwards(_: Any, right: jax.Array) -> jax.Array:
+            pushed = push_mapped(inputs, constants, as_inputs(right[:n]))
+            return right.at[n:].add(ravel_pytree(pushed)[0])
+
+        def backwards(_: Any, right: jax.Array) -> jax.Array:
+            pulled = pull_mapped(inputs, constants, as_out(right[n:]))
+            return right.at[:n].add(ravel_pytree(pulled)[0])
+
+        right = jnp.pad(change, (0, flat.size))
+        solution = lax.custom_linear_solve(lambda z: z, right, forwards, backwards)
+        return out, as_out(solution[n:])
+
+    return differentiable
+
+
+@jax.custom_jvp
+def _differentiated_once(x: jax.Array) -> jax.Array:
+    return x
+
+
+@_differentiated_once.defjvp
+def _not_twice(primals: Any, tangents: Any) -> Any:
+    raise NotImplementedError("second derivatives of a run with contact are not available")

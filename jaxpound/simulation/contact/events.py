@@ -1,0 +1,363 @@
+"""What may happen in a local flow: each event with what vanishes there, and its effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxpound._extrema import larger
+from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
+from jaxpound.simulation.contact.records import (
+    APART,
+    CLIPPED,
+    PRESSED,
+    REST,
+    SOFT,
+    Clock,
+    Contact,
+    Impacts,
+    StepLog,
+)
+
+_REBOUNDS = 1e-2  # rebounds that would all be over within this share of a step end at once
+_SLOWEST = 1e-2  # touch speed below this share of what the pull adds in a step is set to it
+_COUNTS = 1e-4  # share of the fastest approach below which a touch is no impact
+
+
+class SmoothState(NamedTuple):
+    """What changes smoothly between events, (n,) each; as an array, its rows."""
+
+    t: jax.Array  # from the start of the step, the same for all links
+    s: jax.Array
+    w: jax.Array
+    area: jax.Array  # ∫ s dt
+    stored: jax.Array
+    lost: jax.Array
+    impulse: jax.Array
+
+
+class Snapshot(NamedTuple):
+    """The state of a flow in the middle of the step, as far as a ``MidStep`` needs it."""
+
+    y: jax.Array
+    slip: jax.Array
+    contact: Contact
+    strongest: jax.Array
+    powers: jax.Array
+
+
+class FlowState(NamedTuple):
+    """The state of a flow."""
+
+    y: jax.Array  # a ``SmoothState``, (7, n)
+    slip: jax.Array  # direction of slip, 0 in stick
+    contact: Contact  # its impulse is that of ``y``
+    rising: jax.Array  # 1 while the contact force grows
+    middle: Snapshot
+    log: StepLog
+    stage: jax.Array  # 0 before the middle of the step, 1 after it, 2 at the end
+    iterations: jax.Array
+    length: jax.Array  # of the substep to try
+    usual: jax.Array  # length that the error allows
+    rejected: jax.Array  # 1 if the last substep was too long
+
+    @property
+    def regime(self) -> Regime:
+        """What is constant until the next event."""
+        return Regime.of(self.slip, self.contact)
+
+
+class Place(NamedTuple):
+    """The links at an instant of a flow, (n,) each."""
+
+    s: jax.Array
+    w: jax.Array
+    forces: Forces
+    growth: jax.Array  # dp/dt of each contact law's force
+
+
+class Setting(NamedTuple):
+    """Constants of a flow."""
+
+    laws: LinkLaws
+    clock: Clock
+    h: float
+    slots: int
+
+    def since_middle(self, x: FlowState) -> jax.Array:
+        """Time from the middle of the step, (n,)."""
+        return x.y[0] - self.h / 2
+
+
+class Occurrence(NamedTuple):
+    """An event that happens."""
+
+    links: jax.Array  # (n,), where it does
+    forces: Forces  # just before it
+    at_start: jax.Array  # whether it happens as a substep starts
+
+
+class Event(NamedTuple):
+    """An event of a link, found where a value of it falls below zero."""
+
+    value: Callable[[Setting, FlowState, Place], jax.Array]
+    armed: Callable[[Setting, FlowState, Place], jax.Array]
+    """Links, (n,), in which the event is possible in a substep, from the place of its start."""
+    scale: Callable[[Place, jax.Array], jax.Array]
+    """Size of the numbers whose difference the value is, in a substep of a length: rounding is a
+    share of it."""
+    effect: Callable[[Setting, FlowState, Occurrence], FlowState]
+    """The state after the event, from that before it."""
+    of_force: bool = False
+    """Whether a substep that starts below zero starts with the event. Else zero is taken there: a
+    gap that is a rounding too small and opens does not close."""
+    may_return: bool = True
+    """Whether values that are below zero only between the ends of a substep count."""
+
+
+def _speed(at: Place, length: jax.Array) -> jax.Array:
+    """Size of the velocities within a substep."""
+    return jnp.abs(at.w) + length * jnp.abs(at.forces.acceleration)
+
+
+def _distance(at: Place, length: jax.Array) -> jax.Array:
+    """Size of the closings within a substep."""
+    return jnp.abs(at.s) + length * _speed(at, length)
+
+
+def table(laws: LinkLaws) -> list[Event]:
+    """The events that are possible in a group with these laws."""
+    events = [_TURN, _BREAK]
+    events += [_TOUCH] if laws.has_contact else []
+    events += [_LEAVE] if laws.has_newton else []
+    events += [_RELEASE, _TOP] if laws.has_contact_force else []
+    events += [_CLIP] if laws.may_clip else []
+    return events
+
+
+def _turn(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
+    """Slip ends: the link sticks."""
+    at, turns = SmoothState(*x.y), event.links
+    slip = jnp.where(turns, 0.0, x.slip)
+    x = _record_turns(setting, x, turns, slip)
+    return x._replace(y=jnp.stack(at._replace(w=jnp.where(turns, 0.0, at.w))), slip=slip)
+
+
+_TURN = Event(
+    value=lambda setting, x, at: x.slip * at.w,
+    armed=lambda setting, x, at: (x.slip != 0) & (x.contact.mode != REST),
+    scale=lambda at, length: _speed(at, length),
+    effect=_turn,
+)
+
+
+def _break(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
+    """Stick ends: friction cannot hold the link any more."""
+    way = lax.stop_gradient(jnp.sign(event.forces.friction))
+    slip = jnp.where(event.links, way, x.slip)
+    return x._replace(slip=slip, log=_with_change(setting, x, event.links))
+
+
+_BREAK = Event(
+    value=lambda setting, x, at: setting.laws.friction - jnp.abs(at.forces.friction),
+    armed=lambda setting, x, at: (x.slip == 0) & (x.contact.mode != REST),
+    scale=lambda at, length: jnp.abs(at.forces.total) + jnp.abs(at.forces.friction),
+    effect=_break,
+    of_force=True,
+)
+
+
+def _leave(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
+    """A gap that was closed at rest opens: the reaction would have to pull."""
+    return x._replace(
+        slip=jnp.where(event.links, -1.0, x.slip),
+        contact=_in_mode(x, event.links, APART),
+        log=_with_change(setting, x, event.links),
+    )
+
+
+_LEAVE = Event(
+    value=lambda setting, x, at: at.forces.total + setting.laws.friction,
+    armed=lambda setting, x, at: x.contact.mode == REST,
+    scale=lambda at, length: jnp.abs(at.forces.total) + jnp.abs(at.forces.friction),
+    effect=_leave,
+    of_force=True,
+)
+
+
+def _release(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
+    """The gap of a law with a force opens."""
+    x = _end_impacts(setting, _on_gap(setting, x, event), event.links)
+    return x._replace(contact=_in_mode(x, event.links, APART))
+
+
+_RELEASE = Event(
+    value=lambda setting, x, at: at.s - setting.laws.gap,
+    armed=lambda setting, x, at: x.regime.deformed,
+    scale=lambda at, length: _distance(at, length),
+    effect=_release,
+)
+
+
+def _clip(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
+    """The force of a law that must not pull vanishes, or comes back."""
+    other = jnp.where(x.contact.mode == PRESSED, CLIPPED, PRESSED)
+    return x._replace(contact=_in_mode(x, event.links, other))
+
+
+_CLIP = Event(
+    value=lambda setting, x, at: jnp.where(x.contact.mode == PRESSED, 1.0, -1.0) * at.forces.raw,
+    armed=lambda setting, x, at: x.regime.deformed & setting.laws.clips,
+    scale=lambda at, length: jnp.abs(at.forces.elastic) + jnp.abs(at.forces.raw),
+    effect=_clip,
+)
+
+
+_TOP = Event(  # a substep ends where the force of a law is largest
+    value=lambda setting, x, at: at.growth,
+    armed=lambda setting, x, at: (x.contact.mode == PRESSED) & (x.rising > 0) & (at.growth > 0),
+    scale=lambda at, length: 0 * at.growth,
+    effect=lambda setting, x, event: x._replace(rising=jnp.where(event.links, 0.0, x.rising)),
+    may_return=False,  # the growth at a touch may be infinite
+)
+
+
+def _touch(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
+    """A gap closes: contact begins under a law with a force, and is over at once under Newton's."""
+    x, laws, touches, now = _on_gap(setting, x, event), setting.laws, event.links, event.forces
+    at, contact, log = SmoothState(*x.y), x.contact, x.log
+    speed, time = at.w, setting.since_middle(x)
+    counts = touches & (speed > _COUNTS * contact.fastest) & (speed > 0)
+    slowest = lax.stop_gradient(_SLOWEST * setting.h * jnp.abs(now.acceleration))
+    begun = Contact(
+        mode=jnp.where(laws.rigid, contact.mode, PRESSED),
+        counts=jnp.where(counts, 1.0, 0.0).astype(laws.dtype),
+        fastest=lax.stop_gradient(larger(contact.fastest, speed)),
+        touch_speed=larger(speed, slowest),
+        touch_time=setting.clock.middle + time,
+        impulse=0 * speed,
+        peak_force=0 * speed,
+    )
+    contact = jax.tree.map(lambda new, old: jnp.where(touches, new, old), begun, contact)
+    log = log._replace(
+        touched=larger(log.touched, jnp.where(touches, 1.0, 0.0)),
+        touches=log.touches + jnp.where(counts, 1.0, 0.0),
+        first_touch=jnp.where(counts & (log.touches == 0), time, log.first_touch),
+    )
+    x = x._replace(
+        y=jnp.stack(at._replace(impulse=jnp.where(touches, 0.0, at.impulse))),
+        contact=contact,
+        rising=jnp.where(touches, 1.0, x.rising),
+        log=log,
+    )
+    return _collide(setting, x, now, touches & laws.rigid) if laws.has_newton else x
+
+
+_TOUCH = Event(
+    value=lambda setting, x, at: setting.laws.gap - at.s,
+    armed=lambda setting, x, at: setting.laws.has_law & (x.contact.mode == APART),
+    scale=lambda at, length: _distance(at, length),
+    effect=_touch,
+)
+
+
+def _collide(setting: Setting, x: FlowState, now: Forces, collides: jax.Array) -> FlowState:
+    """The state after impacts by Newton's law, which also change the speeds of links beside them.
+
+    A link is put at rest when its remaining bounces would take less than 1 % of a step (Zeno).
+    """
+    laws, at, slip = setting.laws, SmoothState(*x.y), x.slip
+    speed, mass, restitution = at.w, laws.mass, laws.restitution
+    pull_in = now.acceleration
+    pull_out = pull_in + 2 * laws.friction / mass
+    inward = jnp.where(pull_in > 0, pull_in, 1.0)
+    outward = jnp.where(pull_in > 0, pull_out, 1.0)
+    shrinkage = restitution * jnp.sqrt(inward / outward)
+    flight = restitution * speed * (1 / outward + 1 / jnp.sqrt(inward * outward))
+    ends = flight <= _REBOUNDS * setting.h * (1 - shrinkage)
+    # A sticking link pressed into contact arrives with zero speed, up to rounding.
+    eps = 32 * float(jnp.finfo(laws.dtype).eps)
+    still = speed <= eps * setting.h * (jnp.abs(pull_in) + pull_out)
+    rests = collides & (((pull_in > 0) & ends) | still)
+    rebound = jnp.where(collides & ~rests, restitution * speed, 0.0)
+    blow = jnp.where(collides, (speed + rebound) * mass, 0.0)
+
+    w = jnp.where(collides, -rebound, speed - times(laws.delassus, blow))
+    beside = times(laws.delassus, jnp.where(collides, 1.0, 0.0)) != 0
+    struck = beside & ~collides
+    slip = jnp.where(struck | collides, jnp.sign(w), slip)
+    slip = lax.stop_gradient(jnp.where(rests, 0.0, slip))
+    turned = collides | (struck & (x.slip != 0) & (slip != x.slip))
+    x = _record_turns(setting, x, turned, slip)
+    lost = at.lost + blow * (speed - rebound) / 2
+    impulse = jnp.where(collides, blow, at.impulse)
+    x = x._replace(
+        y=jnp.stack(at._replace(w=w, lost=lost, impulse=impulse)),
+        contact=_in_mode(x, struck & (x.contact.mode == REST), APART),
+    )
+    x = _end_impacts(setting, x, collides)
+    return x._replace(slip=slip, contact=_in_mode(x, rests, REST))
+
+
+def _in_mode(x: FlowState, links: jax.Array, mode: Any) -> Contact:
+    """The contact with another mode in some links."""
+    return x.contact._replace(mode=jnp.where(links, mode, x.contact.mode))
+
+
+def _on_gap(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
+    """The state with the gaps of some links exactly closed, if they have moved there."""
+    at, links = SmoothState(*x.y), event.links & ~event.at_start
+    return x._replace(y=jnp.stack(at._replace(s=jnp.where(links, setting.laws.gap, at.s))))
+
+
+def _end_impacts(setting: Setting, x: FlowState, ends: jax.Array) -> FlowState:
+    """The state with the ends of impacts recorded."""
+    at, contact, log = SmoothState(*x.y), x.contact, x.log
+    over = ends & (contact.counts > 0)
+    log = log._replace(
+        ended=log.ended + jnp.where(over, 1.0, 0.0),
+        strongest=jnp.where(over & (at.impulse > log.strongest), at.impulse, log.strongest),
+        powers=log.powers + jnp.where(over, contact.peak_force**SOFT, 0.0),
+    )
+    if setting.slots:
+        slot = over[:, None] & (jnp.arange(setting.slots)[None] == x.log.ended[:, None])
+        impacts = Impacts(
+            touch_time=contact.touch_time,
+            approach_velocity=contact.touch_speed,
+            end_time=setting.clock.middle + setting.since_middle(x),
+            rebound_velocity=-at.w,
+            impulse=at.impulse,
+            peak_force=contact.peak_force,
+        )
+        recorded = jax.tree.map(
+            lambda new, old: jnp.where(slot, new[:, None], old), impacts, log.impacts
+        )
+        log = log._replace(impacts=recorded)
+    return x._replace(log=log)
+
+
+def _with_change(setting: Setting, x: FlowState, changes: jax.Array) -> StepLog:
+    """The log with the time at which the direction of slip changes in some links."""
+    time = jnp.where(changes, setting.since_middle(x), x.log.change_time)
+    return x.log._replace(change_time=time)
+
+
+def _record_turns(setting: Setting, x: FlowState, turned: jax.Array, slip: jax.Array) -> FlowState:
+    """The state with closings recorded where velocities vanished or reversed."""
+    log, s, time = _with_change(setting, x, slip != x.slip), x.y[1], setting.since_middle(x)
+    turned_before = turned & (log.turns > 0)
+    farther = turned & (s > log.farthest)
+    path = jnp.abs(s - log.last_turn)
+    log = log._replace(
+        turns=larger(log.turns, jnp.where(turned, 1.0, 0.0)),
+        first_turn=jnp.where(turned & (log.turns == 0), s, log.first_turn),
+        last_turn=jnp.where(turned, s, log.last_turn),
+        between=log.between + jnp.where(turned_before, path, 0.0),
+        farthest=jnp.where(farther, s, log.farthest),
+        farthest_time=jnp.where(farther, time, log.farthest_time),
+    )
+    return x._replace(log=log)

@@ -1,0 +1,398 @@
+r"""The local flow: links that share masses over one step, from event to event.
+
+Within a step the links see only the pull A(t) of the rods and the ground, linear in time:
+
+    s'' = A(t) − G (q + p),    q ∈ μ Sgn(s'),    p = p(s − ξ0, s'),    G = B_lᵀ M⁻¹ B_l,
+
+with closings s, friction q and contact forces p. The flow solves this small problem event by event
+(``events``). Between events the motion is smooth. Where no link of the group has a law of contact
+with a force it is a cubic in time. Else an embedded Runge–Kutta method of order 8 integrates it:
+the stiffness of a contact sets its substeps, never the step of the run. Both give the links at any
+time of a substep, and so locate events. Newton steps in time hold their slope fixed, so that the
+last of them contains how the instant of an event moves.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxpound._extrema import larger, smaller
+from jaxpound.simulation.contact.dop853 import END, STAGES, error, until, weighted
+from jaxpound.simulation.contact.events import (
+    FlowState,
+    Occurrence,
+    Place,
+    Setting,
+    SmoothState,
+    Snapshot,
+    table,
+)
+from jaxpound.simulation.contact.first_zero import first_zero
+from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, held_inverse
+from jaxpound.simulation.contact.records import (
+    APART,
+    CLIPPED,
+    PRESSED,
+    Clock,
+    FlowInput,
+    FlowResult,
+    Impacts,
+    MidStep,
+    StepLog,
+)
+
+_MOST = 4000  # iterations in a step
+_AT_ONCE = 1e-10  # share of a step within which events are at the same instant
+_NEAR = 0.05  # longest Newton step to an event, as a share of the substep
+_NEWTON = 3  # Newton steps to an event
+_JUST = 1.001  # length of a substep that should end just beyond an event, in units of its time
+
+
+class _Flight(NamedTuple):
+    """A substep of links without a contact force, whose accelerations change linearly in time."""
+
+    y: jax.Array  # at its start
+    length: jax.Array
+    first: Forces  # at its start
+    last: Forces  # and at its end
+
+    def at(self, time: jax.Array) -> jax.Array:
+        """The links a ``time`` after the start; contact forces are those of links at rest."""
+        at, share = SmoothState(*self.y), time / jnp.where(self.length > 0, self.length, 1.0)
+        a, p = self.first.acceleration, self.first.contact
+        a_gain, p_gain = share * (self.last.acceleration - a), share * (self.last.contact - p)
+        flown = at._replace(
+            t=at.t + time,
+            s=at.s + time * (at.w + time * (a / 2 + a_gain / 6)),
+            w=at.w + time * (a + a_gain / 2),
+            area=at.area + time * (at.s + time * (at.w / 2 + time * (a / 6 + a_gain / 24))),
+            impulse=at.impulse + time * (p + p_gain / 2),
+        )
+        return jnp.stack(flown)
+
+
+class _Integrated(NamedTuple):
+    """A substep of the Runge–Kutta method."""
+
+    y: jax.Array
+    length: jax.Array
+    slopes: jax.Array  # of all rows but the time, in the stages
+
+    def at(self, time: jax.Array) -> jax.Array:
+        """The links a ``time`` after the start."""
+        share = time / jnp.where(self.length > 0, self.length, 1.0)
+        rows = self.y[1:] + self.length * weighted(until(share), self.slopes)
+        return jnp.concatenate([self.y[:1] + time, rows])
+
+
+class _First(NamedTuple):
+    """The first event in a substep."""
+
+    time: jax.Array  # from the start of the substep, inf if there is none
+    number: jax.Array  # of the event among all links and events
+
+
+class LocalFlow:
+    """The equations of a flow, and one iteration of it."""
+
+    def __init__(self, h: float, slots: int, inputs: FlowInput, clock: Clock) -> None:
+        self.h, self.inputs = h, inputs
+        self.n, self.dtype = inputs.closing.shape[0], inputs.closing.dtype
+        self.eps = float(jnp.finfo(self.dtype).eps)
+        self.tolerance = 1e-8 if self.eps < 1e-10 else 1e-5
+        self.laws = LinkLaws(inputs.delassus, inputs.friction, inputs.gap, inputs.laws)
+        self.setting = Setting(self.laws, clock, h, slots)
+        self.events = table(self.laws)
+
+    def pull(self, t: jax.Array) -> jax.Array:
+        """A at times from the start of the step."""
+        return self.inputs.pull + self.inputs.rise * (t / self.h - 0.5)
+
+    def start(self) -> FlowState:
+        """The state in which a flow starts."""
+        inputs, contact, clock = self.inputs, self.inputs.contact, self.setting.clock
+        # Derived from the input: so vmap and shard_map see the carry as batched from the start.
+        zeros = 0 * inputs.closing
+        none = zeros[0].astype(int)
+        begin, s, w = clock.begin + zeros, inputs.closing, inputs.velocity
+        y = SmoothState(begin, s, w, s * begin, zeros, zeros, contact.impulse)
+        slots = jnp.repeat(zeros[:, None], self.setting.slots, 1)
+        empty: Any = dict.fromkeys(StepLog._fields, zeros)
+        empty |= {"impacts": Impacts(*[slots] * len(Impacts._fields))}
+        empty |= {"highest_forces": zeros[:, None] * inputs.delassus}
+        slip = jnp.sign(lax.stop_gradient(w))
+        touched = self._one_where(contact.mode != APART)
+        return FlowState(
+            y=jnp.stack(y),
+            slip=slip,
+            contact=contact,
+            rising=self._one_where(contact.mode == PRESSED),
+            middle=Snapshot(jnp.stack(y), slip, contact, zeros, zeros),
+            log=StepLog(**empty)._replace(touched=touched, farthest=zeros - jnp.inf),
+            stage=none,
+            iterations=none,
+            length=self.h / 2 - begin[0],
+            usual=self.h + zeros[0],
+            rejected=zeros[0],
+        )
+
+    def unfinished(self, x: FlowState) -> jax.Array:
+        """Whether the flow has not reached the end of the step."""
+        finite = jnp.isfinite(x.y).all() & jnp.isfinite(self.inputs.pull).all()
+        return (x.stage < 2) & (x.iterations < _MOST) & finite
+
+    def advance(self, x: FlowState) -> FlowState:
+        """Try a substep: accept it, to its end or an event in it, or reject it as too long."""
+        regime, inverse = x.regime, held_inverse(self.inputs.delassus, x.regime.held)
+        begin = self._forces(x.y, regime, inverse)
+        x = self._with_highest(x, begin)
+        substep, worst = self._substep(x, begin, inverse)
+        stop = jnp.where(x.stage < 1, self.h / 2, self.h)
+        fixed = LocalFlow(self.h, 0, *lax.stop_gradient((self.inputs, self.setting.clock)))
+        event, growth_end = fixed._first_event(*lax.stop_gradient((x, substep, stop, inverse)))
+        at_start = event.time <= _AT_ONCE * self.h
+        wrong = (worst > 1) & regime.deformed.any()
+        place, now = self._located(x, substep, event, stop, inverse)
+        after = x._replace(
+            y=jnp.where(wrong, x.y, place),
+            rising=jnp.where(wrong, x.rising, self._one_where(growth_end > 0)),
+            iterations=x.iterations + 1,
+        )
+        happens = ~wrong & jnp.isfinite(event.time)
+        numbers = jnp.arange(len(self.events) * self.n).reshape(-1, self.n)
+        links = happens & (numbers == event.number)
+        for kind, which in zip(self.events, links, strict=True):
+            after = kind.effect(self.setting, after, Occurrence(which, now, at_start))
+        after = self._with_stop(after, happens & (event.number == numbers.size))
+        return self._with_next_length(after, substep.length, event, worst, wrong, regime)
+
+    def _with_stop(self, x: FlowState, stops: jax.Array) -> FlowState:
+        """The state after a stop of the flow: in the middle of the step it is kept."""
+        seen = Snapshot(x.y, x.slip, x.contact, x.log.strongest, x.log.powers)
+        keeps = stops & (x.stage == 0)
+        middle = jax.tree.map(lambda new, old: jnp.where(keeps, new, old), seen, x.middle)
+        return x._replace(middle=middle, stage=x.stage + jnp.where(stops, 1, 0))
+
+    def _with_next_length(
+        self,
+        after: FlowState,
+        length: jax.Array,
+        event: _First,
+        worst: jax.Array,
+        wrong: jax.Array,
+        regime: Regime,
+    ) -> FlowState:
+        """The state with the length of the next substep to try."""
+        stop = jnp.where(after.stage < 1, self.h / 2, self.h)
+        left = larger(stop - after.y[0, 0], 0.0)
+        # Where a law is singular, as at touch, the error decreases slowly with the length.
+        factor = 0.9 * larger(worst, 1e-8) ** jnp.where(wrong, -0.25, -0.125)
+        usual = length * jnp.clip(factor, 0.05, jnp.where(after.rejected > 0, 1.0, 4.0))
+        usual = jnp.minimum(jnp.where(wrong, usual, larger(usual, after.usual)), self.h)
+        usual = jnp.where(regime.deformed.any(), usual, after.usual)
+        tried = jnp.where(after.regime.deformed.any(), smaller(usual, left), left)
+        # An event lies inside a rejected substep: retry with one that ends just past it.
+        aims = wrong & (event.time < 0.9 * length) & (event.time > _AT_ONCE * self.h)
+        tried = jnp.where(aims, jnp.minimum(_JUST * event.time, left), tried)
+        usual, tried = lax.stop_gradient((usual, tried))
+        return after._replace(usual=usual, length=tried, rejected=self._one_where(wrong))
+
+    # -- a substep ----------------------------------------------------------------------------
+
+    def _forces(self, y: jax.Array, regime: Regime, inverse: jax.Array) -> Forces:
+        t, s, w = y[:3]
+        return self.laws.at(self.pull(t), s, w, regime, inverse)
+
+    def _rates(self, y: jax.Array, now: Forces) -> jax.Array:
+        """Time derivatives of a ``SmoothState``."""
+        s, w = y[1:3]
+        lost = (now.contact - now.elastic) * w
+        return jnp.stack(
+            [jnp.ones_like(s), w, now.acceleration, s, now.elastic * w, lost, now.contact]
+        )
+
+    def _substep(
+        self, x: FlowState, begin: Forces, inverse: jax.Array
+    ) -> tuple[_Flight | _Integrated, jax.Array]:
+        """A substep, and its error in units of the tolerance."""
+        y, length, regime = x.y, x.length, x.regime
+        if not self.laws.has_contact_force:
+            last = self._forces(y.at[0].add(length), regime, inverse)
+            return _Flight(y, length, begin, last), 0 * length
+
+        # Scan over the stages: unrolled, they would dominate compile time.
+        def stage(slopes: jax.Array, entry: Any) -> Any:
+            i, row = entry
+            motion = y[:3] + length * weighted(row, slopes[:, :3])
+            rates = self._rates(motion, self._forces(motion, regime, inverse))
+            return slopes.at[i].set(rates), None
+
+        stages = jnp.asarray(STAGES, self.dtype)
+        slopes = jnp.broadcast_to(0 * y[0], (len(stages), *y.shape))
+        slopes, _ = lax.scan(stage, slopes, (jnp.arange(len(stages)), stages))
+
+        still, speed, a = lax.stop_gradient((slopes, y[2], begin.acceleration))
+        end = speed + length * weighted(jnp.asarray(END, self.dtype), still[:, 2])
+        sizes = larger(jnp.abs(speed), jnp.abs(end)) + length * jnp.abs(a)
+        sizes += jnp.where(regime.mode == PRESSED, lax.stop_gradient(regime.touch_speed), 0.0)
+        sizes = self.tolerance * sizes + jnp.finfo(self.dtype).tiny
+        errors = error(still[:, 1:3])
+        worst = (larger(length * errors[1], errors[0]) / sizes).max()
+        worst = jnp.where(worst < 1e8, worst, 1e8)
+        return _Integrated(y, length, slopes[:, 1:]), worst
+
+    def _with_highest(self, x: FlowState, now: Forces) -> FlowState:
+        """The state with the largest contact force so far, of the step and of the impact."""
+        if not self.laws.has_contact:
+            return x
+        log, contact = x.log, x.contact
+        higher = now.contact > log.highest
+        log = log._replace(
+            highest=jnp.where(higher, now.contact, log.highest),
+            highest_time=jnp.where(higher, self.setting.since_middle(x), log.highest_time),
+            highest_forces=jnp.where(higher[:, None], now.total, log.highest_forces),
+        )
+        peak = larger(contact.peak_force, now.contact)
+        return x._replace(log=log, contact=contact._replace(peak_force=peak))
+
+    # -- events -------------------------------------------------------------------------------
+
+    def _values(
+        self, x: FlowState, y: jax.Array, inverse: jax.Array
+    ) -> tuple[Place, jax.Array, jax.Array]:
+        """The links at a place; values of all events, (events, n), and their time derivatives."""
+        (t, s, w), regime = y[:3], x.regime
+
+        def forces(t: jax.Array, s: jax.Array, w: jax.Array) -> Forces:
+            return self.laws.at(self.pull(t), s, w, regime, inverse)
+
+        now, along = jax.linearize(forces, t, s, w)
+        a = now.acceleration
+        change = along(jnp.ones_like(t), w, a)
+        growth = bend = jnp.zeros_like(s)
+        if self.laws.has_contact_force:
+            growth, bend = jax.jvp(
+                lambda s, w, a: self.laws.growth(s, w, a, regime),
+                (s, w, a),
+                (w, a, change.acceleration),
+            )
+
+        def values(place: Place) -> jax.Array:
+            return jnp.stack([kind.value(self.setting, x, place) for kind in self.events])
+
+        place = Place(s, w, now, growth)
+        return place, *jax.jvp(values, (place,), (Place(w, a, change, bend),))
+
+    def _first_event(
+        self, x: FlowState, substep: _Flight | _Integrated, stop: jax.Array, inverse: jax.Array
+    ) -> tuple[_First, jax.Array]:
+        """The first event in a substep, and the growths of the laws' forces at its end."""
+        length = substep.length
+        both = jnp.stack([x.y, substep.at(length)])
+        places, values, slopes = jax.vmap(lambda y: self._values(x, y, inverse))(both)
+        begin = jax.tree.map(lambda z: z[0], places)
+        scales = jnp.stack(
+            [jax.vmap(kind.scale, (0, None))(places, length) for kind in self.events]
+        )
+        noise = 32 * self.eps * scales.sum(1)
+        armed = jnp.stack([kind.armed(self.setting, x, begin) for kind in self.events])
+        of_force, may_return = (
+            jnp.asarray([getattr(kind, name) for kind in self.events])[:, None]
+            for name in ("of_force", "may_return")
+        )
+        shares = first_zero(
+            larger(values[0], 0.0),
+            length * slopes[0],
+            values[1],
+            length * slopes[1],
+            noise,
+            may_return,
+        )
+        shares = jnp.where(of_force & (values[0] < -noise), 0.0, shares)
+        times = jnp.where(armed & (shares <= 1), shares * length, jnp.inf).ravel()
+        at_stop = x.y[0, 0] + length >= stop - 1e-12 * self.h
+        times = jnp.append(times, jnp.where(at_stop, stop - x.y[0, 0], jnp.inf))
+        number = jnp.argmin(times)
+        return _First(times[number], number), places.growth[1]
+
+    def _located(
+        self,
+        x: FlowState,
+        substep: _Flight | _Integrated,
+        event: _First,
+        stop: jax.Array,
+        inverse: jax.Array,
+    ) -> tuple[jax.Array, Forces]:
+        """The state at an event, or at the end of a substep without one, and the forces there."""
+        length, exists = substep.length, jnp.isfinite(event.time)
+        at_start = event.time <= _AT_ONCE * self.h
+        # Beyond ``near`` a start is that of an event which a jump of the forces has made.
+        near = jnp.where(at_start, 1e-3 * self.h, _NEAR * length)
+        farthest = jnp.where(at_start, 0.0, near)
+
+        def nearer(_: Any, state: Any) -> Any:
+            time = lax.stop_gradient(state[0])
+            y = substep.at(time)
+            place, values, slopes = self._values(x, y, inverse)
+            value, slope = jnp.append(values, stop - y[0, 0]), jnp.append(slopes, -1.0)
+            value, slope = value[event.number], lax.stop_gradient(slope[event.number])
+            step = jnp.where(exists & (slope != 0), -value / jnp.where(slope == 0, 1.0, slope), 0.0)
+            step = jnp.where(jnp.abs(step) <= near, step, jnp.sign(step) * farthest)
+            moved = y + step * self._rates(y, place.forces)
+            return jnp.clip(time + step, 0.0, length), moved, place.forces
+
+        time = jnp.where(at_start, 0.0, jnp.where(exists, event.time, length))
+        nothing = jnp.zeros_like(x.y[0])
+        _, place, now = lax.fori_loop(
+            0, _NEWTON, nearer, (time, x.y, Forces(*[nothing] * len(Forces._fields)))
+        )
+        return place, now
+
+    # -- the end ------------------------------------------------------------------------------
+
+    def result(self, x: FlowState) -> FlowResult:
+        """The result of a flow from the state in which it ended."""
+        at, contact, middle = SmoothState(*x.y), x.contact, x.middle
+        unpressed = jnp.where(contact.mode == PRESSED, CLIPPED, contact.mode)
+        end = self._forces_in(x.y, x.regime._replace(mode=unpressed))
+        result = FlowResult(
+            closing=at.s,
+            velocity=at.w,
+            acceleration=end.acceleration,
+            held=self._one_where(x.regime.held),
+            mean=at.area / self.h,
+            stored=at.stored,
+            lost=at.lost,
+            contact=contact._replace(impulse=at.impulse),
+            now=self._midstep(middle),
+            log=x.log,
+        )
+        poison = jnp.where(x.stage == 2, 1.0, jnp.nan).astype(self.dtype)
+        return jax.tree.map(lambda a: a * poison, result)
+
+    def _midstep(self, middle: Snapshot) -> MidStep:
+        at, regime = SmoothState(*middle.y), Regime.of(middle.slip, middle.contact)
+        forces = self._forces_in(middle.y, regime)
+        peak = larger(middle.contact.peak_force, forces.contact)
+        return MidStep(
+            closing=at.s,
+            velocity=at.w,
+            friction=forces.friction,
+            contact_force=forces.contact,
+            stored=at.stored,
+            lost=at.lost,
+            held=self._one_where(regime.held),
+            contact=middle.contact._replace(impulse=at.impulse, peak_force=peak),
+            strongest=middle.strongest,
+            powers=middle.powers,
+        )
+
+    def _forces_in(self, y: jax.Array, regime: Regime) -> Forces:
+        return self._forces(y, regime, held_inverse(self.inputs.delassus, regime.held))
+
+    def _one_where(self, holds: jax.Array) -> jax.Array:
+        return jnp.where(holds, 1.0, 0.0).astype(self.dtype)
