@@ -25,15 +25,6 @@ from jaxpound.model.contact_numbers import exact_damping_factor
 _STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
 _RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
 
-_STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
-_RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
-
-STIFFER_THAN_A_STOREY = 20.0
-"""Stiffness of the contact over that of the stiffer storey (Anagnostopoulos 1988)."""
-
-_SERIES_END = 2.0
-_TERMS = 25  # the first term left out is below 1e-17 of the sum
-
 
 @runtime_checkable
 class ContactLaw(Protocol):
@@ -44,7 +35,7 @@ class ContactLaw(Protocol):
     energy, the rest of the work is lost.
 
     Two more members are optional. ``tension``, a bool, says whether the force may pull while the
-    blocks are in contact; without it, or where it is False, the blocks separate instead. A law
+    blocks are in contact; without it, or where it is False, the force is 0 instead. A law
     whose damping depends on the mass has ``for_mass(effective_mass)``: a run calls it once for each
     link and takes the force of the law that it returns. Outside of runs the law's own ``force`` is
     that for effective mass 1. A law without ``for_mass`` does not get the mass.
@@ -77,7 +68,8 @@ class ContactLaw(Protocol):
         speed
             δ', positive in approach.
         touch_speed
-            δ' at the touch, where this contact began; 0 for blocks that touch at rest.
+            δ' at the touch, where this contact began; at least a hundredth of what the relative
+            acceleration adds in a step. Outside of runs it may be 0.
         """
 
 

@@ -4,7 +4,7 @@
 ``rod`` of the rods, ``friction`` of the links. ``rollout`` prepares a run, ``stepping`` is one
 step, ``scan`` the loop over time, ``state`` what a step hands to the next. A link that is alone
 slides by ``coulomb`` in closed form; the package ``contact`` follows links that touch or share
-masses through the step, from event to event. ``tally``
+masses through the step, from event to event. ``tally``, and ``link_tally`` for links,
 accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI units.
 ``docs/numerics.md`` has the equations.
 """

@@ -103,8 +103,8 @@ class Rollout(NamedTuple):
         shaking = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
         first = jax.tree.map(lambda x: x[0], shaking.series)
-        ground_velocity = shaking.at(jnp.zeros((), dtype), first)[1]
-        before = (dt * ground_velocity * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
+        first_acceleration = shaking.at(jnp.zeros((), dtype), first)[1]
+        before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
 
         def advance(state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
             time = m.astype(dtype) * dt

@@ -24,7 +24,7 @@ from jaxpound.simulation.contact.records import (
 )
 
 _REBOUNDS = 1e-2  # rebounds that would all be over within this share of a step end at once
-_SLOWEST = 1e-2  # touch speed below this share of what the pull adds in a step is set to it
+_SLOWEST = 1e-2  # least touch speed, as a share of what the acceleration adds in a step
 _COUNTS = 1e-4  # share of the fastest approach below which a touch is no impact
 
 
@@ -180,7 +180,7 @@ def _leave(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     )
 
 
-_LEAVE = Event(
+_LEAVE = Event(  # friction can be −μ at the least, and the contact force 0
     value=lambda setting, x, at: at.forces.total + setting.laws.friction,
     armed=lambda setting, x, at: x.contact.mode == REST,
     scale=lambda at, length: jnp.abs(at.forces.total) + jnp.abs(at.forces.friction),
