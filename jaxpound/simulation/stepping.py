@@ -21,8 +21,15 @@ import jax.numpy as jnp
 
 from jaxpound.model.system import GROUND, LinkGroup, elongation, link_groups, load_on
 from jaxpound.simulation import state
-from jaxpound.simulation.contact import group as contact
-from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
+from jaxpound.simulation.contact.group import (
+    ContactState,
+    Coupling,
+    GroupStep,
+    finish_step,
+    mean_sample,
+    motion_without_events,
+    run_flow,
+)
 from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import rod_moved, rod_step
@@ -165,13 +172,12 @@ class _Step(NamedTuple):
             for group, coupled in groups
             if coupled is not None
         ]
+        # The masses' numbers, by which groups of one structure would differ, play no part in a flow.
         arguments = [(coupled._replace(mass_shares={}), before) for _, coupled, before in steps]
         flows = []
-        for inputs, (result, used) in zip(
-            steps, _map_like(contact.run_flow, arguments), strict=True
-        ):
+        for inputs, (result, used) in zip(steps, _map_like(run_flow, arguments), strict=True):
             before = inputs[2]
-            shift = jnp.where(used, contact.mean_sample(result, before) - before.closing, 0.0)
+            shift = jnp.where(used, mean_sample(result, before) - before.closing, 0.0)
             flows.append(_GroupFlow(*inputs, result, used, shift))
         return flows
 
@@ -216,10 +222,10 @@ class _Step(NamedTuple):
             if len(group.links) == 1:
                 plain = jax.tree.map(lambda y: y[None], motions[group.links[0]])
             else:
-                plain = contact.motion_without_events(coupled, before)
+                plain = motion_without_events(coupled, before)
                 if group.root == GROUND and before.halfway:
                     plain = state.motion_from_rest(plain, starts, self.scheme)
-            after = contact.finish_step(coupled, before, plain, result, used, pull_change)
+            after = finish_step(coupled, before, plain, result, used, pull_change)
             for j, k in enumerate(group.links):
                 closings[k], contacts[k], motions[k] = jax.tree.map(lambda y, j=j: y[j], after)
         if system.initial_elongations is not None:

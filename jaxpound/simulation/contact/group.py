@@ -80,16 +80,16 @@ def coupling(
 ) -> Coupling:
     """The constants of a group; ``inverse`` are the inverse masses."""
     ends = [topology.links[k] for k in group.links]
-    pulls = {
+    signs = {
         mass: jnp.asarray([(mass == i) - (mass == j) for i, j in ends], inverse[0].dtype)
         for mass in group.masses
     }
-    weighed = [inverse[mass] * jnp.outer(pull, pull) for mass, pull in pulls.items()]
+    weighed = [inverse[mass] * jnp.outer(sign, sign) for mass, sign in signs.items()]
     delassus = sum(weighed[1:], weighed[0])
     whole = inverse_of(delassus)
     return Coupling(
         delassus=delassus,
-        mass_shares={mass: inverse[mass] * (pull @ whole) for mass, pull in pulls.items()},
+        mass_shares={mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()},
         frictions=jnp.stack([links[k].friction for k in group.links]),
         gaps=jnp.stack([links[k].gap for k in group.links]),
         laws=tuple(
