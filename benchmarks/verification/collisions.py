@@ -12,7 +12,7 @@ from scipy.special import gamma
 import jaxpound as jp
 from benchmarks.verification.case import Case, Errors, Number, refine
 from tests.reference import load
-from tests.simulation.contact.test_flow import LAWS
+from tests.simulation.contact.test_flows import LAWS
 from tests.simulation.pairs import FORCES, OneOf
 
 STEPS = (0.05, 0.025)

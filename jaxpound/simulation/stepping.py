@@ -172,7 +172,7 @@ class _Step(NamedTuple):
             for group, coupled in groups
             if coupled is not None
         ]
-        # The masses' numbers, by which groups of one structure would differ, play no part in a flow.
+        # A flow needs no numbers of the masses, in which groups of one structure would differ.
         arguments = [(coupled._replace(mass_shares={}), before) for _, coupled, before in steps]
         flows = []
         for inputs, (result, used) in zip(steps, _map_like(run_flow, arguments), strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from tests.simulation.contact.test_flow import LAWS
+from tests.simulation.contact.test_flows import LAWS
 
 GRID = jp.TimeGrid(0.02, 3200)
 SHAKING = jp.Ricker(0.4, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])

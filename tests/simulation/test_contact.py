@@ -11,7 +11,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.model import parameters
 from tests.reference import convergence_order, load
-from tests.simulation.contact.test_flow import LAWS
+from tests.simulation.contact.test_flows import LAWS
 from tests.simulation.pairs import FORCES, OneOf, in_unit_of_time, padded, stacked
 
 CASES = load("contact")["cases"]

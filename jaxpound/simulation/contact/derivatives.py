@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.flatten_util import ravel_pytree
 
@@ -49,14 +50,15 @@ def in_both_modes(
         flat, rebuild = ravel_pytree(inputs)
         paths = jax.tree_util.tree_leaves_with_path(inputs)
         mask = [is_differentiated(path) for path, leaf in paths for _ in range(jnp.size(leaf))]
-        (numbers,) = jnp.asarray(mask).nonzero(size=sum(mask))
+        numbers = np.flatnonzero(mask)
+        zeros = jnp.where(jnp.isfinite(flat), 0.0, 0.0).astype(flat.dtype)  # on flat's devices
 
-        def component(number: jax.Array) -> jax.Array:
-            change = rebuild(jnp.zeros_like(flat).at[number].set(1.0))
-            products = jax.tree.map(jnp.multiply, push(inputs, constants, change), weights)
+        def component(change: jax.Array) -> jax.Array:
+            products = jax.tree.map(jnp.multiply, push(inputs, constants, rebuild(change)), weights)
             return ravel_pytree(products)[0].sum()
 
-        return rebuild(jnp.zeros_like(flat).at[numbers].set(jax.vmap(component)(numbers)))
+        units = zeros[None] + np.eye(flat.size, dtype=flat.dtype)[numbers]
+        return rebuild(zeros.at[numbers].set(jax.vmap(component)(units)))
 
     run, push_mapped, pull_mapped = (
         mapped(jax.jit(function), False),
@@ -76,8 +78,9 @@ def in_both_modes(
         # The linear map t → J t as the solution (t, J t) of [[1, 0], [−J, 1]] z = (t, 0), whose
         # transpose has the solution (a + Jᵀ b, b): so each direction has the program that suits it.
         # Only second derivatives would evaluate the system itself.
-        inputs = jax.tree.map(_differentiated_once, inputs)
         change, as_inputs = ravel_pytree(tangents[0])
+        # In one array, inputs that are the same on all devices differ as their changes do.
+        inputs = as_inputs(_differentiated_once(ravel_pytree(inputs)[0]))
         flat, as_out = ravel_pytree(out)
         n = change.size
 

@@ -25,6 +25,7 @@ from jaxpound.simulation.contact.records import (
 
 _REBOUNDS = 1e-2  # rebounds that would all be over within this share of a step end at once
 _SLOWEST = 1e-2  # least touch speed, as a share of what the acceleration adds in a step
+_AHEAD = 1e-6  # share of a step after which a force shows its sign
 _COUNTS = 1e-4  # share of the fastest approach below which a touch is no impact
 
 
@@ -98,6 +99,7 @@ class Occurrence(NamedTuple):
 
     links: jax.Array  # (n,), where it does
     forces: Forces  # just before it
+    growth: Forces  # their time derivatives
     at_start: jax.Array  # whether it happens as a substep starts
 
 
@@ -113,8 +115,8 @@ class Event(NamedTuple):
     effect: Callable[[Setting, FlowState, Occurrence], FlowState]
     """The state after the event, from that before it."""
     of_force: bool = False
-    """Whether a substep that starts below zero starts with the event. Else zero is taken there: a
-    gap that is a rounding too small and opens does not close."""
+    """Whether a value below zero at a substep's start is the event. Otherwise it counts as zero
+    there: a gap that is a rounding too small, and opens, does not close."""
     may_return: bool = True
     """Whether values that are below zero only between the ends of a substep count."""
 
@@ -129,8 +131,14 @@ def _distance(at: Place, length: jax.Array) -> jax.Array:
     return jnp.abs(at.s) + length * _speed(at, length)
 
 
+def _force(at: Place) -> jax.Array:
+    """Size of the forces in all links, by which those that hold links follow from each other."""
+    size = jnp.abs(at.forces.total) + jnp.abs(at.forces.friction)
+    return jnp.broadcast_to(size.max(-1, keepdims=True), size.shape)
+
+
 def table(laws: LinkLaws) -> list[Event]:
-    """The events that are possible in a group with these laws."""
+    """The events that are possible in a group with these laws; of two at once the first happens."""
     events = [_TURN, _BREAK]
     events += [_TOUCH] if laws.has_contact else []
     events += [_LEAVE] if laws.has_newton else []
@@ -150,22 +158,25 @@ def _turn(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _TURN = Event(
     value=lambda setting, x, at: x.slip * at.w,
     armed=lambda setting, x, at: (x.slip != 0) & (x.contact.mode != REST),
-    scale=lambda at, length: _speed(at, length),
+    scale=_speed,
     effect=_turn,
 )
 
 
 def _break(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     """Stick ends: friction cannot hold the link any more."""
-    way = lax.stop_gradient(jnp.sign(event.forces.friction))
+    # Just after the event: a link without friction breaks away from the force zero.
+    ahead = event.forces.friction + _AHEAD * setting.h * event.growth.friction
+    way = lax.stop_gradient(jnp.sign(ahead))
     slip = jnp.where(event.links, way, x.slip)
     return x._replace(slip=slip, log=_with_change(setting, x, event.links))
 
 
 _BREAK = Event(
-    value=lambda setting, x, at: setting.laws.friction - jnp.abs(at.forces.friction),
+    # Not μ − |q|, which has a kink where q changes its sign.
+    value=lambda setting, x, at: setting.laws.friction**2 - at.forces.friction**2,
     armed=lambda setting, x, at: (x.slip == 0) & (x.contact.mode != REST),
-    scale=lambda at, length: jnp.abs(at.forces.total) + jnp.abs(at.forces.friction),
+    scale=lambda at, length: _force(at) ** 2,
     effect=_break,
     of_force=True,
 )
@@ -183,7 +194,7 @@ def _leave(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _LEAVE = Event(  # friction can be −μ at the least, and the contact force 0
     value=lambda setting, x, at: at.forces.total + setting.laws.friction,
     armed=lambda setting, x, at: x.contact.mode == REST,
-    scale=lambda at, length: jnp.abs(at.forces.total) + jnp.abs(at.forces.friction),
+    scale=lambda at, length: _force(at),
     effect=_leave,
     of_force=True,
 )
@@ -198,7 +209,7 @@ def _release(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _RELEASE = Event(
     value=lambda setting, x, at: at.s - setting.laws.gap,
     armed=lambda setting, x, at: x.regime.deformed,
-    scale=lambda at, length: _distance(at, length),
+    scale=_distance,
     effect=_release,
 )
 
@@ -260,7 +271,7 @@ def _touch(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _TOUCH = Event(
     value=lambda setting, x, at: setting.laws.gap - at.s,
     armed=lambda setting, x, at: setting.laws.has_law & (x.contact.mode == APART),
-    scale=lambda at, length: _distance(at, length),
+    scale=_distance,
     effect=_touch,
 )
 

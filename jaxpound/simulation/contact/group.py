@@ -1,6 +1,6 @@
 r"""Links that may touch or that share masses, over one step of a run.
 
-A group of such links runs the local flow (``flow``) where it needs it: in contact, where a
+A group of such links runs the local flow (``flows``) where it needs it: in contact, where a
 gap may close within the step, and, for links that share masses, where slip or stick ends. All other
 steps have closed forms.
 
@@ -26,7 +26,7 @@ import jax.numpy as jnp
 from jaxpound._extrema import larger
 from jaxpound.model.contact import with_mass
 from jaxpound.model.system import Link, LinkGroup, Topology
-from jaxpound.simulation.contact.flow import flow
+from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.forces import held_inverse, inverse_of, response
 from jaxpound.simulation.contact.records import (
     APART,

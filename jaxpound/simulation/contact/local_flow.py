@@ -8,8 +8,8 @@ with closings s, friction q and contact forces p. The flow solves this small pro
 (``events``). Between events the motion is smooth. Where no link of the group has a law of contact
 with a force it is a cubic in time. Else an embedded Runge–Kutta method of order 8 integrates it:
 the stiffness of a contact sets its substeps, never the step of the run. Both give the links at any
-time of a substep, and so locate events. Newton steps in time hold their slope fixed, so that the
-last of them contains how the instant of an event moves.
+time of a substep, and so locate events by Newton steps in time. Their slope is recomputed, but not
+differentiated, so that the derivative of the last step is that of the event's instant.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound._extrema import larger, smaller
-from jaxpound.simulation.contact.dop853 import END, STAGES, error, until, weighted
+from jaxpound.simulation.contact.dop853 import END, STAGES, error, weighted
 from jaxpound.simulation.contact.events import (
     FlowState,
     Occurrence,
@@ -31,8 +31,7 @@ from jaxpound.simulation.contact.events import (
     Snapshot,
     table,
 )
-from jaxpound.simulation.contact.first_zero import first_zero
-from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, held_inverse
+from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, held_inverse, times
 from jaxpound.simulation.contact.records import (
     APART,
     CLIPPED,
@@ -44,49 +43,14 @@ from jaxpound.simulation.contact.records import (
     MidStep,
     StepLog,
 )
+from jaxpound.simulation.contact.substeps import Flight, Integrated
+from jaxpound.simulation.contact.zeros import first_zero
 
-_MOST = 4000  # iterations in a step
+_MOST_ITERATIONS = 4000  # iterations in a step
 _AT_ONCE = 1e-10  # share of a step within which events are at the same instant
 _NEAR = 0.05  # longest Newton step to an event, as a share of the substep
-_NEWTON = 3  # Newton steps to an event
+_NEWTON_STEPS = 3  # Newton steps to an event
 _JUST = 1.001  # length of a substep that should end just beyond an event, in units of its time
-
-
-class _Flight(NamedTuple):
-    """A substep of links without a contact force, whose accelerations change linearly in time."""
-
-    y: jax.Array  # at its start
-    length: jax.Array
-    first: Forces  # at its start
-    last: Forces  # and at its end
-
-    def at(self, time: jax.Array) -> jax.Array:
-        """The links a ``time`` after the start; contact forces are those of links at rest."""
-        at, share = SmoothState(*self.y), time / jnp.where(self.length > 0, self.length, 1.0)
-        a, p = self.first.acceleration, self.first.contact
-        a_gain, p_gain = share * (self.last.acceleration - a), share * (self.last.contact - p)
-        flown = at._replace(
-            t=at.t + time,
-            s=at.s + time * (at.w + time * (a / 2 + a_gain / 6)),
-            w=at.w + time * (a + a_gain / 2),
-            area=at.area + time * (at.s + time * (at.w / 2 + time * (a / 6 + a_gain / 24))),
-            impulse=at.impulse + time * (p + p_gain / 2),
-        )
-        return jnp.stack(flown)
-
-
-class _Integrated(NamedTuple):
-    """A substep of the Runge–Kutta method."""
-
-    y: jax.Array
-    length: jax.Array
-    slopes: jax.Array  # of all rows but the time, in the stages
-
-    def at(self, time: jax.Array) -> jax.Array:
-        """The links a ``time`` after the start."""
-        share = time / jnp.where(self.length > 0, self.length, 1.0)
-        rows = self.y[1:] + self.length * weighted(until(share), self.slopes)
-        return jnp.concatenate([self.y[:1] + time, rows])
 
 
 class _First(NamedTuple):
@@ -94,6 +58,7 @@ class _First(NamedTuple):
 
     time: jax.Array  # from the start of the substep, inf if there is none
     number: jax.Array  # of the event among all links and events
+    at_start: jax.Array  # whether it is as the substep starts
 
 
 class LocalFlow:
@@ -143,7 +108,7 @@ class LocalFlow:
     def unfinished(self, x: FlowState) -> jax.Array:
         """Whether the flow has not reached the end of the step."""
         finite = jnp.isfinite(x.y).all() & jnp.isfinite(self.inputs.pull).all()
-        return (x.stage < 2) & (x.iterations < _MOST) & finite
+        return (x.stage < 2) & (x.iterations < _MOST_ITERATIONS) & finite
 
     def advance(self, x: FlowState) -> FlowState:
         """Try a substep: accept it, to its end or an event in it, or reject it as too long."""
@@ -154,9 +119,8 @@ class LocalFlow:
         stop = jnp.where(x.stage < 1, self.h / 2, self.h)
         fixed = LocalFlow(self.h, 0, *lax.stop_gradient((self.inputs, self.setting.clock)))
         event, growth_end = fixed._first_event(*lax.stop_gradient((x, substep, stop, inverse)))
-        at_start = event.time <= _AT_ONCE * self.h
         wrong = (worst > 1) & regime.deformed.any()
-        place, now = self._located(x, substep, event, stop, inverse)
+        place, now, growth = self._located(x, substep, event, stop, inverse)
         after = x._replace(
             y=jnp.where(wrong, x.y, place),
             rising=jnp.where(wrong, x.rising, self._one_where(growth_end > 0)),
@@ -166,7 +130,7 @@ class LocalFlow:
         numbers = jnp.arange(len(self.events) * self.n).reshape(-1, self.n)
         links = happens & (numbers == event.number)
         for kind, which in zip(self.events, links, strict=True):
-            after = kind.effect(self.setting, after, Occurrence(which, now, at_start))
+            after = kind.effect(self.setting, after, Occurrence(which, now, growth, event.at_start))
         after = self._with_stop(after, happens & (event.number == numbers.size))
         return self._with_next_length(after, substep.length, event, worst, wrong, regime)
 
@@ -196,15 +160,17 @@ class LocalFlow:
         usual = jnp.where(regime.deformed.any(), usual, after.usual)
         tried = jnp.where(after.regime.deformed.any(), smaller(usual, left), left)
         # An event lies inside a rejected substep: retry with one that ends just past it.
-        aims = wrong & (event.time < 0.9 * length) & (event.time > _AT_ONCE * self.h)
+        aims = wrong & (event.time < 0.9 * length) & ~event.at_start
         tried = jnp.where(aims, jnp.minimum(_JUST * event.time, left), tried)
         usual, tried = lax.stop_gradient((usual, tried))
         return after._replace(usual=usual, length=tried, rejected=self._one_where(wrong))
 
     # -- a substep ----------------------------------------------------------------------------
 
-    def _forces(self, y: jax.Array, regime: Regime, inverse: jax.Array) -> Forces:
+    def _forces(self, y: jax.Array, regime: Regime, inverse: jax.Array | None = None) -> Forces:
         t, s, w = y[:3]
+        if inverse is None:
+            inverse = held_inverse(self.inputs.delassus, regime.held)
         return self.laws.at(self.pull(t), s, w, regime, inverse)
 
     def _rates(self, y: jax.Array, now: Forces) -> jax.Array:
@@ -217,12 +183,12 @@ class LocalFlow:
 
     def _substep(
         self, x: FlowState, begin: Forces, inverse: jax.Array
-    ) -> tuple[_Flight | _Integrated, jax.Array]:
+    ) -> tuple[Flight | Integrated, jax.Array]:
         """A substep, and its error in units of the tolerance."""
         y, length, regime = x.y, x.length, x.regime
         if not self.laws.has_contact_force:
             last = self._forces(y.at[0].add(length), regime, inverse)
-            return _Flight(y, length, begin, last), 0 * length
+            return Flight(y, length, begin, last), 0 * length
 
         # Scan over the stages: unrolled, they would dominate compile time.
         def stage(slopes: jax.Array, entry: Any) -> Any:
@@ -239,11 +205,16 @@ class LocalFlow:
         end = speed + length * weighted(jnp.asarray(END, self.dtype), still[:, 2])
         sizes = larger(jnp.abs(speed), jnp.abs(end)) + length * jnp.abs(a)
         sizes += jnp.where(regime.mode == PRESSED, lax.stop_gradient(regime.touch_speed), 0.0)
-        sizes = self.tolerance * sizes + jnp.finfo(self.dtype).tiny
+        # A link that has just broken away is as inexact as the accelerations that cancel in it.
+        parts = jnp.abs(self.inputs.pull) + times(
+            jnp.abs(self.inputs.delassus), jnp.abs(begin.total)
+        )
+        rounding = 8 * self.eps * length * lax.stop_gradient(parts)
+        sizes = self.tolerance * sizes + rounding + jnp.finfo(self.dtype).tiny
         errors = error(still[:, 1:3])
         worst = (larger(length * errors[1], errors[0]) / sizes).max()
         worst = jnp.where(worst < 1e8, worst, 1e8)
-        return _Integrated(y, length, slopes[:, 1:]), worst
+        return Integrated(y, length, slopes[:, 1:]), worst
 
     def _with_highest(self, x: FlowState, now: Forces) -> FlowState:
         """The state with the largest contact force so far, of the step and of the impact."""
@@ -263,8 +234,11 @@ class LocalFlow:
 
     def _values(
         self, x: FlowState, y: jax.Array, inverse: jax.Array
-    ) -> tuple[Place, jax.Array, jax.Array]:
-        """The links at a place; values of all events, (events, n), and their time derivatives."""
+    ) -> tuple[Place, Place, jax.Array, jax.Array]:
+        """The links at a place and their time derivatives; the same of all events' values.
+
+        The values have the shape (events, n).
+        """
         (t, s, w), regime = y[:3], x.regime
 
         def forces(t: jax.Array, s: jax.Array, w: jax.Array) -> Forces:
@@ -284,16 +258,16 @@ class LocalFlow:
         def values(place: Place) -> jax.Array:
             return jnp.stack([kind.value(self.setting, x, place) for kind in self.events])
 
-        place = Place(s, w, now, growth)
-        return place, *jax.jvp(values, (place,), (Place(w, a, change, bend),))
+        place, rate = Place(s, w, now, growth), Place(w, a, change, bend)
+        return place, rate, *jax.jvp(values, (place,), (rate,))
 
     def _first_event(
-        self, x: FlowState, substep: _Flight | _Integrated, stop: jax.Array, inverse: jax.Array
+        self, x: FlowState, substep: Flight | Integrated, stop: jax.Array, inverse: jax.Array
     ) -> tuple[_First, jax.Array]:
         """The first event in a substep, and the growths of the laws' forces at its end."""
         length = substep.length
         both = jnp.stack([x.y, substep.at(length)])
-        places, values, slopes = jax.vmap(lambda y: self._values(x, y, inverse))(both)
+        places, _, values, slopes = jax.vmap(lambda y: self._values(x, y, inverse))(both)
         begin = jax.tree.map(lambda z: z[0], places)
         scales = jnp.stack(
             [jax.vmap(kind.scale, (0, None))(places, length) for kind in self.events]
@@ -313,44 +287,45 @@ class LocalFlow:
             may_return,
         )
         shares = jnp.where(of_force & (values[0] < -noise), 0.0, shares)
-        times = jnp.where(armed & (shares <= 1), shares * length, jnp.inf).ravel()
+        instants = jnp.where(armed & (shares <= 1), shares * length, jnp.inf).ravel()
         at_stop = x.y[0, 0] + length >= stop - 1e-12 * self.h
-        times = jnp.append(times, jnp.where(at_stop, stop - x.y[0, 0], jnp.inf))
-        number = jnp.argmin(times)
-        return _First(times[number], number), places.growth[1]
+        instants = jnp.append(instants, jnp.where(at_stop, stop - x.y[0, 0], jnp.inf))
+        number = jnp.argmin(instants)
+        time = instants[number]
+        return _First(time, number, time <= _AT_ONCE * self.h), places.growth[1]
 
     def _located(
         self,
         x: FlowState,
-        substep: _Flight | _Integrated,
+        substep: Flight | Integrated,
         event: _First,
         stop: jax.Array,
         inverse: jax.Array,
-    ) -> tuple[jax.Array, Forces]:
-        """The state at an event, or at the end of a substep without one, and the forces there."""
+    ) -> tuple[jax.Array, Forces, Forces]:
+        """The state at an event, or at the end of a substep without one.
+
+        With the forces there, and their time derivatives.
+        """
         length, exists = substep.length, jnp.isfinite(event.time)
-        at_start = event.time <= _AT_ONCE * self.h
-        # Beyond ``near`` a start is that of an event which a jump of the forces has made.
-        near = jnp.where(at_start, 1e-3 * self.h, _NEAR * length)
-        farthest = jnp.where(at_start, 0.0, near)
+        # An event at a start with a longer step comes from a jump of the forces: it stays there.
+        near = jnp.where(event.at_start, 1e-3 * self.h, _NEAR * length)
+        farthest = jnp.where(event.at_start, 0.0, near)
 
         def nearer(_: Any, state: Any) -> Any:
             time = lax.stop_gradient(state[0])
             y = substep.at(time)
-            place, values, slopes = self._values(x, y, inverse)
+            place, rate, values, slopes = self._values(x, y, inverse)
             value, slope = jnp.append(values, stop - y[0, 0]), jnp.append(slopes, -1.0)
             value, slope = value[event.number], lax.stop_gradient(slope[event.number])
             step = jnp.where(exists & (slope != 0), -value / jnp.where(slope == 0, 1.0, slope), 0.0)
             step = jnp.where(jnp.abs(step) <= near, step, jnp.sign(step) * farthest)
             moved = y + step * self._rates(y, place.forces)
-            return jnp.clip(time + step, 0.0, length), moved, place.forces
+            return jnp.clip(time + step, 0.0, length), moved, place.forces, rate.forces
 
-        time = jnp.where(at_start, 0.0, jnp.where(exists, event.time, length))
-        nothing = jnp.zeros_like(x.y[0])
-        _, place, now = lax.fori_loop(
-            0, _NEWTON, nearer, (time, x.y, Forces(*[nothing] * len(Forces._fields)))
-        )
-        return place, now
+        time = jnp.where(event.at_start, 0.0, jnp.where(exists, event.time, length))
+        nothing = Forces(*[jnp.zeros_like(x.y[0])] * len(Forces._fields))
+        start = time, x.y, nothing, nothing
+        return lax.fori_loop(0, _NEWTON_STEPS, nearer, start)[1:]
 
     # -- the end ------------------------------------------------------------------------------
 
@@ -358,7 +333,7 @@ class LocalFlow:
         """The result of a flow from the state in which it ended."""
         at, contact, middle = SmoothState(*x.y), x.contact, x.middle
         unpressed = jnp.where(contact.mode == PRESSED, CLIPPED, contact.mode)
-        end = self._forces_in(x.y, x.regime._replace(mode=unpressed))
+        end = self._forces(x.y, x.regime._replace(mode=unpressed))
         result = FlowResult(
             closing=at.s,
             velocity=at.w,
@@ -376,7 +351,7 @@ class LocalFlow:
 
     def _midstep(self, middle: Snapshot) -> MidStep:
         at, regime = SmoothState(*middle.y), Regime.of(middle.slip, middle.contact)
-        forces = self._forces_in(middle.y, regime)
+        forces = self._forces(middle.y, regime)
         peak = larger(middle.contact.peak_force, forces.contact)
         return MidStep(
             closing=at.s,
@@ -390,9 +365,6 @@ class LocalFlow:
             strongest=middle.strongest,
             powers=middle.powers,
         )
-
-    def _forces_in(self, y: jax.Array, regime: Regime) -> Forces:
-        return self._forces(y, regime, held_inverse(self.inputs.delassus, regime.held))
 
     def _one_where(self, holds: jax.Array) -> jax.Array:
         return jnp.where(holds, 1.0, 0.0).astype(self.dtype)

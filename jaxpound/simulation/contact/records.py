@@ -80,7 +80,7 @@ class StepLog(NamedTuple):
     strongest: jax.Array  # largest impulse of those that ended
     powers: jax.Array  # sum of their peak forces to the power ``SOFT``
     turns: jax.Array  # 1 if a velocity vanished or reversed
-    first_turn: jax.Array  # closing where it first did
+    first_turn: jax.Array  # closing at the first turn
     last_turn: jax.Array
     between: jax.Array  # path from the first to the last
     farthest: jax.Array  # largest closing at a turn
@@ -103,7 +103,7 @@ class MidStep(NamedTuple):
     lost: jax.Array  # lost by contact until then
     held: jax.Array  # 1 where the closing cannot change: stick or rest
     contact: Contact
-    strongest: jax.Array  # as in ``StepLog``, until then
+    strongest: jax.Array  # largest impulse of impacts that ended until then
     powers: jax.Array
 
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound.simulation.contact.first_zero import first_zero
+from jaxpound.simulation.contact.zeros import first_zero
 
 
 def test_the_first_zero_of_a_cubic_is_its_first_root():

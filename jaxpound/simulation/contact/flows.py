@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -26,13 +26,16 @@ def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Cloc
     return _differentiable(h, slots)(inputs, (needed, clock))
 
 
-@cache
+@lru_cache(maxsize=64)
 def _differentiable(h: float, slots: int) -> Program:
     def run(inputs: FlowInput, constants: tuple[jax.Array, Clock]) -> FlowResult:
         local = LocalFlow(h, slots, inputs, constants[1])
         return local.result(lax.while_loop(local.unfinished, local.advance, local.start()))
 
-    return in_both_modes(run, lambda path: getattr(path[-1], "name", "") not in DISCRETE, _in_lanes)
+    def is_differentiated(path: Any) -> bool:
+        return not (path[0].name == "contact" and path[1].name in DISCRETE)
+
+    return in_both_modes(run, is_differentiated, _in_lanes)
 
 
 def _in_lanes(program: Program, reverse: bool) -> Program:

@@ -1,5 +1,6 @@
 """The local flow: free collisions under every law, and its derivatives."""
 
+import dataclasses
 import functools
 
 import jax
@@ -10,7 +11,7 @@ from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from jaxpound.simulation.contact.flow import flow
+from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.records import SLOTS, Clock, Contact, FlowInput
 from tests.reference import load
 
@@ -116,6 +117,44 @@ def test_stick_that_breaks_towards_a_closed_gap_becomes_rest():
     start = given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=0.1, rise=0.1)
     out = collided()(start)
     assert (float(out.closing[0]), float(out.velocity[0]), float(out.held[0])) == (0, 0, 1)
+
+
+def test_stick_ends_where_friction_that_has_changed_its_sign_reaches_the_slip_force():
+    """Friction grows from −.3 μ to 5 μ: slip begins at .245 of the step, and moves with μ."""
+
+    def end_velocity(slip_force):
+        start = given(jp.Newton(0.5), 0.0, 10.0, friction=slip_force, pull=0.235, rise=0.53)
+        return flow(0.5, 0, jnp.asarray(True), start, AT_START).velocity[0]
+
+    velocity, slope = jax.jit(jax.value_and_grad(end_velocity))(0.1)
+    rate, slides = 0.53 / 0.5, 0.5 * (1 - 0.13 / 0.53)
+    assert float(velocity) == pytest.approx(rate * slides**2 / 2, rel=1e-12)
+    assert float(slope) == pytest.approx(-slides, rel=1e-12)
+
+
+def test_a_link_without_friction_starts_from_rest_and_a_load_that_grows_from_zero():
+    start = given(jp.KelvinVoigt(1000.0, 0.65), 0.0, 10.0, pull=1.0, rise=2.0)
+    assert float(collided()(start).velocity[0]) == pytest.approx(0.5, rel=1e-12)
+
+
+def test_the_names_of_a_law_s_numbers_do_not_matter():
+    """A field that is called as one of the contact's is differentiated in both modes."""
+
+    @jax.tree_util.register_dataclass
+    @dataclasses.dataclass(frozen=True)
+    class Spring:
+        mode: float
+
+        def force(self, penetration, speed, touch_speed):
+            return self.mode * penetration
+
+    def speed(stiffness):
+        start = given(Spring(stiffness), 1.0, 0.1)
+        return flow(0.5, 0, jnp.asarray(True), start, AT_START).now.velocity[0]
+
+    forward, reverse = (jax.jit(mode(speed))(40.0) for mode in (jax.jacfwd, jax.grad))
+    assert abs(float(forward)) > 1e-3
+    assert float(reverse) == pytest.approx(float(forward), rel=1e-12)
 
 
 def test_too_many_events_are_not_a_silent_result():
