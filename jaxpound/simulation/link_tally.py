@@ -61,7 +61,7 @@ class ContactTally(NamedTuple):
     def observe(self, seen: ContactMotion, time: jax.Array, last: jax.Array) -> ContactTally:
         """Add one step; of the last one only its first half."""
         now, log = seen.result.now, seen.result.log
-        late = last & (log.highest_time > 0)
+        late = last & (log.highest_time >= 0)
         touches = jnp.where(last & (log.first_touch > 0), 0.0, log.touches)
         begins = (touches > 0) & (self.touches == 0)
         return self._replace(

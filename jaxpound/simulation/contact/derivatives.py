@@ -80,7 +80,7 @@ def in_both_modes(
         # Only second derivatives would evaluate the system itself.
         change, as_inputs = ravel_pytree(tangents[0])
         # In one array, inputs that are the same on all devices differ as their changes do.
-        inputs = as_inputs(_differentiated_once(ravel_pytree(inputs)[0]))
+        inputs = as_inputs(ravel_pytree(jax.tree.map(_differentiated_once, inputs))[0])
         flat, as_out = ravel_pytree(out)
         n = change.size
 
