@@ -237,7 +237,13 @@ def fit_fragility(
     ]
     enforce(owner, rules)
     k, n = k.astype(int), n.astype(int)
-    w = None if weights is None else _weights(owner, weights, im)
+    w: np.ndarray | None = None
+    if weights is not None:
+        w = np.asarray(real(owner, "weights", weights), float)
+        if w.shape != im.shape:
+            raise InvalidInput(owner, f"weights {w.shape}", "", f"must be {im.shape}, as intensity")
+        require_weights(owner, w)
+        w = w / w.mean()
     counted = np.ones(im.shape, bool) if w is None else w > 0
     z, weight = np.log(im[counted]), 1 if w is None else w[counted]
     hits, runs = k[counted], n[counted]
@@ -285,15 +291,6 @@ def _not_negative(owner: str, intensity: ArrayLike) -> np.ndarray:
     im = np.asarray(real(owner, "intensity", intensity), float)
     enforce(owner, [Rule("intensity", im, im >= 0, "not negative")])
     return im
-
-
-def _weights(owner: str, weights: ArrayLike, im: np.ndarray) -> np.ndarray:
-    """Weights of mean 1."""
-    w = np.asarray(real(owner, "weights", weights), float)
-    if w.shape != im.shape:
-        raise InvalidInput(owner, f"weights {w.shape}", "", f"must be {im.shape}, as intensity")
-    require_weights(owner, w)
-    return w / w.mean()
 
 
 def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
