@@ -40,7 +40,12 @@ def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 
         if ((value < 0) | (value > 1)).any():
             raise InvalidInput(owner, "probabilities", "", "must be from 0 to 1")
         usable &= value < 1
-        value = -np.log1p(-np.where(usable, value, 0.0)) / _years(owner, header)
+        match = re.search(r"investigation_time=([\d.eE+-]+)", header)
+        years = float(match[1]) if match else 0.0
+        if not years > 0:
+            rule = "must be given above the names (investigation_time=50.0), in years"
+            raise InvalidInput(owner, "investigation_time", "", rule)
+        value = -np.log1p(-np.where(usable, value, 0.0)) / years
     if usable.sum() < 2:
         rule = "two intensities or more whose rate is given and above 0"
         raise InvalidInput(owner, "the site", "", f"must have {rule}")
@@ -78,15 +83,6 @@ def _number(owner: str, text: str) -> float:
         return float(text)
     except ValueError:
         raise InvalidInput(owner, repr(text), "", "must be a number") from None
-
-
-def _years(owner: str, header: str) -> float:
-    match = re.search(r"investigation_time=([\d.eE+-]+)", header)
-    years = float(match[1]) if match else 0.0
-    if not years > 0:
-        rule = "must be given above the names (investigation_time=50.0), in years"
-        raise InvalidInput(owner, "investigation_time", "", rule)
-    return years
 
 
 def _measure(path: Path, header: str) -> str:

@@ -344,7 +344,11 @@ def _nearest_points(search: HlrfIteration, gradients: int, covered: float) -> De
     along, betas = search.planes()
     rows = search.reached(_FAR)
     if (search.instants[rows] < 0).any():
-        rows = _different(along, rows)
+        different: list[int] = []  # those, in order, whose points no earlier row has
+        for row in rows:
+            if not different or (along[different] @ along[row]).max() < _SAME_POINT:
+                different.append(int(row))
+        rows = np.array(different, int)
     # Without a point the distance that matters is unknown.
     failed = int(search.active.size) if rows.size else len(search.z)
     arrays = along * betas[:, None], along, betas, search.instants, search.series
@@ -359,12 +363,3 @@ def _covered(search: HlrfIteration, before: int) -> float:
         return 1.0
     cosines = along @ along.T - 2 * np.eye(len(along))
     return 1 - float(np.mean(cosines.max(axis=1)[random] < _REACHED_TOO))
-
-
-def _different(along: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The rows, in order, whose points no earlier row has."""
-    chosen: list[int] = []
-    for row in rows:
-        if not chosen or (along[chosen] @ along[row]).max() < _SAME_POINT:
-            chosen.append(int(row))
-    return np.array(chosen, int)

@@ -155,8 +155,11 @@ def simulated(
             if all(len(x) == 1 for x in levels):
                 require_dependence(OWNER, state, levels[0][0].points, levels[0][0].values)
             bar.set_postfix_str(_so_far(levels))
-            room = (max_runs - runs.count) * len(levels) // runs.count
-            more = min(_more_repeats(levels, cov), room)
+            (_, spread), room = _estimate(levels), max_runs - runs.count
+            more = 0
+            if cov is not None and spread > cov:  # as many as it seems to need, at most doubling
+                needed = math.ceil(len(levels) * (_MARGIN * (spread / cov) ** 2 - 1))
+                more = min(len(levels), needed, room * len(levels) // runs.count)
     least, most = min(map(len, levels)), max(map(len, levels))
     depths = f"{most} level{'s' * (most > 1)}" if least == most else f"{least} to {most} levels"
     method = (
@@ -203,14 +206,6 @@ def _estimate(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, float]:
     """The estimate of each repeat, and the c.o.v. of their mean; NaN if all are 0."""
     p = np.array([levels[-1].estimate for levels in by_repeat])
     return p, float(p.std(ddof=1) / math.sqrt(len(p)) / p.mean()) if p.any() else math.nan
-
-
-def _more_repeats(by_repeat: Sequence[list[Level]], cov: float | None) -> int:
-    """How many to add: as many as the target c.o.v. seems to need, at most doubling them."""
-    _, spread = _estimate(by_repeat)
-    if cov is None or not spread > cov:
-        return 0
-    return min(len(by_repeat), math.ceil(len(by_repeat) * (_MARGIN * (spread / cov) ** 2 - 1)))
 
 
 def _so_far(by_repeat: Sequence[list[Level]]) -> str:
