@@ -318,17 +318,13 @@ def tables(result: RareResult) -> list[TextTable]:
             notes += [f"at {threshold:.4g}: warning: {warning}" for warning in event.warnings]
         table = TextTable.of(columns, rows)
         parts.append(table._replace(title="Probability by threshold", notes=notes))
-    if result.target is not None:
-        parts.append(_table_of_target(result.target))
+    if (target := result.target) is not None:
+        key, symbol, keys = target["parameter"], target["unit"], ("value", "probability", "cov")
+        names = ("step", f"{key} ({symbol or '-'})", "probability", "c.o.v.")
+        steps = [(str(i), *(step[x] for x in keys)) for i, step in enumerate(target["steps"], 1)]
+        value = f"{target['value']:.5g} ± {target['standard_error']:.2g} {symbol}".rstrip()
+        notes = [f"{target['runs']:,} runs, {target['gradients']:,} gradients"]
+        notes += [f"warning: {warning}" for warning in target["warnings"]]
+        title = f"For a probability of {target['wanted_probability']:g}: {key} = {value}"
+        parts.append(TextTable.of(names, steps)._replace(title=title, notes=notes))
     return parts
-
-
-def _table_of_target(target: Mapping[str, Any]) -> TextTable:
-    key, symbol, keys = target["parameter"], target["unit"], ("value", "probability", "cov")
-    columns = ("step", f"{key} ({symbol or '-'})", "probability", "c.o.v.")
-    rows = [(str(i), *(step[x] for x in keys)) for i, step in enumerate(target["steps"], 1)]
-    value = f"{target['value']:.5g} ± {target['standard_error']:.2g} {symbol}".rstrip()
-    notes = [f"{target['runs']:,} runs, {target['gradients']:,} gradients"]
-    notes += [f"warning: {warning}" for warning in target["warnings"]]
-    title = f"For a probability of {target['wanted_probability']:g}: {key} = {value}"
-    return TextTable.of(columns, rows)._replace(title=title, notes=notes)
