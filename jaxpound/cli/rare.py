@@ -118,7 +118,12 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "rare")
     config = file.read(RareConfig)
-    path = None if config.design is None else _path(file, config, config.design)
+    path = None
+    if config.design is not None:
+        place, key = f"{file.name}: [design] parameter:", config.design.parameter
+        path, *others = by_path(place, {key: None}, Parameters(config.layout))
+        if others:
+            raise refused(f"{place} {key}", "must stand for one parameter")
     state = limit_state(file, config)
     with named(f"{file.name}: [search]"):
         choice(state, config.search.method)  # before a folder is made
@@ -174,16 +179,6 @@ def searched(
         # Without design points, where the event is common, the next search starts anew.
         start = event if len(event.design_points) else None
     return RareResult(config, events[event_at], {x: events[x] for x in curve_at})
-
-
-def _path(file: File, config: RareConfig, target: TargetSpec) -> str:
-    """The path of the parameter that the design changes."""
-    place = f"{file.name}: [design] parameter:"
-    paths = by_path(place, {target.parameter: None}, Parameters(config.layout))
-    if len(paths) > 1:
-        raise refused(f"{place} {target.parameter}", "must stand for one parameter")
-    (path,) = paths
-    return path
 
 
 def reached(

@@ -228,8 +228,6 @@ class Demand(ByElement, Columnar, Shown):
             return ("",)
         return (PLACES[place.group](self.topology)[place.element],)
 
-    __repr__ = Shown.__repr__  # else a dataclass makes its own
-
 
 PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}
 """Names of places of the elements of each group."""

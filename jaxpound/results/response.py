@@ -274,8 +274,6 @@ class Response(ByElement, Columnar, Shown):
                 rows.append((f"contact{where}", contact))
         return rows
 
-    __repr__ = Shown.__repr__  # else a dataclass makes its own
-
 
 def _largest(letter: str, peak_by_name: dict[str, Any]) -> str:
     """Peaks of a few elements one by one; of more only the largest."""
