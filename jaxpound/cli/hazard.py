@@ -16,7 +16,7 @@ from jaxpound.cli.reading import Count, File, Numbers, Section, between, named, 
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import UNITS, Measure, measure_unit, units_like
 from jaxpound.hazard.curve import is_drawn
-from jaxpound.hazard.files import read_hazard
+from jaxpound.hazard.points import read_hazard
 from jaxpound.results.named import is_demand
 from jaxpound.study.statistics import Estimate
 

@@ -27,8 +27,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxpound.model import parameters
 from jaxpound.model.row import Row
-from jaxpound.model.storeys import Storeys
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.structures import AdjacentStructures, Storeys
 from jaxpound.model.system import System
 from jaxpound.quantities import DIMENSIONLESS, SI, STANDARD_GRAVITY
 from jaxpound.results.named import kind_and_symbol

@@ -17,10 +17,10 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
-from jaxpound.results.columns import Columnar
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import (
     ByElement,
+    Columnar,
     are_concrete,
     chosen,
     kind_in,
