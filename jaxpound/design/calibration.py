@@ -133,7 +133,7 @@ def calibrate(
     scales
         For measurements in SI units.
     """
-    from scipy import optimize  # only here: it takes a second to import
+    from scipy import optimize, stats  # only here: they take a second to import
 
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
@@ -191,7 +191,22 @@ def calibrate(
         best = fit(best.x, {name: weights[name] * size for name, size in sizes.items()})
         fits.append(best)
     shares = np.asarray(best.x)
-    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
+    # Intervals and correlations from the Jacobian at the fit.
+    if np.linalg.matrix_rank(best.jac) < d:
+        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
+    scatter = 1.0 if noise is not None else 2 * best.cost / (n - d)
+    by_shares = jax.jacfwd(space.values)(jnp.asarray(best.x))
+    slopes = np.array([by_shares[name] for name in space.names])
+    covariance = slopes @ (scatter * np.linalg.inv(best.jac.T @ best.jac)) @ slopes.T
+    std = np.sqrt(np.diag(covariance))
+    half_widths = std * stats.t.isf((1 - confidence) / 2, n - d)
+    estimates = {
+        name: Estimate(float(x), float(x - half), float(x + half), confidence)
+        for (name, x), half in zip(
+            space.values(jnp.asarray(best.x)).items(), half_widths, strict=True
+        )
+    }
+    correlation = covariance / np.outer(std, std)
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
     response = run(structures, strict)
     simulated = _series(response, data)
@@ -264,25 +279,3 @@ def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str
             raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
         _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
     return {name: float(noise[name]) for name in data}
-
-
-def _estimates(
-    owner: str, space: DesignSpace, fit: Any, n: int, noise_is_set: bool, confidence: float
-) -> tuple[dict[str, Estimate], np.ndarray]:
-    """Values with intervals, and their correlation, from the Jacobian at the fit."""
-    from scipy import stats
-
-    d, shares = space.dimension, jnp.asarray(fit.x)
-    if np.linalg.matrix_rank(fit.jac) < d:
-        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
-    spread = 1.0 if noise_is_set else 2 * fit.cost / (n - d)
-    by_shares = jax.jacfwd(space.values)(shares)
-    slopes = np.array([by_shares[name] for name in space.names])
-    covariance = slopes @ (spread * np.linalg.inv(fit.jac.T @ fit.jac)) @ slopes.T
-    std = np.sqrt(np.diag(covariance))
-    half_widths = std * stats.t.isf((1 - confidence) / 2, n - d)
-    estimates = {
-        name: Estimate(float(x), float(x - half), float(x + half), confidence)
-        for (name, x), half in zip(space.values(shares).items(), half_widths, strict=True)
-    }
-    return estimates, covariance / np.outer(std, std)

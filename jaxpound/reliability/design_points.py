@@ -115,8 +115,13 @@ class HlrfIteration:
             if not rows.size:
                 return
             self._advance(rows, state)
-            if iteration >= _PATIENT:
-                self._give_up()
+            if iteration >= _PATIENT:  # leave the starts that head for points too far to matter
+                far = min(self.nearest() + _FAR + _HOPELESS, _FARTHEST)
+                heads = np.linalg.norm(self.z + self.direction, axis=1)
+                least = np.minimum(heads, np.linalg.norm(self.z, axis=1))
+                # Points without a gradient may be farther: a random direction needs more for a slip
+                still = (self.slope == 0).all(axis=1)
+                self.lost |= ~self.done & (least > np.where(still, _STILL * _FARTHEST, far))
             report(len(rows))
 
     def _advance(self, rows: np.ndarray, state: LimitState) -> None:
@@ -151,15 +156,6 @@ class HlrfIteration:
         usual = float(np.median(self.steepness[sloping])) if sloping.any() else np.inf
         on &= np.abs(self.value[moved]) <= _STEEPER * _ON * size * usual
         self.done[moved] = on & aligned & ~still
-
-    def _give_up(self) -> None:
-        """Leave the starts that head for points too far to matter."""
-        far = min(self.nearest() + _FAR + _HOPELESS, _FARTHEST)
-        heads = np.linalg.norm(self.z + self.direction, axis=1)
-        least = np.minimum(heads, np.linalg.norm(self.z, axis=1))
-        # Points without a gradient may be farther: a random direction needs more for a slip.
-        still = (self.slope == 0).all(axis=1)
-        self.lost |= ~self.done & (least > np.where(still, _STILL * _FARTHEST, far))
 
     def rescue(self) -> None:
         """Start those without a point again from the point of a neighbouring instant."""
