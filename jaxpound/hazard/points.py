@@ -235,7 +235,15 @@ def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 
     if usable.sum() < 2:
         rule = "two intensities or more whose rate is given and above 0"
         raise InvalidInput(owner, "the site", "", f"must have {rule}")
-    return im[usable], value[usable], _measure(path, header)
+    # The measure with its unit, from the header or the name of a USGS file's folder.
+    match = re.search(r"imt='([^']+)'", header)
+    measure = match[1] if match else path.parent.name
+    if not match and (period := re.fullmatch(r"SA(\d+)P(\d+)", measure)):
+        measure = f"SA({int(period[1])}.{period[2]})"
+    of_acceleration = measure == "PGA" or re.fullmatch(r"SA\([\d.]+\)", measure)
+    unit = "g" if of_acceleration else "cm/s" if measure == "PGV" else ""
+    words = f"{measure} ({unit})" if unit else measure if match else "im"
+    return im[usable], value[usable], words
 
 
 def _site(
@@ -269,14 +277,3 @@ def _number(owner: str, text: str) -> float:
         return float(text)
     except ValueError:
         raise InvalidInput(owner, repr(text), "", "must be a number") from None
-
-
-def _measure(path: Path, header: str) -> str:
-    """The measure with its unit, from the header or the name of a USGS file's folder."""
-    match = re.search(r"imt='([^']+)'", header)
-    name = match[1] if match else path.parent.name
-    if not match and (period := re.fullmatch(r"SA(\d+)P(\d+)", name)):
-        name = f"SA({int(period[1])}.{period[2]})"
-    if name == "PGA" or re.fullmatch(r"SA\([\d.]+\)", name):
-        return f"{name} (g)"
-    return f"{name} (cm/s)" if name == "PGV" else name if match else "im"

@@ -25,6 +25,9 @@ from jaxpound.model.contact_numbers import exact_damping_factor
 _STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
 _RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
 
+_STIFFNESS = Range(1e-3, 1e20, "", "N/m, and N/m^1.5 for laws after Hertz")
+_RESTITUTION = Range(1e-3, 1, "", "speed at parting over speed at touch; 0.65 for concrete")
+
 STIFFER_THAN_A_STOREY = 20.0
 """Stiffness of the contact over that of the stiffer storey (Anagnostopoulos 1988)."""
 
