@@ -281,7 +281,12 @@ def enforce(owner: str, rules: Iterable[Rule]) -> None:
             continue
         holds = np.asarray(rule.holds)
         if not holds.all():
-            raise InvalidInput(owner, rule.name, _first_invalid(rule), f"must be {rule.says}")
+            value, holds = np.broadcast_arrays(rule.value, holds)
+            first = np.unravel_index(np.argmin(holds), holds.shape)
+            index = f" (at index [{', '.join(map(str, first))}])" if first else ""
+            raise InvalidInput(
+                owner, rule.name, f"{value[first].item():.8g}{index}", f"must be {rule.says}"
+            )
 
 
 def all_hold(rules: Iterable[Rule]) -> jax.Array:
@@ -290,13 +295,3 @@ def all_hold(rules: Iterable[Rule]) -> jax.Array:
     for rule in rules:
         flag = flag & jnp.all(rule.holds)
     return flag
-
-
-def _first_invalid(rule: Rule) -> str:
-    """The first number that breaks a rule, with its index in an array."""
-    value, holds = np.broadcast_arrays(rule.value, rule.holds)
-    if value.ndim == 0:
-        return f"{value.item():.8g}"
-    index = np.unravel_index(np.argmin(holds), holds.shape)
-    place = ", ".join(str(i) for i in index)
-    return f"{value[index]:.8g} (at index [{place}])"

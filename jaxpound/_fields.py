@@ -177,9 +177,9 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
     """
     if not hasattr(cls, "__post_init__"):
         cls.__post_init__ = check  # type: ignore[attr-defined]
-    if "__repr__" not in vars(cls):
+    if cls.__repr__ is object.__repr__:  # neither the class nor a base prints it
         cls.__repr__ = dataclass_repr  # type: ignore[method-assign]
-    data_cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    data_cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
     fields = dataclasses.fields(data_cls)  # type: ignore[arg-type]
     labels = {f.name: f.default for f in fields if f.metadata.get(_ROLE) == "label"}
     statics = tuple(f.name for f in fields if f.metadata.get(_ROLE) == "static")

@@ -288,6 +288,7 @@ class BuildingsLayout:
 
 def as_toml(buildings: jp.Buildings) -> str:
     """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair."""
+    storeyed: Any = buildings
     first, *others = buildings.buildings
     if isinstance(first, jp.Building):
         (link,) = buildings.links
@@ -297,36 +298,28 @@ def as_toml(buildings: jp.Buildings) -> str:
             lines += [f"[building_{i}]", *numbers, ""]
         lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
         return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
-    lines = []
-    for building in buildings.buildings:
-        lines += ["[[building]]", "[building.storeys]", *_storeys(building), ""]
+    lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
+    for building in storeyed.buildings:
+        storeys = [vars(storey) for storey in building.storeys]
+        series = {plural.get(key, key): [storey[key] for storey in storeys] for key in storeys[0]}
+        series["heights"] = building.heights
+        lists = [f"{key} = [{', '.join(map(_written, x))}]" for key, x in series.items()]
+        lines += ["[[building]]", "[building.storeys]", *lists, ""]
     for link in buildings.links:
-        lines += ["[[link]]", *_link(link), ""]
+        lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
+        if link.other_building == jp.GROUND:
+            lines.append('next_building = "ground"')
+        else:
+            lines.append(f"next_building = {link.other_building + 1}")
+            if link.other_floor != jp.GROUND:
+                lines.append(f"next_floor = {link.other_floor + 1}")
+        lines.append(f"friction_force = {_written(link.friction)}  # N")
+        if link.gap < float("inf"):
+            lines.append(f"gap = {_written(link.gap)}  # m")
+        if link.contact is not None:
+            lines.append(f"contact = {{{', '.join(_law(link.contact))}}}")
+        lines.append("")
     return "\n".join(lines)
-
-
-def _storeys(building: Any) -> list[str]:
-    storeys = [vars(storey) for storey in building.storeys]
-    plural = {"mass": "masses", "stiffness": "stiffnesses"}
-    numbers = {plural.get(key, key): [storey[key] for storey in storeys] for key in storeys[0]}
-    numbers["heights"] = building.heights
-    return [f"{key} = [{', '.join(map(_written, x))}]" for key, x in numbers.items()]
-
-
-def _link(link: jp.FloorLink) -> list[str]:
-    lines = [f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
-    if link.other_building == jp.GROUND:
-        lines.append('next_building = "ground"')
-    else:
-        lines.append(f"next_building = {link.other_building + 1}")
-        if link.other_floor != jp.GROUND:
-            lines.append(f"next_floor = {link.other_floor + 1}")
-    lines.append(f"friction_force = {_written(link.friction)}  # N")
-    if link.gap < float("inf"):
-        lines.append(f"gap = {_written(link.gap)}  # m")
-    if link.contact is not None:
-        lines.append(f"contact = {{{', '.join(_law(link.contact))}}}")
-    return lines
 
 
 def _law(law: Any) -> list[str]:

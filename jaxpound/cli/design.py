@@ -156,52 +156,45 @@ def run(args: argparse.Namespace) -> None:
     config = file.read(DesignConfig)
     task = prepared(file, config, args.record)
     inputs = file.text.encode(), *(path.read_bytes() for path in args.record)
+    shaken = task.ensemble, task.grid, config.scheme
     with kept_search(args, "save", "search.npz", *inputs):
-        _design(args, file, config, task)
+        with compile_notice(config.structures):
+            design = jp.design_damper(
+                *(task.space, *shaken, task.objective),
+                scales=config.scales,
+                fresh=config.search.fresh or None,
+                save=args.save,
+                strict=args.strict,
+                progress=sys.stderr.isatty(),
+                **config.search.options(),
+            )
+        recorded = {name: design.compare(single) for name, single in task.recorded.items()}
+        answers = summary(design, recorded, task.parameters)
+        print(changes("quantity", answers["answer"]).text())
+        print(design)
+        designed = task.parameters.buildings(design.structures)
+        write_text(args.out / "design.toml", file.text)
+        write_text(args.out / "buildings.toml", as_toml(designed))
 
+        from jaxpound.plots import designs as plots
+        from jaxpound.plots.style import drawn
 
-def _design(args: argparse.Namespace, file: File, config: DesignConfig, task: DesignTask) -> None:
-    with compile_notice(config.structures):
-        design = jp.design_damper(
-            task.space,
-            task.ensemble,
-            task.grid,
-            config.scheme,
-            task.objective,
-            scales=config.scales,
-            fresh=config.search.fresh or None,
-            save=args.save,
-            strict=args.strict,
-            progress=sys.stderr.isatty(),
-            **config.search.options(),
-        )
-    recorded = {name: design.compare(single) for name, single in task.recorded.items()}
-    answers = summary(design, recorded, task.parameters)
-    print(changes("quantity", answers["answer"]).text())
-    print(design)
-    write_text(args.out / "design.toml", file.text)
-    write_text(args.out / "buildings.toml", as_toml(task.parameters.buildings(design.structures)))
-
-    from jaxpound.plots import designs as plots
-    from jaxpound.plots.style import drawn
-
-    compared = design.trained if design.fresh is None else design.fresh
-    figures = {
-        "convergence": drawn(plots.convergence, design),
-        "before_and_after": drawn(plots.before_and_after, compared),
-    }
-    demand = design.objective_function.demand
-    if demand == "min_gap" and config.layout.laws:
-        demand = "peak_impulse"
-    with contextlib.suppress(ValueError):  # what is zero has no elasticity
-        runs = task.ensemble, task.grid, config.scheme
-        slopes = jp.elasticities(design.structures, *runs, demand=demand)
-        figures["elasticities"] = drawn(plots.tornado, slopes)
-    if design.space.dimension > 1:
-        figures["landscape"] = drawn(plots.landscape, design)
-    buildings = "two adjacent structures" if config.layout.is_pair else "buildings in a row"
-    parts = parts_of_page(answers, design.trained.topology)
-    write_report(args, file.origin | answers, f"Design of {buildings}", parts, figures)
+        compared = design.trained if design.fresh is None else design.fresh
+        figures = {
+            "convergence": drawn(plots.convergence, design),
+            "before_and_after": drawn(plots.before_and_after, compared),
+        }
+        demand = design.objective_function.demand
+        if demand == "min_gap" and config.layout.laws:
+            demand = "peak_impulse"
+        with contextlib.suppress(ValueError):  # what is zero has no elasticity
+            slopes = jp.elasticities(design.structures, *shaken, demand=demand)
+            figures["elasticities"] = drawn(plots.tornado, slopes)
+        if design.space.dimension > 1:
+            figures["landscape"] = drawn(plots.landscape, design)
+        buildings = "two adjacent structures" if config.layout.is_pair else "buildings in a row"
+        parts = parts_of_page(answers, design.trained.topology)
+        write_report(args, file.origin | answers, f"Design of {buildings}", parts, figures)
 
 
 class DesignTask(NamedTuple):

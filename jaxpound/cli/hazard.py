@@ -16,7 +16,7 @@ from jaxpound.cli.reading import Count, File, Numbers, Section, between, named, 
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import UNITS, Measure, measure_unit, units_like
 from jaxpound.hazard.curve import is_drawn
-from jaxpound.hazard.files import read_hazard
+from jaxpound.hazard.points import read_hazard
 from jaxpound.results.named import is_demand
 from jaxpound.study.statistics import Estimate
 
@@ -205,6 +205,8 @@ def of_study(
 ) -> LifetimeRisk:
     """The rate by a study, through the fragility of its runs unless the hazard has drawn them."""
     results, place = lifetime.results, f"{file.name}: [study]"
+    shares = table.gap_probabilities or ()
+    options: Any = {"link": table.number, "confidence": results.confidence}
     with named(place):
         study = table.opened(file)
         if table.drawn:
@@ -219,7 +221,7 @@ def of_study(
             rate = hazard.annual_rate_of(study, results.confidence, **of_link)
             if not rate.value:
                 raise refused("store", "must hold runs with pounding to have a rate")
-            gaps = _required_gaps(hazard, table, study, results)
+            gaps = {p: hazard.required_gap(study, p, results.years, **options) for p in shares}
             return LifetimeRisk(hazard, None, rate, gaps, results, table.intensity)
     column, place_of_hazard = table.intensity, f"{file.name}: [hazard]"
     study_measure = study.measure(column)
@@ -242,20 +244,9 @@ def of_study(
         str(dataclasses.replace(measure, unit=study_measure.unit)),
     )
     with named(place):
-        gaps = _required_gaps(in_study_unit, table, study, results, column)
+        options |= {"years": results.years, "intensity": column}
+        gaps = {p: in_study_unit.required_gap(study, p, **options) for p in shares}
     return LifetimeRisk(hazard, curve, rate, gaps, results)
-
-
-def _required_gaps(
-    hazard: jp.HazardCurve,
-    table: StudyTable,
-    study: jp.Study,
-    results: LifetimeResults,
-    intensity: str | None = None,
-) -> dict[float, Estimate]:
-    options: Any = {"link": table.number, "confidence": results.confidence, "intensity": intensity}
-    probabilities = table.gap_probabilities or ()
-    return {p: hazard.required_gap(study, p, results.years, **options) for p in probabilities}
 
 
 def _with_unit(

@@ -48,6 +48,10 @@ def run(args: argparse.Namespace) -> None:
     config = file.read(StudyConfig)
     options = config.study
     scenarios, grid = prepared(file, config)
+    shard = re.fullmatch(r"(\d+)/(\d+)", args.shard)
+    if not shard or not 1 <= int(shard[1]) <= int(shard[2]):
+        rule = "must be I/N with I from 1 to N, such as 2/8"
+        raise ValueError(f"argument --shard: {args.shard!r} {rule}")
     with compile_notice(config.structures):
         study = jp.monte_carlo(
             scenarios,
@@ -63,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
             keep_failures=options.keep_failures,
             scales=config.scales,
             notes={"configuration": file.text},
-            shard=_shard(args.shard),
+            shard=(int(shard[1]), int(shard[2])),
             strict=args.strict,
             progress=sys.stderr.isatty(),
         )
@@ -71,13 +75,6 @@ def run(args: argparse.Namespace) -> None:
     part = "" if args.shard == "1/1" else f" by shard {args.shard} alone"
     print(f"probability of pounding{part} {study.pounding_probability()}")
     print(f"jaxpound report --store {args.store} --out DIR says more")
-
-
-def _shard(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)/(\d+)", text)
-    if not match or not 1 <= int(match[1]) <= int(match[2]):
-        raise ValueError(f"argument --shard: {text!r} must be I/N with I from 1 to N, such as 2/8")
-    return int(match[1]), int(match[2])
 
 
 def prepared(file: File, config: StudyConfig) -> tuple[jp.Scenarios, jp.TimeGrid]:

@@ -118,7 +118,12 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "rare")
     config = file.read(RareConfig)
-    path = None if config.design is None else _path(file, config, config.design)
+    path = None
+    if config.design is not None:
+        place, key = f"{file.name}: [design] parameter:", config.design.parameter
+        path, *others = by_path(place, {key: None}, Parameters(config.layout))
+        if others:
+            raise refused(f"{place} {key}", "must stand for one parameter")
     state = limit_state(file, config)
     with named(f"{file.name}: [search]"):
         choice(state, config.search.method)  # before a folder is made
@@ -174,16 +179,6 @@ def searched(
         # Without design points, where the event is common, the next search starts anew.
         start = event if len(event.design_points) else None
     return RareResult(config, events[event_at], {x: events[x] for x in curve_at})
-
-
-def _path(file: File, config: RareConfig, target: TargetSpec) -> str:
-    """The path of the parameter that the design changes."""
-    place = f"{file.name}: [design] parameter:"
-    paths = by_path(place, {target.parameter: None}, Parameters(config.layout))
-    if len(paths) > 1:
-        raise refused(f"{place} {target.parameter}", "must stand for one parameter")
-    (path,) = paths
-    return path
 
 
 def reached(
@@ -318,17 +313,13 @@ def tables(result: RareResult) -> list[TextTable]:
             notes += [f"at {threshold:.4g}: warning: {warning}" for warning in event.warnings]
         table = TextTable.of(columns, rows)
         parts.append(table._replace(title="Probability by threshold", notes=notes))
-    if result.target is not None:
-        parts.append(_table_of_target(result.target))
+    if (target := result.target) is not None:
+        key, symbol, keys = target["parameter"], target["unit"], ("value", "probability", "cov")
+        names = ("step", f"{key} ({symbol or '-'})", "probability", "c.o.v.")
+        steps = [(str(i), *(step[x] for x in keys)) for i, step in enumerate(target["steps"], 1)]
+        value = f"{target['value']:.5g} ± {target['standard_error']:.2g} {symbol}".rstrip()
+        notes = [f"{target['runs']:,} runs, {target['gradients']:,} gradients"]
+        notes += [f"warning: {warning}" for warning in target["warnings"]]
+        title = f"For a probability of {target['wanted_probability']:g}: {key} = {value}"
+        parts.append(TextTable.of(names, steps)._replace(title=title, notes=notes))
     return parts
-
-
-def _table_of_target(target: Mapping[str, Any]) -> TextTable:
-    key, symbol, keys = target["parameter"], target["unit"], ("value", "probability", "cov")
-    columns = ("step", f"{key} ({symbol or '-'})", "probability", "c.o.v.")
-    rows = [(str(i), *(step[x] for x in keys)) for i, step in enumerate(target["steps"], 1)]
-    value = f"{target['value']:.5g} ± {target['standard_error']:.2g} {symbol}".rstrip()
-    notes = [f"{target['runs']:,} runs, {target['gradients']:,} gradients"]
-    notes += [f"warning: {warning}" for warning in target["warnings"]]
-    title = f"For a probability of {target['wanted_probability']:g}: {key} = {value}"
-    return TextTable.of(columns, rows)._replace(title=title, notes=notes)

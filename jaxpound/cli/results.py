@@ -174,7 +174,12 @@ def lines(results: dict[str, Any]) -> list[str]:
     if closable:
         closest = min(closable, key=lambda link: link["min_gap_m"])
         smallest = f"{results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s"
-        words = _verdict(results, closest["contact"] is not None)
+        words, by_law = "no pounding", closest["contact"] is not None
+        if results["pounds"]:
+            depth = f"{'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m"
+            instant = f"first contact at {results['first_contact_s']:.5g} s"
+            remark = "" if by_law else "; contact itself is not modelled"
+            words = f"POUNDS: {depth}, {instant}{remark}"
         texts.append(f"Gaps     smallest {smallest}; {words}")
     shares = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
     if not any(link["friction_force_N"] for link in links):
@@ -188,15 +193,6 @@ def lines(results: dict[str, Any]) -> list[str]:
     )
     residual = f"residual {results['energy_residual_over_input']:.1e} of the input"
     return [*texts, f"Energy   input {total / 1e3:.4g} kJ: {parts}; {residual}"]
-
-
-def _verdict(results: dict[str, Any], by_law: bool) -> str:
-    """Whether buildings pound, in words, and whether by a law of contact."""
-    if not results["pounds"]:
-        return "no pounding"
-    depth = f"{'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m"
-    remark = "" if by_law else "; contact itself is not modelled"
-    return f"POUNDS: {depth}, first contact at {results['first_contact_s']:.5g} s{remark}"
 
 
 def _table_of_links(links: list[dict[str, Any]]) -> TextTable:

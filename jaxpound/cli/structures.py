@@ -12,9 +12,8 @@ from typing import Any
 import jaxpound as jp
 from jaxpound.cli import buildings
 from jaxpound.cli.buildings import BlockSection, BuildingsLayout
-from jaxpound.cli.earthquakes import Earthquakes
 from jaxpound.cli.reading import File, Range, Section, named, refused
-from jaxpound.cli.tables import ContactSection, Gap, RunSection, read_records
+from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
 from jaxpound.ground.plausibility import warn
 from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.model.system import Structures

@@ -174,8 +174,13 @@ class Objective:
                     checked[demand] = x if isinstance(x, kind) else kind(x)
                 except InvalidInput as error:
                     raise error.replaced(owner=f"Objective: {name}", name=demand) from error
-                if kind is Limit:
-                    _require_meaning(demand, checked[demand])
+                limit = checked[demand]
+                if kind is Limit and demand == REQUIRED_GAP and limit.probability is None:
+                    rule = "must have a probability; of gaps over an ensemble there are goals"
+                    raise InvalidInput("Objective: limits", demand, repr(limit.at_most), rule)
+                if kind is Limit and demand != REQUIRED_GAP and limit.at_most is None:
+                    rule = f"must be given: only of {REQUIRED_GAP} it is that of the structures"
+                    raise InvalidInput(f"Objective: limits: {demand}", "at_most", "None", rule)
             object.__setattr__(self, name, checked)
 
     @property
@@ -230,13 +235,3 @@ class Objective:
             for demand, limit in self.limits.items()
         ]
         return jnp.stack(limited) if limited else jnp.zeros(0, next(iter(demands.values())).dtype)
-
-
-def _require_meaning(name: str, limit: Limit) -> None:
-    """An ``InvalidInput`` for a limit that lacks what its demand needs."""
-    if name == REQUIRED_GAP and limit.probability is None:
-        rule = "must have a probability; of gaps over an ensemble there are goals"
-        raise InvalidInput("Objective: limits", name, repr(limit.at_most), rule)
-    if name != REQUIRED_GAP and limit.at_most is None:
-        rule = f"must be given: only of {REQUIRED_GAP} it is that of the structures"
-        raise InvalidInput(f"Objective: limits: {name}", "at_most", "None", rule)

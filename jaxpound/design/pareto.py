@@ -136,7 +136,12 @@ def pareto_front(
 
         begin_search(searches)
         free = designer.design(start)
-        limits = _tighter(free, price, points) if limits is None else limits
+        if limits is None:  # below its demand, the last that is limited, down to its iterates'
+            reached, most = free.history.prices[..., -1], free.prices[price]
+            reached = reached[np.isfinite(reached) & (reached > 0)]
+            least = min(reached.min(initial=np.inf), most)
+            even = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
+            limits = [x for x in even if x < most]
         designs, infeasible, last = [free], [], free
         for i, limit in enumerate(limits):
             begin_search(len(limits) - i)
@@ -148,15 +153,6 @@ def pareto_front(
             designs.append(last)
         begin_search(0)
     return ParetoFront(price, over, tuple(_undominated(designs, price)), tuple(infeasible))
-
-
-def _tighter(free: Design, price: str, points: int) -> list[float]:
-    """Limits below a design's demand, which is the last that is limited, down to its iterates'."""
-    reached, most = free.history.prices[..., -1], free.prices[price]
-    reached = reached[np.isfinite(reached) & (reached > 0)]
-    least = min(reached.min(initial=np.inf), most)
-    limits = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
-    return [x for x in limits if x < most]
 
 
 def _undominated(designs: Sequence[Design], price: str) -> list[Design]:

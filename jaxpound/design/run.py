@@ -15,7 +15,7 @@ from jaxpound._checks import Rule, count, enforce, require_memory
 from jaxpound.design.design import Comparison, Design, SearchHistory
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AT_BOUND, AugmentedLagrangian, at_active_bound
-from jaxpound.design.objective import Limit, Objective
+from jaxpound.design.objective import Objective
 from jaxpound.design.problem import OWNER, DesignProblem
 from jaxpound.design.rare_limits import limit_states, search_in_rounds
 from jaxpound.design.search import Progress, SearchOptions, search_once
@@ -176,14 +176,9 @@ class Designer:
             fresh = problem.ensemble.fresh(count(OWNER, "fresh", fresh))
         before = problem.evaluate(first, problem.ensemble)
         topology = problem.space.nominal.system().topology
-        findings = unreached(
-            topology,
-            lambda name: float(np.min(before.get(name, np.inf))),
-            lambda name: float(np.max(before[name])),
-            pair=isinstance(problem.space.nominal, AdjacentStructures),
-            si=problem.scales is not None,
-        )
-        warn(OWNER, findings, self.strict)
+        extremes = {name: (float(x.min()), float(x.max())) for name, x in before.items()}
+        pair, si = isinstance(problem.space.nominal, AdjacentStructures), problem.scales is not None
+        warn(OWNER, unreached(topology, extremes, pair=pair, si=si), self.strict)
         data = problem.data(before, options.limit_tolerance, options.key, limits)
         search = partial(search_in_rounds, self.states) if self.states else search_once
         result = search(self.lagrangian, options, data, first)
@@ -197,8 +192,12 @@ class Designer:
             if bound < NO_LIMIT
         }
         if best.infeasible:
-            closest = f"the closest that was found, in {iterations} iterations, has "
-            closest += _excess(reached, used)
+            worst = max(used, key=lambda name: reached[name] / used[name].most)
+            x, limit = reached[worst], used[worst]
+            excess = f"{worst} = {x:.6g}, {x / limit.most - 1:.2%} above its limit {limit.most:.6g}"
+            if limit.probability is not None:
+                excess = f"{limit.event(worst)} = {x:.4g}, above its limit {limit.most:g}"
+            closest = f"the closest that was found, in {iterations} iterations, has {excess}"
             raise InfeasibleError(f"{OWNER}: limits must leave a design, but {closest}")
         function = replace(problem.objective, limits=used)
         multipliers, gradient = result.conditions.multipliers(best)
@@ -218,19 +217,10 @@ class Designer:
             multipliers=dict(zip(limits_of, (size * multipliers).tolist(), strict=True)),
             limit_tolerance=options.limit_tolerance,
             simulations=runs * self.lagrangian.batch,
-            trained=Comparison(before, after, function, problem.scales is not None, topology),
+            trained=Comparison(before, after, function, si, topology),
             fresh=None,
             _first=first,
             _problem=problem,
             _result=result,
         )
         return design if fresh is None else replace(design, fresh=design.compare(fresh))
-
-
-def _excess(reached: Mapping[str, float], limits: Mapping[str, Limit]) -> str:
-    """The limit that is exceeded most, in words."""
-    worst = max(limits, key=lambda name: reached[name] / limits[name].most)
-    x, limit = reached[worst], limits[worst]
-    if limit.probability is not None:
-        return f"{limit.event(worst)} = {x:.4g}, above its limit {limit.most:g}"
-    return f"{worst} = {x:.6g}, {x / limit.most - 1:.2%} above its limit {limit.most:.6g}"

@@ -244,7 +244,15 @@ class SavedSearch:
         one = Iterate(best, best, state.alive)
         try:
             with opened(self.path) as archive:
-                self._require_same(archive.about)
+                about, identity = archive.about, json.loads(json.dumps(self.identity))
+                rule = ""
+                if not isinstance(about, dict) or about.get("format") != _FORMAT:
+                    rule = "holds no search, or one of another version of jaxpound"
+                    rule += "; move it away to begin anew"
+                elif differing := [name for name, x in identity.items() if about.get(name) != x]:
+                    rule = f"holds another search: {', '.join(differing)} differs"
+                if rule:
+                    raise InvalidInput(OWNER, "save", str(self.path), rule)
                 (n,) = archive.read("iterations", (1,), np.int64).tolist()
                 all_of = jax.tree.map(lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), one)
                 stored = jax.tree.map_with_path(
@@ -265,16 +273,6 @@ class SavedSearch:
         arrays = {_name(path): np.asarray(x) for path, x in jax.tree.leaves_with_path(tree)}
         arrays["iterations"] = np.array([len(history)], np.int64)
         write_archive(self.path, arrays, {"format": _FORMAT, **self.identity})
-
-    def _require_same(self, about: Any) -> None:
-        rule, identity = "", json.loads(json.dumps(self.identity))
-        if not isinstance(about, dict) or about.get("format") != _FORMAT:
-            rule = "holds no search, or one of another version of jaxpound"
-            rule += "; move it away to begin anew"
-        elif differing := [name for name, x in identity.items() if about.get(name) != x]:
-            rule = f"holds another search: {', '.join(differing)} differs"
-        if rule:
-            raise InvalidInput(OWNER, "save", str(self.path), rule)
 
 
 _name = partial(jax.tree_util.keystr, simple=True, separator=".")

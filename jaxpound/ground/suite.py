@@ -184,7 +184,13 @@ class RecordSuite(Shown):
             raise InvalidInput(SCALED_TO, "best", str(best), rule)
         if least is not None:
             positive_number(SCALED_TO, least=least)
-        self._require_usable(span)
+        for record in self.records:
+            low, high = 2 * float(record.dt), float(record.duration)
+            if span.low < low * (1 - 1e-9) or span.high > high * (1 + 1e-9):
+                stated = f"{span.low:.4g} to {span.high:.4g} {self.time_unit}"
+                limits = f"{low:.4g} to {high:.4g} (two sample intervals, its duration)"
+                rule = f"must be within what {record.name!r} holds, {limits}"
+                raise InvalidInput(SCALED_TO, "periods", stated, rule)
         periods_at = np.geomspace(*span, PERIODS)
         try:
             ordinates = target.at(periods_at)
@@ -196,16 +202,6 @@ class RecordSuite(Shown):
         scaled = ScaledSuite(suite, fitted, target, span, periods_at, at, bounds)
         warn(SCALED_TO, scaled.findings(), strict)
         return scaled
-
-    def _require_usable(self, span: PeriodRange) -> None:
-        """An ``InvalidInput`` for a range of periods that a record does not contain."""
-        for record in self.records:
-            low, high = 2 * float(record.dt), float(record.duration)
-            if span.low < low * (1 - 1e-9) or span.high > high * (1 + 1e-9):
-                periods = f"{span.low:.4g} to {span.high:.4g} {self.time_unit}"
-                limits = f"{low:.4g} to {high:.4g} (two sample intervals, its duration)"
-                rule = f"must be within what {record.name!r} holds, {limits}"
-                raise InvalidInput(SCALED_TO, "periods", periods, rule)
 
     def _tables(self) -> list[TextTable]:
         unit = self.time_unit

@@ -258,37 +258,28 @@ class FactorBounds(NamedTuple):
             errors = _misfit(np.log(factors[:, None] / ratios))
             selected = np.sort(np.argsort(errors, kind="stable")[:best])
         ratios, factors = ratios[selected], factors[selected]
-        if least is not None:
-            factors = _raised_factors(factors, ratios, self.high, least)
-        return selected, factors
+        if least is None:
+            return selected, factors
+        from scipy.optimize import brentq
+
+        def shortfall(common: float) -> float:  # of all factors times one
+            mean = np.mean(np.minimum(common * factors, self.high)[:, None] / ratios, axis=0)
+            return float(mean.min() - least)
+
+        common, most = 1.0, self.high / factors.min()
+        if shortfall(common) < 0:  # the smallest that reaches ``least``
+            if (reached := shortfall(most)) < 0:
+                rule = (
+                    f"must be at most {reached + least:.4g}, which factors of {self.high:g} reach"
+                )
+                raise InvalidInput(SCALED_TO, "least", f"{least:g}", rule)
+            common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
+        return selected, np.minimum(common * factors, self.high)
 
 
 def _misfit(logarithms: Any) -> Any:
     """Root mean square of the logarithm of a ratio, over the last axis."""
     return np.sqrt(np.mean(logarithms**2, axis=-1))
-
-
-def _raised_factors(
-    factors: np.ndarray, ratios: np.ndarray, highest: float, least: float
-) -> np.ndarray:
-    """Factors times the smallest common one with which the mean of the spectra reaches ``least``.
-
-    ``least`` is its smallest ratio to the target; no factor exceeds ``highest``.
-    """
-    from scipy.optimize import brentq
-
-    def shortfall(common: float) -> float:
-        mean = np.mean(np.minimum(common * factors, highest)[:, None] / ratios, axis=0)
-        return float(mean.min() - least)
-
-    if shortfall(1.0) >= 0:
-        return factors
-    most = highest / factors.min()
-    if (reached := shortfall(most)) < 0:
-        rule = f"must be at most {reached + least:.4g}, which factors of {highest:g} reach"
-        raise InvalidInput(SCALED_TO, "least", f"{least:g}", rule)
-    common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
-    return np.minimum(common * factors, highest)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)

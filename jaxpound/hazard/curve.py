@@ -23,8 +23,7 @@ from jaxpound.hazard.annual_rate import (
     of_event,
     of_study,
 )
-from jaxpound.hazard.files import read_hazard
-from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of
+from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of, read_hazard
 from jaxpound.quantities import DIMENSIONLESS
 from jaxpound.reliability.result import RareEvent
 from jaxpound.scenarios.distributions import Distribution, density

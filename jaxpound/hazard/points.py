@@ -1,8 +1,12 @@
-"""The points of a hazard curve: their rules, the intensities that they draw, and their weights."""
+"""The points of a hazard curve: their files and rules, the intensities they draw, their weights."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import re
+from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -10,7 +14,15 @@ import numpy as np
 from jax.scipy.special import log_ndtr, ndtri
 from scipy import special
 
-from jaxpound._checks import Rule, enforce, positive_number, real, require_share
+from jaxpound._checks import (
+    Rule,
+    did_you_mean,
+    enforce,
+    is_whole,
+    positive_number,
+    real,
+    require_share,
+)
 from jaxpound._errors import InvalidInput
 from jaxpound.ground.measure import Measure, units_like
 
@@ -185,3 +197,83 @@ def rate_of(owner: str, probability: float, years: float) -> float:
     require_share(owner, "probability", probability)
     (years,) = positive_number(owner, years=years)
     return float(-np.log1p(-probability) / years)
+
+
+_PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}
+
+HazardPoints = tuple[np.ndarray, np.ndarray, str]
+"""Intensities, annual rates, and the measure's name."""
+
+
+def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 0) -> HazardPoints:
+    """``HazardCurve.read``, with rows of sites counted from ``first``."""
+    path = Path(file)
+    owner = f"HazardCurve.read: {path}"
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    header = lines[0] if lines and lines[0].startswith("#") else ""
+    rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
+    names = rows[0] if rows else []
+    probabilities = any(name.startswith("poe-") for name in names)
+    levels = [i for i, name in enumerate(names) if name not in _PLACES]
+    if not {"lon", "lat"} <= set(names) or len(levels) < 2 or len(rows) < 2:
+        rule = "a line of names, lon and lat and the intensities (OpenQuake: poe-0.1), above sites"
+        raise ValueError(f"{owner} must hold {rule}")
+    row = _site(owner, names, rows[1:], site, first)
+    im = np.array([_number(owner, names[i].removeprefix("poe-")) for i in levels])
+    value = np.array([_number(owner, row[i]) for i in levels])
+    usable = value >= LEAST_RATE
+    if probabilities:
+        if ((value < 0) | (value > 1)).any():
+            raise InvalidInput(owner, "probabilities", "", "must be from 0 to 1")
+        usable &= value < 1
+        match = re.search(r"investigation_time=([\d.eE+-]+)", header)
+        years = float(match[1]) if match else 0.0
+        if not years > 0:
+            rule = "must be given above the names (investigation_time=50.0), in years"
+            raise InvalidInput(owner, "investigation_time", "", rule)
+        value = -np.log1p(-np.where(usable, value, 0.0)) / years
+    if usable.sum() < 2:
+        rule = "two intensities or more whose rate is given and above 0"
+        raise InvalidInput(owner, "the site", "", f"must have {rule}")
+    # The measure with its unit, from the header or the name of a USGS file's folder.
+    match = re.search(r"imt='([^']+)'", header)
+    measure = match[1] if match else path.parent.name
+    if not match and (period := re.fullmatch(r"SA(\d+)P(\d+)", measure)):
+        measure = f"SA({int(period[1])}.{period[2]})"
+    of_acceleration = measure == "PGA" or re.fullmatch(r"SA\([\d.]+\)", measure)
+    unit = "g" if of_acceleration else "cm/s" if measure == "PGV" else ""
+    words = f"{measure} ({unit})" if unit else measure if match else "im"
+    return im[usable], value[usable], words
+
+
+def _site(
+    owner: str, names: list[str], rows: list[list[str]], site: int | str | None, first: int
+) -> list[str]:
+    """The row of the site."""
+    sites = [row[names.index("name")] for row in rows] if "name" in names else []
+    if site is None:
+        if len(rows) > 1:
+            listed = f": {', '.join(sites[:6])}{', …' * (len(sites) > 6)}" if sites else ""
+            rule = f"must be one of {len(rows)}, from {first}{listed}"
+            raise InvalidInput(owner, "site", "", rule)
+        site = first
+    if isinstance(site, str):
+        if site not in sites:
+            guess = f"; {did_you_mean(site, sites)}" if did_you_mean(site, sites) else ""
+            raise InvalidInput(owner, "site", repr(site), f"must be a name in the file{guess}")
+        site = first + sites.index(site)
+    if not (is_whole(site) and first <= site < first + len(rows)):
+        rule = f"must be a row from {first} to {first + len(rows) - 1}"
+        raise InvalidInput(owner, "site", repr(site), rule)
+    row = rows[site - first]
+    if len(row) != len(names):
+        rule = f"with {len(row)} numbers and names must have one for each of {len(names)}"
+        raise InvalidInput(owner, f"site {site}", "", rule)
+    return row
+
+
+def _number(owner: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(owner, repr(text), "", "must be a number") from None

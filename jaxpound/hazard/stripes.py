@@ -65,24 +65,6 @@ class Stripes(Shown):
         return [TextTable("Multiple stripes", columns, rows, notes, digits=4)]
 
 
-def _merged(
-    suites: Sequence[RecordSuite], levels: np.ndarray
-) -> tuple[tuple[Record, ...], list[np.ndarray]]:
-    """Different records of several suites, each with its own name, and each suite's numbers."""
-    numbers: dict[int, int] = {}
-    records: dict[str, Record] = {}
-    for suite, level in zip(suites, levels, strict=True):
-        for record in suite:
-            if id(record) not in numbers:
-                numbers[id(record)] = len(records)
-                name = f"{record.name} at {level:g}" if record.name in records else record.name
-                while name in records:
-                    name += ", another"
-                records[name] = derived(record.samples, record.dt, name, record.time_unit)
-    rows = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
-    return tuple(records.values()), rows
-
-
 def multiple_stripes(
     structures: Structures,
     records: Any,
@@ -117,12 +99,23 @@ def multiple_stripes(
     if len(suites) != levels.size:
         rule = f"must be {levels.size}, one an intensity"
         raise InvalidInput(owner, f"{len(suites)} suites", "", rule)
-    merged, rows_of = _merged(suites, levels)
+    numbers: dict[int, int] = {}
+    merged: dict[str, Record] = {}  # the different records, each with a name of its own
+    for suite, level in zip(suites, levels, strict=True):
+        for record in suite:
+            if id(record) not in numbers:
+                numbers[id(record)] = len(merged)
+                name = f"{record.name} at {level:g}" if record.name in merged else record.name
+                while name in merged:
+                    name += ", another"
+                merged[name] = derived(record.samples, record.dt, name, record.time_unit)
+    rows_of = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
     highest = np.zeros(len(merged))
     for rows, level in zip(rows_of, levels, strict=True):
         highest[rows] = level
-    options = structures, merged, grid, measure, demand, threshold, scales, scheme, strict
-    runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress, highest)
+    options = measure, demand, threshold, scales, scheme, strict
+    analysis = AnalysisOptions(structures, tuple(merged.values()), grid, *options)
+    runs = SuiteRuns(owner, analysis, store, progress, highest)
     sizes = [rows.size for rows in rows_of]
     with runs.bar:
         demands = runs.demands(np.concatenate(rows_of), np.repeat(levels, sizes))

@@ -12,8 +12,8 @@ from .row import FloorLink as FloorLink
 from .row import Row as Row
 from .row import floor_links as floor_links
 from .shear_building import ShearBuilding as ShearBuilding
-from .storeys import Storeys as Storeys
 from .structures import AdjacentStructures as AdjacentStructures
+from .structures import Storeys as Storeys
 from .system import GROUND as GROUND
 from .system import Link as Link
 from .system import Rod as Rod

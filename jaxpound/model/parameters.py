@@ -124,7 +124,15 @@ def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[s
     values: dict[str, X] = {}
     sources: dict[str, str] = {}
     for key, value in by_pattern.items():
-        for path in [key] if "*" not in key else _matches(owner, structures, key):
+        matched = [key]
+        if "*" in key:
+            fits = re.compile(re.escape(key).replace(r"\*", "[^.]*"))
+            matched = [path for path in paths(structures) if fits.fullmatch(path)]
+        if not matched:
+            general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in paths(structures))
+            rule = f"no path matches {key!r}; {_hint(key, general)}"
+            raise InvalidInput(owner, "", "", rule)
+        for path in matched:
             if path != key and path in by_pattern:
                 continue
             if path in values:
@@ -133,16 +141,6 @@ def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[s
             values[path], sources[path] = value, key
     require_paths(owner, structures, values)
     return values
-
-
-def _matches(owner: str, structures: Any, pattern: str) -> list[str]:
-    """The paths that a pattern matches, one or more."""
-    every = paths(structures)
-    fits = re.compile(re.escape(pattern).replace(r"\*", "[^.]*"))
-    if matched := [path for path in every if fits.fullmatch(path)]:
-        return matched
-    general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in every)
-    raise InvalidInput(owner, "", "", f"no path matches {pattern!r}; {_hint(pattern, general)}")
 
 
 def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:

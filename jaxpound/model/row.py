@@ -15,7 +15,7 @@ from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.places import link_place
 from jaxpound.model.shear_building import ShearBuilding
-from jaxpound.model.storeys import Storeys
+from jaxpound.model.structures import Storeys
 from jaxpound.model.system import GROUND, Ends, Link, Rod, System, Topology, as_tuple, ring
 from jaxpound.model.vibration import first_frequency
 

@@ -14,7 +14,7 @@ from jaxpound._checks import Range, Rule, count, enforce, hint, is_traced, numbe
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
-from jaxpound.model.storeys import Storeys
+from jaxpound.model.structures import Storeys
 from jaxpound.model.system import Rod, as_tuple
 from jaxpound.model.vibration import Modes, first_frequency, modes
 

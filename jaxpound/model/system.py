@@ -160,7 +160,22 @@ class System:
             if rod.ends is None:
                 rule = "must be two masses, or GROUND"
                 raise InvalidInput("System", f"rods.{k}.ends", "None", rule)
-        _check_topology(self.topology)
+        topology, n = self.topology, len(self.masses)
+        if not n:
+            raise InvalidInput("System", "masses", "()", "must hold at least one mass")
+        for name, ends_of_all in (("rods", topology.rods), ("links", topology.links)):
+            for k, ends in enumerate(ends_of_all):
+                if max(ends) >= n:
+                    rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
+                    raise InvalidInput("System", f"{name}.{k}.ends", str(ends), rule)
+        group = _groups(n, topology.rods)
+        for mass in range(n):
+            if group[mass] != group[GROUND]:
+                rule = "must be tied to the ground by rods, directly or through other masses"
+                raise InvalidInput("System", f"masses.{mass}", "", rule)
+        if (closing := ring(topology)) is not None:
+            ends, rule = topology.links[closing], "must not close a ring with the links before it"
+            raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
 
     def system(self) -> System:
         """The system, unchanged."""
@@ -195,27 +210,6 @@ def _two_ends(owner: str, value: Any) -> Ends:
         rule = "must be two different masses by number, from 0, of which one may be GROUND"
         raise InvalidInput(owner, "ends", repr(value), rule)
     return int(i), int(j)
-
-
-def _check_topology(topology: Topology) -> None:
-    """An ``InvalidInput`` for a topology that cannot be simulated."""
-    n = topology.n_masses
-    if not n:
-        raise InvalidInput("System", "masses", "()", "must hold at least one mass")
-    for name, ends_of_all in (("rods", topology.rods), ("links", topology.links)):
-        for k, ends in enumerate(ends_of_all):
-            if max(ends) >= n:
-                rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
-                raise InvalidInput("System", f"{name}.{k}.ends", str(ends), rule)
-    group = _groups(n, topology.rods)
-    for mass in range(n):
-        if group[mass] != group[GROUND]:
-            rule = "must be tied to the ground by rods, directly or through other masses"
-            raise InvalidInput("System", f"masses.{mass}", "", rule)
-    closing = ring(topology)
-    if closing is not None:
-        ends, rule = topology.links[closing], "must not close a ring with the links before it"
-        raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
 
 
 def ring(topology: Topology) -> int | None:
@@ -320,22 +314,21 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
     joined: dict[int, list[int]] = {}
     for k, ends in enumerate(topology.links):
         joined.setdefault(member[max(ends)], []).append(k)
-    return tuple(_link_group(topology, tuple(links)) for links in joined.values())
-
-
-def _link_group(topology: Topology, links: tuple[int, ...]) -> LinkGroup:
-    ends = {k: topology.links[k] for k in links}
-    members = {end for pair in ends.values() for end in pair}
-    root = GROUND if GROUND in members else ends[links[0]][0]
-    reached = {root}
-    hanging: list[tuple[int, int, int]] = []
-    while len(hanging) < len(links):
-        for k, (i, j) in ends.items():
-            if (i in reached) != (j in reached):
-                parent, child = (i, j) if i in reached else (j, i)
-                hanging.append((k, parent, child))
-                reached.add(child)
-    return LinkGroup(links, tuple(sorted(members - {GROUND})), root, tuple(hanging))
+    groups = []
+    for links in joined.values():
+        members = {end for k in links for end in topology.links[k]}
+        root = GROUND if GROUND in members else topology.links[links[0]][0]
+        reached, hanging = {root}, list[tuple[int, int, int]]()
+        while len(hanging) < len(links):
+            for k in links:
+                i, j = topology.links[k]
+                if (i in reached) != (j in reached):
+                    parent, child = (i, j) if i in reached else (j, i)
+                    hanging.append((k, parent, child))
+                    reached.add(child)
+        masses = tuple(sorted(members - {GROUND}))
+        groups.append(LinkGroup(tuple(links), masses, root, tuple(hanging)))
+    return tuple(groups)
 
 
 @cache

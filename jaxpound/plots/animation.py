@@ -129,33 +129,27 @@ def _panels(
         scenes.append(Scene(response, ax, reach, elevations, "animate"))
     below = [panels[f"below {i}"] for i in numbers]
     if single:
-        return scenes, _beside(runs[""], panels["upper"], below[0])
+        response, upper = runs[""], panels["upper"]
+        drawings: Any = (ground_motion, displacements)
+        if is_pair(response):
+            drawings = (gap, friction_force)
+        elif np.isfinite(response.min_gap):
+            drawings = (displacements, gap_map)
+        for draw, ax in zip(drawings, (upper, below[0]), strict=True):
+            draw(response, ax)
+        upper.set_xlabel("")
+        upper.tick_params(labelbottom=False)
+        return scenes, [upper, *below]
     pairs = all(map(is_pair, runs.values()))
     as_maps = not pairs and all(np.isfinite(response.min_gap) for response in runs.values())
-    draw: Any = gap if pairs else displacements
+    series: Any = gap if pairs else displacements
     if as_maps:
-        draw = partial(gap_map, widest=max(map(widest_gap, runs.values())))
+        series = partial(gap_map, widest=max(map(widest_gap, runs.values())))
     for response, ax in zip(runs.values(), below, strict=True):
-        draw(response, ax)
+        series(response, ax)
     if not as_maps:
         house.same_height(below)
     return scenes, below
-
-
-def _beside(response: Response, upper: Axes, lower: Axes) -> list[Axes]:
-    """Two series of a single run."""
-    if is_pair(response):
-        gap(response, upper)
-        friction_force(response, lower)
-    elif np.isfinite(response.min_gap):
-        displacements(response, upper)
-        gap_map(response, lower)
-    else:
-        ground_motion(response, upper)
-        displacements(response, lower)
-    upper.set_xlabel("")
-    upper.tick_params(labelbottom=False)
-    return [upper, lower]
 
 
 def _require_scene(owner: str, response: Response) -> None:

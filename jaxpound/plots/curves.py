@@ -20,7 +20,6 @@ from jaxpound.model.system import GROUND, elongation, floors
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, label, new_axes
 from jaxpound.results.demand import PLACES
-from jaxpound.results.impacts import Impact
 from jaxpound.results.named import PAIR
 from jaxpound.results.response import LinkResponse, Response, require_single
 
@@ -104,25 +103,25 @@ def contact_loops(response: Response, link: LinkResponse) -> list[tuple[np.ndarr
         return []
     inverse = [1 / float(response.masses[end].mass) for end in link.ends if end != GROUND]
     law, time = with_mass(link.law, 1 / sum(inverse)), np.asarray(response.time)
-    return [_loop(law, impact, time, link) for impact in link.impacts.entries(0)]
-
-
-def _loop(law: Any, impact: Impact, time: np.ndarray, link: LinkResponse) -> Any:
-    end = time[-1] if np.isnan(impact.end) else impact.end
-    first, last = np.searchsorted(time, [impact.time, end], "right")
-    between = slice(first, last + 1)  # up to the instant after
-    motion = CubicHermiteSpline(
-        np.append(impact.time, time[between]),
-        np.append(0.0, -np.asarray(link.gap)[between]),
-        np.append(impact.approach_velocity, np.asarray(link.slip_velocity)[between]),
-    )
-    at = np.linspace(impact.time, end, 60)
-    penetration = np.maximum(motion(at), 0.0)
-    force = np.asarray(law.force(penetration, motion(at, 1), impact.approach_velocity))
-    force = force if may_pull(link.law) else np.maximum(force, 0.0)
-    if not np.isnan(impact.end):  # back to the touch, without a force
-        penetration, force = np.append(penetration, [penetration[-1], 0]), np.append(force, [0, 0])
-    return np.append(0.0, penetration), np.append(0.0, force)
+    loops = []
+    for impact in link.impacts.entries(0):
+        end = time[-1] if np.isnan(impact.end) else impact.end
+        first, last = np.searchsorted(time, [impact.time, end], "right")
+        between = slice(first, last + 1)  # up to the instant after
+        motion = CubicHermiteSpline(
+            np.append(impact.time, time[between]),
+            np.append(0.0, -np.asarray(link.gap)[between]),
+            np.append(impact.approach_velocity, np.asarray(link.slip_velocity)[between]),
+        )
+        at = np.linspace(impact.time, end, 60)
+        penetration = np.maximum(motion(at), 0.0)
+        force = np.asarray(law.force(penetration, motion(at, 1), impact.approach_velocity))
+        force = force if may_pull(link.law) else np.maximum(force, 0.0)
+        if not np.isnan(impact.end):  # back to the touch, without a force
+            penetration = np.append(penetration, [penetration[-1], 0])
+            force = np.append(force, [0, 0])
+        loops.append((np.append(0.0, penetration), np.append(0.0, force)))
+    return loops
 
 
 def gaps_of(owner: str, response: Response) -> list[Curve]:

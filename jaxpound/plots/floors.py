@@ -22,7 +22,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import Quantity, quantities
 from jaxpound.buildings import Buildings
 from jaxpound.model.shear_building import ShearBuilding, in_units
-from jaxpound.model.storeys import Storeys
+from jaxpound.model.structures import Storeys
 from jaxpound.model.vibration import modes
 from jaxpound.plots import style as house
 from jaxpound.plots.rows import floor_heights, heights_above_ground

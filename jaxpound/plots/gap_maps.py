@@ -50,7 +50,15 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     curves.require_valid("gap_map", response)
     curves.gaps_of("gap_map", response)
     links = [k for k, link in enumerate(response.links) if np.isfinite(link.gap).all()]
-    order, groups = _order(response, links)
+    home = homes(response.topology) | {GROUND: (GROUND, GROUND)}
+
+    def place(k: int) -> tuple[int, int, int]:
+        """The buildings that a link is between, and its floor from the top of the map on."""
+        ends = response.links[k].ends
+        (a, i), (b, _) = (home[end] for end in (ends if ends[0] != GROUND else ends[::-1]))
+        return a, b, -i
+
+    order = sorted(links, key=place) if len(home) > 1 else links  # else there are no buildings
     gaps = np.array([np.asarray(response.links[k].gap) for k in order])
     for row, k in zip(gaps, order, strict=True):
         touching = response.links[k].touching
@@ -71,7 +79,7 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     ax.set_yticks(range(len(order)), [places[k] for k in order])
     ax.tick_params(axis="y", length=0)
     for row in range(1, len(order)):
-        apart = groups[row] != groups[row - 1]
+        apart = len(home) > 1 and place(order[row])[:2] != place(order[row - 1])[:2]
         ax.axhline(row - 0.5, color="white", linewidth=2.4 if apart else 0.6)
     figure: Any = ax.figure
     bar = figure.colorbar(shown, ax=ax, pad=0.02, aspect=12, extend="min")
@@ -88,18 +96,3 @@ def widest_gap(response: Response) -> float:
     """The widest of all finite gaps, or 1 where none opens."""
     gaps = [np.asarray(link.gap) for link in response.links]
     return max(float(np.max(gap, initial=0.0, where=np.isfinite(gap))) for gap in gaps) or 1.0
-
-
-def _order(response: Response, links: list[int]) -> tuple[list[int], list[Any]]:
-    """Links from the top of the map on, and the buildings that each is between."""
-    home = homes(response.topology) | {GROUND: (GROUND, GROUND)}
-    if len(home) == 1:  # no buildings
-        return links, [0] * len(links)
-
-    def key(k: int) -> tuple[int, int, int]:
-        ends = response.links[k].ends
-        (a, i), (b, _) = (home[end] for end in (ends if ends[0] != GROUND else ends[::-1]))
-        return a, b, -i
-
-    order = sorted(links, key=key)
-    return order, [key(k)[:2] for k in order]

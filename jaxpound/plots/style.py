@@ -27,8 +27,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxpound.model import parameters
 from jaxpound.model.row import Row
-from jaxpound.model.storeys import Storeys
-from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.structures import AdjacentStructures, Storeys
 from jaxpound.model.system import System
 from jaxpound.quantities import DIMENSIONLESS, SI, STANDARD_GRAVITY
 from jaxpound.results.named import kind_and_symbol
@@ -176,13 +175,8 @@ def drawn(draw: Callable[..., Any], *args: Any, **options: Any) -> Figure:
 def shades(n: int) -> list[str]:
     """Colours of n results to be compared: grey for the first, then greens from light to dark."""
     green = np.array(to_rgb(COLOURS["damper"]))
-    greens = _mixed(0.35 + 0.65 * green, 0.45 * green, n - 1) if n > 2 else [to_hex(tuple(green))]
-    return [COLOURS["residual"], *greens][:n]
-
-
-def _mixed(start: Any, end: Any, n: int) -> list[str]:
-    """As many colours from the one to the other."""
-    return [to_hex(tuple(start + (end - start) * share)) for share in np.linspace(0, 1, n)]
+    greens = np.linspace(0.35 + 0.65 * green, 0.45 * green, n - 1) if n > 2 else [green]
+    return [COLOURS["residual"], *map(to_hex, greens)][:n]
 
 
 def numbered_colours(n: int) -> list[str]:
@@ -209,7 +203,7 @@ def building_colour(number: int) -> str:
 def tones(colour: str, n: int) -> list[str]:
     """A colour from light to full, of n floors one above the other; of a single floor full."""
     full = np.array(to_rgb(colour))
-    return _mixed(0.65 + 0.35 * full, full, n) if n > 1 else [to_hex(tuple(full))]
+    return [*map(to_hex, np.linspace(0.65 + 0.35 * full, full, n) if n > 1 else [full])]
 
 
 def shade(colour: str) -> dict[str, Any]:

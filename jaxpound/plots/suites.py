@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from jaxpound._checks import instance
 from jaxpound.ground.motion import SECONDS
 from jaxpound.ground.suite import RecordSuite
-from jaxpound.ground.target import PeriodRange, ScaledSuite, TargetSpectrum
+from jaxpound.ground.target import ScaledSuite, TargetSpectrum
 from jaxpound.plots import style as house
 from jaxpound.plots.records import spectral_axes
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, shade
@@ -40,7 +40,13 @@ def spectra(
     if isinstance(suite, ScaledSuite):
         target = target or suite.target
     ax = new_axes(ax)
-    at = _periods(records, target, span) if periods is None else np.asarray(periods, float)
+    low, high = 0.05, 5.0
+    if span is not None:
+        low, high = span[0] / 2, 2 * span[1]
+    elif target is not None:
+        low, high = float(target.periods[target.periods > 0][0]), float(target.periods[-1])
+    low = max(low, min(2 * max(float(record.dt) for record in records), high / 2))
+    at = np.geomspace(low, high, _POINTS) if periods is None else np.asarray(periods, float)
     damping = damping if target is None else target.damping
     accelerations = records.spectra(at, damping)
     for i, spectrum in enumerate(accelerations):
@@ -62,16 +68,3 @@ def spectra(
     ax.set_ylim(bottom=lowest / 5)
     house.legend_above(ax, 3)
     return ax
-
-
-def _periods(
-    suite: RecordSuite, target: TargetSpectrum | None, span: PeriodRange | None
-) -> np.ndarray:
-    """The periods at which spectra are drawn."""
-    shortest = 2 * max(float(record.dt) for record in suite)
-    low, high = 0.05, 5.0
-    if span is not None:
-        low, high = span[0] / 2, 2 * span[1]
-    elif target is not None:
-        low, high = float(target.periods[target.periods > 0][0]), float(target.periods[-1])
-    return np.geomspace(max(low, min(shortest, high / 2)), high, _POINTS)

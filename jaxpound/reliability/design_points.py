@@ -115,8 +115,13 @@ class HlrfIteration:
             if not rows.size:
                 return
             self._advance(rows, state)
-            if iteration >= _PATIENT:
-                self._give_up()
+            if iteration >= _PATIENT:  # leave the starts that head for points too far to matter
+                far = min(self.nearest() + _FAR + _HOPELESS, _FARTHEST)
+                heads = np.linalg.norm(self.z + self.direction, axis=1)
+                least = np.minimum(heads, np.linalg.norm(self.z, axis=1))
+                # Points without a gradient may be farther: a random direction needs more for a slip
+                still = (self.slope == 0).all(axis=1)
+                self.lost |= ~self.done & (least > np.where(still, _STILL * _FARTHEST, far))
             report(len(rows))
 
     def _advance(self, rows: np.ndarray, state: LimitState) -> None:
@@ -151,15 +156,6 @@ class HlrfIteration:
         usual = float(np.median(self.steepness[sloping])) if sloping.any() else np.inf
         on &= np.abs(self.value[moved]) <= _STEEPER * _ON * size * usual
         self.done[moved] = on & aligned & ~still
-
-    def _give_up(self) -> None:
-        """Leave the starts that head for points too far to matter."""
-        far = min(self.nearest() + _FAR + _HOPELESS, _FARTHEST)
-        heads = np.linalg.norm(self.z + self.direction, axis=1)
-        least = np.minimum(heads, np.linalg.norm(self.z, axis=1))
-        # Points without a gradient may be farther: a random direction needs more for a slip.
-        still = (self.slope == 0).all(axis=1)
-        self.lost |= ~self.done & (least > np.where(still, _STILL * _FARTHEST, far))
 
     def rescue(self) -> None:
         """Start those without a point again from the point of a neighbouring instant."""
@@ -344,7 +340,11 @@ def _nearest_points(search: HlrfIteration, gradients: int, covered: float) -> De
     along, betas = search.planes()
     rows = search.reached(_FAR)
     if (search.instants[rows] < 0).any():
-        rows = _different(along, rows)
+        different: list[int] = []  # those, in order, whose points no earlier row has
+        for row in rows:
+            if not different or (along[different] @ along[row]).max() < _SAME_POINT:
+                different.append(int(row))
+        rows = np.array(different, int)
     # Without a point the distance that matters is unknown.
     failed = int(search.active.size) if rows.size else len(search.z)
     arrays = along * betas[:, None], along, betas, search.instants, search.series
@@ -359,12 +359,3 @@ def _covered(search: HlrfIteration, before: int) -> float:
         return 1.0
     cosines = along @ along.T - 2 * np.eye(len(along))
     return 1 - float(np.mean(cosines.max(axis=1)[random] < _REACHED_TOO))
-
-
-def _different(along: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The rows, in order, whose points no earlier row has."""
-    chosen: list[int] = []
-    for row in rows:
-        if not chosen or (along[chosen] @ along[row]).max() < _SAME_POINT:
-            chosen.append(int(row))
-    return np.array(chosen, int)

@@ -207,20 +207,15 @@ class DesignPointSearch:
             return "few gradients lead to the limit state"
         if points.covered < COVERED:
             return f"{1 - points.covered:.0%} of random starts end in design points of their own"
-        return self._missed()
-
-    def _missed(self) -> str:
-        """``doubt`` by motions that are so strong that likely failures are many among them.
-
-        Failures at the distance of the nearest design point, in any direction, lie two standard
-        deviations of these motions from the origin (Bucher 2009, Probabilistic Engineering
-        Mechanics 24:504, extrapolates probabilities from such samples; here they are counted).
-        """
-        factor = max(1.0, _STRONGER * float(self.points.betas[0]))
+        # Motions that are so strong that likely failures are many among them: failures at the
+        # distance of the nearest design point, in any direction, lie two standard deviations of
+        # these motions from the origin (Bucher 2009, Probabilistic Engineering Mechanics 24:504,
+        # extrapolates probabilities from such samples; here they are counted).
+        factor = max(1.0, _STRONGER * float(points.betas[0]))
         missed = 0
         for number, many in enumerate(_MISSED, 1):
             stronger = self._batch(number, None, factor)
-            far = ~self.points.stand_for(stronger.points)
+            far = ~points.stand_for(stronger.points)
             missed += int(np.count_nonzero(far & (stronger.values >= 0)))
             if missed < many:
                 return ""

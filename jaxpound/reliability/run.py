@@ -140,7 +140,16 @@ def event_of(
     require_share(OWNER, "cov", cov)
     most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
     sampling.key_numbers(OWNER, key)  # refuses a wrong key
-    start = _start(state, start)
+    if start is not None:
+        before = start.limit_state
+        if before.dimension != state.dimension:
+            rule = f"must be of scenarios of {state.dimension} numbers, as these are"
+            raise InvalidInput(OWNER, f"start of {before.dimension}", "", rule)
+        named = isinstance(state.demand, str) or isinstance(before.demand, str)
+        if (named and before.demand != state.demand) or len(before.series) != len(state.series):
+            rule = f"must be of {state.demand!r}, as this event is"
+            raise InvalidInput(OWNER, f"start of the demand {before.demand!r}", "", rule)
+        start = start if len(start.design_points) else None
 
     subset, why = choice(state, method)
     runs = gradients = 0
@@ -171,21 +180,6 @@ def programs_of(owner: str, start: RareEvent | None) -> Any:
         return None
     instance(owner, "start", start, RareEvent)
     return start.limit_state.programs
-
-
-def _start(state: LimitState, event: RareEvent | None) -> RareEvent | None:
-    """An event to start from; None without design points, an error if of another demand."""
-    if event is None:
-        return None
-    before = event.limit_state
-    if before.dimension != state.dimension:
-        rule = f"must be of scenarios of {state.dimension} numbers, as these are"
-        raise InvalidInput(OWNER, f"start of {before.dimension}", "", rule)
-    named = isinstance(state.demand, str) or isinstance(before.demand, str)
-    if (named and before.demand != state.demand) or len(before.series) != len(state.series):
-        rule = f"must be of {state.demand!r}, as this event is"
-        raise InvalidInput(OWNER, f"start of the demand {before.demand!r}", "", rule)
-    return event if len(event.design_points) else None
 
 
 def choice(state: LimitState, method: str) -> tuple[bool, str]:

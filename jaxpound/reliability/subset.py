@@ -155,8 +155,11 @@ def simulated(
             if all(len(x) == 1 for x in levels):
                 require_dependence(OWNER, state, levels[0][0].points, levels[0][0].values)
             bar.set_postfix_str(_so_far(levels))
-            room = (max_runs - runs.count) * len(levels) // runs.count
-            more = min(_more_repeats(levels, cov), room)
+            (_, spread), room = _estimate(levels), max_runs - runs.count
+            more = 0
+            if cov is not None and spread > cov:  # as many as it seems to need, at most doubling
+                needed = math.ceil(len(levels) * (_MARGIN * (spread / cov) ** 2 - 1))
+                more = min(len(levels), needed, room * len(levels) // runs.count)
     least, most = min(map(len, levels)), max(map(len, levels))
     depths = f"{most} level{'s' * (most > 1)}" if least == most else f"{least} to {most} levels"
     method = (
@@ -167,7 +170,16 @@ def simulated(
     bound, warnings = _bound(levels, round(p0 * n))
     if runs.failed:
         warnings.append(f"{runs.failed:,} of {runs.count:,} runs failed and count as safe")
-    points, weights, values, repeat_of = _sample(levels)
+    parts = []  # every level's samples that are not in the next
+    for r, of_repeat in enumerate(levels):
+        ends = [*(level.threshold for level in of_repeat[1:]), math.inf]
+        for level, end in zip(of_repeat, ends, strict=True):
+            inside = level.values <= end
+            share = level.probability / len(level.values) / len(levels)
+            shares_and_repeats = (np.full(inside.sum(), x) for x in (share, r))
+            parts.append((level.points[inside], level.values[inside], *shares_and_repeats))
+    points, values, shares, repeat_of = map(np.concatenate, zip(*parts, strict=True))
+    weights = shares * len(shares)
     probability = float(estimates.mean()) if bound is None else bound
     return RareEvent(
         *(probability, spread, runs.count, 0, method, state),
@@ -205,31 +217,9 @@ def _estimate(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, float]:
     return p, float(p.std(ddof=1) / math.sqrt(len(p)) / p.mean()) if p.any() else math.nan
 
 
-def _more_repeats(by_repeat: Sequence[list[Level]], cov: float | None) -> int:
-    """How many to add: as many as the target c.o.v. seems to need, at most doubling them."""
-    _, spread = _estimate(by_repeat)
-    if cov is None or not spread > cov:
-        return 0
-    return min(len(by_repeat), math.ceil(len(by_repeat) * (_MARGIN * (spread / cov) ** 2 - 1)))
-
-
 def _so_far(by_repeat: Sequence[list[Level]]) -> str:
     p, spread = _estimate(by_repeat)
     return f"P = {p.mean():.3g}, c.o.v. {spread:.2g}" if p.any() else "P out of reach"
-
-
-def _sample(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, ...]:
-    """Points, weights, values and repeats of every level's samples that are not in the next."""
-    parts = []
-    for number, levels in enumerate(by_repeat):
-        ends = [*(level.threshold for level in levels[1:]), math.inf]
-        for level, end in zip(levels, ends, strict=True):
-            inside = level.values <= end
-            share = level.probability / len(level.values) / len(by_repeat)
-            numbers = (np.full(inside.sum(), x) for x in (share, number))
-            parts.append((level.points[inside], level.values[inside], *numbers))
-    points, values, shares, repeats = map(np.concatenate, zip(*parts, strict=True))
-    return points, shares * len(shares), values, repeats
 
 
 def _bound(by_repeat: Sequence[list[Level]], seeds: int) -> tuple[float | None, list[str]]:

@@ -1,7 +1,7 @@
 """Results: the series and scalars of a run, and tables of them.
 
-``response`` has the series, ``demand`` the scalars, both by mass, rod and link (``elements``);
-``named`` knows every demand by its name; ``columns`` makes tables.
+``response`` has the series, ``demand`` the scalars, both by mass, rod and link and as tables
+(``elements``); ``named`` knows every demand by its name.
 """
 
 import lazy_loader

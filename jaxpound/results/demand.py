@@ -17,10 +17,10 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
-from jaxpound.results.columns import Columnar
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import (
     ByElement,
+    Columnar,
     are_concrete,
     chosen,
     kind_in,
@@ -227,8 +227,6 @@ class Demand(ByElement, Columnar, Shown):
         if place is None or not place.group or of_all:
             return ("",)
         return (PLACES[place.group](self.topology)[place.element],)
-
-    __repr__ = Shown.__repr__  # else a dataclass makes its own
 
 
 PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}

@@ -77,8 +77,6 @@ class FloorDemands(Shown):
         ]
         return [TextTable(title, ("floor", *columns), rows, digits=4)]
 
-    __repr__ = Shown.__repr__  # else a dataclass makes its own
-
 
 def floor_demands(
     structures: Structures,

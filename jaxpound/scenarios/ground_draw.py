@@ -159,8 +159,5 @@ class _Dimensionless(Composed, GroundDraw):
     def draw(self, z: Float[Array, " d"]) -> Any:
         return self._drawn(z)[0].dimensionless(self.frequency)
 
-    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
-        return self._parameters(z)[0]
-
     def _parts(self) -> tuple[Any, ...]:
         return (self.ground,)

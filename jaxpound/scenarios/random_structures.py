@@ -93,9 +93,33 @@ class UncertainStructures:
     @cached_property
     def correlations(self) -> np.ndarray:
         """Correlations of the normal numbers behind the uncertain parameters, shape (d, d)."""
+        owner, uncertain, n = "UncertainStructures", [*self.uncertain], self.dimension
         if self.correlation is None:
-            return np.eye(self.dimension)
-        return _correlations("UncertainStructures", self.correlation, [*self.uncertain])
+            return np.eye(n)
+        matrix = np.asarray(real(owner, "correlation", self.correlation), float)
+        if matrix.ndim == 0:  # of parameters of one group
+            groups = [re.sub(r"\.\d+(?!.*\.\d)", ".*", path) for path in uncertain]
+            largest = max(groups.count(group) if "*" in group else 1 for group in groups)
+            if largest == 1:
+                rule = "must not be given: no two paths differ in their last index only"
+                raise InvalidInput(owner, "correlation", f"{matrix:.8g}", rule)
+            least = -1 / (largest - 1)
+            rule = f"above {least:.6g} and below 1, with {largest} parameters that are alike"
+            enforce(owner, [Rule("correlation", matrix, (matrix > least) & (matrix < 1), rule)])
+            same = np.array([[x == other and "*" in x for other in groups] for x in groups])
+            return np.where(np.eye(n, dtype=bool), 1.0, np.where(same, matrix, 0.0))
+        if matrix.shape != (n, n):
+            rule = f"must be a number, or of shape ({n}, {n}): {', '.join(uncertain)}"
+            raise InvalidInput(owner, "correlation", "", f"of shape {matrix.shape} {rule}")
+        symmetric = np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=0, atol=1e-9)
+        if not (symmetric and np.allclose(np.diag(matrix), 1, rtol=0, atol=1e-9)):
+            rule = "must be symmetric and finite, with a diagonal of 1"
+            raise InvalidInput(owner, "correlation", "", rule)
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        if not least > _DEFINITE:
+            rule = f"must be positive definite, but its smallest eigenvalue is {least:.3g}"
+            raise InvalidInput(owner, "correlation", "", rule)
+        return matrix
 
     def draw(self, z: Float[Array, " d"]) -> Structures:
         """The structures drawn by z."""
@@ -116,32 +140,3 @@ class UncertainStructures:
     def _interval(self, path: str, drawn: Mapping[str, Any]) -> tuple[Any, Any]:
         """Admissible interval of a parameter, which depends on those drawn before."""
         return interval(self.nominal, path, {**dict.fromkeys(self.uncertain), **drawn})
-
-
-def _correlations(owner: str, correlation: Any, uncertain: list[str]) -> np.ndarray:
-    """The matrix of correlations: checked, or filled with a number for parameters of one group."""
-    matrix = np.asarray(real(owner, "correlation", correlation), float)
-    n = len(uncertain)
-    if matrix.ndim == 0:
-        groups = [re.sub(r"\.\d+(?!.*\.\d)", ".*", path) for path in uncertain]
-        largest = max(groups.count(group) if "*" in group else 1 for group in groups)
-        if largest == 1:
-            rule = "must not be given: no two paths differ in their last index only"
-            raise InvalidInput(owner, "correlation", f"{matrix:.8g}", rule)
-        least = -1 / (largest - 1)
-        rule = f"above {least:.6g} and below 1, with {largest} parameters that are alike"
-        enforce(owner, [Rule("correlation", matrix, (matrix > least) & (matrix < 1), rule)])
-        same = np.array([[first == other and "*" in first for other in groups] for first in groups])
-        return np.where(np.eye(n, dtype=bool), 1.0, np.where(same, matrix, 0.0))
-    if matrix.shape != (n, n):
-        rule = f"must be a number, or of shape ({n}, {n}): {', '.join(uncertain)}"
-        raise InvalidInput(owner, "correlation", "", f"of shape {matrix.shape} {rule}")
-    symmetric = np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=0, atol=1e-9)
-    if not (symmetric and np.allclose(np.diag(matrix), 1, rtol=0, atol=1e-9)):
-        rule = "must be symmetric and finite, with a diagonal of 1"
-        raise InvalidInput(owner, "correlation", "", rule)
-    least = float(np.linalg.eigvalsh(matrix)[0])
-    if not least > _DEFINITE:
-        rule = f"must be positive definite, but its smallest eigenvalue is {least:.3g}"
-        raise InvalidInput(owner, "correlation", "", rule)
-    return matrix

@@ -78,6 +78,10 @@ class Composed:
         ranges = self._ranges()
         return tuple(start + i for part, start, _ in ranges for i in discrete_coordinates(part))
 
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """The drawn parameters, by name, in the order of z."""
+        return {name: x for drawn in self._parameters(z) for name, x in drawn.items()}
+
     def _drawn(self, z: Any) -> list[Any]:
         """Each part as drawn by its numbers of z, or itself if it is fixed."""
         return [
@@ -165,11 +169,6 @@ class Scenarios(Composed):
         draw = points(sampling, as_key(*key_numbers(owner, key)), self.dimension)
         z = jnp.asarray(np.concatenate([draw(int(i), int(i) + 1) for i in chosen.ravel()]))
         return jax.vmap(self.realize)(z) if chosen.ndim else self.realize(z[0])
-
-    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
-        """The drawn parameters, by name, in the order of z."""
-        structures, ground = self._parameters(z)
-        return structures | ground
 
 
 def structures_of(scenarios: ScenarioSet) -> Any:

@@ -88,6 +88,14 @@ class Task:
         kind, numbers = self.key
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
         versions = {"jaxpound": __version__, "jax": jax.__version__, "scipy": scipy.__version__}
+
+        def drawn(z: jax.Array) -> Any:  # its program identifies the functions
+            structures, ground = self.scenarios.realize(z)
+            measured = {name: f(structures, ground) for name, f in self.measures.items()}
+            kept = parameters(self.scenarios, z) if self.keep_parameters else {}
+            shaking = as_run(ground, self.grid, gravity_of(structures))
+            return structures, shaking, measured, kept
+
         return {
             "versions": versions,
             "precision": "float64" if self.x64 else "float32",
@@ -100,7 +108,7 @@ class Task:
             "scheme": describe(self.scheme),
             "scenarios": describe(self.scenarios),
             "measures": describe(self.measures),
-            "program": self._program_digest(),
+            "program": program_digest(drawn, self.z_type()),
         }
 
     def identified(self, identity: dict[str, Any]) -> Task:
@@ -108,18 +116,6 @@ class Task:
         program = {k: x for k, x in identity.items() if k not in ("key", "sampling", "scales")}
         fingerprint = digest(json.dumps(program).encode())
         return dataclasses.replace(self, names=tuple(identity["columns"]), fingerprint=fingerprint)
-
-    def _program_digest(self) -> str:
-        """Checksum of the programs of scenarios and measures, which identifies their functions."""
-
-        def drawn(z: jax.Array) -> Any:
-            structures, ground = self.scenarios.realize(z)
-            measured = {name: f(structures, ground) for name, f in self.measures.items()}
-            kept = parameters(self.scenarios, z) if self.keep_parameters else {}
-            shaking = as_run(ground, self.grid, gravity_of(structures))
-            return structures, shaking, measured, kept
-
-        return program_digest(drawn, self.z_type())
 
     def z_type(self) -> jax.ShapeDtypeStruct:
         """Shape and type of z."""
@@ -188,7 +184,11 @@ class Task:
         return moments(used), {} if self.folder else used
 
     def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
-        valid = {name: _is_result(name, x) for name, x in columns.items()}
+        valid = {}  # finite, or infinite without a gap or an impact
+        for name, x in columns.items():
+            place = place_of(Demand, name)
+            may_be_infinite = place is not None and place.field in ("min_gap", "first_impact_time")
+            valid[name] = np.isfinite(x) | (may_be_infinite & (x == np.inf))
         in_all = np.all([*valid.values()], axis=0)
         if in_all.all() or self.keep_failures:
             return
@@ -198,13 +198,6 @@ class Task:
         reason = reason or next(f"{name} is not finite" for name in valid if not valid[name][first])
         rule = f"fails: {reason}; keep_failures=True leaves failed runs out"
         raise InvalidInput("monte_carlo", f"scenario {rows[first]}", "", rule)
-
-
-def _is_result(name: str, x: Any) -> Any:
-    """Whether numbers can be results: finite, or infinite without a gap or an impact."""
-    place = place_of(Demand, name)
-    may_be_infinite = place is not None and place.field in ("min_gap", "first_impact_time")
-    return np.isfinite(x) | (may_be_infinite & (x == np.inf))
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:

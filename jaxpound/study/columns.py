@@ -14,8 +14,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown
 from jaxpound.ground.measure import Measure
 from jaxpound.quantities import unit
-from jaxpound.results.columns import Columnar
 from jaxpound.results.demand import Demand
+from jaxpound.results.elements import Columnar
 from jaxpound.results.named import in_words, is_demand, kind_of
 from jaxpound.study import weighting
 from jaxpound.study.statistics import Estimate, Moments, probability, quantile

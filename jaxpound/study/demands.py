@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -42,22 +42,17 @@ def doubts(owner: str, scenarios: ScenarioSet) -> list[str]:
 
 
 def unreached(
-    topology: Topology,
-    smallest: Callable[[str], float],
-    largest: Callable[[str], float],
-    *,
-    pair: bool,
-    si: bool,
+    topology: Topology, extremes: Mapping[str, tuple[float, float]], *, pair: bool, si: bool
 ) -> list[str]:
     """Findings: gaps out of proportion to the displacements of a whole study.
 
-    ``smallest`` and ``largest`` map a column's name to its extremes (of an infinite gap NaN or
+    ``extremes`` are the smallest and the largest number of each column (of an infinite gap NaN or
     infinite); ``pair`` says whether the structures call their gap ``initial_gap``.
     """
     findings = []
     for k, ends in enumerate(topology.links):
-        gap = smallest(of_link("min_gap", k, len(topology.links)))
+        gap, _ = extremes.get(of_link("min_gap", k, len(topology.links)), (np.inf, np.inf))
         if np.isfinite(gap):
-            moved = sum(largest(f"peak_x{end + 1}") for end in ends if end != GROUND)
+            moved = sum(extremes[f"peak_x{end + 1}"][1] for end in ends if end != GROUND)
             findings += far_apart("initial_gap" if pair else f"links.{k}.gap", gap, moved, si=si)
     return findings

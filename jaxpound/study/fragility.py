@@ -129,7 +129,12 @@ class Fragility(Shown):
         points = _not_negative("band", intensity)
         resampled = not self.source and self.weights is None and self.intensity.size
         if replicates is None or not resampled:
-            return self._first_order(points, confidence)
+            with np.errstate(divide="ignore"):
+                z = np.maximum(np.log(points / self.median) / self.dispersion, -_LEAST)
+            slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
+            error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
+            half = ndtri((1 + confidence) / 2) * error
+            return ndtr(z - half), ndtr(z + half)
         count("band", "replicates", replicates)
         random = np.random.default_rng(seed)
         im, k, n = self.intensity, self.pounding, self.trials
@@ -153,15 +158,6 @@ class Fragility(Shown):
         tail = (1 - confidence) / 2
         low, high = np.quantile(curves, [tail, 1 - tail], axis=0)
         return low, high
-
-    def _first_order(self, im: np.ndarray, confidence: float) -> tuple[np.ndarray, np.ndarray]:
-        """``band`` by the covariance."""
-        with np.errstate(divide="ignore"):
-            z = np.maximum(np.log(im / self.median) / self.dispersion, -_LEAST)
-        slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
-        error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
-        half = ndtri((1 + confidence) / 2) * error
-        return ndtr(z - half), ndtr(z + half)
 
     def _tables(self) -> list[TextTable]:
         runs, pounding = int(self.trials.sum()), int(self.pounding.sum())
@@ -237,7 +233,13 @@ def fit_fragility(
     ]
     enforce(owner, rules)
     k, n = k.astype(int), n.astype(int)
-    w = None if weights is None else _weights(owner, weights, im)
+    w: np.ndarray | None = None
+    if weights is not None:
+        w = np.asarray(real(owner, "weights", weights), float)
+        if w.shape != im.shape:
+            raise InvalidInput(owner, f"weights {w.shape}", "", f"must be {im.shape}, as intensity")
+        require_weights(owner, w)
+        w = w / w.mean()
     counted = np.ones(im.shape, bool) if w is None else w > 0
     z, weight = np.log(im[counted]), 1 if w is None else w[counted]
     hits, runs = k[counted], n[counted]
@@ -285,15 +287,6 @@ def _not_negative(owner: str, intensity: ArrayLike) -> np.ndarray:
     im = np.asarray(real(owner, "intensity", intensity), float)
     enforce(owner, [Rule("intensity", im, im >= 0, "not negative")])
     return im
-
-
-def _weights(owner: str, weights: ArrayLike, im: np.ndarray) -> np.ndarray:
-    """Weights of mean 1."""
-    w = np.asarray(real(owner, "weights", weights), float)
-    if w.shape != im.shape:
-        raise InvalidInput(owner, f"weights {w.shape}", "", f"must be {im.shape}, as intensity")
-    require_weights(owner, w)
-    return w / w.mean()
 
 
 def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -138,8 +138,12 @@ def monte_carlo(
     owner = "monte_carlo"
     _check(scenarios, n, grid, scheme, sampling, measures or {})
     findings = doubts(owner, scenarios)
-    scales = scales_for(owner, structures_of(scenarios), scales)
-    size = _chunk_size(chunk_size, store)
+    structures = structures_of(scenarios)
+    scales, pair = scales_for(owner, structures, scales), isinstance(structures, AdjacentStructures)
+    if chunk_size is None:  # that of an existing store
+        exists = store is not None and os.path.lexists(Path(store) / MANIFEST)
+        chunk_size = Store(store).chunk_size if store is not None and exists else _CHUNK_SIZE
+    size = count(owner, "chunk_size", chunk_size)
     task = Task(
         *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n), size),
         measures=dict(measures or {}),
@@ -150,7 +154,16 @@ def monte_carlo(
     chunks = _chunks_of_shard(shard, task, in_memory=store is None)
     identity = task.identity() | {"scales": describe(scales)}
     task = task.identified(identity)
-    _require_memory(task, len(chunks), in_memory=store is None)
+    # Its points and columns, and the moments of its columns.
+    columns_of_all, number = len(task.names), task.z_type().dtype.itemsize
+    rows = min(task.n, size)
+    require_memory(
+        owner, "samples of a chunk", rows, rows * (scenarios.dimension + columns_of_all) * number
+    )
+    if store is None:
+        require_memory(owner, "n (without a store)", task.n, task.n * columns_of_all * number)
+    moments_bytes = len(chunks) * columns_of_all * _MOMENTS_BYTES
+    require_memory(owner, "number of chunks", len(chunks), moments_bytes)
     context = _context(scenarios, notes)
 
     warn(owner, findings + of_many(task.first_grounds(), grid, in_g=True), strict)
@@ -169,7 +182,11 @@ def monte_carlo(
         for i, (chunk, outcome) in enumerate(_run(task, missing, executor)):
             moments[chunk], columns[chunk] = outcome
             if i == 0:  # warn before the other chunks are run
-                warn(owner, _unreached(moments[chunk], scenarios, context, scales), strict)
+                length = 1.0 if scales is None else float(scales.length)
+                first = moments[chunk].items()
+                ends = {x: (length * m.smallest, length * m.largest) for x, m in first}
+                of_gaps = unreached(context["topology"], ends, pair=pair, si=scales is not None)
+                warn(owner, of_gaps, strict)
             bar.update(sizes[chunk])
 
     moments, points = {chunk: moments[chunk] for chunk in chunks}, partial(task.points, chunks)
@@ -200,14 +217,6 @@ def _check(scenarios: Any, n: Any, grid: Any, scheme: Any, sampling: Any, measur
         raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
 
 
-def _chunk_size(chunk_size: Any, store: str | PathLike[str] | None) -> int:
-    """The requested size of a chunk; by default that of an existing store."""
-    if chunk_size is None:
-        exists = store is not None and os.path.lexists(Path(store) / MANIFEST)
-        chunk_size = Store(store).chunk_size if store is not None and exists else _CHUNK_SIZE
-    return count("monte_carlo", "chunk_size", chunk_size)
-
-
 def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
     """Numbers of the chunks that this process runs."""
     rule, chunks = "", range(-(-task.n // task.chunk_size))
@@ -221,16 +230,6 @@ def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
     if rule:
         raise InvalidInput("monte_carlo", "shard", repr(shard), rule)
     return chunks[shard[0] - 1 :: shard[1]]
-
-
-def _require_memory(task: Task, chunks: int, in_memory: bool) -> None:
-    """Refuse a study that exceeds the memory: its points, columns, and moments of columns."""
-    owner, number, d = "monte_carlo", task.z_type().dtype.itemsize, task.scenarios.dimension
-    size, columns = min(task.n, task.chunk_size), len(task.names)
-    require_memory(owner, "samples of a chunk", size, size * (d + columns) * number)
-    if in_memory:
-        require_memory(owner, "n (without a store)", task.n, task.n * columns * number)
-    require_memory(owner, "number of chunks", chunks, chunks * columns * _MOMENTS_BYTES)
 
 
 def _context(scenarios: ScenarioSet, notes: Any) -> dict[str, Any]:
@@ -264,20 +263,6 @@ def _context(scenarios: ScenarioSet, notes: Any) -> dict[str, Any]:
         rule = f"must be valid, but periods and damping ratios of its structures are {values}"
         raise InvalidInput(owner, "the scenario of z = 0", "", rule)
     return {"notes": notes, "oscillators": oscillators or None, "topology": topologies[0]}
-
-
-def _unreached(
-    moments: Mapping[str, Moments], scenarios: ScenarioSet, context: Any, scales: Scales | None
-) -> list[str]:
-    """Findings on gaps out of proportion to the displacements in a chunk."""
-    length = 1.0 if scales is None else float(scales.length)
-    return unreached(
-        context["topology"],
-        lambda name: length * moments[name].smallest,
-        lambda name: length * moments[name].largest,
-        pair=isinstance(structures_of(scenarios), AdjacentStructures),
-        si=scales is not None,
-    )
 
 
 def _run(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -113,30 +112,22 @@ def sobol_sensitivity(
         raise ValueError(f"{owner}: {fault}")
     if not np.ptp(demands):
         raise InvalidInput(owner, demand, f"{demands[0]:.8g}", "must vary, but does not")
-    first, total = _indices(demands.reshape(d + 2, n), names, confidence, key)
-    return Sensitivity(demand, demands.size, first, total)
 
-
-def _indices(
-    demands: np.ndarray, names: Sequence[str], confidence: float, key: int
-) -> list[dict[str, Estimate]]:
-    """First-order and total indices; rows of ``demands`` are a, b, and a with one column of b."""
     from scipy import stats  # only here: it takes a second to import
 
-    n = demands.shape[1]
-
     def indices(rows: Any) -> np.ndarray:
-        f = demands[:, rows]
+        f = demands.reshape(d + 2, n)[:, rows]
         values = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
         shares = stats.sobol_indices(func=values, n=n)
-        return np.stack([shares.first_order, shares.total_order]).reshape(2, len(names))
+        return np.stack([shares.first_order, shares.total_order]).reshape(2, d)
 
     rows, random = np.arange(n), np.random.default_rng(key)
     resampling = {"n_resamples": _REPLICATES, "vectorized": False, "method": "percentile"}
     resampling |= {"confidence_level": confidence, "rng": random}
     low, high = stats.bootstrap((rows,), indices, **resampling).confidence_interval
     values = [indices(rows), low, high, np.full_like(low, confidence)]
-    return [
+    first, total = (
         {name: Estimate(*map(float, x)) for name, x in zip(names, of_order, strict=True)}
         for of_order in np.stack(values, axis=-1)
-    ]
+    )
+    return Sensitivity(demand, demands.size, first, total)

@@ -9,13 +9,12 @@ from msgspec import inspect
 
 from jaxpound.cli.buildings import BlockSection, Damper
 from jaxpound.cli.design import DesignConfig, ObjectiveTable, SearchTable
-from jaxpound.cli.earthquakes import Earthquakes
 from jaxpound.cli.files import example
 from jaxpound.cli.montecarlo import StudyConfig
 from jaxpound.cli.reading import entries, ranges
 from jaxpound.cli.simulate import RecordSection, Simulation
 from jaxpound.cli.syntax import long_key
-from jaxpound.cli.tables import ContactSection, RunSection
+from jaxpound.cli.tables import ContactSection, Earthquakes, RunSection
 from tests.cli.commands import command_for, refusal
 
 NO_TABLE = re.sub(r"(?s)\[run\].*?\[output\]", "[output]", "run = 3\n" + example("simulate"))

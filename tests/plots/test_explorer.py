@@ -13,8 +13,7 @@ from matplotlib import style
 from PIL import Image
 
 import jaxpound as jp
-from jaxpound.plots.explorer import Explorer
-from jaxpound.plots.panels import LivePanels
+from jaxpound.plots.explorer import Explorer, LivePanels
 from jaxpound.plots.sliders import ExactSlider, even_marks, ratio_marks
 from tests.plots.runs import GRID, GROUND, LAW, SCALES, SHORT, paper_run
 from tests.plots.runs import PAIR as S

@@ -56,7 +56,14 @@ def _read_values(
     if width > 1 and (names := _names_columns(block, width)):
         rule = "there must be one of accelerations, and of times"
         raise MisreadError(names, f"the header names {width} columns: {rule}")
-    _require_no_times(full, dt)
+    for k in range(width):
+        if _rises_evenly([float(row.numbers[k]) for row in full], dt, alone=width == 1):
+            place, rule = "the only column", "it must hold accelerations"
+            if width > 1:
+                place = f"column {k + 1}"
+                rule = f"times must come with one column of values, not {width - 1}"
+            message = f"{place} rises evenly from row to row, as times or an index do: {rule}"
+            raise MisreadError(first.line, message)
     if width > 1 and len(full) >= 2 * FEW:
         table = flatten(full).reshape(-1, width)
         along, down = (np.abs(np.diff(table, axis=axis)).mean() for axis in (1, 0))
@@ -68,20 +75,6 @@ def _read_values(
         rule = "must be a value, and not the number of those that follow"
         raise MisreadError(first.line, f"{first.numbers[0]} {rule}")
     return samples, float(dt)
-
-
-def _require_no_times(rows: list[ValueRow], dt: float) -> None:
-    """Refuse rows one of whose columns is times or an index."""
-    width = len(rows[0].numbers)
-    for k in range(width):
-        if _rises_evenly([float(row.numbers[k]) for row in rows], dt, alone=width == 1):
-            if width == 1:
-                place, rule = "the only column", "it must hold accelerations"
-            else:
-                place = f"column {k + 1}"
-                rule = f"times must come with one column of values, not {width - 1}"
-            message = f"{place} rises evenly from row to row, as times or an index do: {rule}"
-            raise MisreadError(rows[0].line, message)
 
 
 def _rises_evenly(column: list[float], dt: float, *, alone: bool) -> bool:

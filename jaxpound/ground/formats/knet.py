@@ -39,7 +39,13 @@ def read(file: TextFile, _dt: float | None, notes: list[str]) -> printed.Values:
     counts = printed.flatten(rows)
     stated = f"{rate:g} Hz for {duration:g} s, {rate * duration:.12g},"
     printed.require_count(at_time, stated, round(rate * duration), len(counts))
-    _require_aligned_end(rows, lines)
+    texts = {line.number: line.text for line in lines}
+    ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]
+    last = len(ends[-1]) - 1
+    column = {row[last] for row in ends[:-1] if len(row) > last}
+    if len(column) == 1 and len(ends) > 2 and ends[-1][last] not in column:
+        message = f"{rows[-1].numbers[-1]} must end below the counts ahead of it: the file is cut"
+        raise MisreadError(rows[-1].line, message)
     samples = (counts - counts.mean()) * (gal / per_counts)
     largest = float(np.abs(samples).max())
     if abs(largest - peak) > float(printed.print_rounding([peak_text])[0]) + gal / per_counts:
@@ -63,14 +69,3 @@ def _field(
                 raise MisreadError(line, f"{name} = {shown(value)} {rule}")
             return line, value, numbers
     raise MisreadError(None, f"a K-NET header must state {name}")
-
-
-def _require_aligned_end(rows: list[printed.ValueRow], lines: Sequence[TextLine]) -> None:
-    """Refuse a cut inside the last count, which then ends ahead of the column above it."""
-    texts = {line.number: line.text for line in lines}
-    ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]
-    last = len(ends[-1]) - 1
-    column = {row[last] for row in ends[:-1] if len(row) > last}
-    if len(column) == 1 and len(ends) > 2 and ends[-1][last] not in column:
-        message = f"{rows[-1].numbers[-1]} must end below the counts ahead of it: the file is cut"
-        raise MisreadError(rows[-1].line, message)

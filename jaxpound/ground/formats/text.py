@@ -85,7 +85,15 @@ def read_file(file: Path) -> TextFile:
     if len(data) > _MOST_BYTES:
         most, size = _MOST_BYTES / 1e6, max(len(data), status.st_size) / 1e6
         raise MisreadError(None, f"must have at most {most:.0f} MB of text, not {size:.4g} MB")
-    _require_few(data)
+    # Before the text is split: a number begins behind a separator, or with its sign behind a digit
+    # or point of another one.
+    n_lines = np.count_nonzero(_among(data[1:], b"\r\n") & ~_among(data[:-1], b"\r\n"))
+    between = _among(data, b" \t\r\n,;")
+    numbers = np.count_nonzero(between[:-1] & ~between[1:])
+    numbers += np.count_nonzero(_among(data[:-1], b"0123456789.") & _among(data[1:], b"+-"))
+    for name, n, limit in (("lines", n_lines, _MOST_LINES), ("numbers", numbers, _MOST_NUMBERS)):
+        if n > limit:
+            raise MisreadError(None, f"must have at most {limit:,} {name}, not {n:,}")
     data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a")  # the end-of-file mark of DOS
     if re.search(rb"[\x00-\x08\x0e-\x1f]", data):
         raise MisreadError(None, "must be plain text, not a binary or UTF-16 file")
@@ -98,18 +106,6 @@ def read_file(file: Path) -> TextFile:
     if not lines:
         raise MisreadError(None, "is empty: it must hold rows of numbers")
     return TextFile(lines, data.endswith((b"\n", b"\r")))
-
-
-def _require_few(data: bytes) -> None:
-    """Refuse a text of too many lines, or too many words and numbers, before it is split."""
-    lines = np.count_nonzero(_among(data[1:], b"\r\n") & ~_among(data[:-1], b"\r\n"))
-    # A number begins behind a separator, or with its sign behind a digit or point of another one.
-    between = _among(data, b" \t\r\n,;")
-    numbers = np.count_nonzero(between[:-1] & ~between[1:])
-    numbers += np.count_nonzero(_among(data[:-1], b"0123456789.") & _among(data[1:], b"+-"))
-    for name, n, most in (("lines", lines, _MOST_LINES), ("numbers", numbers, _MOST_NUMBERS)):
-        if n > most:
-            raise MisreadError(None, f"must have at most {most:,} {name}, not {n:,}")
 
 
 def _among(data: bytes, signs: bytes) -> NDArray[np.bool_]:
