@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import jaxpound as jp
 from jaxpound.simulation.coulomb import _events, _outcome, slip_stick
 from jaxpound.simulation.friction import LinkStep, _creep
+from tests.refusals import refusals
 
 H = 0.1
 moderate = st.floats(-2, 2).map(lambda x: round(x, 3))
@@ -63,6 +64,10 @@ def brute_force(w, a, a_last, rho, mu, n=4000):
 @example({"w": 0.02, "a": 0.98, "a_last": 0.0, "rho": 1.0, "mu": 0.6})  # stops, then breaks away
 def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
     slip = slide(jp.EventResolved(), **case)
+    # Friction opposes slip and stays within its bound.
+    assert abs(slip.force) <= case["mu"] * (1 + 1e-15)
+    assert abs(slip.mean_force) <= case["mu"] + 1e-12
+    assert slip.force * slip.velocity_now >= 0
     path = brute_force(**case)
     # The law follows slip, stick and slip again: more than that in one step is not resolved.
     directions = [sign for sign, _ in groupby(np.sign(path[1:])) if sign]
@@ -76,21 +81,16 @@ def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
 
 
 @given(step)
-def test_friction_opposes_slip_and_stays_within_its_bound(case):
-    slip = slide(jp.EventResolved(), **case)
-    assert abs(slip.force) <= case["mu"] * (1 + 1e-15)
-    assert abs(slip.mean_force) <= case["mu"] + 1e-12
-    assert slip.force * slip.velocity_now >= 0
-
-
-@given(step)
-def test_mirrored_motion_gives_mirrored_friction(case):
+def test_steps_are_mirrored_and_those_of_a_vanishing_width_stick_where_coulomb_s_law_does(case):
     mirrored = {**case, "w": -case["w"], "a": -case["a"], "a_last": -case["a_last"]}
     for law in (jp.EventResolved(), jp.Smoothed(0.05)):
-        one, other = slide(law, **case), slide(law, **mirrored)
+        slip, other = slide(law, **case), slide(law, **mirrored)
         for name in ("velocity", "mean_force", "force", "velocity_now", "jump", "phase"):
-            np.testing.assert_allclose(getattr(one, name), -getattr(other, name), atol=1e-15)
-        np.testing.assert_allclose(one.turn_time, other.turn_time, atol=1e-15)
+            np.testing.assert_allclose(getattr(slip, name), -getattr(other, name), atol=1e-15)
+        np.testing.assert_allclose(slip.turn_time, other.turn_time, atol=1e-15)
+    slip = slide(jp.Smoothed(1e-300), **{**case, "w": 0.0})
+    holds = abs(case["a"]) <= (1 + case["rho"]) * case["mu"]
+    assert holds == (abs(slip.velocity) < 1e-12)
 
 
 @given(step, st.integers(0, 3))
@@ -108,15 +108,11 @@ def test_velocity_is_continuous_across_all_cases(case, which):
 @example({"w": 0.0, "a": 0.5, "a_last": 0.5, "rho": 1.0, "mu": 0.0})
 @example({"w": 0.0, "a": 1.0, "a_last": 1.0, "rho": 1.0, "mu": 0.5})
 @example({"w": 0.1, "a": -1.0, "a_last": -1.0, "rho": 1.0, "mu": 0.0})
-def test_derivatives_are_finite_in_every_case(case):
+def test_derivatives_are_finite_in_every_case_and_those_of_the_velocity_central_differences(case):
     for law in (jp.EventResolved(), jp.Switching(), jp.Smoothed(1e-3), jp.Smoothed(1e-300)):
         for jacobian in jacobians(law, case):
             for name, slope in jacobian.items():
                 assert np.isfinite(slope).all(), (law, name, slope)
-
-
-@given(step)
-def test_derivative_of_the_velocity_against_a_central_difference(case):
     law = jp.EventResolved()
     slopes = {name: slope[0] for name, slope in jacobians(law, case)[0].items()}
     # In stick w is the constant 0, and has no derivative.
@@ -129,18 +125,15 @@ def test_derivative_of_the_velocity_against_a_central_difference(case):
 
 
 def test_switching_follows_the_paper_s_table():
-    law, h = jp.Switching(), H
-    held = slide(law, w=0.0, a=0.4, a_last=0.0, rho=1.0, mu=0.25, phase=0.0)
-    assert (held.phase, held.force, held.velocity) == (0, 0.2, 0)
-    breaks = slide(law, w=0.0, a=-0.8, a_last=0.0, rho=1.0, mu=0.25, phase=0.0)
-    assert (breaks.phase, breaks.force) == (-1, -0.25)
-    assert breaks.velocity == pytest.approx(h * (-0.8 + 0.5))
-    slides = slide(law, w=0.3, a=-9.0, a_last=0.0, rho=1.0, mu=0.25, phase=1.0)
-    assert (slides.phase, slides.force) == (1, 0.25)
-    stops = slide(law, w=-0.01, a=0.4, a_last=0.0, rho=1.0, mu=0.25, phase=1.0)
-    assert (stops.phase, stops.force, stops.velocity) == (0, 0.2, 0)
-    turns = slide(law, w=-0.01, a=-2.0, a_last=0.0, rho=1.0, mu=0.25, phase=1.0)
-    assert (turns.phase, turns.force) == (-1, -0.25)
+    def after(w, a, phase):
+        slip = slide(jp.Switching(), w=w, a=a, a_last=0.0, rho=1.0, mu=0.25, phase=phase)
+        return slip.phase, slip.force, slip.velocity
+
+    assert after(0.0, 0.4, 0.0) == (0, 0.2, 0)  # is held
+    assert after(0.0, -0.8, 0.0) == (-1, -0.25, pytest.approx(H * (-0.8 + 0.5)))  # breaks away
+    assert after(0.3, -9.0, 1.0)[:2] == (1, 0.25)  # slides
+    assert after(-0.01, 0.4, 1.0) == (0, 0.2, 0)  # stops
+    assert after(-0.01, -2.0, 1.0)[:2] == (-1, -0.25)  # turns
 
 
 creep = jax.jit(_creep)
@@ -165,23 +158,17 @@ def test_the_creep_equation_is_solved_at_every_width(push, brake, width):
 
 def test_creep_differentiates_by_the_implicit_function_theorem_to_second_order():
     point = (0.7, 0.5, 0.3)
-    first = [jax.jit(jax.grad(_creep, argnums=i)) for i in range(3)]
-    second = jax.jit(jax.grad(jax.grad(_creep)))
+    first, second = jax.jit(jax.grad(_creep, (0, 1, 2))), jax.jit(jax.grad(jax.grad(_creep)))
     h = 1e-5
-    for i in range(3):
-        up, down = (tuple(x + d * (i == j) for j, x in enumerate(point)) for d in (h, -h))
-        difference = float(creep(*up) - creep(*down)) / (2 * h)
-        assert first[i](*point) == pytest.approx(difference, rel=1e-8)
-    up, down = (0.7 + h, 0.5, 0.3), (0.7 - h, 0.5, 0.3)
-    difference = float(first[0](*up) - first[0](*down)) / (2 * h)
-    assert second(*point) == pytest.approx(difference, rel=1e-7)
 
+    def difference(function, i):
+        up, down = (function(*np.add(point, d * np.eye(3)[i])) for d in (h, -h))
+        return float(up - down) / (2 * h)
 
-@given(step)
-def test_a_vanishing_width_sticks_where_coulomb_s_law_sticks(case):
-    slip = slide(jp.Smoothed(1e-300), **{**case, "w": 0.0})
-    holds = abs(case["a"]) <= (1 + case["rho"]) * case["mu"]
-    assert holds == (abs(slip.velocity) < 1e-12)
+    slopes = [difference(creep, i) for i in range(3)]
+    assert [float(slope) for slope in first(*point)] == pytest.approx(slopes, rel=1e-8)
+    bend = difference(lambda *x: first(*x)[0], 0)
+    assert second(*point) == pytest.approx(bend, rel=1e-7)
 
 
 def test_no_width_is_unstable():
@@ -196,51 +183,50 @@ def test_no_width_is_unstable():
         assert np.min(path) >= min(0.0, rest) - 0.02
 
 
-@pytest.mark.parametrize("velocity", [0.0, -1.0, float("nan"), float("inf")])
-def test_smoothed_friction_needs_a_positive_width(velocity):
-    with pytest.raises(ValueError, match=f"Smoothed: velocity = {velocity:g} must be positive"):
-        jp.Smoothed(velocity)
+test_smoothed_friction_needs_a_positive_width = refusals(
+    *((x, f"Smoothed: velocity = {x:g} must be positive") for x in (0.0, -1.0, np.nan, np.inf)),
+    of=jp.Smoothed,
+)
+
+
+def formulas(*x):
+    return _outcome(_events(*x), x[-1])
+
+
+def derivatives(step, *modes):
+    """Of a step's outcome, the inner mode first, as a program of a batch of points."""
+
+    def function(x):
+        return jnp.stack(step(*x, H))
+
+    for mode in modes:
+        function = mode(function)
+    return jax.jit(jax.vmap(function))
 
 
 def test_the_step_s_derivatives_are_those_of_its_own_formulas():
-    """The derivatives written out, in both modes, against plain forward differentiation."""
-    random = np.random.default_rng(3)
-    n = 4000
+    """Written out, in both modes and to second order, against plain forward differentiation."""
+    random, n = np.random.default_rng(3), 4000
     w = random.normal(size=n) * 0.03 * (random.random(n) < 0.8)
     pull, hold = random.normal(size=n), np.abs(random.normal(size=n)) * (random.random(n) < 0.9)
     rise = random.normal(size=n) * random.choice([0.01, 1.0, 5.0], n)
     points = np.stack([w, pull, rise, hold], -1)
-
-    def formulas(*x):
-        return _outcome(_events(*x, H), H)
-
-    def jacobian(step, mode):
-        return jax.jit(jax.vmap(mode(lambda x: jnp.stack(step(*x)))))(points)
-
     e = jax.vmap(lambda *x: _events(*x, H))(*points.T)
     plain_slip, reverses, rests = ~e.stops, e.stops & ~e.sticks, e.sticks & ~e.breaks
     for case in (plain_slip, reverses, rests, e.breaks, e.stuck, ~e.slips_first, e.hold == 0):
         assert case.sum() > 50
-    plain = jacobian(formulas, jax.jacfwd)
+    plain = derivatives(formulas, jax.jacfwd)(points)
     assert np.isfinite(plain).all()
     for mode in (jax.jacfwd, jax.jacrev):
-        written_out = jacobian(lambda *x: slip_stick(*x, H), mode)
+        slopes = derivatives(slip_stick, mode)(points)
         # Stops at once (θ near 0) cost the plain derivatives their last digits.
-        np.testing.assert_allclose(written_out, plain, rtol=1e-8, atol=1e-8)
-        np.testing.assert_allclose(np.median(np.abs(written_out - plain), 0), 0, atol=1e-15)
-
-
-def test_second_derivatives_of_the_step_are_those_of_its_own_formulas():
-    random = np.random.default_rng(5)
-    n = 1000
-    points = np.stack([*random.normal(size=(3, n)), np.abs(random.normal(size=n))], -1)
+        np.testing.assert_allclose(slopes, plain, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(np.median(np.abs(slopes - plain), 0), 0, atol=1e-15)
+    # Second derivatives.
+    points = np.stack([*random.normal(size=(3, 1000)), np.abs(random.normal(size=1000))], -1)
     points[:, 0] *= 0.03
-
-    def hessian(outer, inner, step):
-        return jax.jit(jax.vmap(outer(inner(lambda x: jnp.stack(step(*x))))))(points)
-
-    plain = hessian(jax.jacfwd, jax.jacfwd, lambda *x: _outcome(_events(*x, H), H))
+    plain = derivatives(formulas, jax.jacfwd, jax.jacfwd)(points)
     assert np.abs(plain).max() > 1
     for inner in (jax.jacfwd, jax.jacrev):
-        found = hessian(jax.jacfwd, inner, lambda *x: slip_stick(*x, H))
-        np.testing.assert_allclose(found, plain, rtol=1e-6, atol=1e-6)
+        bends = derivatives(slip_stick, inner, jax.jacfwd)(points)
+        np.testing.assert_allclose(bends, plain, rtol=1e-6, atol=1e-6)

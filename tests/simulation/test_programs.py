@@ -4,6 +4,7 @@ import logging
 import os
 import time
 import warnings
+from functools import reduce
 from pathlib import Path
 
 import jax
@@ -44,33 +45,30 @@ def compile_anew():
     }
 
 
-@pytest.mark.parametrize("damage", ["empty", "cut", "flipped"])
-def test_a_damaged_entry_is_replaced_and_nobody_is_warned(tmp_path, damage):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda entry: entry,
+        lambda entry: b"",
+        lambda entry: entry[: len(entry) // 2],
+        lambda entry: entry[:-20] + bytes([entry[-20] ^ 1]) + entry[-19:],
+    ],
+    ids=["none", "empty", "cut", "flipped"],
+)
+def test_an_entry_serves_the_next_process_and_a_damaged_one_is_replaced(tmp_path, damage):
     jp.keep_programs(tmp_path)
     (path,) = (whole := compile_anew())
-    entry = whole[path]
-    changed = {
-        "empty": b"",
-        "cut": entry[: len(entry) // 2],
-        "flipped": entry[:-20] + bytes([entry[-20] ^ 1]) + entry[-19:],
-    }[damage]
-    path.write_bytes(changed)
+    path.write_bytes(damage(whole[path]))
+    before = path.stat().st_mtime_ns
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         jp.keep_programs(tmp_path)
         again = compile_anew()
     assert again.keys() == {path}
-    assert abs(len(again[path]) - len(entry)) < 100  # the time that it took to compile is in it
-
-
-def test_a_whole_entry_serves_the_next_process(tmp_path):
-    jp.keep_programs(tmp_path)
-    whole = compile_anew()
-    jp.keep_programs(tmp_path)
-    (path,) = whole
-    before = path.stat().st_mtime_ns
-    assert compile_anew() == whole
-    assert path.stat().st_mtime_ns == before
+    assert abs(len(again[path]) - len(whole[path])) < 100  # the time of compilation is in it
+    if damage(whole[path]) == whole[path]:
+        assert again == whole
+        assert path.stat().st_mtime_ns == before
 
 
 def test_only_entries_are_removed_and_those_first_that_were_used_longest_ago(tmp_path, monkeypatch):
@@ -88,9 +86,6 @@ def test_only_entries_are_removed_and_those_first_that_were_used_longest_ago(tmp
     jp.keep_programs(tmp_path)
     assert {path: path.read_bytes() for path in others} == mine
     assert [name for name in names if (folder / name).exists()] == names[2:]
-
-
-# --- whose folder ---------------------------------------------------------------------------------
 
 
 @posix
@@ -130,24 +125,19 @@ def test_a_folder_that_others_may_write_to_is_refused(tmp_path, below, mode):
 
 
 @posix
-def test_a_folder_below_one_that_others_may_write_to_is_refused_unless_it_is_sticky(tmp_path):
+def test_a_folder_below_one_for_all_is_refused_unless_it_is_sticky_and_a_link_in_its_place(
+    tmp_path,
+):
     caches = tmp_path / "of all" / "mine" / "caches"
     caches.mkdir(parents=True)
     caches.parents[1].chmod(0o777)
     with pytest.warns(UserWarning, match="run chmod go-w '.*/of all'; compiled programs are not"):
         assert jp.keep_programs(caches) is None
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "jaxpound").symlink_to(tmp_path / "elsewhere")
+    assert refused(tmp_path) == tmp_path / "jaxpound"
     caches.parents[1].chmod(0o1777)
     assert jp.keep_programs(caches) == caches / "jaxpound" / "programs"
-
-
-def test_a_user_without_a_home_keeps_no_programs(monkeypatch):
-    def home():
-        raise RuntimeError("Could not determine home directory.")
-
-    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(Path, "home", home)
-    assert jp.keep_programs() is None
 
 
 @posix
@@ -162,22 +152,22 @@ def test_folders_of_others_in_a_folder_for_all_are_refused(tmp_path, monkeypatch
     assert refused(tmp_path) == (tmp_path if user else folder.parent)
 
 
-@posix
-def test_a_link_in_the_place_of_the_folder_is_refused(tmp_path):
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "jaxpound").symlink_to(tmp_path / "elsewhere")
-    assert refused(tmp_path) == tmp_path / "jaxpound"
-
-
-def test_a_folder_that_cannot_be_made_is_told_if_it_was_asked_for(tmp_path, monkeypatch):
+def test_the_environment_names_the_folder_and_without_one_nothing_is_kept(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     with pytest.warns(UserWarning, match=r"keep_programs: .*file.*; compiled programs are not kep"):
         assert jp.keep_programs(tmp_path / "file") is None
-    monkeypatch.setattr(programs, "_user_folder", lambda: tmp_path / "file")
-    assert jp.keep_programs() is None
+    with monkeypatch.context() as patch:
+        patch.setattr(programs, "_user_folder", lambda: tmp_path / "file")
+        assert jp.keep_programs() is None
 
+    def home():
+        raise RuntimeError("Could not determine home directory.")
 
-def test_the_environment_names_the_folder_or_none(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+            patch.delenv(name, raising=False)
+        patch.setattr(Path, "home", home)
+        assert jp.keep_programs() is None
     monkeypatch.setenv("JAXPOUND_CACHE", "off")
     assert jp.keep_programs() is None
     monkeypatch.setenv("JAXPOUND_CACHE", str(tmp_path))
@@ -205,36 +195,25 @@ def test_the_command_line_goes_on_without_a_folder_that_it_refuses(tmp_path, mon
     assert os.environ["TF_CPP_MIN_LOG_LEVEL"] == "3"  # no alarm of XLA's at a long compilation
 
 
-# --- the note -------------------------------------------------------------------------------------
+def test_a_long_compilation_is_noted_in_one_line_and_a_short_one_is_not(monkeypatch, caplog):
+    def notes():
+        return [text for name, _, text in caplog.record_tuples if name == "jaxpound"]
 
-
-@pytest.fixture
-def notes(monkeypatch, caplog):
-    """The lines of the note, which comes soon."""
-    monkeypatch.setattr(programs, "AFTER", 0.01)
-    programs.note_long_compilations()
-    return lambda: [text for name, _, text in caplog.record_tuples if name == "jaxpound"]
-
-
-def test_a_long_compilation_is_noted_in_one_line(notes):
     def slow(x):
-        for k in range(60):
-            x = jax.lax.sort(jax.numpy.sin(x * k))
-        return x
+        return reduce(lambda x, k: jax.lax.sort(jax.numpy.sin(x * k)), range(60), x)
 
-    x = jax.block_until_ready(jax.numpy.arange(3.0))
-    before = len(notes())
-    jax.jit(slow)(x)
-    (line,) = notes()[before:]
-    assert line.startswith("jaxpound: compiling a program, for 0.01 s so far;")
-
-
-def test_a_short_compilation_is_not_noted(notes, monkeypatch):
     monkeypatch.setattr(programs, "AFTER", 0.2)
+    programs.note_long_compilations()
     jax.monitoring.record_scalar(programs._COMPILING, time.time(), fun_name="f")
     jax.monitoring.record_event_duration_secs(programs._COMPILING, 0.0)
     time.sleep(0.3)
     assert notes() == []
+    x = jax.block_until_ready(jax.numpy.arange(3.0))
+    monkeypatch.setattr(programs, "AFTER", 0.01)
+    before = len(notes())
+    jax.jit(slow)(x)
+    (line,) = notes()[before:]
+    assert line.startswith("jaxpound: compiling a program, for 0.01 s so far;")
 
 
 def test_runs_see_to_the_note(monkeypatch):

@@ -11,27 +11,22 @@ from jaxpound.simulation.tally import Peak
 
 
 def peak(samples, dtype=np.float64):
-    found = Peak(*[jnp.zeros((), dtype)] * 3)
+    tally = Peak(*[jnp.zeros((), dtype)] * 3)
     for sample in jnp.asarray(samples, dtype):
-        found = found.observe(sample)
-    return found.largest
+        tally = tally.observe(sample)
+    return tally.largest
 
 
-@pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(
     ("samples", "largest"),
     [
-        ([0, 1, 1, 0], 1.125),
-        ([0, 1, 1 - 1e-9, 0], 1.125),
-        ([0, 1 - 1e-9, 1, 0], 1.125),
-        ([0, 1, 0], 1.0),
-        ([0, 3, 4, 3, 0], 4.0),
-        ([0, 0, 0, 1, 2], 2.0),
-        ([0, 0, 0], 0.0),
+        *((values, 1.125) for values in ([0, 1, 1, 0], [0, 1, 1 - 1e-9, 0], [0, 1 - 1e-9, 1, 0])),
+        *(([0, 1, 0], 1.0), ([0, 3, 4, 3, 0], 4.0), ([0, 0, 0, 1, 2], 2.0), ([0, 0, 0], 0.0)),
     ],
 )
-def test_the_vertex_of_a_parabola_is_found_also_where_two_samples_tie(samples, largest, sign):
-    assert float(peak(sign * np.array(samples, float))) == pytest.approx(largest, abs=1e-8)
+def test_the_vertex_of_a_parabola_is_found_also_where_two_samples_tie(samples, largest):
+    for sign in (1, -1):
+        assert float(peak(sign * np.array(samples, float))) == pytest.approx(largest, abs=1e-8)
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.5, 3.0))
@@ -40,19 +35,15 @@ def test_the_peak_of_a_parabola_is_exact_wherever_it_lies(place, height):
     assert float(peak(height * (25 - (t - place) ** 2))) == pytest.approx(25 * height, rel=1e-12)
 
 
-def test_float32_samples_that_tie_by_rounding_have_the_peak_of_the_curve():
+def test_where_samples_tie_by_rounding_peak_and_slope_are_those_of_the_curve():
     t = np.arange(-10, 11) * 1e-4
     for shift in (0.0, 4e-5, 5e-5):
         samples = (0.3 + np.cos(3 * (t - shift))).astype(np.float32)
         assert (np.diff(samples) == 0).any()
         assert float(peak(samples, np.float32)) == pytest.approx(1.3, abs=4e-7)
-
-
-def test_the_peak_s_slope_is_the_curve_s_where_samples_tie():
-    def largest(height):
-        return peak([height * (25 - (t - 0.5) ** 2) for t in range(-3, 5)])
-
-    assert float(jax.grad(largest)(2.0)) == pytest.approx(25, rel=1e-12)
+    t = np.arange(-3, 5) - 0.5
+    slope = jax.grad(lambda height: peak(height * (25 - t**2)))(2.0)
+    assert float(slope) == pytest.approx(25, rel=1e-12)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
