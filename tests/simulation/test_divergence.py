@@ -1,6 +1,5 @@
 """The growth of small changes: against finite differences and an independent reference."""
 
-import functools
 from dataclasses import replace
 
 import jax
@@ -9,54 +8,43 @@ import pytest
 
 import jaxpound as jp
 from tests.reference import load
-from tests.simulation.pairs import DIFFERENTIATED, FORCES, GRID, growth, law, pair, run
+from tests.refusals import refused
+from tests.simulation.pairs import DIFFERENTIATED, FORCES, GRID, growth, law, run
+from tests.simulation.test_contact import ground_of, system_of
 
-STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 CASES = load("contact")["sensitive"]
 STEP = 1e-7  # of the gap, for differences
 
 
 def of_reference(name, contact, more=0.0):
     """One of the reference's long, stiff, lightly damped pairs, with more gap."""
-    system = CASES[name]["system"]
-    (link,) = system["links"]
-    return pair(
-        masses=tuple(system["m"]),
-        materials=[jp.ZenerRod(rod["order"], rod["tf"], rod["tx"]) for rod in system["rods"]],
-        stiffnesses=[rod["K"] for rod in system["rods"]],
-        friction=link["mu"],
-        gap=link["gap0"] + more,
-        contact=contact,
-    )
+    system = system_of(CASES[name])
+    (link,) = system.links
+    return replace(system, links=(replace(link, gap=link.gap + more, contact=contact),))
 
 
-def single(batch, i):
-    return jax.tree.map(lambda x: x[i], batch)
-
-
-@functools.cache
-def compared(names):
+@pytest.fixture(
+    scope="module", params=[("newton", "newton_fast"), ("kelvin_clip",)], ids=["newton", "kelvin"]
+)
+def sensitive(request):
     """By name the growth, and the runs with the gap as it is, a little wider and narrower."""
+    names = request.param
     kind = CASES[names[0]]["system"]["links"][0]
     laws = [law(kind["law"], kind["k"], kind["e"], among) for among in (FORCES, DIFFERENTIATED)]
-    grounds = [
-        jp.Ricker(shaking["u0"], shaking["tp"], shaking["ts"])
-        for shaking in (CASES[name]["ricker"] for name in names)
-    ]
+    grounds = [ground_of(CASES[name]) for name in names]
     changes = (0.0, STEP, -STEP)
     systems = [of_reference(name, laws[0], more) for more in changes for name in names]
     runs = run(systems, grounds * 3)
-    found = growth([of_reference(name, laws[1]) for name in names], grounds)
+    growths = growth([of_reference(name, laws[1]) for name in names], grounds)
     n = len(names)
+
+    def of_lane(batch, i):
+        return jax.tree.map(lambda x: x[i], batch)
+
     return {
-        name: (single(found, i), [runs[i + n * k] for k in range(3)])
+        name: (of_lane(growths, i), [of_lane(runs, i + n * k) for k in range(3)])
         for i, name in enumerate(names)
     }
-
-
-@pytest.fixture(params=[("newton", "newton_fast"), ("kelvin_clip",)], ids=lambda x: x[0])
-def sensitive(request):
-    return compared(request.param)
 
 
 def instants(name):
@@ -68,84 +56,76 @@ def instants(name):
     return places, np.array(case["x"])[:, good], np.array(case["growth"])[good]
 
 
-def state(found):
-    return np.stack([found.x1, found.x2, found.v1, found.v2])
+def state(response):
+    return np.stack([response.x1, response.x2, response.v1, response.v2])
 
 
-def test_growth_is_that_of_the_runs_of_neighbouring_gaps(sensitive):
-    for found, (_, wider, narrower) in sensitive.values():
-        change = np.linalg.norm(state(wider) - state(narrower), axis=0) / (2 * STEP)
-        so_far = np.maximum.accumulate(found.factor)
+def change_of(wider, narrower):
+    return (state(wider) - state(narrower)) / (2 * STEP)
+
+
+def test_growth_and_horizon_are_those_of_the_runs_of_neighbouring_gaps(sensitive):
+    for grown, (_, wider, narrower) in sensitive.values():
+        change = np.linalg.norm(change_of(wider, narrower), axis=0)
+        so_far = np.maximum.accumulate(grown.factor)
         # Later the change is no longer small.
-        early = found.time <= 40
-        assert (np.abs(change - found.factor) < 6e-4 * np.maximum(so_far, 1))[early].all()
+        early = grown.time <= 40
+        assert (np.abs(change - grown.factor) < 6e-4 * np.maximum(so_far, 1))[early].all()
         touched = int(np.argmax(wider.links[0].touching > 0))
         assert touched > 50
-        assert (found.factor[: touched - 1] == 0).all()
-        assert found.end == found.factor[-1] > 100
+        assert (grown.factor[: touched - 1] == 0).all()
+        assert grown.end == grown.factor[-1] > 100
+        # The horizon is where the error is as large as is allowed.
+        horizon = float(grown.horizon(1e-3, share=0.1))
+        i = round(horizon / GRID.dt)
+        error, allowed = 1e-3 * grown.factor, 0.1 * grown.motion
+        assert error[i] > allowed[i]
+        assert (error[:i] <= allowed[:i]).all()
+        assert grown.horizon(1e-4, share=0.1) > horizon
+        assert grown.horizon(1e-12) == np.inf
 
 
-def test_growth_is_that_of_an_independent_reference(sensitive):
-    """As long as the run itself is the reference's, to .02."""
-    for name, (_, (one, wider, narrower)) in sensitive.items():
+def test_growth_and_errors_are_those_of_an_independent_reference(sensitive):
+    """The growth as long as the run itself is the reference's, to .02.
+
+    Errors grow from the scheme's own, of a few 1e-4, until nothing is left of the trajectory.
+    """
+    for name, (grown, (response, wider, narrower)) in sensitive.items():
         places, x, expected = instants(name)
-        errors = np.abs(state(one)[:2, places] - x).max(0)
-        change = np.abs(state(wider) - state(narrower))[:2].max(0) / (2 * STEP)
+        errors = np.abs(state(response)[:2, places] - x).max(0)
+        change = np.abs(change_of(wider, narrower))[:2].max(0)
         same = (np.maximum.accumulate(errors) < 0.02) & (expected > 0)
         assert same.sum() >= 7
         np.testing.assert_allclose(change[places][same], expected[same], rtol=0.25)
-
-
-def test_errors_grow_as_the_growth_says(sensitive):
-    """From the scheme's own error, of a few 1e-4, until nothing is left of the trajectory."""
-    for name, (found, (one, *_)) in sensitive.items():
-        places, x, _ = instants(name)
-        errors = np.abs(state(one)[:2, places] - x).max(0)
-        so_far = np.maximum(np.maximum.accumulate(found.factor), 1)[places]
+        so_far = np.maximum(np.maximum.accumulate(grown.factor), 1)[places]
         assert (errors < 2e-3 * so_far).all()
         assert errors.max() > 0.1
 
 
-def test_the_horizon_is_where_the_error_is_as_large_as_is_allowed(sensitive):
-    for found, _ in sensitive.values():
-        horizon = float(found.horizon(1e-3, share=0.1))
-        i = round(horizon / GRID.dt)
-        error, allowed = 1e-3 * found.factor, 0.1 * found.motion
-        assert error[i] > allowed[i]
-        assert (error[:i] <= allowed[:i]).all()
-        assert found.horizon(1e-4, share=0.1) > horizon
-        assert found.horizon(1e-12) == np.inf
+STEEL, LAW = jp.ZenerRod(0.5, 0.01, 0.05), jp.Newton(0.6)
+ROW = jp.System(
+    masses=(1.0, 1.0, 1.0),
+    rods=tuple(jp.Rod(STEEL, k, (i, jp.GROUND)) for i, k in enumerate((1.0, 2.0, 0.5))),
+    links=tuple(jp.Link(ends, gap=0.1, contact=LAW) for ends in ((0, 1), (1, 2))),
+)
 
 
-@pytest.fixture(scope="module")
-def row():
-    rods = tuple(jp.Rod(STEEL, k, (i, jp.GROUND)) for i, k in enumerate((1.0, 2.0, 0.5)))
-    law = jp.Newton(0.6)
-    links = (jp.Link((0, 1), gap=0.1, contact=law), jp.Link((1, 2), gap=0.1, contact=law))
-    return jp.System((1.0, 1.0, 1.0), rods, links)
+def test_of_several_links_it_is_the_largest_singular_value():
+    ground, grid, step = jp.paper.ground(), jp.TimeGrid.until(8.0, 0.05), 1e-6
 
+    def end(gaps):
+        links = tuple(replace(link, gap=gap) for link, gap in zip(ROW.links, gaps, strict=True))
+        masses = jp.simulate(replace(ROW, links=links), ground, grid).masses
+        return np.array([mass.x[-1] for mass in masses] + [mass.v[-1] for mass in masses])
 
-def test_of_several_links_it_is_the_largest_singular_value(row):
-    grid, step = jp.TimeGrid.until(8.0, 0.05), 1e-6
-
-    def end(*gaps):
-        links = tuple(replace(link, gap=gap) for link, gap in zip(row.links, gaps, strict=True))
-        run = jp.simulate(replace(row, links=links), jp.paper.ground(), grid)
-        return np.array([m.x[-1] for m in run.masses] + [m.v[-1] for m in run.masses])
-
-    by_gap = [
-        (end(*(0.1 + step * direction)) - end(*(0.1 - step * direction))) / (2 * step)
-        for direction in np.eye(2)
-    ]
+    by_gap = [(end(0.1 + change) - end(0.1 - change)) / (2 * step) for change in step * np.eye(2)]
     largest = np.linalg.svd(np.stack(by_gap, -1), compute_uv=False)[0]
-    assert float(jp.growth(row, jp.paper.ground(), grid).end) == pytest.approx(largest, rel=1e-5)
+    assert float(jp.growth(ROW, ground, grid).end) == pytest.approx(largest, rel=1e-5)
 
 
-def test_what_cannot_grow_is_refused(row):
-    with pytest.raises(ValueError, match="growth: structures must have a link with a law of"):
-        jp.growth(jp.paper.structures(), jp.paper.ground(), GRID)
-    with pytest.raises(ValueError, match="stability limit"):
-        jp.growth(row, jp.paper.ground(), jp.TimeGrid(2.0, 10))
+def test_what_cannot_grow_is_refused():
+    ground, pair = jp.paper.ground(), jp.paper.structures()
+    refused("growth: structures must have a link with a law of", jp.growth, pair, ground, GRID)
+    refused("stability limit", jp.growth, ROW, ground, jp.TimeGrid(2.0, 10))
     made = jp.Growth(*jax.numpy.ones((3, 4)))
-    with pytest.raises(ValueError, match="horizon: uncertainty = 0"):
-        made.horizon(0.0)
+    refused("horizon: uncertainty = 0", made.horizon, 0.0)
