@@ -3,7 +3,7 @@
     python benchmarks/contact_programs.py [PROGRAM ...]     # by default all
 
 A pair of buildings, and two towers that touch at their floors, with the law of Kelvin and Voigt,
-500 steps. Times are those of the processor; run in turn in the checkouts of two versions to compare.
+500 steps, in processor time. Run it in turn in the checkouts of two versions to compare them.
 """
 
 import resource
