@@ -52,6 +52,13 @@ def run(args: argparse.Namespace) -> None:
     if not shard or not 1 <= int(shard[1]) <= int(shard[2]):
         rule = "must be I/N with I from 1 to N, such as 2/8"
         raise ValueError(f"argument --shard: {args.shard!r} {rule}")
+    measures = {}
+    if options.spectral_acceleration:  # at the natural periods
+        frequencies, gravity = config.structures.natural_frequencies, float(config.scales.gravity)
+        for i, period in enumerate(natural_periods(config.structures, config.scales)):
+            name = str(Measure.spectral_acceleration(period, SI["time"], SI["acceleration"]))
+            of_building = SpectralAcceleration(name, i, float(frequencies[i]), grid, gravity)
+            measures[f"spectral_acceleration_{i + 1}"] = of_building
     with compile_notice(config.structures):
         study = jp.monte_carlo(
             scenarios,
@@ -62,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
             sampling=options.sampling,
             store=args.store,
             chunk_size=options.chunk_size,
-            measures=_measures(config, grid) if options.spectral_acceleration else {},
+            measures=measures,
             keep_parameters=True,
             keep_failures=options.keep_failures,
             scales=config.scales,
@@ -83,17 +90,6 @@ def prepared(file: File, config: StudyConfig) -> tuple[jp.Scenarios, jp.TimeGrid
         rule = "must have a gap: the study is of how often gaps close"
         raise refused(f"{file.name}: a [[link]]", rule)
     return config.scenarios(file, config.study.correlation)
-
-
-def _measures(config: StudyConfig, grid: jp.TimeGrid) -> dict[str, SpectralAcceleration]:
-    """Further measures of intensity: spectral accelerations at the natural periods."""
-    frequencies, gravity = config.structures.natural_frequencies, float(config.scales.gravity)
-    measures = {}
-    for i, period in enumerate(natural_periods(config.structures, config.scales)):
-        name = str(Measure.spectral_acceleration(period, SI["time"], SI["acceleration"]))
-        of_building = SpectralAcceleration(name, i, float(frequencies[i]), grid, gravity)
-        measures[f"spectral_acceleration_{i + 1}"] = of_building
-    return measures
 
 
 @dataclasses.dataclass(frozen=True)

@@ -154,16 +154,14 @@ def monte_carlo(
     chunks = _chunks_of_shard(shard, task, in_memory=store is None)
     identity = task.identity() | {"scales": describe(scales)}
     task = task.identified(identity)
-    # Its points and columns, and the moments of its columns.
-    columns_of_all, number = len(task.names), task.z_type().dtype.itemsize
-    rows = min(task.n, size)
-    require_memory(
-        owner, "samples of a chunk", rows, rows * (scenarios.dimension + columns_of_all) * number
-    )
+    # Points and columns of a chunk, all columns, and the moments of columns of all chunks.
+    n_columns, number = len(task.names), task.z_type().dtype.itemsize
+    rows, in_row = min(task.n, size), scenarios.dimension + n_columns
+    require_memory(owner, "samples of a chunk", rows, rows * in_row * number)
     if store is None:
-        require_memory(owner, "n (without a store)", task.n, task.n * columns_of_all * number)
-    moments_bytes = len(chunks) * columns_of_all * _MOMENTS_BYTES
-    require_memory(owner, "number of chunks", len(chunks), moments_bytes)
+        require_memory(owner, "n (without a store)", task.n, task.n * n_columns * number)
+    in_moments = len(chunks) * n_columns * _MOMENTS_BYTES
+    require_memory(owner, "number of chunks", len(chunks), in_moments)
     context = _context(scenarios, notes)
 
     warn(owner, findings + of_many(task.first_grounds(), grid, in_g=True), strict)
