@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import jax
@@ -133,8 +133,6 @@ def calibrate(
     scales
         For measurements in SI units.
     """
-    from scipy import optimize, stats  # only here: they take a second to import
-
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
     instance(owner, "grid", grid, TimeGrid)
@@ -155,8 +153,41 @@ def calibrate(
         response = simulate(structures, shaking, grid, scheme, strict=strict)
         return response if scales is None else scales.to_si(response)
 
+    def series(shares: Any) -> dict[str, jax.Array]:
+        return _series(run(space.structures(shares)), data)
+
+    residual, fit = _least_squares(series, data)
+    first = start_shares(owner, space, start)
+    starts, key = _checks.count(owner, "starts", starts), _checks.seed(owner, "key", key)
+    spread = spread_shares(first, starts, key)
+    fits = [fit(x, weights) for x in spread if np.isfinite(residual(x, weights)).all()]
+    if not fits:
+        raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
+    best = min(fits, key=lambda x: x.cost)
+    if noise is None:
+        best = fit(best.x, _weights_by_residuals(weights, best.fun, data))
+        fits.append(best)
+    shares = np.asarray(best.x)
+    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
+    structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
+    response = run(structures, strict)
+    simulated = _series(response, data)
+    residuals = {name: x - np.asarray(simulated[name]) for name, x in data.items()}
+    spreads = {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
+    edges = np.flatnonzero((shares < _AT_BOUND) | (shares > 1 - _AT_BOUND))
+    at_bounds, runs = tuple(space.names[i] for i in edges), sum(x.nfev for x in fits)
+    results = estimates, correlation, spreads, response, residuals, at_bounds, runs
+    return Calibration(structures, *results)
+
+
+def _least_squares(
+    series: Callable[[Any], dict[str, jax.Array]], data: Mapping[str, np.ndarray]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Weighted residuals by scaled variables and weights, and the fit from a start."""
+    from scipy import optimize  # only here: it takes a second to import
+
     def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
-        simulated = _series(run(space.structures(shares)), data)
+        simulated = series(shares)
         parts = [
             jnp.where(np.isfinite(x), (simulated[name] - np.nan_to_num(x)) / weights[name], 0.0)
             for name, x in data.items()
@@ -177,45 +208,7 @@ def calibrate(
             gtol=1e-12,
         )
 
-    first = start_shares(owner, space, start)
-    starts, key = _checks.count(owner, "starts", starts), _checks.seed(owner, "key", key)
-    spread = spread_shares(first, starts, key)
-    fits = [fit(x, weights) for x in spread if np.isfinite(residual(x, weights)).all()]
-    if not fits:
-        raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
-    best = min(fits, key=lambda x: x.cost)
-    if noise is None:
-        ends = np.cumsum([x.size for x in data.values()])[:-1]
-        parts = zip(data.items(), np.split(np.asarray(best.fun), ends), strict=True)
-        sizes = {name: _spread(r[np.isfinite(x)]) or 1.0 for (name, x), r in parts}
-        best = fit(best.x, {name: weights[name] * size for name, size in sizes.items()})
-        fits.append(best)
-    shares = np.asarray(best.x)
-    # Intervals and correlations from the Jacobian at the fit.
-    if np.linalg.matrix_rank(best.jac) < d:
-        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
-    scatter = 1.0 if noise is not None else 2 * best.cost / (n - d)
-    by_shares = jax.jacfwd(space.values)(jnp.asarray(best.x))
-    slopes = np.array([by_shares[name] for name in space.names])
-    covariance = slopes @ (scatter * np.linalg.inv(best.jac.T @ best.jac)) @ slopes.T
-    std = np.sqrt(np.diag(covariance))
-    half_widths = std * stats.t.isf((1 - confidence) / 2, n - d)
-    estimates = {
-        name: Estimate(float(x), float(x - half), float(x + half), confidence)
-        for (name, x), half in zip(
-            space.values(jnp.asarray(best.x)).items(), half_widths, strict=True
-        )
-    }
-    correlation = covariance / np.outer(std, std)
-    structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
-    response = run(structures, strict)
-    simulated = _series(response, data)
-    residuals = {name: x - np.asarray(simulated[name]) for name, x in data.items()}
-    spreads = {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
-    edges = np.flatnonzero((shares < _AT_BOUND) | (shares > 1 - _AT_BOUND))
-    at_bounds, runs = tuple(space.names[i] for i in edges), sum(x.nfev for x in fits)
-    results = estimates, correlation, spreads, response, residuals, at_bounds, runs
-    return Calibration(structures, *results)
+    return residual, fit
 
 
 def _spread(residual: np.ndarray) -> float:
@@ -279,3 +272,34 @@ def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str
             raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
         _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
     return {name: float(noise[name]) for name in data}
+
+
+def _weights_by_residuals(
+    weights: Mapping[str, float], residuals: Any, data: Mapping[str, np.ndarray]
+) -> dict[str, float]:
+    """The standard deviations of each series' residuals, which are given over the weights."""
+    ends = np.cumsum([x.size for x in data.values()])[:-1]
+    parts = zip(data.items(), np.split(np.asarray(residuals), ends), strict=True)
+    return {name: weights[name] * (_spread(r[np.isfinite(x)]) or 1.0) for (name, x), r in parts}
+
+
+def _estimates(
+    owner: str, space: DesignSpace, fit: Any, n: int, noise_is_set: bool, confidence: float
+) -> tuple[dict[str, Estimate], np.ndarray]:
+    """Values with intervals, and their correlation, from the Jacobian at the fit."""
+    from scipy import stats
+
+    d, shares = space.dimension, jnp.asarray(fit.x)
+    if np.linalg.matrix_rank(fit.jac) < d:
+        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
+    spread = 1.0 if noise_is_set else 2 * fit.cost / (n - d)
+    by_shares = jax.jacfwd(space.values)(shares)
+    slopes = np.array([by_shares[name] for name in space.names])
+    covariance = slopes @ (spread * np.linalg.inv(fit.jac.T @ fit.jac)) @ slopes.T
+    std = np.sqrt(np.diag(covariance))
+    half_widths = std * stats.t.isf((1 - confidence) / 2, n - d)
+    estimates = {
+        name: Estimate(float(x), float(x - half), float(x + half), confidence)
+        for (name, x), half in zip(space.values(shares).items(), half_widths, strict=True)
+    }
+    return estimates, covariance / np.outer(std, std)
