@@ -117,6 +117,7 @@ class LocalFlow:
         x = self._with_highest(x, begin)
         substep, worst = self._substep(x, begin, inverse)
         stop = jnp.where(x.stage < 1, self.h / 2, self.h)
+        # Which event is the first is not differentiated, only its instant.
         fixed = LocalFlow(self.h, 0, *lax.stop_gradient((self.inputs, self.setting.clock)))
         event, growth_end = fixed._first_event(*lax.stop_gradient((x, substep, stop, inverse)))
         wrong = (worst > 1) & regime.deformed.any()

@@ -33,8 +33,8 @@ def first_zero(
     root = jnp.sqrt(larger(bend**2 - 3 * twist * slope, 0.0))
     q = -(bend + jnp.where(bend < 0, -root, root))
     extrema = [q / _nonzero(3 * twist), slope / _nonzero(q)]
-    one, two = (jnp.where((x > 0) & (x < 1), x, 0.0) for x in extrema)
-    early, late = smaller(one, two), larger(one, two)
+    inside = [jnp.where((x > 0) & (x < 1), x, 0.0) for x in extrema]
+    early, late = smaller(*inside), larger(*inside)
     at_early, at_late = (may_return & (cubic(x) < -noise) for x in (early, late))
     low = jnp.where(at_early, 0.0, jnp.where(at_late, early, late))
     high = jnp.where(at_early, early, jnp.where(at_late, late, 1.0))
