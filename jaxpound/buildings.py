@@ -204,17 +204,24 @@ def pair_of(
     between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
     enforce(owner, [*between, *ranges(contact, "contact.")])
     scales = _scales_of(left, gravity)
-    rod_1, rod_2 = (building.material(scales.frequency) for building in pair)
-    structures = AdjacentStructures(
-        rod_1=rod_1,
-        rod_2=rod_2,
+    law = law_in_other_units(owner, "contact", contact, scales, operator.truediv)
+    link = friction_force / scales.force, gap / scales.length, law
+    return pair_in(left, right, *link, scales.frequency), scales
+
+
+def pair_in(
+    left: Building, right: Building, friction: Any, gap: Any, contact: Any, frequency: Any
+) -> AdjacentStructures:
+    """A pair whose relaxation times are in units of a frequency, rad/s; the link's as they are."""
+    return AdjacentStructures(
+        rod_1=left.material(frequency),
+        rod_2=right.material(frequency),
         mass_ratio=left.mass / right.mass,
         stiffness_ratio=right.stiffness / left.stiffness,
-        friction=friction_force / scales.force,
-        initial_gap=gap / scales.length,
-        contact=law_in_other_units(owner, "contact", contact, scales, operator.truediv),
+        friction=friction,
+        initial_gap=gap,
+        contact=contact,
     )
-    return structures, scales
 
 
 def dimensionless_row(

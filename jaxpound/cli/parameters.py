@@ -20,7 +20,7 @@ from msgspec import field
 
 import jaxpound as jp
 from jaxpound._checks import did_you_mean
-from jaxpound.buildings import scaled_links
+from jaxpound.buildings import pair_in, scaled_links
 from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSection
 from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
@@ -163,15 +163,7 @@ class Parameters:
         if not self._layout.is_pair:
             return buildings.row_in(1.0, 1.0, 1.0)
         (left, right), (link,) = cast("Any", buildings.buildings), buildings.links
-        return jp.AdjacentStructures(
-            rod_1=left.material(),
-            rod_2=right.material(),
-            mass_ratio=left.mass / right.mass,
-            stiffness_ratio=right.stiffness / left.stiffness,
-            friction=link.friction,
-            initial_gap=link.gap,
-            contact=link.contact,
-        )
+        return pair_in(left, right, link.friction, link.gap, link.contact, 1.0)
 
     def buildings(self, structures: Any) -> jp.Buildings:
         """Such structures as buildings in SI units."""

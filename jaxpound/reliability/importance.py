@@ -11,8 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Callable, Iterator
-from functools import cached_property
+from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -160,36 +159,57 @@ class DesignPointSearch:
         require_dependence(OWNER, self._state, samples.points, samples.values)
         return samples
 
-    @cached_property
-    def points(self) -> DesignPoints:
-        """The design points, from those of the start or from random starts; sought when needed."""
+    def design_points(self) -> DesignPoints:
+        """The design points: from their file, or sought from those of the start, or at random."""
+        self._bar.set_postfix_str("compiling the gradients")
+        points = self._search() if self._folder is None else self._stored_points(self._folder)
+        self.runs += points.runs
+        self._bar.update(points.runs)
+        return points
 
+    def _search(self) -> DesignPoints:
         def report(gradients: int, nearest: float) -> None:
             distance = f", nearest at {nearest:.3g}" if np.isfinite(nearest) else ""
             self._bar.set_postfix_str(f"{gradients} gradients{distance}")
 
-        def search() -> DesignPoints:
-            gradients = runs = 0
-            if self._start is not None:
-                first = _points_of(self._start, self._state)
-                near = find_design_points(self._state, self._numbers, first, report)
-                if len(near):
-                    return near
-                gradients, runs = near.gradients, near.runs
-            far = find_design_points(self._state, self._numbers, None, report)
-            gradients, runs = gradients + far.gradients, runs + far.runs
-            return dataclasses.replace(far, gradients=gradients, runs=runs)
+        gradients = runs = 0
+        if self._start is not None:
+            first = _points_of(self._start, self._state)
+            near = find_design_points(self._state, self._numbers, first, report)
+            if len(near):
+                return near
+            gradients, runs = near.gradients, near.runs
+        far = find_design_points(self._state, self._numbers, None, report)
+        return dataclasses.replace(far, gradients=gradients + far.gradients, runs=runs + far.runs)
 
-        self._bar.set_postfix_str("compiling the gradients")
+    def _stored_points(self, folder: Path) -> DesignPoints:
+        """The design points of the folder's file; of ``_search`` and written there, without one."""
         seal = digest(repr(sorted(self._stored.identity.items())).encode())
-        design_points = search() if self._folder is None else _stored(self._folder, seal, search)
-        self.runs += design_points.runs
-        self._bar.update(design_points.runs)
-        return design_points
+        path, counts = folder / _POINTS_FILE, ("gradients", "failed", "covered", "runs")
+        try:
+            with opened(path) as archive:
+                about = archive.about
+                if about["study"] != seal:
+                    raise DamagedError("of another search")
+                if not about.keys() >= {*counts}:
+                    raise DamagedError("of an older version")
+                fields: dict[str, Any] = {name: about[name] for name in counts}
+                for name, (axes, kind) in _ARRAYS.items():
+                    fields[name] = archive.read(name, tuple(about["shape"][:axes]), kind)
+                return DesignPoints(**fields)
+        except DamagedError as error:
+            damage = f"{_POINTS_FILE} is damaged ({error}); it is made anew"
+            warnings.warn(f"store {folder}: {damage}", stacklevel=2)
+        except FileNotFoundError:
+            pass
+        points = self._search()
+        about = {name: getattr(points, name) for name in counts}
+        arrays = {name: np.asarray(getattr(points, name), x) for name, (_, x) in _ARRAYS.items()}
+        write_archive(path, arrays, {"study": seal, **about, "shape": [*points.z.shape]})
+        return points
 
-    def plain(self, pilot: Samples) -> RareEvent:
-        """The event of plain samples, where it is not rare."""
-        gradients = 0 if self._start is None else self.points.gradients
+    def plain(self, pilot: Samples, gradients: int) -> RareEvent:
+        """The event of plain samples, where it is not rare, after so many gradients."""
         sure = pilot.probability == 1
         samples = pilot if sure else self._samples(None, self._most, pilot)
         points = {"design_points": np.zeros((0, self._state.dimension)), "instants": np.zeros(0)}
@@ -198,9 +218,8 @@ class DesignPointSearch:
         bound = [always(len(samples))] if sure else []
         return dataclasses.replace(event, warnings=(*self._unsure(event), *bound))
 
-    def doubt(self) -> str:
+    def doubt(self, points: DesignPoints) -> str:
         """A sign that design points do not stand for all failures, in words; empty without one."""
-        points = self.points
         if not len(points):
             return "no gradients lead to the limit state"
         if points.failed > len(points):
@@ -222,10 +241,9 @@ class DesignPointSearch:
         motions = f"{number * BATCH} random motions {factor:.2g} times as strong"
         return f"{missed} of {motions} fail far from all design points"
 
-    def around(self, doubt: str) -> RareEvent:
-        """The event of samples around design points."""
-        points, state = self.points, self._state
-        near = points.within(NEAR)
+    def around(self, points: DesignPoints, doubt: str) -> RareEvent:
+        """The event of samples around design points, about which there is a doubt in words."""
+        state, near = self._state, points.within(NEAR)
         doubts = (f"{doubt}: compare with subset_simulation",) if doubt else ()
         design_points = {
             "gradients": points.gradients,
@@ -324,29 +342,3 @@ def signs_of_missed_failures(event: RareEvent, near: DesignPoints) -> Iterator[s
                 f"{outside:.0%} of the estimate comes from runs whose demand is largest at times "
                 "for which there is no design point; compare with subset_simulation"
             )
-
-
-def _stored(folder: Path, seal: str, search: Callable[[], DesignPoints]) -> DesignPoints:
-    """The design points of a search: from their file, or of ``search``, which are then written."""
-    path, counts = folder / _POINTS_FILE, ("gradients", "failed", "covered", "runs")
-    try:
-        with opened(path) as archive:
-            about = archive.about
-            if about["study"] != seal:
-                raise DamagedError("of another search")
-            if not about.keys() >= {*counts}:
-                raise DamagedError("of an older version")
-            fields: dict[str, Any] = {name: about[name] for name in counts}
-            for name, (axes, kind) in _ARRAYS.items():
-                fields[name] = archive.read(name, tuple(about["shape"][:axes]), kind)
-            return DesignPoints(**fields)
-    except DamagedError as error:
-        damage = f"{_POINTS_FILE} is damaged ({error}); it is made anew"
-        warnings.warn(f"store {folder}: {damage}", stacklevel=2)
-    except FileNotFoundError:
-        pass
-    points = search()
-    about = {name: getattr(points, name) for name in counts}
-    content = {name: np.asarray(getattr(points, name), kind) for name, (_, kind) in _ARRAYS.items()}
-    write_archive(path, content, {"study": seal, **about, "shape": [*points.z.shape]})
-    return points

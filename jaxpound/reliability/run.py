@@ -156,18 +156,20 @@ def event_of(
     if not subset:
         with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
             search = DesignPointSearch(state, cov, most, key, start, store, bar)
-            if start is None or not search.points.form() <= COMMON / 2:  # NaN without points
+            points = None if start is None else search.design_points()
+            if points is None or not points.form() <= COMMON / 2:  # NaN without points
                 pilot = search.pilot()
                 if pilot.probability > COMMON:
-                    return search.plain(pilot)
-            doubt = search.doubt()
-            if not doubt or (method == "design points" and len(search.points)):
-                return search.around(doubt)
+                    return search.plain(pilot, 0 if points is None else points.gradients)
+            points = search.design_points() if points is None else points
+            doubt = search.doubt(points)
+            if not doubt or (method == "design points" and len(points)):
+                return search.around(points, doubt)
         if method == "design points":
-            rule = f"must lead to the limit state, but none of {search.points.failed} searches has"
+            rule = f"must lead to the limit state, but none of {points.failed} searches has"
             rule += " reached it; use method = 'subset', or in reach_probability another value to"
             raise InvalidInput(OWNER, "gradients", "", f"{rule} start from")
-        runs, gradients, why = search.runs, search.points.gradients, f"{doubt}: "
+        runs, gradients, why = search.runs, points.gradients, f"{doubt}: "
         store = None if store is None else Path(store) / "subset"
     more = {} if max_runs is None else {"max_runs": max_runs}
     event = simulated(state, cov=cov, key=key, store=store, progress=progress, why=why, **more)

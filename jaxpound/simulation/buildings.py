@@ -134,14 +134,12 @@ def simulate_row(
     """Response of buildings in a row, of one or more storeys, to a record; all in SI units.
 
     ``dimensionless_row``, ``simulate`` and ``Scales`` in one call, as in ``jaxpound simulate``.
+    Raises and warns as ``simulate_buildings`` and ``dimensionless_row``, of every link.
 
     Parameters
     ----------
-    buildings
-        From left to right, ``ShearBuilding`` or, of one storey, ``Building``. Positive displacement
-        is to the right.
-    links
-        What is between their floors: friction in N, gap in m, contact laws in SI units.
+    buildings, links
+        As of ``Buildings``.
     record, duration, dt, scheme, gravity, strict
         See ``simulate_buildings``; by default dt has at least 50 steps in the shortest of the
         buildings' first periods, and is within half of the stability limit, which the highest mode
@@ -151,16 +149,6 @@ def simulate_row(
     -------
     Response
         In s, m, N and m/s²; its masses and rods are floors and storeys, building by building.
-
-    Raises
-    ------
-    ValueError, FloatingPointError
-        As in ``simulate_buildings`` and ``dimensionless_row``.
-
-    Warns
-    -----
-    PlausibilityWarning
-        As in ``simulate_buildings``, of every link whose gap is finite.
 
     Examples
     --------
