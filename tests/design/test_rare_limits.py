@@ -110,15 +110,15 @@ def test_the_least_damper_for_one_in_ten_millions():
     assert design.multipliers["required_gap"] == pytest.approx(-1 / case_w.SLOPE, rel=0.1)
 
 
-def test_units_of_a_limit():
+def test_a_limit_in_metres_is_that_of_the_dimensionless_event():
     scales = jp.Scales(mass=1e5, frequency=5.0)
     space = jp.DesignSpace(PAPER, {"friction": (0.24, 0.26)})
     in_metres = objective(at_most=0.5 * float(scales.length), probability=1e-3)
-    plain = designed(objective(at_most=0.5, probability=1e-3), space, iterations=20)
-    si = designed(in_metres, space, iterations=20, scales=scales)
-    assert si.events["required_gap"].limit_state.threshold == pytest.approx(0.5)
-    assert si.values == pytest.approx(plain.values)
-    assert si.prices == pytest.approx(plain.prices)
+    design = designed(in_metres, space, iterations=20, scales=scales)
+    event = design.events["required_gap"]
+    assert event.limit_state.threshold == pytest.approx(0.5)
+    assert design.prices["required_gap"] == event.probability
+    assert design.values == pytest.approx({"friction": 0.24})  # a damper's newtons cost the most
 
 
 def test_no_design_is_rare_enough():
