@@ -51,7 +51,6 @@ def test_runs_are_those_of_the_dimensionless_form_with_records_in_g_and_motions_
     assert float(response.demand.n_impacts) > 2
     assert str(response) == str(expected)
     close(response.demand, expected.demand)
-    close(jp.demand(POUNDING, RECORD, GRID), expected.demand)
     for name in ("x1", "v2", "f1", "gap", "friction", "ground_acceleration", "ground_velocity"):
         close(getattr(response, name), getattr(expected, name))
     wavelet = jp.Ricker(0.03, 0.8, 2.0)
@@ -147,7 +146,6 @@ def test_rare_events_have_thresholds_in_metres_and_the_same_design_points():
     metre, scenarios = 1 / scales.length, jp.Scenarios(row, random_ground(scales))
     expected = jp.LimitState(scenarios, grid, threshold=0.15 * float(metre))
     z = np.random.default_rng(1).normal(size=(4, state.dimension))
-    np.testing.assert_allclose(state.values(z) * metre, expected.values(z), rtol=1e-7)
     numbers = np.array([300, 310, 320, 330]), np.zeros(4, int)
     values, slopes = state.gradients(z, *numbers)
     expected_values, expected_slopes = expected.gradients(z, *numbers)
@@ -262,8 +260,8 @@ def test_tables_are_in_si_and_wavelets_hardly_in_metres_doubted():
     assert " m;" in str(jp.elasticities(PAIR, ground, grid, demand="peak_x1"))
     uncertain = {"links.0.friction": jp.Uniform(5e4, 1e5), "links.0.gap": jp.Uniform(0.1, 0.2)}
     scenarios = jp.Scenarios(jp.UncertainStructures(PAIR, uncertain), jp.Ricker(30.0, 0.5, 0.2))
-    with pytest.raises(ValueError, match="PGA of 100% of the 2 earthquakes looked at, up to"):
-        jp.sobol_sensitivity(scenarios, jp.TimeGrid(0.01, 60), n=2, strict=True)
+    says, grid = "PGA of 100% of the 2 earthquakes looked at, up to", jp.TimeGrid(0.01, 60)
+    refused(says, jp.sobol_sensitivity, scenarios, grid, n=2, strict=True)
 
 
 def test_modes_are_in_radians_per_second_and_growth_takes_records_in_seconds():

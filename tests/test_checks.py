@@ -1,9 +1,5 @@
 """Rules for input, and the frozen dataclasses that JAX can trace."""
 
-import copy
-import dataclasses
-import pickle
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,15 +12,10 @@ from jaxpound._checks import (
     all_hold,
     enforce,
     finite,
-    instance,
     is_traced,
     is_whole,
     machine_memory,
-    not_negative,
-    number,
-    positive,
     real,
-    require_batch,
     require_memory,
 )
 from jaxpound._fields import label, pytree_dataclass, static
@@ -39,9 +30,6 @@ class Spring:
     length: object
     law: str = static(default="linear")
     name: str = label(default="unnamed")
-
-    def __post_init__(self):
-        enforce("Spring", [Rule("stiffness", self.stiffness, self.stiffness > 0, "positive")])
 
 
 class Foreign:
@@ -61,8 +49,8 @@ def test_whole_numbers_are_known_single_integers_of_any_library():
         assert {type(link.building), type(link.next_floor)} == {int}
     for other in (True, np.True_, jnp.bool_(1), 3.0, jnp.float32(3), np.array([3]), "3", None):
         assert not is_whole(other), other
-    with pytest.raises(ValueError, match=r"building = .* must be a whole number from 0 on"):
-        jax.jit(lambda i: jp.FloorLink(i, 0).friction)(3)
+    words = "building = .* must be a whole number from 0 on"
+    refused(words, jax.jit(lambda i: jp.FloorLink(i, 0).friction), 3)
     assert not is_whole(jax.random.key(0))
 
 
@@ -137,51 +125,6 @@ def test_numbers_become_floats_and_arrays_that_jax_takes():
     np.testing.assert_array_equal(result, [2.0, 3.0])
 
 
-def test_numbers_of_a_sign_or_shape_are_taken_and_the_rest_is_refused():
-    assert number("Owner", "dt", 0.5) == 0.5
-    refused(r"Owner: dt of shape \(2,\) must be one number", number, "Owner", "dt", [0.1, 0.2])
-    with pytest.raises(ValueError, match=r"Owner: dt of shape \(2,\) must be one number"):
-        jax.jit(lambda x: number("Owner", "dt", x))(jnp.ones(2))
-    require_batch("Owner", a=1.0, b=np.ones(3), c=np.ones((2, 1)))
-    words = r"Owner: the shapes of a \(2,\), b \(3,\) must make one"
-    refused(words, require_batch, "Owner", a=np.ones(2), b=np.ones(3))
-    instance("Owner", "spring", 3, int, str)
-    words = "Owner: spring = 3 must be of type str or Spring"
-    refused(words, instance, "Owner", "spring", 3, str, Spring)
-    assert positive("Owner", a=1, b=2.5) == [1.0, 2.5]
-    assert not_negative("Owner", a=0, b=2.5) == [0.0, 2.5]
-    for bad in (0, -1.0, np.nan, np.inf):
-        refused("Owner: b = .* must be positive and finite", positive, "Owner", a=1, b=bad)
-    for bad in (-1.0, np.nan, np.inf):
-        words = "Owner: b = .* must be finite and not negative"
-        refused(words, not_negative, "Owner", a=1, b=bad)
-
-
-def test_objects_are_frozen_and_judged_when_made_and_replaced():
-    spring = Spring(1.0, 2.0, law="cubic", name="a")
-    for change in ((setattr, "stiffness", 2.0), (setattr, "colour", "red"), (delattr, "length")):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            change[0](spring, *change[1:])
-    refused("Spring: stiffness = -1 must be positive", Spring, -1.0, 2.0)
-    refused("Spring: stiffness = -1 must be positive", dataclasses.replace, spring, stiffness=-1.0)
-    other = dataclasses.replace(spring, length=3.0)
-    assert (other.stiffness, other.length, other.law, other.name) == (1.0, 3.0, "cubic", "a")
-    assert spring.length == 2.0
-
-
-def test_leaves_have_paths_and_are_not_judged():
-    leaves = jax.tree_util.tree_leaves_with_path({"s": Spring(1.0, 2.0, law="cubic", name="a")})
-    assert [(jax.tree_util.keystr(path), leaf) for path, leaf in leaves] == [
-        ("['s'].stiffness", 1.0),
-        ("['s'].length", 2.0),
-    ]
-    structure = jax.tree.structure(Spring(1.0, 2.0, law="cubic"))
-    for leaf in (None, object(), -1.0, "text", 0, np.nan):
-        rebuilt = jax.tree.unflatten(structure, [leaf, leaf])
-        assert (type(rebuilt), rebuilt.law) == (Spring, "cubic")
-        assert rebuilt.stiffness is rebuilt.length is leaf
-
-
 def test_static_fields_shape_the_program_and_labels_do_not():
     spring = Spring(1.0, 2.0, law="cubic", name="mine")
     for after in (jax.jit(lambda s: s)(spring), jax.tree.map(lambda x: x, spring)):
@@ -200,16 +143,6 @@ def test_static_fields_shape_the_program_and_labels_do_not():
     assert traces == ["linear"]
     energy(Spring(2.0, 3.0, law="cubic"))
     assert traces == ["linear", "cubic"]
-
-
-def test_gradients_and_copies_of_an_object_are_objects():
-    gradient = jax.grad(lambda s: s.stiffness * s.length**2)(Spring(2.0, 3.0, law="cubic"))
-    assert type(gradient) is Spring
-    assert (gradient.stiffness, gradient.length, gradient.law) == (9.0, 12.0, "cubic")
-    spring = Spring(1.0, 2.0, law="cubic", name="a")
-    for twin in (copy.deepcopy(spring), pickle.loads(pickle.dumps(spring))):
-        assert type(twin) is Spring
-        assert vars(twin) == vars(spring)
 
 
 def test_what_memory_has_no_room_for_is_refused_with_its_bytes(small_machine):

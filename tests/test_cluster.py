@@ -59,45 +59,42 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     assert_same(found[0], study(**arguments))
 
 
-def start_two(*command, others=()):
-    """What two processes of a distributed program print."""
-    with socket.socket() as free:
-        free.bind(("localhost", 0))
-        address = f"localhost:{free.getsockname()[1]}"
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    commands = [[sys.executable, *command, address, "2", str(i), *others] for i in (0, 1)]
-    printed = []
-    for process in [subprocess.Popen(arguments, **pipes) for arguments in commands]:
-        out, errors = process.communicate(timeout=300)
-        assert process.returncode == 0, errors
-        printed.append(out)
-    return printed
-
-
-SHARDS = """
+PROGRAM = """
+import runpy
 import sys
 import jax
-jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)
-jax.distributed.initialize(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+runpy.run_path("examples/many_processes.py", run_name="__main__")
 from tests.study.test_run import LINEAR, study
 shard = (jax.process_index() + 1, jax.process_count())
 print(len(study(LINEAR, 256, store=sys.argv[4], chunk_size=64, shard=shard)))
 """
+"""The documented script, and a study of which each process makes a part."""
 
 
-def test_the_processes_of_one_program_fill_a_store_each_with_its_own_devices(tmp_path):
-    told = start_two("-c", SHARDS, others=[str(tmp_path / "study")])
-    assert told == ["128\n", "128\n"]
-    assert_same(jp.Study.open(tmp_path / "study"), study(LINEAR, 256))
+def start_two(store):
+    """What two processes of the program print."""
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        address = f"localhost:{free.getsockname()[1]}"
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": ROOT}
+    start, numbers = [sys.executable, "-c", PROGRAM, address, "2"], ("0", "1")
+    for process in [subprocess.Popen([*start, number, store], **how) for number in numbers]:
+        out, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, errors
+        yield out
 
 
-def test_one_program_over_the_devices_of_two_processes():
-    """The documented script gives in both processes what a plain batch gives in this one."""
-    printed = start_two(str(ROOT / "examples" / "many_processes.py"))
-    words = r"(\d) of 2, 2 devices: .* = ([\d.]+), smallest gap (\S+)"
+def test_two_processes_of_one_program_share_a_batch_and_fill_a_store(tmp_path):
+    """The batch over the devices of both is a plain one here; each part of the study over its own.
+
+    The store then holds the whole study.
+    """
+    words = r"(\d) of 2, 4 devices: .* = ([\d.]+), smallest gap (\S+)\n128\n"
+    printed = start_two(str(tmp_path / "study"))
     (first, *numbers), (second, *same) = (re.search(words, out).groups() for out in printed)
     assert (first, second, numbers) == ("0", "1", same)
+    assert_same(jp.Study.open(tmp_path / "study"), study(LINEAR, 256))
     ground = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3), jp.Uniform(0, 8))
     scenarios = jp.Scenarios(jp.paper.structures(), ground)
     grid = jp.TimeGrid.until(20.0, 0.04)

@@ -69,6 +69,21 @@ def test_every_extension_runs(section):
     exec(code(FIRST) + code(section), {"__name__": "extending"})
 
 
+BESIDE = sorted(page for page in (DOCS / "beside").glob("*.md") if page.stem != "index")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
+@pytest.mark.parametrize("page", BESIDE, ids=lambda page: page.stem)
+def test_every_page_on_another_library_runs(page):
+    """Each asserts what it must give."""
+    library = "SALib" if page.stem == "salib" else page.stem
+    pytest.importorskip(library)
+    text = code(page.read_text(encoding="utf-8"))
+    assert library in text
+    assert "assert" in text
+    exec(text, {"__name__": page.stem})
+
+
 def test_no_page_installs_from_an_index():
     """The package is installed from its clone, as the README says."""
     paths = [ROOT / "README.md", *PAGES, *(ROOT / "notebooks").glob("*.ipynb")]

@@ -1,26 +1,21 @@
 """The guides of docs/how_to run as they stand, and print what they say that they print."""
 
 import re
-from pathlib import Path
 
 import pytest
 
 import jaxpound as jp
+from tests.test_docs import DOCS, code
 
-FOLDER = Path(__file__).parents[1] / "docs" / "how_to"
+FOLDER = DOCS / "how_to"
 PAGES = sorted(set(FOLDER.glob("*.md")) - {FOLDER / "index.md"})
-
-
-def program(text):
-    """A page's program."""
-    return "".join(re.findall(r"^```python\n(.*?)^```", text, re.M | re.S))
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_guide_runs_and_prints_what_it_says(page, capsys, tmp_path, monkeypatch):
     text = page.read_text(encoding="utf-8")
-    source = program(text)
+    source = code(text)
     said = re.findall(r"^print\(.*\)  # (.+)$", source, re.M)
     assert said
     assert source.count("print(") == len(said)
@@ -29,8 +24,3 @@ def test_a_guide_runs_and_prints_what_it_says(page, capsys, tmp_path, monkeypatc
     monkeypatch.setattr(jp, "use_cores", lambda: None)  # JAX runs already
     exec(compile(source, page.name, "exec"), {"__name__": page.stem})
     assert capsys.readouterr().out.splitlines() == said
-
-
-def test_all_guides_are_listed():
-    listed = (FOLDER / "index.md").read_text(encoding="utf-8").partition("{toctree}")[2]
-    assert {page.stem for page in PAGES} == {*re.findall(r"^(\w+)$", listed, re.M)}

@@ -11,6 +11,13 @@ from tests.made import SERIES, pair_demand, pair_response
 SERIES_KINDS = {"time": "time", "slip_direction": None}
 SERIES_KINDS |= dict.fromkeys(("v1", "v2", "ground_velocity"), "velocity")
 SERIES_KINDS |= dict.fromkeys(("f1", "f2", "friction"), "force")
+SCALAR_KINDS = {
+    **dict.fromkeys(("min_gap", "soft_min_gap", "peak_x1", "peak_x2"), "length"),
+    **dict.fromkeys(("slip_distance", "residual_offset"), "length"),
+    **dict.fromkeys(("peak_acceleration_1", "peak_acceleration_2", "pga"), "acceleration"),
+    **dict.fromkeys(("peak_f1", "peak_f2"), "force"),
+    **{"min_gap_time": "time", "pgv": "velocity", "friction_work": "energy"},
+}
 SCALES = jp.Scales(mass=3.0, frequency=0.7, gravity=11.0)
 FACTORS = {
     "time": SCALES.time,
@@ -30,10 +37,11 @@ ONES = pair_demand(1.0, soft=1.0)
 def test_every_scalar_and_every_series_is_of_the_quantity_that_it_is_converted_by():
     assert FACTORS.keys() == SI.keys() == DIMENSIONLESS.keys()
     assert len(set(FACTORS.values())) == len(FACTORS)
-    converted = SCALES.to_si(ONES)
-    for name, value in converted.scalars().items():
-        if name != "pounds":
-            assert value == pytest.approx(FACTORS[kind_of(name)])
+    assert ONES.scalars().keys() - {"pounds"} == SCALAR_KINDS.keys()
+    converted = SCALES.to_si(ONES).scalars()
+    for name, kind in SCALAR_KINDS.items():
+        assert kind_of(name) == kind
+        assert converted[name] == pytest.approx(FACTORS[kind], rel=1e-14)
     response = pair_response(np.ones(3), dict.fromkeys(SERIES, np.ones(3)), demand=ONES)
     plain = response.to_columns()
     converted = SCALES.to_si(response).to_columns()

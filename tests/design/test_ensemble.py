@@ -9,6 +9,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound import Ensemble, Ricker
+from tests.refusals import refusals
 from tests.study.test_run import RANDOM, study
 
 PAPER = jp.paper.structures()
@@ -91,10 +92,8 @@ UNCERTAIN = "friction is uncertain; such ensembles cannot be added"
 OTHERS = "cannot be added; use Ensemble.of for all"
 
 
-@pytest.mark.usefixtures("small_machine")
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
+test_bad_ensembles_are_named = pytest.mark.usefixtures("small_machine")(
+    refusals(
         (lambda: Ensemble.of([], GRID), "must hold ground motions"),
         (lambda: Ensemble.of([3], GRID), r"grounds\[0\] = 3 must have acceleration"),
         (lambda: Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
@@ -114,8 +113,5 @@ OTHERS = "cannot be added; use Ensemble.of for all"
             )
             for s, n in (("plain", 2**31), ("sobol", 2**30))
         ),
-    ],
+    )
 )
-def test_bad_ensembles_are_named(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()

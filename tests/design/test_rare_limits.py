@@ -10,6 +10,7 @@ import jaxpound as jp
 from jaxpound.design.problem import LogRatios, RareEstimates
 from jaxpound.design.rare_limits import TrustRegion, updated_curvatures
 from jaxpound.design.run import InfeasibleError
+from tests.refusals import refusals
 from tests.reliability import case_w
 
 N, DT = 60, 0.15
@@ -109,15 +110,15 @@ def test_the_least_damper_for_one_in_ten_millions():
     assert design.multipliers["required_gap"] == pytest.approx(-1 / case_w.SLOPE, rel=0.1)
 
 
-def test_units_of_a_limit():
+def test_a_limit_in_metres_is_that_of_the_dimensionless_event():
     scales = jp.Scales(mass=1e5, frequency=5.0)
     space = jp.DesignSpace(PAPER, {"friction": (0.24, 0.26)})
     in_metres = objective(at_most=0.5 * float(scales.length), probability=1e-3)
-    plain = designed(objective(at_most=0.5, probability=1e-3), space, iterations=20)
-    si = designed(in_metres, space, iterations=20, scales=scales)
-    assert si.events["required_gap"].limit_state.threshold == pytest.approx(0.5)
-    assert si.values == pytest.approx(plain.values)
-    assert si.prices == pytest.approx(plain.prices)
+    design = designed(in_metres, space, iterations=20, scales=scales)
+    event = design.events["required_gap"]
+    assert event.limit_state.threshold == pytest.approx(0.5)
+    assert design.prices["required_gap"] == event.probability
+    assert design.values == pytest.approx({"friction": 0.24})  # a damper's newtons cost the most
 
 
 def test_no_design_is_rare_enough():
@@ -129,18 +130,17 @@ def test_no_design_is_rare_enough():
 GIVEN = jp.Ensemble.of([jp.paper.ground()], GRID)
 
 
-@pytest.mark.parametrize(
-    ("demand", "probability", "ensemble", "message"),
-    [
-        ("required_gap", 1e-3, GIVEN, "a probability needs an ensemble that is drawn"),
-        ("required_gap", 1e-13, ENSEMBLE, "probability = 1e-13 must be at least 1e-12"),
-        ("damper_force", 1e-3, ENSEMBLE, "LimitState: unknown demand 'damper_force'"),
-    ],
+def design_with(demand, probability, ensemble):
+    limits = {demand: jp.Limit(0.5, probability=probability)}
+    return designed(jp.Objective(jp.GapAtRest(), limits=limits), ensemble=ensemble)
+
+
+test_limits_that_cannot_be_estimated = refusals(
+    ("required_gap", 1e-3, GIVEN, "required_gap: a probability needs an ensemble that is drawn"),
+    ("required_gap", 1e-13, ENSEMBLE, "required_gap: probability = 1e-13 must be at least 1e-12"),
+    ("damper_force", 1e-3, ENSEMBLE, "damper_force: LimitState: unknown demand 'damper_force'"),
+    of=design_with,
 )
-def test_limits_that_cannot_be_estimated(demand, probability, ensemble, message):
-    wanted = {demand: jp.Limit(0.5, probability=probability)}
-    with pytest.raises(ValueError, match=f"{demand}: {message}"):
-        designed(jp.Objective(jp.GapAtRest(), limits=wanted), ensemble=ensemble)
 
 
 def test_curvatures_make_slopes_those_of_both_designs():

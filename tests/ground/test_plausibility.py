@@ -14,6 +14,7 @@ import jaxpound as jp
 from jaxpound.ground.motion import as_motion
 from jaxpound.ground.plausibility import LOOKED_AT, MOST_GAP, MOST_PGA, unseen
 from jaxpound.study.chunk import Task
+from tests.refusals import refusals, refused
 
 GRID = jp.TimeGrid(0.1, 40)
 PAIR = jp.paper.structures()
@@ -47,8 +48,7 @@ def test_what_is_hardly_meant_is_warned_of_or_refused(run, structures, ground, m
         run(structures, ground, GRID)
     assert len(caught) == 1
     assert caught[0].filename == __file__  # at the caller's line
-    with pytest.raises(ValueError, match=f"^{run.__name__}: {message}"):
-        run(structures, ground, GRID, strict=True)
+    refused(f"^{run.__name__}: {message}", run, structures, ground, GRID, strict=True)
 
 
 def test_what_is_meant_is_not_warned_of():
@@ -177,8 +177,7 @@ def test_every_run_tells_of_an_earthquake_that_comes_after_its_end():
         ("simulate_buildings", buildings, (building, building, record), words),
         ("monte_carlo", study, (jp.Scenarios(PAIR, drawn), 1000, GRID), outlasting),
     ):
-        with pytest.raises(ValueError, match=f"^{name}: {says}"):
-            run(*arguments, strict=True)
+        refused(f"^{name}: {says}", run, *arguments, strict=True)
 
 
 # Many earthquakes.
@@ -204,38 +203,37 @@ def test_a_study_is_judged_before_its_first_run(made, message, tmp_path, monkeyp
         raise AssertionError("a chunk is run")
 
     monkeypatch.setattr(Task, "compute", run)
-    call = {"n": 1000, "grid": GRID, "progress": False}
-    with pytest.raises(ValueError, match=f"^monte_carlo: {message}"):
-        jp.monte_carlo(made, **call, store=tmp_path / "new", strict=True)
+    message = f"^monte_carlo: {message}"
+    study = partial(jp.monte_carlo, made, 1000, GRID, progress=False)
+    refused(message, study, store=tmp_path / "new", strict=True)
     assert not (tmp_path / "new").exists()
     with (
-        pytest.warns(jp.PlausibilityWarning, match=f"^monte_carlo: {message}") as caught,
+        pytest.warns(jp.PlausibilityWarning, match=message) as caught,
         pytest.raises(AssertionError, match="a chunk is run"),
     ):
-        jp.monte_carlo(made, **call)
+        study()
     assert len(caught) == 1
 
 
 def test_a_study_whose_gap_is_far_too_wide_is_warned_of():
     wide = dataclasses.replace(SLOW, structures=far(1.0))
+    run = partial(jp.monte_carlo, wide, 8, GRID, progress=False)
     with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: initial_gap = .* 100 times"):
-        study = jp.monte_carlo(wide, 8, GRID, progress=False)
-    with pytest.raises(ValueError, match=r"^monte_carlo: initial_gap = .* m should"):
-        jp.monte_carlo(wide, 8, GRID, scales=SCALES, progress=False, strict=True)
+        study = run()
+    refused("^monte_carlo: initial_gap = .* m should", run, scales=SCALES, strict=True)
     assert study.pounding_probability().value == 0
 
 
-@pytest.mark.parametrize(
-    ("made", "scales", "message"),
-    [
-        (FINE, None, "ground: 100% of the 8 earthquakes looked at are not"),
-        (STRONG, SCALES, "ground: PGA of .* 8 earth"),
-        (SLOW, None, "initial_gap = 1 g/ω1² should be at most"),
-    ],
-    ids=["resolution", "PGA", "gap"],
-)
-def test_a_design_is_judged_before_its_search(made, scales, message):
-    earthquakes = jp.Ensemble.drawn(made, 8)
+def design(made, scales):
     space = jp.DesignSpace(PAIR, {"friction": (0.1, 1.0)})
-    with pytest.raises(ValueError, match=f"^design_damper: {message}"):
-        jp.design_damper(space, earthquakes, GRID, scales=scales, strict=True, progress=False)
+    how = {"scales": scales, "strict": True, "progress": False}
+    jp.design_damper(space, jp.Ensemble.drawn(made, 8), GRID, **how)
+
+
+test_a_design_is_judged_before_its_search = refusals(
+    (FINE, None, "ground: 100% of the 8 earthquakes looked at are not"),
+    (STRONG, SCALES, "ground: PGA of .* 8 earth"),
+    (SLOW, None, "initial_gap = 1 g/ω1² should be at most"),
+    of=design,
+    before="^design_damper: ",
+)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import jaxpound as jp
 from tests.ground.motions import RECORD
+from tests.refusals import refusals
 
 
 @given(st.floats(-2, 2), st.floats(0.3, 5), st.floats(-1, 6), st.floats(-2, 8))
@@ -56,22 +57,18 @@ def test_motions_have_the_shape_of_time(shape):
             assert jax.eval_shape(motion.acceleration, t).shape == shape
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ((0.5, [1, 2], [1]), r"periods of shape \(2,\) and arrivals of shape \(1,\)"),
-        ((0.5, 1.0, [1]), r"periods of shape \(\) and arrivals of shape \(1,\)"),
-        (([1, 2, 3], [1, 2], [1, 2]), r"amplitude of shape \(3,\) must be one number or"),
-        ((0.5, np.ones((2, 2)), np.ones((2, 2))), r"periods of shape \(2, 2\) must be a number or"),
-        ((0.5, [1, 0], [1, 2]), r"periods = 0 \(at index \[1\]\) must be positive and finite"),
-        ((0.5, -1, 2), "periods = -1 must be positive and finite"),
-        ((0.5, [1, np.inf], [1, 2]), "periods = inf"),
-        ((0.5, [1, 2], [1, np.nan]), r"arrivals = nan \(at index \[1\]\) must be finite"),
-        ((np.inf, 1, 2), "amplitude = inf must be finite"),
-        ((None, 1, 2), "amplitude = None must be a real number"),
-        ((0.5, "1", 2), "periods = '1' must be a real number"),
-    ],
+test_ricker_refuses_bad_values = refusals(
+    (0.5, [1, 2], [1], r"periods of shape \(2,\) and arrivals of shape \(1,\)"),
+    (0.5, 1.0, [1], r"periods of shape \(\) and arrivals of shape \(1,\)"),
+    ([1, 2, 3], [1, 2], [1, 2], r"amplitude of shape \(3,\) must be one number or"),
+    (0.5, np.ones((2, 2)), np.ones((2, 2)), r"periods of shape \(2, 2\) must be a number or"),
+    (0.5, [1, 0], [1, 2], r"periods = 0 \(at index \[1\]\) must be positive and finite"),
+    (0.5, -1, 2, "periods = -1 must be positive and finite"),
+    (0.5, [1, np.inf], [1, 2], "periods = inf"),
+    (0.5, [1, 2], [1, np.nan], r"arrivals = nan \(at index \[1\]\) must be finite"),
+    (np.inf, 1, 2, "amplitude = inf must be finite"),
+    (None, 1, 2, "amplitude = None must be a real number"),
+    (0.5, "1", 2, "periods = '1' must be a real number"),
+    of=jp.Ricker,
+    before="^Ricker: ",
 )
-def test_ricker_refuses_bad_values(values, message):
-    with pytest.raises(ValueError, match=f"^Ricker: {message}"):
-        jp.Ricker(*values)

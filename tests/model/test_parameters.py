@@ -70,13 +70,14 @@ def test_values_are_got_and_put_and_nothing_else_changes():
 
 
 def test_what_is_put_is_checked_or_traced_and_the_rest_stays_itself():
-    with pytest.raises(ValueError, match=r"tau_x = 0.001 must be finite and at least tau_f = 0.01"):
-        parameters.put(TOWER, {"rods.0.material.tau_x": 0.001})
-    refused(r"masses\.1 = -1 must be positive and finite", parameters.put, TOWER, {"masses.1": -1})
-    with pytest.raises(ValueError, match=r"Newton: restitution = 1\.5 must be in \(0, 1\]"):
-        parameters.put(BUMPER, {"links.0.contact.restitution": 1.5})
-    with pytest.raises(ValueError, match=r"Link: gap = inf must be finite \(contact needs"):
-        parameters.put(BUMPER, {"links.0.gap": np.inf})
+    tau_x, restitution = "rods.0.material.tau_x", "links.0.contact.restitution"
+    for tree, path, value, words in (
+        (TOWER, tau_x, 0.001, "tau_x = 0.001 must be finite and at least tau_f = 0.01"),
+        (TOWER, "masses.1", -1, r"masses\.1 = -1 must be positive and finite"),
+        (BUMPER, restitution, 1.5, r"Newton: restitution = 1\.5 must be in \(0, 1\]"),
+        (BUMPER, "links.0.gap", np.inf, r"Link: gap = inf must be finite \(contact needs"),
+    ):
+        refused(words, parameters.put, tree, {path: value})
 
     def total(x):
         changed = parameters.put(TOWER, {"rods.1.material.tau_x": x, "masses.0": 2 * x})
@@ -190,8 +191,8 @@ def test_an_unknown_path_is_told_with_what_was_meant():
         for path in ("rod_1", "rod_1.natural_frequency", "rods.0.tau_x", "friction.0", ""):
             refused(f"unknown path '{path}'", call, path)
     refused(r"unknown path 'zeta'; allowed: rod_1\.order, ", parameters.get, PAPER, "zeta")
-    with pytest.raises(ValueError, match=r"unknown path 'rods\.2\.stiffness'; did you mean 'rods"):
-        parameters.get(TOWER, "rods.2.stiffness")
+    words = r"unknown path 'rods\.2\.stiffness'; did you mean 'rods"
+    refused(words, parameters.get, TOWER, "rods.2.stiffness")
 
 
 def test_parameters_of_any_structures_may_be_random_chosen_or_elastic():
@@ -201,22 +202,11 @@ def test_parameters_of_any_structures_may_be_random_chosen_or_elastic():
     for z in np.random.default_rng(0).normal(size=(20, 2)):
         material = uncertain.draw(z).rods[1].material
         assert 0 < material.tau_f <= material.tau_x <= 3
-    space = jp.DesignSpace(TOWER, {"rods.0.material.tau_x": (0.001, 1.0), "masses.1": (0.2, 2.0)})
-    assert space.names == ("rods.0.material.tau_x", "masses.1")
     contact = {"contact.stiffness": (100.0, 900.0), "contact.restitution": (0.4, 0.8)}
     middle = jp.DesignSpace(POUNDING, contact).structures(np.full(2, 0.5)).contact
     assert (float(middle.stiffness), float(middle.restitution)) == pytest.approx((500.0, 0.6))
     uncertain = jp.UncertainStructures(POUNDING, {"contact.restitution": jp.Uniform(0.4, 0.8)})
     assert float(uncertain.draw(np.zeros(1)).contact.restitution) == pytest.approx(0.6)
-    least = space.structures(np.zeros(2))
-    assert float(least.rods[0].material.tau_x) == pytest.approx(0.01 * 1.001)
-    assert float(least.masses[1]) == 0.2
-    np.testing.assert_allclose(space.shares(least), 0, atol=1e-12)
-    with pytest.raises(ValueError, match=r"rods\.0\.material\.tau_x must not be chosen where rods"):
-        space.require_certain("owner", ["rods.0.material.tau_f"])
-    with pytest.raises(ValueError, match=r"masses\.1 must not be both chosen and uncertain"):
-        space.require_certain("owner", ["masses.1"])
-    space.require_certain("owner", ["rods.1.material.tau_f"])
     grid, demand = jp.TimeGrid(0.05, 40), "peak_acceleration_1"
     found = jp.elasticities(TOWER, jp.paper.ground(), grid, demand=demand)
     assert tuple(found.parameters) == parameters.paths(TOWER)

@@ -1,6 +1,7 @@
 """Pairs that may touch, run many at once: a program for each kind of law, not for each run."""
 
 import dataclasses
+from functools import partial
 from typing import Any
 
 import jax
@@ -85,8 +86,8 @@ def in_unit_of_time(unit, system, ground):
     ]
     ground = dataclasses.replace(
         ground,
-        periods=np.asarray(ground.periods) / unit,
-        arrivals=np.asarray(ground.arrivals) / unit,
+        periods=jnp.asarray(ground.periods) / unit,
+        arrivals=jnp.asarray(ground.arrivals) / unit,
     )
     return dataclasses.replace(system, rods=tuple(rods), links=tuple(links)), ground
 
@@ -94,14 +95,15 @@ def in_unit_of_time(unit, system, ground):
 def displacements_in_units(system, steps, end, ground=SHAKING):
     """Of runs of these steps by one program, until ``end`` at the last step and later at others."""
     grid = jp.TimeGrid(steps[0], round(end / steps[-1]))
+    case = jax.tree.map(lambda x: jnp.asarray(x, float), (system, ground))
+    return np.asarray(_displacements(jnp.asarray(steps) / grid.dt, case, grid))
 
-    @jax.jit
-    @jax.vmap
-    def runs(unit):
-        response = jp.simulate(*in_unit_of_time(unit, system, ground), grid)
-        return jnp.stack([mass.x for mass in response.masses])
 
-    return np.asarray(runs(jnp.asarray(steps) / grid.dt))
+@partial(jax.jit, static_argnums=2)
+@partial(jax.vmap, in_axes=(0, None, None))
+def _displacements(unit, case, grid):
+    response = jp.simulate(*in_unit_of_time(unit, *case), grid)
+    return jnp.stack([mass.x for mass in response.masses])
 
 
 def run(systems, grounds):

@@ -103,7 +103,7 @@ def test_a_collision_of_two_equal_blocks(contact, within):
 
     A pad that cannot pull lets go a little earlier, and faster, than its restitution says.
     """
-    response = run(struck(contact), 0.02, v=(0.5, 0.0))
+    response = run(struck(contact), 0.02, (0.0, 0.0), (0.5, 0.0))
     impact, after, *_ = response.impacts()
     assert after.time > 2.5
     t = np.arcsin(0.4)
@@ -200,7 +200,8 @@ def test_a_traced_state_that_no_run_can_start_from_gives_nan():
 
 
 @pytest.mark.parametrize(
-    ("x", "v"), [((), (1.0, -1.0)), ((-0.3, 0.2), ()), ((0.1, 0.0), (0.5, 0.2))]
+    ("x", "v"),
+    [((0.0, 0.0), (1.0, -1.0)), ((-0.3, 0.2), (0.0, 0.0)), ((0.1, 0.0), (0.5, 0.2))],
 )
 @pytest.mark.parametrize("contact", [None, jp.Newton(0.6), LAW], ids=["none", "newton", "kelvin"])
 def test_the_energy_balance_begins_with_the_energy_at_the_start(x, v, contact):
@@ -225,4 +226,4 @@ def test_a_run_that_its_step_does_not_resolve_is_warned_of():
     assert shares[1] < 0.01
     with pytest.raises(ValueError, match=r"^simulate: the energy balance leaves"):
         run(stiff, 0.03, v=(1.0,), until=0.9, strict=True)
-    assert float(run(stiff, 0.03, until=0.9).energy.relative_residual) == 0
+    assert float(run(stiff, 0.03, v=(0.0,), until=0.9).energy.relative_residual) == 0

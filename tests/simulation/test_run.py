@@ -111,6 +111,16 @@ def test_the_paper_s_case_is_that_of_the_reference():
     np.testing.assert_allclose(q, REFERENCE["q"], atol=2e-5)
 
 
+def test_a_hundredth_of_ground_friction_and_gap_gives_a_hundredth_of_everything():
+    assert round(float(jp.pga(WAVES, jp.paper.grid()))) == 22
+    whole, smaller = paper_run(0.02), changed(friction=0.0025, initial_gap=0.01)
+    small = jp.simulate(smaller, changed(WAVES, amplitude=0.005), jp.TimeGrid.until(20.0, 0.02))
+    for name in ("x1", "x2", "f1", "f2", "friction", "gap"):
+        np.testing.assert_allclose(100 * getattr(small, name), getattr(whole, name), atol=1e-10)
+    starts = [[phase.start for phase in run.phases()] for run in (small, whole)]
+    assert starts[0] == pytest.approx(starts[1], abs=1e-9)
+
+
 def gap_errors(steps, scheme=RESOLVED):
     return [abs(float(paper_run(h, scheme).min_gap) - 1 - REFERENCE["min_gap"]) for h in steps]
 
@@ -153,12 +163,22 @@ def test_modal_history_stands_for_full_history_and_checkpoints_change_no_result(
 
 
 def test_smoothed_friction_tends_to_the_event_resolved_response_and_no_width_overflows():
-    distances = [
-        furthest(paper_run(0.002, jp.Scheme(jp.Smoothed(velocity))).x1, paper_run(0.002).x1)
-        for velocity in (0.1, 0.01, 0.001, 1e-6, 1e-30, 1e-300)
-    ]
+    """Forces and motions that are larger are those of a width that is smaller."""
+    scheme, coulomb = jp.Scheme(jp.Smoothed(0.1)), paper_run(0.002)
+
+    @jax.jit
+    @jax.vmap
+    def of_width(velocity):
+        factor = 0.1 / velocity
+        larger = changed(friction=PAIR.friction * factor, initial_gap=PAIR.initial_gap * factor)
+        response = jp.simulate(larger, factor * WAVES, jp.TimeGrid.until(20.0, 0.002), scheme)
+        return response.x1 / factor
+
+    widths = np.array([0.1, 0.01, 0.001, 1e-6, 1e-30])
+    distances = [furthest(x1, coulomb.x1) for x1 in of_width(widths)]
     assert distances[0] > 4 * distances[1] > 16 * distances[2]
-    assert max(distances[3:]) < 1e-3
+    narrowest = paper_run(0.002, jp.Scheme(jp.Smoothed(1e-300))).x1
+    assert max(*distances[3:], furthest(narrowest, coulomb.x1)) < 1e-3
     # Of second order where the width spans several steps: the same law on a finer grid.
     scheme, steps = jp.Scheme(jp.Smoothed(0.3)), [0.02, 0.005]
     truth = paper_run(0.00125, scheme).x1
@@ -540,13 +560,14 @@ def test_a_traced_invalid_run_is_nan_in_every_result_and_derivative_and_says_so(
     """
     runs, slope = short_runs()
     # Structures that break a rule, and their derivative: traced, so that nothing raises.
-    broken, way = jax.jit(lambda x: jax.jvp(invalid[name], (x,), (1.0,)))(0.05)
-    both = runs(jax.tree.map(lambda *x: jnp.stack(x), PAIR, broken))
-    for path, leaf in jax.tree_util.tree_leaves_with_path((both, both.demand.pounds)):
+    traced = jax.jit(lambda x: jax.jvp(invalid[name], (x,), (1.0,)))(0.05)
+    broken, way = jax.tree.map(lambda x: jnp.asarray(x, float), traced)
+    batch = runs(jax.tree.map(lambda *x: jnp.stack(x), PAIR, broken))
+    for path, leaf in jax.tree_util.tree_leaves_with_path((batch, batch.demand.pounds)):
         assert np.isfinite(leaf[0]).all(), path
         assert np.isnan(leaf[1]).all(), path
-    assert "invalid run" in repr(both[1])
-    assert np.isnan(both[1].energy.residual).all()
+    assert "invalid run" in repr(batch[1])
+    assert np.isnan(batch[1].energy.residual).all()
     assert np.isnan(slope(broken, way))
 
 

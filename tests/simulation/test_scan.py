@@ -39,19 +39,8 @@ def test_every_layout_takes_the_same_steps(n, history):
         np.testing.assert_allclose(run(inputs, history, **layout)[1][0], carries, rtol=1e-12)
 
 
-def test_the_sums_are_those_of_all_steps_before_and_gradients_agree():
-    """In both layouts."""
+def test_gradients_of_both_layouts_agree():
     inputs = np.random.default_rng(0).normal(size=40)
-    weights = [np.asarray(jp.gl_weights(order, inputs.size)) for order in ORDERS]
-    carry, c = 0.0, [[], []]
-    for entry in inputs:
-        sums = [w[1 : len(past) + 1] @ past[::-1] for w, past in zip(weights, c, strict=True)]
-        new = [entry - 0.3 * sums[1] + 0.1 * carry, 0.5 * carry - 0.2 * sums[0]]
-        carry = 0.9 * carry + 0.2 * new[0] * new[1] + 0.1 * entry
-        c = [[*past, now] for past, now in zip(c, new, strict=True)]
-    for looped in (False, True):
-        _, (_, seen) = run(jnp.asarray(inputs), jp.FullHistory(), looped=looped)
-        np.testing.assert_allclose(seen["c"], c[0], rtol=1e-12)
     slope = jax.grad(lambda inputs, looped: run(inputs, jp.ModalHistory(), looped=looped)[0])
     looped, written = (slope(jnp.asarray(inputs), on) for on in (True, False))
     np.testing.assert_allclose(looped, written, rtol=1e-10)

@@ -6,9 +6,7 @@ from functools import partial
 
 import pytest
 
-from benchmarks.verification import (
-    opensees_peer,
-)
+from benchmarks.verification import opensees_peer
 from benchmarks.verification.case import Case, Errors, Number
 from benchmarks.verification.cases import CASES
 
@@ -19,7 +17,7 @@ SMALL = {
     "den_hartog": partial(CASES["den_hartog"], (0.04, 0.02)),
     "coulomb_decay": partial(CASES["coulomb_decay"], (0.05, 0.025)),
     "collisions": partial(CASES["collisions"], (0.05,), [("newton",)]),
-    "paper_case": partial(CASES["paper_case"], COARSE, ["default"]),
+    "paper_case": partial(CASES["paper_case"], (0.02,), ["default"]),
     "rows": partial(CASES["rows"], (0.01,), ["row3_kelvin"]),
     "energy": partial(CASES["energy"], (0.01,), ["row3_kelvin"]),
     "gradients": partial(CASES["gradients"], (0.04,), contact=False),

@@ -48,14 +48,6 @@ def test_the_figure_has_a_panel_for_each_problem():
     assert list(line.get_xdata()) == [10.0, 20.0]
 
 
-def test_four_panels_take_two_lines():
-    curves = [Curve(f"panel {i}", OURS, (0.1, 0.01), (1.0, 2.0)) for i in range(4)]
-    drawing = figure.accuracy_against_time(curves)
-    assert [ax.get_ylabel() for ax in drawing.axes] == ["largest error", "", "", "largest error"]
-    rows = {round(ax.get_position().y0, 3) for ax in drawing.axes}
-    assert len(rows) == 2
-
-
 def test_times_at_equal_errors():
     """The other's error falls as its time grows; jaxpound's last error is out of its range."""
     curves = [
