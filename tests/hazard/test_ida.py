@@ -24,11 +24,6 @@ def analysed(structures=PAIR, **changed):
     return jp.incremental_dynamic_analysis(structures, how.pop("records", SUITE), **how)
 
 
-@pytest.fixture(scope="module")
-def linear():
-    return analysed()
-
-
 def test_demands_of_linear_buildings_are_proportional_and_capacities_those_of_single_runs(linear):
     closing = linear.demands / linear.intensities
     np.testing.assert_allclose(closing, closing[:, :1] * np.ones(4), rtol=1e-10)
