@@ -9,12 +9,9 @@ import jaxpound as jp
 from jaxpound.plots import rare_events
 from tests.plots.runs import legend
 from tests.refusals import refused
+from tests.reliability.test_rare_event import FEW, SHORT
 
-HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
-SCENARIOS = jp.Scenarios(
-    jp.paper.structures(), jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5)
-)
-STATE = jp.LimitState(SCENARIOS, jp.TimeGrid.until(8.0, dt=0.1), threshold=0.2)
+STATE = jp.LimitState(FEW, SHORT, threshold=0.2)
 ACCELERATION = dataclasses.replace(STATE, demand="peak_acceleration_1")
 
 
