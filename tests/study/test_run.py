@@ -231,14 +231,14 @@ def test_a_study_grows_and_serves_fewer(tmp_path):
 
 def test_a_damaged_chunk_is_made_anew(tmp_path):
     folder = tmp_path / "study"
-    there = study(store=folder)
+    whole = study(store=folder)
     before = files(folder)
     path = folder / "chunk-000001.npz"
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
     words = r"chunk 1 is damaged \(.*\); run monte_carlo again"
-    refused(words, there.__getitem__, "pga")
+    refused(words, whole.__getitem__, "pga")
     with pytest.warns(UserWarning, match=r"study: chunk 1 is damaged \(.*\); damaged chunks are"):
         half = jp.Study.open(folder)
     assert len(half) == 50 - 16
