@@ -24,6 +24,7 @@ from tests.cli.commands import (
     tables,
 )
 from tests.ground.test_suite import SUITE, at2
+from tests.reliability.test_subset import stopped
 
 EXAMPLE = example("ida")
 SHORT = "gap = 0.02 & friction_force = 0 & intensities = [0.02, 0.1, 0.4] & duration = 6.0"
@@ -73,17 +74,8 @@ def test_the_capacities_are_the_library_s(done, folder):
 def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
     out, store = folder / "again", folder / "store"
     arguments = ["ida", folder / "ida.toml", "--out", out, "--store", store]
-    demands = SuiteRuns.demands
-
-    def stopping(self, which, intensities):
-        if any(store.glob("chunk-*.npz")):
-            raise KeyboardInterrupt
-        return demands(self, which, intensities)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(SuiteRuns, "demands", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            run(*arguments)
+    stopped(monkeypatch, 1, lambda: run(*arguments), "demands", SuiteRuns)
+    assert any(store.glob("chunk-*.npz"))
     told = describe_kept(argparse.Namespace(command="ida", store=store, out=out))
     assert told.startswith(f"finished runs are kept in {store}, and the same command")
     for _ in range(2):  # the second time from the files alone

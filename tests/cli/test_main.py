@@ -90,12 +90,6 @@ def test_help_and_faulty_arguments_need_no_jax(arguments, status):
     assert (done.returncode, done.stdout.splitlines()[-1]) == (status, "soon")
 
 
-def test_python_m_jaxpound():
-    done = python("-m", "jaxpound", "--help", check=True)
-    assert done.stdout.startswith("usage: jaxpound")
-    assert done.stderr == ""
-
-
 def test_the_command_line_uses_every_core():
     program = (
         "import os, jax; from jaxpound.cli.main import main; "

@@ -15,12 +15,14 @@ from jaxpound.cli import rare
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
 from tests.cli.commands import changed, csv_rows, number, refusal, run, summary, tables
+from tests.reliability.test_subset import stopped
 
 EXAMPLE, ROW = example("rare"), example("rare", "row")
 SHORT = """frequency = 1.0 & duration = 6.0 & # gap = -> gap = 0.09 & thresholds = [0.07, 0.09]
     & cov = 0.2 & # dt = 0.01 -> dt = 0.03"""
 SHORT = " ".join(SHORT.split())
 SUBSET = f'{SHORT} & method = "subset" & gap = 0.09 -> gap = 0.07 & thresholds -> nothing'
+SUBSET += " & cov = 0.9"
 DESIGN = '\n[design]\nparameter = "friction"\nprobability = 0.01\ntolerance = 0.3\n'
 
 
@@ -119,55 +121,22 @@ def test_other_earthquakes_and_uncertain_buildings():
     assert (found.dimension, found.scenarios.discrete) == (36, ())
 
 
-@pytest.fixture
-def counted(monkeypatch):
-    """Sizes of the batches that ``call`` runs until it is interrupted after so many."""
-
-    def count(most, call, *arguments):
-        made, values = [], jp.LimitState.values
-
-        def stopping(self, z):
-            if len(made) == most:
-                raise KeyboardInterrupt
-            made.append(len(z))
-            return values(self, z)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(jp.LimitState, "values", stopping)
-            if most:
-                with pytest.raises(KeyboardInterrupt):
-                    call(*arguments)
-            else:
-                call(*arguments)
-        return sum(made)
-
-    return count
-
-
-def test_a_stopped_subset_simulation_goes_on(tmp_path, counted):
-    path, out, store = (tmp_path / name for name in ("rare.toml", "out", "store"))
-    path.write_text(changed(EXAMPLE, SUBSET))
-    command = run, "rare", path, "--out", out, "--store", store
-    assert counted(3, *command) == 3 * 2000
-    assert len([*store.rglob("chunk-*.npz")]) == 3
-    rest, answers = counted(None, *command), summary(out)
-    assert rest + 3 * 2000 == answers["runs"] >= 20_000
-    assert counted(None, *command) == 0
-    assert summary(out) == answers
-    assert "subset simulation" in answers["method"]
-
-
-def test_a_search_without_a_store_goes_on_too(tmp_path, counted):
+def test_a_stopped_subset_simulation_without_a_store_goes_on(tmp_path, monkeypatch):
     path, out = tmp_path / "rare.toml", tmp_path / "out"
-    path.write_text(changed(EXAMPLE, SUBSET + " & cov = 0.9"))
+    path.write_text(changed(EXAMPLE, SUBSET))
     options = {"command": "rare", "config": path, "out": out, "store": None}
     args = argparse.Namespace(**options, strict=False, pdf=False)
-    assert counted(2, rare.run, args) == 2 * 2000
+    assert stopped(monkeypatch, 2, lambda: rare.run(args)) == 2 * 2000
     (kept,) = out.iterdir()
+    assert len([*kept.rglob("chunk-*.npz")]) == 2
     said = cli.describe_kept(args)
     assert said.startswith(f"finished runs are kept in {kept}, and the same command")
-    rest = counted(None, run, "rare", path, "--out", out)
-    assert rest + 2 * 2000 == summary(out)["runs"]
+    sizes, values = [], jp.LimitState.values
+    counting = lambda state, z: sizes.append(len(z)) or values(state, z)  # noqa: E731
+    monkeypatch.setattr(jp.LimitState, "values", counting)
+    run("rare", path, "--out", out)
+    assert sum(sizes) + 2 * 2000 == summary(out)["runs"]
+    assert "subset simulation" in summary(out)["method"]
     assert not kept.exists()
 
 

@@ -277,14 +277,6 @@ def test_ground(changes, expected, write):
     np.testing.assert_allclose(record.samples, expected, atol=1e-15)
 
 
-@pytest.mark.parametrize(("record_dt", "dt"), [(0.02, 0.01), (0.01, 0.01), (0.005, 0.005)])
-def test_default_time_step_meets_every_sample(record_dt, dt, write):
-    file, configuration = read(write())
-    grid = simulate.grid(file, configuration, jp.Record(PULSE, record_dt))
-    assert grid.dt * float(configuration.scales.time) == pytest.approx(dt)
-    assert grid.n_steps == round(100 * record_dt / dt)
-
-
 # --- refusals -----------------------------------------------------------------------------------
 
 

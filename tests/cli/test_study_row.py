@@ -75,6 +75,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     drawn = fragilities_of_links(study)
     assert drawn.keys() - {"any link"} == {places[k] for k in (0, 1) if fitted[k]}
     assert drawn["any link"].median == answers["fragility"]["pga"]["median"]
+    assert answers["fragility"]["spectral_acceleration_1"]["unit"] == "m/s²"
     assert "![fragility of links](fragility_of_links.png)" in page
     for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
         assert (out / f"{figure}.png").exists()

@@ -3,21 +3,15 @@
 import warnings
 
 import numpy as np
-import pytest
 
 import jaxpound as jp
 from tests.ground.test_suite import SUITE
-from tests.hazard.test_ida import LADDER, LEFT, PAIR, RIGHT, SCALES, analysed
+from tests.hazard.test_ida import LADDER, LEFT, PAIR, RIGHT, SCALES
 from tests.refusals import refused
 
 ROW, ROW_SCALES = jp.dimensionless_row(
     (LEFT, RIGHT, LEFT), [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
 )
-
-
-@pytest.fixture(scope="module")
-def linear():
-    return analysed()
 
 
 def striped(records, structures=PAIR, **changed):

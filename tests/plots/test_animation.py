@@ -15,6 +15,7 @@ from jaxpound.plots.animation import animate, still
 from jaxpound.plots.moving_rows import Scene
 from tests.made import changed, pair_response, row_of, row_response
 from tests.plots.runs import GROUND, LAW, PAIR, SCALES, SHORT, legend, paper_run
+from tests.refusals import refused
 
 
 def blocks(ax):
@@ -81,8 +82,7 @@ def test_wrong_arguments_are_refused(response, moved):
         (animate, ({},), {}, "animate: responses must hold at least one run"),
         (still, (moved, 1.0), one, "still: elevations, 1 of them, must be one for each"),
     ):
-        with pytest.raises(ValueError, match=message):
-            draw(*arguments, **options)
+        refused(message, draw, *arguments, **options)
 
 
 def test_several_runs_move_side_by_side_to_one_scale(response):

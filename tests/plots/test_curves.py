@@ -10,42 +10,33 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.curves import is_pair
-from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
-from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
 from tests.made import pair_response, row_of, row_response
 from tests.plots.runs import legend
+from tests.refusals import refused
 
 TIME = np.linspace(0.0, 1.0, 5)
 X = [np.sin((i + 1) * TIME) for i in range(4)]
-RODS = ((0, jp.GROUND), (1, 0), (2, jp.GROUND), (jp.GROUND, 3))
-LINKS = {(1, 2): 0.8, (jp.GROUND, 0): np.inf, (2, 3): 0.6}
+DAMPER = {"friction": 0.1}
+LINKS = (
+    jp.FloorLink(0, 1, 0, gap=0.8, **DAMPER),
+    jp.FloorLink(0, 0, next_building=jp.GROUND, **DAMPER),
+    jp.FloorLink(1, 0, gap=0.6, **DAMPER),
+)
+
+
+def linked(n_floors, links=None, displacement=lambda i, t: i * np.sin(t)):
+    """The response of a row; if nothing is said, of links between all floors."""
+    if links is None:
+        links = jp.floor_links(row_of(n_floors).buildings, gap=0.5, friction=0.1)
+    return row_response(row_of(n_floors, links), TIME, displacement)
 
 
 def response(links=LINKS):
-    """A run that nothing made: a building of two storeys, two of one, and links by gap at rest."""
-    gaps = {
-        (i, j): np.asarray(rest - (X[i] if i >= 0 else 0) + X[j]) for (i, j), rest in links.items()
-    }
-    least = [(gap.min(), TIME[gap.argmin()]) for gap in gaps.values()]
-    demand = jp.Demand(
-        masses=(MassDemand(1.0, 1.0),) * 4,
-        rods=(RodDemand(1.0),) * 4,
-        links=tuple(LinkDemand(*both, 1.0, 1.0, 0.0) for both in least),
-        pga=1.0,
-        pgv=1.0,
-    )
-    return jp.Response(
-        time=TIME,
-        ground_acceleration=np.cos(TIME),
-        ground_velocity=np.sin(TIME),
-        masses=tuple(MassResponse(x, 2 * x, 1.0) for x in X),
-        rods=tuple(RodResponse((i + 3) * TIME, ends) for i, ends in enumerate(RODS)),
-        links=tuple(
-            LinkResponse(gap, 0.1 * gap, TIME, np.ones(5), TIME, ends=ends, slip_force=0.1)
-            for ends, gap in gaps.items()
-        ),
-        demand=demand,
-    )
+    """Of a building of two storeys and two of one, whose rod has its ends the other way round."""
+    run = linked((2, 1, 1), links, lambda i, t: X[i])
+    *rods, last = run.rods
+    turned = dataclasses.replace(last, force=-last.force, ends=last.ends[::-1])
+    return dataclasses.replace(run, rods=(*rods, turned))
 
 
 def by_floor(what):
@@ -65,39 +56,35 @@ def drawn(ax):
 
 
 @pytest.mark.parametrize(
-    ("draw", "what", "expected", "y"),
+    ("draw", "what", "series", "y"),
     [
-        (plots.displacements, "mass", X, "displacement $x$"),
-        (plots.velocities, "mass", [2 * x for x in X], "velocity $x'$"),
-        (plots.rod_forces, "rod", [(i + 3) * TIME for i in range(4)], "rod force $f$"),
-        (
-            plots.friction_force,
-            "link",
-            [0.1 * x.gap for x in response().links],
-            "friction force $q$",
-        ),
+        (plots.displacements, "mass", "x", "displacement $x$"),
+        (plots.velocities, "mass", "v", "velocity $x'$"),
+        (plots.rod_forces, "rod", "force", "rod force $f$"),
+        (plots.friction_force, "link", "friction", "friction force $q$"),
     ],
 )
-def test_every_mass_rod_and_link_is_drawn_over_time(draw, what, expected, y, ax):
+def test_every_mass_rod_and_link_is_drawn_over_time(draw, what, series, y, ax):
+    elements = getattr(response(), {"mass": "masses"}.get(what, f"{what}s"))
     draw(response(), ax)
     lines = drawn(ax)
     assert list(lines) == legend(ax) == NAMES[what]
-    for (x, values), wanted in zip(lines.values(), expected, strict=True):
+    for (x, values), element in zip(lines.values(), elements, strict=True):
         np.testing.assert_array_equal(x, TIME)
-        np.testing.assert_array_equal(values, wanted)
+        np.testing.assert_array_equal(values, getattr(element, series))
     assert ax.get_ylabel().startswith(f"{y} (")
-    assert len({line.get_color() for line in ax.lines}) == len(expected)
+    assert len({line.get_color() for line in ax.lines}) == len(elements)
 
 
 def test_rods_and_links_are_drawn_over_their_own_elongation_and_slip(ax):
     plots.rod_hysteresis(response(), ax)
     assert ax.get_xlabel().startswith("elongation")
-    expected = [(e, (i + 3) * TIME) for i, e in enumerate((X[0], X[1] - X[0], X[2], -X[3]))]
-    for name, xy in zip(NAMES["rod"], expected, strict=True):
-        np.testing.assert_array_equal(drawn(ax)[name], xy)
+    elongations = X[0], X[1] - X[0], X[2], -X[3]
+    for name, elongation in zip(NAMES["rod"], elongations, strict=True):
+        np.testing.assert_array_equal(drawn(ax)[name], [elongation, 5.0 * elongation])
     ax.clear()
     plots.friction_hysteresis(response(), ax)
-    for name, slip in zip(NAMES["link"], (X[1] - X[2], -X[0], X[2] - X[3]), strict=True):
+    for name, slip in zip(NAMES["link"], (X[1] - X[2], X[0], X[2] - X[3]), strict=True):
         np.testing.assert_array_equal(drawn(ax)[name][0], slip)
     assert ax.get_xlabel().startswith("slip $x_i - x_j$")
 
@@ -110,25 +97,23 @@ def test_the_gap_of_every_link_that_has_one_is_drawn(ax):
     smallest = float(run.min_gap)
     assert ax.lines[-1].get_ydata() == smallest
     assert legend(ax)[2].replace("−", "-").startswith(f"min {smallest:.4g} at")
-    both = plots.gaps({"one": run, "other": response({(1, 2): 0.8})}, Figure().add_subplot())
+    both = plots.gaps({"one": run, "other": response(LINKS[:1])}, Figure().add_subplot())
     assert sum(np.size(line.get_ydata()) == 5 for line in both.lines) == 3
 
 
 def test_runs_without_links_or_gaps_are_valid(ax):
-    free, open_ = response({}), response({(1, 2): np.inf})
+    free, open_ = response(()), response(LINKS[1:2])
     assert len(free.plot().axes) == 2
     assert len(open_.plot().axes) == 3
     plots.energy(free, ax)
     for draw in (plots.friction_force, plots.friction_hysteresis):
-        with pytest.raises(ValueError, match=f"{draw.__name__}: response must have a link"):
-            draw(free, ax)
+        refused(f"{draw.__name__}: response must have a link", draw, free, ax)
     for run in (free, open_):
-        with pytest.raises(ValueError, match="gap: response must have a link with a finite gap"):
-            plots.gap(run, ax)
+        refused("gap: response must have a link with a finite gap", plots.gap, run, ax)
 
 
 def test_a_batch_some_of_whose_runs_have_a_gap_is_drawn(ax):
-    runs = response({(1, 2): 0.8}), response({(1, 2): np.inf})
+    runs = response(LINKS[:1]), response([dataclasses.replace(LINKS[0], gap=np.inf)])
     batch = jax.tree.map(lambda *x: np.stack(x), *runs)
     plots.gap(batch, ax)
     assert np.isfinite(ax.get_ylim()).all()
@@ -151,13 +136,6 @@ def test_a_pair_is_known_by_its_topology():
     turned = dataclasses.replace(pair, rods=pair.rods[::-1])
     others = response(), dataclasses.replace(pair, links=()), turned
     assert [is_pair(run) for run in (pair, *others)] == [True, False, False, False]
-
-
-def linked(n_floors, links=None, displacement=lambda i, t: i * np.sin(t)):
-    """The response of a row; if nothing is said, of links between all floors."""
-    if links is None:
-        links = jp.floor_links(row_of(n_floors).buildings, gap=0.5, friction=0.1)
-    return row_response(row_of(n_floors, links), TIME, displacement)
 
 
 def test_of_many_floors_only_the_buildings_are_named(ax):

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from tests.made import changed, pair_response, row_of, row_response
+from tests.refusals import refused
 
 TIME = np.linspace(0.0, 20.0, 4001)
 LAW = jp.KelvinVoigt(100.0, 0.65)
@@ -93,5 +94,4 @@ def test_wrong_arguments_are_refused(ax):
         (swaying(links=LINKS[-1:]), None, "must have a link with a finite gap"),
         (3, None, "of type Response"),
     ):
-        with pytest.raises(ValueError, match=message):
-            plots.gap_map(response, ax, widest)
+        refused(message, plots.gap_map, response, ax, widest)

@@ -8,6 +8,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.plots import ida
 from tests.plots.runs import legend
+from tests.refusals import refused
 
 IM = np.array([0.1, 0.2, 0.4])
 DEMANDS = np.array([[0.01, 0.02, 0.04], [0.02, 0.04, 0.08], [0.01, 0.03, 0.05]])
@@ -54,10 +55,8 @@ def test_a_cloud_and_its_line(ax):
     np.testing.assert_allclose(records.get_ydata(), [0.01, 0.03, 0.02])
     np.testing.assert_allclose(bounds.get_ydata(), [0.05])
     ax.figure.draw_without_rendering()
-    with pytest.raises(ValueError, match="analysis = 3 must be of type Incremental"):
-        ida.curves(3)
-    with pytest.raises(ValueError, match="found = 3 must be of type Cloud"):
-        ida.cloud(3)
+    refused("analysis = 3 must be of type Incremental", ida.curves, 3)
+    refused("found = 3 must be of type Cloud", ida.cloud, 3)
 
 
 def test_the_fragility_of_capacities_is_drawn_with_their_distribution(ax):

@@ -8,12 +8,10 @@ import pytest
 import jaxpound as jp
 from jaxpound.plots import rare_events
 from tests.plots.runs import legend
+from tests.refusals import refused
+from tests.reliability.test_rare_event import FEW, SHORT
 
-HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
-SCENARIOS = jp.Scenarios(
-    jp.paper.structures(), jp.CustomDraw(lambda z: jp.Record(HILLS @ z, 0.1, time_unit="1/ω1"), 5)
-)
-STATE = jp.LimitState(SCENARIOS, jp.TimeGrid.until(8.0, dt=0.1), threshold=0.2)
+STATE = jp.LimitState(FEW, SHORT, threshold=0.2)
 ACCELERATION = dataclasses.replace(STATE, demand="peak_acceleration_1")
 
 
@@ -60,8 +58,7 @@ def test_a_design_earthquake():
     assert series == pytest.approx(np.asarray(response.absolute_accelerations[0]))
     assert threshold[0] == pytest.approx(0.3)
     assert below.get_ylabel() == "acceleration ($g$)"
-    with pytest.raises(ValueError, match="number = 1 must be from 0 to 0"):
-        rare_events.design_earthquake(closes, 1)
+    refused("number = 1 must be from 0 to 0", rare_events.design_earthquake, closes, 1)
 
 
 def test_a_curve_of_probabilities(ax):
@@ -75,5 +72,4 @@ def test_a_curve_of_probabilities(ax):
     metres = np.array([0.2, 0.4]) * float(SCALES.length)
     assert ax.lines[-2].get_xdata() == pytest.approx(metres)
     assert ax.get_xlabel() == "required gap (m)"
-    with pytest.raises(ValueError, match="two or more"):
-        rare_events.probability_curve(events[:1])
+    refused("two or more", rare_events.probability_curve, events[:1])

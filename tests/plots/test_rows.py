@@ -14,6 +14,7 @@ from jaxpound import plots
 from jaxpound.plots.system import mechanical_system
 from tests.made import STEEL, row_of
 from tests.plots.runs import legend
+from tests.refusals import refused
 
 LAW = jp.KelvinVoigt(100.0, 0.65)
 
@@ -107,10 +108,12 @@ def test_wrong_arguments_are_refused(ax):
         (batch, None, "must be known and one row, not a batch"),
         (jp.System((1.0,) * 3, rods), None, "masses must be shear buildings"),
     ):
-        with pytest.raises(ValueError, match=message):
-            plots.row(structures, elevations, ax)
-    with pytest.raises(ValueError, match="must be known and one row"):
-        jax.jit(lambda traced: plots.row(traced, ax=ax) and 0)(row)
+        refused(message, plots.row, structures, elevations, ax)
+    refused(
+        "must be known and one row", jax.jit(lambda traced: plots.row(traced, ax=ax) and 0), row
+    )
+    pairs = jax.tree.map(lambda x: np.array([x, x]), jp.paper.structures())
+    refused("must be a single pair, not a batch", mechanical_system, pairs, ax)
 
 
 SYMBOLS = ["m_1", "m_2", "x_1", "x_2", "u(t)", r"\mu", r"\xi", r"\alpha", r"\beta"]
@@ -125,9 +128,3 @@ def test_every_symbol_stands_in_the_picture_and_none_on_another(structures, legi
     for symbol in SYMBOLS + ([] if structures is None else NUMBERS):
         assert symbol in words
     legible(ax.figure, ax.texts)
-
-
-def test_a_batch_is_refused(ax):
-    batch = jax.tree.map(lambda x: np.array([x, x]), jp.paper.structures())
-    with pytest.raises(ValueError, match="must be a single pair, not a batch"):
-        mechanical_system(batch, ax)

@@ -10,15 +10,7 @@ import jaxpound as jp
 from jaxpound.model.places import link_places
 from jaxpound.reliability.instants import chosen_instants, measured, series_of
 from jaxpound.simulation.rollout import ACCELERATIONS, POSITIONS, ROD_FORCES, observed_at
-
-STEEL = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
-
-
-def row():
-    rods = jp.Rod(STEEL, 5.0), jp.Rod(STEEL, 3.0)
-    left, right = (jp.Storeys((1.0,) * n, rod) for n, rod in zip((3, 2), rods, strict=True))
-    return jp.Row((left, right), jp.floor_links((left, right), friction=0.1, gap=1.0)).system()
-
+from tests.made import row_of
 
 PAPER, GROUND, SCHEME = jp.paper.structures(), jp.paper.ground(), jp.Scheme()
 GRID = jp.TimeGrid.until(6.0, dt=0.04)
@@ -61,7 +53,8 @@ def test_accelerations_and_forces_at_an_instant_are_those_of_the_run():
 
 
 def test_series_of_a_row_and_those_that_lead_to_impacts():
-    system = row()
+    links = jp.floor_links(row_of((3, 2)).buildings, friction=0.1, gap=1.0)
+    system = row_of((3, 2), links).system()
     gaps = series_of(system, "required_gap", pounding=False)
     places = [f"closing, {place}" for place in link_places(system.topology)]
     assert [series.words for series in gaps] == places

@@ -189,18 +189,18 @@ test_arguments_that_break_a_rule = refusals(
 STORED = {"n": 300, "repeats": 10, "key": 3, "progress": False}  # two parts at the first level
 
 
-def stopped(monkeypatch, after, call, method="values"):
+def stopped(monkeypatch, after, call, method="values", owner=jp.LimitState):
     """The runs of a search that is stopped by an interrupt in one of its batches."""
-    made, run = [], getattr(jp.LimitState, method)
+    made, run = [], getattr(owner, method)
 
-    def stopping(self, z):
+    def stopping(self, z, *arguments):
         if len(made) == after:
             raise KeyboardInterrupt
         made.append(len(z))
-        return run(self, z)
+        return run(self, z, *arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(jp.LimitState, method, stopping)
+        patch.setattr(owner, method, stopping)
         with pytest.raises(KeyboardInterrupt):
             call()
     return sum(made)

@@ -14,18 +14,7 @@ from jaxpound.results.elements import without_idle_dampers
 from tests.refusals import refused
 from tests.study.test_run import LINEAR, study
 
-GRID = jp.TimeGrid(0.05, 40)
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
-
-
-def simulate(friction):
-    structures = dataclasses.replace(jp.paper.structures(), friction=friction)
-    return jp.simulate(structures, jp.paper.ground(), GRID)
-
-
-@pytest.fixture(scope="module")
-def batch():
-    return jax.jit(jax.vmap(simulate))(jnp.array([0.1, 0.2, 0.3]))
 
 
 def test_a_run_is_a_row_an_instant_in_a_folder_that_is_there(batch, tmp_path):

@@ -7,12 +7,11 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.results import named
-from tests.made import pair_demand, row_response
+from tests.made import pair_demand, row_of, row_response
 from tests.refusals import refused
 
-STEEL = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
 LINKS = (jp.FloorLink(0, 0, gap=0.2, contact=jp.Newton(0.5)), jp.FloorLink(0, 1, gap=0.3))
-ROW = jp.Row((jp.Storeys((1.0,) * 3, STEEL), jp.Storeys((1.0,) * 2, STEEL)), LINKS)
+ROW = row_of((3, 2), LINKS)
 
 
 @pytest.mark.parametrize("structures", [jp.paper.structures(), ROW], ids=["pair", "row"])

@@ -170,15 +170,6 @@ def test_a_run_draws_itself_and_a_batch_and_an_invalid_run_have_no_phases(run):
         refused("the run is invalid", method)
 
 
-@pytest.fixture(scope="module")
-def batch():
-    def run(friction):
-        structures = dataclasses.replace(jp.paper.structures(), friction=friction)
-        return jp.simulate(structures, jp.paper.ground(), jp.TimeGrid(0.05, 40))
-
-    return jax.jit(jax.vmap(run))(jnp.array([0.1, 0.2, 0.3]))
-
-
 @pytest.mark.parametrize(
     "index", [0, -1, slice(1, 3), np.array([True, False, True]), [2, 0]], ids=str
 )

@@ -5,10 +5,8 @@ import pytest
 
 import jaxpound as jp
 from tests.refusals import refusals, refused
+from tests.study.test_run import GRID, SLIDING
 from tests.test_tables import assert_shown
-
-GRID = jp.TimeGrid(0.1, 40)
-SLIDING = dataclasses.replace(jp.paper.structures(), friction=0.0)
 
 
 def wave(z):
