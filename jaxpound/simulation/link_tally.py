@@ -113,7 +113,7 @@ class LinkTally(NamedTuple):
         if seen is not None:
             log = seen.result.log
             first, final = (jnp.where(seen.used, x, turn) for x in (log.first_turn, log.last_turn))
-            between = log.between
+            between = jnp.where(seen.used, log.between, 0.0)
             turn = jnp.where(seen.used, log.farthest, turn)
             jumps = seen.used & (log.highest_time != 0)
             instants_since_turn = jnp.where(jumps, 0.0, instants_since_turn)

@@ -187,6 +187,30 @@ RATIOS, FORCES = ("mass_ratio", "stiffness_ratio"), ("friction", "initial_gap")
 ROD = jp.ZenerRod(0.5, 0.1, 2.0)
 
 
+def test_structures_are_traced_and_mapped():
+    def build(x):
+        rod = jp.ZenerRod(x, x, x)
+        return structures(rod_1=rod, mass_ratio=x, stiffness_ratio=x, friction=x, initial_gap=x)
+
+    for bad in (jnp.nan, -1.0, jnp.inf):
+        assert type(jax.jit(build)(bad)) is jp.AdjacentStructures
+        assert jax.vmap(build)(jnp.full(3, bad)).friction.shape == (3,)
+        assert jax.grad(lambda x: build(x).friction)(bad) == 1
+    frictions, paths = jnp.array([0.1, 0.2, 0.3]), jax.tree_util.tree_map_with_path
+    keystr = jax.tree_util.keystr
+    pair = paths(lambda p, x: frictions if keystr(p) == ".friction" else x, structures())
+    axes = paths(lambda p, x: 0 if keystr(p) == ".friction" else None, pair)
+
+    def doubled(s):
+        return jax.tree.map(lambda x: 2.0 * x, s)
+
+    result = jax.vmap(doubled, in_axes=(axes,), out_axes=axes)(pair)
+    assert type(result) is jp.AdjacentStructures
+    assert_allclose(result.friction, [0.2, 0.4, 0.6])
+    assert jnp.shape(result.rod_1.order) == ()
+    assert jax.vmap(doubled, in_axes=(axes,))(pair).rod_1.order.shape == (3,)
+
+
 def test_every_parameter_is_a_leaf_with_a_path_and_gradients_and_replacements_are_structures():
     leaves = jax.tree_util.tree_leaves_with_path(structures())
     names = [f".{rod}.{x}" for rod in ("rod_1", "rod_2") for x in ("order", "tau_f", "tau_x")]

@@ -148,9 +148,12 @@ def table(laws: LinkLaws) -> list[Event]:
 
 
 def _turn(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
-    """Slip ends: the link sticks."""
+    """Slip ends: the link sticks, or slides back at once where friction cannot stop it."""
     at, turns = SmoothState(*x.y), event.links
-    slip = jnp.where(turns, 0.0, x.slip)
+    # Friction that reverses changes the acceleration by at most so much.
+    change = 2 * setting.laws.friction / setting.laws.mass
+    slides_back = x.slip * event.forces.acceleration < -change
+    slip = jnp.where(turns, jnp.where(slides_back, -x.slip, 0.0), x.slip)
     x = _record_turns(setting, x, turns, slip)
     return x._replace(y=jnp.stack(at._replace(w=jnp.where(turns, 0.0, at.w))), slip=slip)
 

@@ -67,7 +67,7 @@ class ContactMotion(NamedTuple):
     """Motion of such a link in a step from t_m − h/2 to t_m + h/2."""
 
     used: jax.Array  # whether the local flow was needed
-    result: FlowResult  # zero if it was not
+    result: FlowResult  # zero if it was not, but for the turns of a link that did not touch
 
 
 def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
@@ -247,7 +247,6 @@ def finish_step(
         ContactState(closing_after, result.contact),
         state._replace(closing_before=plain_half),
     )
-    result = jax.tree.map(lambda x: jnp.where(used, x, jnp.zeros_like(x)), result)
     motion = motion._replace(
         contact=ContactMotion(jnp.broadcast_to(used, closing_after.shape), result)
     )

@@ -69,23 +69,18 @@ def _repeated(size: int, batched: Any, args: Any) -> Any:
 def _in_groups(work: Callable[..., Any], width: int, needed: jax.Array, args: Any) -> Any:
     size, count = needed.shape[0], needed.sum()
     width = min(width, size)
-    numbers = jnp.arange(size)
-    places = jnp.where(needed, jnp.cumsum(needed) - 1, size + width)
-    lanes = jnp.full(size + width, size + 0 * count).at[places].set(numbers, mode="drop")
-
-    def taken(numbers: jax.Array) -> Any:
-        # A group is filled up with copies of a lane that needs the work.
-        numbers = jnp.where(numbers < size, numbers, lanes[0])
-        return jax.tree.map(lambda x: jnp.take(x, numbers, axis=0, mode="clip"), args)
-
     leaves, rebuild = jax.tree.flatten(jax.eval_shape(work, *jax.tree.map(lambda x: x[0], args)))
     rows = [leaf.size for leaf in leaves]
     kind = jnp.result_type(*[leaf.dtype for leaf in leaves])
 
     def group(carry: Any) -> Any:
         done, results = carry
-        numbers = lax.dynamic_slice(lanes, (done,), (width,))
-        leaves_of_group = jax.tree.leaves(jax.vmap(work)(*taken(numbers)))
+        # The next lanes that need the work; the group is filled up with copies of its first.
+        ranks = done + 1 + jnp.arange(width)
+        numbers = (jnp.cumsum(needed)[None] < ranks[:, None]).sum(1)
+        lanes = jnp.where(numbers < size, numbers, numbers[0])
+        lanes_of_group = jax.tree.map(lambda x: jnp.take(x, lanes, axis=0, mode="clip"), args)
+        leaves_of_group = jax.tree.leaves(jax.vmap(work)(*lanes_of_group))
         rows_of_group = [x.reshape(width, -1).T.astype(kind) for x in leaves_of_group]
         results = results.at[:, numbers].set(jnp.concatenate(rows_of_group), mode="drop")
         return done + width, results

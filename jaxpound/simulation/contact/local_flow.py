@@ -332,10 +332,13 @@ class LocalFlow:
 
     def result(self, x: FlowState) -> FlowResult:
         """The result of a flow from the state in which it ended."""
-        at, contact, middle = SmoothState(*x.y), x.contact, x.middle
+        # NaN in what the run goes on from makes all of its results NaN.
+        poison = jnp.where(x.stage == 2, 1.0, jnp.nan).astype(self.dtype)
+        y, contact = x.y * poison, x.contact
+        at, middle = SmoothState(*y), x.middle._replace(y=x.middle.y * poison)
         unpressed = jnp.where(contact.mode == PRESSED, CLIPPED, contact.mode)
-        end = self._forces(x.y, x.regime._replace(mode=unpressed))
-        result = FlowResult(
+        end = self._forces(y, x.regime._replace(mode=unpressed))
+        return FlowResult(
             closing=at.s,
             velocity=at.w,
             acceleration=end.acceleration,
@@ -347,8 +350,6 @@ class LocalFlow:
             now=self._midstep(middle),
             log=x.log,
         )
-        poison = jnp.where(x.stage == 2, 1.0, jnp.nan).astype(self.dtype)
-        return jax.tree.map(lambda a: a * poison, result)
 
     def _midstep(self, middle: Snapshot) -> MidStep:
         at, regime = SmoothState(*middle.y), Regime.of(middle.slip, middle.contact)

@@ -5,7 +5,9 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
@@ -73,6 +75,50 @@ def test_free_collisions_are_those_of_the_laws(name):
             assert restitution == pytest.approx(case["e"], abs=1e-6)
 
 
+@pytest.mark.parametrize("law", [jp.KelvinVoigt(1000.0, 0.65), jp.Newton(0.65)])
+def test_derivatives_of_a_collision_with_friction_under_load(law):
+    """By all that is given, in both modes, against differences; friction reverses in contact."""
+    start = given(law, 0.6, 0.1, delassus=2.3, friction=0.2, pull=1.3, rise=-0.4)
+    flat, rebuild = ravel_pytree(start)
+
+    def out(x):
+        end = flow(0.25, SLOTS, jnp.asarray(True), rebuild(x), AT_START)
+        record = end.log
+        found = (end.closing, end.velocity, end.mean, record.farthest, record.highest, end.lost)
+        return jnp.concatenate([*found, end.now.velocity])
+
+    forwards, backwards = jax.jit(jax.jacfwd(out))(flat), jax.jit(jax.jacrev(out))(flat)
+    np.testing.assert_allclose(backwards, forwards, rtol=1e-9, atol=1e-9)
+    value = jax.jit(out)
+    scale = np.abs(forwards).max(1) + 1e-9
+    for i in np.flatnonzero(flat):
+        step = 2e-4 * max(abs(float(flat[i])), 0.1)
+        change = jnp.zeros_like(flat).at[i].set(step)
+        slope = (value(flat + change) - value(flat - change)) / (2 * step)
+        np.testing.assert_allclose(forwards[:, i] / scale, slope / scale, atol=1e-3)
+
+
+def test_rebounds_of_newtons_law_come_to_rest():
+    """A block pressed against another bounces ever faster, until it rests, with its momentum."""
+    out = collided()(given(jp.Newton(0.5), 0.1, 0.01, delassus=2.0, friction=0.05, pull=1.0))
+    assert (float(out.velocity[0]), float(out.closing[0])) == (0.0, 0.01)
+    assert 3 < float(out.log.touches[0]) < 60
+    assert float(out.held[0]) == 1
+    # From then on friction takes what it can and contact the rest of what keeps the gap closed.
+    rest = collided()(
+        given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=1.0)._replace()
+    )
+    assert float(rest.now.contact_force[0] + rest.now.friction[0]) == pytest.approx(0.5)
+    assert float(rest.log.touches[0]) == 0
+
+
+def test_stick_that_breaks_towards_a_closed_gap_becomes_rest():
+    """Friction bears .05 of the growing pull from the first, and contact the rest from then on."""
+    start = given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=0.1, rise=0.1)
+    out = collided()(start)
+    assert (float(out.closing[0]), float(out.velocity[0]), float(out.held[0])) == (0, 0, 1)
+
+
 def test_stick_ends_where_friction_that_has_changed_its_sign_reaches_the_slip_force():
     """Friction grows from −.3 μ to 5 μ: slip begins at .245 of the step, and moves with μ."""
 
@@ -109,3 +155,23 @@ def test_the_names_of_a_law_s_numbers_do_not_matter():
     forward, reverse = (jax.jit(mode(speed))(40.0) for mode in (jax.jacfwd, jax.grad))
     assert abs(float(forward)) > 1e-3
     assert float(reverse) == pytest.approx(float(forward), rel=1e-12)
+
+
+def test_too_many_events_are_not_a_silent_result():
+    out = collided()(given(jp.KelvinVoigt(1e16, 0.999999), 1.0, 0.01, pull=1e6))
+    assert np.isnan(out.closing).all()
+
+
+def test_lanes_of_a_batch_are_followed_as_they_are_alone():
+    """Also where only some of them need it; those that do not are left out."""
+    speeds = jnp.linspace(0.1, 1.0, 21)
+    needed = speeds > 0.3
+    law = jp.KelvinVoigt(1000.0, 0.65)
+
+    def run(speed, need):
+        return flow(0.5, SLOTS, need, given(law, speed, 0.1), AT_START).velocity[0]
+
+    many = jax.jit(jax.vmap(run))(speeds, needed)
+    alone = [float(collided()(given(law, s, 0.1)).velocity[0]) for s in speeds]
+    np.testing.assert_allclose(many[needed], np.array(alone)[needed], rtol=1e-12)
+    assert (many[~needed] == 0).all()
