@@ -59,6 +59,8 @@ def _run(args: argparse.Namespace, *, alone: bool) -> None:
     jax.config.update("jax_enable_x64", True)
     with contextlib.suppress(RuntimeError):  # called where JAX runs already
         jp.use_cores()
+        if alone:
+            jp.use_loop_kernels()
     with _short_warnings(strict=getattr(args, "strict", False)):
         if alone:
             jp.keep_programs()

@@ -11,6 +11,7 @@ from .history import FullHistory as FullHistory
 from .history import ModalHistory as ModalHistory
 from .history import gl_weights as gl_weights
 from .programs import keep_programs as keep_programs
+from .programs import use_loop_kernels as use_loop_kernels
 from .rod import rod_force as rod_force
 from .run import demand as demand
 from .run import simulate as simulate

@@ -2,6 +2,8 @@
 
 import logging
 import os
+import subprocess
+import sys
 import time
 import warnings
 from functools import reduce
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import jax
 import jax.monitoring
+import jax.numpy as jnp
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
@@ -223,3 +226,25 @@ def test_runs_see_to_the_note(monkeypatch):
     grid = jp.TimeGrid.until(20.0, dt=0.05)
     jax.eval_shape(lambda: jp.demand(jp.paper.structures(), jp.paper.ground(), grid))
     assert calls
+
+
+LOOP_KERNELS = """
+import os, jax, jax.numpy as jnp, jaxpound as jp
+devices = jax.config.jax_num_cpu_devices
+os.environ["XLA_FLAGS"] = "--xla_cpu_enable_fast_math=false"
+jp.use_loop_kernels()
+jp.use_loop_kernels()  # once is enough
+assert os.environ["XLA_FLAGS"].startswith("--xla_cpu_enable_fast_math=false ")
+assert os.environ["XLA_FLAGS"].count("small_while_loop") == 1
+assert jax.config.jax_num_cpu_devices == devices
+loop = jax.jit(lambda x: jax.lax.scan(lambda x, _: (jnp.cos(x), x), x, length=1000)[1])
+assert "xla_cpu_small_call" in loop.lower(1.0).compile().as_text()
+"""
+
+
+def test_a_loop_is_one_kernel_if_it_is_asked_for_before_jax_starts(monkeypatch):
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    subprocess.run([sys.executable, "-c", LOOP_KERNELS], check=True)
+    jnp.zeros(1).block_until_ready()
+    with pytest.raises(RuntimeError, match="use_loop_kernels must be called before JAX computes"):
+        jp.use_loop_kernels()

@@ -13,7 +13,7 @@ from jaxpound.simulation.contact.lanes import where_needed
 from jaxpound.simulation.contact.local_flow import LocalFlow
 from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, FlowResult
 
-_LANES, _LANES_IN_REVERSE = 32, 12
+_LANES, _LANES_IN_REVERSE = 8, 4
 """Lanes of a batch that are followed side by side; in reverse each of them has a dozen columns."""
 
 
