@@ -164,8 +164,8 @@ class Parameters:
             return buildings.row_in(1.0, 1.0, 1.0)
         (left, right), (link,) = cast("Any", buildings.buildings), buildings.links
         return jp.AdjacentStructures(
-            rod_1=left.material(),
-            rod_2=right.material(),
+            rod_1=left.zener(),
+            rod_2=right.zener(),
             mass_ratio=left.mass / right.mass,
             stiffness_ratio=right.stiffness / left.stiffness,
             friction=link.friction,

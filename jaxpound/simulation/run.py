@@ -261,9 +261,9 @@ def _run(
         return (state, tally), c, StoredSeries.of(now, tally) if keep else None
 
     closings = [link.closing for link in run.start.links]
-    start = run.start, Tally.start(system, zero, temperature is not None, closings)
+    start = run.start, Tally.start(run.constants, system, zero, temperature is not None, closings)
     (state, tally), kept = run.scan(advance, start, segmented=keep)
-    scalars = tally.demand(system, scheme.friction.set_valued, temperature)
+    scalars = tally.demand(run.constants, system, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]
@@ -359,9 +359,13 @@ def _finished(result: Any) -> Any:
     may_be_infinite = ("min_gap", "soft_min_gap", "first_impact_time")
     zeros = dict.fromkeys(may_be_infinite, 0.0)
     closed = tuple(dataclasses.replace(link, **zeros) for link in scalars.links)
+    never = [rod.first_yield_time for rod in scalars.rods]
+    rods = tuple(dataclasses.replace(rod, first_yield_time=None) for rod in scalars.rods)
     gaps = [getattr(link, name) for link in scalars.links for name in may_be_infinite]
     holds = [gap > -np.inf for gap in gaps if gap is not None]
-    holds += map(np.isfinite, jax.tree.leaves(dataclasses.replace(scalars, links=closed)))
+    holds += [time > -np.inf for time in never if time is not None]
+    finite_scalars = dataclasses.replace(scalars, links=closed, rods=rods)
+    holds += map(np.isfinite, jax.tree.leaves(finite_scalars))
     if not all(map(np.all, holds)):
         raise FloatingPointError(
             "the run ended in non-finite numbers: the ground motion returns some or overflows, the "
