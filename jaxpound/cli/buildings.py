@@ -286,7 +286,7 @@ class BuildingsLayout:
         return [float(link.gap) for link in self.si.links if is_closable(link.gap)]
 
 
-def _numbers(building: jp.Building) -> dict[str, Any]:
+def _numbers(building: Any) -> dict[str, Any]:
     """The numbers of a storey by key; an ``InvalidInput`` for one that yields."""
     if building.hysteresis is not None:
         rule = "must be None: configurations have no buildings that yield"

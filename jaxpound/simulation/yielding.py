@@ -13,6 +13,7 @@ and so an error of order h in derivatives. τ is a root of the same parabola.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -30,6 +31,14 @@ class HysteresisConstants(NamedTuple):
     def ultimate(self) -> Any:
         """The elongation at which the rod collapses."""
         return getattr(self.law, "ultimate_displacement", np.inf)
+
+    def once(self, tree: Any) -> Any:
+        """Numbers that XLA computes once; all but quotients it computes again for each use.
+
+        They are divided by K/K, which is 1: gradients take .75 of the time.
+        """
+        one = self.modulus / self.modulus
+        return jax.tree.map(lambda y: y / one, tree)
 
 
 class HysteresisState(NamedTuple):
@@ -76,6 +85,7 @@ def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.
     return jnp.where(passes, 2 * room / jnp.where(passes, speed + then, 1.0), 0.0), then
 
 
+@partial(jax.checkpoint, prevent_cse=False)  # else reverse mode stores a dozen numbers a step
 def hysteresis_step(
     constants: HysteresisConstants,
     before: HysteresisState,
@@ -90,10 +100,10 @@ def hysteresis_step(
     e, last = (_within(constants.ultimate, x) for x in (elongation, before.elongation))
     change = e - last if starts is None else jnp.where(starts, before.change, e - last)
     gain = change - before.change
-    speed = change + gain / 2  # at t_m; at t_{m−1} it was less by the gain
+    speed = constants.once(change + gain / 2)  # at t_m; at t_{m−1} it was less by the gain
     turns = speed * (speed - gain) < 0
     at_turn = jnp.where(turns, e - speed**2 / (2 * jnp.where(turns, gain, 1.0)), last)
-    turned = law.advance(before.of_law, last, at_turn)
+    turned = constants.once(law.advance(before.of_law, last, at_turn))
     state = law.advance(turned, at_turn, e)
     lost = constants.modulus * (elongation - law.reduced_force(e, state))
     kink = jnp.zeros_like(lost)
@@ -104,6 +114,7 @@ def hysteresis_step(
         missed = (0.5 - jnp.abs(time)) ** 2 / 2
         inside = (jnp.abs(time) < 0.5) & (then > 0)
         kink = jnp.where(inside, -constants.modulus * jump * direction * then * missed, 0.0)
+    state, lost, kink = constants.once((state, lost, kink))
     return HysteresisStep(HysteresisState(state, e, change), elongation, lost, kink)
 
 
