@@ -19,6 +19,7 @@ ONLY = {
     "": "",
     "contact": "only with a contact law",
     "storey": "only of a storey between two floors",
+    "yielding": "only of a rod that yields",
 }
 
 

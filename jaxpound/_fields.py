@@ -87,7 +87,8 @@ class Quantity(NamedTuple):
     ``words``, ``column`` and ``symbol`` name it in a sentence, in a table and in a figure; braces
     stand for the number, from 1, of the mass, rod or link that it belongs to. Tables list lower
     ranks first. A design may be limited in it, or pay for it, if ``limited``. Elements may have it
-    ``only`` if they are links with "contact", or rods that are a "storey" between two masses.
+    ``only`` if they are links with "contact", rods that are a "storey" between two masses, or rods
+    that may be "yielding".
     """
 
     kind: str | None

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from jaxpound._checks import enforce, instance, is_traced, not_negative, positive_number
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
 from jaxpound.ground.plausibility import warn
 from jaxpound.model.building import Building
@@ -119,12 +120,17 @@ class Buildings:
     def dimensionless_for(self, owner: str) -> tuple[Row, Scales]:
         """``dimensionless`` for the function ``owner``, which errors name."""
         scales = self.scales
-        row = self.row_in(scales.mass, storeys_of(self.buildings[0])[0].stiffness, scales.frequency)
+        stiffness = storeys_of(self.buildings[0])[0].stiffness
+        row = self.row_in(scales.mass, stiffness, scales.frequency, scales.length)
         return Row(row.buildings, scaled_links(self.links, scales, owner, operator.truediv)), scales
 
-    def row_in(self, mass: Any, stiffness: Any, frequency: Any) -> Row:
-        """The row in units of a mass, kg, a stiffness, N/m, and a frequency, rad/s; links in SI."""
-        buildings = tuple(in_units(x, mass, stiffness, frequency) for x in self.buildings)
+    def row_in(self, mass: Any, stiffness: Any, frequency: Any, length: Any = 1.0) -> Row:
+        """The row in units of a mass, kg, stiffness, N/m, frequency, rad/s, and of rods' length, m.
+
+        Links are in SI.
+        """
+        units = mass, stiffness, frequency, length
+        buildings = tuple(in_units(x, *units) for x in self.buildings)
         return unchecked(Row, buildings=buildings, links=self.links)
 
 
@@ -204,6 +210,10 @@ def pair_of(
     between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
     enforce(owner, [*between, *ranges(contact, "contact.")])
     scales = _scales_of(left, gravity)
+    for i, building in enumerate(pair, 1):
+        if building.hysteresis is not None:
+            rule = "must be None: Buildings((left, right), links) takes buildings that yield"
+            raise InvalidInput(owner, f"building_{i}.hysteresis", "", rule)
     law = law_in_other_units(owner, "contact", contact, scales, operator.truediv)
     link = friction_force / scales.force, gap / scales.length, law
     return pair_in(left, right, *link, scales.frequency), scales
@@ -214,8 +224,8 @@ def pair_in(
 ) -> AdjacentStructures:
     """A pair whose relaxation times are in units of a frequency, rad/s; the link's as they are."""
     return AdjacentStructures(
-        rod_1=left.material(frequency),
-        rod_2=right.material(frequency),
+        rod_1=left.zener(frequency),
+        rod_2=right.zener(frequency),
         mass_ratio=left.mass / right.mass,
         stiffness_ratio=right.stiffness / left.stiffness,
         friction=friction,

@@ -286,6 +286,14 @@ class BuildingsLayout:
         return [float(link.gap) for link in self.si.links if is_closable(link.gap)]
 
 
+def _numbers(building: Any) -> dict[str, Any]:
+    """The numbers of a storey by key; an ``InvalidInput`` for one that yields."""
+    if building.hysteresis is not None:
+        rule = "must be None: configurations have no buildings that yield"
+        raise jp.InvalidInput("Buildings", "hysteresis", "", rule)
+    return {key: getattr(building, key) for key in _BY_ROD}
+
+
 def as_toml(buildings: jp.Buildings) -> str:
     """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair."""
     storeyed: Any = buildings
@@ -294,13 +302,13 @@ def as_toml(buildings: jp.Buildings) -> str:
         (link,) = buildings.links
         lines = [f"gap = {_written(link.gap)}  # m", ""]
         for i, building in enumerate((first, *others), start=1):
-            numbers = [f"{key} = {_written(x)}" for key, x in vars(building).items()]
+            numbers = [f"{key} = {_written(x)}" for key, x in _numbers(building).items()]
             lines += [f"[building_{i}]", *numbers, ""]
         lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
         return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
     for building in storeyed.buildings:
-        storeys = [vars(storey) for storey in building.storeys]
+        storeys = [_numbers(storey) for storey in building.storeys]
         series = {plural.get(key, key): [storey[key] for storey in storeys] for key in storeys[0]}
         series["heights"] = building.heights
         lists = [f"{key} = [{', '.join(map(_written, x))}]" for key, x in series.items()]

@@ -6,12 +6,17 @@ from .contact import Jankowski as Jankowski
 from .contact import KelvinVoigt as KelvinVoigt
 from .contact import Newton as Newton
 from .contact import contact_stiffness as contact_stiffness
+from .hysteresis import Bilinear as Bilinear
+from .hysteresis import BoucWen as BoucWen
+from .hysteresis import HysteresisLaw as HysteresisLaw
+from .hysteresis import YieldingZener as YieldingZener
 from .initial import InitialState as InitialState
 from .rod import ZenerRod as ZenerRod
 from .row import FloorLink as FloorLink
 from .row import Row as Row
 from .row import floor_links as floor_links
 from .shear_building import ShearBuilding as ShearBuilding
+from .strength import base_shear_coefficient as base_shear_coefficient
 from .structures import AdjacentStructures as AdjacentStructures
 from .structures import Storeys as Storeys
 from .system import GROUND as GROUND

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from types import NoneType
 from typing import Any
 
 import jax
@@ -9,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, Rule, enforce, is_traced, not_negative, positive, require_batch
-from jaxpound._fields import check, like, parameter, pytree_dataclass, ranges
+from jaxpound._fields import Parameter, check, like, parameter, part, pytree_dataclass, ranges, walk
+from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
 
 # Wide enough for laboratory models and the tallest towers, narrow enough to catch a wrong unit.
@@ -35,6 +38,9 @@ class Building:
         Order of the fractional derivative, in (0, 1].
     tau_f, tau_x
         Relaxation times, s^order, 0 < τ_f ≤ τ_x.
+    hysteresis
+        The law by which the rod's spring yields, ``Bilinear``, ``BoucWen`` or any
+        ``HysteresisLaw``, with its displacements in m; None, the default, does not yield.
 
     Examples
     --------
@@ -51,10 +57,13 @@ class Building:
     tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION)
     tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION)
 
+    hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
+
     def __post_init__(self) -> None:
         check(self)
         enforce("Building", ranges(self))
-        require_batch("Building", **vars(self))
+        numbers = vars(self).items()
+        require_batch("Building", **{name: x for name, x in numbers if name != "hysteresis"})
 
     @classmethod
     def from_period(
@@ -118,22 +127,34 @@ class Building:
         storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
         return cls(mass, mass * omega**2 / storage, order, tau_f, tau_x)
 
-    def material(self, frequency: Any = 1.0) -> ZenerRod:
-        """The rod's law with relaxation times in units of 1/frequency^order; rad/s."""
+    def zener(self, frequency: Any = 1.0) -> ZenerRod:
+        """The fractional rod with relaxation times in units of 1/frequency^order; rad/s."""
         size = frequency**self.order
         return ZenerRod(self.order, self.tau_f * size, self.tau_x * size)
+
+    def material(self, frequency: Any = 1.0, length: Any = 1.0) -> ZenerRod | YieldingZener:
+        """The rod's law in units of 1/frequency^order, rad/s, and of a length, m."""
+        law = self.hysteresis
+        if law is None:
+            return self.zener(frequency)
+        lengths = {
+            name: x / length for name, spec, x in walk(law, Parameter) if spec.kind == "length"
+        }
+        return YieldingZener(
+            self.zener(frequency), dataclasses.replace(law, **lengths) if lengths else law
+        )
 
     @property
     def dynamic_stiffness(self) -> jax.Array:
         """Stiffness of a vibration at the natural frequency, m ω² = k K'(ω), N/m."""
-        return self.mass * self.material().natural_frequency(self.stiffness, self.mass) ** 2
+        return self.mass * self.zener().natural_frequency(self.stiffness, self.mass) ** 2
 
     @property
     def natural_period(self) -> jax.Array:
         """Equivalent natural period, s."""
-        return 2 * jnp.pi / self.material().natural_frequency(self.stiffness, self.mass)
+        return 2 * jnp.pi / self.zener().natural_frequency(self.stiffness, self.mass)
 
     @property
     def damping_ratio(self) -> jax.Array:
         """Equivalent viscous damping ratio at the natural frequency."""
-        return self.material().damping_ratio(self.stiffness, self.mass)
+        return self.zener().damping_ratio(self.stiffness, self.mass)

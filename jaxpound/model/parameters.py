@@ -68,13 +68,13 @@ def in_words(path: str) -> str:
     for part in path.split("."):
         if part.isdigit() and words:
             words[-1] = f"{singular.get(words[-1], words[-1])} {int(part) + 1}"
-        elif part != "material":
+        elif part not in ("material", "hysteresis", "zener"):
             words.append(part.replace("_", " "))
     return ", ".join(words)
 
 
 _OF_SYSTEMS = {"rods": "rod", "masses": "mass", "links": "link"}
-_OF_BUILDINGS = {"buildings": "building", "rods": "storey", "masses": "floor"}
+_OF_BUILDINGS = {"buildings": "building", "rods": "storey", "masses": "floor", "storeys": "storey"}
 
 
 def get(structures: Any, path: str) -> Any:

@@ -10,13 +10,26 @@ from typing import Any, cast
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, Rule, count, enforce, hint, is_traced, number, positive_number
+from jaxpound._checks import (
+    Range,
+    Rule,
+    count,
+    enforce,
+    hint,
+    is_traced,
+    number,
+    positive,
+    positive_number,
+)
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
+from jaxpound.model.hysteresis import Bilinear
+from jaxpound.model.strength import storey_shears, with_weight
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import Rod, as_tuple
 from jaxpound.model.vibration import Modes, first_frequency, modes
+from jaxpound.quantities import STANDARD_GRAVITY
 
 TAPER = Range(1e-3, 1e3, "", "top storey's over first's")
 HEIGHT = Range(0.01, 100, "m", "of a storey, of models too")
@@ -74,7 +87,16 @@ class ShearBuilding:
 
     @classmethod
     def of_storeys(
-        cls, masses: Any, stiffnesses: Any, order: Any, tau_f: Any, tau_x: Any, heights: Any = 3.0
+        cls,
+        masses: Any,
+        stiffnesses: Any,
+        order: Any,
+        tau_f: Any,
+        tau_x: Any,
+        heights: Any = 3.0,
+        *,
+        yield_force: Any = None,
+        hardening: Any = 0.0,
     ) -> ShearBuilding:
         """A building from its floors' masses and its storeys' rods.
 
@@ -90,6 +112,8 @@ class ShearBuilding:
             The rods, as in ``Building``: a number for each storey, or one for all.
         heights
             As in ``ShearBuilding``.
+        yield_force, hardening
+            Of each storey, or one for all, if they yield (``yielding``); by default they do not.
 
         Examples
         --------
@@ -108,7 +132,10 @@ class ShearBuilding:
                 storeys.append(Building(*numbers))
             except InvalidInput as error:
                 raise error.replaced(owner=f"{owner}: storeys.{i}") from error
-        return cls(tuple(storeys), _each(owner, "heights", heights, n))
+        building = cls(tuple(storeys), _each(owner, "heights", heights, n))
+        if yield_force is None:
+            return building
+        return building.yielding(yield_force=yield_force, hardening=hardening)
 
     @classmethod
     def from_period(
@@ -199,6 +226,87 @@ class ShearBuilding:
         elastic = 2 * np.sin(np.pi / (4 * n + 2)) * np.sqrt(stiffness / mass)
         return cls.from_period(n, mass, 2 * np.pi / elastic, 0.05, height=height)
 
+    def yielding(
+        self,
+        law: Any = Bilinear,
+        *,
+        yield_force: Any = None,
+        base_shear_coefficient: Any = None,
+        yield_drift: Any = None,
+        gravity: Any = STANDARD_GRAVITY,
+        **numbers: Any,
+    ) -> ShearBuilding:
+        """The building with storeys that yield, at one of three strengths.
+
+        Raises ``ValueError`` if not exactly one strength is given, or a number breaks its rule.
+
+        Parameters
+        ----------
+        law
+            ``Bilinear``, ``BoucWen`` or another class of a ``HysteresisLaw``.
+        yield_force
+            f_y > 0 of each storey, N, or one for all: its yield displacement is f_y over its
+            stiffness.
+        base_shear_coefficient
+            f_y of the first storey over the weight of the building; those above are in proportion
+            to their shears under loads that grow with mass and height.
+        yield_drift
+            Drift at yield over the height of the storey: about .005 of concrete frames, .01 of
+            steel frames.
+        gravity
+            g > 0, m/s², of the weight.
+        **numbers
+            Further parameters of the law, such as ``hardening``.
+
+        Examples
+        --------
+        >>> frame = jp.ShearBuilding.from_period(3, 300e3, period=0.5, damping_ratio=0.05)
+        >>> weak = frame.yielding(base_shear_coefficient=0.12, hardening=0.03)
+        >>> [round(s.stiffness * s.hysteresis.yield_displacement / 1e3) for s in weak.storeys]
+        [1059, 883, 530]
+        """
+        owner = "ShearBuilding.yielding"
+        strengths = {
+            "yield_force": yield_force,
+            "base_shear_coefficient": base_shear_coefficient,
+            "yield_drift": yield_drift,
+        }
+        stated = {name: x for name, x in strengths.items() if x is not None}
+        if len(stated) != 1:
+            rule = f"must be stated alone: {', '.join(strengths)}"
+            raise InvalidInput(owner, "one strength", "", rule)
+        ((name, value),) = stated.items()
+        values = [positive(owner, **{name: x})[0] for x in _each(owner, name, value, self.n_floors)]
+        stiffnesses = [storey.stiffness for storey in self.storeys]
+        if yield_drift is not None:
+            lengths = [x * height for x, height in zip(values, self.heights, strict=True)]
+        else:
+            if base_shear_coefficient is not None:
+                weight = gravity * sum(storey.mass for storey in self.storeys)
+                values = storey_shears(self.storeys, self.elevations, values[0] * weight)
+            lengths = [force / k for force, k in zip(values, stiffnesses, strict=True)]
+        storeys = [
+            dataclasses.replace(storey, hysteresis=law(yield_displacement=e_y, **numbers))
+            for storey, e_y in zip(self.storeys, lengths, strict=True)
+        ]
+        return dataclasses.replace(self, storeys=tuple(storeys))
+
+    def with_p_delta(self, gravity: Any = STANDARD_GRAVITY) -> ShearBuilding:
+        """The building under its own weight, which acts at the drift of its storeys (P–Δ).
+
+        The weight above each storey over its height is taken from the stiffness before and after
+        yield; the forces of the storeys include it. Raises ``ValueError`` if the weight buckles a
+        storey, or hardening becomes negative and the law has no finite ``ultimate_displacement``.
+        """
+        above = np.cumsum([storey.mass for storey in self.storeys][::-1])[::-1]
+        if is_traced(above):
+            raise InvalidInput("with_p_delta", "masses", "", "must be known, not traced")
+        storeys = [
+            with_weight(storey, gravity * mass, height)
+            for storey, mass, height in zip(self.storeys, above, self.heights, strict=True)
+        ]
+        return dataclasses.replace(self, storeys=tuple(storeys))
+
     @property
     def n_floors(self) -> int:
         """Number of floors and of storeys."""
@@ -220,13 +328,18 @@ class ShearBuilding:
 
 
 def in_units(
-    building: Building | ShearBuilding, mass: Any, stiffness: Any, frequency: Any
+    building: Building | ShearBuilding,
+    mass: Any,
+    stiffness: Any,
+    frequency: Any,
+    length: Any = 1.0,
 ) -> Storeys:
-    """A building in SI in units of a mass, kg, a stiffness, N/m, and a frequency, rad/s."""
+    """A building in SI in units of a mass, kg, stiffness, N/m, frequency, rad/s, and length, m."""
     storeys = storeys_of(building)
+    materials = [s.material(frequency, length) for s in storeys]
     rods = tuple(
-        unchecked(Rod, material=s.material(frequency), stiffness=s.stiffness / stiffness, ends=None)
-        for s in storeys
+        unchecked(Rod, material=material, stiffness=s.stiffness / stiffness, ends=None)
+        for s, material in zip(storeys, materials, strict=True)
     )
     return Storeys(tuple(s.mass / mass for s in storeys), rods)
 

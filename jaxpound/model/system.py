@@ -21,6 +21,7 @@ from jaxpound._checks import Rule, finite, instead, is_traced, is_whole
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
 
 GROUND = -1
@@ -31,21 +32,23 @@ Ends = tuple[int, int]
 
 @pytree_dataclass
 class Rod:
-    """A fractional Zener rod between two masses, or between a mass and the ground.
+    """A rod between two masses, or between a mass and the ground. Several may have the same ends.
 
     Parameters
     ----------
     material
-        The rod's law.
+        The rod's law: a ``ZenerRod``; ``Bilinear``, ``BoucWen`` or any ``HysteresisLaw``, of rods
+        that yield; or ``YieldingZener``, both in one.
     stiffness
-        Long-time stiffness K > 0, in units of m1 ω1² for a dimensionless system.
+        Long-time stiffness K > 0, before the rod yields; in units of m1 ω1² for a dimensionless
+        system.
     ends
         Two masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and
         by x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may
         leave them out, since they follow from the storey.
     """
 
-    material: ZenerRod = part(ZenerRod)
+    material: Any = part(ZenerRod, YieldingZener, HysteresisLaw, traced=True)
     stiffness: Any = parameter("K", words="stiffness", above=0)
     ends: Ends | None = static(default=None)
 
@@ -258,10 +261,15 @@ def is_storey(ends: Ends) -> bool:
 def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     """The floors of each building, from the ground up: each a mass and the rod of its storey.
 
-    An ``InvalidInput`` for masses that are no floors one above the other, each on one rod.
+    Of several rods with the same ends it is the first. An ``InvalidInput`` for masses that are no
+    floors one above the other.
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
+    joined = set[frozenset[int]]()
     for rod, (i, j) in enumerate(topology.rods):
+        if frozenset((i, j)) in joined:
+            continue
+        joined.add(frozenset((i, j)))
         beside[i].append((j, rod))
         beside[j].append((i, rod))
     buildings = []
@@ -273,7 +281,7 @@ def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
         buildings.append(tuple(building))
     masses = sorted(mass for building in buildings for mass, _ in building)
     if masses != list(range(topology.n_masses)):
-        rule = "must be shear buildings, each floor on one rod"
+        rule = "must be shear buildings, each floor on one storey"
         raise InvalidInput("structures", "masses", "", rule)
     return tuple(sorted(buildings))
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxpound._checks import instance, is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
+from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import Structures, elongation, gravity_of
 from jaxpound.quantities import unit
 
@@ -21,6 +22,8 @@ _NONE = complex("nan+nanj")
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Modes(Shown):
     """Modes of masses on rods, without friction and contact, from the slowest to the fastest.
+
+    Rods that yield are taken as they are before they do.
 
     Frequencies of dimensionless structures are in ω1, those of structures in SI in rad/s.
 
@@ -121,7 +124,7 @@ class _Linear:
         self._rods: list[tuple[Any, Any]] = []
         for ends, rod in zip(system.topology.rods, system.rods, strict=True):
             influence = elongation(ends, [*np.eye(self.n)]) / np.sqrt(self.masses)
-            law = rod.material
+            law = before_yield(rod.material)
             numbers = [float(x) for x in (rod.stiffness, law.order, law.tau_f, law.tau_x)]
             self._rods.append((np.outer(influence, influence), numbers))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from jaxpound._checks import hint
 from jaxpound._errors import InvalidInput
+from jaxpound._extrema import larger
 from jaxpound._fields import part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
@@ -153,6 +155,12 @@ class Demand(ByElement, Columnar, Shown):
         return jnp.where(jnp.isnan(gap), jnp.nan, (gap <= 0).astype(gap.dtype))
 
     @property
+    def collapsed(self) -> Any:
+        """1.0 where a rod has collapsed, else 0.0; None where no rod yields."""
+        each = [rod.collapsed for rod in self.rods if rod.collapsed is not None]
+        return functools.reduce(larger, each) if each else None
+
+    @property
     def batch(self) -> tuple[int, ...]:
         """Shape of the batch; () for a single run."""
         return np.shape(next(iter(jax.tree.leaves(self)), 0.0))
@@ -165,6 +173,7 @@ class Demand(ByElement, Columnar, Shown):
         names = [name for _, names_of in self.columns() for name in names_of]
         if self.links:  # of all links; that of a single one is the same
             names = [*dict.fromkeys(["min_gap", "min_gap_time", *names]), "pounds"]
+        names.append("collapsed")
         present = {name: x for name in names if (x := getattr(self, name)) is not None}
         if not are_concrete(self) or any(map(jnp.ndim, present.values())):
             return present

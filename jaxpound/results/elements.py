@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+MAY_BE_INFINITE = ("min_gap", "soft_min_gap", "first_impact_time", "first_yield_time")
+"""Scalars of valid runs that may be infinite: without a gap, an impact or a yield."""
+
+
 class FlatName(NamedTuple):
     """The place of a flat name: group ("" for the result itself), element from 0, and field."""
 

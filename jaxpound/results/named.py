@@ -19,6 +19,7 @@ from jaxpound._checks import did_you_mean, hint
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import Quantity
+from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.system import GROUND, System, Topology, is_closable, is_storey
 from jaxpound.quantities import unit
 from jaxpound.results.demand import PLACES, Demand
@@ -32,6 +33,9 @@ OVERLAP = "overlap"
 
 OF_FLOORS = ("peak_drift", "peak_acceleration")
 """Demands of a storey and of a floor whose largest over all has the name without a number."""
+
+OF_YIELDING = ("ductility", "residual_drift", "dissipated_energy")
+"""Demands of a rod that yields whose largest over all has the name without a number."""
 
 OF_CONTACTS = ("peak_contact", "peak_impulse", "peak_penetration")
 """Demands of a link whose largest over several links has the name without a number."""
@@ -52,6 +56,10 @@ _FURTHER = {
     "peak_acceleration": _further(
         "acceleration", "largest absolute acceleration", "", "largest peak $|a|$"
     ),
+    "ductility": _further(None, "largest ductility", "", r"largest ductility $\mu$"),
+    "residual_drift": _further("length", "largest residual drift", "", "largest residual drift"),
+    "dissipated_energy": _further("energy", "largest energy dissipated by a storey"),
+    "collapsed": Quantity(None, "collapse"),
     "spectral_acceleration": Quantity(
         "acceleration", "spectral acceleration at period {}", "spectral_acceleration_{}"
     ),
@@ -110,7 +118,11 @@ def kind_and_symbol(name: str) -> tuple[str | None, str]:
 def is_demand(name: str) -> bool:
     """Whether a study's column is a demand, not a user-defined measure or a parameter."""
     is_gap = re.fullmatch(rf"{REQUIRED_GAP}(_[1-9]\d*)?", name) is not None
-    return is_gap or name in OF_FLOORS or place_of(Demand, name) is not None
+    return (
+        is_gap
+        or name in (*OF_FLOORS, *OF_YIELDING, "collapsed")
+        or place_of(Demand, name) is not None
+    )
 
 
 def is_zero_by_newton(name: str) -> bool:
@@ -126,26 +138,32 @@ def limited_demands(system: System) -> tuple[str, ...]:
     Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value; the slip forces
     of links (``damper_force``) and, of several, their sum; the largest demands of ``over_all``.
     """
-    return _limited(system.topology, _have_contact(system))
+    return _limited(system.topology, _have_contact(system), _yield(system))
 
 
-def _limited(topology: Topology, have_contact: Sequence[bool]) -> tuple[str, ...]:
-    n = len(have_contact)
-    has = {"contact": have_contact, "storey": [is_storey(ends) for ends in topology.rods]}
+def _limited(
+    topology: Topology, have_contact: Sequence[bool], may_yield: Sequence[bool]
+) -> tuple[str, ...]:
+    n, storeys = len(have_contact), [is_storey(ends) for ends in topology.rods]
+    has = {"contact": have_contact, "storey": storeys, "yielding": may_yield}
     names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n > 1)
     for quantity, names_of in columns_of(Demand, sizes_of(topology)):
         if quantity.limited:
             present = has[quantity.only] if quantity.only else itertools.repeat(True)
             names += itertools.compress(names_of, present)
-    return (*names, *_over_all(topology, have_contact))
+    return (*names, *_over_all(topology, have_contact, may_yield))
 
 
 def _have_contact(system: System) -> list[bool]:
     return [link.contact is not None for link in system.links]
 
 
+def _yield(system: System) -> list[bool]:
+    return [hysteresis_of(rod.material) is not None for rod in system.rods]
+
+
 def _over_all(
-    topology: Topology, have_contact: Sequence[bool]
+    topology: Topology, have_contact: Sequence[bool], may_yield: Sequence[bool]
 ) -> dict[str, list[tuple[str, int, str]]]:
     """Group, element and field of the demands that each name is the largest of."""
     members: dict[str, list[tuple[str, int, str]]] = {}
@@ -157,6 +175,9 @@ def _over_all(
             for r, ends in enumerate(topology.rods)
         ]
         members[acceleration] = [("masses", i, acceleration) for i in range(topology.n_masses)]
+    if any(may_yield):
+        rods = [r for r, yields in enumerate(may_yield) if yields]
+        members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
     if len(have_contact) > 1 and any(have_contact):
         links = [k for k, has_contact in enumerate(have_contact) if has_contact]
         members |= {name: [("links", k, name) for k in links] for name in OF_CONTACTS}
@@ -166,13 +187,13 @@ def _over_all(
 PAIR = Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),))
 """Two adjacent structures."""
 
-LIMITED_OF_PAIR = _limited(PAIR, [True])
+LIMITED_OF_PAIR = _limited(PAIR, [True], [False, False])
 """``limited_demands`` of two adjacent structures with a law of contact."""
 
 
 def over_all(system: System, demand: Demand) -> dict[str, Any]:
     """The largest demands of all storeys and floors, and of all contacts of several links."""
-    members_by_name = _over_all(system.topology, _have_contact(system))
+    members_by_name = _over_all(system.topology, _have_contact(system), _yield(system))
     return {
         name: reduce(larger, [getattr(getattr(demand, group)[i], x) for group, i, x in members])
         for name, members in members_by_name.items()
@@ -227,6 +248,9 @@ def demand_named(owner: str, system: System, demand: Demand, name: str) -> Any:
     if quantity is not None and quantity.only == "contact":
         rule = "must be of structures with a contact law"
         raise InvalidInput(owner, "demand", repr(name), rule)
+    if name == "collapsed" or name in OF_YIELDING or (quantity and quantity.only == "yielding"):
+        rule = "must be of structures with a rod that yields"
+        raise InvalidInput(owner, "demand", repr(name), rule)
     raise InvalidInput(owner, "", "", _unknown(reprlib.repr(name), hint(name, values)))
 
 
@@ -234,7 +258,7 @@ def require_limited(owner: str, name: Any, place: str) -> None:
     """An ``InvalidInput`` for no limited demand of any system; ``place`` follows its name."""
     quantity = quantity_named(name) if isinstance(name, str) else None
     if quantity is None or not quantity.limited:
-        candidates = (*LIMITED_OF_PAIR, _ALL_DAMPERS, *OF_FLOORS)
+        candidates = (*LIMITED_OF_PAIR, _ALL_DAMPERS, *OF_FLOORS, *OF_YIELDING)
         raise InvalidInput(owner, "", "", _unknown(f"{name!r}{place}", hint(name, candidates)))
 
 
@@ -242,7 +266,7 @@ def require_threshold(owner: str, demand: Any) -> None:
     """An ``InvalidInput`` for a demand without its threshold, or of an unknown name."""
     if isinstance(demand, str) and not is_demand(demand):
         such = "demands are named as in Demand, such as 'peak_x1'"
-        meant = did_you_mean(demand, OF_FLOORS) or such
+        meant = did_you_mean(demand, OF_FLOORS + OF_YIELDING) or such
         raise InvalidInput(owner, "", "", _unknown(reprlib.repr(demand), meant))
     shown = repr(demand) if isinstance(demand, str) else "a function"
     raise InvalidInput(owner, "threshold", "None", f"must be a number: demand is {shown}")

@@ -59,6 +59,8 @@ class RodResponse:
     """Force f of the rod: positive where it is stretched and pulls mass i back."""
     ends: Ends = static()
     """Masses i and j, or ``GROUND``; the rod is stretched by x_i − x_j."""
+    dissipated: Any = quantity("energy", column="dissipated_{}", default=None)
+    """Energy dissipated by yielding until then; None for a rod that never yields."""
 
 
 @pytree_dataclass
@@ -174,6 +176,12 @@ class Response(ByElement, Columnar, Shown):
         )
 
     @property
+    def elongations(self) -> tuple[Any, ...]:
+        """Elongation of each rod; ``rods[r].force`` over it are the rod's loops of hysteresis."""
+        x = [mass.x for mass in self.masses]
+        return tuple(elongation(rod.ends, x) for rod in self.rods)
+
+    @property
     def energy(self) -> Energy:
         """Energy balance over time."""
         x, v = [mass.x for mass in self.masses], [mass.v for mass in self.masses]
@@ -200,7 +208,10 @@ class Response(ByElement, Columnar, Shown):
         at_start = _total(r.force[..., 0] * elongation(r.ends, x)[..., 0] for r in self.rods) / 2
         rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
         residual = rods + friction + kinetic + stored + lost - supplied - initial[..., None]
-        return Energy(supplied, kinetic, rods, friction, residual, stored, lost, initial)
+        yielded = [rod.dissipated for rod in self.rods if rod.dissipated is not None]
+        return Energy(
+            supplied, kinetic, rods, friction, residual, stored, lost, initial, sum(yielded, 0.0)
+        )
 
     def impacts(self, link: int | None = None) -> list[Impact]:
         """Impacts of one link or, in order of time, of all; empty without a law of contact.
@@ -266,6 +277,7 @@ class Response(ByElement, Columnar, Shown):
             # Plus zero: no −0 in a file.
             **{name.replace("phase", "slip_direction"): (None, y + 0.0) for name, y in directions},
             **of_elements("contact_stored", "contact_lost", "friction_work", "touching"),
+            **of_elements("dissipated"),
         }
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -357,6 +369,8 @@ class Energy(NamedTuple):
     """Energy lost by contact, Σ ∫ (p − p_s) w dt, and by impacts."""
     initial: Any = 0.0
     """Energy at t = 0, of shape (): kinetic, and Σ ½ f e of rods that start displaced."""
+    yielding: Any = 0.0
+    """Energy dissipated by rods that yield, a part of ``rods``."""
 
     @property
     def relative_residual(self) -> Any:

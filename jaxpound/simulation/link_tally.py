@@ -108,7 +108,8 @@ class LinkTally(NamedTuple):
         """
         turn, seen = now.closing + now.motion.turn, now.motion.contact
         # A step with contact may have several turns.
-        first, final, between = turn, turn, 0.0
+        between: Any = 0.0
+        first, final = turn, turn
         instants_since_turn = jnp.where(now.motion.turns, 0.0, self.instants_since_turn + 1)
         if seen is not None:
             log = seen.result.log

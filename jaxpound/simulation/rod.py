@@ -34,6 +34,20 @@ class RodLaw(NamedTuple):
     tau_x: jax.Array
 
 
+class SpringLaw(NamedTuple):
+    """An elastic spring, f_m = K x_m, without a memory."""
+
+    modulus: jax.Array
+
+
+class RodStep(NamedTuple):
+    """A rod at t_m: what its history remembers is None of a spring."""
+
+    force: jax.Array
+    excess: Any  # K e_m − f_m
+    remembered: Any  # c_m
+
+
 def rod_law(rod: ZenerRod, modulus: ArrayLike, dt: float, order: int) -> RodLaw:
     """The rod in the scheme of this order, at step ``dt``.
 
@@ -54,22 +68,21 @@ def rod_law(rod: ZenerRod, modulus: ArrayLike, dt: float, order: int) -> RodLaw:
     )
 
 
-def rod_step(
-    law: RodLaw, excess: jax.Array, total: jax.Array, x: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+def rod_step(law: RodLaw, excess: jax.Array, total: jax.Array, x: jax.Array) -> RodStep:
     """Force f_m from K x_{m−1} − f_{m−1}, S_m and x_m; then K x_m − f_m, and c_m to remember."""
     # Kept as a division: XLA computes a quotient once, but a product again wherever f is used.
     f = (law.stiffness * x + law.lag * excess + law.memory * total) / law.divisor
-    return f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f
+    return RodStep(f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f)
 
 
-def rod_moved(
-    law: RodLaw, passed: tuple[jax.Array, jax.Array, jax.Array], dx: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """What ``rod_step`` would have returned for an elongation greater by dx."""
+def rod_moved(law: RodLaw | SpringLaw, passed: RodStep, dx: jax.Array) -> RodStep:
+    """What the step would have been for an elongation greater by dx."""
+    if isinstance(law, SpringLaw):
+        return passed._replace(force=passed.force + law.modulus * dx)
     f, excess, c = passed
     df = law.stiffness * dx / law.divisor
-    return f + df, excess + law.modulus * dx - df, c + law.modulus * law.tau_x * dx - law.tau_f * df
+    c = c + law.modulus * law.tau_x * dx - law.tau_f * df
+    return RodStep(f + df, excess + law.modulus * dx - df, c)
 
 
 def rod_force(

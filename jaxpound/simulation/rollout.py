@@ -24,6 +24,7 @@ from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion
 from jaxpound.ground.run_input import as_run
+from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System, Topology, gravity_of, load_on
 from jaxpound.results.demand import Demand
@@ -82,7 +83,8 @@ class Rollout(NamedTuple):
         # Else XLA would fold all that follows from structures that are constants of the program.
         structures = jax.tree.map(lax.optimization_barrier, structures)
         # Before the batch is spread: orders and samples that all runs share are not copied.
-        orders = [jnp.asarray(rod.material.order, dtype) for rod in structures.system().rods]
+        memories = [zener_of(rod.material) for rod in structures.system().rods]
+        orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
         series = as_motion(ground).excitation(grid, scheme.order).series
         structures, ground, extra, initial, series = spread(
             (structures, ground, extra, initial, series)
@@ -98,8 +100,8 @@ class Rollout(NamedTuple):
         displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
-        start = start_state(system, zero, displaced, velocities)
         constants = step_constants(system, dt, scheme.order, slots, displaced)
+        start = start_state(system, constants, zero, dt, displaced, velocities)
         shaking = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
         first = jax.tree.map(lambda x: x[0], shaking.series)

@@ -26,6 +26,7 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import GROUND, Link, Structures, System, gravity_of, is_closable
 from jaxpound.results.demand import Demand
+from jaxpound.results.elements import MAY_BE_INFINITE, place_of
 from jaxpound.results.response import Response
 from jaxpound.simulation.contact.records import SLOTS
 from jaxpound.simulation.link_tally import ContactTally
@@ -261,9 +262,9 @@ def _run(
         return (state, tally), c, StoredSeries.of(now, tally) if keep else None
 
     closings = [link.closing for link in run.start.links]
-    start = run.start, Tally.start(system, zero, temperature is not None, closings)
+    start = run.start, Tally.start(run.constants, system, zero, temperature is not None, closings)
     (state, tally), kept = run.scan(advance, start, segmented=keep)
-    scalars = tally.demand(system, scheme.friction.set_valued, temperature)
+    scalars = tally.demand(run.constants, system, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]
@@ -355,13 +356,13 @@ def _finished(result: Any) -> Any:
     scalars = result.demand if isinstance(result, Response) else result
     if is_traced(scalars) or all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         return result
-    # An infinite gap stays infinite, and so does the time of an impact that never comes.
-    may_be_infinite = ("min_gap", "soft_min_gap", "first_impact_time")
-    zeros = dict.fromkeys(may_be_infinite, 0.0)
-    closed = tuple(dataclasses.replace(link, **zeros) for link in scalars.links)
-    gaps = [getattr(link, name) for link in scalars.links for name in may_be_infinite]
-    holds = [gap > -np.inf for gap in gaps if gap is not None]
-    holds += map(np.isfinite, jax.tree.leaves(dataclasses.replace(scalars, links=closed)))
+    names = [name for _, names_of in scalars.columns() for name in names_of]
+    values = [(place_of(Demand, name), getattr(scalars, name)) for name in names]
+    holds = [
+        x > -np.inf if place and place.field in MAY_BE_INFINITE else np.isfinite(x)
+        for place, x in values
+        if x is not None
+    ]
     if not all(map(np.all, holds)):
         raise FloatingPointError(
             "the run ended in non-finite numbers: the ground motion returns some or overflows, the "

@@ -86,7 +86,7 @@ def scan_with_history(
                 return (m, carry, [c[1:] for c in past]), seen
 
             inside = start, carry, [[zero] * (NEAR - BLOCK) + c for c in recent]
-            (_, carry, past), out = lax.scan(slid, inside, (ahead, entries))
+            (_, carry, past), out = lax.scan(slid, inside, (ahead, entries), length=BLOCK)
         else:
             split = [lax.split(far, (1,) * BLOCK) for far in ahead]
             out = []

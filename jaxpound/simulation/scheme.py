@@ -14,6 +14,7 @@ from jaxpound._checks import enforce, instance, instead, is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
+from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import Structures, System, gravity_of, link_groups, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
@@ -224,7 +225,10 @@ def _courant(system: System, dt: Any, scheme: Scheme) -> Any:
 
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
     """The stiffness of each rod at the highest frequency that steps resolve."""
-    return [nyquist_stiffness(rod.material, rod.stiffness, dt, scheme.order) for rod in system.rods]
+    return [
+        nyquist_stiffness(before_yield(rod.material), rod.stiffness, dt, scheme.order)
+        for rod in system.rods
+    ]
 
 
 def _largest_eigenvalue(system: System, stiffness: list[Any]) -> Any:

@@ -28,6 +28,8 @@ class StoredSeries(NamedTuple):
     x: tuple[Any, ...]
     v: tuple[Any, ...]
     forces: tuple[Any, ...]
+    dissipated: tuple[Any, ...]
+    """Energy dissipated by each rod that yields."""
     links: tuple[dict[str, Any], ...]
     """Closing, and the entries of a ``LinkResponse``."""
     impacts: tuple[Impacts | None, ...]
@@ -59,7 +61,14 @@ class StoredSeries(NamedTuple):
                 impact = jax.tree.map(tuple, log.impacts)
             links.append(entries)
             impacts.append(impact)
-        return StoredSeries(now.x, now.v, now.forces, tuple(links), tuple(impacts))
+        return StoredSeries(
+            now.x,
+            now.v,
+            now.forces,
+            tuple(None if rod is None else rod.dissipated for rod in now.rods),
+            tuple(links),
+            tuple(impacts),
+        )
 
 
 def response_of(
@@ -92,7 +101,7 @@ def response_of(
             MassResponse(x=x, v=v, mass=mass + rest[0])
             for x, v, mass in zip(x, v, system.masses, strict=True)
         ),
-        rods=tuple(map(RodResponse, stored.forces, topology.rods)),
+        rods=tuple(map(RodResponse, stored.forces, topology.rods, stored.dissipated)),
         links=tuple(
             _link_response(link, stored.links[k], stored.impacts[k], ends[k], time[-1] + rest[0])
             for k, link in enumerate(system.links)

@@ -13,12 +13,19 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import GROUND, Ends, System, Topology, elongation, link_groups
 from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, needs_flow
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
-from jaxpound.simulation.rod import RodLaw, rod_law
+from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.simulation.yielding import (
+    HysteresisConstants,
+    HysteresisState,
+    RodInstant,
+    start_hysteresis,
+)
 
 WRITTEN_OUT = 4
 """Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
@@ -30,7 +37,8 @@ class StepConstants(NamedTuple):
 
     topology: Topology
     inverse_masses: tuple[jax.Array, ...]
-    rods: tuple[RodLaw, ...]
+    rods: tuple[RodLaw | SpringLaw, ...]  # as they are before they yield
+    hysteresis: tuple[HysteresisConstants | None, ...]  # of the rods
     frictions: tuple[jax.Array, ...]
     couplings: tuple[Coupling | None, ...]  # by group of links; None without a local flow
     slots: int  # impacts recorded for each link in one step
@@ -61,7 +69,9 @@ class RunState(NamedTuple):
 
     x: tuple[jax.Array | None, ...]
     v: tuple[jax.Array | None, ...]
-    excess: tuple[jax.Array, ...]  # K e_{m−1} − f_{m−1} of each rod with elongation e
+    # K e_{m−1} − f_{m−1} of each rod with elongation e, by its force before yield
+    excess: tuple[Any, ...]  # None of a spring
+    yielding: tuple[HysteresisState | None, ...]
     links: tuple[LinkState, ...]
 
 
@@ -81,6 +91,7 @@ class Instant(NamedTuple):
     x: tuple[jax.Array | None, ...]
     v: tuple[jax.Array | None, ...]
     forces: tuple[jax.Array, ...]  # of the rods
+    rods: tuple[RodInstant | None, ...]  # that yield
     links: tuple[LinkInstant, ...]
 
 
@@ -92,7 +103,18 @@ def step_constants(
     ``displaced`` are the displacements of all masses from which it starts; None for one at rest.
     """
     topology, inverse = system.topology, tuple(1 / m for m in system.masses)
-    rods = tuple(rod_law(rod.material, rod.stiffness, dt, order) for rod in system.rods)
+    rods = tuple(
+        SpringLaw(rod.stiffness)
+        if (viscoelastic := zener_of(rod.material)) is None
+        else rod_law(viscoelastic, rod.stiffness, dt, order)
+        for rod in system.rods
+    )
+    hysteresis = tuple(
+        None
+        if (law := hysteresis_of(rod.material)) is None
+        else HysteresisConstants(law, rod.stiffness)
+        for rod in system.rods
+    )
     couplings = tuple(
         coupling(topology, group, system.links, inverse)
         if needs_flow(group, system.links)
@@ -103,12 +125,16 @@ def step_constants(
     if displaced is not None:
         elongations = tuple(elongation(ends, displaced) for ends in topology.rods)
     frictions = tuple(link.friction for link in system.links)
-    return StepConstants(topology, inverse, rods, frictions, couplings, slots, elongations)
+    return StepConstants(
+        topology, inverse, rods, hysteresis, frictions, couplings, slots, elongations
+    )
 
 
 def start_state(
     system: System,
+    constants: StepConstants,
     zero: jax.Array,
+    dt: float,
     x: Sequence[jax.Array] | None = None,
     v: Sequence[jax.Array] | None = None,
 ) -> RunState:
@@ -127,7 +153,12 @@ def start_state(
         values = [zero] * topology.n_masses if y is None else y
         return tuple(None if mass in hanging else value for mass, value in enumerate(values))
 
-    return RunState(of_free(x), of_free(v), (zero,) * len(topology.rods), tuple(links))
+    yielding = []
+    for ends, law in zip(topology.rods, constants.hysteresis, strict=True):
+        length, speed = (zero if y is None else elongation(ends, y) for y in (x, v))
+        yielding.append(None if law is None else start_hysteresis(law, length, dt * speed))
+    excess = tuple(None if isinstance(law, SpringLaw) else zero for law in constants.rods)
+    return RunState(of_free(x), of_free(v), excess, tuple(yielding), tuple(links))
 
 
 def for_half_kick(system: StepConstants, share: jax.Array) -> StepConstants:

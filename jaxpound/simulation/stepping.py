@@ -32,9 +32,10 @@ from jaxpound.simulation.contact.group import (
 )
 from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
-from jaxpound.simulation.rod import rod_moved, rod_step
+from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
+from jaxpound.simulation.yielding import HysteresisStep, hysteresis_step, moved, observed
 
 
 def step(
@@ -49,9 +50,9 @@ def step(
 ) -> tuple[RunState, list[jax.Array], Instant]:
     """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
 
-    ``sums`` are the rods' history sums S_m; ``ground`` is u'' at t_m and its mean over the step
-    from t_m − h/2 to t_m + h/2; ``starts`` says whether t_m = 0. The module ``state``
-    describes the first step of a run that starts displaced.
+    ``sums`` are the history sums S_m of the rods that have one; ``ground`` is u'' at t_m and its
+    mean over the step from t_m − h/2 to t_m + h/2; ``starts`` says whether t_m = 0. The module
+    ``state`` describes the first step of a run that starts displaced.
     """
     acceleration, shaking = ground
     share: Any = 1.0
@@ -61,14 +62,15 @@ def step(
     topology = system.topology
     this = _Step(system, before, time, shaking, dt, scheme, starts)
 
-    rod_steps = this.rod_steps(sums)
-    forces, loads, pulls = this.loads(rod_steps)
+    elongations = this.elongations()
+    rod_steps, yielding = this.rod_steps(sums, elongations), this.yielding(elongations)
+    forces, loads, pulls = this.loads(rod_steps, yielding)
     flows = this.flows(pulls)
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
     if flows:
-        rod_steps = _with_mean_samples(system, rod_steps, flows)
-        forces, loads, pulls = this.loads(rod_steps)
+        rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, elongations, flows)
+        forces, loads, pulls = this.loads(rod_steps, yielding)
 
     closings, contacts, motions = this.motions(pulls, flows)
     if starts_displaced:
@@ -96,13 +98,22 @@ def step(
         )
         for k, link in enumerate(before.links)
     )
-    after = RunState(of_free("x"), of_free("v"), tuple(excess for _, excess, _ in rod_steps), links)
+    after = RunState(
+        x=of_free("x"),
+        v=of_free("v"),
+        excess=tuple(rod.excess for rod in rod_steps),
+        yielding=tuple(None if rod is None else rod.state for rod in yielding),
+        links=links,
+    )
     seen = tuple(
         LinkInstant(closing, motions[k].velocity_now, motions[k])
         for k, closing in enumerate(closings)
     )
-    instant = Instant(time, acceleration, of_free("x_now"), of_free("v_now"), forces, seen)
-    return after, [c for _, _, c in rod_steps], instant
+    laws = zip(system.hysteresis, yielding, strict=True)
+    rods = tuple(None if not (law and rod) else observed(law, rod) for law, rod in laws)
+    x_now, v_now = of_free("x_now"), of_free("v_now")
+    instant = Instant(time, acceleration, x_now, v_now, forces, rods, seen)
+    return after, [rod.remembered for rod in rod_steps if rod.remembered is not None], instant
 
 
 class _FreeMass(NamedTuple):
@@ -124,6 +135,10 @@ class _GroupFlow(NamedTuple):
     used: jax.Array
     shift: jax.Array  # of the closings, to their mean sample
 
+    def shift_now(self) -> jax.Array:
+        """Shift of the closings at t_m by what the flow has changed until then."""
+        return jnp.where(self.used, self.result.now.closing - self.before.closing, 0.0)
+
 
 class _Step(NamedTuple):
     """The inputs of a step, and its parts."""
@@ -136,31 +151,60 @@ class _Step(NamedTuple):
     scheme: Scheme
     starts: jax.Array
 
-    def rod_steps(self, sums: Sequence[jax.Array]) -> list[tuple[jax.Array, jax.Array, jax.Array]]:
-        """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
+    def elongations(self) -> list[jax.Array]:
+        """Elongation of each rod at t_m."""
         topology, closings = self.system.topology, [link.closing for link in self.before.links]
         x = state.of_all_masses(topology, self.before.x, closings)
-        elongations = [elongation(ends, x) for ends in topology.rods]
+        return [elongation(ends, x) for ends in topology.rods]
+
+    def rod_steps(
+        self, sums: Sequence[jax.Array], elongations: Sequence[jax.Array]
+    ) -> list[RodStep]:
+        """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
         initial = self.system.initial_elongations
         if initial is not None:
             elongations = [length - rest for length, rest in zip(elongations, initial, strict=True)]
-        rods = zip(self.system.rods, self.before.excess, sums, elongations, strict=True)
-        return [rod_step(*rod) for rod in rods]
+        remaining = iter(sums)
+        return [
+            RodStep(law.modulus * x, None, None)
+            if isinstance(law, SpringLaw)
+            else rod_step(law, excess, next(remaining), x)
+            for law, excess, x in zip(
+                self.system.rods, self.before.excess, elongations, strict=True
+            )
+        ]
+
+    def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:
+        """Each rod that yields at t_m."""
+        starts = self.starts if self.system.initial_elongations is not None else None
+        rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
+        return [
+            None if law is None or before is None else hysteresis_step(law, before, length, starts)
+            for law, before, length in rods
+        ]
 
     def loads(
-        self, rod_steps: Sequence[tuple[jax.Array, ...]]
+        self, rod_steps: Sequence[RodStep], yielding: Sequence[HysteresisStep | None]
     ) -> tuple[tuple[jax.Array, ...], list[jax.Array], list[jax.Array]]:
-        """Forces of the rods, loads on the masses, and pulls on the links.
+        """Forces of the rods at t_m, mean loads on the masses, and mean pulls on the links.
 
         Rods that are elongated at the start have constant forces besides.
         """
         system = self.system
-        forces = tuple(force for force, _, _ in rod_steps)
+        forces = tuple(rod.force for rod in rod_steps)
         if system.initial_elongations is not None:
             rods = zip(forces, system.rods, system.initial_elongations, strict=True)
             forces = tuple(force + law.modulus * rest for force, law, rest in rods)
+        forces = tuple(
+            force if rod is None else force - rod.lost
+            for force, rod in zip(forces, yielding, strict=True)
+        )
+        means = tuple(
+            force if rod is None else force - rod.kink
+            for force, rod in zip(forces, yielding, strict=True)
+        )
         topology, inverse = system.topology, system.inverse_masses
-        loads = [load_on(topology.rods, mass, forces) for mass in range(topology.n_masses)]
+        loads = [load_on(topology.rods, mass, means) for mass in range(topology.n_masses)]
         pulls = [state.link_pull(ends, loads, inverse, self.shaking) for ends in topology.links]
         return forces, loads, pulls
 
@@ -180,6 +224,40 @@ class _Step(NamedTuple):
             shift = jnp.where(used, mean_sample(result, before) - before.closing, 0.0)
             flows.append(_GroupFlow(*inputs, result, used, shift))
         return flows
+
+    def with_mean_samples(
+        self,
+        rod_steps: Sequence[RodStep],
+        yielding: Sequence[HysteresisStep | None],
+        elongations: Sequence[jax.Array],
+        flows: Sequence[_GroupFlow],
+    ) -> tuple[list[RodStep], list[HysteresisStep | None]]:
+        """The rods at t_m with the positions of masses of a flow replaced."""
+        system = self.system
+        changed = {mass for flow in flows for mass in flow.coupling.mass_shares}
+
+        def shifts(of_links: Callable[[_GroupFlow], jax.Array]) -> list[Any]:
+            by_mass: dict[int, jax.Array] = {}
+            for flow in flows:
+                shift = of_links(flow)
+                by_mass |= {i: share @ shift for i, share in flow.coupling.mass_shares.items()}
+            by_number = [by_mass.get(mass, 0.0) for mass in range(system.topology.n_masses)]
+            return [elongation(ends, by_number) for ends in system.topology.rods]
+
+        to_mean = shifts(lambda flow: flow.shift)
+        rods, yielding = list(rod_steps), list(yielding)
+        to_now: list[Any] | None = None
+        for k, ends in enumerate(system.topology.rods):
+            if not changed & {*ends}:
+                continue
+            rods[k] = rod_moved(system.rods[k], rods[k], to_mean[k])
+            law, before = system.hysteresis[k], self.before.yielding[k]
+            if law is not None and before is not None:
+                to_now = shifts(_GroupFlow.shift_now) if to_now is None else to_now
+                starts = self.starts if system.initial_elongations is not None else None
+                now = hysteresis_step(law, before, elongations[k] + to_now[k], starts)
+                yielding[k] = moved(law, now, elongations[k] + to_mean[k])
+        return rods, yielding
 
     def _group_step(self, group: LinkGroup, pulls: list[jax.Array]) -> GroupStep:
         links = [self.before.links[k] for k in group.links]
@@ -282,20 +360,6 @@ class _Step(NamedTuple):
             return free
         changes = [closings[k] - self.before.links[k].closing for k in links]
         return free._replace(x_now=x + share(changes))
-
-
-def _with_mean_samples(
-    system: StepConstants, rod_steps: list[Any], flows: list[_GroupFlow]
-) -> list[Any]:
-    """The rods at t_m with the positions of masses of a flow replaced."""
-    shifts: dict[int, jax.Array] = {}
-    for flow in flows:
-        shifts |= {mass: share @ flow.shift for mass, share in flow.coupling.mass_shares.items()}
-    mass_shifts = [shifts.get(mass, 0.0) for mass in range(system.topology.n_masses)]
-    return [
-        rod_moved(law, rod, elongation(ends, mass_shifts)) if shifts.keys() & {*ends} else rod
-        for law, rod, ends in zip(system.rods, rod_steps, system.topology.rods, strict=True)
-    ]
 
 
 def _shared(

@@ -21,6 +21,7 @@ from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.state import Instant, StepConstants, of_all_masses
+from jaxpound.simulation.yielding import HysteresisConstants, RodInstant, time_until
 
 
 class Peak(NamedTuple):
@@ -142,6 +143,39 @@ class _ObservedInstant(NamedTuple):
         return peak.observe((load + others) * inverse, smooth).include(*reached)
 
 
+class RodTally(NamedTuple):
+    """Running values for the scalars of a rod that yields."""
+
+    peak: Peak  # of the elongation
+    first: jax.Array  # time of the first yield
+    now: RodInstant
+
+    def observe(
+        self, law: HysteresisConstants, now: RodInstant, peak: Peak, time: jax.Array, dt: float
+    ) -> RodTally:
+        """Add an instant; ``peak`` is that of the elongation with it."""
+        limit = law.law.yield_displacement
+        yields = (self.peak.largest < limit) & (peak.largest >= limit)
+        # As the parabola through the last three elongations passes the limit.
+        side = jnp.where(now.elongation < 0, -1.0, 1.0).astype(now.elongation.dtype)
+        gain = side * (peak.rise - self.peak.rise)
+        speed = side * peak.rise + gain / 2
+        late, _ = time_until(limit - side * now.elongation, speed, gain)
+        late = jnp.where((late <= 0) & (late >= -1), late, 0.0)
+        return RodTally(peak, jnp.where(yields, time + dt * late, self.first), now)
+
+    def demand(self, law: HysteresisConstants) -> dict[str, jax.Array]:
+        """The scalars."""
+        largest, zero = self.peak.largest, 0 * self.peak.largest
+        return {
+            "ductility": largest / law.law.yield_displacement,
+            "residual_drift": jnp.abs(self.now.elongation - self.now.reduced_force),
+            "dissipated_energy": self.now.dissipated,
+            "first_yield_time": self.first,
+            "collapsed": zero + (largest > law.ultimate).astype(zero.dtype),
+        }
+
+
 class Tally(NamedTuple):
     """Running values for a ``Demand``."""
 
@@ -150,10 +184,17 @@ class Tally(NamedTuple):
     acceleration: tuple[Peak, ...]
     forces: tuple[Peak, ...]  # of the rods
     drifts: tuple[Peak | None, ...]  # of those between two masses
+    rods: tuple[RodTally | None, ...]  # that yield
     links: tuple[LinkTally, ...]
 
     @staticmethod
-    def start(system: System, zero: jax.Array, soft: bool, closings: Sequence[jax.Array]) -> Tally:
+    def start(
+        constants: StepConstants,
+        system: System,
+        zero: jax.Array,
+        soft: bool,
+        closings: Sequence[jax.Array],
+    ) -> Tally:
         """The tally before the first instant; ``soft`` adds the soft minimum of the gaps.
 
         ``closings`` are those of all links before the run.
@@ -184,6 +225,12 @@ class Tally(NamedTuple):
             acceleration=(peak,) * topology.n_masses,
             forces=(peak,) * len(topology.rods),
             drifts=tuple(peak if is_storey(ends) else None for ends in topology.rods),
+            rods=tuple(
+                None
+                if law is None
+                else RodTally(peak, zero + jnp.inf, RodInstant(zero, zero, zero))
+                for law in constants.hysteresis
+            ),
             links=links,
         )
 
@@ -207,6 +254,14 @@ class Tally(NamedTuple):
         x = of_all_masses(topology, now.x, [link.closing for link in now.links])
         v = of_all_masses(topology, now.v, [link.velocity for link in now.links])
         instant = _ObservedInstant(now, system, dt, smooth, turns, links)
+        rods = tuple(
+            None
+            if law is None or rod is None or tally is None
+            else tally.observe(law, rod, instant.displacement(tally.peak, ends, x, v), now.time, dt)
+            for tally, law, rod, ends in zip(
+                self.rods, system.hysteresis, now.rods, topology.rods, strict=True
+            )
+        )
         observed = Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
             x=tuple(
@@ -224,13 +279,16 @@ class Tally(NamedTuple):
                 None if peak is None else instant.displacement(peak, ends, x, v)
                 for peak, ends in zip(self.drifts, topology.rods, strict=True)
             ),
+            rods=rods,
             links=links,
         )
         if not starts_displaced:
             return observed
         return jax.tree.map(lambda old, new: jnp.where(now.time < 0, old, new), self, observed)
 
-    def demand(self, system: System, set_valued: bool, temperature: Any) -> Demand:
+    def demand(
+        self, constants: StepConstants, system: System, set_valued: bool, temperature: Any
+    ) -> Demand:
         """The scalars of all instants; ``set_valued`` says that |q| = μ in any slip."""
         return Demand(
             masses=tuple(
@@ -239,9 +297,13 @@ class Tally(NamedTuple):
             ),
             rods=tuple(
                 RodDemand(
-                    peak_force=force.largest, peak_drift=None if drift is None else drift.largest
+                    peak_force=force.largest,
+                    peak_drift=None if drift is None else drift.largest,
+                    **({} if rod is None or law is None else rod.demand(law)),
                 )
-                for force, drift in zip(self.forces, self.drifts, strict=True)
+                for force, drift, rod, law in zip(
+                    self.forces, self.drifts, self.rods, constants.hysteresis, strict=True
+                )
             ),
             links=tuple(
                 tally.demand(link.gap, link.friction if set_valued else None, temperature)

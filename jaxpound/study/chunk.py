@@ -24,7 +24,7 @@ from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.system import gravity_of
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import place_of
+from jaxpound.results.elements import MAY_BE_INFINITE, place_of
 from jaxpound.scenarios.sampling import Points, as_key, points
 from jaxpound.scenarios.scenarios import (
     ScenarioSet,
@@ -187,7 +187,7 @@ class Task:
         valid = {}  # finite, or infinite without a gap or an impact
         for name, x in columns.items():
             place = place_of(Demand, name)
-            may_be_infinite = place is not None and place.field in ("min_gap", "first_impact_time")
+            may_be_infinite = place is not None and place.field in MAY_BE_INFINITE
             valid[name] = np.isfinite(x) | (may_be_infinite & (x == np.inf))
         in_all = np.all([*valid.values()], axis=0)
         if in_all.all() or self.keep_failures:

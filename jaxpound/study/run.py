@@ -26,6 +26,7 @@ from jaxpound._checks import count, instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import of_many, warn
+from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import Topology, is_closable
 from jaxpound.results.named import PAIR
@@ -250,8 +251,8 @@ def _context(scenarios: ScenarioSet, notes: Any) -> dict[str, Any]:
             return []
         oscillators = []
         for rod, mass in zip(system.rods, system.masses, strict=True):
-            frequency = rod.material.natural_frequency(rod.stiffness, mass)
-            damping = rod.material.damping_ratio(rod.stiffness, mass)
+            frequency = before_yield(rod.material).natural_frequency(rod.stiffness, mass)
+            damping = before_yield(rod.material).damping_ratio(rod.stiffness, mass)
             oscillators += [2 * jnp.pi / frequency, damping]
         return oscillators
 

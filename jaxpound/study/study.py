@@ -46,9 +46,10 @@ class Study(DemandColumns):
     there are ``scales``, which do not convert measures and the scenarios' parameters. As a table
     (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
 
-    ``first_impact_time`` is infinite in runs without an impact. Its moments, quantiles and
-    correlations are those of the runs with one, of which ``exceedance("n_impacts", 0)`` is the
-    probability. Intervals of Sobol points, which are not independent, are usually too wide.
+    ``first_impact_time`` is infinite in runs without an impact, ``first_yield_time_1`` in those
+    without a yield. Their moments, quantiles and correlations are those of the runs with one, of
+    which ``exceedance("n_impacts", 0)`` is the probability. Intervals of Sobol points, which are
+    not independent, are usually too wide.
     """
 
     scenarios: ScenarioSet | None = None
@@ -131,14 +132,30 @@ class Study(DemandColumns):
         return float(hits.variance(p, self.normalised) ** 0.5 / p) if p else float("nan")
 
     def fragility(
-        self, intensity: str = "pga", gap: float | None = None, *, link: int | None = None
+        self,
+        intensity: str = "pga",
+        gap: float | None = None,
+        *,
+        link: int | None = None,
+        demand: str | None = None,
+        threshold: float | None = None,
     ) -> Fragility:
         """Fragility of ``pounding`` by a column that measures the shaking (``fit_fragility``).
 
         Runs that failed are left out. By default it is the fragility of pounding at any link, which
-        lies above that of each link. Raises ``ValueError`` as both functions.
+        lies above that of each link; with a ``demand``, such as "ductility", that of a column which
+        reaches the ``threshold``. Raises ``ValueError`` as both functions, and for a demand without
+        a threshold or beside a gap or link.
         """
-        im, pounding = self[intensity], self.pounding(gap, link=link)
+        im = self[intensity]
+        if demand is None:
+            pounding = self.pounding(gap, link=link)
+        else:
+            if threshold is None or gap is not None or link is not None:
+                rule = "must have a threshold, and no gap or link"
+                raise InvalidInput("fragility", "demand", repr(demand), rule)
+            column = self[demand]
+            pounding = np.where(np.isnan(column), np.nan, column >= threshold)
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)

@@ -21,7 +21,8 @@ def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a
         assert stiffnesses[-1] == pytest.approx(taper * stiffnesses[0])
     storey = ShearBuilding.from_period(1, 5e5, 0.9, 0.05).storeys[0]
     block = jp.Building.from_period(5e5, 0.9, 0.05)
-    assert vars(storey) == pytest.approx(vars(block), rel=1e-14)
+    numbers = [[*vars(x).values()][:5] for x in (storey, block)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=1e-14)
     modes = ShearBuilding((block,)).modes()
     assert "frequency (rad/s)  period (s)" in str(modes)
     assert modes.periods[0] == pytest.approx(float(block.natural_period), rel=1e-10)

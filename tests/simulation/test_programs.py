@@ -237,8 +237,12 @@ jp.use_loop_kernels()  # once is enough
 assert os.environ["XLA_FLAGS"].startswith("--xla_cpu_enable_fast_math=false ")
 assert os.environ["XLA_FLAGS"].count("small_while_loop") == 1
 assert jax.config.jax_num_cpu_devices == devices
-loop = jax.jit(lambda x: jax.lax.scan(lambda x, _: (jnp.cos(x), x), x, length=1000)[1])
-assert "xla_cpu_small_call" in loop.lower(1.0).compile().as_text()
+def drop(height):
+    building = jp.System((1.0,), (jp.Rod(jp.ZenerRod(0.5, 0.1, 0.2), 1.0, (0, jp.GROUND)),))
+    return jp.demand(building, jp.Ricker(height, 2.0, 3.0), jp.TimeGrid(0.1, 200)).peak_x1
+
+program = jax.jit(drop).lower(1.0).compile().as_text()
+assert "xla_cpu_small_call" in program  # it is not in the program that is made by default
 """
 
 

@@ -1,0 +1,140 @@
+r"""Rods that yield, step by step: the state of a law of hysteresis, and the kick of its force.
+
+The law's state at t_m follows from that at t_{m−1} along the path of the elongation, which turns
+where the parabola through its last three values does. The kick of a step lasts from t_m − h/2 to
+t_m + h/2. Where the rod yields in it, at t_m + τ h, the slope of its force jumps by J e', and the
+force at t_m misses
+
+    J e' h (1/2 − |τ|)²/2
+
+of its mean over the kick: an error of order h² whose factor depends on where in the step it falls,
+and so an error of order h in derivatives. τ is a root of the same parabola.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+class HysteresisConstants(NamedTuple):
+    """A law of hysteresis, and the stiffness K of its rod."""
+
+    law: Any
+    modulus: jax.Array
+
+    @property
+    def ultimate(self) -> Any:
+        """The elongation at which the rod collapses."""
+        return getattr(self.law, "ultimate_displacement", np.inf)
+
+    def once(self, tree: Any) -> Any:
+        """Numbers that XLA computes once; all but quotients it computes again for each use.
+
+        They are divided by K/K, which is 1: gradients take .75 of the time.
+        """
+        one = self.modulus / self.modulus
+        return jax.tree.map(lambda y: y / one, tree)
+
+
+class HysteresisState(NamedTuple):
+    """State of a rod that yields at t_{m−1}."""
+
+    of_law: Any
+    elongation: jax.Array
+    change: jax.Array  # of the elongation since the instant before
+
+
+class HysteresisStep(NamedTuple):
+    """A rod that yields at t_m."""
+
+    state: HysteresisState
+    elongation: jax.Array
+    lost: jax.Array  # force below the elastic one, K (e − r)
+    kink: jax.Array  # what the mean over the kick exceeds it by
+
+
+class RodInstant(NamedTuple):
+    """A rod that yields, as it is observed at an instant."""
+
+    elongation: jax.Array
+    reduced_force: jax.Array  # of its spring, over K
+    dissipated: jax.Array
+
+
+def start_hysteresis(
+    constants: HysteresisConstants, elongation: jax.Array, change: jax.Array
+) -> HysteresisState:
+    """The state at t = 0 of a rod with an elongation, and its change in a step."""
+    return HysteresisState(constants.law.start(elongation), elongation, change)
+
+
+def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Steps until a motion with a speed ≥ 0 that gains speed has passed a distance, and its speed.
+
+    The distance may be negative: it was passed before. Both are 0, as are their derivatives, where
+    the motion turns before.
+    """
+    square = speed**2 + 2 * gain * room
+    passes = square > 0
+    then = jnp.where(passes, jnp.sqrt(jnp.where(passes, square, 1.0)), 0.0)
+    return jnp.where(passes, 2 * room / jnp.where(passes, speed + then, 1.0), 0.0), then
+
+
+@partial(jax.checkpoint, prevent_cse=False)  # else reverse mode stores a dozen numbers a step
+def hysteresis_step(
+    constants: HysteresisConstants,
+    before: HysteresisState,
+    elongation: jax.Array,
+    starts: jax.Array | None,
+) -> HysteresisStep:
+    """The rod at t_m, from its state at t_{m−1} and its elongation at t_m.
+
+    ``starts`` says whether the run begins at t_m displaced or moving; None for runs from rest.
+    """
+    law = constants.law
+    e, last = (_within(constants.ultimate, x) for x in (elongation, before.elongation))
+    change = e - last if starts is None else jnp.where(starts, before.change, e - last)
+    gain = change - before.change
+    speed = constants.once(change + gain / 2)  # at t_m; at t_{m−1} it was less by the gain
+    turns = speed * (speed - gain) < 0
+    at_turn = jnp.where(turns, e - speed**2 / (2 * jnp.where(turns, gain, 1.0)), last)
+    turned = constants.once(law.advance(before.of_law, last, at_turn))
+    state = law.advance(turned, at_turn, e)
+    lost = constants.modulus * (elongation - law.reduced_force(e, state))
+    kink = jnp.zeros_like(lost)
+    if hasattr(law, "kink"):
+        direction = jnp.where(speed < 0, -1.0, 1.0).astype(e.dtype)
+        place, jump = law.kink(turned, direction)
+        time, then = time_until(direction * (place - e), jnp.abs(speed), direction * gain)
+        missed = (0.5 - jnp.abs(time)) ** 2 / 2
+        inside = (jnp.abs(time) < 0.5) & (then > 0)
+        kink = jnp.where(inside, -constants.modulus * jump * direction * then * missed, 0.0)
+    state, lost, kink = constants.once((state, lost, kink))
+    return HysteresisStep(HysteresisState(state, e, change), elongation, lost, kink)
+
+
+def moved(constants: HysteresisConstants, now: HysteresisStep, sample: jax.Array) -> HysteresisStep:
+    """The rod with the force of another elongation: after an impact the mean sample of the kick."""
+    e = _within(constants.ultimate, sample)
+    state = constants.law.advance(now.state.of_law, now.state.elongation, e)
+    lost = constants.modulus * (sample - constants.law.reduced_force(e, state))
+    return now._replace(lost=lost)
+
+
+def observed(constants: HysteresisConstants, now: HysteresisStep) -> RodInstant:
+    """The rod at t_m as a run observes it."""
+    law, state = constants.law, now.state
+    dissipated = constants.modulus * law.dissipated(state.of_law)
+    reduced = law.reduced_force(state.elongation, state.of_law)
+    return RodInstant(now.elongation, reduced, dissipated)
+
+
+def _within(limit: Any, elongation: jax.Array) -> jax.Array:
+    """The elongation, or the limit beyond which a rod has collapsed."""
+    low = jnp.where(elongation < -limit, -limit, elongation)
+    return jnp.where(low > limit, limit, low)

@@ -1,0 +1,185 @@
+"""Rods that yield, against an event-driven solver, closed forms, and themselves."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.model import parameters
+
+CASES = json.loads((Path(__file__).parents[1] / "oracles" / "yield.json").read_text())
+FIELDS = {"K": "stiffness", "ey": "material.yield_displacement", "alpha": "material.hardening"}
+FIELDS |= {"beta": "material.beta", "gap0": "gap", "k": "contact.stiffness"}
+
+
+def system_of(case):
+    rods = []
+    for rod in case["system"]["rods"]:
+        if rod["law"] == "zener":
+            material = jp.ZenerRod(1.0, rod["tf"], rod["tx"])
+        elif rod["law"] == "bilinear":
+            material = jp.Bilinear(rod["ey"], rod["alpha"])
+        else:
+            material = jp.BoucWen(rod["ey"], rod["alpha"], rod["n"], rod["beta"])
+        rods.append(jp.Rod(material, rod["K"], (rod["b"], rod["a"])))
+    links = [
+        jp.Link((link["a"], link["b"]), 0.0, link["gap0"], jp.KelvinVoigt(link["k"], link["e"]))
+        for link in case["system"]["links"]
+    ]
+    return jp.System(tuple(case["system"]["m"]), tuple(rods), tuple(links))
+
+
+def ground_of(case):
+    return jp.Ricker(case["ricker"]["u0"], case["ricker"]["tp"], case["ricker"]["ts"])
+
+
+ONE, ONE_GROUND = system_of(CASES["one_bilinear"]), ground_of(CASES["one_bilinear"])
+GRID = jp.TimeGrid.until(16.0, 0.02)
+ONE_RESPONSE = jax.jit(lambda system, ground: jp.simulate(system, ground, GRID))
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name[0] != "_"])
+def test_values_and_gradients_are_of_second_order(name):
+    case = CASES[name]
+    system, ground = system_of(case), ground_of(case)
+    symbols = {
+        symbol: ".".join([group, number, FIELDS.get(field, field)]) if field else symbol
+        for symbol in case["derivatives"]
+        for group, number, *rest in [symbol.split(".")]
+        for field in [rest[0] if rest else ""]
+    }
+    paths = {symbol: path.replace("m.0", "masses.0") for symbol, path in symbols.items()}
+    yielding = [r for r, rod in enumerate(case["system"]["rods"]) if rod["law"] != "zener"]
+
+    def run(numbers, dt):
+        changed = parameters.put(system, dict(zip(paths.values(), numbers, strict=True)))
+        response = jp.simulate(changed, ground, jp.TimeGrid.until(case["T"], dt))
+        x = jnp.stack([mass.x for mass in response.masses], -1)
+        largest = [
+            response.demand.rods[r].ductility * changed.rods[r].material.yield_displacement
+            for r in yielding
+        ]
+        ends = [x[-1], jnp.stack([mass.v[-1] for mass in response.masses]), jnp.stack(largest)]
+        return jnp.concatenate(ends), (x[:: round(1 / dt)], response)
+
+    errors = []
+    for dt in (0.02, 0.01, 0.005) if len(yielding) == 1 else (0.02, 0.005):
+        numbers = [jnp.asarray(parameters.get(system, path), float) for path in paths.values()]
+        differentiate = jax.jit(jax.jacfwd(lambda numbers, dt=dt: run(numbers, dt), has_aux=True))
+        gradients, (x, response) = differentiate(numbers)
+        value = np.abs(x - np.array(case["x"])).max() / np.abs(case["x"]).max()
+        n = 2 * len(case["x_end"])
+        of_gradients = []
+        for gradient, symbol in zip(gradients, paths, strict=True):
+            exact = np.array(case["derivatives"][symbol])[[*range(n), *(n + r for r in yielding)]]
+            of_gradients.append(np.linalg.norm(gradient - exact) / np.linalg.norm(exact))
+        errors.append((value, max(of_gradients)))
+    assert response.energy.relative_residual < 1e-3
+    assert float(response.demand.collapsed) == 0
+    assert errors[-1][0] < 1e-4
+    assert errors[-1][1] < 2e-3
+    assert errors[0][0] / errors[-1][0] > 3.0 ** np.log2(0.02 / 0.005)
+    assert errors[0][1] / errors[-1][1] > 2.5 ** np.log2(0.02 / 0.005)
+    for r in yielding:
+        scalars, hardening = response.demand.rods[r], system.rods[r].material.hardening
+        assert scalars.ductility == pytest.approx(case["ductility"][r], rel=2e-4)
+        if case["residual"][r]:
+            residual = abs(case["residual"][r]) * (1 - hardening)
+            assert scalars.residual_drift == pytest.approx(residual, rel=5e-3, abs=1e-5)
+    total = sum(response.demand.rods[r].dissipated_energy for r in yielding)
+    assert total == pytest.approx(case["dissipated"], rel=2e-4)
+    assert response.energy.yielding[-1] == pytest.approx(float(total), rel=1e-12)
+
+
+def test_before_it_yields_a_rod_is_the_fractional_rod_but_for_rounding():
+    steel = jp.ZenerRod(0.5, 0.01, 0.05)
+    strong = jp.YieldingZener(steel, jp.Bilinear(1e6, 0.1))
+    grid = jp.TimeGrid.until(8.0, 0.05)
+    plain, yielding = (
+        jp.simulate(jp.Storeys((1.0, 0.8), jp.Rod(law, 4.0)), ONE_GROUND, grid)
+        for law in (steel, strong)
+    )
+    for name in ("x1", "x2", "v1", "f1", "f2"):
+        np.testing.assert_allclose(getattr(yielding, name), getattr(plain, name), atol=1e-14)
+    assert plain.demand.collapsed is None
+    assert float(yielding.demand.dissipated_energy_1) == 0
+    assert float(yielding.demand.first_yield_time_2) == np.inf
+
+
+def test_the_motion_has_a_mirror_image_and_a_batch_is_its_runs():
+    plain = ONE_RESPONSE(ONE, ONE_GROUND)
+    mirrored = ONE_RESPONSE(ONE, replace(ONE_GROUND, amplitude=-ONE_GROUND.amplitude))
+    assert (plain.x1 == -mirrored.x1).all()
+    assert plain.demand.ductility_1 == mirrored.demand.ductility_1
+    eager = jp.simulate(ONE, ONE_GROUND, GRID)
+    np.testing.assert_array_equal(plain.x1, eager.x1)
+
+    def ductility(strength):
+        return jp.demand(weakened(strength), ONE_GROUND, GRID).rods[0].ductility
+
+    strengths = jnp.array([0.02, 0.0315, 0.1])
+    batch = jax.vmap(ductility)(strengths)
+    assert batch[1] == pytest.approx(float(plain.demand.ductility_1), rel=1e-9)
+    assert bool((jnp.diff(batch) < 0).all())
+    backward = jax.grad(ductility)(0.0315)
+    assert backward == pytest.approx(float(jax.jvp(ductility, (0.0315,), (1.0,))[1]), rel=1e-8)
+    single = jax.tree.map(lambda y: jnp.asarray(y, jnp.float32), (ONE, ONE_GROUND))
+    low = ONE_RESPONSE(*single)
+    assert low.x1.dtype == jnp.float32
+    np.testing.assert_allclose(low.x1, plain.x1, atol=2e-5)
+
+
+def weakened(strength):
+    return parameters.put(ONE, {"rods.0.material.yield_displacement": strength})
+
+
+def test_a_half_sine_yields_and_unloads_when_it_must():
+    # m = 45,594 kg, k = 1.8 MN/m, 5 %, e_y = .02 m, 50 kN sin(πt/.6) until .6 s; exact solution.
+    mass, stiffness = 45_594.0, 1.8e6
+    damping = 2 * 0.05 * np.sqrt(stiffness * mass)
+    rods = (
+        jp.Rod(jp.Bilinear(0.02), stiffness, (0, jp.GROUND)),
+        jp.Rod(jp.ZenerRod(1.0, 1e-5, damping), 1.0, (0, jp.GROUND)),
+    )
+    system = jp.System((mass,), rods)
+
+    def push(t):
+        return -50e3 / mass * jnp.where(t < 0.6, jnp.sin(jnp.pi * t / 0.6), 0.0)
+
+    response = jp.simulate(system, push, jp.TimeGrid.until(1.0, 0.001))
+    assert response.demand.first_yield_time_1 == pytest.approx(0.314149, abs=2e-6)
+    assert response.demand.peak_x1 == pytest.approx(0.0642469, abs=1e-6)
+    assert response.x1[-1] == pytest.approx(0.03996081, abs=1e-6)
+    assert response.demand.residual_drift_1 == pytest.approx(0.0642469 - 0.02, abs=1e-6)
+    assert jnp.max(jnp.abs(response.f1)) <= 36e3 * (1 + 1e-12)
+
+
+def test_a_run_that_diverges_has_collapsed_and_is_finite():
+    def collapsing(ultimate):
+        law = jp.Bilinear(0.0315, -0.2, ultimate)
+        return replace(ONE, rods=(replace(ONE.rods[0], material=law), ONE.rods[1]))
+
+    strong = replace(ONE_GROUND, amplitude=0.3)
+    scalars = ONE_RESPONSE(collapsing(0.3), strong).demand
+    assert float(scalars.collapsed) == 1
+    assert np.isfinite(scalars.peak_x1)
+    assert scalars.peak_x1 > 0.3
+    weak = replace(ONE_GROUND, amplitude=0.01)
+    assert float(ONE_RESPONSE(collapsing(0.3), weak).demand.collapsed) == 0
+
+
+def test_released_from_beyond_yield_it_comes_to_rest_at_the_plastic_elongation():
+    still = replace(ONE_GROUND, amplitude=0.0)
+    aside = jp.InitialState(displacements=(0.06,))
+    grid = jp.TimeGrid.until(60.0, 0.02)
+    response = jp.simulate(ONE, still, grid, initial=aside)
+    spring = 4.927 * (0.06 - (1 - 0.027) * (0.06 - 0.0315))
+    assert response.f1[0] == pytest.approx(spring, rel=1e-12)
+    rest = response.demand.rods[0].residual_drift * 4.927 / (4.927 + 0.2463)
+    assert response.x1[-1] == pytest.approx(float(rest), abs=1e-4)
+    assert response.energy.relative_residual < 1e-3
