@@ -1,6 +1,6 @@
 """Length of the programs with contact, seconds to compile them, and to run them.
 
-    python benchmarks/contact_programs.py [PROGRAM ...]     # by default all
+    python benchmarks/contact_programs.py [--loop-kernels] [PROGRAM ...]     # by default all
 
 A pair of buildings, and two towers that touch at their floors, with the law of Kelvin and Voigt,
 500 steps, in processor time. Run it in turn in the checkouts of two versions to compare them.
@@ -71,6 +71,9 @@ def seconds():
 
 
 def main(names):
+    if "--loop-kernels" in names:
+        jp.use_loop_kernels()
+        names.remove("--loop-kernels")
     print(f"{'':28}{'operations':>10}{'traced, s':>11}{'compiled, s':>13}{'run, ms':>9}")
     for name in names or PROGRAMS:
         function, structures = PROGRAMS[name]()
