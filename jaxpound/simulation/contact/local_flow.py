@@ -348,7 +348,7 @@ class LocalFlow:
             lost=at.lost,
             contact=contact._replace(impulse=at.impulse),
             now=self._midstep(middle),
-            log=x.log,
+            log=x.log._replace(touched=x.log.touched * poison),  # so that a failure is used
         )
 
     def _midstep(self, middle: Snapshot) -> MidStep:

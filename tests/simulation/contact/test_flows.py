@@ -162,6 +162,12 @@ def test_too_many_events_are_not_a_silent_result():
     assert np.isnan(out.closing).all()
 
 
+def test_a_flow_that_fails_before_any_touch_is_not_one_without_contact():
+    out = collided()(given(jp.KelvinVoigt(1000.0, 0.65), 0.1, 10.0, pull=np.nan))
+    assert np.isnan(out.closing).all()
+    assert np.isnan(out.log.touched).all()  # or the step would go on as if nothing had happened
+
+
 def test_lanes_of_a_batch_are_followed_as_they_are_alone():
     """Also where only some of them need it; those that do not are left out."""
     speeds = jnp.linspace(0.1, 1.0, 21)
