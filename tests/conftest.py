@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import functools
 import gc
 import os
 import shutil
@@ -30,8 +31,20 @@ gc.set_threshold(50_000, 20, 20)
 
 import jax  # noqa: E402
 import jaxtyping  # noqa: E402
+import nbmake.nb_run  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
+from traitlets.config import Config  # noqa: E402
+
+# Notebooks of two processes start at once. Sockets and a profile of its own for each process: two
+# kernels must neither pick the same port nor create the same profile.
+KERNELS = tempfile.mkdtemp(prefix="jaxpound-kernels-")
+os.environ["IPYTHONDIR"] = KERNELS
+LOCAL = {"transport": "ipc", "ip": f"{KERNELS}/kernel"} if os.name == "posix" else {}
+nbmake.nb_run.NotebookClient = functools.partial(
+    nbmake.nb_run.NotebookClient,
+    config=Config(KernelManager=LOCAL, NotebookClient={"startup_timeout": 300}),
+)
 
 # Annotations of these wings are checked at every call, shapes included, in the wings' own tests:
 # elsewhere that would double the time of tracing. A whole number may stand for a float, as it may
@@ -108,5 +121,6 @@ def small_machine(monkeypatch):
 
 
 def pytest_unconfigure():
+    shutil.rmtree(KERNELS, ignore_errors=True)
     if CACHE:
         shutil.rmtree(CACHE, ignore_errors=True)
