@@ -16,7 +16,7 @@ import jaxpound as jp
 from jaxpound._checks import did_you_mean
 from jaxpound.cli.buildings import BuildingsLayout, as_toml
 from jaxpound.cli.design_report import changes, parts_of_page, summary
-from jaxpound.cli.files import kept_search, write_report, write_text
+from jaxpound.cli.files import kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
 from jaxpound.cli.reading import (
     Count,
@@ -173,8 +173,7 @@ def run(args: argparse.Namespace) -> None:
         print(changes("quantity", answers["answer"]).text())
         print(design)
         designed = task.parameters.buildings(design.structures)
-        write_text(args.out / "design.toml", file.text)
-        write_text(args.out / "buildings.toml", as_toml(designed))
+        write_files(args.out, {"design.toml": file.text, "buildings.toml": as_toml(designed)})
 
         from jaxpound.plots import designs as plots
         from jaxpound.plots.style import drawn

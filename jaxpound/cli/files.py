@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from jaxpound._tables import TextTable
     from jaxpound.study.statistics import Estimate
 
+Write = Callable[[BinaryIO], Any]
+"""Writes a file to a stream."""
+
 VERSION = f"jaxpound {jp.__version__}."
 
 FORMS = ("pair", "row")
@@ -77,32 +80,37 @@ def kept_search(args: argparse.Namespace, key: str, name: str, *inputs: bytes) -
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def write(path: Path, write_to: Callable[[BinaryIO], Any]) -> None:
-    """Write a whole file or none, and print its path; an ``OSError`` names it."""
+def write_files(out: Path, files: Mapping[str, str | Write]) -> None:
+    """Write whole files or none to a folder, by name, and print their paths.
+
+    A file is a text, or writes itself to a stream. An ``OSError`` names it.
+    """
     from jaxpound.store.archive import replace_file
 
-    replace_file(path, write_to)
-    print(path)
+    for name, content in files.items():
+        write = content if callable(content) else partial(_write_text, content.encode())
+        replace_file(out / name, write)
+        print(out / name)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text, as ``write``."""
-    write(path, lambda file: file.write(text.encode()))
+def _write_text(encoded: bytes, file: BinaryIO) -> None:
+    file.write(encoded)
 
 
-def write_json(path: Path, answers: Any) -> None:
-    """Write results, with null for numbers that are not finite."""
-    write_text(path, json.dumps(json_safe(answers), indent=2, allow_nan=False) + "\n")
+def json_text(answers: Any) -> str:
+    """Results as JSON, with null for numbers that are not finite."""
+    return json.dumps(json_safe(answers), indent=2, allow_nan=False) + "\n"
 
 
-def write_figures(figures: Mapping[str, Figure], out: Path, pdf: bool) -> None:
-    """Write figures by their names, as PNG and, for print, as PDF too."""
+def images(figures: Mapping[str, Figure], pdf: bool) -> dict[str, Write]:
+    """Files of figures by their names, as PNG and, for print, as PDF too."""
     from jaxpound.plots.style import in_house_style
 
-    for name, figure in figures.items():
-        for kind in ("png", "pdf") if pdf else ("png",):
-            save = in_house_style(figure.savefig)
-            write(out / f"{name}.{kind}", partial(save, format=kind, dpi=300))
+    return {
+        f"{name}.{kind}": partial(in_house_style(figure.savefig), format=kind, dpi=300)
+        for name, figure in figures.items()
+        for kind in (("png", "pdf") if pdf else ("png",))
+    }
 
 
 def write_report(
@@ -114,10 +122,9 @@ def write_report(
     tables: Mapping[str, str] | None = None,
 ) -> None:
     """Write a command's summary, its ``page``, tables (CSV by file name) and figures."""
-    write_json(args.out / "summary.json", answers)
-    for name, text in {"summary.md": page(title, parts, figures), **(tables or {})}.items():
-        write_text(args.out / name, text)
-    write_figures(figures, args.out, args.pdf)
+    pictures = images(figures, args.pdf)
+    summary = {"summary.json": json_text(answers), "summary.md": page(title, parts, figures)}
+    write_files(args.out, {**summary, **(tables or {}), **pictures})
 
 
 def json_safe(tree: Any) -> Any:

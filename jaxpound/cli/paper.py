@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 import jaxpound as jp
 from jaxpound._tables import TextTable
-from jaxpound.cli.files import make_folder, write_figures
+from jaxpound.cli.files import images, make_folder, write_files
 
 PAPER_SCHEME_ERROR = -6.4e-4  # of min(x2 − x1) by the paper's own scheme at its own step
 
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
     by_paper_scheme = float(jp.demand(*case, jp.PAPER_SCHEME).min_gap) - case[0].initial_gap
     print(page(response, by_paper_scheme, case[0].initial_gap))
     figures = {draw.__name__: drawn(draw, response) for draw in (plots.overview, *PAPER)}
-    write_figures(figures, args.out, args.pdf)
+    write_files(args.out, images(figures, args.pdf))
 
 
 def page(response: jp.Response, by_paper_scheme: float, initial_gap: float) -> str:

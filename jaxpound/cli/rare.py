@@ -118,10 +118,10 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "rare")
     config = file.read(RareConfig)
-    path = None
+    path, parameters = None, Parameters(config.layout)
     if config.design is not None:
         place, key = f"{file.name}: [design] parameter:", config.design.parameter
-        path, *others = by_path(place, {key: None}, Parameters(config.layout))
+        path, *others = by_path(place, {key: None}, parameters)
         if others:
             raise refused(f"{place} {key}", "must stand for one parameter")
     state = limit_state(file, config)
@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> None:
         choice(state, config.search.method)  # before a folder is made
     if path is not None:
         with named(f"{file.name}: [design]"):
-            require_smooth("reach_probability", state.scenarios, WITHOUT_JUMPS)
+            require_smooth("reach_probability", state, WITHOUT_JUMPS)
     size = first_of(_CHECKED, state.grid), state.dimension
     z = jax.random.normal(jax.random.key(config.search.seed), size)
     grounds = grounds_at(state.scenarios, state.grid)(z)
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> None:
         with compile_notice(config.structures):
             result = searched(file, config, state, args.store)
             if config.design is not None and path is not None:
-                target = reached(file, config.design, result, path, args.store)
+                target = reached(file, config.design, result, path, parameters, args.store)
                 result = result._replace(target=target)
         report_result(args, file, result)
 
@@ -182,7 +182,12 @@ def searched(
 
 
 def reached(
-    file: File, target: TargetSpec, result: RareResult, path: str, store: Path | None
+    file: File,
+    target: TargetSpec,
+    result: RareResult,
+    path: str,
+    parameters: Parameters,
+    store: Path | None,
 ) -> dict[str, Any]:
     """The parameter at which the event has the target probability, for JSON, in SI units."""
     config, state = result.config, result.event.limit_state
@@ -201,7 +206,6 @@ def reached(
             store=store and store / "design",
             progress=sys.stderr.isatty(),
         )
-    parameters = Parameters(config.layout)
     before: Any = get(parameters.si, path)
     scale = float(before) / float(get(parameters.nominal, path))
     return {
@@ -239,6 +243,10 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
 
     answers, scales = summary(file, result), result.config.scales
     figures, files, remarks = {}, {}, []
+    if curve := answers["curve"]:
+        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
+        events = [*result.curve.values()]
+        figures["probability"] = drawn(plots.probability_curve, events, scales=scales)
     if len(result.event.design_points):
         figures["design_earthquake"] = drawn(plots.design_earthquake, result.event, scales=scales)
         first, state = result.event.design_earthquakes[0], result.event.limit_state
@@ -250,11 +258,6 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
             "The design earthquake is the likeliest ground motion that brings the event about. "
             "design_earthquake.csv has it (time in s, acceleration in g), as "
             "`jaxpound simulate --record design_earthquake.csv --units g` reads it."
-        )
-    if curve := answers["curve"]:
-        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
-        figures["probability"] = drawn(
-            plots.probability_curve, [*result.curve.values()], scales=scales
         )
     parts = [VERSION, *parts, *remarks]
     write_report(args, answers, "Probability of a rare event", parts, figures, files)

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
         figures["correlations"] = drawn(plots.correlations, study, column=column)
         figures["parameters"] = drawn(plots.scatter_matrix, study, [column])
     if "configuration" in (study.about["notes"] or {}):
-        files.write_text(args.out / "study.toml", study.about["notes"]["configuration"])
+        files.write_files(args.out, {"study.toml": study.about["notes"]["configuration"]})
     buildings = "buildings in a row" if answers["links"] else "two adjacent structures"
     title, parts = f"Monte Carlo study of {buildings}", parts_of_page(answers)
     files.write_report(args, answers, title, parts, figures)

@@ -11,7 +11,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound.cli import results
 from jaxpound.cli.buildings import BuildingsLayout
-from jaxpound.cli.files import make_folder, write, write_figures, write_json, write_text
+from jaxpound.cli.files import images, json_text, make_folder, write_files
 from jaxpound.cli.reading import File, Section, between, named
 from jaxpound.cli.structures import Structured, compile_notice
 from jaxpound.cli.tables import FACTOR_ON_RECORD
@@ -79,16 +79,16 @@ def run(args: argparse.Namespace) -> None:
     answers = summary(file, configuration, args.record, record, response)
     print(page(answers))
     numbers = results.of_form(answers["results"], layout.is_pair)
-    write_json(args.out / "summary.json", answers | {"results": numbers})
-    series = args.out / f"series.{configuration.output.series}"
+    pictures = images(_figures(layout, response), args.pdf)
+    files: dict[str, Any] = {"summary.json": json_text(answers | {"results": numbers})}
     if configuration.output.series == "npz":
         columns: Any = response.to_columns()
-        write(series, lambda to: np.savez(to, **columns))
+        files["series.npz"] = lambda to: np.savez(to, **columns)
     elif configuration.output.series == "csv":
-        write(series, response.to_csv)
+        files["series.csv"] = response.to_csv
     if not layout.is_pair:
-        write_text(args.out / "floors.csv", results.envelope(layout, response))
-    write_figures(_figures(layout, response), args.out, args.pdf)
+        files["floors.csv"] = results.envelope(layout, response)
+    write_files(args.out, files | pictures)
 
 
 def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:

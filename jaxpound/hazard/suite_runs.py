@@ -200,7 +200,7 @@ class SuiteRuns:
             if callable(options.demand):
                 return jnp.asarray(options.demand(scales.to_si(result) if scales else result))
             in_unit = scales.unit_of(named.kind_of(self.demand)) if scales else 1.0
-            return named.demand_named(owner, system, result, self.demand) * in_unit
+            return named.value_of(owner, system, result, self.demand) * in_unit
 
         jax.eval_shape(value, 0, 1.0)
 

@@ -85,6 +85,11 @@ def get(structures: Any, path: str) -> Any:
 def put(structures: T, values: Mapping[str, Any]) -> T:
     """Structures with these parameters replaced, all at once; their rules are checked."""
     require_paths("put", structures, values)
+    return replaced(structures, values)
+
+
+def replaced(structures: T, values: Mapping[str, Any]) -> T:
+    """``put`` of paths that are known to be those of parameters."""
     return _rebuilt(structures, {tuple(path.split(".")): x for path, x in values.items()})
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import log_ndtr, logsumexp, ndtr
 
+from jaxpound._errors import InvalidInput
 from jaxpound.reliability.design_points import COVERED, NEAR, DesignPoints, find_design_points
 from jaxpound.reliability.limit_state import COMPILING, LimitState, SearchRuns, require_dependence
 from jaxpound.reliability.result import RAREST, RareEvent, always
@@ -124,6 +125,14 @@ class Samples(NamedTuple):
         return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
 
+class Unrepresented(NamedTuple):
+    """Why design points do not stand for all failures, and what their search has cost."""
+
+    doubt: str
+    runs: int
+    gradients: int
+
+
 class DesignPointSearch:
     """A search for the probability of a limit state by its design points.
 
@@ -152,14 +161,30 @@ class DesignPointSearch:
         # Batches by number, and whether they are plain; their samples are drawn again.
         self._stored = SearchRuns(folder, search, state, key, _COLUMNS, BATCH, **more)
 
-    def pilot(self) -> Samples:
-        """The first batch of plain samples."""
-        self._bar.set_postfix_str(COMPILING)
-        samples = self._batch(0, None)
-        require_dependence(OWNER, self._state, samples.points, samples.values)
-        return samples
+    def event(self, only_by_points: bool) -> RareEvent | Unrepresented:
+        """The event; why design points do not stand for all failures, where they do not.
 
-    def design_points(self) -> DesignPoints:
+        ``only_by_points`` takes them nonetheless, with a warning, and raises an ``InvalidInput`` if
+        there are none.
+        """
+        points = None if self._start is None else self._design_points()
+        if points is None or not points.form() <= COMMON / 2:  # NaN without points
+            self._bar.set_postfix_str(COMPILING)
+            pilot = self._batch(0, None)
+            require_dependence(OWNER, self._state, pilot.points, pilot.values)
+            if pilot.probability > COMMON:
+                return self._plain(pilot, 0 if points is None else points.gradients)
+        points = self._design_points() if points is None else points
+        doubt = self._doubt(points)
+        if not doubt or (only_by_points and len(points)):
+            return self._around(points, doubt)
+        if only_by_points:
+            rule = f"must lead to the limit state, but none of {points.failed} searches has"
+            rule += " reached it; use method = 'subset', or in reach_probability another value to"
+            raise InvalidInput(OWNER, "gradients", "", f"{rule} start from")
+        return Unrepresented(doubt, self.runs, points.gradients)
+
+    def _design_points(self) -> DesignPoints:
         """The design points: from their file, or sought from those of the start, or at random."""
         self._bar.set_postfix_str("compiling the gradients")
         points = self._search() if self._folder is None else self._stored_points(self._folder)
@@ -208,7 +233,7 @@ class DesignPointSearch:
         write_archive(path, arrays, {"study": seal, **about, "shape": [*points.z.shape]})
         return points
 
-    def plain(self, pilot: Samples, gradients: int) -> RareEvent:
+    def _plain(self, pilot: Samples, gradients: int) -> RareEvent:
         """The event of plain samples, where it is not rare, after so many gradients."""
         sure = pilot.probability == 1
         samples = pilot if sure else self._samples(None, self._most, pilot)
@@ -218,7 +243,7 @@ class DesignPointSearch:
         bound = [always(len(samples))] if sure else []
         return dataclasses.replace(event, warnings=(*self._unsure(event), *bound))
 
-    def doubt(self, points: DesignPoints) -> str:
+    def _doubt(self, points: DesignPoints) -> str:
         """A sign that design points do not stand for all failures, in words; empty without one."""
         if not len(points):
             return "no gradients lead to the limit state"
@@ -241,7 +266,7 @@ class DesignPointSearch:
         motions = f"{number * BATCH} random motions {factor:.2g} times as strong"
         return f"{missed} of {motions} fail far from all design points"
 
-    def around(self, points: DesignPoints, doubt: str) -> RareEvent:
+    def _around(self, points: DesignPoints, doubt: str) -> RareEvent:
         """The event of samples around design points, about which there is a doubt in words."""
         state, near = self._state, points.within(NEAR)
         doubts = (f"{doubt}: compare with subset_simulation",) if doubt else ()

@@ -12,18 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number, real
+from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number
 from jaxpound._errors import InvalidInput
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import warn
-from jaxpound.model.parameters import get, paths, put, require_paths
+from jaxpound.model.parameters import get, paths, replaced, require_paths
 from jaxpound.model.system import Structures, without_contact
 from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of
 from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
-from jaxpound.scenarios.scenarios import ScenarioSet
+from jaxpound.scenarios.scenarios import ScenarioSet, discrete_names
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.rollout import observed_at
 from jaxpound.simulation.run import demand
@@ -110,6 +110,11 @@ class LimitState:
         return self.scenarios.dimension
 
     @property
+    def discrete_names(self) -> str:
+        """Names of the first numbers that are discrete; empty if there are none."""
+        return discrete_names(self.scenarios)
+
+    @property
     def time_step(self) -> float:
         """The time step in 1/ω1, whichever unit of time the grid has."""
         nominal = self.programs.nominal
@@ -175,7 +180,7 @@ class LimitState:
     ) -> tuple[Structures, Any]:
         """The scenario of a point z, with changes; ``passing`` leaves out laws of contact."""
         structures, ground = self.scenarios.realize(z)
-        structures = put(structures, changes) if changes else structures
+        structures = replaced(structures, changes) if changes else structures
         return without_contact(structures) if passing else structures, ground
 
     def observed(self, z: Any, changes: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -183,12 +188,8 @@ class LimitState:
         gaps = self.demand == REQUIRED_GAP
         structures, ground = self.realized(z, changes, passing=gaps)
         scalars = demand(structures, ground, self.grid, self.scheme)
-        if callable(self.demand):
-            demanded = jnp.asarray(real(OWNER, "demand", self.demand(scalars)))
-            demanded = demanded.astype(jnp.result_type(float, demanded))
-        else:
-            name = named.OVERLAP if gaps and self.threshold is None else self.demand
-            demanded = named.demand_named(OWNER, structures.system(), scalars, name)
+        spec = named.OVERLAP if gaps and self.threshold is None else self.demand
+        demanded = named.value_of(OWNER, structures.system(), scalars, spec)
         return demanded, scalars.min_gap_time if gaps else jnp.nan * demanded
 
     def at_instant(self, z: Any, changes: Mapping[str, Any], instant: Any, row: Any) -> Any:

@@ -13,13 +13,13 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, hint, instance, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
-from jaxpound.reliability.importance import COMMON, OWNER, DesignPointSearch
+from jaxpound.reliability.importance import OWNER, DesignPointSearch
 from jaxpound.reliability.limit_state import LimitState, state_of
 from jaxpound.reliability.result import RareEvent
 from jaxpound.reliability.subset import simulated
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios import sampling
-from jaxpound.scenarios.scenarios import ScenarioSet, discrete_names
+from jaxpound.scenarios.scenarios import ScenarioSet
 from jaxpound.simulation.scheme import Scheme
 
 _METHODS = ("auto", "design points", "subset")
@@ -156,20 +156,10 @@ def event_of(
     if not subset:
         with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
             search = DesignPointSearch(state, cov, most, key, start, store, bar)
-            points = None if start is None else search.design_points()
-            if points is None or not points.form() <= COMMON / 2:  # NaN without points
-                pilot = search.pilot()
-                if pilot.probability > COMMON:
-                    return search.plain(pilot, 0 if points is None else points.gradients)
-            points = search.design_points() if points is None else points
-            doubt = search.doubt(points)
-            if not doubt or (method == "design points" and len(points)):
-                return search.around(points, doubt)
-        if method == "design points":
-            rule = f"must lead to the limit state, but none of {points.failed} searches has"
-            rule += " reached it; use method = 'subset', or in reach_probability another value to"
-            raise InvalidInput(OWNER, "gradients", "", f"{rule} start from")
-        runs, gradients, why = search.runs, points.gradients, f"{doubt}: "
+            event = search.event(only_by_points=method == "design points")
+        if isinstance(event, RareEvent):
+            return event
+        runs, gradients, why = event.runs, event.gradients, f"{event.doubt}: "
         store = None if store is None else Path(store) / "subset"
     more = {} if max_runs is None else {"max_runs": max_runs}
     event = simulated(state, cov=cov, key=key, store=store, progress=progress, why=why, **more)
@@ -191,16 +181,16 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
     if method == "subset":
         return True, ""
     if method == "design points":
-        require_smooth(OWNER, state.scenarios, "use method = 'subset'")
-    elif names := discrete_names(state.scenarios):
-        return True, f"{names} discrete: "
+        require_smooth(OWNER, state, "use method = 'subset'")
+    elif state.discrete_names:
+        return True, f"{state.discrete_names} discrete: "
     elif state.dimension < _FEW:
         return True, f"{state.dimension} random numbers, fewer than {_FEW}: "
     return False, ""
 
 
-def require_smooth(owner: str, scenarios: ScenarioSet, instead: str) -> None:
+def require_smooth(owner: str, state: LimitState, instead: str) -> None:
     """An ``InvalidInput`` for scenarios with discrete numbers, which have no gradients."""
-    if names := discrete_names(scenarios):
+    if names := state.discrete_names:
         rule = f"must not be discrete for design points, which need gradients; {instead}"
         raise InvalidInput(owner, f"scenarios: {names}", "", rule)

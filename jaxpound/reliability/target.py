@@ -130,7 +130,7 @@ def reach_probability(
     require_share(OWNER, "tolerance", tolerance)
     programs = programs_of(OWNER, start)
     first = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold, programs)
-    require_smooth(OWNER, scenarios, WITHOUT_JUMPS)
+    require_smooth(OWNER, first, WITHOUT_JUMPS)
     nominal = first.programs.nominal
     require_paths(OWNER, nominal, [path])
     value = float(get(nominal, path))

@@ -15,7 +15,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxpound._checks import did_you_mean, hint
+from jaxpound._checks import did_you_mean, hint, real
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import Quantity
@@ -235,8 +235,18 @@ def limited_values(system: System, demand: Demand, slip_forces: Sequence[Any]) -
     )
 
 
-def demand_named(owner: str, system: System, demand: Demand, name: str) -> Any:
-    """The demand of a run by its name; an ``InvalidInput`` if the structures have none such."""
+def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> Any:
+    """The demand of a run by its name or the user's function; traceable.
+
+    Raises ``InvalidInput`` if the structures have no such demand, or the function gives no number.
+    """
+    if isinstance(spec, str):
+        return _value_named(owner, system, demand, spec)
+    value = jnp.asarray(real(owner, "demand", spec(demand)))
+    return value.astype(jnp.result_type(float, value))
+
+
+def _value_named(owner: str, system: System, demand: Demand, name: str) -> Any:
     if name in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
         raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
     if name == OVERLAP:

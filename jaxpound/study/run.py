@@ -208,12 +208,12 @@ def _check(scenarios: Any, n: Any, grid: Any, scheme: Any, sampling: Any, measur
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     instance(owner, "measures", measures, Mapping)
-    for name, measure in measures.items():
-        if not callable(measure):
-            raise InvalidInput(owner, f"measures[{name!r}]", repr(measure), "must be a function")
     most = require_sampling(owner, sampling)
     if count(owner, "n", n) > most:
         raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
+    for name, measure in measures.items():
+        if not callable(measure):
+            raise InvalidInput(owner, f"measures[{name!r}]", repr(measure), "must be a function")
 
 
 def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
