@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-
-MAY_BE_INFINITE = ("min_gap", "soft_min_gap", "first_impact_time", "first_yield_time")
-"""Scalars of valid runs that may be infinite: without a gap, an impact or a yield."""
+_MAY_BE_INFINITE = ("min_gap", "soft_min_gap", "first_impact_time", "first_yield_time")
 
 
 class FlatName(NamedTuple):
@@ -104,6 +102,13 @@ def kind_in(cls: type[ByElement], name: str) -> str | None:
     """Kind of the quantity with a flat name in a class of results; None for a pure number."""
     place = place_of(cls, name)
     return None if place is None else place.quantity.kind
+
+
+def is_valid(cls: type[ByElement], name: str, values: Any) -> Any:
+    """Whether a scalar is finite, or infinite as that of a run without gap, impact or yield is."""
+    place = place_of(cls, name)
+    may_be_infinite = place is not None and place.field in _MAY_BE_INFINITE
+    return values > -np.inf if may_be_infinite else np.isfinite(values)
 
 
 def _fields_of_elements(cls: type[ByElement]) -> dict[str, tuple[str, Quantity]]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places
-from jaxpound.model.system import Ends, Topology, load_on
+from jaxpound.model.system import Ends, Topology, elongation, load_on
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import (
@@ -27,16 +31,6 @@ from jaxpound.results.impacts import Impact, ImpactSeries, Phase, phases_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-import functools
-import operator
-from typing import TYPE_CHECKING, NamedTuple
-
-import jax
-from jaxtyping import Array, Float
-
-from jaxpound.model.system import elongation
 
 
 @pytree_dataclass

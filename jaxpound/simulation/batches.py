@@ -123,7 +123,8 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
         def chunk(start: int) -> Any:
             rows = np.minimum(np.arange(start, start + size), n - 1)
             part = jax.tree.map(lambda x: x[rows], args)
-            return run(*(part if mesh is None else jax.device_put(part, _split(mesh))))
+            placed = part if mesh is None else jax.device_put(part, NamedSharding(mesh, _RUNS))
+            return run(*placed)
 
         def keep(start: int, part: Any) -> None:
             nonlocal results
@@ -196,7 +197,7 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
     mesh = _mesh_for(size)
     if mesh is None:
         return _spread(*rows), in_batch  # an outer vmap may still divide its own axis
-    split = _split(mesh)
+    split = NamedSharding(mesh, _RUNS)
     pairs = zip(rows, in_batch, strict=True)
     return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], in_batch
 
@@ -207,8 +208,7 @@ def on_each_device(work: Callable[..., T], *args: Any) -> T:
     if mesh is None:
         return work(*args)
     local = jax.shard_map(work, mesh=mesh, in_specs=_RUNS, out_specs=_RUNS, check_vma=False)
-    result: T = local(*args)
-    return result
+    return local(*args)
 
 
 def _mesh_for(size: int) -> Mesh | None:
@@ -228,10 +228,6 @@ def _mesh() -> Mesh | None:
     if len(devices) < 2:
         return None
     return Mesh(np.array(devices), ("runs",), axis_types=(AxisType.Auto,))
-
-
-def _split(mesh: Mesh) -> NamedSharding:
-    return NamedSharding(mesh, _RUNS)
 
 
 def _batch_size(args: tuple[Any, ...]) -> int:

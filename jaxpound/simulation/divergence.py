@@ -57,10 +57,7 @@ class Growth:
 
 
 def growth(
-    structures: Structures,
-    ground: GroundLike,
-    grid: TimeGrid,
-    scheme: Scheme = Scheme(),
+    structures: Structures, ground: GroundLike, grid: TimeGrid, scheme: Scheme = Scheme()
 ) -> Growth:
     """Factor by which a run with impacts magnifies a small change of its gaps, at every instant.
 
@@ -120,8 +117,7 @@ def growth(
     def state(gaps: list[Any]) -> Any:
         changed = parameters.put(system, dict(zip(paths, gaps, strict=True)))
         run = simulate(changed, shaking, grid, scheme)
-        series = [mass.x for mass in run.masses] + [mass.v for mass in run.masses]
-        along = jnp.stack(series, -1)
+        along = jnp.stack([mass.x for mass in run.masses] + [mass.v for mass in run.masses], -1)
         return along, (run.time, along)
 
     gaps = [parameters.get(system, path) for path in paths]

@@ -176,7 +176,7 @@ class Smoothed:
         """One step of the link."""
         w, _, a, _, inverse_mass, mu, h = before
         # Widths below √tiny make no difference; the limit keeps brake / width finite.
-        width = jnp.maximum(jnp.asarray(self.velocity, w.dtype), _tiny(w) ** 0.5)
+        width = jnp.maximum(jnp.asarray(self.velocity, w.dtype), jnp.finfo(w.dtype).tiny ** 0.5)
         share = 1 - 0.5**0.5
         brake = h * share * inverse_mass * mu
         push = h * share * a
@@ -211,10 +211,6 @@ def vertex(before: jax.Array, after: jax.Array, h: Any) -> tuple[jax.Array, jax.
     gain = jnp.where(turns, after - before, 1.0)
     time = jnp.where(turns, -mean / gain * h, 0.0)
     return turns, time, mean * time / 2
-
-
-def _tiny(x: jax.Array) -> Any:
-    return jnp.finfo(x.dtype).tiny
 
 
 def _ratio(w: jax.Array, width: jax.Array) -> jax.Array:

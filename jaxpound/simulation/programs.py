@@ -86,8 +86,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
         _look_through(programs)
     except (OSError, RuntimeError, _RefusedError) as error:  # RuntimeError: a user without a home
         if chosen or isinstance(error, _RefusedError):
-            message = f"keep_programs: {error}; compiled programs are not kept"
-            warnings.warn(message, stacklevel=2)
+            warnings.warn(f"keep_programs: {error}; compiled programs are not kept", stacklevel=2)
         return None
     jax.config.update("jax_compilation_cache_dir", str(programs))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING)

@@ -26,7 +26,7 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import GROUND, Link, Structures, System, gravity_of, is_closable
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import MAY_BE_INFINITE, place_of
+from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
 from jaxpound.simulation.contact.records import SLOTS
 from jaxpound.simulation.link_tally import ContactTally
@@ -357,13 +357,8 @@ def _finished(result: Any) -> Any:
     if is_traced(scalars) or all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         return result
     names = [name for _, names_of in scalars.columns() for name in names_of]
-    values = [(place_of(Demand, name), getattr(scalars, name)) for name in names]
-    holds = [
-        x > -np.inf if place and place.field in MAY_BE_INFINITE else np.isfinite(x)
-        for place, x in values
-        if x is not None
-    ]
-    if not all(map(np.all, holds)):
+    values = {name: getattr(scalars, name) for name in names}
+    if not all(np.all(is_valid(Demand, k, x)) for k, x in values.items() if x is not None):
         raise FloatingPointError(
             "the run ended in non-finite numbers: the ground motion returns some or overflows, the "
             "temperature is too small, or the contact of a link has more events within a step than "

@@ -143,17 +143,11 @@ def _link_response(
     )
     (numbers,) = jnp.nonzero(is_impact, size=min(MOST, is_impact.size), fill_value=is_impact.size)
     kept = jax.tree.map(lambda x: jnp.append(x, jnp.nan)[numbers], impacts)
+    fields = kept._asdict()
     return LinkResponse(
         gap=gap,
         friction_work=link.friction * entries.pop("slid"),
-        impacts=ImpactSeries(
-            time=kept.touch_time,
-            end=kept.end_time,
-            approach_velocity=kept.approach_velocity,
-            rebound_velocity=kept.rebound_velocity,
-            impulse=kept.impulse,
-            peak_force=kept.peak_force,
-        ),
+        impacts=ImpactSeries(fields.pop("touch_time"), fields.pop("end_time"), **fields),
         law=None if isinstance(link.contact, Newton) else link.contact,
         **entries,
         ends=link.ends,

@@ -20,12 +20,7 @@ from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.yielding import (
-    HysteresisConstants,
-    HysteresisState,
-    RodInstant,
-    start_hysteresis,
-)
+from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, RodInstant
 
 WRITTEN_OUT = 4
 """Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
@@ -153,10 +148,11 @@ def start_state(
         values = [zero] * topology.n_masses if y is None else y
         return tuple(None if mass in hanging else value for mass, value in enumerate(values))
 
-    yielding = []
-    for ends, law in zip(topology.rods, constants.hysteresis, strict=True):
+    yielding: list[HysteresisState | None] = []
+    for ends, rod in zip(topology.rods, constants.hysteresis, strict=True):
         length, speed = (zero if y is None else elongation(ends, y) for y in (x, v))
-        yielding.append(None if law is None else start_hysteresis(law, length, dt * speed))
+        state = None if rod is None else HysteresisState(rod.law.start(length), length, dt * speed)
+        yielding.append(state)
     excess = tuple(None if isinstance(law, SpringLaw) else zero for law in constants.rods)
     return RunState(of_free(x), of_free(v), excess, tuple(yielding), tuple(links))
 
@@ -229,12 +225,8 @@ def link_pull(
     ends: Ends, loads: Sequence[jax.Array], inverse: Sequence[jax.Array], shaking: jax.Array
 ) -> jax.Array:
     """Relative acceleration of a link's ends without it; between masses u'' drops out."""
-    i, j = ends
-    if j == GROUND:
-        return loads[i] * inverse[i] - shaking
-    if i == GROUND:
-        return shaking - loads[j] * inverse[j]
-    return loads[i] * inverse[i] - loads[j] * inverse[j]
+    left, right = (shaking if end == GROUND else loads[end] * inverse[end] for end in ends)
+    return left - right
 
 
 def link_inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:

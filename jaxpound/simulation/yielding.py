@@ -66,13 +66,6 @@ class RodInstant(NamedTuple):
     dissipated: jax.Array
 
 
-def start_hysteresis(
-    constants: HysteresisConstants, elongation: jax.Array, change: jax.Array
-) -> HysteresisState:
-    """The state at t = 0 of a rod with an elongation, and its change in a step."""
-    return HysteresisState(constants.law.start(elongation), elongation, change)
-
-
 def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Steps until a motion with a speed ≥ 0 that gains speed has passed a distance, and its speed.
 

@@ -24,7 +24,7 @@ from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.system import gravity_of
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import MAY_BE_INFINITE, place_of
+from jaxpound.results.elements import is_valid
 from jaxpound.scenarios.sampling import Points, as_key, points
 from jaxpound.scenarios.scenarios import (
     ScenarioSet,
@@ -184,11 +184,7 @@ class Task:
         return moments(used), {} if self.folder else used
 
     def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
-        valid = {}  # finite, or infinite without a gap or an impact
-        for name, x in columns.items():
-            place = place_of(Demand, name)
-            may_be_infinite = place is not None and place.field in MAY_BE_INFINITE
-            valid[name] = np.isfinite(x) | (may_be_infinite & (x == np.inf))
+        valid = {name: is_valid(Demand, name, x) for name, x in columns.items()}
         in_all = np.all([*valid.values()], axis=0)
         if in_all.all() or self.keep_failures:
             return
