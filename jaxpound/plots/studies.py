@@ -17,7 +17,7 @@ from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
 from jaxpound.results.named import kind_and_symbol
 from jaxpound.study.fragility import ANY_LINK, Fragility, grouped
 from jaxpound.study.sensitivity import Sensitivity
-from jaxpound.study.statistics import Estimate, probability
+from jaxpound.study.statistics import probability
 from jaxpound.study.study import Study
 from jaxpound.study.weighting import Hits
 
@@ -80,13 +80,8 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
         pounding = study.finite("required_gap") >= gap
     sizes = np.unique(np.geomspace(min(10, pounding.size), pounding.size, _POINTS).astype(int))
     weights = _weights(study, "pga")
-
-    def of_first(n: int) -> Estimate:
-        if study.weighting is None:
-            return probability(int(pounding[:n].sum()), n)
-        return Hits.of(pounding[:n], weights[:n]).estimate(study.normalised)
-
-    value, low, high = np.array([of_first(int(n))[:3] for n in sizes]).T
+    hits = [Hits.of(pounding[:n], weights[:n]) for n in sizes]
+    value, low, high = np.array([study._estimate(x)[:3] for x in hits]).T
     ax.fill_between(sizes, low, high, label="95 % interval", **shade("damper"))
     ax.plot(sizes, value, color=COLOURS["damper"], label="estimate")
     ax.set_xscale("log")
@@ -111,8 +106,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
         estimates = np.array([probability(int(k), n)[:3] for k in more])
     else:
         estimates = np.array([study.pounding_probability(float(gap))[:3] for gap in gaps])
-    colour = COLOURS["damper"]
-    ax.plot(gaps, estimates[:, 0], color=colour, label="estimate")
+    ax.plot(gaps, estimates[:, 0], color=COLOURS["damper"], label="estimate")
     ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
     ax.set_yscale("log")
     if rules_at is not None:
@@ -271,8 +265,6 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
 
 def _weights(study: Study, column: str) -> np.ndarray:
     """Weights of the finite numbers of a column, 1 without weights."""
-    if study.weighting is None:
-        return np.ones(study.finite(column).size)
     return study.weights[np.isfinite(study[column])]
 
 

@@ -19,8 +19,10 @@ from jaxpound._checks import did_you_mean, hint, real
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import Quantity
+from jaxpound.model.contact import Newton
 from jaxpound.model.hysteresis import hysteresis_of
-from jaxpound.model.system import GROUND, System, Topology, is_closable, is_storey
+from jaxpound.model.rod import ZenerRod
+from jaxpound.model.system import GROUND, Link, Rod, System, Topology, is_closable, is_storey
 from jaxpound.quantities import unit
 from jaxpound.results.demand import PLACES, Demand
 from jaxpound.results.elements import columns_of, of_link, place_of, sizes_of
@@ -138,20 +140,18 @@ def limited_demands(system: System) -> tuple[str, ...]:
     Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value; the slip forces
     of links (``damper_force``) and, of several, their sum; the largest demands of ``over_all``.
     """
-    return _limited(system.topology, _have_contact(system), _yield(system))
-
-
-def _limited(
-    topology: Topology, have_contact: Sequence[bool], may_yield: Sequence[bool]
-) -> tuple[str, ...]:
-    n, storeys = len(have_contact), [is_storey(ends) for ends in topology.rods]
-    has = {"contact": have_contact, "storey": storeys, "yielding": may_yield}
+    topology, n = system.topology, len(system.links)
+    has = {
+        "contact": _have_contact(system),
+        "storey": [is_storey(ends) for ends in topology.rods],
+        "yielding": _yield(system),
+    }
     names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n > 1)
     for quantity, names_of in columns_of(Demand, sizes_of(topology)):
         if quantity.limited:
             present = has[quantity.only] if quantity.only else itertools.repeat(True)
             names += itertools.compress(names_of, present)
-    return (*names, *_over_all(topology, have_contact, may_yield))
+    return (*names, *_over_all(system))
 
 
 def _have_contact(system: System) -> list[bool]:
@@ -162,11 +162,9 @@ def _yield(system: System) -> list[bool]:
     return [hysteresis_of(rod.material) is not None for rod in system.rods]
 
 
-def _over_all(
-    topology: Topology, have_contact: Sequence[bool], may_yield: Sequence[bool]
-) -> dict[str, list[tuple[str, int, str]]]:
+def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
     """Group, element and field of the demands that each name is the largest of."""
-    members: dict[str, list[tuple[str, int, str]]] = {}
+    topology, members = system.topology, dict[str, list[tuple[str, int, str]]]()
     if any(map(is_storey, topology.rods)):
         drift, acceleration = OF_FLOORS
         # The drift of a storey above the ground is the displacement of its floor.
@@ -175,28 +173,29 @@ def _over_all(
             for r, ends in enumerate(topology.rods)
         ]
         members[acceleration] = [("masses", i, acceleration) for i in range(topology.n_masses)]
-    if any(may_yield):
-        rods = [r for r, yields in enumerate(may_yield) if yields]
+    if rods := [r for r, yields in enumerate(_yield(system)) if yields]:
         members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
-    if len(have_contact) > 1 and any(have_contact):
-        links = [k for k, has_contact in enumerate(have_contact) if has_contact]
+    links = [k for k, has_contact in enumerate(_have_contact(system)) if has_contact]
+    if links and len(system.links) > 1:
         members |= {name: [("links", k, name) for k in links] for name in OF_CONTACTS}
     return members
 
 
-PAIR = Topology(2, ((0, GROUND), (1, GROUND)), ((0, 1),))
+_RODS = tuple(Rod(ZenerRod(1.0, 1.0, 1.0), 1.0, ends=(mass, GROUND)) for mass in (0, 1))
+_PAIR = System((1.0, 1.0), _RODS, (Link((0, 1), gap=1.0, contact=Newton(1.0)),))
+
+PAIR = _PAIR.topology
 """Two adjacent structures."""
 
-LIMITED_OF_PAIR = _limited(PAIR, [True], [False, False])
+LIMITED_OF_PAIR = limited_demands(_PAIR)
 """``limited_demands`` of two adjacent structures with a law of contact."""
 
 
 def over_all(system: System, demand: Demand) -> dict[str, Any]:
     """The largest demands of all storeys and floors, and of all contacts of several links."""
-    members_by_name = _over_all(system.topology, _have_contact(system), _yield(system))
     return {
         name: reduce(larger, [getattr(getattr(demand, group)[i], x) for group, i, x in members])
-        for name, members in members_by_name.items()
+        for name, members in _over_all(system).items()
     }
 
 
@@ -256,8 +255,7 @@ def _value_named(owner: str, system: System, demand: Demand, name: str) -> Any:
         return values[name]
     quantity = quantity_named(name)
     if quantity is not None and quantity.only == "contact":
-        rule = "must be of structures with a contact law"
-        raise InvalidInput(owner, "demand", repr(name), rule)
+        raise InvalidInput(owner, "demand", repr(name), "must be of structures with a contact law")
     if name == "collapsed" or name in OF_YIELDING or (quantity and quantity.only == "yielding"):
         rule = "must be of structures with a rod that yields"
         raise InvalidInput(owner, "demand", repr(name), rule)

@@ -198,7 +198,7 @@ class DemandColumns(Columnar, Shown):
         parts, factor = self._parts(self._column(name)), self._factor(name)
         value = float(number("exceedance", "value", value))
         over = (np.where(np.isnan(x), np.nan, x * factor > value) for x in parts)
-        return self._probability(over, confidence)
+        return self._estimate(self._hits(over), confidence)
 
     def counts(self, name: str = "n_impacts", confidence: float = 0.95) -> dict[int, Estimate]:
         """Probability of every number that occurred in a column, with Clopper-Pearson intervals.
@@ -209,26 +209,19 @@ class DemandColumns(Columnar, Shown):
         column = self.finite(name)
         if (column % 1).any():
             raise InvalidInput("counts", f"the numbers of {name!r}", "", "must be whole")
-        numbers, index, times = np.unique(column, return_inverse=True, return_counts=True)
-        if self.weighting is None:
-            shares = [probability(int(m), column.size, confidence) for m in times]
-        else:
-            w = self.weights[np.isfinite(self[name])]
-            hit, square = np.bincount(index, w), np.bincount(index, w**2)
-            shares = [
-                Hits(w.size, w.sum(), (w**2).sum(), *x).estimate(self.normalised, confidence)
-                for x in zip(hit, square, strict=True)
-            ]
-        return {int(k): share for k, share in zip(numbers, shares, strict=True)}
+        numbers, index = np.unique(column, return_inverse=True)
+        w = self.weights[np.isfinite(self[name])]
+        hits = zip(np.bincount(index, w), np.bincount(index, w**2), strict=True)
+        sums = [Hits(w.size, w.sum(), (w**2).sum(), *x) for x in hits]
+        return {int(k): self._estimate(x, confidence) for k, x in zip(numbers, sums, strict=True)}
 
     def _hits(self, parts: Iterable[np.ndarray]) -> Hits:
         """Sums over the parts of a column that is 1, 0 or, where it is unknown, NaN."""
         pairs = ((x, w, ~np.isnan(x)) for x, w in self._weighed(parts))
         return sum((Hits.of(x[valid] == 1, w[valid]) for x, w, valid in pairs), Hits())
 
-    def _probability(self, parts: Iterable[np.ndarray], confidence: float) -> Estimate:
-        """Probability of 1 by the parts of a column."""
-        hits = self._hits(parts)
+    def _estimate(self, hits: Hits, confidence: float = 0.95) -> Estimate:
+        """The probability of hits among the samples, by their weights if they have some."""
         if self.weighting is None:
             return probability(int(hits.hit), hits.n, confidence)
         return hits.estimate(self.normalised, confidence)

@@ -142,8 +142,7 @@ def _of_each(owner: str, name: str, factor: Any) -> tuple[float, float]:
     """A factor of both structures or of each, as two positive numbers."""
     both = factor if isinstance(factor, tuple | list) else (factor, factor)
     if len(both) != 2:
-        rule = "must be one number or one for each of two"
-        raise InvalidInput(owner, name, repr(factor), rule)
+        raise InvalidInput(owner, name, repr(factor), "must be one number or one for each of two")
     first, second = (positive_number(owner, **{name: x})[0] for x in both)
     return float(first), float(second)
 
