@@ -63,13 +63,17 @@ class Range(NamedTuple):
     def require(self, place: str, value: Any) -> None:
         """An ``InvalidInput``, named by ``place``, for a number outside the range."""
         if (number := float(value)) not in self:
-            shown = self.with_unit(f"{number:.6g}")
-            raise InvalidInput("", place, shown, f"must be {self.rule}")
+            raise InvalidInput("", place, self.with_unit(f"{number:.6g}"), f"must be {self.rule}")
 
 
 def is_traced(tree: Any) -> bool:
     """Whether any leaf of ``tree`` is a tracer, without a value until the compiled program runs."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def is_known_and_single(tree: Any) -> bool:
+    """Whether all leaves of ``tree`` are numbers: neither tracers nor arrays of a batch."""
+    return not is_traced(tree) and not any(np.ndim(leaf) for leaf in jax.tree.leaves(tree))
 
 
 def real(owner: str, name: str, value: Any) -> Any:
@@ -179,6 +183,13 @@ def hint(word: Any, allowed: Iterable[str]) -> str:
     """``did_you_mean`` for an unknown word, or else the list of all allowed words."""
     allowed = list(allowed)
     return did_you_mean(str(word), allowed) or f"allowed: {', '.join(allowed)}"
+
+
+def require_one_of(owner: str, value: Any, allowed: Iterable[str], name: str = "") -> None:
+    """An ``InvalidInput``, by the value or by a name, for a value that is none of those allowed."""
+    if value not in allowed:
+        subject = (name, repr(value)) if name else (repr(value), "")
+        raise InvalidInput(owner, *subject, f"must be one of {', '.join(allowed)}")
 
 
 def refusal(call: Callable[[], Any]) -> str:

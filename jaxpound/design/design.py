@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, count, enforce, instance, require_share
+from jaxpound._checks import Rule, count, enforce, instance, require_one_of, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.design.ensemble import Ensemble
@@ -63,9 +63,7 @@ class Comparison(Shown):
 
         require_share("difference", "confidence", confidence)
         name = self.objective_function.demand if name is None else name
-        if name not in self.before:
-            rule = f"must be one of {', '.join(self.before)}"
-            raise InvalidInput("difference", repr(name), "", rule)
+        require_one_of("difference", name, self.before)
         d = self.after[name] - self.before[name]
         mean, half_width = float(np.mean(d)), np.nan
         if len(d) > 1:  # ttest_1samp gives no interval where all differences are the same
@@ -298,9 +296,7 @@ class Design(Shown):
         """
         names = self.space.names
         for name, path in (("x", x), ("y", y)):
-            if path not in names:
-                rule = f"must be one of {', '.join(names)}"
-                raise InvalidInput("landscape", name, repr(path), rule)
+            require_one_of("landscape", path, names, name)
         if x == y:
             raise InvalidInput("landscape", "x = y", repr(x), "must be two variables")
         enforce("landscape", [Rule("n", n, count("landscape", "n", n) >= 2, "at least 2")])

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpound._checks import instance
+from jaxpound._checks import instance, require_one_of
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.design.ensemble import Ensemble
@@ -104,9 +104,7 @@ def elasticities(
     def value(variables: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
         def demand_in(ground: Any, others: Any) -> jax.Array:
             scalars = demands_of(put(structures, {**variables, **others}), ground, grid, scheme)
-            if demand not in scalars:
-                rule = f"must be one of {', '.join(scalars)}"
-                raise InvalidInput(owner, "demand", repr(demand), rule)
+            require_one_of(owner, demand, scalars, "demand")
             return scalars[demand]
 
         return gathered(jax.vmap(demand_in)(grounds, uncertain), over)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, instance, positive, real
+from jaxpound._checks import count, instance, positive, real, require_one_of
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.design.design import Design
@@ -107,9 +107,7 @@ def pareto_front(
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
     instance(owner, "space", space, DesignSpace)
-    limitable = limited_demands(space.nominal.system())
-    if price not in limitable:
-        raise InvalidInput(owner, "price", repr(price), f"must be one of {', '.join(limitable)}")
+    require_one_of(owner, price, limited_demands(space.nominal.system()), "price")
     if price in objective.limits:
         raise InvalidInput(owner, "price", repr(price), "must not be limited by the objective")
     points = count(owner, "points", points)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import Rule, enforce, number, positive, positive_number, real
+from jaxpound._checks import Rule, enforce, number, positive, positive_number, real, require_one_of
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.intensity import damping_rule
@@ -163,8 +163,7 @@ class TargetSpectrum(Shown):
         """
         owner = "TargetSpectrum.en_1998"
         (a_g,) = positive_number(owner, acceleration=acceleration)
-        if ground not in _SOILS:
-            raise InvalidInput(owner, "ground", repr(ground), f"must be one of {', '.join(_SOILS)}")
+        require_one_of(owner, ground, _SOILS, "ground")
         if kind not in (1, 2):
             raise InvalidInput(owner, "kind", repr(kind), "must be 1 or 2")
         damping = float(number(owner, "damping", damping))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxpound._checks import Range, is_traced
+from jaxpound._checks import Range, is_known_and_single
 from jaxpound._fields import unchecked
 from jaxpound.model.contact import KelvinVoigt, Newton
 from jaxpound.model.system import GROUND, Link
@@ -81,8 +81,7 @@ class _Floors(NamedTuple):
     def of(structures: AdjacentStructures | Row, scales: Scales) -> _Floors | None:
         """Those of structures and their scales; None if they are traced or a batch."""
         system = structures.system()
-        leaves = jax.tree.leaves((system.masses, system.rods, scales))
-        if is_traced(leaves) or any(np.ndim(leaf) for leaf in leaves):
+        if not is_known_and_single((system.masses, system.rods, scales)):
             return None
         masses = np.array([float(mass) for mass in system.masses])
         stiffnesses, moved = np.ones_like(masses), np.ones_like(masses)
@@ -139,7 +138,7 @@ def _links(
 
 def _slip(name: str, link: Link, floors: _Floors) -> str:
     """A finding if the slip force is out of proportion to the weights."""
-    if not _is_concrete_scalar(link.friction):
+    if not is_known_and_single(link.friction):
         return ""
     low, high = SLIP[0] * floors.weights.min(), SLIP[1] * floors.weights.sum()
     force = float(link.friction)
@@ -154,7 +153,7 @@ def _slip(name: str, link: Link, floors: _Floors) -> str:
 
 def _width(name: str, link: Link, floors: _Floors) -> str:
     """A finding if the gap is out of proportion to the displacements of both its sides."""
-    if not _is_concrete_scalar(link.gap) or link.gap == np.inf:
+    if not is_known_and_single(link.gap) or link.gap == np.inf:
         return ""
     gap, moved = float(link.gap), sum(floors.moved[end] for end in link.ends if end != GROUND)
     if gap <= FAR_GAP * moved:
@@ -168,7 +167,7 @@ def _width(name: str, link: Link, floors: _Floors) -> str:
 def _touching(name: str, link: Link, floors: _Floors) -> str:
     """A finding if a contact lasts too long or too short beside the floors' periods."""
     law: Any = link.contact
-    if law is None or isinstance(law, Newton) or not _is_concrete_scalar(law.stiffness):
+    if law is None or isinstance(law, Newton) or not is_known_and_single(law.stiffness):
         return ""
     ends = [end for end in link.ends if end != GROUND]
     masses, stiffness = floors.masses[ends], float(law.stiffness)
@@ -194,8 +193,3 @@ def _touching(name: str, link: Link, floors: _Floors) -> str:
 def _first(findings: list[str]) -> list[str]:
     """The first finding that is not empty; links often repeat the same one."""
     return list(filter(None, findings))[:1]
-
-
-def _is_concrete_scalar(value: Any) -> bool:
-    """Whether a value is a single number that is not traced."""
-    return not is_traced(value) and not np.ndim(value)

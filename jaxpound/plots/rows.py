@@ -7,13 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-import jax
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from jaxpound._checks import instance, is_traced, real
+from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.system import GROUND, Link, Structures, floors
 from jaxpound.plots import style as house
@@ -59,8 +58,7 @@ def row(
     instance("row", "structures", structures, Structures)
     scales = scales_for("row", structures, scales)
     system = structures.system()
-    leaves = jax.tree.leaves(system)
-    if is_traced(leaves) or any(np.ndim(leaf) for leaf in leaves):
+    if not is_known_and_single(system):
         raise InvalidInput("row", "structures", "", "must be known and one row, not a batch")
     buildings = floors(system.topology)
     heights = floor_heights("row", [len(building) for building in buildings], elevations)

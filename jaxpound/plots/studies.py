@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxpound._checks import instance
+from jaxpound._checks import instance, require_one_of
 from jaxpound._errors import InvalidInput
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
@@ -219,9 +219,7 @@ def scatter_matrix(
         correlations = study.correlations(demands[0])
         names = sorted(correlations, key=lambda x: -abs(np.nan_to_num(correlations[x])))[:6]
     for name in names:
-        if name not in parameters:
-            rule = f"must be one of {', '.join(parameters)}"
-            raise InvalidInput("scatter_matrix", repr(name), "", rule)
+        require_one_of("scatter_matrix", name, parameters)
     figure = house.new_figure(0.35 + 0.4 * len(names), 0.13 + 0.72 * len(demands))
     panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
     for row, demand in zip(panels, demands, strict=True):
