@@ -5,9 +5,6 @@ With the objective J to be maximised (in units of its size), the excesses c = li
 − 1, multipliers λ ≥ 0 and a weight w, an optimiser minimises −J + Σ (max(0, λ + w c)² − λ²) / 2 w,
 and every ten iterations λ becomes max(0, λ + w c) (Nocedal and Wright 2006, section 17.3). Bounds
 are kept by projection.
-
-An iteration is two programs: ``gradient``, which polishing and first-order conditions use as well,
-and ``update``, the optimiser's step.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Monte Carlo over uncertain earthquakes and structures: in chunks, stored, resumable.
-
-Sample i is the scenario of point i, independent of the chunk size, the number of devices and the
-process that runs it.
-"""
+"""Monte Carlo over uncertain earthquakes and structures: in chunks, stored, resumable."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Estimates from weighted samples, such as importance samples, that are read in parts.
-
-Intervals are those of as many samples of equal weight as have the estimate's variance.
-"""
+"""Estimates from weighted samples, such as importance samples, that are read in parts."""
 
 from __future__ import annotations
 
