@@ -83,8 +83,7 @@ class ObjectiveTable(Section):
     def function(self) -> Goal | jp.LeastDemand:
         """The library's object for the goal."""
         kind, keys = _GOALS[self.goal]
-        goal: Goal | jp.LeastDemand = kind(**{k: x for k, x in self.stated().items() if k in keys})
-        return goal
+        return kind(**{key: x for key, x in self.stated().items() if key in keys})
 
 
 class AtMost(Section):

@@ -111,15 +111,13 @@ class Shaken(Structured, kw_only=True):
     ) -> tuple[GroundDraw, jp.TimeGrid]:
         """Random ground motion, dimensionless, and a grid fine enough for it and for records."""
         table, place, scales = self.earthquakes, f"{file.name}: [earthquakes]", self.scales
-        names = table.records or []
-        records = read_records(f"{place} records", file.folder, names, table.units)
+        records = read_records(f"{place} records", file.folder, table.records or [], table.units)
         with named(place):
             ground = table.motion(records, scales)
         run, shapes = f"{file.name}: [run]", table.shapes([*records, *recorded])
         limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
         shortest = min((float(record.dt) for record in shapes), default=float("inf"))
-        periods = natural_periods(self.structures, scales)
-        dt = self.run.dt or time_step(periods, limit, shortest)
+        dt = self.run.dt or time_step(natural_periods(self.structures, scales), limit, shortest)
         require_stable(run, dt, limit, "the nominal buildings")
         longest = max((float(record.duration) for record in shapes), default=None)
         duration = self.run.duration or longest

@@ -104,8 +104,7 @@ class Ensemble:
             key = seed(owner, "key", key)
         key = as_key(*key_numbers(owner, key))
         start = count(owner, "start + 1", start + 1) - 1
-        normal = jax.ShapeDtypeStruct((scenarios.dimension,), jnp.zeros(()).dtype)
-        scenario = jax.eval_shape(scenarios.realize, normal)
+        scenario = jax.eval_shape(scenarios.realize, jnp.zeros(scenarios.dimension))
         size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scenario))
         require_memory(owner, "n", n, n * (size + 8 * scenarios.dimension))
         if start + n > most:

@@ -98,8 +98,7 @@ def spectra(
     """``RecordSuite.spectra``, by one program for records of all lengths and intervals."""
     (at,), zeta = positive(owner, periods=periods), number(owner, "damping", damping)
     if np.ndim(at) != 1 or not np.size(at):
-        name = f"periods of shape {np.shape(at)}"
-        raise InvalidInput(owner, name, "", "must be (m,) with m ≥ 1")
+        raise InvalidInput(owner, f"periods of shape {np.shape(at)}", "", "must be (m,) with m ≥ 1")
     enforce(owner, [damping_rule(zeta)])
     sizes = np.array([record.n_samples for record in records])
     samples, intervals = stacked(records)

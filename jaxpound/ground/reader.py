@@ -121,5 +121,4 @@ def read_record(
 def require_possible(place: str, name: str, peak: float, hint: str) -> None:
     """A ``ValueError`` for an acceleration, in g, far above those of all earthquakes."""
     if not abs(peak) <= MOST_PGA:
-        rule = f"must be at most {MOST_PGA:g} g: {hint}"
-        raise InvalidInput(place, name, f"{peak:.4g} g", rule)
+        raise InvalidInput(place, name, f"{peak:.4g} g", f"must be at most {MOST_PGA:g} g: {hint}")

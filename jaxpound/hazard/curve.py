@@ -16,13 +16,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.plausibility import warn
-from jaxpound.hazard.annual_rate import (
-    AnnualRate,
-    FragilityRate,
-    gap_of_rate,
-    of_event,
-    of_study,
-)
+from jaxpound.hazard.annual_rate import AnnualRate, FragilityRate, gap_of_rate, of_event, of_study
 from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of, read_hazard
 from jaxpound.quantities import DIMENSIONLESS
 from jaxpound.reliability.result import RareEvent

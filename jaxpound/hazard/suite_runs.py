@@ -122,8 +122,7 @@ def rising_intensities(owner: str, intensities: Any) -> Float[np.ndarray, " k"]:
     if levels.ndim != 1 or not levels.size:
         rule = f"of shape {levels.shape} must be (k,) with k ≥ 1"
         raise InvalidInput(owner, "intensities", "", rule)
-    rises = np.append(True, np.diff(levels) > 0)
-    enforce(owner, [Rule("intensities", levels, rises, "rising")])
+    enforce(owner, [Rule("intensities", levels, np.append(True, np.diff(levels) > 0), "rising")])
     return levels
 
 

@@ -336,9 +336,6 @@ class YieldingZener:
     hysteresis: Any = part(HysteresisLaw, traced=True)
 
 
-Material = ZenerRod | YieldingZener | HysteresisLaw[Any]
-
-
 def zener_of(material: Any) -> ZenerRod | None:
     """The fractional rod of a material, with a memory; None for a law of hysteresis alone."""
     if isinstance(material, YieldingZener):

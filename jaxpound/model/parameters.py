@@ -135,8 +135,7 @@ def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[s
             matched = [path for path in paths(structures) if fits.fullmatch(path)]
         if not matched:
             general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in paths(structures))
-            rule = f"no path matches {key!r}; {_hint(key, general)}"
-            raise InvalidInput(owner, "", "", rule)
+            raise InvalidInput(owner, "", "", f"no path matches {key!r}; {_hint(key, general)}")
         for path in matched:
             if path != key and path in by_pattern:
                 continue

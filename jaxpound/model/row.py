@@ -71,8 +71,7 @@ class FloorLink:
             object.__setattr__(self, name, int(number))
         if GROUND in (self.next_floor, self.next_building):
             above = self.next_floor not in (None, GROUND)
-            elsewhere = self.next_building not in (None, self.building, GROUND)
-            if above or elsewhere:
+            if above or self.next_building not in (None, self.building, GROUND):
                 name = "next_floor" if above else "next_building"
                 rule = "must be left out: the other end is the ground"
                 raise InvalidInput("FloorLink", name, str(getattr(self, name)), rule)
@@ -283,8 +282,7 @@ def _require_forest(floors: Sequence[int], links: Sequence[FloorLink], labels: L
         if {*ends[k]} == {*ends[closing]}:
             place = labels.link(k)
             rule = f"must not stand where {place} does: one link has friction, gap and contact"
-    name = f"{labels.link(closing)} ({links[closing]})"
-    raise InvalidInput(labels.owner, name, "", rule)
+    raise InvalidInput(labels.owner, f"{labels.link(closing)} ({links[closing]})", "", rule)
 
 
 def _first_floors(floors: Sequence[int]) -> list[int]:

@@ -328,11 +328,7 @@ class ShearBuilding:
 
 
 def in_units(
-    building: Building | ShearBuilding,
-    mass: Any,
-    stiffness: Any,
-    frequency: Any,
-    length: Any = 1.0,
+    building: Building | ShearBuilding, mass: Any, stiffness: Any, frequency: Any, length: Any = 1.0
 ) -> Storeys:
     """A building in SI in units of a mass, kg, stiffness, N/m, frequency, rad/s, and length, m."""
     storeys = storeys_of(building)

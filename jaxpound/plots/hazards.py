@@ -70,8 +70,7 @@ def _bars(rate: AnnualRate, parts: Deaggregation, ax: Axes | None) -> Axes:
         ax.errorbar(centre, share[estimated], off, label="± standard deviation", **style)
     beyond = [(low, rate.ends[0]), (rate.ends[1], high)]
     for i, (start, end) in enumerate(x for x in beyond if x[0] < x[1]):
-        words = "_" if i else "beyond the hazard curve"
-        ax.axvspan(start, end, label=words, **shade("residual"))
+        ax.axvspan(start, end, label="_" if i else "beyond the hazard curve", **shade("residual"))
     ax.set_xlim(low, high)
     ax.set_xscale("log")
     house.ratio_ticks(ax.xaxis)

@@ -137,8 +137,7 @@ class Scenarios(Composed):
             motion.require_ground("Scenarios: ground", self.ground)
         nominal = getattr(self.structures, "nominal", self.structures)
         if isinstance(nominal, Structures):  # else each run checks the unit of time
-            in_si = gravity_of(nominal) is not None
-            require_time_unit("Scenarios: ground", self.ground, si=in_si)
+            require_time_unit("Scenarios: ground", self.ground, si=gravity_of(nominal) is not None)
         if not self.dimension:
             rule = "are both fixed; one must be drawn"
             raise InvalidInput("Scenarios", "structures and ground", "", rule)
@@ -173,8 +172,7 @@ class Scenarios(Composed):
 
 def structures_of(scenarios: ScenarioSet) -> Any:
     """The structures of a scenario, with shapes in the place of numbers."""
-    z = jax.ShapeDtypeStruct((scenarios.dimension,), jnp.zeros(()).dtype)
-    return jax.eval_shape(lambda z: scenarios.realize(z)[0], z)
+    return jax.eval_shape(lambda z: scenarios.realize(z)[0], jnp.zeros(scenarios.dimension))
 
 
 def grounds_at(scenarios: ScenarioSet, grid: TimeGrid) -> Callable[[Any], motion.Ground]:

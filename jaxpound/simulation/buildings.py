@@ -111,9 +111,8 @@ def simulate_buildings(
     owner = "simulate_buildings"
     by_name = {"building_1": building_1, "building_2": building_2}
     _require_single(owner, friction_force=friction_force, gap=gap, gravity=gravity)
-    structures, scales = pair_of(
-        owner, (building_1, building_2), friction_force, gap, contact, gravity
-    )
+    pair = building_1, building_2
+    structures, scales = pair_of(owner, pair, friction_force, gap, contact, gravity)
     # Neither damper nor gap nor contact, which may be traced, matters to the time step.
     unlinked = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
     inputs = (owner, structures, scales, unlinked, by_name, record, ("gap", "contact"))

@@ -287,9 +287,7 @@ def _demand(
     def at(grid: TimeGrid) -> Demand:
         return _run(structures, ground, grid, scheme, temperature, initial, keep=False)[1]
 
-    scalars = at(grid)
-    if scheme.extrapolated:
-        scalars = extrapolated(scalars, at(grid.halved))
+    scalars = extrapolated(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return scalars if only is None else scalars.only(only)
 
 
@@ -310,9 +308,7 @@ def _simulate(
         assert stored is not None
         return response_of(system, ground, grid, scheme, scalars, stored, contacts)
 
-    response = at(grid)
-    if scheme.extrapolated:
-        response = extrapolated_response(response, at(grid.halved))
+    response = extrapolated_response(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return response, response.energy.relative_residual if balanced else None
 
 

@@ -102,8 +102,7 @@ def sobol_sensitivity(
     si = gravity_of(structures_of(scenarios)) is not None
     warn(owner, findings + of_many(grounds, grid, in_g=si), strict)
     mixed = [np.where(np.arange(d) == i, b, a) for i in range(d)]
-    run_all: Any = in_chunks(run)
-    demands = run_all(np.concatenate([a, b, *mixed])).astype(float)
+    demands = in_chunks(run)(np.concatenate([a, b, *mixed])).astype(float)
     if np.isposinf(demands).any():
         missing = "impact in some scenarios" if demand.startswith("first_impact") else "gap"
         raise InvalidInput(owner, demand, "", f"must be finite, but there is no {missing}")

@@ -55,8 +55,7 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     require_share(owner, "confidence", confidence)
     sample = np.asarray(sample, float)
     if sample.ndim != 1 or not sample.size:
-        rule = f"of shape {sample.shape} must be (n,) with n ≥ 1"
-        raise InvalidInput(owner, "sample", "", rule)
+        raise InvalidInput(owner, "sample", "", f"of shape {sample.shape} must be (n,) with n ≥ 1")
     enforce(owner, [Rule("sample", sample, np.isfinite(sample), "finite")])
     ends = stats.quantile_test(sample, p=share).confidence_interval(confidence)
     # NaN if no order statistic suffices.

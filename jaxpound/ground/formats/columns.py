@@ -174,8 +174,7 @@ def _unit_of_cell(number: int, cell: str, *, is_time: bool) -> str | None:
             return unit
         if begins or inside == cell or (not is_time and units.RATIO.search(cell)):
             inside = cell
-        is_unknown = units.looks_like_unit(inside) or units.words_of(inside)[:1] == ["min"]
-        if not (begins or is_unknown):
+        if not (begins or units.looks_like_unit(inside) or units.words_of(inside)[:1] == ["min"]):
             return None
     rule = f"must be one of the known ones: {', '.join(units.SECONDS if is_time else units.UNITS)}"
     raise MisreadError(number, f"the column's units = {shown(inside)} {rule}")

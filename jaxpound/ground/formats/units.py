@@ -43,8 +43,7 @@ UNIT_WORDS = set_of(  # words of unknown units, and of units of other quantities
     "metres inch inches ft feet kg cg dg yd dm"
 )
 RATIO = re.compile(
-    r"[^\W\d_] ?/ ?\(?(?:(?:s|ms|sec|min|h|hr|hour)(?![^\W\d_])|[^\W\d_]++ ?\^?-?[234](?!\w))",
-    re.I,
+    r"[^\W\d_] ?/ ?\(?(?:(?:s|ms|sec|min|h|hr|hour)(?![^\W\d_])|[^\W\d_]++ ?\^?-?[234](?!\w))", re.I
 )
 NO_UNITS = set_of(  # what brackets after "acceleration" may hold
     "n s e w ns ew ud nw ne sw se x y z h t up down north south east west horizontal vertical "
