@@ -296,18 +296,17 @@ def _numbers(building: Any) -> dict[str, Any]:
 
 def as_toml(buildings: jp.Buildings) -> str:
     """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair."""
-    storeyed: Any = buildings
-    first, *others = buildings.buildings
-    if isinstance(first, jp.Building):
+    members: Any = buildings.buildings
+    if isinstance(members[0], jp.Building):
         (link,) = buildings.links
         lines = [f"gap = {_written(link.gap)}  # m", ""]
-        for i, building in enumerate((first, *others), start=1):
+        for i, building in enumerate(members, start=1):
             numbers = [f"{key} = {_written(x)}" for key, x in _numbers(building).items()]
             lines += [f"[building_{i}]", *numbers, ""]
         lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
         return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
-    for building in storeyed.buildings:
+    for building in members:
         storeys = [_numbers(storey) for storey in building.storeys]
         series = {plural.get(key, key): [storey[key] for storey in storeys] for key in storeys[0]}
         series["heights"] = building.heights

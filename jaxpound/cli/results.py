@@ -73,9 +73,7 @@ def _of_building(building: Any, floors: jp.FloorDemands) -> dict[str, Any]:
         "peak_drift_ratio": float(np.max(floors.drift / np.array(building.heights))),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
-        "modes": [
-            dict(zip(keys, map(float, mode), strict=True)) for mode in zip(*columns, strict=True)
-        ],
+        "modes": [dict(zip(keys, map(float, x), strict=True)) for x in zip(*columns, strict=True)],
     }
 
 

@@ -149,9 +149,7 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
         "outlast the run": [_late(ground, grid) for ground in each],
     }
     for problem, findings_of_each in problems.items():
-        examples = [
-            sentences[0].removeprefix("ground: ") for sentences in findings_of_each if sentences
-        ]
+        examples = [x[0].removeprefix("ground: ") for x in findings_of_each if x]
         if len(examples) > LEAST_SHARE * n:
             findings.append(f"ground: {_share(len(examples), n)} {problem}; of one, {examples[0]}")
     if in_g or any(records_in(grounds)):

@@ -238,9 +238,8 @@ class FactorBounds(NamedTuple):
     def of(cls, factors: Any) -> FactorBounds:
         """A pair of numbers as bounds; an ``InvalidInput`` for anything else."""
         low, high = bounds(SCALED_TO, "factors", factors, "bounds")
-        enforce(
-            SCALED_TO, [Rule("factors", high, high >= low, f"at least the lower bound, {low:g}")]
-        )
+        rule = f"at least the lower bound, {low:g}"
+        enforce(SCALED_TO, [Rule("factors", high, high >= low, rule)])
         return cls(low, high)
 
     def fit(

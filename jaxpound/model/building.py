@@ -134,15 +134,12 @@ class Building:
 
     def material(self, frequency: Any = 1.0, length: Any = 1.0) -> ZenerRod | YieldingZener:
         """The rod's law in units of 1/frequency^order, rad/s, and of a length, m."""
-        law = self.hysteresis
+        law, rod = self.hysteresis, self.zener(frequency)
         if law is None:
-            return self.zener(frequency)
-        lengths = {
-            name: x / length for name, spec, x in walk(law, Parameter) if spec.kind == "length"
-        }
-        return YieldingZener(
-            self.zener(frequency), dataclasses.replace(law, **lengths) if lengths else law
-        )
+            return rod
+        numbers = walk(law, Parameter)
+        lengths = {name: x / length for name, spec, x in numbers if spec.kind == "length"}
+        return YieldingZener(rod, dataclasses.replace(law, **lengths) if lengths else law)
 
     @property
     def dynamic_stiffness(self) -> jax.Array:

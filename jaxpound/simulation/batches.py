@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, TypeVar
 
 import jax
@@ -174,12 +174,10 @@ def _spread(*leaves: Any) -> list[Any]:
     return _placed(*leaves)
 
 
+@partial(_spread.defjvp, symbolic_zeros=True)
 def _spread_jvp(primals: Any, tangents: Any) -> Any:
     # Else zero derivatives would be computed at every step.
     return _spread(*primals), list(tangents)
-
-
-_spread.defjvp(_spread_jvp, symbolic_zeros=True)
 
 
 @custom_vmap

@@ -120,7 +120,7 @@ def _outcome(e: _Events, h: Any) -> SlipStick:
     turned = h * (e.speed + e.a - e.hold * (e.theta + e.after * (1 - e.theta)))
     w_new = jnp.where(e.stops & (e.hold > 0), h * e.after * e.gained, turned)
 
-    resistance = jnp.where(e.stuck, _held(e.a, e.hold), e.after * e.hold)
+    resistance = jnp.where(e.stuck, _held(e.a, e.hold, e.a, e.hold), e.after * e.hold)
     turned_now, after_now = _velocities_now(e, w_new, h)
     w_now = jnp.where(e.stuck, 0.0, e.after * larger(after_now, 0.0))
     w_now = jnp.where(e.slipping, larger(turned_now, 0.0), w_now)
@@ -136,7 +136,7 @@ def _outcome(e: _Events, h: Any) -> SlipStick:
         turn_time=s,
         turn=-e.way * e.bend * s**2 / 2,
         before=e.way * e.hold,
-        after=e.way * _held(e.a_stop, e.hold),
+        after=e.way * _held(e.a_stop, e.hold, e.a_stop, e.hold),
         phase=e.way * jnp.where(e.stops, jnp.sign(w_new), 1.0),
         change_time=jnp.where(e.breaks, h * (0.5 - e.left), s),
     )
@@ -148,11 +148,11 @@ def _velocities_now(e: _Events, w_new: Any, h: Any) -> tuple[Any, Any]:
     return turned_now, e.after * (w_new - h / 2 * (e.a + e.d / 4)) + h / 2 * e.hold
 
 
-def _held(a: jax.Array, hold: jax.Array) -> jax.Array:
-    """R q of a link in stick that is pulled by a."""
+def _held(a: jax.Array, hold: jax.Array, of_a: jax.Array, of_hold: jax.Array) -> jax.Array:
+    """R q of a link in stick that is pulled by a, or its derivative, by those of a and hold."""
     # Not ``clip``: at hold = 0 both limits are one point and the derivative is lost. Nor a minimum
     # of |a|: the pull may be zero, as between structures with the same motion.
-    return jnp.where(jnp.abs(a) < hold, a, jnp.sign(a) * hold)
+    return jnp.where(jnp.abs(a) < hold, of_a, jnp.sign(a) * of_hold)
 
 
 def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> SlipStick:
@@ -183,7 +183,7 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
     d_after = velocity - h / 2 * (d_a + d_d / 4 - after * d_hold)
     d_after = jnp.where(e.stuck | (after_now < 0), 0.0, d_after)
     velocity_now = jnp.where((e.hold <= 0) | e.slipping, d_turned, d_after)
-    resistance = jnp.where(e.stuck, _held_slope(e.a, e.hold, d_a, d_hold), after * d_hold)
+    resistance = jnp.where(e.stuck, _held(e.a, e.hold, d_a, d_hold), after * d_hold)
 
     # At θ.
     s, d_stop = h * late, d_a + late * d_d + d * d_theta
@@ -201,14 +201,10 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
         turn_time=h * d_theta,
         turn=-e.way * (d_bend * s**2 / 2 + e.bend * s * h * d_theta),
         before=e.way * d_hold,
-        after=e.way * _held_slope(e.a_stop, e.hold, d_stop, d_hold),
+        after=e.way * _held(e.a_stop, e.hold, d_stop, d_hold),
         phase=jnp.zeros_like(s),
         change_time=h * jnp.where(e.breaks, -d_left, d_theta),
     )
-
-
-def _held_slope(a: Any, hold: Any, d_a: Any, d_hold: Any) -> Any:
-    return jnp.where(jnp.abs(a) < hold, d_a, jnp.sign(a) * d_hold)
 
 
 def slip_stick(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> SlipStick:

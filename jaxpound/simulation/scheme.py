@@ -178,13 +178,10 @@ def require_stable(structures: Structures, system: System, grid: TimeGrid, schem
 
 def require_local_flow(system: System, scheme: Scheme) -> None:
     """An ``InvalidInput`` for a scheme that cannot run the local flow of a system's links."""
-    if scheme.extrapolated:
-        for k, link in enumerate(system.links):
-            if link.contact is not None:
-                rule = (
-                    "must have no contact: impacts leave no error that extrapolation could take out"
-                )
-                raise InvalidInput("scheme: extrapolated = True", f"links.{k}", "", rule)
+    for k, link in enumerate(system.links if scheme.extrapolated else ()):
+        if link.contact is not None:
+            rule = "must have no contact: impacts leave no error that extrapolation could take out"
+            raise InvalidInput("scheme: extrapolated = True", f"links.{k}", "", rule)
     if isinstance(scheme.friction, EventResolved) and scheme.start == "rest":
         return
     for group in link_groups(system.topology):
@@ -212,9 +209,8 @@ def is_stable(system: System, dt: Any, scheme: Scheme) -> Any:
         while remaining.shape[-1]:
             pivot, column = remaining[0, 0], remaining[1:, 0]
             stable &= pivot > 0  # false for NaN
-            remaining = remaining[1:, 1:] - jnp.outer(column, column) / jnp.where(
-                pivot > 0, pivot, 1.0
-            )
+            divisor = jnp.where(pivot > 0, pivot, 1.0)
+            remaining = remaining[1:, 1:] - jnp.outer(column, column) / divisor
     return stable
 
 

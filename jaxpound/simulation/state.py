@@ -116,13 +116,11 @@ def step_constants(
         else None
         for group in link_groups(topology)
     )
-    elongations = None
+    initial = None
     if displaced is not None:
-        elongations = tuple(elongation(ends, displaced) for ends in topology.rods)
+        initial = tuple(elongation(ends, displaced) for ends in topology.rods)
     frictions = tuple(link.friction for link in system.links)
-    return StepConstants(
-        topology, inverse, rods, hysteresis, frictions, couplings, slots, elongations
-    )
+    return StepConstants(topology, inverse, rods, hysteresis, frictions, couplings, slots, initial)
 
 
 def start_state(
@@ -186,10 +184,8 @@ def contact_at_start(
     """State of contact after the first half step of such a run."""
     if contact is None:
         return None
-    closing_before = link.closing + dt / 4 * (link.velocity + motion.velocity)
-    return contact._replace(
-        closing_before=jnp.where(starts, closing_before, contact.closing_before)
-    )
+    before = link.closing + dt / 4 * (link.velocity + motion.velocity)
+    return contact._replace(closing_before=jnp.where(starts, before, contact.closing_before))
 
 
 def motion_from_rest(motion: LinkMotion, starts: jax.Array, scheme: Scheme) -> LinkMotion:

@@ -165,13 +165,12 @@ class _Step(NamedTuple):
         if initial is not None:
             elongations = [length - rest for length, rest in zip(elongations, initial, strict=True)]
         remaining = iter(sums)
+        rods = zip(self.system.rods, self.before.excess, elongations, strict=True)
         return [
             RodStep(law.modulus * x, None, None)
             if isinstance(law, SpringLaw)
             else rod_step(law, excess, next(remaining), x)
-            for law, excess, x in zip(
-                self.system.rods, self.before.excess, elongations, strict=True
-            )
+            for law, excess, x in rods
         ]
 
     def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:

@@ -95,9 +95,8 @@ class _ObservedInstant(NamedTuple):
                 share = elongation(ends, [shares.get(mass, 0.0) for mass in range(len(x))])
                 late, met = link.motion.turn_time, link.motion.contact.result.log.touched > 0
                 drift = late * (speed - share * link.velocity)
-                reached.append(
-                    jnp.where(met, position + drift + share * link.motion.turn, position)
-                )
+                turned = position + drift + share * link.motion.turn
+                reached.append(jnp.where(met, turned, position))
         if not kinks:
             return peak.observe(position, self.smooth)
         smooth = self.smooth & ~jnp.stack(kinks).any()

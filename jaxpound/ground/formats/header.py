@@ -68,12 +68,8 @@ def _unit_itself(number: int, text: str) -> Iterator[str]:
     """The unit, if the whole text is one; an error if it looks like an unknown one."""
     if unit := units.whole_unit(text):
         yield unit
-    elif _is_unknown_unit(text):
+    elif units.goes_on(text) or units.looks_like_unit(text):
         raise _unknown(number, text)
-
-
-def _is_unknown_unit(text: str) -> bool:
-    return units.goes_on(text) or units.looks_like_unit(text)
 
 
 def _units_of_line(line: TextLine) -> Iterator[str]:
@@ -165,11 +161,11 @@ def _after_in(number: int, text: str, at: int) -> Iterator[str]:
     """Units, if any, behind "in": "in g", "in the north-south direction"."""
     if _UNITS.match(text, at) or units.BRACKET.match(text, at):
         return
-    segment = str(_SEGMENT.match(text, at)[0])  # type: ignore[index]
+    words = str(_SEGMENT.match(text, at)[0])  # type: ignore[index]
     if unit_and_end := units.match_unit(text, at):
         yield unit_and_end[0]
-    elif _is_unknown_unit(segment) or units.is_value_of_unit(segment):
-        raise _unknown(number, segment)
+    elif units.goes_on(words) or units.looks_like_unit(words) or units.is_value_of_unit(words):
+        raise _unknown(number, words)
 
 
 def _units_in_passing(text: str) -> Iterator[str]:
