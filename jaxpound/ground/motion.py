@@ -1,8 +1,4 @@
-"""Ground motions: their interface, and their sums and scalings.
-
-In the dimensionless model (eq. 9) acceleration is in g and time in 1/ω1. A record from a file is in
-g and s (its ``time_unit``): dimensionless runs take it from ``Scales.to_dimensionless``.
-"""
+"""Ground motions: their interface, and their sums and scalings."""
 
 from __future__ import annotations
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
@@ -177,8 +176,7 @@ class _MovingLink:
         self._arrow = arrow(ax, (0, 0), (0, 0), COLOURS["damper"], 8)
         self._letter = ax.text(0, 0, "$q$", color=COLOURS["damper"], va="center")
         alone = len(response.links) == 1 and not self._inside
-        of_damper: list[Artist] = [self._line, self._clamp, self._arrow, self._letter]
-        for i, artist in enumerate(of_damper):
+        for i, artist in enumerate((self._line, self._clamp, self._arrow, self._letter)):
             artist.set_visible(self.has_damper and (i < 2 or alone))
         (self._mark,) = ax.plot([], [], color=COLOURS["pounding"], linewidth=4, zorder=5)
         star: Any = {"marker": (11, 1, 0), "color": COLOURS["pounding"], "linestyle": "none"}
