@@ -6,7 +6,8 @@
 The pair of the verification suite on rods of order 1, which have no memory, under the paper's
 wavelets, 20 time units. jaxonomy (Dormand and Prince's order 5, events by bisection) asks for an
 older JAX than jaxpound does, and so runs in a process of its own. Processor times on one core,
-compiled; a batch is one of 256 slip forces by ``jax.vmap`` in both programs.
+compiled; those of jaxpound also with ``jp.use_loop_kernels()``. A batch is one of 256 slip forces
+by ``jax.vmap`` in both programs.
 """
 
 import json
@@ -41,14 +42,17 @@ def rows(settings, closing):
 
     ``closing(setting)`` is a function of the slip force.
     """
-    found = []
+    table = []
     friction, frictions = PROBLEM["friction"], np.linspace(*FRICTIONS, RUNS)
     for setting in settings:
         run = closing(setting)
-        one, many = jax.jit(run), jax.jit(jax.vmap(run))
-        seconds = best(lambda one=one: one(friction)), best(lambda many=many: many(frictions), RUNS)
-        found.append([setting, float(one(friction)), *seconds])
-    return found
+        single, many = jax.jit(run), jax.jit(jax.vmap(run))
+        seconds = (
+            best(lambda run=single: run(friction)),
+            best(lambda run=many: run(frictions), RUNS),
+        )
+        table.append([setting, float(single(friction)), *seconds])
+    return table
 
 
 def hybrid():
@@ -130,61 +134,86 @@ def peer():
 
         return run
 
-    print(json.dumps(rows([1e-4, 1e-5, 1e-6, 1e-7, 1e-8], closing)))
+    print(json.dumps({"jaxonomy, tolerance": rows([1e-4, 1e-5, 1e-6, 1e-7, 1e-8], closing)}))
 
 
-def main(python):
-    """The table of both programs."""
+def pair():
+    """The structures: the paper's pair on rods of order 1."""
     from dataclasses import replace
 
     import jaxpound as jp
 
     rods = {"rod_1": jp.ZenerRod(1.0, 0.1, 0.4), "rod_2": jp.ZenerRod(1.0, 0.2, 0.6)}
-    structures, ground = replace(jp.paper.structures(), **rods), jp.paper.ground()
+    return replace(jp.paper.structures(), **rods)
+
+
+def by_jaxpound(scheme):
+    """A function of the time step: the largest closing as a function of the slip force."""
+    from dataclasses import replace
+
+    import jaxpound as jp
+
+    structures, ground = pair(), jp.paper.ground()
+
+    def of_step(h):
+        grid = jp.TimeGrid.until(END, h)
+
+        def run(friction):
+            shaken = replace(structures, friction=friction)
+            gap = jp.demand(shaken, ground, grid, scheme, only=("min_gap",)).min_gap
+            return structures.initial_gap - gap
+
+        return run
+
+    return of_step
+
+
+def ours(loop_kernels):
+    """The rows of jaxpound, by name."""
+    import jaxpound as jp
+
+    if loop_kernels:
+        jp.use_loop_kernels()
+    name = "jaxpound" + loop_kernels * ", loop kernels"
+    steps = (0.04, 0.02, 0.01, 0.005)
+    return {
+        f"{name}, h": rows([*steps, 0.0025, 0.00125], by_jaxpound(jp.Scheme())),
+        f"{name}, extrapolated, h": rows(steps, by_jaxpound(jp.Scheme(extrapolated=True))),
+    }
+
+
+def main(python):
+    """The table of both programs."""
+    import jaxpound as jp
+
+    structures, ground = pair(), jp.paper.ground()
     PROBLEM.update(
         periods=np.asarray(ground.periods).tolist(),
         arrivals=np.asarray(ground.arrivals).tolist(),
         amplitude=float(ground.amplitude),
-        rods=[[float(rod.tau_f), float(rod.tau_x)] for rod in rods.values()],
+        rods=[[float(r.tau_f), float(r.tau_x)] for r in (structures.rod_1, structures.rod_2)],
         mass_ratio=float(structures.mass_ratio),
         stiffness_ratio=float(structures.stiffness_ratio),
         friction=float(structures.friction),
     )
-
-    def closing(scheme):
-        def of_step(h):
-            grid = jp.TimeGrid.until(END, h)
-
-            def run(friction):
-                shaken = replace(structures, friction=friction)
-                gap = jp.demand(shaken, ground, grid, scheme, only=("min_gap",)).min_gap
-                return structures.initial_gap - gap
-
-            return run
-
-        return of_step
-
-    exact = closing(jp.Scheme(extrapolated=True))(0.0005)(PROBLEM["friction"])
-    steps = (0.04, 0.02, 0.01, 0.005)
-    found = {
-        "jaxpound, h": rows([*steps, 0.0025, 0.00125], closing(jp.Scheme())),
-        "jaxpound, extrapolated, h": rows(steps, closing(jp.Scheme(extrapolated=True))),
-    }
-    call = [python, __file__, "--peer", json.dumps(PROBLEM)]
-    output = subprocess.run(call, check=True, capture_output=True, text=True).stdout
-    found["jaxonomy, tolerance"] = json.loads(output.splitlines()[-1])
-    print(f"{'':28}{'':>9}{'error':>11}{'one run':>12}{'run of a batch':>17}")
-    for name, table in found.items():
-        for setting, reached, one, many in table:
+    exact = by_jaxpound(jp.Scheme(extrapolated=True))(0.0005)(PROBLEM["friction"])
+    tables = ours(loop_kernels=False)
+    for interpreter, which in ((sys.executable, "--loop-kernels"), (python, "--peer")):
+        call = [interpreter, __file__, which, json.dumps(PROBLEM)]
+        output = subprocess.run(call, check=True, capture_output=True, text=True).stdout
+        tables |= json.loads(output.splitlines()[-1])
+    print(f"{'':40}{'':>9}{'error':>11}{'one run':>12}{'run of a batch':>17}")
+    for name, table in tables.items():
+        for setting, reached, single, many in table:
             error = reached - float(exact)
-            print(f"{name:28}{setting:9g}{error:11.1e}{1e3 * one:9.2f} ms{1e6 * many:14.0f} µs")
+            print(f"{name:40}{setting:9g}{error:11.1e}{1e3 * single:9.2f} ms{1e6 * many:14.0f} µs")
 
 
 PROBLEM = {}
 
 if __name__ == "__main__":
-    if sys.argv[1] == "--peer":
+    if sys.argv[1] in ("--peer", "--loop-kernels"):
         PROBLEM.update(json.loads(sys.argv[2]))
-        peer()
+        peer() if sys.argv[1] == "--peer" else print(json.dumps(ours(loop_kernels=True)))
     else:
         main(sys.argv[1])

@@ -11,6 +11,14 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
+# The C library keeps the memory that a compilation frees for the next one, and no process waits for
+# threads of linear algebra, which the other process has.
+os.environ.setdefault("MALLOC_TOP_PAD_", str(2**28))
+os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(2**32))
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Lines of the code are not noted in programs.
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
+
 # Programs that one of the suite's processes has compiled serve the others; set before JAX starts.
 if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     CACHE = tempfile.mkdtemp(prefix="jaxpound-tests-")
@@ -19,10 +27,14 @@ if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not i
 else:
     CACHE = None
 
-# Nearly all of the suite's time is compilation. These two, XLA's older way to make kernels and LLVM
-# without optimisation, make it 2.5 times as fast; runs are slower, which matters little here. That
-# users' programs, compiled without them, give the same numbers is tested in test_package.py.
-SOON = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+# Nearly all of the suite's time is compilation. XLA's older way to make kernels and LLVM without
+# optimisation make it 2.5 times as fast; programs for one thread, as the other core is the other
+# process's, 1.2 times. Runs are slower, which matters little here. That users' programs, compiled
+# without these options, give the same numbers is tested in test_package.py.
+SOON = (
+    "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+    " --xla_cpu_parallel_codegen_split_count=1 --xla_cpu_multi_thread_eigen=false"
+)
 if version("jax").startswith("0.10."):  # an unknown flag would end the process
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {SOON}"
 

@@ -21,7 +21,7 @@ class Analytic:
 
     dimension, series, level, threshold = 40, (), 0.0, 0.0
     demand = staticmethod(lambda scalars: scalars)
-    scenarios, searches_overlaps, grid = None, False, jp.TimeGrid.until(8.0, dt=0.1)
+    discrete_names, searches_overlaps, grid = "", False, jp.TimeGrid.until(8.0, dt=0.1)
     time_step = grid.dt
 
     def values(self, z):

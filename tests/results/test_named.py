@@ -39,9 +39,9 @@ def test_names_that_no_scalar_has_are_understood_as_well():
     assert demands == [True, True, False]
     assert [named.is_zero_by_newton(x) for x in ("peak_contact_2", "peak_impulse")] == [True, False]
     system, demand = jp.paper.structures().system(), pair_demand(0.25)
-    demand_named = partial(named.demand_named, "LimitState", system, demand)
-    assert demand_named(named.OVERLAP) == -0.25
+    value_of = partial(named.value_of, "LimitState", system, demand)
+    assert value_of(named.OVERLAP) == -0.25
     (link,) = system.links
-    assert float(demand_named(named.REQUIRED_GAP)) == pytest.approx(float(link.gap) - 0.25)
-    refused(r"^LimitState: unknown demand 'peak_x3'", demand_named, "peak_x3")
-    refused(r"^LimitState: demand = 'peak_contact' must be of str", demand_named, "peak_contact")
+    assert float(value_of(named.REQUIRED_GAP)) == pytest.approx(float(link.gap) - 0.25)
+    refused(r"^LimitState: unknown demand 'peak_x3'", value_of, "peak_x3")
+    refused(r"^LimitState: demand = 'peak_contact' must be of str", value_of, "peak_contact")
