@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxpound._extrema import larger
@@ -39,6 +40,19 @@ class SmoothState(NamedTuple):
     stored: jax.Array
     lost: jax.Array
     impulse: jax.Array
+
+
+def row(y: jax.Array, name: str) -> jax.Array:
+    """A row of a ``SmoothState`` that is an array."""
+    return y[SmoothState._fields.index(name)]
+
+
+def _replaced(y: jax.Array, links: jax.Array, **rows: jax.Array) -> jax.Array:
+    """A ``SmoothState`` that is an array with some rows replaced, in some links."""
+    for name, values in rows.items():
+        is_row = np.array([[field == name] for field in SmoothState._fields])
+        y = jnp.where(is_row & links[None], values[None], y)
+    return y
 
 
 class Snapshot(NamedTuple):
@@ -149,13 +163,13 @@ def table(laws: LinkLaws) -> list[Event]:
 
 def _turn(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     """Slip ends: the link sticks, or slides back at once where friction cannot stop it."""
-    at, turns = SmoothState(*x.y), event.links
+    turns = event.links
     # Friction that reverses changes the acceleration by at most so much.
     change = 2 * setting.laws.friction / setting.laws.mass
     slides_back = x.slip * event.forces.acceleration < -change
     slip = jnp.where(turns, jnp.where(slides_back, -x.slip, 0.0), x.slip)
     x = _record_turns(setting, x, turns, slip)
-    return x._replace(y=jnp.stack(at._replace(w=jnp.where(turns, 0.0, at.w))), slip=slip)
+    return x._replace(y=_replaced(x.y, turns, w=jnp.zeros_like(slip)), slip=slip)
 
 
 _TURN = Event(
@@ -243,8 +257,7 @@ _TOP = Event(  # a substep ends where the force of a law is largest
 def _touch(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     """A gap closes: contact begins under a law with a force, and is over at once under Newton's."""
     x, laws, touches, now = _on_gap(setting, x, event), setting.laws, event.links, event.forces
-    at, contact, log = SmoothState(*x.y), x.contact, x.log
-    speed, time = at.w, setting.since_middle(x)
+    contact, log, speed, time = x.contact, x.log, row(x.y, "w"), setting.since_middle(x)
     counts = touches & (speed > _COUNTS * contact.fastest) & (speed > 0)
     slowest = lax.stop_gradient(_SLOWEST * setting.h * jnp.abs(now.acceleration))
     begun = Contact(
@@ -263,7 +276,7 @@ def _touch(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
         first_touch=jnp.where(counts & (log.touches == 0), time, log.first_touch),
     )
     x = x._replace(
-        y=jnp.stack(at._replace(impulse=jnp.where(touches, 0.0, at.impulse))),
+        y=_replaced(x.y, touches, impulse=0 * speed),
         contact=contact,
         rising=jnp.where(touches, 1.0, x.rising),
         log=log,
@@ -284,8 +297,8 @@ def _collide(setting: Setting, x: FlowState, now: Forces, collides: jax.Array) -
 
     A link is put at rest when its remaining bounces would take less than 1 % of a step (Zeno).
     """
-    laws, at, slip = setting.laws, SmoothState(*x.y), x.slip
-    speed, mass, restitution = at.w, laws.mass, laws.restitution
+    laws, slip, speed = setting.laws, x.slip, row(x.y, "w")
+    mass, restitution = laws.mass, laws.restitution
     pull_in = now.acceleration
     pull_out = pull_in + 2 * laws.friction / mass
     inward = jnp.where(pull_in > 0, pull_in, 1.0)
@@ -307,10 +320,10 @@ def _collide(setting: Setting, x: FlowState, now: Forces, collides: jax.Array) -
     slip = lax.stop_gradient(jnp.where(rests, 0.0, slip))
     turned = collides | (struck & (x.slip != 0) & (slip != x.slip))
     x = _record_turns(setting, x, turned, slip)
-    lost = at.lost + blow * (speed - rebound) / 2
-    impulse = jnp.where(collides, blow, at.impulse)
+    lost = row(x.y, "lost") + blow * (speed - rebound) / 2
+    y = _replaced(x.y, jnp.ones_like(collides), w=w, lost=lost)
     x = x._replace(
-        y=jnp.stack(at._replace(w=w, lost=lost, impulse=impulse)),
+        y=_replaced(y, collides, impulse=blow),
         contact=_in_mode(x, struck & (x.contact.mode == REST), APART),
     )
     x = _end_impacts(setting, x, collides)
@@ -324,17 +337,16 @@ def _in_mode(x: FlowState, links: jax.Array, mode: Any) -> Contact:
 
 def _on_gap(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     """The state with the gaps of some links exactly closed, if they have moved there."""
-    at, links = SmoothState(*x.y), event.links & ~event.at_start
-    return x._replace(y=jnp.stack(at._replace(s=jnp.where(links, setting.laws.gap, at.s))))
+    return x._replace(y=_replaced(x.y, event.links & ~event.at_start, s=setting.laws.gap))
 
 
 def _end_impacts(setting: Setting, x: FlowState, ends: jax.Array) -> FlowState:
     """The state with the ends of impacts recorded."""
-    at, contact, log = SmoothState(*x.y), x.contact, x.log
+    contact, log, impulse = x.contact, x.log, row(x.y, "impulse")
     over = ends & (contact.counts > 0)
     log = log._replace(
         ended=log.ended + jnp.where(over, 1.0, 0.0),
-        strongest=jnp.where(over & (at.impulse > log.strongest), at.impulse, log.strongest),
+        strongest=jnp.where(over & (impulse > log.strongest), impulse, log.strongest),
         powers=log.powers + jnp.where(over, contact.peak_force**SOFT, 0.0),
     )
     if setting.slots:
@@ -343,8 +355,8 @@ def _end_impacts(setting: Setting, x: FlowState, ends: jax.Array) -> FlowState:
             touch_time=contact.touch_time,
             approach_velocity=contact.touch_speed,
             end_time=setting.clock.middle + setting.since_middle(x),
-            rebound_velocity=-at.w,
-            impulse=at.impulse,
+            rebound_velocity=-row(x.y, "w"),
+            impulse=impulse,
             peak_force=contact.peak_force,
         )
         recorded = jax.tree.map(
@@ -362,7 +374,7 @@ def _with_change(setting: Setting, x: FlowState, changes: jax.Array) -> StepLog:
 
 def _record_turns(setting: Setting, x: FlowState, turned: jax.Array, slip: jax.Array) -> FlowState:
     """The state with closings recorded where velocities vanished or reversed."""
-    log, s, time = _with_change(setting, x, slip != x.slip), x.y[1], setting.since_middle(x)
+    log, s, time = _with_change(setting, x, slip != x.slip), row(x.y, "s"), setting.since_middle(x)
     turned_before = turned & (log.turns > 0)
     farther = turned & (s > log.farthest)
     path = jnp.abs(s - log.last_turn)
