@@ -13,8 +13,11 @@ from jaxpound.simulation.contact.lanes import where_needed
 from jaxpound.simulation.contact.local_flow import LocalFlow
 from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, FlowResult
 
-_LANES, _LANES_IN_REVERSE = 8, 4
-"""Lanes of a batch that are followed side by side; in reverse each of them has a dozen columns."""
+_LANES, _LANES_IN_REVERSE = 8, 2
+"""Lanes of a batch that are followed side by side; in reverse each of them has a dozen columns.
+
+For sums of more than some 32 numbers side by side, XLA calls a library on processors, which takes
+longer than all else in a substep: with four lanes, reverse mode was three times as slow."""
 
 
 def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Clock) -> FlowResult:
