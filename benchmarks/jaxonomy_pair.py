@@ -48,8 +48,8 @@ def rows(settings, closing):
         run = closing(setting)
         single, many = jax.jit(run), jax.jit(jax.vmap(run))
         seconds = (
-            best(lambda run=single: run(friction)),
-            best(lambda run=many: run(frictions), RUNS),
+            best(lambda program=single: program(friction)),
+            best(lambda program=many: program(frictions), RUNS),
         )
         table.append([setting, float(single(friction)), *seconds])
     return table

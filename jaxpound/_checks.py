@@ -11,7 +11,7 @@ import difflib
 import os
 import re
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from decimal import Decimal
 from pathlib import Path
 from types import NoneType
@@ -185,7 +185,7 @@ def hint(word: Any, allowed: Iterable[str]) -> str:
     return did_you_mean(str(word), allowed) or f"allowed: {', '.join(allowed)}"
 
 
-def require_one_of(owner: str, value: Any, allowed: Iterable[str], name: str = "") -> None:
+def require_one_of(owner: str, value: Any, allowed: Collection[str], name: str = "") -> None:
     """An ``InvalidInput``, by the value or by a name, for a value that is none of those allowed."""
     if value not in allowed:
         subject = (name, repr(value)) if name else (repr(value), "")

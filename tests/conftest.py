@@ -11,8 +11,8 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
-# The C library keeps the memory that a compilation frees for the next one, and no process waits for
-# threads of linear algebra, which the other process has.
+# The suite's processes and kernels, which start with these, keep what a compilation frees of small
+# blocks for the next one, and do not wait for threads of linear algebra on the other's core.
 os.environ.setdefault("MALLOC_TOP_PAD_", str(2**28))
 os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(2**32))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

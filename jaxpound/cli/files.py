@@ -81,9 +81,9 @@ def kept_search(args: argparse.Namespace, key: str, name: str, *inputs: bytes) -
 
 
 def write_files(out: Path, files: Mapping[str, str | Write]) -> None:
-    """Write whole files or none to a folder, by name, and print their paths.
+    """Write files to a folder by name, each whole or not at all, and print their paths.
 
-    A file is a text, or writes itself to a stream. An ``OSError`` names it.
+    A file is a text, or writes itself to a stream. An ``OSError`` names the file.
     """
     from jaxpound.store.archive import replace_file
 

@@ -79,7 +79,6 @@ def run(args: argparse.Namespace) -> None:
     answers = summary(file, configuration, args.record, record, response)
     print(page(answers))
     numbers = results.of_form(answers["results"], layout.is_pair)
-    pictures = images(_figures(layout, response), args.pdf)
     files: dict[str, Any] = {"summary.json": json_text(answers | {"results": numbers})}
     if configuration.output.series == "npz":
         columns: Any = response.to_columns()
@@ -88,7 +87,8 @@ def run(args: argparse.Namespace) -> None:
         files["series.csv"] = response.to_csv
     if not layout.is_pair:
         files["floors.csv"] = results.envelope(layout, response)
-    write_files(args.out, files | pictures)
+    write_files(args.out, files)
+    write_files(args.out, images(_figures(layout, response), args.pdf))
 
 
 def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:

@@ -69,8 +69,10 @@ def design_damper(
     stays finite, with the reason; if no design within the limits was found, with the smallest
     excess; if the file holds another search or is damaged. ``OSError`` if it cannot be written to.
 
-    Warns (``PlausibilityWarning``) before the search as ``monte_carlo``, of gaps by the
-    displacements of the first start; without scales only records have a PGA in g.
+    Warns with ``PlausibilityWarning`` before the search: if, of the first 256 earthquakes, more
+    than 1 % are not resolved by the grid (see ``simulate``) or, where there are scales or records,
+    have a PGA above 5 g; if contact is run in single precision; if the gap of a link is more than
+    100 times the displacements at its ends (peak |x1| + peak |x2|) of the first start.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ class DesignPointSearch:
         self._stored = SearchRuns(folder, search, state, key, _COLUMNS, BATCH, **more)
 
     def event(self, only_by_points: bool) -> RareEvent | Unrepresented:
-        """The event; why design points do not stand for all failures, where they do not.
+        """The event, or ``Unrepresented`` where design points do not stand for all failures.
 
         ``only_by_points`` takes them nonetheless, with a warning, and raises an ``InvalidInput`` if
         there are none.

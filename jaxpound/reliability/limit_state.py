@@ -111,7 +111,7 @@ class LimitState:
 
     @property
     def discrete_names(self) -> str:
-        """Names of the first numbers that are discrete; empty if there are none."""
+        """Names of the first four discrete numbers, joined by commas; empty if there are none."""
         return discrete_names(self.scenarios)
 
     @property

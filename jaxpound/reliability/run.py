@@ -156,10 +156,10 @@ def event_of(
     if not subset:
         with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
             search = DesignPointSearch(state, cov, most, key, start, store, bar)
-            event = search.event(only_by_points=method == "design points")
-        if isinstance(event, RareEvent):
-            return event
-        runs, gradients, why = event.runs, event.gradients, f"{event.doubt}: "
+            outcome = search.event(only_by_points=method == "design points")
+        if isinstance(outcome, RareEvent):
+            return outcome
+        runs, gradients, why = outcome.runs, outcome.gradients, f"{outcome.doubt}: "
         store = None if store is None else Path(store) / "subset"
     more = {} if max_runs is None else {"max_runs": max_runs}
     event = simulated(state, cov=cov, key=key, store=store, progress=progress, why=why, **more)
@@ -182,8 +182,8 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
         return True, ""
     if method == "design points":
         require_smooth(OWNER, state, "use method = 'subset'")
-    elif state.discrete_names:
-        return True, f"{state.discrete_names} discrete: "
+    elif names := state.discrete_names:
+        return True, f"{names} discrete: "
     elif state.dimension < _FEW:
         return True, f"{state.dimension} random numbers, fewer than {_FEW}: "
     return False, ""

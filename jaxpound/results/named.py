@@ -164,7 +164,8 @@ def _yield(system: System) -> list[bool]:
 
 def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
     """Group, element and field of the demands that each name is the largest of."""
-    topology, members = system.topology, dict[str, list[tuple[str, int, str]]]()
+    topology = system.topology
+    members: dict[str, list[tuple[str, int, str]]] = {}
     if any(map(is_storey, topology.rods)):
         drift, acceleration = OF_FLOORS
         # The drift of a storey above the ground is the displacement of its floor.
@@ -181,6 +182,7 @@ def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
     return members
 
 
+# The numbers of this pair do not matter.
 _RODS = tuple(Rod(ZenerRod(1.0, 1.0, 1.0), 1.0, ends=(mass, GROUND)) for mass in (0, 1))
 _PAIR = System((1.0, 1.0), _RODS, (Link((0, 1), gap=1.0, contact=Newton(1.0)),))
 

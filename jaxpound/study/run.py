@@ -1,4 +1,8 @@
-"""Monte Carlo over uncertain earthquakes and structures: in chunks, stored, resumable."""
+"""Monte Carlo over uncertain earthquakes and structures: in chunks, stored, resumable.
+
+Sample i is the scenario of point i, independent of the chunk size, the number of devices and the
+process that runs it.
+"""
 
 from __future__ import annotations
 

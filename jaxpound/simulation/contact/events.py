@@ -48,7 +48,7 @@ def row(y: jax.Array, name: str) -> jax.Array:
 
 
 def _replaced(y: jax.Array, links: jax.Array, **rows: jax.Array) -> jax.Array:
-    """A ``SmoothState`` that is an array with some rows replaced, in some links."""
+    """A ``SmoothState`` that is an array with rows, by name, replaced in some links."""
     for name, values in rows.items():
         is_row = np.array([[field == name] for field in SmoothState._fields])
         y = jnp.where(is_row & links[None], values[None], y)
@@ -276,7 +276,7 @@ def _touch(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
         first_touch=jnp.where(counts & (log.touches == 0), time, log.first_touch),
     )
     x = x._replace(
-        y=_replaced(x.y, touches, impulse=0 * speed),
+        y=_replaced(x.y, touches, impulse=jnp.zeros_like(speed)),
         contact=contact,
         rising=jnp.where(touches, 1.0, x.rising),
         log=log,

@@ -16,8 +16,10 @@ from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, Flow
 _LANES, _LANES_IN_REVERSE = 8, 2
 """Lanes of a batch that are followed side by side; in reverse each of them has a dozen columns.
 
-For sums of more than some 32 numbers side by side, XLA calls a library on processors, which takes
-longer than all else in a substep: with four lanes, reverse mode was three times as slow."""
+For sums of more than some 32 numbers side by side XLA calls a library, which takes longer than all
+else in a substep: with four lanes, the gradient in ``benchmarks/batches.py contact`` took 2.5 times
+as long.
+"""
 
 
 def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Clock) -> FlowResult:
