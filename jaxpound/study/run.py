@@ -136,6 +136,7 @@ def monte_carlo(
     >>> print(study.pounding_probability(gap=0.03))
     0.1406 (95%: 0.06637 to 0.2502)
     """
+    # Longer than other functions: the parts of a study, in their order, share a dozen values.
     owner = "monte_carlo"
     _check(scenarios, n, grid, scheme, sampling, measures or {})
     findings = doubts(owner, scenarios)
