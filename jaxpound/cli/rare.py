@@ -118,16 +118,18 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "rare")
     config = file.read(RareConfig)
-    path, parameters = None, Parameters(config.layout)
+    design = None
     if config.design is not None:
         place, key = f"{file.name}: [design] parameter:", config.design.parameter
+        parameters = Parameters(config.layout)
         path, *others = by_path(place, {key: None}, parameters)
         if others:
             raise refused(f"{place} {key}", "must stand for one parameter")
+        design = config.design, path, parameters
     state = limit_state(file, config)
     with named(f"{file.name}: [search]"):
         choice(state, config.search.method)  # before a folder is made
-    if path is not None:
+    if design is not None:
         with named(f"{file.name}: [design]"):
             require_smooth("reach_probability", state, WITHOUT_JUMPS)
     size = first_of(_CHECKED, state.grid), state.dimension
@@ -137,8 +139,8 @@ def run(args: argparse.Namespace) -> None:
     with kept_search(args, "store", "", file.text.encode()):
         with compile_notice(config.structures):
             result = searched(file, config, state, args.store)
-            if config.design is not None and path is not None:
-                target = reached(file, config.design, result, path, parameters, args.store)
+            if design is not None:
+                target = reached(file, *design, result, args.store)
                 result = result._replace(target=target)
         report_result(args, file, result)
 
@@ -184,9 +186,9 @@ def searched(
 def reached(
     file: File,
     target: TargetSpec,
-    result: RareResult,
     path: str,
     parameters: Parameters,
+    result: RareResult,
     store: Path | None,
 ) -> dict[str, Any]:
     """The parameter at which the event has the target probability, for JSON, in SI units."""

@@ -175,12 +175,15 @@ class _Step(NamedTuple):
 
     def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:
         """Each rod that yields at t_m."""
+        return [self._yielding(r, length) for r, length in enumerate(elongations)]
+
+    def _yielding(self, rod: int, elongation: jax.Array) -> HysteresisStep | None:
+        """A rod at t_m, if it yields, with an elongation."""
+        law, before = self.system.hysteresis[rod], self.before.yielding[rod]
+        if law is None or before is None:
+            return None
         starts = self.starts if self.system.initial_elongations is not None else None
-        rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
-        return [
-            None if law is None or before is None else hysteresis_step(law, before, length, starts)
-            for law, before, length in rods
-        ]
+        return hysteresis_step(law, before, elongation, starts)
 
     def loads(
         self, rod_steps: Sequence[RodStep], yielding: Sequence[HysteresisStep | None]
@@ -250,12 +253,10 @@ class _Step(NamedTuple):
             if not changed & {*ends}:
                 continue
             rods[k] = rod_moved(system.rods[k], rods[k], to_mean[k])
-            law, before = system.hysteresis[k], self.before.yielding[k]
-            if law is not None and before is not None:
+            if (law := system.hysteresis[k]) is not None:
                 to_now = shifts(_GroupFlow.shift_now) if to_now is None else to_now
-                starts = self.starts if system.initial_elongations is not None else None
-                now = hysteresis_step(law, before, elongations[k] + to_now[k], starts)
-                yielding[k] = moved(law, now, elongations[k] + to_mean[k])
+                if (now := self._yielding(k, elongations[k] + to_now[k])) is not None:
+                    yielding[k] = moved(law, now, elongations[k] + to_mean[k])
         return rods, yielding
 
     def _group_step(self, group: LinkGroup, pulls: list[jax.Array]) -> GroupStep:
