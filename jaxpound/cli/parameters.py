@@ -183,6 +183,11 @@ class Parameters:
         links = scaled_links(structures.links, scales, "Buildings", operator.mul)
         return jp.Buildings.of("Buildings", buildings, links)
 
+    def stated(self, path: str) -> tuple[float, float, str]:
+        """A parameter in SI units, its size there of a dimensionless 1, and its unit."""
+        unit, value = self.unit_of(path), float(get(self.si, path))
+        return value, value / float(get(self.nominal, path)), unit
+
     def unit_of(self, path: str) -> str:
         """The unit of a parameter in ``si``."""
         if path.endswith("_ratio"):

@@ -21,7 +21,6 @@ from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, n
 from jaxpound.cli.structures import compile_notice
 from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many, warn
-from jaxpound.model.parameters import get
 from jaxpound.reliability.run import choice, event_of, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
 from jaxpound.results.named import REQUIRED_GAP, in_words, kind_of, unit_of
@@ -208,12 +207,11 @@ def reached(
             store=store and store / "design",
             progress=sys.stderr.isatty(),
         )
-    before: Any = get(parameters.si, path)
-    scale = float(before) / float(get(parameters.nominal, path))
+    before, scale, unit = parameters.stated(path)
     return {
         "parameter": target.parameter,
-        "unit": parameters.unit_of(path),
-        "before": float(before),
+        "unit": unit,
+        "before": before,
         "value": reach.value * scale,
         "standard_error": reach.error * scale,
         "wanted_probability": reach.target,
@@ -258,9 +256,9 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
             "`jaxpound simulate --record design_earthquake.csv --units g` reads it."
         )
     if curve := answers["curve"]:
-        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
         events = [*result.curve.values()]
         figures["probability"] = drawn(plots.probability_curve, events, scales=scales)
+        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
     parts = [VERSION, *parts, *remarks]
     write_report(args, answers, "Probability of a rare event", parts, figures, files)
 

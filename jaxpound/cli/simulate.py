@@ -87,8 +87,7 @@ def run(args: argparse.Namespace) -> None:
         files["series.csv"] = response.to_csv
     if not layout.is_pair:
         files["floors.csv"] = results.envelope(layout, response)
-    write_files(args.out, files)
-    write_files(args.out, images(_figures(layout, response), args.pdf))
+    write_files(args.out, files | images(_figures(layout, response), args.pdf))
 
 
 def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
