@@ -77,7 +77,7 @@ class Parameter:
         elif self.above is not None:
             words.insert(0, "positive")
         elif self.least is not None:
-            words.append("not negative")
+            words.append(f"at least {low:g}" if low else "not negative")
         return " and ".join(words)
 
 

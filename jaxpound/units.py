@@ -18,6 +18,12 @@ from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.hysteresis import (
+    YieldingZener,
+    before_yield,
+    hysteresis_of,
+    law_in_length,
+)
 from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
@@ -104,10 +110,12 @@ class Scales:
         right = self.storey(s.rod_2, self.mass / s.mass_ratio, stiffness * s.stiffness_ratio)
         return left, right, s.friction * self.force, s.initial_gap * self.length
 
-    def storey(self, rod: ZenerRod, mass: Any, stiffness: Any) -> Building:
-        """A mass, kg, on a dimensionless rod of a stiffness, N/m, in SI."""
+    def storey(self, material: ZenerRod | YieldingZener, mass: Any, stiffness: Any) -> Building:
+        """A mass, kg, on a rod of a dimensionless material and a stiffness, N/m, in SI."""
+        rod, law = before_yield(material), hysteresis_of(material)
         tau_f, tau_x = (tau / self.frequency**rod.order for tau in (rod.tau_f, rod.tau_x))
-        return Building(mass, stiffness, rod.order, tau_f, tau_x)
+        law = law_in_length(law, 1 / self.length)
+        return Building(mass, stiffness, rod.order, tau_f, tau_x, law)
 
     def contact_to_dimensionless(self, law: Law) -> Law:
         """A contact law in SI units as one of the dimensionless system; None stays None.

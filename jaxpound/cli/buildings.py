@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
@@ -18,6 +17,8 @@ import jaxpound as jp
 from jaxpound.buildings import pair_of
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
 from jaxpound.cli.tables import LAWS, ContactSection, Friction, Gap
+from jaxpound.cli.yielding import UNITS as OF_YIELDING
+from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
 from jaxpound.model.row import LinkLabels, common_floors, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, TAPER
@@ -50,7 +51,7 @@ _Floors = Annotated[
 _Neighbour = Annotated[_Number | Literal["ground"], says('the number of a building, or "ground"')]
 
 
-class BlockSection(Section):
+class BlockSection(YieldingSection):
     """A building of one storey, by its period and damping or by its rod."""
 
     mass: _Mass | None = None
@@ -60,6 +61,7 @@ class BlockSection(Section):
     order: _Order | None = None
     tau_f: _Relaxation | None = None
     tau_x: _Relaxation | None = None
+    height: _Height | None = None
 
     def __post_init__(self) -> None:
         values = self.values()
@@ -68,22 +70,25 @@ class BlockSection(Section):
             raise ValueError(f"must not have {clashing[0]} here; give {_WAYS}")
         if missing := [key for key in (_BY_PERIOD if by_period else _BY_ROD) if key not in values]:
             raise ValueError(f"lacks {', '.join(missing)}; give {_WAYS}")
-        block = self.model()
+        building = self.shear()
         if not by_period:
-            PERIOD.require("natural period", block.natural_period)
+            PERIOD.require("natural period", building.natural_period)
 
     def values(self) -> dict[str, float]:
         """The values of the block and its rod that the table states."""
         return {key: x for key, x in self.stated().items() if key in (*_BY_PERIOD, *_BY_ROD)}
 
-    def model(self) -> jp.Building:
-        """The library's ``Building``."""
+    def shear(self) -> jp.ShearBuilding:
+        """The library's ``ShearBuilding``."""
         values = self.values()
+        heights = () if self.height is None else ((self.height,),)
         with named("", UNITS):
-            return (jp.Building.from_period if "period" in values else jp.Building)(**values)
+            block = (jp.Building.from_period if "period" in values else jp.Building)(**values)
+            building = jp.ShearBuilding((block,), *heights)
+        return self.yielding(building)
 
 
-UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}
+UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()} | OF_YIELDING
 """Units of the numbers of a building, by key."""
 
 
@@ -119,21 +124,16 @@ class StoreySection(Section):
     def model(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
         values = self.stated()
-        try:
-            with named("", UNITS):
-                if "masses" in values:
-                    return jp.ShearBuilding.of_storeys(**values)
-                n, mass = values.pop("number"), values.pop("mass")
-                return jp.ShearBuilding.from_period(n, mass, **values)
-        except ValueError as error:
-            message = re.sub(r"^storeys\.(\d+):", lambda i: f"storey {int(i[1]) + 1}:", str(error))
-            raise ValueError(message) from error
+        with named("", UNITS):
+            if "masses" in values:
+                return jp.ShearBuilding.of_storeys(**values)
+            n, mass = values.pop("number"), values.pop("mass")
+            return jp.ShearBuilding.from_period(n, mass, **values)
 
 
 class BuildingSection(BlockSection):
     """A building of a row: its storeys, one of the literature, or a block on a rod."""
 
-    height: _Height | None = None
     storeys: StoreySection | None = None
     published: str | None = None
 
@@ -142,7 +142,7 @@ class BuildingSection(BlockSection):
         ways = [key for key in ("storeys", "published") if key in keys]
         if not keys:
             raise ValueError(f"lacks its storeys; give storeys, published, or {_WAYS}")
-        if ways and (others := [key for key in keys if key != ways[0]]):
+        if ways and (others := [key for key in keys if key not in (ways[0], *YIELDING)]):
             raise ValueError(f"must not have {others[0]} beside {ways[0]}")
         if not ways:
             super().__post_init__()
@@ -151,12 +151,12 @@ class BuildingSection(BlockSection):
     def shear(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
         if self.storeys is not None:
-            return self.storeys.model()
+            return self.yielding(self.storeys.model())
         if self.published is not None:
             with named("published:"):
-                return jp.ShearBuilding.published(self.published)
-        heights = () if self.height is None else ((self.height,),)
-        return jp.ShearBuilding((self.model(),), *heights)
+                building = jp.ShearBuilding.published(self.published)
+            return self.yielding(building)
+        return super().shear()
 
 
 class Damper(Section):
@@ -286,32 +286,29 @@ class BuildingsLayout:
         return [float(link.gap) for link in self.si.links if is_closable(link.gap)]
 
 
-def _numbers(building: Any) -> dict[str, Any]:
-    """The numbers of a storey by key; an ``InvalidInput`` for one that yields."""
-    if building.hysteresis is not None:
-        rule = "must be None: configurations have no buildings that yield"
-        raise jp.InvalidInput("Buildings", "hysteresis", "", rule)
-    return {key: getattr(building, key) for key in _BY_ROD}
-
-
 def as_toml(buildings: jp.Buildings) -> str:
-    """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair."""
+    """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair.
+
+    Raises ``InvalidInput`` for storeys of a building that do not yield by one law of a file.
+    """
     members: Any = buildings.buildings
     if isinstance(members[0], jp.Building):
         (link,) = buildings.links
         lines = [f"gap = {_written(link.gap)}  # m", ""]
         for i, building in enumerate(members, start=1):
-            numbers = [f"{key} = {_written(x)}" for key, x in _numbers(building).items()]
-            lines += [f"[building_{i}]", *numbers, ""]
+            numbers = {key: getattr(building, key) for key in _BY_ROD}
+            numbers |= {key: x for key, (x,) in keys_of([building]).items()}
+            lines += [f"[building_{i}]", *(f"{key} = {_written(x)}" for key, x in numbers.items())]
+            lines.append("")
         lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
         return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
     for building in members:
-        storeys = [_numbers(storey) for storey in building.storeys]
-        series = {plural.get(key, key): [storey[key] for storey in storeys] for key in storeys[0]}
+        storeys, yields = building.storeys, keys_of(building.storeys)
+        series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD}
         series["heights"] = building.heights
-        lists = [f"{key} = [{', '.join(map(_written, x))}]" for key, x in series.items()]
-        lines += ["[[building]]", "[building.storeys]", *lists, ""]
+        law = [f"law = {_written(x)}" for x in yields.pop("law", [])]
+        lines += ["[[building]]", *law, *_lists(yields), "[building.storeys]", *_lists(series), ""]
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
         if link.other_building == jp.GROUND:
@@ -329,6 +326,10 @@ def as_toml(buildings: jp.Buildings) -> str:
     return "\n".join(lines)
 
 
+def _lists(series: Mapping[str, Sequence[Any]]) -> list[str]:
+    return [f"{key} = [{', '.join(map(_written, x))}]" for key, x in series.items()]
+
+
 def _law(law: Any) -> list[str]:
     (name,) = (name for name, kind in LAWS.items() if isinstance(law, kind))
     return [f'law = "{name}"', *(f"{key} = {_written(x)}" for key, x in vars(law).items())]
@@ -336,4 +337,4 @@ def _law(law: Any) -> list[str]:
 
 def _written(value: Any) -> str:
     """A number, word or truth as TOML has it."""
-    return json.dumps(value if isinstance(value, bool | str) else float(value))
+    return json.dumps(value) if isinstance(value, bool | str) else repr(float(value))

@@ -25,6 +25,7 @@ from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSec
 from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import LAWS, ContactSection, DistributionSpec, drawn
+from jaxpound.cli.yielding import OF_LAWS
 from jaxpound.model.parameters import get, in_words, metadata, paths, put
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Structures, is_closable
@@ -40,6 +41,7 @@ _RANGES: dict[str, Range] = {
     **{key: ranges(BlockSection)[key] for key in ("mass", "stiffness", *_OF_ROD)},
     **{key: ranges(LinkSection)[key] for key in ("friction_force", "gap")},
     **{f"contact.{key}": ranges(ContactSection)[key] for key in _OF_CONTACT},
+    **{key: x.within or Range(-np.inf, np.inf) for key, x in OF_LAWS.items()},
 }
 """Range of a parameter by the end of its key in a row."""
 
@@ -212,12 +214,16 @@ class Parameters:
 
 def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
     keys: dict[str, list[str]] = {}
+    row: Any = layout.structures
     for b, building in enumerate(layout.buildings):
         for i in range(building.n_floors):
             rod, storey = f"buildings.{b}.rods.{i}", f"building.{b + 1}.storey.{i + 1}"
             keys[f"building.{b + 1}.floor.{i + 1}.mass"] = [f"buildings.{b}.masses.{i}"]
             keys[f"{storey}.stiffness"] = [f"{rod}.stiffness"]
-            keys |= {f"{storey}.{key}": [f"{rod}.material.{key}"] for key in _OF_ROD}
+            material = row.buildings[b].rods[i].material
+            for path in paths(material):
+                if np.isfinite(get(material, path)):  # an ultimate displacement may be infinite
+                    keys[f"{storey}.{path.rpartition('.')[2]}"] = [f"{rod}.material.{path}"]
     for k, (table, link) in enumerate(zip(layout.tables, layout.si.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
         if link.contact is not None:

@@ -221,6 +221,7 @@ def named(
     except (ValueError, FloatingPointError) as error:
         if isinstance(error, InvalidInput):
             part = error.owner.partition(": ")[2]  # of the owner, such as storeys.2
+            part = re.sub(r"^storeys\.(\d+)$", lambda i: f"storey {int(i[1]) + 1}", part)
             message = str(error.replaced(owner=part))
         else:
             message = re.sub(r"^[A-Za-z_.]+: ", "", str(error))

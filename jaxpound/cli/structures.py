@@ -76,9 +76,12 @@ class Structured(Section, dict=True):
                 raise ValueError(f"the top level lacks {words}")
         pair: Any = self  # with all keys of a pair
         law = self.contact.model() if self.contact else None
-        link = jp.FloorLink(0, 0, None, pair.damper.friction_force, pair.gap, law)
-        blocks = pair.building_1.model(), pair.building_2.model()
+        link = jp.FloorLink(0, 0, 0, pair.damper.friction_force, pair.gap, law)
         laws = (self.contact.law,) if self.contact else ()
+        sides = pair.building_1.shear(), pair.building_2.shear()
+        blocks = tuple(building.storeys[0] for building in sides)
+        if any(block.hysteresis is not None for block in blocks):  # which no pair of eq. (9) has
+            return BuildingsLayout.of(jp.Buildings.of("Buildings", sides, (link,)), (1,), laws)
         return BuildingsLayout.of(jp.Buildings.of("Buildings", blocks, (link,)), laws=laws)
 
     @property

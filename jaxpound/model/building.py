@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from types import NoneType
 from typing import Any
 
@@ -11,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, Rule, enforce, is_traced, not_negative, positive, require_batch
-from jaxpound._fields import Parameter, check, like, parameter, part, pytree_dataclass, ranges, walk
-from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
+from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges
+from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener, law_in_length
 from jaxpound.model.rod import ZenerRod
 
 # Wide enough for laboratory models and the tallest towers, narrow enough to catch a wrong unit.
@@ -134,12 +133,10 @@ class Building:
 
     def material(self, frequency: Any = 1.0, length: Any = 1.0) -> ZenerRod | YieldingZener:
         """The rod's law in units of 1/frequency^order, rad/s, and of a length, m."""
-        law, rod = self.hysteresis, self.zener(frequency)
-        if law is None:
+        rod = self.zener(frequency)
+        if self.hysteresis is None:
             return rod
-        numbers = walk(law, Parameter)
-        lengths = {name: x / length for name, spec, x in numbers if spec.kind == "length"}
-        return YieldingZener(rod, dataclasses.replace(law, **lengths) if lengths else law)
+        return YieldingZener(rod, law_in_length(self.hysteresis, length))
 
     @property
     def dynamic_stiffness(self) -> jax.Array:

@@ -6,6 +6,7 @@ its force is K r(e, state), where r, the *reduced force*, is e before it has yie
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import jax
@@ -14,7 +15,7 @@ import numpy as np
 
 from jaxpound._checks import Range, Rule, finite, require_batch
 from jaxpound._extrema import larger
-from jaxpound._fields import check, like, parameter, part, pytree_dataclass
+from jaxpound._fields import Parameter, check, like, parameter, part, pytree_dataclass, walk
 from jaxpound.model.rod import ZenerRod
 
 State = TypeVar("State")
@@ -348,6 +349,13 @@ def hysteresis_of(material: Any) -> Any:
     if isinstance(material, YieldingZener):
         return material.hysteresis
     return None if isinstance(material, ZenerRod) else material
+
+
+def law_in_length(law: Any, length: Any) -> Any:
+    """A law of hysteresis with its displacements in units of a length; None stays None."""
+    numbers = walk(law, Parameter)
+    lengths = {name: x / length for name, spec, x in numbers if spec.kind == "length"}
+    return dataclasses.replace(law, **lengths) if lengths else law
 
 
 def before_yield(material: Any) -> ZenerRod:

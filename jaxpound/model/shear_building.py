@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, cast
 
 import jax.numpy as jnp
@@ -128,10 +129,8 @@ class ShearBuilding:
         listed = [_each(owner, name, value, n) for name, value in rods.items()]
         storeys = []
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
-            try:
+            with _storey(owner, i):
                 storeys.append(Building(*numbers))
-            except InvalidInput as error:
-                raise error.replaced(owner=f"{owner}: storeys.{i}") from error
         building = cls(tuple(storeys), _each(owner, "heights", heights, n))
         if yield_force is None:
             return building
@@ -256,7 +255,7 @@ class ShearBuilding:
         gravity
             g > 0, m/s², of the weight.
         **numbers
-            Further parameters of the law, such as ``hardening``.
+            Further parameters of the law, such as ``hardening``: of each storey, or one for all.
 
         Examples
         --------
@@ -276,7 +275,8 @@ class ShearBuilding:
             rule = f"must be stated alone: {', '.join(strengths)}"
             raise InvalidInput(owner, "one strength", "", rule)
         ((name, value),) = stated.items()
-        values = [positive(owner, **{name: x})[0] for x in _each(owner, name, value, self.n_floors)]
+        each = _each(owner, name, value, self.n_floors)
+        values = [positive(owner, **{name: x})[0] for x in each]
         stiffnesses = [storey.stiffness for storey in self.storeys]
         if yield_drift is not None:
             lengths = [x * height for x, height in zip(values, self.heights, strict=True)]
@@ -285,10 +285,13 @@ class ShearBuilding:
                 weight = gravity * sum(storey.mass for storey in self.storeys)
                 values = storey_shears(self.storeys, self.elevations, values[0] * weight)
             lengths = [force / k for force, k in zip(values, stiffnesses, strict=True)]
-        storeys = [
-            dataclasses.replace(storey, hysteresis=law(yield_displacement=e_y, **numbers))
-            for storey, e_y in zip(self.storeys, lengths, strict=True)
-        ]
+        by_name = {key: _each(owner, key, x, self.n_floors) for key, x in numbers.items()}
+        storeys = []
+        for i, (storey, e_y) in enumerate(zip(self.storeys, lengths, strict=True)):
+            with _storey(owner, i):
+                of_law = {key: x[i] for key, x in by_name.items()}
+                hysteresis = law(yield_displacement=e_y, **of_law)
+                storeys.append(dataclasses.replace(storey, hysteresis=hysteresis))
         return dataclasses.replace(self, storeys=tuple(storeys))
 
     def with_p_delta(self, gravity: Any = STANDARD_GRAVITY) -> ShearBuilding:
@@ -301,10 +304,10 @@ class ShearBuilding:
         above = np.cumsum([storey.mass for storey in self.storeys][::-1])[::-1]
         if is_traced(above):
             raise InvalidInput("with_p_delta", "masses", "", "must be known, not traced")
-        storeys = [
-            with_weight(storey, gravity * mass, height)
-            for storey, mass, height in zip(self.storeys, above, self.heights, strict=True)
-        ]
+        storeys = []
+        for i, storey in enumerate(self.storeys):
+            with _storey("with_p_delta", i):
+                storeys.append(with_weight(storey, gravity * above[i], self.heights[i]))
         return dataclasses.replace(self, storeys=tuple(storeys))
 
     @property
@@ -354,6 +357,15 @@ _PUBLISHED: dict[str, tuple[int, float, float, float]] = {
     "jankowski-left": (3, 25e3, 3.46e6, 3.0),
     "jankowski-right": (3, 1000e3, 2.215e9, 3.0),
 }
+
+
+@contextmanager
+def _storey(owner: str, i: int) -> Iterator[None]:
+    """Errors on what belongs to a storey name it."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise error.replaced(owner=f"{owner}: storeys.{i}") from error
 
 
 def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:

@@ -1,0 +1,80 @@
+"""Storeys that yield: their strength, the law by which they yield, and the weight that they carry.
+
+The keys stand beside those of a building: in [[building]], or in [building_1] and [building_2].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import NoneType
+from typing import Annotated, Any, Literal
+
+import jaxpound as jp
+from jaxpound.cli.reading import Section, each, named, of_field
+from jaxpound.model.parameters import metadata, paths
+from jaxpound.quantities import unit
+
+_LAWS = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen}
+OF_LAWS = {key: metadata(jp.BoucWen, key) for key in paths(jp.BoucWen)}
+"""Metadata of the parameters of all laws, of which the last has those of the first too."""
+_OF_STOREY = "yield_displacement"  # of each storey, by its strength
+_STRENGTHS = ("yield_force", "base_shear_coefficient", "yield_drift")
+
+UNITS = {key: unit(x.kind, si=True) for key, x in OF_LAWS.items()} | {"yield_force": "N"}
+"""Units of the numbers of storeys that yield, by key."""
+
+_Listed = Annotated[float | list[float], each(float)]
+_Exponent = Annotated[float, of_field(jp.BoucWen, "exponent")]
+
+
+class YieldingSection(Section):
+    """A strength, a law and the law's parameters, and whether weights act at drifts."""
+
+    yield_force: _Listed | None = None
+    base_shear_coefficient: float | None = None
+    yield_drift: _Listed | None = None
+    law: Literal["bilinear", "bouc-wen"] | None = None
+    hardening: _Listed | None = None
+    ultimate_displacement: _Listed | None = None
+    exponent: Annotated[_Exponent | list[_Exponent], each(_Exponent)] | None = None
+    beta: _Listed | None = None
+    strength_degradation: _Listed | None = None
+    stiffness_degradation: _Listed | None = None
+    p_delta: bool | None = None
+
+    def yielding(self, building: jp.ShearBuilding) -> jp.ShearBuilding:
+        """A building with this strength and under its weight; a ``ValueError`` for a fault."""
+        stated = {key: x for key, x in self.stated().items() if key in YIELDING}
+        p_delta, law = stated.pop("p_delta", False), stated.pop("law", None)
+        if stated or law:
+            law = law or "bilinear"
+            keys = [key for key in paths(_LAWS[law]) if key != _OF_STOREY]
+            rule = f'must not be given with law = "{law}"; give {", ".join(keys)}'
+            self.refuse_any(OF_LAWS.keys() - keys, rule)
+            with named("", UNITS):
+                building = building.yielding(_LAWS[law], **stated)
+        with named("p_delta:", UNITS):
+            return building.with_p_delta() if p_delta else building
+
+
+YIELDING = YieldingSection.__struct_fields__
+"""Keys of a building that yields, or of its weight."""
+
+
+def keys_of(storeys: Sequence[jp.Building]) -> dict[str, list[Any]]:
+    """The numbers of storeys that yield by key, storey by storey; none where no storey yields.
+
+    Raises ``InvalidInput`` where a file cannot have them: storeys of several laws, or of another.
+    """
+    laws: list[Any] = [storey.hysteresis for storey in storeys]
+    kinds = {type(law) for law in laws}
+    if kinds == {NoneType}:
+        return {}
+    names = [name for name, kind in _LAWS.items() if kinds == {kind}]
+    if not names:
+        rule = f"must be by one law in all storeys of a building, {' or '.join(_LAWS)}"
+        raise jp.InvalidInput("Buildings", "hysteresis", "", rule)
+    numbers: dict[str, list[Any]] = {key: [getattr(x, key) for x in laws] for key in paths(laws[0])}
+    lengths = zip(storeys, numbers.pop(_OF_STOREY), strict=True)
+    forces = [storey.stiffness * length for storey, length in lengths]
+    return {"law": names, "yield_force": forces, **numbers}
