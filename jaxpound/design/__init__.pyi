@@ -1,5 +1,7 @@
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate
+from .cyclic_calibration import CyclicCalibration as CyclicCalibration
+from .cyclic_calibration import calibrate_cyclic as calibrate_cyclic
 from .design import Comparison as Comparison
 from .design import Design as Design
 from .elasticity import Elasticities as Elasticities

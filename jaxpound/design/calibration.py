@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import jax
@@ -15,7 +15,8 @@ from jaxpound._checks import Rule, enforce, instance
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import quantities
 from jaxpound._tables import Shown, TextTable
-from jaxpound.design.space import DesignSpace, spread_shares, start_shares
+from jaxpound.design.least_squares import estimates_table, fitted, spread
+from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import unseen, warn
@@ -29,8 +30,6 @@ from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme, imprecise, single_system
 from jaxpound.study.statistics import Estimate
 from jaxpound.units import Scales, scales_for
-
-_AT_BOUND = 1e-4  # of the way between the bounds
 
 
 def measurables(system: System) -> dict[str, str | None]:
@@ -71,13 +70,9 @@ class Calibration(Shown):
     def _tables(self) -> list[TextTable]:
         si, kinds = self.response.si, measurables(self.structures.system())
         units = "dimensionless" if gravity_of(self.structures) is None else "SI"
+        heading = f"parameter ({units})"
         return [
-            TextTable(
-                f"Calibration ({self.simulations} runs)",
-                (f"parameter ({units})", "estimate"),
-                [(path, str(estimate)) for path, estimate in self.parameters.items()],
-                [f"{path} is at a bound: its interval means nothing" for path in self.at_bounds],
-            ),
+            estimates_table(heading, self.parameters, self.at_bounds, self.simulations),
             TextTable(
                 "Noise, what is left of the measured series",
                 ("series", "standard deviation", "unit"),
@@ -137,17 +132,13 @@ def calibrate(
     instance(owner, "space", space, DesignSpace)
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
-    _checks.require_share(owner, "confidence", confidence)
     system = single_system(owner, space.nominal)
     data = _data(owner, measured, grid, measurables(system))
-    weights = _weights(owner, data, noise)
     scales = scales_for(owner, space.nominal, scales)
     require_time_unit("ground", ground, si=gravity_of(space.nominal) is not None)
     shaking = as_pytree(ground, grid)
     if strict:  # before the time for the fit is spent
         warn(owner, unseen(ground, grid) + imprecise(system, shaking), strict)
-    n, d = sum(int(np.isfinite(x).sum()) for x in data.values()), space.dimension
-    enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
 
     def run(structures: Any, strict: bool = False) -> Response:
         response = simulate(structures, shaking, grid, scheme, strict=strict)
@@ -156,64 +147,24 @@ def calibrate(
     def series(shares: Any) -> dict[str, jax.Array]:
         return _series(run(space.structures(shares)), data)
 
-    residual, fit = _least_squares(series, data)
-    first = start_shares(owner, space, start)
-    starts, key = _checks.count(owner, "starts", starts), _checks.seed(owner, "key", key)
-    spread = spread_shares(first, starts, key)
-    fits = [fit(x, weights) for x in spread if np.isfinite(residual(x, weights)).all()]
-    if not fits:
-        raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
-    best = min(fits, key=lambda x: x.cost)
-    if noise is None:
-        best = fit(best.x, _weights_by_residuals(weights, best.fun, data))
-        fits.append(best)
-    shares = np.asarray(best.x)
-    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
-    structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
+    fit = fitted(
+        owner,
+        space,
+        series,
+        data,
+        noise=noise,
+        start=start,
+        starts=starts,
+        key=key,
+        confidence=confidence,
+    )
+    structures = jax.tree.map(float, space.structures(jnp.asarray(fit.shares)))
     response = run(structures, strict)
     simulated = _series(response, data)
     residuals = {name: x - np.asarray(simulated[name]) for name, x in data.items()}
-    spreads = {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
-    edges = np.flatnonzero((shares < _AT_BOUND) | (shares > 1 - _AT_BOUND))
-    at_bounds, runs = tuple(space.names[i] for i in edges), sum(x.nfev for x in fits)
-    results = estimates, correlation, spreads, response, residuals, at_bounds, runs
-    return Calibration(structures, *results)
-
-
-def _least_squares(
-    series: Callable[[Any], dict[str, jax.Array]], data: Mapping[str, np.ndarray]
-) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Weighted residuals by scaled variables and weights, and the fit from a start."""
-    from scipy import optimize  # only here: it takes a second to import
-
-    def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
-        simulated = series(shares)
-        parts = [
-            jnp.where(np.isfinite(x), (simulated[name] - np.nan_to_num(x)) / weights[name], 0.0)
-            for name, x in data.items()
-        ]
-        return jnp.concatenate(parts)
-
-    residual, slope = jax.jit(difference), jax.jit(jax.jacfwd(difference))
-
-    def fit(start: np.ndarray, weights: Mapping[str, float]) -> Any:
-        return optimize.least_squares(
-            lambda shares: np.asarray(residual(shares, weights), np.float64),
-            np.clip(np.asarray(start, np.float64), 1e-6, 1 - 1e-6),
-            jac=lambda shares: np.asarray(slope(shares, weights), np.float64),
-            bounds=(0.0, 1.0),
-            x_scale="jac",
-            xtol=1e-10,
-            ftol=1e-12,
-            gtol=1e-12,
-        )
-
-    return residual, fit
-
-
-def _spread(residual: np.ndarray) -> float:
-    """Root mean square; 0 if there is no number."""
-    return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
+    spreads = {name: spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
+    results = fit.parameters, fit.correlation, spreads, response, residuals
+    return Calibration(structures, *results, fit.at_bounds, fit.runs)
 
 
 def _series(response: Response, data: Mapping[str, np.ndarray]) -> dict[str, jax.Array]:
@@ -260,46 +211,3 @@ def _data(
         enforce(owner, [Rule(place, x, ~np.isinf(x), "finite, or NaN for no number")])
         data[name] = x
     return data
-
-
-def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str, float]:
-    if noise is None:
-        sizes = {name: float(np.sqrt(np.nanmean(x**2))) for name, x in data.items()}
-        return {name: size if size > 0 else 1.0 for name, size in sizes.items()}
-    instance(owner, "noise", noise, Mapping)
-    for name in data:
-        if name not in noise:
-            raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
-        _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
-    return {name: float(noise[name]) for name in data}
-
-
-def _weights_by_residuals(
-    weights: Mapping[str, float], residuals: Any, data: Mapping[str, np.ndarray]
-) -> dict[str, float]:
-    """The standard deviations of each series' residuals, which are given over the weights."""
-    ends = np.cumsum([x.size for x in data.values()])[:-1]
-    parts = zip(data.items(), np.split(np.asarray(residuals), ends), strict=True)
-    return {name: weights[name] * (_spread(r[np.isfinite(x)]) or 1.0) for (name, x), r in parts}
-
-
-def _estimates(
-    owner: str, space: DesignSpace, fit: Any, n: int, noise_is_set: bool, confidence: float
-) -> tuple[dict[str, Estimate], np.ndarray]:
-    """Values with intervals, and their correlation, from the Jacobian at the fit."""
-    from scipy import stats
-
-    d, shares = space.dimension, jnp.asarray(fit.x)
-    if np.linalg.matrix_rank(fit.jac) < d:
-        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
-    spread = 1.0 if noise_is_set else 2 * fit.cost / (n - d)
-    by_shares = jax.jacfwd(space.values)(shares)
-    slopes = np.array([by_shares[name] for name in space.names])
-    covariance = slopes @ (spread * np.linalg.inv(fit.jac.T @ fit.jac)) @ slopes.T
-    std = np.sqrt(np.diag(covariance))
-    half_widths = std * stats.t.isf((1 - confidence) / 2, n - d)
-    estimates = {
-        name: Estimate(float(x), float(x - half), float(x + half), confidence)
-        for (name, x), half in zip(space.values(shares).items(), half_widths, strict=True)
-    }
-    return estimates, covariance / np.outer(std, std)

@@ -2,6 +2,8 @@ from .batches import in_chunks as in_chunks
 from .batches import use_cores as use_cores
 from .buildings import simulate_buildings as simulate_buildings
 from .buildings import simulate_row as simulate_row
+from .cyclic import CyclicTest as CyclicTest
+from .cyclic import cyclic_test as cyclic_test
 from .divergence import Growth as Growth
 from .divergence import growth as growth
 from .friction import EventResolved as EventResolved

@@ -90,7 +90,7 @@ def hysteresis_step(
     ``starts`` says whether the run begins at t_m displaced or moving; None for runs from rest.
     """
     law = constants.law
-    e, last = (_within(constants.ultimate, x) for x in (elongation, before.elongation))
+    e, last = (within(constants.ultimate, x) for x in (elongation, before.elongation))
     change = e - last if starts is None else jnp.where(starts, before.change, e - last)
     gain = change - before.change
     speed = constants.once(change + gain / 2)  # at t_m; at t_{m−1} it was less by the gain
@@ -113,7 +113,7 @@ def hysteresis_step(
 
 def moved(constants: HysteresisConstants, now: HysteresisStep, sample: jax.Array) -> HysteresisStep:
     """The rod with the force of another elongation: after an impact the mean sample of the kick."""
-    e = _within(constants.ultimate, sample)
+    e = within(constants.ultimate, sample)
     state = constants.law.advance(now.state.of_law, now.state.elongation, e)
     lost = constants.modulus * (sample - constants.law.reduced_force(e, state))
     return now._replace(lost=lost)
@@ -127,7 +127,7 @@ def observed(constants: HysteresisConstants, now: HysteresisStep) -> RodInstant:
     return RodInstant(now.elongation, reduced, dissipated)
 
 
-def _within(limit: Any, elongation: jax.Array) -> jax.Array:
+def within(limit: Any, elongation: jax.Array) -> jax.Array:
     """The elongation, or the limit beyond which a rod has collapsed."""
     low = jnp.where(elongation < -limit, -limit, elongation)
     return jnp.where(low > limit, limit, low)
