@@ -65,14 +65,19 @@ def refused(key: str, rule: str, value: str = "") -> InvalidInput:
 
 def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.Meta:
     """Annotation: the range of a number; a whole number needs no unit and reason."""
-    return msgspec.Meta(ge=low, le=high, extra={"range": Range(low, high, unit, why)})
+    most = high if high < float("inf") else None
+    return msgspec.Meta(ge=low, le=most, extra={"range": Range(low, high, unit, why)})
+
+
+def range_of(cls: type, name: str) -> Range:
+    """The range of a parameter of one of the library's classes, by default from its bounds."""
+    (parameter,) = (parameter for path, parameter, _ in walk(cls, Parameter) if path == name)
+    return parameter.within or Range(parameter.least, parameter.most)
 
 
 def of_field(cls: type, name: str) -> msgspec.Meta:
     """Annotation: the range of a number that is a parameter of one of the library's classes."""
-    (allowed,) = (parameter.within for path, parameter, _ in walk(cls, Parameter) if path == name)
-    assert allowed is not None
-    return between(*allowed)
+    return between(*range_of(cls, name))
 
 
 def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta:

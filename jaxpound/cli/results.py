@@ -13,6 +13,7 @@ from jaxpound._tables import TextTable
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
 from jaxpound.quantities import column
+from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.floors import FloorDemands
 from jaxpound.results.impacts import ImpactSeries
 
@@ -36,7 +37,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
             "rods_energy_J": float(energy.rods[-1]),
             "kinetic_energy_J": float(energy.kinetic[-1]),
             "energy_residual_over_input": float(energy.relative_residual),
-            "buildings": [_of_building(building, demands) for building, demands in pairs],
+            "buildings": [_of_building(*pair, demand) for pair in pairs],
             "links": links,
         }
     )
@@ -58,12 +59,13 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
     return numbers
 
 
-def _of_building(building: Any, floors: jp.FloorDemands) -> dict[str, Any]:
+def _of_building(building: Any, floors: jp.FloorDemands, demand: jp.Demand) -> dict[str, Any]:
     if isinstance(building, jp.Building):
         building = jp.ShearBuilding((building,))
     modes = building.modes()
     columns = modes.periods, modes.damping_ratios, modes.participation
     keys = ("period_s", "damping_ratio", "share_of_mass")
+    storeys = enumerate((_of_storey(demand.rods[mass]) for mass in floors.masses), 1)
     return {
         "storeys": building.n_floors,
         "height_m": float(building.elevations[-1]),
@@ -73,8 +75,18 @@ def _of_building(building: Any, floors: jp.FloorDemands) -> dict[str, Any]:
         "peak_drift_ratio": float(np.max(floors.drift / np.array(building.heights))),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
+        "yielding": [{"storey": i, **numbers} for i, numbers in storeys if numbers],
         "modes": [dict(zip(keys, map(float, x), strict=True)) for x in zip(*columns, strict=True)],
     }
+
+
+def _of_storey(rod: RodDemand) -> dict[str, Any]:
+    """What yielding does to a storey, whose rod has the number of its floor; or nothing."""
+    if rod.ductility is None:
+        return {}
+    columns = _columns(RodDemand, "yielding").items()
+    numbers = {key: float(getattr(rod, name)) for name, key in columns}
+    return numbers | {"collapsed": bool(rod.collapsed)}
 
 
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
@@ -141,14 +153,17 @@ def envelope(layout: BuildingsLayout, response: jp.Response) -> str:
     """
     names = _columns(FloorDemands)
     columns = ["building", "floor", "series", "elevation_m", *names.values(), "drift_ratio"]
-    rows = []
-    envelopes = jp.floor_demands(layout.structures, response.demand, layout.buildings)
+    demand, rows = response.demand, []
+    yields = [*_columns(RodDemand, "yielding").values()] if demand.collapsed is not None else []
+    envelopes = jp.floor_demands(layout.structures, demand, layout.buildings)
     for building, floors in zip(layout.buildings, envelopes, strict=True):
         for i, mass in enumerate(floors.masses):
             peaks = [getattr(floors, name)[i] for name in names]
-            numbers = map(float, [building.elevations[i], *peaks, floors.drift_ratio[i]])
+            storey = _of_storey(demand.rods[mass])
+            peaks += [floors.drift_ratio[i], *(storey.get(key, np.nan) for key in yields)]
+            numbers = map(float, [building.elevations[i], *peaks])
             rows.append([floors.building + 1, i + 1, mass + 1, *numbers])
-    return csv_text(columns, rows)
+    return csv_text(columns + yields, rows)
 
 
 def lines(results: dict[str, Any]) -> list[str]:
@@ -166,6 +181,16 @@ def lines(results: dict[str, Any]) -> list[str]:
         "base shear (kN)": [x["base_shear_N"] / 1e3 for x in buildings],
     }
     texts = [table_of(columns).text(), ""]
+    if storeys := [(i, x) for i, building in enumerate(buildings, 1) for x in building["yielding"]]:
+        of_storeys = {
+            "storey that yields": [f"{i}, storey {x['storey']}" for i, x in storeys],
+            "ductility": [x["ductility"] for _, x in storeys],
+            "residual drift (m)": [x["residual_drift_m"] for _, x in storeys],
+            "dissipated (kJ)": [x["dissipated_energy_J"] / 1e3 for _, x in storeys],
+            "first yield (s)": [x["first_yield_time_s"] for _, x in storeys],
+            "collapsed": ["yes" if x["collapsed"] else "no" for _, x in storeys],
+        }
+        texts += [table_of(of_storeys).text(), ""]
     if links:
         texts += [_table_of_links(links).text(), ""]
     closable = [link for link in links if link["gap_m"] is not None]

@@ -10,36 +10,42 @@ from types import NoneType
 from typing import Annotated, Any, Literal
 
 import jaxpound as jp
-from jaxpound.cli.reading import Section, each, named, of_field
+from jaxpound.cli.reading import Section, between, each, named, of_field
 from jaxpound.model.parameters import metadata, paths
+from jaxpound.model.shear_building import STRENGTHS
 from jaxpound.quantities import unit
 
 _LAWS = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen}
-OF_LAWS = {key: metadata(jp.BoucWen, key) for key in paths(jp.BoucWen)}
-"""Metadata of the parameters of all laws, of which the last has those of the first too."""
+_OF_LAWS = paths(jp.BoucWen)  # which has those of Bilinear, too
 _OF_STOREY = "yield_displacement"  # of each storey, by its strength
-_STRENGTHS = ("yield_force", "base_shear_coefficient", "yield_drift")
 
-UNITS = {key: unit(x.kind, si=True) for key, x in OF_LAWS.items()} | {"yield_force": "N"}
-"""Units of the numbers of storeys that yield, by key."""
+UNITS = {key: unit(metadata(jp.BoucWen, key).kind, si=True) for key in _OF_LAWS}
+"""Units of the numbers of laws, by key."""
 
-_Listed = Annotated[float | list[float], each(float)]
+_Force = Annotated[float, between(*STRENGTHS["yield_force"])]
+_Coefficient = Annotated[float, between(*STRENGTHS["base_shear_coefficient"])]
+_Drift = Annotated[float, between(*STRENGTHS["yield_drift"])]
+_Hardening = Annotated[float, of_field(jp.BoucWen, "hardening")]
+_Ultimate = Annotated[float, of_field(jp.BoucWen, "ultimate_displacement")]
 _Exponent = Annotated[float, of_field(jp.BoucWen, "exponent")]
+_Beta = Annotated[float, of_field(jp.BoucWen, "beta")]
+_Degradation = Annotated[float, of_field(jp.BoucWen, "strength_degradation")]
+_Degradations = Annotated[_Degradation | list[_Degradation], each(_Degradation)]
 
 
 class YieldingSection(Section):
     """A strength, a law and the law's parameters, and whether weights act at drifts."""
 
-    yield_force: _Listed | None = None
-    base_shear_coefficient: float | None = None
-    yield_drift: _Listed | None = None
+    yield_force: Annotated[_Force | list[_Force], each(_Force)] | None = None
+    base_shear_coefficient: _Coefficient | None = None
+    yield_drift: Annotated[_Drift | list[_Drift], each(_Drift)] | None = None
     law: Literal["bilinear", "bouc-wen"] | None = None
-    hardening: _Listed | None = None
-    ultimate_displacement: _Listed | None = None
+    hardening: Annotated[_Hardening | list[_Hardening], each(_Hardening)] | None = None
+    ultimate_displacement: Annotated[_Ultimate | list[_Ultimate], each(_Ultimate)] | None = None
     exponent: Annotated[_Exponent | list[_Exponent], each(_Exponent)] | None = None
-    beta: _Listed | None = None
-    strength_degradation: _Listed | None = None
-    stiffness_degradation: _Listed | None = None
+    beta: Annotated[_Beta | list[_Beta], each(_Beta)] | None = None
+    strength_degradation: _Degradations | None = None
+    stiffness_degradation: _Degradations | None = None
     p_delta: bool | None = None
 
     def yielding(self, building: jp.ShearBuilding) -> jp.ShearBuilding:
@@ -50,7 +56,7 @@ class YieldingSection(Section):
             law = law or "bilinear"
             keys = [key for key in paths(_LAWS[law]) if key != _OF_STOREY]
             rule = f'must not be given with law = "{law}"; give {", ".join(keys)}'
-            self.refuse_any(OF_LAWS.keys() - keys, rule)
+            self.refuse_any({*_OF_LAWS} - {*keys}, rule)
             with named("", UNITS):
                 building = building.yielding(_LAWS[law], **stated)
         with named("p_delta:", UNITS):

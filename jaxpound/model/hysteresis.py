@@ -21,6 +21,7 @@ from jaxpound.model.rod import ZenerRod
 State = TypeVar("State")
 
 _ELONGATION = Range(1e-9, 1e6, "", "from models to towers, in m or g/ω1²")
+_DEGRADATION = Range(0, 100, "", "for each K e_y² of energy; usually 0 to 0.1")
 
 
 @runtime_checkable
@@ -130,10 +131,14 @@ class Bilinear:
         "e_y", "length", "yield displacement", above=0, usual=(0.01, 1.0), within=_ELONGATION
     )
     hardening: Any = parameter(
-        r"\alpha", words="hardening", least=-1.0, most=1.0, usual=(0.0, 0.3), default=0.0
+        r"\alpha", words="hardening", least=-1, most=1, usual=(0.0, 0.3), default=0.0
     )
     ultimate_displacement: Any = parameter(
-        "e_u", "length", "ultimate displacement", above=0, finite=False, default=np.inf
+        *("e_u", "length", "ultimate displacement"),
+        above=0,
+        finite=False,
+        within=_ELONGATION._replace(high=np.inf),
+        default=np.inf,
     )
 
     def __post_init__(self) -> None:
@@ -225,12 +230,12 @@ class BoucWen:
     exponent: Any = parameter(
         "n", words="exponent", least=1, usual=(1.0, 5.0), within=Range(1, 50), default=2.0
     )
-    beta: Any = parameter(r"\beta", words="beta", least=0.0, most=1.0, default=0.5)
+    beta: Any = parameter(r"\beta", words="beta", least=0, most=1, default=0.5)
     strength_degradation: Any = parameter(
-        r"\delta_\nu", words="strength degradation", least=0, default=0.0
+        r"\delta_\nu", words="strength degradation", least=0, within=_DEGRADATION, default=0.0
     )
     stiffness_degradation: Any = parameter(
-        r"\delta_\eta", words="stiffness degradation", least=0, default=0.0
+        r"\delta_\eta", words="stiffness degradation", least=0, within=_DEGRADATION, default=0.0
     )
     ultimate_displacement: Any = like(Bilinear, "ultimate_displacement", default=np.inf)
 

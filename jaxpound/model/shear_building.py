@@ -34,6 +34,11 @@ from jaxpound.quantities import STANDARD_GRAVITY
 
 TAPER = Range(1e-3, 1e3, "", "top storey's over first's")
 HEIGHT = Range(0.01, 100, "m", "of a storey, of models too")
+STRENGTHS = {
+    "yield_force": Range(1e-6, 1e12, "N", "from models to ten times the weight of a tower"),
+    "base_shear_coefficient": Range(1e-4, 100, "", "of the weight of the building"),
+    "yield_drift": Range(1e-6, 1, "", "of the height of a storey; 0.005 is 0.5 %"),
+}
 
 
 @pytree_dataclass
@@ -277,6 +282,7 @@ class ShearBuilding:
         ((name, value),) = stated.items()
         each = _each(owner, name, value, self.n_floors)
         values = [positive(owner, **{name: x})[0] for x in each]
+        enforce(owner, [STRENGTHS[name].of(name, x) for x in values])
         stiffnesses = [storey.stiffness for storey in self.storeys]
         if yield_drift is not None:
             lengths = [x * height for x, height in zip(values, self.heights, strict=True)]
