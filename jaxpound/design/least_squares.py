@@ -153,9 +153,9 @@ def _estimates(
     spread = 1.0 if noise_is_set else 2 * fit.cost / (n - d)
     by_shares = jax.jacfwd(space.values)(shares)
     slopes = np.array([by_shares[name] for name in space.names])
-    covariance = slopes @ (spread * np.linalg.inv(fit.jac.T @ fit.jac)) @ slopes.T
+    covariance = slopes @ np.linalg.inv(fit.jac.T @ fit.jac) @ slopes.T  # for a spread of 1
     std = np.sqrt(np.diag(covariance))
-    half_widths = std * stats.t.isf((1 - confidence) / 2, n - d)
+    half_widths = np.sqrt(spread) * std * stats.t.isf((1 - confidence) / 2, n - d)
     estimates = {
         name: Estimate(float(x), float(x - half), float(x + half), confidence)
         for (name, x), half in zip(space.values(shares).items(), half_widths, strict=True)

@@ -45,8 +45,7 @@ def cyclic_test(law: Any, displacements: Any, stiffness: Any = 1.0, steps: int =
         K > 0 before yield; forces are in its unit times that of displacements.
     steps
         Equal steps ≥ 1 of the law from a displacement to the next, all of which are in the result:
-        (n − 1) ``steps`` + 1 instants. ``Bilinear`` is exact for any; ``BoucWen`` is of second
-        order in them, and exact for an exponent of 1 without degradation.
+        (n − 1) ``steps`` + 1 instants. ``Bilinear`` is exact for any, ``BoucWen`` of second order.
 
     Examples
     --------
@@ -70,7 +69,7 @@ def cyclic_test(law: Any, displacements: Any, stiffness: Any = 1.0, steps: int =
 
 @partial(jax.jit, static_argnames="steps")
 def _tested(law: Any, turns: jax.Array, modulus: Any, steps: int) -> CyclicTest:
-    share = jnp.arange(1, steps + 1) / steps
+    share = jnp.arange(1, steps + 1)[None] / steps
     between = turns[:-1, None] * (1 - share) + turns[1:, None] * share
     x = jnp.append(turns[0], between.reshape(-1))
     path = within(HysteresisConstants(law, modulus).ultimate, x)
