@@ -3,8 +3,8 @@
 ``rod`` has the fractional Zener law, ``contact`` the laws of contact, ``system`` rods and links
 between masses, ``structures`` the paper's two structures and floors on rods, ``building`` a
 building in SI units; ``row`` and ``shear_building`` buildings of several storeys, ``vibration``
-their modes. ``places`` names masses, rods and links in words; ``parameters`` reads and changes
-parameters by path.
+their modes, ``pushover`` their strength. ``places`` names masses, rods and links in words;
+``parameters`` reads and changes parameters by path.
 """
 
 import lazy_loader

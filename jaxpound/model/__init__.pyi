@@ -11,6 +11,8 @@ from .hysteresis import BoucWen as BoucWen
 from .hysteresis import HysteresisLaw as HysteresisLaw
 from .hysteresis import YieldingZener as YieldingZener
 from .initial import InitialState as InitialState
+from .pushover import Pushover as Pushover
+from .pushover import pushover as pushover
 from .rod import ZenerRod as ZenerRod
 from .row import FloorLink as FloorLink
 from .row import Row as Row
