@@ -62,7 +62,7 @@ class RodDemand:
     """|e| that would be left if the rod were unloaded at the end of the run, e − f/K with the force
     f of its hysteresis."""
     dissipated_energy: Any = _yielding(
-        *(20, "energy", "energy dissipated by storey {}", "dissipated_energy_{}"), limited=True
+        *(20, "energy", "dissipated energy of storey {}", "dissipated_energy_{}"), limited=True
     )
     """Energy dissipated by yielding."""
     first_yield_time: Any = _yielding(

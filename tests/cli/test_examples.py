@@ -47,6 +47,8 @@ def test_the_example_names_every_key(command, tables):
     text, kinds = example(command), entries(CONFIGURATIONS[command])
     if command in ("simulate", "hazard"):
         assert {*kinds} - {x for x in kinds if of_array(kinds[x])} == {*tables.split()}
+    if command == "simulate":  # of buildings that yield as for a row
+        text += example("simulate", "row")
     if command == "montecarlo":  # as for a row, and noise as for rare events
         text += example("montecarlo", "row") + example("rare")
     if command == "design":
