@@ -54,7 +54,7 @@ def of_each(response: Response, group: str, field: str, name: str) -> list[Curve
         f"building {b}": [floor[is_rod] for floor in building]
         for b, building in enumerate(buildings_of(response), 1)
     }
-    if not members:
+    if sum(map(len, members.values())) != len(series):  # no buildings, or rods beside each other
         return _named(places, series)
     curves = _grouped(members, map(house.building_colour, count()), series)
     if len(series) <= _NAMED:
