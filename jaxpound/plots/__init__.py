@@ -11,6 +11,7 @@ returns them.
 """
 
 from jaxpound.plots.curves import same_units as same_units
+from jaxpound.plots.floors import ductility as ductility
 from jaxpound.plots.floors import envelope as envelope
 from jaxpound.plots.floors import envelopes as envelopes
 from jaxpound.plots.floors import mode_shapes as mode_shapes

@@ -36,14 +36,19 @@ _DRAWN: dict[str, Quantity] = {
     name: field
     for name, field in quantities(FloorDemands).items()
     if not name.startswith("contact")
-} | {"contact": Quantity("force", "peak contact force", symbol="peak $p$")}
+} | {
+    "contact": Quantity("force", "peak contact force", symbol="peak $p$"),
+    "ductility": Quantity(None, "ductility", symbol=r"peak $\mu$"),
+}
+_NOT_OF_ALL = ("contact", "ductility")
 
 Floors = Sequence[FloorDemands]
 
 
 def _values(demands: FloorDemands, quantity: str) -> np.ndarray:
-    """A quantity of the valid runs, shape (runs, floors)."""
-    values = np.asarray(getattr(demands, quantity))
+    """A quantity of the valid runs, shape (runs, floors); 0 of a building that lacks it."""
+    values = getattr(demands, quantity)
+    values = 0 * np.asarray(demands.displacement) if values is None else np.asarray(values)
     values = values.reshape(-1, values.shape[-1])
     return values[np.isfinite(values).all(-1)]
 
@@ -60,9 +65,9 @@ def envelope(
     Of a batch the line is the median of the valid runs, the band reaches from 16 to 84 %.
 
     ``floors`` are the building's demands, from ``floor_demands``, or such demands by name, to be
-    compared. The quantity is "displacement", "drift", "acceleration", "shear" or "contact", the
-    largest force of contact from either side. ``elevations`` are the height of each floor above the
-    ground, m; by default the floors' numbers.
+    compared. The quantity is "displacement", "drift", "acceleration", "shear", "contact", the
+    largest force of contact from either side, or "ductility", of storeys that yield. ``elevations``
+    are the height of each floor above the ground, m; by default the floors' numbers.
 
     A ``ValueError`` if there is no such quantity, no run is valid, elevations are not one for each
     floor in ascending order, or runs to be compared are of other buildings or units.
@@ -96,7 +101,8 @@ def envelopes(
     """Peak demands of buildings over their height: a row of panels for each building.
 
     The panels of a row are displacement, storey drift, acceleration, storey shear and, where there
-    is any, contact force; each has one scale for all buildings. A batch is as in ``envelope``.
+    are any, contact force and ductility; each has one scale for all buildings. A batch is as in
+    ``envelope``.
 
     ``floors`` are what ``floor_demands`` gives, one for each building, of a run or a batch; or such
     tuples by name, to be compared: the first is grey. ``elevations`` are those of ``row``, by
@@ -117,11 +123,7 @@ def envelopes(
     owner = "envelopes"
     runs = _runs(owner, floors, Sequence)
     buildings = next(iter(runs.values()))
-    if labels is None:
-        labels = [f"building {building.building + 1}" for building in buildings]
-    elif len(labels) != len(buildings):
-        rule = f"must be one for each of the {len(buildings)} buildings"
-        raise InvalidInput(owner, f"labels, {len(labels)} of them,", "", rule)
+    labels = _names(owner, buildings, labels)
     heights = floor_heights(owner, [len(building.masses) for building in buildings], elevations)
     profiles = {
         name: [[_values(run[b], name) for run in runs.values()] for b in range(len(buildings))]
@@ -129,8 +131,9 @@ def envelopes(
     }
     for of_runs in profiles[_FROM_ZERO]:
         _require_valid(owner, runs, of_runs)
-    if not any(values.any() for of_runs in profiles["contact"] for values in of_runs):
-        del profiles["contact"]
+    for name in _NOT_OF_ALL:
+        if not any(values.any() for of_runs in profiles[name] for values in of_runs):
+            del profiles[name]
 
     sizes = [0.5 + 0.06 * building.size for building in heights]
     figure = house.new_figure(2, sum(sizes) + 0.35)
@@ -151,6 +154,48 @@ def envelopes(
         handles = panels[0, 0].get_lines()
         figure.legend(handles, list(runs), loc="outside upper center", ncols=min(4, len(runs)))
     return figure
+
+
+@in_house_style
+def ductility(
+    floors: Floors,
+    elevations: Sequence[Any] | None = None,
+    labels: Sequence[str] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Ductility of the storeys of buildings that yield, over their height, in one diagram.
+
+    Storeys yield to the right of the dotted line. Arguments are those of ``envelopes``, but for
+    runs by name. A ``ValueError`` as there, or if no building yields.
+
+    Examples
+    --------
+    >>> from jaxpound import plots
+    >>> frame = jp.ShearBuilding.from_period(2, 300e3, period=0.5, damping_ratio=0.05)
+    >>> row = jp.Buildings((frame.yielding(yield_drift=0.001),))
+    >>> found = jp.demand(row, lambda t: 2.0 * np.sin(10.0 * t), jp.TimeGrid.until(4.0, dt=0.02))
+    >>> plots.ductility(jp.floor_demands(row, found)).get_ylabel()
+    'floor'
+    """
+    owner = "ductility"
+    instance(owner, "floors", floors, Sequence)
+    buildings = _runs(owner, floors, Sequence)[""]
+    heights = floor_heights(owner, [len(building.masses) for building in buildings], elevations)
+    each = zip(buildings, heights, _names(owner, buildings, labels), strict=True)
+    yielding = [(of, y, words) for of, y, words in each if of.ductility is not None]
+    if not yielding:
+        raise InvalidInput(owner, "floors", "", "must be of a building that yields")
+    ax, in_metres, right = new_axes(ax), elevations is not None, 0.0
+    for of, y, words in yielding:
+        style, values = {"color": house.building_colour(of.building)}, [_values(of, owner)]
+        _require_valid(owner, {"": of}, values)
+        _draw(ax, owner, values, y, in_metres, (1.0, ""), [style | {"label": words}])
+        right = max(right, ax.get_xlim()[1])
+    ax.set_xlim(0, right)
+    _over_height(ax, max((y for _, y, _ in yielding), key=lambda y: y[-1]), in_metres)
+    if len(yielding) > 1:
+        house.legend_above(ax, 3)
+    return ax
 
 
 @in_house_style
@@ -226,6 +271,16 @@ def _runs(owner: str, floors: Any, kind: type) -> dict[str, Any]:
     return runs
 
 
+def _names(owner: str, buildings: Floors, labels: Sequence[str] | None) -> Sequence[str]:
+    """The names of buildings, by default by their numbers."""
+    if labels is None:
+        return [f"building {building.building + 1}" for building in buildings]
+    if len(labels) != len(buildings):
+        rule = f"must be one for each of the {len(buildings)} buildings"
+        raise InvalidInput(owner, f"labels, {len(labels)} of them,", "", rule)
+    return labels
+
+
 def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Sequence[np.ndarray]) -> None:
     for name, values in zip(runs, profiles, strict=True):
         if not values.size:
@@ -234,8 +289,8 @@ def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Sequence[np.nd
 
 
 def _unit(quantity: str, si: bool, profiles: Sequence[np.ndarray]) -> tuple[float, str]:
-    largest = max(float(values.max()) for values in profiles)
-    return unit_for(str(_DRAWN[quantity].kind), si, largest)
+    largest, kind = max(float(values.max()) for values in profiles), _DRAWN[quantity].kind
+    return unit_for(kind, si, largest) if kind else (1.0, "")
 
 
 def _styles(runs: Mapping[str, Any], building: int) -> list[dict[str, Any]]:
@@ -261,8 +316,10 @@ def _draw(
             _draw_points(ax, factor * values, heights - offset * k, style)
         else:
             _draw_line(ax, quantity, factor * values, heights, style)
-    symbol = field.symbol.partition(" $")[2]
-    label(ax, f"{field.words.removeprefix('peak ')}\npeak ${symbol} ({unit[1]})", "")
+    symbol = field.symbol.partition(" $")[2] + (f" ({unit[1]})" if unit[1] else "")
+    label(ax, f"{field.words.removeprefix('peak ')}\npeak ${symbol}", "")
+    if quantity == "ductility":
+        ax.axvline(1, color="black", linewidth=0.7, linestyle=":", zorder=1)
     # Of a batch as far as the band reaches.
     highest = max(float(np.quantile(values, _BAND[-1], axis=0).max()) for values in profiles)
     ax.set_xlim(0, 1.08 * factor * highest or 1.0)
@@ -275,7 +332,7 @@ def _draw_line(
     """A single run as a line; the median of a batch, and 16 to 84 % of it as a band."""
     curves = np.quantile(values, _BAND, axis=0)
     points: dict[str, Any] = {"marker": "o", "markersize": 2.5, "clip_on": False}
-    if quantity in ("drift", "shear"):
+    if quantity in ("drift", "shear", "ductility"):
         heights, points = np.repeat(np.append(0.0, heights), 2)[1:-1], {}
         curves = np.repeat(curves, 2, axis=1)
     elif quantity == _FROM_ZERO:

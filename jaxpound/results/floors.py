@@ -43,6 +43,8 @@ class FloorDemands(Shown):
     """Largest force of contact with what stands to the left; 0 where there is no contact law."""
     contact_right: Any = quantity("force", "peak contact force from the right", symbol="peak $p$")
     """Largest force of contact with what stands to the right."""
+    ductility: Any = None
+    """Ductility of the storey below each floor, 0 of one that never yields; None if none does."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
     heights: tuple[float, ...] = static(default=())
@@ -71,6 +73,8 @@ class FloorDemands(Shown):
         }
         if self.heights and self.si:
             columns["drift ratio (%)"] = 100 * self.drift_ratio
+        if self.ductility is not None:
+            columns["ductility"] = self.ductility
         rows: list[list[str | float]] = [
             [str(i + 1), *(float(x[i]) for x in columns.values())]
             for i in reversed(range(len(self.masses)))
@@ -153,6 +157,8 @@ def _of_building(
         return stacked(list(largest.values()))
 
     displacements = [demand.masses[m].peak_x for m in masses]
+    ductilities = [demand.rods[r].ductility for r in rods]
+    yields = any(x is not None for x in ductilities)
     return FloorDemands(
         building=number,
         masses=masses,
@@ -162,6 +168,7 @@ def _of_building(
         shear=stacked([demand.rods[r].peak_force for r in rods]),
         contact_left=contact(1),
         contact_right=contact(0),
+        ductility=stacked([0.0 if x is None else x for x in ductilities]) if yields else None,
         si=demand.si,
         heights=heights,
     )
