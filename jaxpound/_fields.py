@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from types import NoneType
-from typing import Any, NamedTuple, TypeVar, dataclass_transform
+from typing import Any, NamedTuple, TypeVar, cast, dataclass_transform
 
 import jax.numpy as jnp
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
@@ -48,6 +48,11 @@ class Parameter:
     def low(self) -> float | str | None:
         """The lower bound: a number, or the name of the field that holds it."""
         return self.least if self.above is None else self.above
+
+    @property
+    def range(self) -> Range:
+        """The range in SI; of a pure number without one, its bounds."""
+        return self.within or Range(cast("float", self.low), cast("float", self.most))
 
     @property
     def is_ratio(self) -> bool:

@@ -18,12 +18,7 @@ from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.hysteresis import (
-    YieldingZener,
-    before_yield,
-    hysteresis_of,
-    law_in_length,
-)
+from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of, law_in_length
 from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures

@@ -17,7 +17,6 @@ import jaxpound as jp
 from jaxpound.buildings import pair_of
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
 from jaxpound.cli.tables import LAWS, ContactSection, Friction, Gap
-from jaxpound.cli.yielding import UNITS as OF_YIELDING
 from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
 from jaxpound.model.row import LinkLabels, common_floors, require_floors, require_heights
@@ -88,7 +87,7 @@ class BlockSection(YieldingSection):
         return self.yielding(building)
 
 
-UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()} | OF_YIELDING
+UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}
 """Units of the numbers of a building, by key."""
 
 

@@ -22,17 +22,7 @@ import jaxpound as jp
 from jaxpound._checks import did_you_mean
 from jaxpound.buildings import pair_in, scaled_links
 from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSection
-from jaxpound.cli.reading import (
-    File,
-    Range,
-    Section,
-    between,
-    named,
-    range_of,
-    ranges,
-    refused,
-    unknown_key,
-)
+from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import LAWS, ContactSection, DistributionSpec, drawn
 from jaxpound.model.parameters import get, in_words, metadata, paths, put
@@ -50,7 +40,7 @@ _RANGES: dict[str, Range] = {
     **{key: ranges(BlockSection)[key] for key in ("mass", "stiffness", *_OF_ROD)},
     **{key: ranges(LinkSection)[key] for key in ("friction_force", "gap")},
     **{f"contact.{key}": ranges(ContactSection)[key] for key in _OF_CONTACT},
-    **{key: range_of(jp.BoucWen, key) for key in paths(jp.BoucWen)},
+    **{key: metadata(jp.BoucWen, key).range for key in paths(jp.BoucWen)},
 }
 """Range of a parameter by the end of its key in a row."""
 

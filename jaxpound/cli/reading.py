@@ -69,15 +69,10 @@ def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.M
     return msgspec.Meta(ge=low, le=most, extra={"range": Range(low, high, unit, why)})
 
 
-def range_of(cls: type, name: str) -> Range:
-    """The range of a parameter of one of the library's classes, by default from its bounds."""
-    (parameter,) = (parameter for path, parameter, _ in walk(cls, Parameter) if path == name)
-    return parameter.within or Range(parameter.least, parameter.most)
-
-
 def of_field(cls: type, name: str) -> msgspec.Meta:
     """Annotation: the range of a number that is a parameter of one of the library's classes."""
-    return between(*range_of(cls, name))
+    (parameter,) = (parameter for path, parameter, _ in walk(cls, Parameter) if path == name)
+    return between(*parameter.range)
 
 
 def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta:

@@ -65,7 +65,7 @@ def _of_building(building: Any, floors: jp.FloorDemands, demand: jp.Demand) -> d
     modes = building.modes()
     columns = modes.periods, modes.damping_ratios, modes.participation
     keys = ("period_s", "damping_ratio", "share_of_mass")
-    storeys = enumerate((_of_storey(demand.rods[mass]) for mass in floors.masses), 1)
+    storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
     return {
         "storeys": building.n_floors,
         "height_m": float(building.elevations[-1]),
@@ -75,18 +75,17 @@ def _of_building(building: Any, floors: jp.FloorDemands, demand: jp.Demand) -> d
         "peak_drift_ratio": float(np.max(floors.drift / np.array(building.heights))),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
-        "yielding": [{"storey": i, **numbers} for i, numbers in storeys if numbers],
+        "yielding": [
+            {"storey": i} | x | {"collapsed": x["collapsed"] > 0} for i, x in storeys if x
+        ],
         "modes": [dict(zip(keys, map(float, x), strict=True)) for x in zip(*columns, strict=True)],
     }
 
 
-def _of_storey(rod: RodDemand) -> dict[str, Any]:
+def _of_storey(rod: RodDemand) -> dict[str, float]:
     """What yielding does to a storey, whose rod has the number of its floor; or nothing."""
-    if rod.ductility is None:
-        return {}
-    columns = _columns(RodDemand, "yielding").items()
-    numbers = {key: float(getattr(rod, name)) for name, key in columns}
-    return numbers | {"collapsed": bool(rod.collapsed)}
+    columns = {} if rod.ductility is None else _columns(RodDemand, "yielding")
+    return {key: float(getattr(rod, name)) for name, key in columns.items()}
 
 
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:

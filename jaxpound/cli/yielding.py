@@ -11,16 +11,12 @@ from typing import Annotated, Any, Literal
 
 import jaxpound as jp
 from jaxpound.cli.reading import Section, between, each, named, of_field
-from jaxpound.model.parameters import metadata, paths
+from jaxpound.model.parameters import paths
 from jaxpound.model.shear_building import STRENGTHS
-from jaxpound.quantities import unit
 
 _LAWS = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen}
 _OF_LAWS = paths(jp.BoucWen)  # which has those of Bilinear, too
 _OF_STOREY = "yield_displacement"  # of each storey, by its strength
-
-UNITS = {key: unit(metadata(jp.BoucWen, key).kind, si=True) for key in _OF_LAWS}
-"""Units of the numbers of laws, by key."""
 
 _Force = Annotated[float, between(*STRENGTHS["yield_force"])]
 _Coefficient = Annotated[float, between(*STRENGTHS["base_shear_coefficient"])]
@@ -51,15 +47,15 @@ class YieldingSection(Section):
     def yielding(self, building: jp.ShearBuilding) -> jp.ShearBuilding:
         """A building with this strength and under its weight; a ``ValueError`` for a fault."""
         stated = {key: x for key, x in self.stated().items() if key in YIELDING}
-        p_delta, law = stated.pop("p_delta", False), stated.pop("law", None)
-        if stated or law:
-            law = law or "bilinear"
+        p_delta = stated.pop("p_delta", False)
+        if stated:
+            law = stated.pop("law", "bilinear")
             keys = [key for key in paths(_LAWS[law]) if key != _OF_STOREY]
             rule = f'must not be given with law = "{law}"; give {", ".join(keys)}'
             self.refuse_any({*_OF_LAWS} - {*keys}, rule)
-            with named("", UNITS):
+            with named(""):
                 building = building.yielding(_LAWS[law], **stated)
-        with named("p_delta:", UNITS):
+        with named("p_delta:"):
             return building.with_p_delta() if p_delta else building
 
 

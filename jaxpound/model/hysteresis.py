@@ -21,6 +21,7 @@ from jaxpound.model.rod import ZenerRod
 State = TypeVar("State")
 
 _ELONGATION = Range(1e-9, 1e6, "", "from models to towers, in m or g/ω1²")
+_END = _ELONGATION._replace(high=np.inf)
 _DEGRADATION = Range(0, 100, "", "for each K e_y² of energy; usually 0 to 0.1")
 
 
@@ -134,11 +135,7 @@ class Bilinear:
         r"\alpha", words="hardening", least=-1, most=1, usual=(0.0, 0.3), default=0.0
     )
     ultimate_displacement: Any = parameter(
-        *("e_u", "length", "ultimate displacement"),
-        above=0,
-        finite=False,
-        within=_ELONGATION._replace(high=np.inf),
-        default=np.inf,
+        "e_u", "length", "ultimate displacement", above=0, finite=False, within=_END, default=np.inf
     )
 
     def __post_init__(self) -> None:

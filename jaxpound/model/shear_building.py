@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import reprlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any, cast
 
 import jax.numpy as jnp
@@ -19,8 +18,8 @@ from jaxpound._checks import (
     hint,
     is_traced,
     number,
-    positive,
     positive_number,
+    real,
 )
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
@@ -39,6 +38,7 @@ STRENGTHS = {
     "base_shear_coefficient": Range(1e-4, 100, "", "of the weight of the building"),
     "yield_drift": Range(1e-6, 1, "", "of the height of a storey; 0.005 is 0.5 %"),
 }
+"""Ranges of the strength of storeys that yield, by the argument that states it."""
 
 
 @pytree_dataclass
@@ -134,8 +134,10 @@ class ShearBuilding:
         listed = [_each(owner, name, value, n) for name, value in rods.items()]
         storeys = []
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
-            with _storey(owner, i):
+            try:
                 storeys.append(Building(*numbers))
+            except InvalidInput as error:
+                raise error.replaced(owner=f"{owner}: storeys.{i}") from error
         building = cls(tuple(storeys), _each(owner, "heights", heights, n))
         if yield_force is None:
             return building
@@ -270,18 +272,13 @@ class ShearBuilding:
         [1059, 883, 530]
         """
         owner = "ShearBuilding.yielding"
-        strengths = {
-            "yield_force": yield_force,
-            "base_shear_coefficient": base_shear_coefficient,
-            "yield_drift": yield_drift,
-        }
-        stated = {name: x for name, x in strengths.items() if x is not None}
+        strengths = zip(STRENGTHS, (yield_force, base_shear_coefficient, yield_drift), strict=True)
+        stated = {name: x for name, x in strengths if x is not None}
         if len(stated) != 1:
-            rule = f"must be stated alone: {', '.join(strengths)}"
-            raise InvalidInput(owner, "one strength", "", rule)
-        ((name, value),) = stated.items()
-        each = _each(owner, name, value, self.n_floors)
-        values = [positive(owner, **{name: x})[0] for x in each]
+            name = f"a strength by {' and '.join(stated) or 'nothing'}"
+            raise InvalidInput(owner, name, "", f"must be by one of {', '.join(STRENGTHS)}")
+        ((name, value),), n = stated.items(), self.n_floors
+        values = [real(owner, name, x) for x in _each(owner, name, value, n)]
         enforce(owner, [STRENGTHS[name].of(name, x) for x in values])
         stiffnesses = [storey.stiffness for storey in self.storeys]
         if yield_drift is not None:
@@ -291,13 +288,10 @@ class ShearBuilding:
                 weight = gravity * sum(storey.mass for storey in self.storeys)
                 values = storey_shears(self.storeys, self.elevations, values[0] * weight)
             lengths = [force / k for force, k in zip(values, stiffnesses, strict=True)]
-        by_name = {key: _each(owner, key, x, self.n_floors) for key, x in numbers.items()}
-        storeys = []
-        for i, (storey, e_y) in enumerate(zip(self.storeys, lengths, strict=True)):
-            with _storey(owner, i):
-                of_law = {key: x[i] for key, x in by_name.items()}
-                hysteresis = law(yield_displacement=e_y, **of_law)
-                storeys.append(dataclasses.replace(storey, hysteresis=hysteresis))
+        listed = {key: _each(owner, key, x, n) for key, x in numbers.items()}
+        listed["yield_displacement"] = tuple(lengths)
+        laws = (law(**{key: x[i] for key, x in listed.items()}) for i in range(n))
+        storeys = map(lambda x, y: dataclasses.replace(x, hysteresis=y), self.storeys, laws)
         return dataclasses.replace(self, storeys=tuple(storeys))
 
     def with_p_delta(self, gravity: Any = STANDARD_GRAVITY) -> ShearBuilding:
@@ -310,10 +304,10 @@ class ShearBuilding:
         above = np.cumsum([storey.mass for storey in self.storeys][::-1])[::-1]
         if is_traced(above):
             raise InvalidInput("with_p_delta", "masses", "", "must be known, not traced")
-        storeys = []
-        for i, storey in enumerate(self.storeys):
-            with _storey("with_p_delta", i):
-                storeys.append(with_weight(storey, gravity * above[i], self.heights[i]))
+        storeys = [
+            with_weight(storey, gravity * mass, height)
+            for storey, mass, height in zip(self.storeys, above, self.heights, strict=True)
+        ]
         return dataclasses.replace(self, storeys=tuple(storeys))
 
     @property
@@ -363,15 +357,6 @@ _PUBLISHED: dict[str, tuple[int, float, float, float]] = {
     "jankowski-left": (3, 25e3, 3.46e6, 3.0),
     "jankowski-right": (3, 1000e3, 2.215e9, 3.0),
 }
-
-
-@contextmanager
-def _storey(owner: str, i: int) -> Iterator[None]:
-    """Errors on what belongs to a storey name it."""
-    try:
-        yield
-    except InvalidInput as error:
-        raise error.replaced(owner=f"{owner}: storeys.{i}") from error
 
 
 def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:

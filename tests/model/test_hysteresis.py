@@ -125,8 +125,11 @@ test_refused = refusals(
         r"BoucWen: exponent = 0.5 must be finite and at least 1$",
     ),
     (jp.base_shear_coefficient, 0.5, "DCX", r"ductility_class = 'DCX' must be a class"),
-    (FRAME.yielding, r"one strength must be stated alone: yield_force"),
-    (lambda: FRAME.yielding(yield_force=-1.0), r"yield_force = -1 must be positive"),
+    (FRAME.yielding, r"a strength by nothing must be by one of yield_force, base_shear"),
+    (
+        lambda: FRAME.yielding(yield_force=-1.0),
+        r"yield_force = -1 must be between 1e-06 and 1e\+12 N",
+    ),
     (
         lambda: FRAME.yielding(yield_drift=0.005).with_p_delta(),
         r"ultimate_displacement = inf must be finite",
