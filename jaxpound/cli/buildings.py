@@ -83,8 +83,7 @@ class BlockSection(YieldingSection):
         heights = () if self.height is None else ((self.height,),)
         with named("", UNITS):
             block = (jp.Building.from_period if "period" in values else jp.Building)(**values)
-            building = jp.ShearBuilding((block,), *heights)
-        return self.yielding(building)
+        return self.yielding(jp.ShearBuilding((block,), *heights))
 
 
 UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}

@@ -75,9 +75,7 @@ def _of_building(building: Any, floors: jp.FloorDemands, demand: jp.Demand) -> d
         "peak_drift_ratio": float(np.max(floors.drift / np.array(building.heights))),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
-        "yielding": [
-            {"storey": i} | x | {"collapsed": x["collapsed"] > 0} for i, x in storeys if x
-        ],
+        "yielding": [{"storey": i} | x for i, x in storeys if x],
         "modes": [dict(zip(keys, map(float, x), strict=True)) for x in zip(*columns, strict=True)],
     }
 
@@ -85,7 +83,8 @@ def _of_building(building: Any, floors: jp.FloorDemands, demand: jp.Demand) -> d
 def _of_storey(rod: RodDemand) -> dict[str, float]:
     """What yielding does to a storey, whose rod has the number of its floor; or nothing."""
     columns = {} if rod.ductility is None else _columns(RodDemand, "yielding")
-    return {key: float(getattr(rod, name)) for name, key in columns.items()}
+    kinds = {"collapsed": bool}
+    return {key: kinds.get(key, float)(getattr(rod, x)) for x, key in columns.items()}
 
 
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:

@@ -1,0 +1,155 @@
+"""Buildings that yield in configurations: what they become, and what each command says of them."""
+
+import re
+
+import jax
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.cli.buildings import as_toml
+from jaxpound.cli.montecarlo import StudyConfig, prepared
+from jaxpound.cli.parameters import Parameters
+from jaxpound.cli.reading import File
+from jaxpound.cli.simulate import Simulation
+from jaxpound.model.parameters import get
+from tests.cli.commands import command_for, csv_rows, run, summary
+from tests.cli.test_study_row import no_elasticities
+from tests.ground.test_suite import SUITE, at2
+from tests.refusals import refusals
+
+STOREYS = "[[building]]\nstoreys = {number = 3, mass = 2e5, period = 0.4, damping_ratio = 0.05}\n"
+FRAME = jp.ShearBuilding.from_period(3, 2e5, 0.4, 0.05)
+PAIR = """gap = 0.05
+damper = {friction_force = 0}
+building_2 = {mass = 400e3, period = 0.4, damping_ratio = 0.05}
+[building_1]
+mass = 400e3
+period = 0.6
+damping_ratio = 0.05
+yield_drift = 0.004
+hardening = 0.05
+ultimate_displacement = 0.03
+"""
+COLLAPSE = 0.03 / (0.004 * 3.0)  # the ductility at which building 1 collapses
+NOISE = '[earthquakes]\nfilter = "kanai-tajimi"\nfrequency = 1.5\ndamping = 0.6\n'
+NOISE += "acceleration = 0.06\nduration = 2.0\ndt = 0.05\n[run]\ndt = 0.02\n"
+STRENGTH = '"building.1.storey.1.yield_displacement"'
+
+
+def layout_of(text):
+    return File("row.toml", text).read(Simulation).layout
+
+
+def close(ours, expected, rtol=1e-15):
+    assert jax.tree.structure(ours) == jax.tree.structure(expected)
+    np.testing.assert_allclose(jax.tree.leaves(ours), jax.tree.leaves(expected), rtol=rtol)
+
+
+LISTED = {"yield_force": [2e6, 1e6, 8e5], "hardening": [0.1, 0.05, 0.02]}
+SMOOTH = {
+    "yield_drift": 0.01,
+    "exponent": 3.0,
+    "beta": 0.4,
+    "strength_degradation": [0.0, 0.1, 0.05],
+}
+WEAK = FRAME.yielding(**LISTED, ultimate_displacement=0.1).with_p_delta()
+BUILDINGS = (
+    ({"yield_force": 1e6}, "", FRAME.yielding(yield_force=1e6)),
+    (LISTED, "ultimate_displacement = 0.1\np_delta = true", WEAK),
+    (SMOOTH, "law = 'bouc-wen'", FRAME.yielding(jp.BoucWen, **SMOOTH)),
+)
+
+
+@pytest.mark.parametrize(("numbers", "more", "building"), BUILDINGS)
+def test_the_keys_are_the_library_s_and_are_written_back(numbers, more, building):
+    keys = "".join(f"{key} = {value}\n" for key, value in numbers.items())
+    layout = layout_of(STOREYS + keys + more)
+    assert repr(layout.buildings) == repr((building,))
+    close(layout_of(as_toml(layout.si)).si, layout.si)
+    close(Parameters(layout).buildings(layout.structures), layout.si, rtol=1e-12)
+
+
+def test_two_buildings_of_which_one_yields_are_a_row():
+    layout = layout_of(PAIR + "height = 4.0\np_delta = true")
+    left, right = (jp.Building.from_period(4e5, x, 0.05) for x in (0.6, 0.4))
+    numbers = {"hardening": 0.05, "ultimate_displacement": 0.03}
+    weak = jp.ShearBuilding((left,), 4.0).yielding(yield_drift=0.004, **numbers).with_p_delta()
+    assert repr(layout.buildings) == repr((weak, jp.ShearBuilding((right,))))
+    pair = jp.Buildings((weak.storeys[0], right), layout.si.links)
+    close(layout_of(as_toml(pair)).buildings[0].storeys, weak.storeys)
+
+
+def test_strengths_and_rods_of_storeys_that_yield_may_be_random():
+    table = f'[uncertain]\n{STRENGTH} = {{lognormal = [2.0, 0.3]}}\n"building.*.storey.*.tau_x" = '
+    file = File("row.toml", f"{PAIR}{NOISE}{table}{{lognormal = [2.0, 0.01]}}")
+    structures = prepared(file, file.read(StudyConfig))[0].structures
+    rods = [f"buildings.{b}.rods.0.material" for b in (0, 1)]
+    strength = f"{rods[0]}.hysteresis.yield_displacement"
+    assert {*structures.uncertain} == {strength, f"{rods[0]}.zener.tau_x", f"{rods[1]}.tau_x"}
+    for path, x in structures.parameters(np.zeros(3)).items():
+        assert float(x) == pytest.approx(2 * float(get(structures.nominal, path)))
+
+
+test_faults = refusals(
+    ("yield_force = 1e6\nyield_drift = 0.01", "a strength by yield_force and yield_drift must be"),
+    ("hardening = 0.1", "a strength by nothing must be by one of yield_force, base_shear_coef"),
+    ("yield_force = 1e6\nbeta = 0.5", 'beta must not be given with law = "bilinear"; give harden'),
+    ("yield_force = [1e6]", "yield_force, 1 of them, must be 3, as masses, or one"),
+    ("yield_force = [1e6, -1, 1e6]", "yield_force: storey 2 = -1 N must be between 1e-06 and"),
+    ("yield_force = 1e6\nhardening = -0.1", "ultimate_displacement = inf must be finite where"),
+    ("yield_drift = 0.01\np_delta = true", "p_delta: ultimate_displacement = inf must be fin"),
+    of=lambda keys: layout_of(STOREYS + keys),
+    before=r"row.toml: \[\[building\]\] 1 ",
+)
+MIXED = jp.ShearBuilding((WEAK.storeys[0], *FRAME.storeys[1:]))
+test_laws_of_no_file = refusals((as_toml, jp.Buildings((MIXED,)), "hysteresis must be by one law"))
+
+
+def test_simulate_says_what_the_library_does(pulse, tmp_path):
+    out = told(tmp_path, "simulate", "[run]\nduration = 1.6\n", pulse)
+    si = layout_of(PAIR).si
+    demand = jp.simulate_row(si.buildings, si.links, jp.read_record(pulse), duration=1.6).demand
+    left, right = summary(out)["results"]["buildings"]
+    (storey,), (floor, elastic) = left["yielding"], csv_rows(out / "floors.csv")
+    for key in ("ductility", "residual_drift_m", "dissipated_energy_J", "first_yield_time_s"):
+        expected = float(getattr(demand.rods[0], re.sub("_[mJs]$", "", key)))
+        assert storey[key] == float(floor[key]) == expected
+        assert elastic[key] == ""
+    assert storey["collapsed"] is bool(demand.collapsed) is (storey["ductility"] > COLLAPSE)
+    assert right["yielding"] == []
+
+
+def told(folder, command, more, record=""):
+    """The folder of a command with these buildings."""
+    path = folder / "config.toml"
+    path.write_text(PAIR + more)
+    run(*command_for(command, path, record, folder / command))
+    return folder / command
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_a_building_collapses_at_the_ductility_of_collapse(tmp_path):
+    (tmp_path / "records").mkdir()
+    (tmp_path / "records" / "a.AT2").write_text(at2(SUITE[0].samples, SUITE[0].dt))
+    ladder = '[suite]\nfolder = "records"\n[ida]\nintensities = [0.1, 0.4]\n'
+    study = jp.Study.open(told(tmp_path, "montecarlo", f"{NOISE}[study]\nsamples = 64\n"))
+    answers = []
+    for demand, threshold in (("ductility", COLLAPSE), ("collapsed", 1)):
+        limit = f'demand = "{demand}"\nthreshold = {threshold}\n'
+        probability = summary(told(tmp_path, "rare", f"{NOISE}[limit]\n{limit}"))["probability"]
+        capacities = summary(told(tmp_path, "ida", ladder + limit))["capacities"]
+        median = study.fragility("pga", demand=demand, threshold=threshold).median
+        answers.append([probability, median, capacities["a"]])
+    assert answers[0] == pytest.approx(answers[1], rel=0.01)  # of capacities, which are bisected
+
+
+def test_a_design_may_choose_the_strength(tmp_path, monkeypatch):
+    monkeypatch.setattr(jp, "elasticities", no_elasticities)
+    search = "[search]\nearthquakes = 2\nfresh = 2\nstarts = 1\niterations = 2\n[limits]\n"
+    goal = 'residual_drift = 1.0\n[objective]\ngoal = "least demand"\ndemand = "ductility"\n'
+    variables = f"[variables]\n{STRENGTH} = {{low = 0.5, high = 2.0}}\n"
+    out = told(tmp_path, "design", f"{NOISE}{search}{goal}{variables}")
+    assert summary(out)["answer"][0]["quantity"] == "building 1, storey 1, yield displacement"
+    designed = layout_of((out / "buildings.toml").read_text()).buildings[0].storeys[0]
+    assert float(designed.hysteresis.yield_displacement) == pytest.approx(0.024)  # its bound
