@@ -294,10 +294,9 @@ def as_toml(buildings: jp.Buildings) -> str:
         (link,) = buildings.links
         lines = [f"gap = {_written(link.gap)}  # m", ""]
         for i, building in enumerate(members, start=1):
-            numbers = {key: getattr(building, key) for key in _BY_ROD}
-            numbers |= {key: x for key, (x,) in keys_of([building]).items()}
-            lines += [f"[building_{i}]", *(f"{key} = {_written(x)}" for key, x in numbers.items())]
-            lines.append("")
+            keys = {key: getattr(building, key) for key in _BY_ROD}
+            keys |= {key: x for key, (x,) in keys_of([building]).items()}
+            lines += [f"[building_{i}]", *(f"{key} = {_written(x)}" for key, x in keys.items()), ""]
         lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
         return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}

@@ -77,6 +77,6 @@ def keys_of(storeys: Sequence[jp.Building]) -> dict[str, list[Any]]:
         rule = f"must be by one law in all storeys of a building, {' or '.join(_LAWS)}"
         raise jp.InvalidInput("Buildings", "hysteresis", "", rule)
     numbers: dict[str, list[Any]] = {key: [getattr(x, key) for x in laws] for key in paths(laws[0])}
-    lengths = zip(storeys, numbers.pop(_OF_STOREY), strict=True)
-    forces = [storey.stiffness * length for storey, length in lengths]
+    lengths = numbers.pop(_OF_STOREY)
+    forces = [x.stiffness * length for x, length in zip(storeys, lengths, strict=True)]
     return {"law": names, "yield_force": forces, **numbers}

@@ -47,12 +47,7 @@ def close(ours, expected, rtol=1e-15):
 
 
 LISTED = {"yield_force": [2e6, 1e6, 8e5], "hardening": [0.1, 0.05, 0.02]}
-SMOOTH = {
-    "yield_drift": 0.01,
-    "exponent": 3.0,
-    "beta": 0.4,
-    "strength_degradation": [0.0, 0.1, 0.05],
-}
+SMOOTH = {"yield_drift": 0.01, "exponent": 3.0, "strength_degradation": [0.0, 0.1, 0.05]}
 WEAK = FRAME.yielding(**LISTED, ultimate_displacement=0.1).with_p_delta()
 BUILDINGS = (
     ({"yield_force": 1e6}, "", FRAME.yielding(yield_force=1e6)),

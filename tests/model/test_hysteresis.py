@@ -117,19 +117,10 @@ test_refused = refusals(
     (jp.Bilinear, 0.0, r"Bilinear: yield_displacement = 0 must be positive and finite"),
     (jp.Bilinear, 0.1, 1.5, r"hardening = 1.5 must be between -1 and 1"),
     (jp.Bilinear, 0.1, -0.1, r"ultimate_displacement = inf must be finite where hardening is neg"),
-    (
-        jp.BoucWen,
-        0.1,
-        0.0,
-        0.5,
-        r"BoucWen: exponent = 0.5 must be finite and at least 1$",
-    ),
+    (jp.BoucWen, 0.1, 0.0, 0.5, r"BoucWen: exponent = 0.5 must be finite and at least 1$"),
     (jp.base_shear_coefficient, 0.5, "DCX", r"ductility_class = 'DCX' must be a class"),
     (FRAME.yielding, r"a strength by nothing must be by one of yield_force, base_shear"),
-    (
-        lambda: FRAME.yielding(yield_force=-1.0),
-        r"yield_force = -1 must be between 1e-06 and 1e\+12 N",
-    ),
+    (lambda: FRAME.yielding(yield_force=-1.0), r"yield_force = -1 must be between 1e-06 and"),
     (
         lambda: FRAME.yielding(yield_drift=0.005).with_p_delta(),
         r"ultimate_displacement = inf must be finite",
