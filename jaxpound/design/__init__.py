@@ -3,8 +3,7 @@
 ``run`` has ``design_damper`` and ``design`` its result. ``space``, ``ensemble`` and ``objective``
 define a design problem, ``problem`` puts them together; ``search`` is the loop of iterations,
 ``lagrangian`` one iteration; ``rare_limits`` repeats searches within limits on probabilities.
-``pareto``, ``elasticity``, ``calibration`` and ``cyclic_calibration`` answer related questions;
-``least_squares`` is what calibrations share.
+``pareto``, ``elasticity`` and ``calibration`` answer related questions.
 """
 
 import lazy_loader

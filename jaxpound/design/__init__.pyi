@@ -1,7 +1,6 @@
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate
-from .cyclic_calibration import CyclicCalibration as CyclicCalibration
-from .cyclic_calibration import calibrate_cyclic as calibrate_cyclic
+from .calibration import calibrate_cyclic as calibrate_cyclic
 from .design import Comparison as Comparison
 from .design import Design as Design
 from .elasticity import Elasticities as Elasticities

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from typing import Any
 
 import jax
@@ -15,12 +16,12 @@ from jaxpound._checks import Rule, enforce, instance
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import quantities
 from jaxpound._tables import Shown, TextTable
-from jaxpound.design.least_squares import estimates_table, fitted, spread
-from jaxpound.design.space import DesignSpace
+from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import unseen, warn
 from jaxpound.ground.run_input import as_pytree, require_time_unit
+from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.system import Structures, System, gravity_of, is_closable
 from jaxpound.quantities import unit
 from jaxpound.results.elements import of_link
@@ -28,8 +29,11 @@ from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme, imprecise, single_system
+from jaxpound.simulation.yielding import CyclicTest, cyclic_test
 from jaxpound.study.statistics import Estimate
 from jaxpound.units import Scales, scales_for
+
+_AT_BOUND = 1e-4  # of the way between the bounds
 
 
 def measurables(system: System) -> dict[str, str | None]:
@@ -58,8 +62,8 @@ class Calibration(Shown):
     """Correlation matrix of the estimates, shape (d, d)."""
     noise: dict[str, float]
     """Standard deviation of the residuals, by series, in the series' unit."""
-    response: Response
-    """The run of the calibrated structures."""
+    response: Any
+    """The ``Response`` of the calibrated structures, or the ``CyclicTest`` of their rod."""
     residuals: dict[str, np.ndarray]
     """Measured − simulated, of the measured shapes; NaN where nothing was measured."""
     at_bounds: tuple[str, ...]
@@ -68,11 +72,16 @@ class Calibration(Shown):
     """Runs of the simulator, each with its derivatives."""
 
     def _tables(self) -> list[TextTable]:
-        si, kinds = self.response.si, measurables(self.structures.system())
+        kinds = measurables(self.structures.system()) | {"force": "force"}
         units = "dimensionless" if gravity_of(self.structures) is None else "SI"
-        heading = f"parameter ({units})"
+        si = getattr(self.response, "si", units == "SI")
         return [
-            estimates_table(heading, self.parameters, self.at_bounds, self.simulations),
+            TextTable(
+                f"Calibration ({self.simulations} runs)",
+                (f"parameter ({units})", "estimate"),
+                [(path, str(estimate)) for path, estimate in self.parameters.items()],
+                [f"{path} is at a bound: its interval means nothing" for path in self.at_bounds],
+            ),
             TextTable(
                 "Noise, what is left of the measured series",
                 ("series", "standard deviation", "unit"),
@@ -140,31 +149,126 @@ def calibrate(
     if strict:  # before the time for the fit is spent
         warn(owner, unseen(ground, grid) + imprecise(system, shaking), strict)
 
-    def run(structures: Any, strict: bool = False) -> Response:
-        response = simulate(structures, shaking, grid, scheme, strict=strict)
+    def run(structures: Any, last: bool = False) -> Response:
+        response = simulate(structures, shaking, grid, scheme, strict=strict and last)
         return response if scales is None else scales.to_si(response)
 
-    def series(shares: Any) -> dict[str, jax.Array]:
-        return _series(run(space.structures(shares)), data)
+    options = data, noise, start, starts, key, confidence
+    return _calibrated(owner, space, run, partial(_series, data=data), *options)
 
-    fit = fitted(
-        owner,
-        space,
-        series,
-        data,
-        noise=noise,
-        start=start,
-        starts=starts,
-        key=key,
-        confidence=confidence,
-    )
-    structures = jax.tree.map(float, space.structures(jnp.asarray(fit.shares)))
-    response = run(structures, strict)
-    simulated = _series(response, data)
+
+def calibrate_cyclic(
+    space: DesignSpace, displacements: Any, forces: Any, rod: int = 0, **options: Any
+) -> Calibration:
+    """The parameters of a rod that yields that fit a measured cyclic test best.
+
+    ``displacements`` and ``forces`` were measured, shape (n,) each; forces are NaN where nothing
+    was. ``space`` has parameters of one rod of its structures, by number from 0: its stiffness, and
+    its law, which alone is tested of a ``YieldingZener``. ``options`` are ``noise``, by the name
+    "force", ``start``, ``starts``, ``key`` and ``confidence`` of ``calibrate``. Raises
+    ``ValueError`` as ``calibrate`` does, or if the rod never yields.
+
+    Examples
+    --------
+    >>> rod = jp.Rod(jp.Bilinear(0.1, hardening=0.05), 2.0, (0, jp.GROUND))
+    >>> history = 0.3 * np.sin(np.linspace(0, 9, 60))
+    >>> measured = jp.cyclic_test(rod.material, history, stiffness=5.0, steps=1).force
+    >>> space = jp.DesignSpace(jp.System((1,), (rod,)), {"rods.0.stiffness": (1, 20)})
+    >>> round(jp.calibrate_cyclic(space, history, measured).structures.rods[0].stiffness, 4)
+    5.0
+    """
+    owner = "calibrate_cyclic"
+    instance(owner, "space", space, DesignSpace)
+    if not (_checks.is_whole(rod) and 0 <= rod < len(space.nominal.system().rods)):
+        raise InvalidInput(owner, "rod", repr(rod), "must be the number of a rod")
+    x, force = np.asarray(displacements), _measured(owner, "forces", forces)
+    if force.shape != x.shape:
+        rule = f"of shape {force.shape} must be {x.shape}, as displacements"
+        raise InvalidInput(owner, "forces", "", rule)
+
+    def run(structures: Any, last: bool = False) -> CyclicTest:
+        tested = structures.system().rods[rod]
+        return cyclic_test(hysteresis_of(tested.material), x, tested.stiffness, steps=1)
+
+    run(space.nominal)  # refuses what is wrong
+    return _calibrated(owner, space, run, lambda x: {"force": x.force}, {"force": force}, **options)
+
+
+def _calibrated(
+    owner: str,
+    space: DesignSpace,
+    run: Callable[..., Any],
+    series: Callable[[Any], dict[str, jax.Array]],
+    data: Mapping[str, np.ndarray],
+    noise: Mapping[str, float] | None = None,
+    start: Any = None,
+    starts: int = 4,
+    key: int = 0,
+    confidence: float = 0.95,
+) -> Calibration:
+    """The parameters of a space by whose runs the series fit the data best."""
+    _checks.require_share(owner, "confidence", confidence)
+    weights = _weights(owner, data, noise)
+    n, d = sum(int(np.isfinite(x).sum()) for x in data.values()), space.dimension
+    enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
+    residual, fit = _least_squares(lambda shares: series(run(space.structures(shares))), data)
+    first = start_shares(owner, space, start)
+    starts, key = _checks.count(owner, "starts", starts), _checks.seed(owner, "key", key)
+    spread = spread_shares(first, starts, key)
+    fits = [fit(x, weights) for x in spread if np.isfinite(residual(x, weights)).all()]
+    if not fits:
+        raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
+    best = min(fits, key=lambda x: x.cost)
+    if noise is None:
+        best = fit(best.x, _weights_by_residuals(weights, best.fun, data))
+        fits.append(best)
+    shares = np.asarray(best.x)
+    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
+    structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
+    response = run(structures, True)
+    simulated = series(response)
     residuals = {name: x - np.asarray(simulated[name]) for name, x in data.items()}
-    spreads = {name: spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
-    results = fit.parameters, fit.correlation, spreads, response, residuals
-    return Calibration(structures, *results, fit.at_bounds, fit.runs)
+    spreads = {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
+    edges = np.flatnonzero((shares < _AT_BOUND) | (shares > 1 - _AT_BOUND))
+    at_bounds, runs = tuple(space.names[i] for i in edges), sum(x.nfev for x in fits)
+    results = estimates, correlation, spreads, response, residuals, at_bounds, runs
+    return Calibration(structures, *results)
+
+
+def _least_squares(
+    series: Callable[[Any], dict[str, jax.Array]], data: Mapping[str, np.ndarray]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Weighted residuals by scaled variables and weights, and the fit from a start."""
+    from scipy import optimize  # only here: it takes a second to import
+
+    def difference(shares: Any, weights: Mapping[str, Any]) -> Any:
+        simulated = series(shares)
+        parts = [
+            jnp.where(np.isfinite(x), (simulated[name] - np.nan_to_num(x)) / weights[name], 0.0)
+            for name, x in data.items()
+        ]
+        return jnp.concatenate(parts)
+
+    residual, slope = jax.jit(difference), jax.jit(jax.jacfwd(difference))
+
+    def fit(start: np.ndarray, weights: Mapping[str, float]) -> Any:
+        return optimize.least_squares(
+            lambda shares: np.asarray(residual(shares, weights), np.float64),
+            np.clip(np.asarray(start, np.float64), 1e-6, 1 - 1e-6),
+            jac=lambda shares: np.asarray(slope(shares, weights), np.float64),
+            bounds=(0.0, 1.0),
+            x_scale="jac",
+            xtol=1e-10,
+            ftol=1e-12,
+            gtol=1e-12,
+        )
+
+    return residual, fit
+
+
+def _spread(residual: np.ndarray) -> float:
+    """Root mean square; 0 if there is no number."""
+    return float(np.sqrt(np.mean(residual**2))) if residual.size else 0.0
 
 
 def _series(response: Response, data: Mapping[str, np.ndarray]) -> dict[str, jax.Array]:
@@ -200,7 +304,7 @@ def _data(
             if str(name).startswith("impacts") and not any("." in x for x in measurable):
                 rule = "must not be given for structures without a law of contact"
             raise InvalidInput(owner, place, "", rule)
-        x = np.asarray(_checks.real(owner, place, values), float)
+        x = _measured(owner, place, values)
         most, n = min(MOST, grid.n_steps), grid.n_steps + 1
         if "." in name:
             right, rule = x.ndim == 1 and 1 <= x.size <= most, f"(m,), m impacts from 1 to {most}"
@@ -208,6 +312,54 @@ def _data(
             right, rule = x.shape == (n,), f"({n},), a number for every instant of the grid"
         if not right:
             raise InvalidInput(owner, place, "", f"of shape {x.shape} must be {rule}")
-        enforce(owner, [Rule(place, x, ~np.isinf(x), "finite, or NaN for no number")])
         data[name] = x
     return data
+
+
+def _measured(owner: str, place: str, values: Any) -> np.ndarray:
+    x = np.asarray(_checks.real(owner, place, values), float)
+    enforce(owner, [Rule(place, x, ~np.isinf(x), "finite, or NaN for no number")])
+    return x
+
+
+def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str, float]:
+    if noise is None:
+        sizes = {name: float(np.sqrt(np.nanmean(x**2))) for name, x in data.items()}
+        return {name: size if size > 0 else 1.0 for name, size in sizes.items()}
+    instance(owner, "noise", noise, Mapping)
+    for name in data:
+        if name not in noise:
+            raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
+        _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
+    return {name: float(noise[name]) for name in data}
+
+
+def _weights_by_residuals(
+    weights: Mapping[str, float], residuals: Any, data: Mapping[str, np.ndarray]
+) -> dict[str, float]:
+    """The standard deviations of each series' residuals, which are given over the weights."""
+    ends = np.cumsum([x.size for x in data.values()])[:-1]
+    parts = zip(data.items(), np.split(np.asarray(residuals), ends), strict=True)
+    return {name: weights[name] * (_spread(r[np.isfinite(x)]) or 1.0) for (name, x), r in parts}
+
+
+def _estimates(
+    owner: str, space: DesignSpace, fit: Any, n: int, noise_is_set: bool, confidence: float
+) -> tuple[dict[str, Estimate], np.ndarray]:
+    """Values with intervals, and their correlation, from the Jacobian at the fit."""
+    from scipy import stats
+
+    d, shares = space.dimension, jnp.asarray(fit.x)
+    if np.linalg.matrix_rank(fit.jac) < d:
+        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
+    spread = 1.0 if noise_is_set else 2 * fit.cost / (n - d)
+    by_shares = jax.jacfwd(space.values)(shares)
+    slopes = np.array([by_shares[name] for name in space.names])
+    covariance = slopes @ np.linalg.inv(fit.jac.T @ fit.jac) @ slopes.T  # for a spread of 1
+    std = np.sqrt(np.diag(covariance))
+    half_widths = np.sqrt(spread) * std * stats.t.isf((1 - confidence) / 2, n - d)
+    estimates = {
+        name: Estimate(float(x), float(x - half), float(x + half), confidence)
+        for (name, x), half in zip(space.values(shares).items(), half_widths, strict=True)
+    }
+    return estimates, covariance / np.outer(std, std)

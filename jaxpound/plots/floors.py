@@ -40,7 +40,8 @@ _DRAWN: dict[str, Quantity] = {
     "contact": Quantity("force", "peak contact force", symbol="peak $p$"),
     "ductility": Quantity(None, "ductility", symbol=r"peak $\mu$"),
 }
-_NOT_OF_ALL = ("contact", "ductility")
+
+_OF_SOME = ("contact", "ductility")  # not of all buildings
 
 Floors = Sequence[FloorDemands]
 
@@ -48,7 +49,7 @@ Floors = Sequence[FloorDemands]
 def _values(demands: FloorDemands, quantity: str) -> np.ndarray:
     """A quantity of the valid runs, shape (runs, floors); 0 of a building that lacks it."""
     values = getattr(demands, quantity)
-    values = 0 * np.asarray(demands.displacement) if values is None else np.asarray(values)
+    values = np.asarray(0.0 * demands.displacement if values is None else values)
     values = values.reshape(-1, values.shape[-1])
     return values[np.isfinite(values).all(-1)]
 
@@ -66,8 +67,8 @@ def envelope(
 
     ``floors`` are the building's demands, from ``floor_demands``, or such demands by name, to be
     compared. The quantity is "displacement", "drift", "acceleration", "shear", "contact", the
-    largest force of contact from either side, or "ductility", of storeys that yield. ``elevations``
-    are the height of each floor above the ground, m; by default the floors' numbers.
+    largest force of contact from either side, or "ductility". ``elevations`` are the height of each
+    floor above the ground, m; by default the floors' numbers.
 
     A ``ValueError`` if there is no such quantity, no run is valid, elevations are not one for each
     floor in ascending order, or runs to be compared are of other buildings or units.
@@ -123,7 +124,11 @@ def envelopes(
     owner = "envelopes"
     runs = _runs(owner, floors, Sequence)
     buildings = next(iter(runs.values()))
-    labels = _names(owner, buildings, labels)
+    if labels is None:
+        labels = [f"building {building.building + 1}" for building in buildings]
+    elif len(labels) != len(buildings):
+        rule = f"must be one for each of the {len(buildings)} buildings"
+        raise InvalidInput(owner, f"labels, {len(labels)} of them,", "", rule)
     heights = floor_heights(owner, [len(building.masses) for building in buildings], elevations)
     profiles = {
         name: [[_values(run[b], name) for run in runs.values()] for b in range(len(buildings))]
@@ -131,9 +136,8 @@ def envelopes(
     }
     for of_runs in profiles[_FROM_ZERO]:
         _require_valid(owner, runs, of_runs)
-    for name in _NOT_OF_ALL:
-        if not any(values.any() for of_runs in profiles[name] for values in of_runs):
-            del profiles[name]
+    acts = {name: any(map(np.any, chain(*profiles[name]))) for name in _OF_SOME}
+    profiles = {name: each for name, each in profiles.items() if acts.get(name, True)}
 
     sizes = [0.5 + 0.06 * building.size for building in heights]
     figure = house.new_figure(2, sum(sizes) + 0.35)
@@ -158,41 +162,24 @@ def envelopes(
 
 @in_house_style
 def ductility(
-    floors: Floors,
-    elevations: Sequence[Any] | None = None,
-    labels: Sequence[str] | None = None,
-    ax: Axes | None = None,
+    floors: Floors, elevations: Sequence[Any] | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Ductility of the storeys of buildings that yield, over their height, in one diagram.
+    """Ductility of the storeys of all buildings that yield over their height, in one diagram.
 
-    Storeys yield to the right of the dotted line. Arguments are those of ``envelopes``, but for
-    runs by name. A ``ValueError`` as there, or if no building yields.
-
-    Examples
-    --------
-    >>> from jaxpound import plots
-    >>> frame = jp.ShearBuilding.from_period(2, 300e3, period=0.5, damping_ratio=0.05)
-    >>> row = jp.Buildings((frame.yielding(yield_drift=0.001),))
-    >>> found = jp.demand(row, lambda t: 2.0 * np.sin(10.0 * t), jp.TimeGrid.until(4.0, dt=0.02))
-    >>> plots.ductility(jp.floor_demands(row, found)).get_ylabel()
-    'floor'
+    Arguments are as in ``envelopes``. A ``ValueError`` as there, or if no building yields.
     """
-    owner = "ductility"
-    instance(owner, "floors", floors, Sequence)
-    buildings = _runs(owner, floors, Sequence)[""]
-    heights = floor_heights(owner, [len(building.masses) for building in buildings], elevations)
-    each = zip(buildings, heights, _names(owner, buildings, labels), strict=True)
-    yielding = [(of, y, words) for of, y, words in each if of.ductility is not None]
+    buildings = _runs("ductility", {"floors": floors}, Sequence)["floors"]
+    sizes = [len(building.masses) for building in buildings]
+    heights = floor_heights("ductility", sizes, elevations)
+    yielding = [(x, y) for x, y in zip(buildings, heights, strict=True) if x.ductility is not None]
     if not yielding:
-        raise InvalidInput(owner, "floors", "", "must be of a building that yields")
-    ax, in_metres, right = new_axes(ax), elevations is not None, 0.0
-    for of, y, words in yielding:
-        style, values = {"color": house.building_colour(of.building)}, [_values(of, owner)]
-        _require_valid(owner, {"": of}, values)
-        _draw(ax, owner, values, y, in_metres, (1.0, ""), [style | {"label": words}])
-        right = max(right, ax.get_xlim()[1])
-    ax.set_xlim(0, right)
-    _over_height(ax, max((y for _, y, _ in yielding), key=lambda y: y[-1]), in_metres)
+        raise InvalidInput("ductility", "floors", "", "must be of a building that yields")
+    ax, limits = new_axes(ax), []
+    for building, up in yielding:
+        envelope(building, "ductility", None if elevations is None else up, ax)
+        ax.lines[-2].set_label(f"building {building.building + 1}")
+        limits.append((ax.get_xlim()[1], ax.get_ylim()[1]))
+    ax.axis((0, max(x for x, _ in limits), 0, max(y for _, y in limits)))
     if len(yielding) > 1:
         house.legend_above(ax, 3)
     return ax
@@ -271,16 +258,6 @@ def _runs(owner: str, floors: Any, kind: type) -> dict[str, Any]:
     return runs
 
 
-def _names(owner: str, buildings: Floors, labels: Sequence[str] | None) -> Sequence[str]:
-    """The names of buildings, by default by their numbers."""
-    if labels is None:
-        return [f"building {building.building + 1}" for building in buildings]
-    if len(labels) != len(buildings):
-        rule = f"must be one for each of the {len(buildings)} buildings"
-        raise InvalidInput(owner, f"labels, {len(labels)} of them,", "", rule)
-    return labels
-
-
 def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Sequence[np.ndarray]) -> None:
     for name, values in zip(runs, profiles, strict=True):
         if not values.size:
@@ -289,7 +266,8 @@ def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Sequence[np.nd
 
 
 def _unit(quantity: str, si: bool, profiles: Sequence[np.ndarray]) -> tuple[float, str]:
-    largest, kind = max(float(values.max()) for values in profiles), _DRAWN[quantity].kind
+    largest = max(float(values.max()) for values in profiles)
+    kind = _DRAWN[quantity].kind
     return unit_for(kind, si, largest) if kind else (1.0, "")
 
 

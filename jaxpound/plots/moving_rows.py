@@ -28,8 +28,8 @@ class Scene:
     buildings are not. Floors reach out to where the gaps of their links are. Dampers are green,
     those in stick blue; of a single one an arrow is its force q on the left building, to the left
     where q is positive. A link whose gap is closed is marked in orange; with a law of contact a
-    star flashes at each impact and fades, the larger the stronger its impulse. The columns of a
-    storey that yields are red from its first yield on.
+    star flashes at each impact and fades, the larger the stronger its impulse. Columns are red from
+    the first yield of their storey on.
 
     ``reach`` is the largest displacement to leave room for, by default that of the run;
     ``elevations`` are those of ``row``, and errors begin with ``owner``.
@@ -77,15 +77,14 @@ class Scene:
         low, far = ax.get_xlim()
         ax.add_patch(Rectangle((low, -deep), far - low, deep, facecolor="0.8", linewidth=0))
         self._floors: dict[int, _Floor] = {}
-        times = [rod.first_yield_time for rod in response.demand.rods]
-        yield_times = [np.inf if time is None else float(time) for time in times]
         for b, (building, ups) in enumerate(zip(buildings, heights, strict=True)):
             below = None
             for (mass, rod), height in zip(building, ups, strict=True):
-                x, yields = np.asarray(response.masses[mass].x), yield_times[rod]
+                x = np.asarray(response.masses[mass].x)
                 corner = float(left_ends[b]), scale * float(height) - slab
-                below = _Floor(ax, x, corner, (w, slab), building_colour(b), below, yields)
+                below = _Floor(ax, x, corner, (w, slab), building_colour(b), below)
                 self._floors[mass] = below
+                below.yields = response.demand.rods[rod].first_yield_time
         for left, rest, ends in between:
             if rest < spaces[left]:
                 for end in ends:
@@ -100,7 +99,7 @@ class Scene:
     def show(self, i: int) -> None:
         """Move everything to instant i of the run."""
         for floor in self._floors.values():
-            floor.show(i, float(self._time[i]))
+            floor.show(i, self._time[i])
         closed = [link for link in self._links if link.show(i, float(self._time[i]))]
         shift = 0.4 * self._width * self._shaking[i] / self._strongest
         low = -2.4 * self._deep
@@ -119,19 +118,13 @@ class Scene:
 
 
 class _Floor:
-    """A floor and the columns below it, which yield at some time; at rest from a corner on."""
+    """A floor and the columns below it, at rest from ``left`` and ``low`` on."""
 
     def __init__(
-        self,
-        ax: Axes,
-        x: np.ndarray,
-        corner: Pair,
-        size: Pair,
-        colour: str,
-        below: _Floor | None,
-        yields: float,
+        self, ax: Axes, x: np.ndarray, corner: Pair, size: Pair, colour: str, below: _Floor | None
     ) -> None:
-        self.x, self._below, self._yields, self._colour = x, below, yields, colour
+        self.x, self._below, self._colour = x, below, colour
+        self.yields: Any = None  # when its storey does
         (self.left, self.low), (self.width, slab) = corner, size
         self.high = self.low + slab
         self._extensions = [0.0, 0.0]  # to the left and to the right
@@ -160,7 +153,8 @@ class _Floor:
         for line, share in zip(self._columns, (0.1, 0.9), strict=True):
             foot = self.left + share * self.width
             line.set_data(foot + bent, base + s * (self.low - base))
-            line.set_color(COLOURS["limit"] if time >= self._yields else self._colour)
+            yielded = self.yields is not None and time >= self.yields
+            line.set_color(COLOURS["limit"] if yielded else self._colour)
 
 
 class _MovingLink:

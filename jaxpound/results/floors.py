@@ -158,7 +158,7 @@ def _of_building(
 
     displacements = [demand.masses[m].peak_x for m in masses]
     ductilities = [demand.rods[r].ductility for r in rods]
-    yields = any(x is not None for x in ductilities)
+    yields = ductilities.count(None) < len(rods)
     return FloorDemands(
         building=number,
         masses=masses,

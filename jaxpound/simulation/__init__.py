@@ -5,8 +5,7 @@
 step, ``scan`` the loop over time, ``state`` what a step hands to the next. A link that is alone
 slides by ``coulomb`` in closed form; the package ``contact`` follows links that touch or share
 masses through the step, from event to event. ``tally``, and ``link_tally`` for links,
-accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI units;
-``cyclic`` prescribes the elongation of a rod that yields.
+accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI units.
 ``docs/numerics.md`` has the equations.
 """
 

@@ -2,8 +2,6 @@ from .batches import in_chunks as in_chunks
 from .batches import use_cores as use_cores
 from .buildings import simulate_buildings as simulate_buildings
 from .buildings import simulate_row as simulate_row
-from .cyclic import CyclicTest as CyclicTest
-from .cyclic import cyclic_test as cyclic_test
 from .divergence import Growth as Growth
 from .divergence import growth as growth
 from .friction import EventResolved as EventResolved
@@ -20,3 +18,5 @@ from .run import simulate as simulate
 from .scheme import PAPER_SCHEME as PAPER_SCHEME
 from .scheme import Scheme as Scheme
 from .scheme import stability_limit as stability_limit
+from .yielding import CyclicTest as CyclicTest
+from .yielding import cyclic_test as cyclic_test
