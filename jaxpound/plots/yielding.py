@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-import jaxpound.model.pushover as model
 from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
+from jaxpound.model.pushover import pushover as pushed_over
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes
@@ -46,7 +46,7 @@ def pushover(building: ShearBuilding, ductility: float = 6.0, ax: Axes | None = 
 
     Points mark where a storey yields. In the axes of another building the colour is the next one.
     """
-    curve = model.pushover(building, ductility)
+    curve = pushed_over(building, ductility)
     x, y, ax = curve.drifts.sum(1), curve.base_shear / 1e3, new_axes(ax)
     at = curve.yields[curve.yields >= 0]
     (line,) = ax.plot(x, y)

@@ -13,6 +13,7 @@ from PIL import Image
 import jaxpound as jp
 from jaxpound.plots.animation import animate, still
 from jaxpound.plots.moving_rows import Scene
+from jaxpound.plots.style import COLOURS
 from tests.made import changed, pair_response, row_of, row_response
 from tests.plots.runs import GROUND, LAW, PAIR, SCALES, SHORT, legend, paper_run
 from tests.refusals import refused
@@ -42,6 +43,17 @@ def test_the_blocks_are_as_far_apart_as_the_gap(si, response, ax):
     times = {float(response.demand.min_gap_time): "POUNDING (not modelled)", 0.0: "damper: stick"}
     for time, words in times.items():
         assert still(closed, time, Figure().add_subplot()).texts[0].get_text() == words
+
+
+def test_columns_are_red_from_the_first_yield_of_their_storey_on(response, ax):
+    first, second = response.demand.rods
+    rods = (first, dataclasses.replace(second, first_yield_time=5.0))
+    demand = dataclasses.replace(response.demand, rods=rods)
+    scene = Scene(dataclasses.replace(response, demand=demand), ax)
+    for i, colour in ((200, "structure 2"), (300, "limit"), (200, "structure 2")):
+        scene.show(i)  # at t = 4 and 6
+        drawn = [line.get_color() for line in ax.lines[:4]]
+        assert drawn == [COLOURS["structure 1"]] * 2 + [COLOURS[colour]] * 2
 
 
 def test_a_player_and_a_file_have_every_frame(response, tmp_path):

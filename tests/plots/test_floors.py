@@ -112,6 +112,24 @@ def test_runs_are_compared_by_name():
     assert [line.get_color() for line in figure.axes[-1].lines] == [shades(2)[1]]
 
 
+def test_ductility_is_that_of_the_buildings_that_yield(ax):
+    yielding = dataclasses.replace(floors(2, 1, contact=False), ductility=np.array([3.0, 0.5]))
+    low = dataclasses.replace(floors(1), ductility=np.array([4.0]))
+    row = (floors(3, 0, contact=False), yielding, low)
+    heights = [[3.0, 6.0, 9.0], [4.0, 8.0], [3.0]]
+    assert plots.ductility(row, heights, ax) is ax
+    lines = [line for line in ax.lines if not line.get_label().startswith("_")]
+    np.testing.assert_array_equal(lines[0].get_xydata(), [(3, 0), (3, 4), (0.5, 4), (0.5, 8)])
+    np.testing.assert_array_equal(lines[1].get_xydata(), [(4, 0), (4, 3)])
+    assert legend(ax) == ["building 2", "building 1"]
+    assert ax.get_xlim() == (0, 1.08 * 4)
+    assert ax.get_ylim()[1] > 8
+    assert ax.get_xlabel() == "ductility\npeak $\\mu$"
+    figure = plots.envelopes(row[:2], heights[:2])
+    assert len(figure.axes) == 10  # a panel of each building, empty for the first
+    assert len(plots.envelopes(row[:1]).axes) == 4
+
+
 @pytest.mark.parametrize("n_floors", [(1,), (3, 2, 3), (10, 10)])
 def test_no_label_touches_another(n_floors, legible):
     demands = tuple(floors(n, b) for b, n in enumerate(n_floors))
@@ -156,6 +174,7 @@ test_wrong_arguments_are_refused = refusals(
     (lambda: plots.envelopes((TWO,), labels=[]), "labels, 0 of them, must be one for"),
     (plots.envelopes, {"a": (TWO,), "b": (floors(3),)}, BUILDINGS),
     (plots.envelope, {"a": TWO, "b": floors(2, si=False)}, UNITS),
+    (plots.ductility, (TWO,), "ductility: floors must be of a building that yields"),
     (plots.envelopes, (LOST,), r"envelopes: the run is invalid \(NaN\)"),
     (plots.mode_shapes, jp.Storeys((1.0,), ROD), 0, "mode_shapes: n = 0 must be"),
     (plots.mode_shapes, jp.paper.structures(), "must be of type Storeys"),

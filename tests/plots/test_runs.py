@@ -96,6 +96,15 @@ def test_hysteresis_is_that_of_the_rods_and_encloses_the_work_of_friction(respon
     assert area == pytest.approx(float(response.demand.friction_work), rel=0.02)
 
 
+def test_rods_beside_each_other_are_drawn_over_the_elongation_that_they_share(response, ax):
+    several = dataclasses.replace(response, rods=(*response.rods, response.rods[1]))
+    plots.rod_hysteresis(several, ax)
+    expected = [(response.x1, response.f1), *[(response.x2, response.f2)] * 2]
+    np.testing.assert_array_equal([line.get_data() for line in ax.lines], expected)
+    assert legend(ax) == ["rod 1", "rod 2", "rod 3"]
+    assert ax.get_xlabel() == r"elongation ($g/\omega_1^2$)"
+
+
 def test_energy_stacks_up_to_the_input(response, collisions, ax):
     plots.energy(response, ax)
     lines = {line.get_label(): line.get_ydata() for line in ax.lines}

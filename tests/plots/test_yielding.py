@@ -1,0 +1,43 @@
+"""Figures of what yields: cyclic tests and pushover curves, with their units."""
+
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound import plots
+from tests.plots.runs import legend
+from tests.refusals import refused
+
+TEST = jp.cyclic_test(jp.Bilinear(0.02, 0.05), [0.0, 0.06, -0.06], 2e6, 8)
+
+
+def test_a_cyclic_test_is_drawn_over_what_was_measured(ax):
+    measured = np.asarray(TEST.force) + 1e3
+    plots.cyclic_test(TEST, measured, ax)
+    points, line = ax.lines
+    np.testing.assert_allclose(
+        line.get_xydata(), np.stack([TEST.displacement, TEST.force / 1e3], 1)
+    )
+    np.testing.assert_allclose(points.get_ydata(), measured / 1e3)
+    assert legend(ax) == ["measured", "law"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("displacement $e$ (m)", "force $f$ (kN)")
+    ax.clear()
+    assert plots.cyclic_test(TEST, ax=ax, si=False).get_ylabel() == "force $f$ ($m_1 g$)"
+    assert ax.get_xlabel() == r"displacement $e$ ($g/\omega_1^2$)"
+    assert not legend(ax)
+    refused(r"measured of shape \(3,\) must be \(17,\)", plots.cyclic_test, TEST, measured[:3])
+    refused("test = 3 must be of type CyclicTest", plots.cyclic_test, 3)
+
+
+def test_a_pushover_curve_marks_where_storeys_yield(ax):
+    frame = jp.ShearBuilding.from_period(2, 300e3, period=0.5, damping_ratio=0.05)
+    weak = frame.yielding(yield_force=[1e6, 0.9e6], hardening=0.1)
+    plots.pushover(weak, 6.0, ax)
+    pushed = jp.pushover(weak, 6.0)
+    line, points = ax.lines
+    np.testing.assert_allclose(line.get_xdata(), pushed.drifts.sum(1))
+    np.testing.assert_allclose(line.get_ydata(), pushed.base_shear / 1e3)
+    assert points.get_ydata() == pytest.approx([1e3, 1.5 * 0.9e3])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("roof displacement (m)", "base shear $V$ (kN)")
+    plots.pushover(weak.with_p_delta(), 6.0, ax)
+    assert len({line.get_color() for line in ax.lines}) == 2
