@@ -3,7 +3,7 @@
 ``rod`` has the fractional Zener law, ``contact`` the laws of contact, ``system`` rods and links
 between masses, ``structures`` the paper's two structures and floors on rods, ``building`` a
 building in SI units; ``row`` and ``shear_building`` buildings of several storeys, ``vibration``
-their modes, ``pushover`` their strength. ``places`` names masses, rods and links in words;
+their modes, ``capacity_curve`` their pushover. ``places`` names masses, rods and links in words;
 ``parameters`` reads and changes parameters by path.
 """
 

@@ -1,4 +1,6 @@
 from .building import Building as Building
+from .capacity_curve import Pushover as Pushover
+from .capacity_curve import pushover as pushover
 from .contact import ContactLaw as ContactLaw
 from .contact import Hertz as Hertz
 from .contact import HertzDamped as HertzDamped
@@ -11,8 +13,6 @@ from .hysteresis import BoucWen as BoucWen
 from .hysteresis import HysteresisLaw as HysteresisLaw
 from .hysteresis import YieldingZener as YieldingZener
 from .initial import InitialState as InitialState
-from .pushover import Pushover as Pushover
-from .pushover import pushover as pushover
 from .rod import ZenerRod as ZenerRod
 from .row import FloorLink as FloorLink
 from .row import Row as Row

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
-from jaxpound.model.pushover import pushover as pushed_over
+from jaxpound.model.capacity_curve import pushover as pushed_over
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes

@@ -101,15 +101,20 @@ def test_before_it_yields_a_rod_is_the_fractional_rod_but_for_rounding():
     steel = jp.ZenerRod(0.5, 0.01, 0.05)
     strong = jp.YieldingZener(steel, jp.Bilinear(1e6, 0.1))
     grid = jp.TimeGrid.until(8.0, 0.05)
-    plain, yielding = (
-        jp.simulate(jp.Storeys((1.0, 0.8), jp.Rod(law, 4.0)), ONE_GROUND, grid)
-        for law in (steel, strong)
-    )
+    buildings = [jp.Storeys((1.0, 0.8), jp.Rod(law, 4.0)) for law in (steel, strong)]
+    plain, yielding = (jp.simulate(building, ONE_GROUND, grid) for building in buildings)
     for name in ("x1", "x2", "v1", "f1", "f2"):
         np.testing.assert_allclose(getattr(yielding, name), getattr(plain, name), atol=1e-14)
     assert plain.demand.collapsed is None
     assert float(yielding.demand.dissipated_energy_1) == 0
     assert float(yielding.demand.first_yield_time_2) == np.inf
+    (without,), (with_ductility,) = map(
+        jp.floor_demands, buildings, (plain.demand, yielding.demand)
+    )
+    assert without.ductility is None
+    ductilities = [rod.ductility for rod in yielding.demand.rods]
+    np.testing.assert_array_equal(with_ductility.ductility, ductilities)
+    assert "ductility" in str(with_ductility)
 
 
 def test_the_motion_has_a_mirror_image_and_a_batch_is_its_runs():
