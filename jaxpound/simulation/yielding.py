@@ -178,7 +178,7 @@ def cyclic_test(law: Any, displacements: Any, stiffness: Any = 1.0, steps: int =
 
 @partial(jax.jit, static_argnames="steps")
 def _tested(rod: HysteresisConstants, turns: jax.Array, steps: int) -> CyclicTest:
-    share = jnp.arange(1, steps + 1)[None] / steps
+    share = jnp.arange(1, steps + 1, dtype=turns.dtype)[None] / steps
     between = turns[:-1, None] * (1 - share) + turns[1:, None] * share
     x, law = jnp.append(turns[0], between.reshape(-1)), rod.law
     path = _within(rod.ultimate, x)

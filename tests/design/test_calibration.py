@@ -117,3 +117,51 @@ def test_a_parameter_at_its_bound_is_named():
     found = jp.calibrate(space, series, GROUND, GRID, starts=1, **more)
     assert found.at_bounds == ("friction",)
     assert "friction is at a bound: its interval means nothing" in assert_shown(found)
+
+
+CYCLE = np.sin(np.linspace(0, 2 * np.pi, 41))[1:]
+PATH = np.concatenate([[0.0], *(a * CYCLE for a in (0.05, 0.1, 0.2, 0.3))])
+LAW = {"yield_displacement": 0.1, "hardening": 0.05, "exponent": 2.0, "beta": 0.4}
+FORCE = np.asarray(jp.cyclic_test(jp.BoucWen(**LAW), PATH, 5.0, 1).force)
+BOUNDS = {"yield_displacement": jp.Bounds(0.02, 0.4, "log"), "hardening": (0.0, 0.2)}
+BOUNDS |= {"exponent": (1, 6), "beta": (0, 1)}
+ROD = jp.DesignSpace(
+    jp.System((1.0,), (jp.Rod(jp.BoucWen(0.05, 0.02, 1.5, 0.6), 3.0, (0, jp.GROUND)),)),
+    {f"rods.0.material.{name}": bounds for name, bounds in BOUNDS.items()}
+    | {"rods.0.stiffness": (1.0, 20.0)},
+)
+NOISE = 0.01 * np.random.default_rng(0).normal(size=FORCE.size)
+
+
+def test_a_law_is_recovered_from_a_noisy_test_within_its_intervals():
+    fit = jp.calibrate_cyclic(ROD, PATH, FORCE + NOISE, noise={"force": 0.01}, starts=2)
+    (rod,) = fit.structures.rods
+    for path, estimate in fit.parameters.items():
+        name = path.rpartition(".")[2]
+        assert estimate.low < (LAW | {"stiffness": 5.0})[name] < estimate.high, name
+        assert getattr(rod.material, name, rod.stiffness) == pytest.approx(estimate.value)
+    assert fit.noise["force"] == pytest.approx(0.01, rel=0.1)
+    np.testing.assert_allclose(FORCE + NOISE - fit.response.force, fit.residuals["force"])
+    assert {str(fit.parameters["rods.0.material.beta"]), "m1 g"} <= {*assert_shown(fit)}
+
+
+def test_a_storey_of_a_building_is_calibrated_where_it_was_measured():
+    frame = jp.ShearBuilding.from_period(2, 3e5, period=0.4, damping_ratio=0.05)
+    row = jp.Buildings((frame.yielding(yield_force=9e5, hardening=0.05),))
+    path = "buildings.0.storeys.1.hysteresis.yield_displacement"
+    stiffness, turns = float(frame.storeys[1].stiffness), [0.0, 0.001, 0.02, -0.02, 0.02]
+    force = np.array(jp.cyclic_test(jp.Bilinear(0.006, 0.05), turns, stiffness, 1).force)
+    force[3] = np.nan
+    space = jp.DesignSpace(row, {path: (0.001, 0.02)})
+    fit = jp.calibrate_cyclic(space, turns, force, rod=1, starts=1)
+    assert fit.parameters[path].value == pytest.approx(0.006, rel=1e-6)
+    assert np.isnan(fit.residuals["force"][3])
+
+
+test_wrong_calibrations_are_refused = refusals(
+    (ROD, PATH, FORCE[1:], r"forces of shape \(160,\) must be \(161,\)"),
+    (ROD, PATH, FORCE, 1, "rod = 1 must be the number of a rod"),
+    (ROD, PATH + np.nan, FORCE, "cyclic_test: displacements = nan .* must be finite"),
+    (SPACE, PATH, FORCE, "law = None must be of type HysteresisLaw"),
+    of=jp.calibrate_cyclic,
+)

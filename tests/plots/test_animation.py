@@ -48,8 +48,8 @@ def test_the_blocks_are_as_far_apart_as_the_gap(si, response, ax):
 def test_columns_are_red_from_the_first_yield_of_their_storey_on(response, ax):
     first, second = response.demand.rods
     rods = (first, dataclasses.replace(second, first_yield_time=5.0))
-    demand = dataclasses.replace(response.demand, rods=rods)
-    scene = Scene(dataclasses.replace(response, demand=demand), ax)
+    run = dataclasses.replace(response, demand=dataclasses.replace(response.demand, rods=rods))
+    scene = Scene(run, ax)
     for i, colour in ((200, "structure 2"), (300, "limit"), (200, "structure 2")):
         scene.show(i)  # at t = 4 and 6
         drawn = [line.get_color() for line in ax.lines[:4]]

@@ -15,9 +15,7 @@ def test_a_cyclic_test_is_drawn_over_what_was_measured(ax):
     measured = np.asarray(TEST.force) + 1e3
     plots.cyclic_test(TEST, measured, ax)
     points, line = ax.lines
-    np.testing.assert_allclose(
-        line.get_xydata(), np.stack([TEST.displacement, TEST.force / 1e3], 1)
-    )
+    np.testing.assert_allclose(line.get_data(), [TEST.displacement, TEST.force / 1e3])
     np.testing.assert_allclose(points.get_ydata(), measured / 1e3)
     assert legend(ax) == ["measured", "law"]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("displacement $e$ (m)", "force $f$ (kN)")
@@ -26,7 +24,6 @@ def test_a_cyclic_test_is_drawn_over_what_was_measured(ax):
     assert ax.get_xlabel() == r"displacement $e$ ($g/\omega_1^2$)"
     assert not legend(ax)
     refused(r"measured of shape \(3,\) must be \(17,\)", plots.cyclic_test, TEST, measured[:3])
-    refused("test = 3 must be of type CyclicTest", plots.cyclic_test, 3)
 
 
 def test_a_pushover_curve_marks_where_storeys_yield(ax):
@@ -35,8 +32,7 @@ def test_a_pushover_curve_marks_where_storeys_yield(ax):
     plots.pushover(weak, 6.0, ax)
     pushed = jp.pushover(weak, 6.0)
     line, points = ax.lines
-    np.testing.assert_allclose(line.get_xdata(), pushed.drifts.sum(1))
-    np.testing.assert_allclose(line.get_ydata(), pushed.base_shear / 1e3)
+    np.testing.assert_allclose(line.get_data(), [pushed.drifts.sum(1), pushed.base_shear / 1e3])
     assert points.get_ydata() == pytest.approx([1e3, 1.5 * 0.9e3])
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("roof displacement (m)", "base shear $V$ (kN)")
     plots.pushover(weak.with_p_delta(), 6.0, ax)
