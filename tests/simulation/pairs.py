@@ -63,21 +63,18 @@ def in_unit_of_time(unit, system, ground):
     length over time squared, relaxation times to the power of the order in those of time.
     """
 
-    def in_unit(contact):
-        if contact is None or isinstance(contact, jp.Newton):
-            return contact
-        return dataclasses.replace(contact, stiffness=contact.stiffness * unit**2)
+    def in_unit(law):
+        if isinstance(law, OneOf):
+            return OneOf(law.which, tuple(map(in_unit, law.laws)))
+        if isinstance(law, jp.ZenerRod):
+            times = {name: getattr(law, name) * unit**-law.order for name in ("tau_f", "tau_x")}
+            return dataclasses.replace(law, **times)
+        if law is None or isinstance(law, jp.Newton | jp.Bilinear | jp.BoucWen):
+            return law
+        return dataclasses.replace(law, stiffness=law.stiffness * unit**2)
 
     rods = [
-        dataclasses.replace(
-            rod,
-            stiffness=rod.stiffness * unit**2,
-            material=dataclasses.replace(
-                rod.material,
-                tau_f=rod.material.tau_f * unit**-rod.material.order,
-                tau_x=rod.material.tau_x * unit**-rod.material.order,
-            ),
-        )
+        dataclasses.replace(rod, stiffness=rod.stiffness * unit**2, material=in_unit(rod.material))
         for rod in system.rods
     ]
     links = [
