@@ -133,7 +133,6 @@ results["chunks"] = jp.in_chunks(min_gap, 16)(*batch(39))
 mesh = Mesh(np.array(jax.devices()), ("mine",))
 def inside(f): return jax.jit(jax.shard_map(f, mesh=mesh, in_specs=P("mine"), out_specs=P("mine")))
 arrays = [*map(jax.numpy.asarray, batch(64))]
-results["own"] = inside(jax.vmap(min_gap))(*arrays)
 struck = jax.jit(jax.vmap(impulses)).lower(*batch(64)).compile()
 assert "all-gather" not in struck.as_text()
 results["struck"] = struck(*batch(64))
@@ -161,7 +160,7 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
 
     whole, slope = loop(a, mu)
     alone = {
-        **dict.fromkeys(("whole", "own", "there"), whole),
+        **dict.fromkeys(("whole", "there"), whole),
         "slope": slope,
         "mean": loop(a, np.full(64, 0.2))[1][1].mean(),
         "table": [loop(np.full(3, x), batch(3)[1])[0] for x in batch(32)[0]],
