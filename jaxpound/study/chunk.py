@@ -45,11 +45,12 @@ Measure = Callable[[Any, Any], Any]  # a user-defined column, of structures and 
 Columns = dict[str, np.ndarray]
 Outcome = tuple[dict[str, Moments], Columns]  # of a finished chunk; no columns with a store
 
-_PROGRAMS: dict[tuple[str, str], Callable[[np.ndarray], Any]] = {}
-_MOST_PROGRAMS = 8  # compiled programs that a process keeps, two for each study
+_PROGRAMS: dict[tuple[str, str], Any] = {}
+_MOST_PROGRAMS = 12  # compiled programs that a process keeps, and medians: three for each study
 
 
-def _cached(kind: str, fingerprint: str, make: Callable[[], Callable[..., Any]]) -> Any:
+def cached(kind: str, fingerprint: str, make: Callable[[], Any]) -> Any:
+    """What ``make`` returns, kept for later studies of the same fingerprint."""
     if (kind, fingerprint) not in _PROGRAMS:
         if len(_PROGRAMS) >= _MOST_PROGRAMS:
             del _PROGRAMS[next(iter(_PROGRAMS))]  # the oldest
@@ -152,7 +153,7 @@ class Task:
         """Ground motions of the first scenarios, to be checked before the runs."""
         program = partial(grounds_at, self.scenarios, self.grid)
         draw = _draw(self.sampling, self.key, self.scenarios.dimension)
-        return _cached("grounds", self.fingerprint, program)(draw(0, first_of(self.n, self.grid)))
+        return cached("grounds", self.fingerprint, program)(draw(0, first_of(self.n, self.grid)))
 
     def finish(self, chunk: int) -> Outcome:
         """Run a chunk and store it; only read a chunk that a lost worker has stored already."""
@@ -167,7 +168,7 @@ class Task:
         rows = self.rows(chunk, full=True)
         with jax.enable_x64(self.x64):
             size = even_share(self.chunk_size, runs_at_a_time())
-            program = _cached("runs", self.fingerprint, lambda: in_chunks(self.run, size))
+            program = cached("runs", self.fingerprint, lambda: in_chunks(self.run, size))
             z = self.points([chunk], full=True)
             # All batches have the same size: one program, and the same rounding.
             padding = np.repeat(z[-1:], -len(rows) % size, 0)

@@ -34,7 +34,7 @@ from jaxpound.scenarios.sampling import key_numbers, require_sampling
 from jaxpound.scenarios.scenarios import ScenarioSet, structures_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.store.store import MANIFEST, Store, describe
-from jaxpound.study.chunk import Columns, Measure, Outcome, Task, finished, total
+from jaxpound.study.chunk import Columns, Measure, Outcome, Task, cached, finished, total
 from jaxpound.study.demands import doubts, unreached
 from jaxpound.study.statistics import Moments
 from jaxpound.study.study import Study
@@ -162,9 +162,8 @@ def monte_carlo(
     require_memory(owner, "samples of a chunk", rows, rows * in_row * number)
     if store is None:
         require_memory(owner, "n (without a store)", task.n, task.n * n_columns * number)
-    in_moments = len(chunks) * n_columns * _MOMENTS_BYTES
-    require_memory(owner, "number of chunks", len(chunks), in_moments)
-    context = _context(scenarios, notes)
+    require_memory(owner, "number of chunks", len(chunks), len(chunks) * n_columns * _MOMENTS_BYTES)
+    context = _context(task, notes)
 
     warn(owner, findings + of_many(task.first_grounds(), grid, in_g=True), strict)
     moments: dict[int, dict[str, Moments]] = {}
@@ -232,7 +231,7 @@ def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
     return chunks[shard[0] - 1 :: shard[1]]
 
 
-def _context(scenarios: ScenarioSet, notes: Any) -> dict[str, Any]:
+def _context(task: Task, notes: Any) -> dict[str, Any]:
     """Notes, and topology and oscillators of the structures in the median scenario, z = 0.
 
     Oscillators are period and damping ratio of both blocks of a pair, uncoupled; else None.
@@ -242,7 +241,7 @@ def _context(scenarios: ScenarioSet, notes: Any) -> dict[str, Any]:
         json.dumps(notes, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InvalidInput(owner, "notes", "", f"must be what JSON can hold ({error})") from error
-    topologies: list[Topology] = []
+    scenarios, key, topologies = task.scenarios, task.fingerprint, list[Topology]()
 
     @jax.jit
     def median(z: jax.Array) -> list[jax.Array]:
@@ -252,17 +251,17 @@ def _context(scenarios: ScenarioSet, notes: Any) -> dict[str, Any]:
             return []
         oscillators = []
         for rod, mass in zip(system.rods, system.masses, strict=True):
-            frequency = before_yield(rod.material).natural_frequency(rod.stiffness, mass)
-            damping = before_yield(rod.material).damping_ratio(rod.stiffness, mass)
-            oscillators += [2 * jnp.pi / frequency, damping]
+            own, both = before_yield(rod.material), (rod.stiffness, mass)
+            oscillators += [2 * jnp.pi / own.natural_frequency(*both), own.damping_ratio(*both)]
         return oscillators
 
-    oscillators = [float(x) for x in median(jnp.zeros(scenarios.dimension))]
+    z = jnp.zeros(scenarios.dimension)
+    *oscillators, topology = cached("median", key, lambda: (*map(float, median(z)), topologies[0]))
     if not np.isfinite(oscillators).all():
         values = ", ".join(f"{x:.4g}" for x in oscillators)
         rule = f"must be valid, but periods and damping ratios of its structures are {values}"
         raise InvalidInput(owner, "the scenario of z = 0", "", rule)
-    return {"notes": notes, "oscillators": oscillators or None, "topology": topologies[0]}
+    return {"notes": notes, "oscillators": oscillators or None, "topology": topology}
 
 
 def _run(
