@@ -1,7 +1,6 @@
 """Systems of masses, rods and links, against references that know nothing of steps."""
 
 import dataclasses
-import functools
 import math
 
 import jax
@@ -13,6 +12,7 @@ import jaxpound as jp
 from tests.reference import convergence_order
 from tests.refusals import refused
 from tests.simulation.pairs import SHAKING as GROUND
+from tests.simulation.pairs import in_unit_of_time
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 RUBBER = jp.ZenerRod(0.8, 0.05, 0.4)
@@ -63,16 +63,18 @@ def test_a_pair_is_the_system_that_it_says():
     assert as_pair.demand.min_gap == as_pair.demand.links[0].min_gap == as_pair.min_gap
 
 
-def seen(system, dt):
-    """Final closings, smallest gaps, work and accelerations of a run."""
-    response = jp.simulate(system, GROUND, jp.TimeGrid.until(END, dt))
+def seen(system, unit, grid):
+    """Final closings, smallest gaps, work and forces of a run that is shaken for the last END."""
+    rests = grid.n_steps * grid.dt * unit - END
+    ground = dataclasses.replace(GROUND, arrivals=rests + np.asarray(GROUND.arrivals))
+    response = jp.simulate(*in_unit_of_time(unit, system, ground), grid)
     links, rods = response.demand.links, response.demand.rods
     return jnp.hstack(
         [
             *(mass.x[-1] for mass in response.masses),
             *(link.min_gap for link in links),
-            *(link.friction_work for link in links),
-            *(rod.peak_force for rod in rods),
+            *(link.friction_work / unit**2 for link in links),
+            *(rod.peak_force / unit**2 for rod in rods),
             *(rod.peak_drift for rod in rods if rod.peak_drift is not None),
         ]
     )
@@ -86,12 +88,13 @@ def test_storeys_with_friction_converge_at_second_order():
     way = jax.tree.unflatten(structure, [x * draw.uniform(-0.3, 0.3) for x in leaves])
     system, way = (jax.tree.map(jnp.asarray, tree) for tree in (system, way))
     steps = (0.04, 0.02, 0.005)
+    grid = jp.TimeGrid(steps[0], round(END / steps[-1]))
 
-    @functools.partial(jax.jit, static_argnums=0)
-    def along_way(dt):
-        return jax.jvp(lambda s: seen(s, dt), (system,), (way,))
+    @jax.jit
+    def along_way(unit):
+        return jax.jvp(lambda s: seen(s, unit, grid), (system,), (way,))
 
-    for runs in zip(*[along_way(dt) for dt in steps], strict=True):
+    for runs in zip(*[along_way(dt / grid.dt) for dt in steps], strict=True):
         *coarse, fine = map(np.asarray, runs)
         errors = [np.sqrt(np.mean((run - fine) ** 2)) for run in coarse]
         assert errors[-1] < 8e-3 * np.abs(fine).max()
@@ -144,13 +147,18 @@ def test_a_bearing_converges_at_second_order_from_its_first_step_on(start):
     def shaking(t):
         return 0.9 * jnp.cos(2 * t + start)
 
-    def moved(dt):
-        run = jp.simulate(bearing(0.2), shaking, jp.TimeGrid.until(4.0, dt))
-        return np.asarray(run.masses[0].x)[:: round(0.08 / dt)]
+    steps, fine = (0.08, 0.04, 0.02), 0.0025
+    grid = jp.TimeGrid(steps[0], round(4.0 / fine))
 
-    fine = moved(0.0025)
-    steps = (0.08, 0.04, 0.02)
-    errors = [np.abs(moved(h) - fine).max() for h in steps]
+    @jax.jit
+    @jax.vmap
+    def displacements(unit):
+        system, _ = in_unit_of_time(unit, bearing(0.2), GROUND)
+        return jp.simulate(system, lambda t: unit**2 * shaking(unit * t), grid).masses[0].x
+
+    runs = displacements(jnp.array([*steps, fine]) / grid.dt)
+    at = [x[:: round(0.08 / dt)][:51] for x, dt in zip(runs, (*steps, fine), strict=True)]
+    errors = [np.abs(x - at[-1]).max() for x in at[:-1]]
     assert convergence_order(steps, errors) == pytest.approx(2, abs=0.35)
 
 
