@@ -178,10 +178,15 @@ def mirrored(row):
     return jp.Row(row.buildings[::-1], tuple(links[::-1]))
 
 
+def long_run(row, ground=GROUND, unit=1.0):
+    """In a unit of time in which a step of the grid is ``unit`` times as long."""
+    return jp.simulate(*in_unit_of_time(unit, row.system(), ground), jp.TimeGrid(0.04, 1200))
+
+
 @pytest.fixture(scope="module")
 def touching():
     row = three()
-    return row, jp.simulate(row, GROUND, GRID)
+    return row, long_run(row)
 
 
 def test_a_row_touches_and_its_energy_balances(touching):
@@ -196,7 +201,7 @@ def test_a_row_touches_and_its_energy_balances(touching):
 def test_mirrored_rows_mirror(touching):
     row, found = touching
     behind = jp.Ricker(-GROUND.amplitude, GROUND.periods, GROUND.arrivals)
-    other = jp.simulate(mirrored(row), behind, GRID)
+    other = long_run(mirrored(row), behind)
     order = [3, 4, 2, 0, 1]  # floors of the mirrored row by those of the row
     for i, j in enumerate(order):
         np.testing.assert_allclose(found.masses[j].x, -other.masses[i].x, atol=1e-9)
@@ -212,10 +217,10 @@ def test_buildings_far_apart_move_alone(touching):
         row,
         links=tuple(dataclasses.replace(link, friction=0.0, gap=50.0) for link in row.links),
     )
-    together = jp.simulate(far, GROUND, GRID)
+    together = long_run(far)
     at = 0
     for building in row.buildings:
-        alone = jp.simulate(building, GROUND, GRID)
+        alone = long_run(building)
         for mass in alone.masses:
             np.testing.assert_allclose(together.masses[at].x, mass.x, atol=1e-12)
             at += 1
@@ -255,7 +260,7 @@ def test_a_brace_is_a_damper_between_the_floors_of_a_building():
 def test_peaks_of_floors_are_those_of_their_series(touching):
     """Displacements and drifts of every floor, also through impacts; forces of the storeys."""
     row, coarse = touching
-    fine = jp.simulate(row, GROUND, jp.TimeGrid.until(12.0, dt=0.01))
+    fine = long_run(row, unit=0.25)
     floors = jp.floor_demands(row, fine.demand)
     assert [one.masses for one in floors] == [(0, 1), (2,), (3, 4)]
     x = [np.asarray(mass.x) for mass in fine.masses]
