@@ -20,7 +20,7 @@ PAIR, WAVES = jp.paper.structures(), jp.paper.ground()
 ELASTIC = jp.ZenerRod(0.5, 0.1, 0.1)
 RESOLVED, FULL = jp.Scheme(), jp.Scheme(history=jp.FullHistory())
 SCHEMES = RESOLVED, jp.Scheme(jp.Smoothed(0.01)), jp.PAPER_SCHEME
-STEPS = (0.02, 0.01, 0.005)
+STEPS = (0.02, 0.005)
 GRID, SHORT = jp.TimeGrid(0.02, 600), jp.TimeGrid(0.02, 50)
 
 # What is tried there may be coarse, at rest or in records of 22 g.
@@ -32,8 +32,10 @@ def changed(structures=PAIR, **values):
 
 
 @cache
-def paper_run(dt, scheme=RESOLVED):
-    return jp.simulate(PAIR, WAVES, jp.TimeGrid.until(20.0, dt), scheme)
+def paper_run(dt, scheme=RESOLVED, structures=PAIR, amplitude=WAVES.amplitude):
+    """Of arrays, as the entries of a batch are, so that they share programs."""
+    inputs = jax.tree.map(np.asarray, (structures, changed(WAVES, amplitude=amplitude)))
+    return jp.simulate(*inputs, jp.TimeGrid.until(20.0, dt), scheme)
 
 
 def furthest(series, other):
@@ -114,7 +116,7 @@ def test_the_paper_s_case_is_that_of_the_reference():
 def test_a_hundredth_of_ground_friction_and_gap_gives_a_hundredth_of_everything():
     assert round(float(jp.pga(WAVES, jp.paper.grid()))) == 22
     whole, smaller = paper_run(0.02), changed(friction=0.0025, initial_gap=0.01)
-    small = jp.simulate(smaller, changed(WAVES, amplitude=0.005), jp.TimeGrid.until(20.0, 0.02))
+    small = paper_run(0.02, structures=smaller, amplitude=0.005)
     for name in ("x1", "x2", "f1", "f2", "friction", "gap"):
         np.testing.assert_allclose(100 * getattr(small, name), getattr(whole, name), atol=1e-10)
     starts = [[phase.start for phase in run.phases()] for run in (small, whole)]
@@ -129,11 +131,11 @@ def test_second_order_through_the_phase_changes_and_energy_at_the_order_of_the_s
     motions = zip(*[errors_at_reference_times(paper_run(h)) for h in STEPS], strict=True)
     for errors in (*motions, gap_errors(STEPS)):
         assert abs(convergence_order(STEPS, errors) - 2) < 0.25, errors
-    for scheme, order in ((RESOLVED, 2), (jp.PAPER_SCHEME, 1)):
-        balances = [paper_run(h, scheme).energy for h in STEPS]
+    for scheme, order, steps in ((RESOLVED, 2, STEPS), (jp.PAPER_SCHEME, 1, (0.02, 0.01, 0.002))):
+        balances = [paper_run(h, scheme).energy for h in steps]
         errors = [np.abs(energy.residual).max() / energy.input.max() for energy in balances]
-        assert errors[-1] < 3e-4
-        assert convergence_order(STEPS, errors) > order - 0.25, errors
+        assert errors[-1] < 3e-4 * steps[-1] / 0.005
+        assert convergence_order(steps, errors) > order - 0.25, errors
 
 
 def test_the_paper_s_scheme_is_the_paper_s_algorithm_with_its_known_error_of_order_one():
@@ -145,7 +147,7 @@ def test_the_paper_s_scheme_is_the_paper_s_algorithm_with_its_known_error_of_ord
     assert {p.kind for p in run.phases()} == {"stick", "slip right", "slip left"}
     np.testing.assert_allclose((run.x1, run.x2), (x1, x2), atol=1e-10)
     np.testing.assert_allclose(run.friction[1:], q[1:], atol=1e-8)
-    steps = [0.01, 0.005, 0.002]
+    steps = [0.01, 0.002]
     errors = gap_errors(steps, jp.PAPER_SCHEME)
     assert errors[-1] == pytest.approx(6.4e-4, abs=0.1e-4)
     assert abs(convergence_order(steps, errors) - 1) < 0.4  # ragged: it switches by whole steps
@@ -404,9 +406,9 @@ def test_compiled_and_eager_runs_agree_and_float32_stays_float32_and_close():
             eager = jp.simulate(PAIR, WAVES, grid, scheme)
         np.testing.assert_allclose(eager.x1, compiled.x1, rtol=1e-10, atol=1e-14)
         np.testing.assert_allclose(eager.gap, compiled.gap, rtol=1e-10, atol=1e-14)
-    single = jp.simulate(*jax.tree.map(np.float32, (PAIR, WAVES)), jp.TimeGrid.until(20.0, 0.01))
+    single = jp.simulate(*jax.tree.map(np.float32, (PAIR, WAVES)), jp.TimeGrid.until(20.0, 0.02))
     assert {leaf.dtype for leaf in jax.tree.leaves(single)} == {jnp.dtype("float32")}
-    assert float(single.min_gap) == pytest.approx(float(paper_run(0.01).min_gap), abs=1e-3)
+    assert float(single.min_gap) == pytest.approx(float(paper_run(0.02).min_gap), abs=1e-3)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
