@@ -140,7 +140,8 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
     screen = run("montecarlo", path, "--store", store)
     assert "Study of 40 scenarios, 0 failed (SI)" in screen
     study, scenarios, grid = read(path)
-    found = jp.monte_carlo(scenarios, 40, grid, chunk_size=10, scales=study.scales, progress=False)
+    how = {"chunk_size": 10, "keep_parameters": True, "progress": False}  # the command's program
+    found = jp.monte_carlo(scenarios, 40, grid, scales=study.scales, **how)
     assert f"probability of pounding {found.pounding_probability()}" in screen
 
     printed = run("report", "--store", store, "--out", out).split()
@@ -178,11 +179,8 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
 def test_a_study_with_contact_and_its_report(write, tmp_path):
     contact = '[contact] ; law = "newton" ; restitution = 0.65 & gap = 0.04'
     uncertain = '"rod_1.tau_x" -> contact.restitution = {uniform = [0.8, 1.2]}'
-    path, store, out = (
-        write(f"{SMALL} & {contact} & {uncertain}"),
-        tmp_path / "st",
-        tmp_path / "out",
-    )
+    path = write(f"{SMALL} & {contact} & {uncertain}")
+    store, out = tmp_path / "st", tmp_path / "out"
     run("montecarlo", path, "--store", store)
     study = jp.Study.open(store)
     e = study.parameters()["contact.restitution"]
