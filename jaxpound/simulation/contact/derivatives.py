@@ -18,6 +18,7 @@ def in_both_modes(
     function: Program,
     is_differentiated: Callable[[Any], bool] = lambda path: True,
     mapped: Callable[[Program, bool], Program] = lambda program, reverse: program,
+    columns: int | None = None,
 ) -> Program:
     """``function(inputs, constants)``, a pytree of real arrays, with derivatives by the inputs.
 
@@ -39,6 +40,8 @@ def in_both_modes(
         What is to be done with each of the programs, functions of (inputs, constants, ...), before
         they are called, such as another rule for batches; its second argument says whether the
         program is that of reverse mode.
+    columns
+        How many columns of J at most are computed side by side; by default all.
     """
 
     @jax.jit
@@ -50,7 +53,7 @@ def in_both_modes(
         flat, rebuild = ravel_pytree(inputs)
         paths = jax.tree_util.tree_leaves_with_path(inputs)
         mask = [is_differentiated(path) for path, leaf in paths for _ in range(jnp.size(leaf))]
-        numbers = np.flatnonzero(mask)
+        numbers, places = np.flatnonzero(mask), np.cumsum(mask) - 1
         zeros = jnp.where(jnp.isfinite(flat), 0.0, 0.0).astype(flat.dtype)  # on flat's devices
 
         def component(change: jax.Array) -> jax.Array:
@@ -58,7 +61,11 @@ def in_both_modes(
             return ravel_pytree(products)[0].sum()
 
         units = zeros[None] + np.eye(flat.size, dtype=flat.dtype)[numbers]
-        return rebuild(zeros.at[numbers].set(jax.vmap(component)(units)))
+        groups = 1 if columns is None else -(-len(numbers) // columns)
+        units = jnp.pad(units, ((0, -len(numbers) % groups), (0, 0)))
+        by_group = lax.map(jax.vmap(component), units.reshape(groups, -1, flat.size))
+        # Picked, not put: XLA has no scatter in a kernel.
+        return rebuild(jnp.where(np.array(mask), by_group.ravel()[np.maximum(places, 0)], 0.0))
 
     run, push_mapped, pull_mapped = (
         mapped(jax.jit(function), False),

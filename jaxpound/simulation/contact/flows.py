@@ -3,23 +3,43 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from importlib.metadata import version
 from typing import Any
 
 import jax
 from jax import lax
+from jax.extend.core import Jaxpr, jaxprs_in_params
 
+from jaxpound.model.contact import Newton
 from jaxpound.simulation.contact.derivatives import Program, in_both_modes
+from jaxpound.simulation.contact.dop853 import STAGES
 from jaxpound.simulation.contact.lanes import where_needed
 from jaxpound.simulation.contact.local_flow import LocalFlow
 from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, FlowResult
 
 _LANES, _LANES_IN_REVERSE = 8, 2
-"""Lanes of a batch that are followed side by side; in reverse each of them has a dozen columns.
+"""Lanes of a batch, at most, that are followed side by side by one kernel; in reverse each of them
+has a dozen columns."""
 
-For sums of more than some 32 numbers side by side XLA calls a library, which takes longer than all
-else in a substep: with four lanes, the gradient in ``benchmarks/batches.py contact`` took 2.5 times
-as long.
-"""
+_MOST_TERMS = 4095
+"""Most numbers of a sum for which XLA does not call a library, as a kernel cannot."""
+
+_TERMS = 6 * len(STAGES)
+"""Numbers, for each link, of the largest sum in a flow: that of all rates over the stages."""
+
+_ONE_KERNEL = version("jaxlib").startswith("0.10.")
+"""Whether this version of XLA is known to make kernels of flows."""
+
+# fmt: off
+_ARITHMETIC = {
+    "abs", "add", "and", "atan", "atan2", "clamp", "convert_element_type", "copy", "cos", "cosh",
+    "custom_jvp_call", "div", "eq", "exp", "exp2", "expm1", "ge", "gt", "integer_pow", "is_finite",
+    "jit", "le", "log", "log1p", "logistic", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
+    "pow", "rsqrt", "select_n", "sign", "sin", "sinh", "sqrt", "square", "stop_gradient", "sub",
+    "tan", "tanh",
+}
+# fmt: on
+"""Operations of a law of contact that may be part of a kernel."""
 
 
 def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Clock) -> FlowResult:
@@ -28,11 +48,28 @@ def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Cloc
     Up to ``slots`` impacts that end in the step are recorded for each link. The result is zero
     where the flow is not ``needed``.
     """
-    return _differentiable(h, slots)(inputs, (needed, clock))
+    number = jax.ShapeDtypeStruct((), inputs.closing.dtype)
+    laws = [law for law in inputs.laws if law is not None and not isinstance(law, Newton)]
+    programs = [jax.make_jaxpr(law.force)(number, number, number) for law in laws]
+    one_kernel = _ONE_KERNEL and all(_is_arithmetic(program.jaxpr) for program in programs)
+    return _differentiable(h, slots, len(inputs.laws), one_kernel)(inputs, (needed, clock))
+
+
+def _is_arithmetic(program: Jaxpr) -> bool:
+    """Whether a program, with those that it calls, has operations on single numbers only."""
+    return all(
+        step.primitive.name in _ARITHMETIC
+        and all(map(_is_arithmetic, jaxprs_in_params(step.params)))
+        for step in program.eqns
+    )
 
 
 @lru_cache(maxsize=64)
-def _differentiable(h: float, slots: int) -> Program:
+def _differentiable(h: float, slots: int, n: int, one_kernel: bool) -> Program:
+    most = _MOST_TERMS // (_TERMS * n)  # of lanes, or of columns
+    one_kernel = one_kernel and most > 0
+    lanes, lanes_in_reverse = (max(1, min(x, most)) for x in (_LANES, _LANES_IN_REVERSE))
+
     def run(inputs: FlowInput, constants: tuple[jax.Array, Clock]) -> FlowResult:
         local = LocalFlow(h, slots, inputs, constants[1])
         return local.result(lax.while_loop(local.unfinished, local.advance, local.start()))
@@ -40,13 +77,13 @@ def _differentiable(h: float, slots: int) -> Program:
     def is_differentiated(path: Any) -> bool:
         return not (path[0].name == "contact" and path[1].name in DISCRETE)
 
-    return in_both_modes(run, is_differentiated, _in_lanes)
+    def in_lanes(program: Program, reverse: bool) -> Program:
+        work = where_needed(program, lanes_in_reverse if reverse else lanes, one_kernel)
 
+        def mapped(inputs: FlowInput, constants: tuple[jax.Array, Clock], *more: Any) -> Any:
+            return work(constants[0], inputs, constants, *more)
 
-def _in_lanes(program: Program, reverse: bool) -> Program:
-    lanes = where_needed(program, _LANES_IN_REVERSE if reverse else _LANES)
+        return mapped
 
-    def mapped(inputs: FlowInput, constants: tuple[jax.Array, Clock], *more: Any) -> Any:
-        return lanes(constants[0], inputs, constants, *more)
-
-    return mapped
+    columns = max(1, most // lanes_in_reverse)
+    return in_both_modes(run, is_differentiated, in_lanes, columns)

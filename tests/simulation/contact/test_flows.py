@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.extend.core import jaxprs_in_params
 from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
+from jaxpound.simulation.contact import flows
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.records import SLOTS, Clock, Contact, FlowInput
 from tests.reference import load
@@ -137,24 +139,70 @@ def test_a_link_without_friction_starts_from_rest_and_a_load_that_grows_from_zer
     assert float(collided()(start).velocity[0]) == pytest.approx(0.5, rel=1e-12)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Spring:
+    """A law whose number is called as a field of the contact, with another factor on its force."""
+
+    mode: float
+    factor: object = dataclasses.field(default=lambda _: 1.0, metadata={"static": True})
+
+    def force(self, penetration, speed, touch_speed):
+        return self.mode * penetration * self.factor(penetration)
+
+
+def speed_after(stiffness, *factor):
+    start = given(Spring(stiffness, *factor), 1.0, 0.1)
+    return flow(0.5, 0, jnp.asarray(True), start, AT_START).now.velocity[0]
+
+
 def test_the_names_of_a_law_s_numbers_do_not_matter():
     """A field that is called as one of the contact's is differentiated in both modes."""
-
-    @jax.tree_util.register_dataclass
-    @dataclasses.dataclass(frozen=True)
-    class Spring:
-        mode: float
-
-        def force(self, penetration, speed, touch_speed):
-            return self.mode * penetration
-
-    def speed(stiffness):
-        start = given(Spring(stiffness), 1.0, 0.1)
-        return flow(0.5, 0, jnp.asarray(True), start, AT_START).now.velocity[0]
-
-    forward, reverse = (jax.jit(mode(speed))(40.0) for mode in (jax.jacfwd, jax.grad))
+    forward, reverse = (jax.jit(mode(speed_after))(40.0) for mode in (jax.jacfwd, jax.grad))
     assert abs(float(forward)) > 1e-3
     assert float(reverse) == pytest.approx(float(forward), rel=1e-12)
+
+
+def any_arithmetic(x):
+    """A number near 1, by all operations that a kernel may have."""
+    functions = (
+        *(jnp.abs, jnp.sign, jnp.square, jnp.copy, jax.lax.stop_gradient, jax.nn.relu),
+        *(jnp.exp, jnp.exp2, jnp.expm1, jnp.tanh, jax.nn.sigmoid, lambda x: x**3, lambda x: -x),
+        *(jnp.sin, jnp.cos, jnp.tan, jnp.sinh, jnp.cosh, jnp.arctan, lambda x: jnp.arctan2(x, 2.0)),
+        *(lambda x: jnp.maximum(x, 0.5), lambda x: jnp.minimum(x, 0.5), lambda x: 1 / (1 + x * x)),
+        *(jnp.log1p, lambda x: jnp.log(1 + x * x), lambda x: (1 + x * x) ** 1.3),
+        *(lambda x: jnp.sqrt(1 + x * x), lambda x: jax.lax.rsqrt(1 + x * x)),
+        lambda x: jax.lax.clamp(0.1, x - 1, 0.2),
+    )
+    holds = ((x > 0) & ~(x >= 1)) | (x < -1) | (x <= -2) | (x == 3) | (x != 4) & jnp.isfinite(x)
+    return 1 + 1e-3 * sum(function(x) for function in functions) + jnp.where(holds, 1e-3, 0.0)
+
+
+def operations(program):
+    inner = (operations(x) for step in program.eqns for x in jaxprs_in_params(step.params))
+    return {step.primitive.name for step in program.eqns}.union(*inner)
+
+
+def test_a_flow_is_the_same_as_one_kernel_and_not(monkeypatch):
+    assert operations(jax.make_jaxpr(any_arithmetic)(0.1).jaxpr) == flows._ARITHMETIC
+    speed = jax.value_and_grad(lambda stiffness: speed_after(stiffness, any_arithmetic))
+    program = jax.jit(speed).lower(40.0)
+    assert 'xla_cpu_small_call = "true"' in program.as_text()
+    monkeypatch.setattr(flows, "_ONE_KERNEL", False)
+    plain = jax.jit(lambda stiffness: speed(stiffness))
+    np.testing.assert_allclose(program.compile()(40.0), plain(40.0), rtol=1e-12)
+
+
+def test_a_law_with_other_operations_is_not_made_a_kernel():
+    """Of which XLA could not make one: a sort, and a product of matrices."""
+
+    def factor(penetration):
+        ones = jnp.sort(jnp.stack([penetration + 1, 1 + 0 * penetration]))[:1]
+        return ones @ jnp.ones(1)
+
+    other, plain = jax.jit(lambda x: speed_after(x, factor)), jax.jit(speed_after)
+    assert "xla_cpu_small_call" not in other.lower(40.0).as_text()
+    assert float(other(40.0)) == pytest.approx(float(plain(40.0)), rel=1e-12)
 
 
 def test_too_many_events_are_not_a_silent_result():
