@@ -100,10 +100,9 @@ def use_loop_kernels() -> None:
 
     By default XLA starts every small operation of a step on its own, some 50 ns each. As one kernel
     a single run takes a third of the time, with its gradient a fifth, and with contact a tenth; it
-    compiles faster, too. Batches gain nothing without contact; of a thousand runs that all pound
-    they take two thirds of the time. Results differ by rounding at most. Call it once, before JAX
-    computes anything; the command line does so by itself. It adds an option of XLA to the
-    environment variable ``XLA_FLAGS``, which processes started from this one inherit.
+    compiles faster, too. Batches gain nothing. Results differ by rounding at most. Call it once,
+    before JAX computes anything; the command line does so by itself. It adds an option of XLA to
+    the environment variable ``XLA_FLAGS``, which processes started from this one inherit.
 
     Raises ``RuntimeError`` if JAX has started without it.
     """
