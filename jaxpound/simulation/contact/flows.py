@@ -24,8 +24,9 @@ has a dozen columns."""
 _MOST_TERMS = 4095
 """Most numbers of a sum for which XLA does not call a library, as a kernel cannot."""
 
-_TERMS = 6 * len(STAGES)
-"""Numbers, for each link, of the largest sum in a flow: that of all rates over the stages."""
+_TERMS, _MOST_LINKS = 7 * len(STAGES), 16
+"""Numbers, for each link, of the largest sum in a flow, of the weights by which a substep is
+interpolated; and links of a group up to which it is the largest, as their pairs count in others."""
 
 _ONE_KERNEL = version("jaxlib").startswith("0.10.")
 """Whether this version of XLA is known to make kernels of flows."""
@@ -66,9 +67,9 @@ def _is_arithmetic(program: Jaxpr) -> bool:
 
 @lru_cache(maxsize=64)
 def _differentiable(h: float, slots: int, n: int, one_kernel: bool) -> Program:
-    most = _MOST_TERMS // (_TERMS * n)  # of lanes, or of columns
-    one_kernel = one_kernel and most > 0
-    lanes, lanes_in_reverse = (max(1, min(x, most)) for x in (_LANES, _LANES_IN_REVERSE))
+    most = max(1, _MOST_TERMS // (_TERMS * n))  # of lanes, or of columns
+    one_kernel = one_kernel and n <= _MOST_LINKS
+    lanes, lanes_in_reverse = (min(x, most) for x in (_LANES, _LANES_IN_REVERSE))
 
     def run(inputs: FlowInput, constants: tuple[jax.Array, Clock]) -> FlowResult:
         local = LocalFlow(h, slots, inputs, constants[1])

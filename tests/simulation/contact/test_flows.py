@@ -142,17 +142,19 @@ def test_a_link_without_friction_starts_from_rest_and_a_load_that_grows_from_zer
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Spring:
-    """A law whose number is called as a field of the contact, with another factor on its force."""
+    """A law whose number is called as a field of the contact, with further factors on its force."""
 
     mode: float
+    shares: tuple = ()
     factor: object = dataclasses.field(default=lambda _: 1.0, metadata={"static": True})
 
     def force(self, penetration, speed, touch_speed):
-        return self.mode * penetration * self.factor(penetration)
+        change = sum(i * share for i, share in enumerate(self.shares, 1))
+        return self.mode * (1 + change) * penetration * self.factor(penetration)
 
 
-def speed_after(stiffness, *factor):
-    start = given(Spring(stiffness, *factor), 1.0, 0.1)
+def speed_after(*law):
+    start = given(Spring(*law), 1.0, 0.1)
     return flow(0.5, 0, jnp.asarray(True), start, AT_START).now.velocity[0]
 
 
@@ -184,13 +186,18 @@ def operations(program):
 
 
 def test_a_flow_is_the_same_as_one_kernel_and_not(monkeypatch):
+    """By a law of so many numbers, too, that a kernel cannot have all columns side by side."""
     assert operations(jax.make_jaxpr(any_arithmetic)(0.1).jaxpr) == flows._ARITHMETIC
-    speed = jax.value_and_grad(lambda stiffness: speed_after(stiffness, any_arithmetic))
-    program = jax.jit(speed).lower(40.0)
+    shares = (0.0,) * 12
+    speed = jax.value_and_grad(lambda shares: speed_after(40.0, shares, any_arithmetic))
+    program = jax.jit(speed).lower(shares)
     assert 'xla_cpu_small_call = "true"' in program.as_text()
     monkeypatch.setattr(flows, "_ONE_KERNEL", False)
-    plain = jax.jit(lambda stiffness: speed(stiffness))
-    np.testing.assert_allclose(program.compile()(40.0), plain(40.0), rtol=1e-12)
+    value, slopes = program.compile()(shares)
+    plain_value, plain_slopes = jax.jit(lambda shares: speed(shares))(shares)
+    assert float(value) == pytest.approx(float(plain_value), rel=1e-12)
+    np.testing.assert_allclose(slopes, plain_slopes, rtol=1e-12)
+    np.testing.assert_allclose(slopes, float(slopes[0]) * np.arange(1, 13), rtol=1e-9)
 
 
 def test_a_law_with_other_operations_is_not_made_a_kernel():
@@ -200,7 +207,7 @@ def test_a_law_with_other_operations_is_not_made_a_kernel():
         ones = jnp.sort(jnp.stack([penetration + 1, 1 + 0 * penetration]))[:1]
         return ones @ jnp.ones(1)
 
-    other, plain = jax.jit(lambda x: speed_after(x, factor)), jax.jit(speed_after)
+    other, plain = jax.jit(lambda x: speed_after(x, (), factor)), jax.jit(speed_after)
     assert "xla_cpu_small_call" not in other.lower(40.0).as_text()
     assert float(other(40.0)) == pytest.approx(float(plain(40.0)), rel=1e-12)
 
