@@ -58,7 +58,8 @@ _ALIASES = {
 def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[str, tuple[str, X]]:
     """What a table states of each path, and by which key; ``*`` stands for any number.
 
-    A key without ``*`` takes precedence over one with ``*``, which leaves out parameters of 0.
+    A key without ``*`` takes precedence over one with ``*``, which leaves out those that
+    are not above 0.
     """
     by_path: dict[str, tuple[str, X]] = {}
     for key, value in table.items():
@@ -68,7 +69,7 @@ def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[
         several = [
             path for x in matches for path in parameters.keys[x] if x == key or x not in table
         ]
-        above_0 = [path for path in several if float(get(parameters.nominal, path))]
+        above_0 = [path for path in several if float(get(parameters.nominal, path)) > 0]
         if not above_0:
             raise refused(f"{place} {key}", "must be of a value above 0, for factors on it")
         for path in above_0:
@@ -184,8 +185,8 @@ class Parameters:
         links = scaled_links(structures.links, scales, "Buildings", operator.mul)
         return jp.Buildings.of("Buildings", buildings, links)
 
-    def stated(self, path: str) -> tuple[float, float, str]:
-        """A parameter in SI units, its size there of a dimensionless 1, and its unit."""
+    def in_si_units(self, path: str) -> tuple[float, float, str]:
+        """A parameter's value in SI, the SI value of a dimensionless 1 of it, and its SI unit."""
         unit, value = self.unit_of(path), float(get(self.si, path))
         return value, value / float(get(self.nominal, path)), unit
 

@@ -207,7 +207,7 @@ def reached(
             store=store and store / "design",
             progress=sys.stderr.isatty(),
         )
-    before, scale, unit = parameters.stated(path)
+    before, scale, unit = parameters.in_si_units(path)
     return {
         "parameter": target.parameter,
         "unit": unit,

@@ -158,15 +158,21 @@ def calibrate(
 
 
 def calibrate_cyclic(
-    space: DesignSpace, displacements: Any, forces: Any, rod: int = 0, **options: Any
+    space: DesignSpace,
+    displacements: Any,
+    forces: Any,
+    rod: int = 0,
+    steps: int = 8,
+    **options: Any,
 ) -> Calibration:
     """The parameters of a rod that yields that fit a measured cyclic test best.
 
     ``displacements`` and ``forces`` were measured, shape (n,) each; forces are NaN where nothing
-    was. ``space`` has parameters of one rod of its structures, by number from 0: its stiffness, and
-    its law, which alone is tested of a ``YieldingZener``. ``options`` are ``noise``, by the name
-    "force", ``start``, ``starts``, ``key`` and ``confidence`` of ``calibrate``. Raises
-    ``ValueError`` as ``calibrate`` does, or if the rod never yields.
+    was. Between two displacements the law takes ``steps`` steps, as in ``cyclic_test``. ``space``
+    has parameters of one rod of its structures, by number from 0: its stiffness, and its law, which
+    alone is tested of a ``YieldingZener``. ``options`` are ``noise``, by the name "force",
+    ``start``, ``starts``, ``key`` and ``confidence`` of ``calibrate``. Raises ``ValueError`` as
+    ``calibrate`` does, or if the rod has no law of hysteresis.
 
     Examples
     --------
@@ -188,7 +194,8 @@ def calibrate_cyclic(
 
     def run(structures: Any, last: bool = False) -> CyclicTest:
         tested = structures.system().rods[rod]
-        return cyclic_test(hysteresis_of(tested.material), x, tested.stiffness, steps=1)
+        test = cyclic_test(hysteresis_of(tested.material), x, tested.stiffness, steps)
+        return jax.tree.map(lambda series: series[::steps], test)
 
     run(space.nominal)  # refuses what is wrong
     return _calibrated(owner, space, run, lambda x: {"force": x.force}, {"force": force}, **options)

@@ -26,13 +26,14 @@ class Pushover(NamedTuple):
 
 
 def pushover(building: ShearBuilding, ductility: float = 6.0) -> Pushover:
-    """A building under static loads that grow until its critical storey has a ductility above 1.
+    """A building under static loads that grow until its critical storey has a ``ductility`` > 1.
 
     Loads are in proportion to mass and height, so that the shear of each storey is a share of the
     base shear; its drift follows from its law alone. The critical storey is the one that within the
     ductility withstands the least base shear; where it softens, the others unload with their
-    stiffness K. After ``with_p_delta`` the base shear is what the building withstands beside its
-    weight. Raises ``ValueError`` if no storey yields, or a number is traced or breaks its rule.
+    stiffness K, and below a base shear of 0 the building has to be held. After ``with_p_delta`` the
+    base shear is what the building withstands beside its weight. Raises ``ValueError`` if no storey
+    yields, or a number is traced or breaks its rule.
 
     Examples
     --------
@@ -50,7 +51,7 @@ def pushover(building: ShearBuilding, ductility: float = 6.0) -> Pushover:
     shares = np.array(storey_shears(storeys, building.elevations, 1.0), float)
     softness = shares / np.array([storey.stiffness for storey in storeys])
     ramp = np.append(np.linspace(0, 1, _AT_YIELD + 1), np.linspace(1, most, 129)[1:])
-    laws = [storey.hysteresis or _NEVER for storey in storeys]
+    laws = [_NEVER if s.hysteresis is None else s.hysteresis for s in storeys]
     drifts = [float(law.yield_displacement) * ramp for law in laws]
     shears = np.array([_reduced(*each) for each in zip(laws, drifts, strict=True)])
     shears /= softness[:, None]

@@ -84,7 +84,7 @@ class Scene:
                 corner = float(left_ends[b]), scale * float(height) - slab
                 below = _Floor(ax, x, corner, (w, slab), building_colour(b), below)
                 self._floors[mass] = below
-                below.yields = response.demand.rods[rod].first_yield_time
+                below.first_yield_time = response.demand.rods[rod].first_yield_time
         for left, rest, ends in between:
             if rest < spaces[left]:
                 for end in ends:
@@ -124,7 +124,7 @@ class _Floor:
         self, ax: Axes, x: np.ndarray, corner: Pair, size: Pair, colour: str, below: _Floor | None
     ) -> None:
         self.x, self._below, self._colour = x, below, colour
-        self.yields: Any = None  # when its storey does
+        self.first_yield_time: Any = None
         (self.left, self.low), (self.width, slab) = corner, size
         self.high = self.low + slab
         self._extensions = [0.0, 0.0]  # to the left and to the right
@@ -153,7 +153,7 @@ class _Floor:
         for line, share in zip(self._columns, (0.1, 0.9), strict=True):
             foot = self.left + share * self.width
             line.set_data(foot + bent, base + s * (self.low - base))
-            yielded = self.yields is not None and time >= self.yields
+            yielded = self.first_yield_time is not None and time >= self.first_yield_time
             line.set_color(COLOURS["limit"] if yielded else self._colour)
 
 

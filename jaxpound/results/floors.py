@@ -44,7 +44,8 @@ class FloorDemands(Shown):
     contact_right: Any = quantity("force", "peak contact force from the right", symbol="peak $p$")
     """Largest force of contact with what stands to the right."""
     ductility: Any = None
-    """Ductility of the storey below each floor, 0 of one that never yields; None if none does."""
+    """Ductility of the storey below each floor, 0 of one without a law of hysteresis; None if no
+    storey has one."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
     heights: tuple[float, ...] = static(default=())

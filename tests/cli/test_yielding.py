@@ -102,7 +102,7 @@ test_laws_of_no_file = refusals((as_toml, jp.Buildings((MIXED,)), "hysteresis mu
 
 
 def test_simulate_says_what_the_library_does(pulse, tmp_path):
-    out = told(tmp_path, "simulate", "[run]\nduration = 1.6\n", pulse)
+    out = folder_of_run(tmp_path, "simulate", "[run]\nduration = 1.6\n", pulse)
     si = layout_of(PAIR).si
     demand = jp.simulate_row(si.buildings, si.links, jp.read_record(pulse), duration=1.6).demand
     left, right = summary(out)["results"]["buildings"]
@@ -115,7 +115,7 @@ def test_simulate_says_what_the_library_does(pulse, tmp_path):
     assert right["yielding"] == []
 
 
-def told(folder, command, more, record=""):
+def folder_of_run(folder, command, more, record=""):
     """The folder of a command with these buildings."""
     path = folder / "config.toml"
     path.write_text(PAIR + more)
@@ -128,12 +128,14 @@ def test_a_building_collapses_at_the_ductility_of_collapse(tmp_path):
     (tmp_path / "records").mkdir()
     (tmp_path / "records" / "a.AT2").write_text(at2(SUITE[0].samples, SUITE[0].dt))
     ladder = '[suite]\nfolder = "records"\n[ida]\nintensities = [0.1, 0.4]\n'
-    study = jp.Study.open(told(tmp_path, "montecarlo", f"{NOISE}[study]\nsamples = 64\n"))
+    study = jp.Study.open(folder_of_run(tmp_path, "montecarlo", f"{NOISE}[study]\nsamples = 64\n"))
     answers = []
     for demand, threshold in (("ductility", COLLAPSE), ("collapsed", 1)):
         limit = f'demand = "{demand}"\nthreshold = {threshold}\n'
-        probability = summary(told(tmp_path, "rare", f"{NOISE}[limit]\n{limit}"))["probability"]
-        capacities = summary(told(tmp_path, "ida", ladder + limit))["capacities"]
+        probability = summary(folder_of_run(tmp_path, "rare", f"{NOISE}[limit]\n{limit}"))[
+            "probability"
+        ]
+        capacities = summary(folder_of_run(tmp_path, "ida", ladder + limit))["capacities"]
         median = study.fragility("pga", demand=demand, threshold=threshold).median
         answers.append([probability, median, capacities["a"]])
     assert answers[0] == pytest.approx(answers[1], rel=0.01)  # of capacities, which are bisected
@@ -144,7 +146,7 @@ def test_a_design_may_choose_the_strength(tmp_path, monkeypatch):
     search = "[search]\nearthquakes = 2\nfresh = 2\nstarts = 1\niterations = 2\n[limits]\n"
     goal = 'residual_drift = 1.0\n[objective]\ngoal = "least demand"\ndemand = "ductility"\n'
     variables = f"[variables]\n{STRENGTH} = {{low = 0.5, high = 2.0}}\n"
-    out = told(tmp_path, "design", f"{NOISE}{search}{goal}{variables}")
+    out = folder_of_run(tmp_path, "design", f"{NOISE}{search}{goal}{variables}")
     assert summary(out)["answer"][0]["quantity"] == "building 1, storey 1, yield displacement"
     designed = layout_of((out / "buildings.toml").read_text()).buildings[0].storeys[0]
     assert float(designed.hysteresis.yield_displacement) == pytest.approx(0.024)  # its bound

@@ -122,7 +122,7 @@ def test_a_parameter_at_its_bound_is_named():
 CYCLE = np.sin(np.linspace(0, 2 * np.pi, 41))[1:]
 PATH = np.concatenate([[0.0], *(a * CYCLE for a in (0.05, 0.1, 0.2, 0.3))])
 LAW = {"yield_displacement": 0.1, "hardening": 0.05, "exponent": 2.0, "beta": 0.4}
-FORCE = np.asarray(jp.cyclic_test(jp.BoucWen(**LAW), PATH, 5.0, 1).force)
+FORCE = np.asarray(jp.cyclic_test(jp.BoucWen(**LAW), PATH, 5.0, 64).force)[::64]
 BOUNDS = {"yield_displacement": jp.Bounds(0.02, 0.4, "log"), "hardening": (0.0, 0.2)}
 BOUNDS |= {"exponent": (1, 6), "beta": (0, 1)}
 ROD = jp.DesignSpace(

@@ -36,4 +36,11 @@ def test_a_pushover_curve_marks_where_storeys_yield(ax):
     assert points.get_ydata() == pytest.approx([1e3, 1.5 * 0.9e3])
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("roof displacement (m)", "base shear $V$ (kN)")
     plots.pushover(weak.with_p_delta(), 6.0, ax)
-    assert len({line.get_color() for line in ax.lines}) == 2
+    strong = frame.yielding(yield_force=[4e6, 3e6], hardening=0.1)
+    plots.pushover(strong, 6.0, ax)
+    assert len({line.get_color() for line in ax.lines}) == 3
+    pushed = jp.pushover(strong, 6.0)
+    ends = pushed.drifts.sum(1).max(), pushed.base_shear.max() / 1e3
+    for (least, most), end in zip((ax.get_xlim(), ax.get_ylim()), ends, strict=True):
+        assert least == 0
+        assert end < most < 1.2 * end

@@ -20,7 +20,7 @@ PAIR, WAVES = jp.paper.structures(), jp.paper.ground()
 ELASTIC = jp.ZenerRod(0.5, 0.1, 0.1)
 RESOLVED, FULL = jp.Scheme(), jp.Scheme(history=jp.FullHistory())
 SCHEMES = RESOLVED, jp.Scheme(jp.Smoothed(0.01)), jp.PAPER_SCHEME
-STEPS = (0.02, 0.005)
+STEPS = (0.02, 0.01, 0.005)
 GRID, SHORT = jp.TimeGrid(0.02, 600), jp.TimeGrid(0.02, 50)
 
 # What is tried there may be coarse, at rest or in records of 22 g.

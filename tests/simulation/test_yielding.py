@@ -182,8 +182,8 @@ def test_oscillators_under_el_centro_have_the_exact_ductilities():
         grid = jp.TimeGrid.until(record.duration, 0.01)
         return jp.demand(jp.Buildings((weak,)), record, grid, only=["ductility_1"]).ductility_1
 
-    found = jax.vmap(ductility)(jnp.array([0.5, 0.25, 0.125]))
-    np.testing.assert_allclose(found, [1.4463, 3.1083, 7.3506], rtol=6e-4)
+    ductilities = jax.vmap(ductility)(jnp.array([0.5, 0.25, 0.125]))
+    np.testing.assert_allclose(ductilities, [1.4463, 3.1083, 7.3506], rtol=6e-4)
 
 
 def test_a_run_that_diverges_has_collapsed_and_is_finite():

@@ -25,8 +25,8 @@ _MOST_TERMS = 4095
 """Most numbers of a sum for which XLA does not call a library, as a kernel cannot."""
 
 _TERMS, _MOST_LINKS = 7 * len(STAGES), 16
-"""Numbers, for each link, of the largest sum in a flow, of the weights by which a substep is
-interpolated; and links of a group up to which it is the largest, as their pairs count in others."""
+"""Numbers, for each link, of the largest sum in a flow: that of the weights by which a substep is
+interpolated. Up to so many links it is the largest; beyond, sums over pairs of links are longer."""
 
 _ONE_KERNEL = version("jaxlib").startswith("0.10.")
 """Whether this version of XLA is known to make kernels of flows."""
@@ -52,8 +52,10 @@ def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Cloc
     number = jax.ShapeDtypeStruct((), inputs.closing.dtype)
     laws = [law for law in inputs.laws if law is not None and not isinstance(law, Newton)]
     programs = [jax.make_jaxpr(law.force)(number, number, number) for law in laws]
-    one_kernel = _ONE_KERNEL and all(_is_arithmetic(program.jaxpr) for program in programs)
-    return _differentiable(h, slots, len(inputs.laws), one_kernel)(inputs, (needed, clock))
+    n, of_version = len(inputs.laws), _ONE_KERNEL and jax.default_backend() == "cpu"
+    arithmetic = all(_is_arithmetic(program.jaxpr) for program in programs)
+    links_of_kernel = n if of_version and arithmetic and n <= _MOST_LINKS else None
+    return _differentiable(h, slots, links_of_kernel)(inputs, (needed, clock))
 
 
 def _is_arithmetic(program: Jaxpr) -> bool:
@@ -66,10 +68,12 @@ def _is_arithmetic(program: Jaxpr) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _differentiable(h: float, slots: int, n: int, one_kernel: bool) -> Program:
-    most = max(1, _MOST_TERMS // (_TERMS * n))  # of lanes, or of columns
-    one_kernel = one_kernel and n <= _MOST_LINKS
-    lanes, lanes_in_reverse = (min(x, most) for x in (_LANES, _LANES_IN_REVERSE))
+def _differentiable(h: float, slots: int, links_of_kernel: int | None) -> Program:
+    lanes, lanes_in_reverse, columns = _LANES, _LANES_IN_REVERSE, None
+    if links_of_kernel is not None:
+        most = _MOST_TERMS // (_TERMS * links_of_kernel)  # of lanes, or of columns
+        lanes, lanes_in_reverse = min(lanes, most), min(lanes_in_reverse, most)
+        columns = most // lanes_in_reverse
 
     def run(inputs: FlowInput, constants: tuple[jax.Array, Clock]) -> FlowResult:
         local = LocalFlow(h, slots, inputs, constants[1])
@@ -79,12 +83,12 @@ def _differentiable(h: float, slots: int, n: int, one_kernel: bool) -> Program:
         return not (path[0].name == "contact" and path[1].name in DISCRETE)
 
     def in_lanes(program: Program, reverse: bool) -> Program:
-        work = where_needed(program, lanes_in_reverse if reverse else lanes, one_kernel)
+        width = lanes_in_reverse if reverse else lanes
+        work = where_needed(program, width, links_of_kernel is not None)
 
         def mapped(inputs: FlowInput, constants: tuple[jax.Array, Clock], *more: Any) -> Any:
             return work(constants[0], inputs, constants, *more)
 
         return mapped
 
-    columns = max(1, most // lanes_in_reverse)
     return in_both_modes(run, is_differentiated, in_lanes, columns)

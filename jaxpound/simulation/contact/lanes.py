@@ -60,7 +60,7 @@ def where_needed(
     A group has ``width`` lanes: enough to fill vector registers, few enough to finish together.
 
     ``needed`` is a single truth value; ``args`` and the result are pytrees of real arrays. With
-    ``one_kernel`` the work of a group is compiled as one kernel, on CPUs. It may have loops and
+    ``one_kernel``, on CPUs, the work of a group is compiled as one kernel. It may have loops and
     branches, but no operation for which XLA calls a library or has a kernel of its own, such as
     scatter, sort, or products of matrices and what XLA takes for one: the sum of a product.
     """
@@ -72,7 +72,7 @@ def where_needed(
 
     def kernel(layout: _Layout, column: jax.Array) -> jax.Array:
         result = columns(layout, column)
-        if not (one_kernel and jax.default_backend() == "cpu"):
+        if not one_kernel:
             return result
         return set_xla_metadata(result, xla_cpu_small_call="true", inlineable="false")
 
