@@ -51,7 +51,7 @@ def pushover(building: ShearBuilding, ductility: float = 6.0, ax: Axes | None = 
     at = curve.yields[curve.yields >= 0]
     (line,) = ax.plot(x, y)
     ax.plot(x[at], y[at], "o", color=line.get_color(), markersize=4)
-    ax.set_xlim(0, auto=None)  # both go on to fit what is drawn
-    ax.set_ylim(min(0.0, *(line.get_ydata().min() for line in ax.lines)), auto=None)
+    for edges in (line.sticky_edges.x, line.sticky_edges.y):  # no margin at 0, where curves start
+        edges.append(0.0)
     label(ax, "roof displacement (m)", "base shear $V$ (kN)")
     return ax
