@@ -251,8 +251,9 @@ def _context(task: Task, notes: Any) -> dict[str, Any]:
             return []
         oscillators = []
         for rod, mass in zip(system.rods, system.masses, strict=True):
-            own, both = before_yield(rod.material), (rod.stiffness, mass)
-            oscillators += [2 * jnp.pi / own.natural_frequency(*both), own.damping_ratio(*both)]
+            elastic, stiffness = before_yield(rod.material), rod.stiffness
+            period = 2 * jnp.pi / elastic.natural_frequency(stiffness, mass)
+            oscillators += [period, elastic.damping_ratio(stiffness, mass)]
         return oscillators
 
     z = jnp.zeros(scenarios.dimension)

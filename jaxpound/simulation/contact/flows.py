@@ -49,13 +49,18 @@ def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Cloc
     Up to ``slots`` impacts that end in the step are recorded for each link. The result is zero
     where the flow is not ``needed``.
     """
+    links_of_kernel = len(inputs.laws) if _has_kernel(inputs) else None
+    return _differentiable(h, slots, links_of_kernel)(inputs, (needed, clock))
+
+
+def _has_kernel(inputs: FlowInput) -> bool:
+    """Whether XLA can make one kernel of the flow of these links."""
+    if not _ONE_KERNEL or jax.default_backend() != "cpu" or len(inputs.laws) > _MOST_LINKS:
+        return False
     number = jax.ShapeDtypeStruct((), inputs.closing.dtype)
     laws = [law for law in inputs.laws if law is not None and not isinstance(law, Newton)]
-    programs = [jax.make_jaxpr(law.force)(number, number, number) for law in laws]
-    n, of_version = len(inputs.laws), _ONE_KERNEL and jax.default_backend() == "cpu"
-    arithmetic = all(_is_arithmetic(program.jaxpr) for program in programs)
-    links_of_kernel = n if of_version and arithmetic and n <= _MOST_LINKS else None
-    return _differentiable(h, slots, links_of_kernel)(inputs, (needed, clock))
+    programs = (jax.make_jaxpr(law.force)(number, number, number) for law in laws)
+    return all(_is_arithmetic(program.jaxpr) for program in programs)
 
 
 def _is_arithmetic(program: Jaxpr) -> bool:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import accumulate
 from math import prod
 from typing import Any, NamedTuple
 
@@ -39,15 +40,23 @@ class _Layout(NamedTuple):
         leaves, structure = jax.tree.flatten(tree)
         return _Layout(structure, *zip(*((x.shape, x.dtype) for x in leaves), strict=True))
 
+    @property
+    def ends(self) -> list[int]:
+        """The row after each array."""
+        return [*accumulate(map(prod, self.shapes))]
+
+    @property
+    def dtype(self) -> Any:
+        """The type of a column's numbers."""
+        return jnp.result_type(*self.dtypes)
+
     def column(self, tree: Any) -> jax.Array:
         """The numbers of such a pytree, (n,)."""
-        kind = jnp.result_type(*self.dtypes)
-        return jnp.concatenate([x.astype(kind).ravel() for x in jax.tree.leaves(tree)])
+        return jnp.concatenate([x.astype(self.dtype).ravel() for x in jax.tree.leaves(tree)])
 
     def pytree(self, column: jax.Array) -> Any:
         """The pytree of such a column."""
-        ends = [sum(map(prod, self.shapes[: i + 1])) for i in range(len(self.shapes))]
-        parts = zip(jnp.split(column, ends[:-1]), self.shapes, self.dtypes, strict=True)
+        parts = zip(jnp.split(column, self.ends[:-1]), self.shapes, self.dtypes, strict=True)
         leaves = [part.reshape(shape).astype(kind) for part, shape, kind in parts]
         return jax.tree.unflatten(self.tree, leaves)
 
@@ -62,7 +71,7 @@ def where_needed(
     ``needed`` is a single truth value; ``args`` and the result are pytrees of real arrays. With
     ``one_kernel``, on CPUs, the work of a group is compiled as one kernel. It may have loops and
     branches, but no operation for which XLA calls a library or has a kernel of its own, such as
-    scatter, sort, or products of matrices and what XLA takes for one: the sum of a product.
+    scatter, sort, products of matrices, or sums of 4,096 numbers and more.
     """
 
     @partial(jax.jit, static_argnums=0)
@@ -80,9 +89,8 @@ def where_needed(
     def single(needed: jax.Array, *args: Any) -> Any:
         layout, results = _Layout.of(args), _Layout.of(jax.eval_shape(work, *args))
         column = layout.column(args)
-        rows = jax.eval_shape(partial(columns, layout), column)
         # Derived from the input: constants would be the same on all devices, unlike the result.
-        nothing = jnp.full(rows.shape, 0 * needed.astype(int), rows.dtype)
+        nothing = jnp.full(results.ends[-1], 0 * needed.astype(int), results.dtype)
         return results.pytree(lax.cond(needed, lambda: kernel(layout, column), lambda: nothing))
 
     @custom_vmap
@@ -143,6 +151,5 @@ def _in_groups(
         return done + width, out.at[:, numbers].set(columns, mode="drop")
 
     none = 0 * count  # derived from the input, as it may differ from device to device
-    kind, rows = jnp.result_type(*results.dtypes), sum(map(prod, results.shapes))
-    empty = jnp.zeros((rows, size), kind) + none.astype(kind)
+    empty = jnp.zeros((results.ends[-1], size), results.dtype) + none.astype(results.dtype)
     return lax.while_loop(lambda carry: carry[0] < count, group, (none, empty))[1]
