@@ -23,7 +23,7 @@ os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     CACHE = tempfile.mkdtemp(prefix="jaxpound-tests-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = CACHE
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
 else:
     CACHE = None
 
@@ -78,6 +78,9 @@ settings.register_profile(
 )
 settings.load_profile("jaxpound")
 
+TOGETHER = {"test_divergence.py": "test_impacts.py"}
+"""Files, by the names of others whose programs they share: one process runs both."""
+
 FIRST = ("notebooks", "simulation", "reliability", "design", "cli", "study", "tests")
 """Folders of long files: these come first, so that no process ends long after the other."""
 
@@ -85,6 +88,9 @@ FIRST = ("notebooks", "simulation", "reliability", "design", "cli", "study", "te
 def pytest_collection_modifyitems(items):
     places = {folder: place for place, folder in enumerate(FIRST)}
     items.sort(key=lambda item: places.get(item.path.parent.name, len(places)))
+    for item in items:
+        file = item.path.with_name(TOGETHER.get(item.path.name, item.path.name))
+        item.add_marker(pytest.mark.xdist_group(str(file.relative_to(item.config.rootpath))))
 
 
 @pytest.fixture(autouse=True)

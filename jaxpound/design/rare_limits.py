@@ -117,7 +117,8 @@ class RareLimits:
             most = self.problem.objective.limits[name].most
             logs[i] = math.log(max(event.probability, RAREST) / most)
             if math.isfinite(event.cov):  # else it is rarer than can be estimated
-                slopes[i] = sum(event.slopes[path].value * x for path, x in by_scaled.items())
+                by_path = event.slopes_by(tuple(by_scaled))
+                slopes[i] = sum(by_path[path].value * x for path, x in by_scaled.items())
         numbers = (scaled, logs, slopes, np.zeros((k, d, d)))
         return RareEstimates(events, LogRatios(*(np.asarray(x, scaled.dtype) for x in numbers)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from os import PathLike
 from typing import Any
 
@@ -17,7 +18,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import warn
-from jaxpound.model.parameters import get, paths, replaced, require_paths
+from jaxpound.model.parameters import get, replaced, require_paths
 from jaxpound.model.system import Structures, without_contact
 from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of
 from jaxpound.results import named
@@ -158,9 +159,9 @@ class LimitState:
         demanded, slope = self.programs.gradients(z, self.changes, *more)
         return demanded - self.level, slope
 
-    def sensitivities(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of ``values`` by all parameters of the structures, by path, shape (n,)."""
-        return self.programs.sensitivities(z, self.changes)
+    def sensitivities(self, z: np.ndarray, chosen: Sequence[str]) -> dict[str, np.ndarray]:
+        """Derivatives of ``values`` by chosen parameters of the structures, by path, shape (n,)."""
+        return self.programs.sensitivities(tuple(chosen))(z, self.changes)
 
     @property
     def series(self) -> tuple[Series, ...]:
@@ -255,16 +256,20 @@ class LimitStatePrograms:
         def whole(z: Any, changes: Any) -> Any:
             return state.observed(z, changes)[0]
 
-        def by_parameters(z: Any, changes: Any) -> Any:
-            structures, _ = state.realized(z, changes)
-            # As arrays of the run's kind: a parameter may be a number or differ in its precision.
-            numbers = {x: jnp.asarray(get(structures, x), z.dtype) for x in paths(structures)}
-            return jax.grad(lambda numbers: whole(z, numbers))(numbers)
+        @cache  # derivatives by few parameters compile in a fraction of the time
+        def sensitivities(chosen: tuple[str, ...]) -> Callable[..., Any]:
+            def by_parameters(z: Any, changes: Any) -> Any:
+                structures, _ = state.realized(z, changes)
+                # As arrays of the run's kind: a number may be a float, or differ in its precision.
+                numbers = {x: jnp.asarray(get(structures, x), z.dtype) for x in chosen}
+                return jax.grad(lambda numbers: whole(z, {**changes, **numbers}))(numbers)
+
+            return _in_batches(by_parameters, _GRADIENTS)
 
         value = state.at_instant if self.series else whole
         self.observed = _in_batches(state.observed, _RUNS)
         self.gradients = _in_batches(jax.value_and_grad(value), _GRADIENTS)
-        self.sensitivities = _in_batches(by_parameters, _GRADIENTS)
+        self.sensitivities = sensitivities
 
     def serve(self, state: LimitState) -> bool:
         """Whether another limit state has the same programs."""

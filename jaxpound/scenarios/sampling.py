@@ -62,9 +62,14 @@ def points(sampling: str, key: jax.Array, dimension: int) -> Points:
     by a random linear matrix and a digital shift (scipy's), in order; earlier ones after a reset.
     """
     if sampling == "plain":
-        return lambda start, stop: np.asarray(
-            _normals(key, np.arange(start, stop, dtype=np.uint32), dimension)
-        )
+
+        def plain(start: int, stop: int) -> np.ndarray:
+            size = 1 << max(stop - start - 1, 0).bit_length()  # few sizes, as each is compiled
+            indices = np.arange(start, start + size).astype(np.uint32)
+            return np.asarray(_normals(key, indices, dimension))[: stop - start]
+
+        return plain
+
     from scipy.special import ndtri  # only here: these imports take a second
     from scipy.stats import qmc
 

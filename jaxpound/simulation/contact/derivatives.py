@@ -43,6 +43,7 @@ def in_both_modes(
     columns
         How many columns of J at most are computed side by side; by default all.
     """
+    function = jax.jit(function)
 
     @jax.jit
     def push(inputs: Any, constants: Any, change: Any) -> Any:
@@ -68,7 +69,7 @@ def in_both_modes(
         return rebuild(jnp.where(np.array(mask), by_group.ravel()[np.maximum(places, 0)], 0.0))
 
     run, push_mapped, pull_mapped = (
-        mapped(jax.jit(function), False),
+        mapped(function, False),
         mapped(push, False),
         mapped(pull, True),
     )

@@ -50,7 +50,9 @@ def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Cloc
     where the flow is not ``needed``.
     """
     links_of_kernel = len(inputs.laws) if _has_kernel(inputs) else None
-    return _differentiable(h, slots, links_of_kernel)(inputs, (needed, clock))
+    # JAX says so itself where it differentiates: then it needs not trace the programs once more.
+    with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
+        return _differentiable(h, slots, links_of_kernel)(inputs, (needed, clock))
 
 
 def _has_kernel(inputs: FlowInput) -> bool:
