@@ -21,7 +21,7 @@ from scipy.special import ndtri
 from jaxpound._checks import require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.parameters import paths, require_paths
+from jaxpound.model.parameters import require_paths
 from jaxpound.model.system import Structures
 from jaxpound.reliability.limit_state import LimitState
 from jaxpound.study.statistics import Estimate
@@ -138,11 +138,10 @@ class RareEvent(Shown):
         that the demand does not depend on, such as the gap at rest where the event is that another
         gap closes. Raises ``ValueError`` if fewer than 20 samples reach the limit state.
         """
-        return self.slopes_by(paths(self.limit_state.programs.nominal))
+        return self.slopes_by()
 
-    def slopes_by(self, chosen: Sequence[str]) -> dict[str, Slope]:
+    def slopes_by(self, chosen: Sequence[str] | None = None) -> dict[str, Slope]:
         """``slopes`` by chosen parameters only, which compile sooner; raises as ``slope``."""
-        require_paths("RareEvent.slopes_by", self.limit_state.programs.nominal, chosen)
         density, slopes = self._densities(), {}
         near, parts = np.flatnonzero(density), np.zeros(len(self.values))
         for path, slope in self.limit_state.sensitivities(self.points[near], chosen).items():

@@ -64,8 +64,8 @@ def points(sampling: str, key: jax.Array, dimension: int) -> Points:
     if sampling == "plain":
 
         def plain(start: int, stop: int) -> np.ndarray:
-            size = 1 << max(stop - start - 1, 0).bit_length()  # few sizes, as each is compiled
-            indices = np.arange(start, start + size).astype(np.uint32)
+            size = 1 << (stop - start - 1).bit_length()  # few sizes, as each is compiled
+            indices = np.arange(start, start + size, dtype=np.uint32)
             return np.asarray(_normals(key, indices, dimension))[: stop - start]
 
         return plain

@@ -162,6 +162,9 @@ def test_the_slope_of_a_probability_of_a_millionth():
     # from 0.47 to 0.645.
     assert 26 < event.decay.value < 34
     assert event.slopes["initial_gap"].value == 0
+    (alone,) = event.slopes_by(["friction"]).values()
+    assert alone == pytest.approx(slope, rel=1e-9)
+    refused("unknown path 'fiction'", event.slopes_by, ["fiction"])
     refused("unknown path 'fiction'; did you mean 'friction'", event.slope, "fiction")
     refused("path = 3 must be the name of a parameter", event.slope, 3)
 

@@ -33,7 +33,7 @@ def in_both_modes(
     Parameters
     ----------
     function
-        May have ``lax.while_loop``; a jitted one is traced once.
+        May have ``lax.while_loop``; both modes share one trace of it.
     is_differentiated
         Whether a leaf of the inputs, by its path, may have a derivative other than zero.
     mapped
