@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
@@ -97,6 +98,8 @@ class Rollout(NamedTuple):
         valid &= all_hold(extra_rules(extra)) & is_stable(system, dt, scheme)
         valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
+        if any(link.contact is not None for link in system.links):  # a long step
+            zero = _differentiated_with(zero, (structures, ground, extra, initial))
         displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
@@ -134,6 +137,22 @@ class Rollout(NamedTuple):
             looped=constants.is_long,
         )
         return Rollout(system, constants, zero, start, extra, advance, scan)
+
+
+@jax.custom_jvp
+def _differentiated_with(x: jax.Array, numbers: Any) -> jax.Array:
+    """x, with a derivative of zero by the numbers, so that all that starts as x has one.
+
+    Otherwise JAX finds out step by step which states have a derivative, and differentiates a step
+    anew each time.
+    """
+    return x
+
+
+@partial(_differentiated_with.defjvp, symbolic_zeros=True)
+def _(primals: Any, tangents: Any) -> Any:
+    changes = [t for t in jax.tree.leaves(tangents) if not isinstance(t, SymbolicZero)]
+    return primals[0], 0 * changes[0].ravel()[0]
 
 
 T = TypeVar("T")

@@ -140,7 +140,7 @@ def start_state(
         closing, velocity = (zero if y is None else elongation(ends, y) for y in (x, v))
         apart = Contact(*(zero,) * len(Contact._fields))
         contact = ContactState(closing, apart) if k in flowing else None
-        links.append(LinkState(closing, velocity, zero, zero, contact))
+        links.append(LinkState(closing, velocity, jax.lax.stop_gradient(zero), zero, contact))
 
     def of_free(y: Sequence[jax.Array] | None) -> tuple[jax.Array | None, ...]:
         values = [zero] * topology.n_masses if y is None else y

@@ -199,10 +199,11 @@ class Tally(NamedTuple):
         ``closings`` are those of all links before the run.
         """
         topology, peak = system.topology, Peak(zero, zero, zero)
+        counter = jax.lax.stop_gradient(zero)
         softly = LogMeanExp(zero, zero, zero) if soft else None
         zeros = ContactTally(*(zero,) * 12, Contact(*(zero,) * len(Contact._fields)))
         never = zeros._replace(
-            first=zero + jnp.inf, since_touch=zero + WINDOW, since_end=zero + WINDOW
+            first=zero + jnp.inf, since_touch=counter + WINDOW, since_end=counter + WINDOW
         )
         links = tuple(
             LinkTally(
@@ -212,7 +213,7 @@ class Tally(NamedTuple):
                 last_turn=closing,
                 distance=zero,
                 work=zero,
-                instants_since_turn=zero,
+                instants_since_turn=counter,
                 softly=softly,
                 contact=None if link.contact is None else never,
             )
