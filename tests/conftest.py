@@ -39,8 +39,7 @@ if version("jax").startswith("0.10."):  # an unknown flag would end the process
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {SOON}"
 
 # Tracing makes many small objects and few cycles; looking for these often costs a fifth of it.
-COLLECTED = (50_000, 20, 20)
-gc.set_threshold(*COLLECTED)
+gc.set_threshold(50_000, 20, 20)
 
 import jax  # noqa: E402
 import jaxtyping  # noqa: E402
@@ -53,9 +52,6 @@ from traitlets.config import Config  # noqa: E402
 # kernels must neither pick the same port nor create the same profile.
 KERNELS = tempfile.mkdtemp(prefix="jaxpound-kernels-")
 os.environ["IPYTHONDIR"] = KERNELS
-STARTUP = Path(KERNELS, "profile_default", "startup", "collection.py")
-STARTUP.parent.mkdir(parents=True)
-STARTUP.write_text(f"import gc\ngc.set_threshold{COLLECTED}\n")
 LOCAL = {"transport": "ipc", "ip": f"{KERNELS}/kernel"} if os.name == "posix" else {}
 nbmake.nb_run.NotebookClient = functools.partial(
     nbmake.nb_run.NotebookClient,
@@ -63,8 +59,9 @@ nbmake.nb_run.NotebookClient = functools.partial(
 )
 
 # Annotations of these wings are checked at every call, shapes included, in the wings' own tests:
-# elsewhere that would double the time of tracing. So it would in the largest programs, whose
-# functions the other files call too. A whole number may stand for a float, as it may for mypy.
+# elsewhere that would double the time of tracing. Nor are they in the files of the largest
+# programs, as smaller ones of other files have the same functions. A whole number may stand for a
+# float, as it may for mypy.
 CHECKED = tuple(Path(__file__).parent / wing for wing in ("results", "simulation"))
 LARGE = ("test_contact.py", "test_divergence.py", "test_impacts.py")
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"

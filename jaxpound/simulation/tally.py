@@ -199,7 +199,7 @@ class Tally(NamedTuple):
         ``closings`` are those of all links before the run.
         """
         topology, peak = system.topology, Peak(zero, zero, zero)
-        counter = jax.lax.stop_gradient(zero)
+        counter = jax.lax.stop_gradient(zero)  # numbers of instants have no derivatives
         softly = LogMeanExp(zero, zero, zero) if soft else None
         zeros = ContactTally(*(zero,) * 12, Contact(*(zero,) * len(Contact._fields)))
         never = zeros._replace(
