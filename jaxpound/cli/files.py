@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import resources
+from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -88,13 +89,9 @@ def write_files(out: Path, files: Mapping[str, str | Write]) -> None:
     from jaxpound.store.archive import replace_file
 
     for name, content in files.items():
-        write = content if callable(content) else partial(_write_text, content.encode())
+        write = content if callable(content) else methodcaller("write", content.encode())
         replace_file(out / name, write)
         print(out / name)
-
-
-def _write_text(encoded: bytes, file: BinaryIO) -> None:
-    file.write(encoded)
 
 
 def json_text(answers: Any) -> str:

@@ -41,14 +41,8 @@ def use_cores(n: int | None = None) -> int:
     Results lie where they were computed, spread over the devices. Within ``jax.default_device(d)``,
     and only there, arrays that are committed to one device can be batched: nothing is spread.
 
-    Parameters
-    ----------
-    n
-        Number of cores, a positive whole number; by default all that this process may use.
-
-    Returns
-    -------
-    The number of CPU devices, ``n``; a ``RuntimeError`` if JAX has started with another already.
+    ``n`` is a positive whole number, by default that of all cores that this process may use.
+    Returns it; raises a ``RuntimeError`` if JAX has started with another number already.
     """
     if n is None:
         has_affinity = hasattr(os, "sched_getaffinity")

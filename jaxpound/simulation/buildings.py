@@ -80,23 +80,14 @@ def simulate_buildings(
     scheme, strict
         See ``simulate``.
 
-    Returns
-    -------
-    Response
-        In s, m, N and m/s².
-
     Raises
     ------
     ValueError, FloatingPointError
         As in ``simulate``; dt must be positive, below the stability limit and at most the record's,
         the duration from 2 to 1,000,000 steps. Also if the contact law is of one's own, since the
         units of its numbers are not known, or if buildings or sample interval are traced, since the
-        time step follows from them.
-
-    Warns
-    -----
-    PlausibilityWarning
-        As ``dimensionless`` and ``simulate``, but not where slip force, gap or samples are traced.
+        time step follows from them. Warnings are those of ``dimensionless`` and ``simulate``, where
+        slip force, gap and samples are not traced.
 
     Examples
     --------
@@ -133,7 +124,8 @@ def simulate_row(
     """Response of buildings in a row, of one or more storeys, to a record; all in SI units.
 
     ``dimensionless_row``, ``simulate`` and ``Scales`` in one call, as in ``jaxpound simulate``.
-    Raises and warns as ``simulate_buildings`` and ``dimensionless_row``, of every link.
+    Masses and rods of the response are floors and storeys, building by building. Raises and warns
+    as ``simulate_buildings`` and ``dimensionless_row``, of every link.
 
     Parameters
     ----------
@@ -143,11 +135,6 @@ def simulate_row(
         See ``simulate_buildings``; by default dt has at least 50 steps in the shortest of the
         buildings' first periods, and is within half of the stability limit, which the highest mode
         sets.
-
-    Returns
-    -------
-    Response
-        In s, m, N and m/s²; its masses and rods are floors and storeys, building by building.
 
     Examples
     --------

@@ -67,30 +67,13 @@ def growth(
     does any other small error before it. From impact to impact the change is magnified: for a
     chaotic motion exponentially in the mean, and a trajectory and its derivatives say nothing about
     a real structure after ``horizon``. Statistics of many runs still do (see the page on chaos).
+    Before the first impact the factor is 0.
 
     Forward mode finds the derivative in one run, which costs a few runs and their memory. Works
     under ``jit`` and ``vmap``; an invalid run, which cannot raise there, gives NaN, as does one
-    that ends in non-finite numbers.
-
-    Parameters
-    ----------
-    structures, ground, grid, scheme
-        See ``simulate``; at least one link must have a law of contact.
-
-    Returns
-    -------
-    Growth
-        With its ``factor`` (0 before the first impact), and its value at the ``end``.
-
-    Raises
-    ------
-    ValueError
-        As ``simulate``, and if no link has a law of contact.
-
-    Warns
-    -----
-    PlausibilityWarning
-        If contact is run in single precision.
+    that ends in non-finite numbers. Arguments are those of ``simulate``. Raises ``ValueError`` as
+    ``simulate``, and if no link has a law of contact; warns (``PlausibilityWarning``) if contact is
+    run in single precision.
 
     Examples
     --------

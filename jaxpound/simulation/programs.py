@@ -49,7 +49,8 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     Programs are in the sub-folder ``jaxpound/programs``. Above 1 GiB those used longest ago are
     removed, damaged ones at the next call; no other file ever is. Whoever can write to the folder
     can make you execute any code: it is refused if it, or one above it, belongs to somebody else or
-    others may write to it.
+    others may write to it. Returns the folder with the programs, or None if none are kept; a
+    ``UserWarning`` says if a folder is refused, or the requested one cannot be written to.
 
     Parameters
     ----------
@@ -57,15 +58,6 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
         Folder for caches; made if it does not exist. By default that of the environment variable
         ``JAXPOUND_CACHE``, which "off" switches off, or else the user's (``~/.cache`` on Linux);
         then nothing changes if JAX already has a folder (``JAX_COMPILATION_CACHE_DIR``).
-
-    Returns
-    -------
-    The folder with the programs; None if none are kept.
-
-    Warns
-    -----
-    UserWarning
-        If a folder is refused, or the requested one cannot be made or written to.
 
     Examples
     --------

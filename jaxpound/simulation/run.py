@@ -53,7 +53,7 @@ def simulate(
     initial: InitialState | None = None,
     strict: bool = False,
 ) -> Response:
-    """Response of structures to a ground motion, at every instant of the grid.
+    """Response of structures to a ground motion: series of shape (n_steps+1,) and the ``Demand``.
 
     Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over every leaf of structures and ground.
     Traced values can neither raise nor give a warning: an invalid run gives NaN in every result.
@@ -61,8 +61,9 @@ def simulate(
     Parameters
     ----------
     structures
-        ``Buildings``, in SI units; or dimensionless ``AdjacentStructures`` (eq. 9), a ``System`` of
-        any number of masses, rods and links, or any other pytree with ``system()``.
+        ``Buildings``, whose results are in SI units too; or dimensionless ``AdjacentStructures``
+        (eq. 9), a ``System`` of any number of masses, rods and links, or any other pytree with
+        ``system()``.
     ground
         ``Ricker``, ``Record``, sums and scalings of them, any object with ``acceleration(t)`` or
         any function of t: in units of g over time in units of 1/ω1. For ``Buildings``, records are
@@ -76,11 +77,6 @@ def simulate(
         Displacements and velocities at t = 0; by default all is at rest.
     strict
         Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
-
-    Returns
-    -------
-    Response
-        Time series of shape (n_steps+1,) and the run's ``Demand``; in SI units of ``Buildings``.
 
     Raises
     ------
@@ -152,6 +148,8 @@ def demand(
     """Scalars of a run, ``simulate(...).demand``, accumulated in O(modes) memory.
 
     A batch is ``jax.vmap`` of this function (see ``use_cores``), or ``in_chunks`` for any size.
+    Raises and warns as ``simulate``, of results only if all scalars are requested; a ``ValueError``
+    also if temperature is not positive and finite, or ``only`` holds anything but their names.
 
     Parameters
     ----------
@@ -167,17 +165,6 @@ def demand(
         are None, and a batch of pairs takes some 0.7 of the time. By default all.
     initial, strict
         See ``simulate``.
-
-    Raises
-    ------
-    ValueError, FloatingPointError
-        As in ``simulate``; if temperature is not positive and finite, or ``only`` holds anything
-        but names of scalars.
-
-    Warns
-    -----
-    PlausibilityWarning
-        As in ``simulate``; of results only if all scalars are requested.
 
     Examples
     --------
