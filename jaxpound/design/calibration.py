@@ -73,8 +73,11 @@ class Calibration(Shown):
 
     def _tables(self) -> list[TextTable]:
         kinds = measurables(self.structures.system()) | {"force": "force"}
-        units = "dimensionless" if gravity_of(self.structures) is None else "SI"
-        si = getattr(self.response, "si", units == "SI")
+        si = gravity_of(self.structures) is not None
+        units = "SI" if si else "dimensionless"
+        noise_units = {x: unit(kinds[x], getattr(self.response, "si", si)) for x in self.noise}
+        if isinstance(self.response, CyclicTest) and not si:
+            units, noise_units = "in units of the test", {"force": "of the test"}
         return [
             TextTable(
                 f"Calibration ({self.simulations} runs)",
@@ -85,7 +88,7 @@ class Calibration(Shown):
             TextTable(
                 "Noise, what is left of the measured series",
                 ("series", "standard deviation", "unit"),
-                [(name, std, unit(kinds[name], si)) for name, std in self.noise.items()],
+                [(name, std, noise_units[name]) for name, std in self.noise.items()],
                 digits=4,
             ),
         ]

@@ -91,6 +91,7 @@ class Cloud(Shown):
             measure=self.measure,
             source=f"from the regression of {reached.size} demands, {reached.sum()} of them at "
             "least the threshold",
+            event="reaching the threshold",
         )
 
     def _tables(self) -> list[TextTable]:

@@ -52,7 +52,8 @@ class Stripes(Shown):
 
     def fragility(self) -> Fragility:
         """``fit_fragility`` of the counts (Baker 2015, eq. 11), with its errors and warning."""
-        return fit_fragility(self.intensities, self.pounding, self.trials, measure=self.measure)
+        curve = fit_fragility(self.intensities, self.pounding, self.trials, measure=self.measure)
+        return dataclasses.replace(curve, event="reaching the threshold")
 
     def _tables(self) -> list[TextTable]:
         data = zip(self.intensities, self.trials, self.pounding, self.demands, strict=True)

@@ -186,7 +186,8 @@ def fragility(
         ax.fill_between([], [], [], label="95 % band", **shade("residual"))
     ax.set_xscale("log")
     house.ratio_ticks(ax.xaxis)
-    label(ax, intensity, "probability of pounding")
+    events = {member.event for member in members}
+    label(ax, intensity, f"probability of {events.pop()}" if len(events) == 1 else "probability")
     house.legend(ax, columns=2 if single else 4)
     house.only_shares(ax)
     return ax

@@ -66,6 +66,8 @@ class Fragility(Shown):
     ``HazardCurve.annual_rate_of`` requires that measure and unit are those of the hazard curve."""
     source: str = ""
     """What it was fitted to instead of counts, in words: capacities, or a regression."""
+    event: str = "pounding"
+    """Whose probability it is, in words, such as ``"largest ductility ≥ 4"``."""
 
     def __post_init__(self) -> None:
         owner = type(self).__name__
@@ -163,10 +165,9 @@ class Fragility(Shown):
         runs, pounding = int(self.trials.sum()), int(self.pounding.sum())
         stripes = f" at {len(self.intensity):,} intensities" if self.stripes else ""
         weighted = " with weights" * (self.weights is not None)
-        event = "threshold reached" if self.source else "pounding"
-        note = f"fitted to {runs:,} runs{stripes}{weighted}, {pounding:,} with pounding"
+        note = f"fitted to {runs:,} runs{stripes}{weighted}, {pounding:,} with {self.event}"
         note = self.source or (note if runs else "")
-        title = f"Fragility P({event} | im) = Φ(ln(im / θ) / β)"
+        title = f"Fragility P({self.event} | im) = Φ(ln(im / θ) / β)"
         rows = [
             ("median θ", self.median, self.median_error, self.unit or "that of im"),
             ("dispersion β", self.dispersion, self.dispersion_error, ""),

@@ -17,6 +17,7 @@ from jaxpound.model.places import link_places
 from jaxpound.model.system import Topology
 from jaxpound.quantities import column
 from jaxpound.results.elements import of_link, without_idle_dampers
+from jaxpound.results.named import in_words
 from jaxpound.scenarios.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.store.archive import DamagedError
 from jaxpound.store.store import Store
@@ -149,17 +150,18 @@ class Study(DemandColumns):
         """
         im = self[intensity]
         if demand is None:
-            pounding = self.pounding(gap, link=link)
+            pounding, event = self.pounding(gap, link=link), Fragility.event
         else:
             if threshold is None or gap is not None or link is not None:
                 rule = "must have a threshold, and no gap or link"
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
+            event = f"{in_words(demand)} ≥ {threshold:.4g}"
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
-        return dataclasses.replace(curve, measure=str(self.measure(intensity)))
+        return dataclasses.replace(curve, measure=str(self.measure(intensity)), event=event)
 
     def _pounding(self, owner: str, gap: Any, link: Any) -> Iterator[np.ndarray]:
         """``pounding``, part by part."""

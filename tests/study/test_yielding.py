@@ -26,6 +26,7 @@ def test_random_strengths_make_a_fragility_by_ductility():
     never = np.isinf(study["first_yield_time_1"])
     np.testing.assert_array_equal(never, study["ductility"] < 1)
     curve = study.fragility("pga", demand="ductility", threshold=2.0)
+    assert "P(largest ductility ≥ 2 | im)" in str(curve)
     share = study.exceedance("ductility", 2.0).value
     assert 0.2 < share < 0.8
     assert curve.probability(study["pga"]).mean() == pytest.approx(share, abs=0.03)
