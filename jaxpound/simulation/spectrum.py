@@ -10,16 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import (
-    Rule,
-    all_hold,
-    enforce,
-    instance,
-    is_traced,
-    number,
-    positive,
-    require_batch,
-)
+from jaxpound import _checks
+from jaxpound._checks import Rule, all_hold, enforce, instance, number, positive
 from jaxpound._errors import InvalidInput
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
@@ -70,9 +62,8 @@ def inelastic_spectrum(
     one over ten times the ductility reaches it.
 
     Works under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over strength, ductility, hardening and
-    samples; traced numbers that break a rule give NaN. Raises ``ValueError`` if not exactly one of
-    strength and ductility is given, if periods, damping or the record's interval are traced, or if
-    a number, a shape or the record breaks its rule.
+    samples; traced numbers that break a rule give NaN. Raises ``ValueError`` if a number, a shape
+    or the record breaks its rule, or periods, damping or the record's interval are traced.
 
     Parameters
     ----------
@@ -101,30 +92,29 @@ def inelastic_spectrum(
     instance(owner, "record", record, Record)
     require_seconds(f"{owner}: record", record)
     if (strength is None) == (ductility is None):
-        number_of = "both" if ductility is not None else "neither"
-        raise InvalidInput(
-            owner, f"{number_of} of strength and ductility", "", "must be one of them"
-        )
-    if is_traced((periods, damping, record.dt)):
+        raise InvalidInput(owner, "strength and ductility", "", "must be one of them, not both")
+    if _checks.is_traced((periods, damping, record.dt)):
         rule = "must be known, not traced: the time step follows"
         raise InvalidInput(owner, "periods, damping and record.dt", "", rule)
     stated = {"strength": strength} if ductility is None else {"ductility": ductility}
     period, level = positive(owner, periods=periods, **stated)
     zeta, alpha = number(owner, "damping", damping), number(owner, "hardening", hardening)
-    require_batch(owner, periods=period, **dict.fromkeys(stated, level))
+    _checks.require_batch(owner, periods=period, **dict.fromkeys(stated, level))
     checks = [
         PERIOD.of("periods", period),
         damping_rule(zeta),
         Rule("hardening", alpha, (alpha >= 0) & (alpha <= 1), "from 0 to 1"),
+        Rule("ductility", level, (level >= 1) | (strength is not None), "at least 1"),
     ]
-    if strength is None:
-        checks.append(Rule("ductility", level, level >= 1, "at least 1"))
     enforce(owner, checks)
-    shortest = Building.from_period(1.0, np.min(period), zeta, 1.0, _TAU_F * np.min(period))
-    unit = Scales(1.0, 1.0)
-    grid = record_grid(f"{owner}:", Buildings((shortest,)), unit, Scheme(), record, dt=dt)
+    shortest = Buildings((_oscillator(np.min(period), zeta),))
+    grid = record_grid(f"{owner}:", shortest, Scales(1.0, 1.0), Scheme(), record, dt=dt)
     spectrum = _spectrum(record, jnp.asarray(period), level, zeta, alpha, grid, strength is None)
     return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), spectrum)
+
+
+def _oscillator(period: Any, damping: Any) -> Building:
+    return Building.from_period(1.0, period, damping, order=1.0, tau_f=_TAU_F * period)
 
 
 @partial(jax.jit, static_argnames=("grid", "solves"))
@@ -132,7 +122,7 @@ def _spectrum(
     record: Record, periods: Any, level: Any, zeta: Any, alpha: Any, grid: TimeGrid, solves: bool
 ) -> InelasticSpectrum:
     def ductility(period: Any, strength: Any) -> Any:
-        block = Building.from_period(1.0, period, zeta, 1.0, _TAU_F * period)
+        block = _oscillator(period, zeta)
         law = Bilinear(strength * STANDARD_GRAVITY / block.stiffness, alpha)
         weak = Buildings((dataclasses.replace(block, hysteresis=law),))
         return demand(weak, record, grid, only=["ductility_1"]).ductility_1

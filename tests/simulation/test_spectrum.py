@@ -95,8 +95,13 @@ def test_derivatives_are_those_of_central_differences():
 
 test_wrong_spectra_are_refused = refusals(
     (BURST.dimensionless(1.0), 0.5, {"strength": 0.1}, "record = .* must be in seconds"),
-    (BURST, 0.5, {}, "neither of strength and ductility must be one of them"),
-    (BURST, 0.5, {"strength": 0.1, "ductility": 2.0}, "both of strength and ductility must be"),
+    (BURST, 0.5, {}, "strength and ductility must be one of them, not both"),
+    (
+        BURST,
+        0.5,
+        {"strength": 0.1, "ductility": 2.0},
+        "strength and ductility must be one of them, not both",
+    ),
     (BURST, [0.5, -1.0], {"strength": 0.1}, r"periods = -1 \(at index \[1\]\) must be positive"),
     (BURST, 500.0, {"strength": 0.1}, "periods = 500 must be between 0.002 and 60 s"),
     (BURST, 0.5, {"strength": 0.0}, "strength = 0 must be positive and finite"),
