@@ -77,7 +77,7 @@ class Calibration(Shown):
         units = "SI" if si else "dimensionless"
         noise_units = {x: unit(kinds[x], getattr(self.response, "si", si)) for x in self.noise}
         if isinstance(self.response, CyclicTest) and not si:
-            units, noise_units = "in units of the test", {"force": "of the test"}
+            units, noise_units = "units of the test", {"force": "of the test"}
         return [
             TextTable(
                 f"Calibration ({self.simulations} runs)",

@@ -16,7 +16,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.hazard.capacities import CensoredRegression, regression
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns, demand_in_words
 from jaxpound.model.system import Structures
-from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
+from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
 from jaxpound.units import Scales
@@ -91,7 +91,7 @@ class Cloud(Shown):
             measure=self.measure,
             source=f"from the regression of {reached.size} demands, {reached.sum()} of them at "
             "least the threshold",
-            event="reaching the threshold",
+            event=event_in_words(self.name, threshold, self.si),
         )
 
     def _tables(self) -> list[TextTable]:

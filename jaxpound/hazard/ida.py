@@ -19,7 +19,7 @@ from jaxpound.hazard.capacities import fit_capacities
 from jaxpound.hazard.stripes import Stripes
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
 from jaxpound.units import Scales
@@ -79,7 +79,9 @@ class IncrementalDynamicAnalysis(Shown):
 
     def fragility(self) -> Fragility:
         """Lognormal fragility from the capacities, by ``fit_capacities``, with its errors."""
-        return fit_capacities(self.capacities, self.intensities[-1], measure=self.measure)
+        curve = fit_capacities(self.capacities, self.intensities[-1], measure=self.measure)
+        event = event_in_words(self.demand, self.threshold, self.si)
+        return dataclasses.replace(curve, event=event)
 
     def _tables(self) -> list[TextTable]:
         above = f"above {self.intensities[-1]:.4g}"

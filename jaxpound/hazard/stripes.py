@@ -18,7 +18,7 @@ from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.hazard import suite_runs
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility, falls, fit_fragility
 from jaxpound.units import Scales
@@ -53,7 +53,8 @@ class Stripes(Shown):
     def fragility(self) -> Fragility:
         """``fit_fragility`` of the counts (Baker 2015, eq. 11), with its errors and warning."""
         curve = fit_fragility(self.intensities, self.pounding, self.trials, measure=self.measure)
-        return dataclasses.replace(curve, event="reaching the threshold")
+        event = event_in_words(self.demand, self.threshold, self.si)
+        return dataclasses.replace(curve, event=event)
 
     def _tables(self) -> list[TextTable]:
         data = zip(self.intensities, self.trials, self.pounding, self.demands, strict=True)

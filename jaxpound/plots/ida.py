@@ -13,7 +13,7 @@ from jaxpound.hazard.ida import FRACTILES, IncrementalDynamicAnalysis
 from jaxpound.plots import studies
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
-from jaxpound.results.named import OVERLAP, REQUIRED_GAP, in_words, kind_of
+from jaxpound.results.named import in_words, kind_of
 
 
 @in_house_style
@@ -53,10 +53,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
 def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes:
     """Fragility of the capacities with its 95 % band, and their empirical distribution."""
     instance("fragility", "analysis", analysis, IncrementalDynamicAnalysis)
-    ax = studies.fragility(analysis.fragility(), ax, in_symbols(analysis.measure))
-    if analysis.demand not in (REQUIRED_GAP, OVERLAP):
-        ax.set_ylabel("probability of exceedance")
-    return ax
+    return studies.fragility(analysis.fragility(), ax, in_symbols(analysis.measure))
 
 
 @in_house_style

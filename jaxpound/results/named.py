@@ -109,6 +109,13 @@ def in_words(name: str, topology: Topology | None = None) -> str:
     return f"{words if where.startswith('building') else words.replace('base ', '')} of {where}"
 
 
+def event_in_words(name: str, threshold: float, si: bool) -> str:
+    """What the fragility of a demand is of: pounding, or that the demand reaches the threshold."""
+    if name in (REQUIRED_GAP, OVERLAP):
+        return "pounding"
+    return f"{in_words(name)} ≥ {threshold:.4g} {unit_of(name, si)}".rstrip()
+
+
 def kind_and_symbol(name: str) -> tuple[str | None, str]:
     """Kind of a demand and its name in a figure; of any other column None and its own name."""
     quantity = quantity_named(name)

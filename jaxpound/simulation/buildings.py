@@ -55,7 +55,8 @@ def simulate_buildings(
 
     ``dimensionless``, ``simulate`` and ``Scales`` in one call, as in ``jaxpound simulate``. Works
     under ``jit``, ``vmap``, ``grad`` and ``jacfwd`` over slip force, gap, the contact law's numbers
-    and the record's samples.
+    and the record's samples; where none of these is traced it warns as ``dimensionless`` and
+    ``simulate``.
 
     Parameters
     ----------
@@ -86,8 +87,7 @@ def simulate_buildings(
         As in ``simulate``; dt must be positive, below the stability limit and at most the record's,
         the duration from 2 to 1,000,000 steps. Also if the contact law is of one's own, since the
         units of its numbers are not known, or if buildings or sample interval are traced, since the
-        time step follows from them. Warnings are those of ``dimensionless`` and ``simulate``, where
-        slip force, gap and samples are not traced.
+        time step follows from them.
 
     Examples
     --------

@@ -67,7 +67,7 @@ def growth(
     does any other small error before it. From impact to impact the change is magnified: for a
     chaotic motion exponentially in the mean, and a trajectory and its derivatives say nothing about
     a real structure after ``horizon``. Statistics of many runs still do (see the page on chaos).
-    Before the first impact the factor is 0.
+    Before the first impact the factor is 0; its last value is the result's ``end``.
 
     Forward mode finds the derivative in one run, which costs a few runs and their memory. Works
     under ``jit`` and ``vmap``; an invalid run, which cannot raise there, gives NaN, as does one

@@ -50,7 +50,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     removed, damaged ones at the next call; no other file ever is. Whoever can write to the folder
     can make you execute any code: it is refused if it, or one above it, belongs to somebody else or
     others may write to it. Returns the folder with the programs, or None if none are kept; a
-    ``UserWarning`` says if a folder is refused, or the requested one cannot be written to.
+    ``UserWarning`` says if a folder is refused, or the requested one cannot be made or written to.
 
     Parameters
     ----------

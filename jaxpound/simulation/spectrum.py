@@ -70,15 +70,16 @@ def inelastic_spectrum(
     record
         Ground acceleration, in g and s.
     periods
-        Natural periods of small vibrations > 0 in s, of any shape.
+        Natural periods of small vibrations, from 0.002 to 60 s, of any shape.
     strength, ductility
         One of the two: the yield force over the weight > 0, or the ductility ≥ 1. Their shapes
         broadcast with that of ``periods``.
     damping, hardening
-        ζ from 0 to below 1, one number; the stiffness after yield over that before, from 0 to 1.
+        One number each: ζ from 0 to below 1; the stiffness after yield over that before, 0 to 1.
     dt
         Time step in s; by default the record's sample interval or a whole part of it, with at least
-        50 steps in the shortest period.
+        50 steps in the shortest period and within half of the stability limit, which falls as the
+        damping grows.
 
     Examples
     --------
@@ -99,6 +100,8 @@ def inelastic_spectrum(
     stated = {"strength": strength} if ductility is None else {"ductility": ductility}
     period, level = positive(owner, periods=periods, **stated)
     zeta, alpha = number(owner, "damping", damping), number(owner, "hardening", hardening)
+    if not np.size(period):
+        raise InvalidInput(owner, "periods", "", "must not be empty")
     _checks.require_batch(owner, periods=period, **dict.fromkeys(stated, level))
     checks = [
         PERIOD.of("periods", period),
@@ -107,7 +110,7 @@ def inelastic_spectrum(
         Rule("ductility", level, (level >= 1) | (strength is not None), "at least 1"),
     ]
     enforce(owner, checks)
-    shortest = Buildings((_oscillator(np.min(period), zeta),))
+    shortest = Buildings.of(owner, (_oscillator(np.min(period), zeta),))
     grid = record_grid(f"{owner}:", shortest, Scales(1.0, 1.0), Scheme(), record, dt=dt)
     spectrum = _spectrum(record, jnp.asarray(period), level, zeta, alpha, grid, strength is None)
     return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), spectrum)
@@ -121,34 +124,36 @@ def _oscillator(period: Any, damping: Any) -> Building:
 def _spectrum(
     record: Record, periods: Any, level: Any, zeta: Any, alpha: Any, grid: TimeGrid, solves: bool
 ) -> InelasticSpectrum:
-    def ductility(period: Any, strength: Any) -> Any:
+    def ductility(record: Record, alpha: Any, period: Any, strength: Any) -> Any:
         block = _oscillator(period, zeta)
         law = Bilinear(strength * STANDARD_GRAVITY / block.stiffness, alpha)
         weak = Buildings((dataclasses.replace(block, hysteresis=law),))
         return demand(weak, record, grid, only=["ductility_1"]).ductility_1
 
     def required(period: Any, target: Any) -> Any:
-        of_many = jax.vmap(partial(ductility, period))
+        fixed = jax.lax.stop_gradient((record, alpha))  # the search itself has no derivative
 
         def narrowed(ends: Any, _: Any) -> Any:
-            tried = jnp.geomspace(ends[0], ends[1], _TRIED)
-            reach = of_many(tried) >= target
-            last = _TRIED - 1 - jnp.argmax(reach[::-1])
-            return (tried[last], tried[jnp.minimum(last + 1, _TRIED - 1)]), reach.any()
+            tried = jnp.geomspace(ends[0], ends[1], _TRIED)  # which rounds its ends
+            tried = tried.at[0].set(ends[0]).at[-1].set(ends[1])
+            reach = jax.vmap(partial(ductility, *fixed, period))(tried) >= target
+            last = jnp.max(jnp.where(reach[:-1], jnp.arange(_TRIED - 1), 0))
+            return (tried[last], tried[last + 1]), reach.any()
 
         elastic = spectral_acceleration(record, period=period, damping=zeta)
         ends = jax.lax.stop_gradient((elastic / (10 * target), 1.1 * elastic))
-        ends, reached = jax.lax.scan(narrowed, ends, length=_LEVELS)
-        low, high = jax.lax.stop_gradient(jnp.stack(ends))
-        most, least = of_many(jnp.stack([low, high]))
-        strength = low + (high - low) * (most - target) / (most - least)
-        return jnp.where(reached[0], strength, jnp.nan)
+        (low, high), reached = jax.lax.scan(narrowed, ends, length=_LEVELS)
+        both = jnp.stack([low, high])
+        most, least = jax.vmap(partial(ductility, record, alpha, period))(both)
+        falls = most > least
+        share = jnp.where(falls, (most - target) / jnp.where(falls, most - least, 1.0), 0.0)
+        return jnp.where(reached[0], low + (high - low) * share, jnp.nan)
 
     periods, level = jnp.broadcast_arrays(periods, level)
     if solves:
         strength, reached = jnp.vectorize(required)(periods, level), level
     else:
-        strength, reached = level, jnp.vectorize(ductility)(periods, level)
+        strength, reached = level, jnp.vectorize(partial(ductility, record, alpha))(periods, level)
     stiffness = (2 * jnp.pi / periods) ** 2
     displacement = reached * strength * STANDARD_GRAVITY / stiffness
     return InelasticSpectrum(periods, strength, reached, displacement)

@@ -17,7 +17,7 @@ from jaxpound.model.places import link_places
 from jaxpound.model.system import Topology
 from jaxpound.quantities import column
 from jaxpound.results.elements import of_link, without_idle_dampers
-from jaxpound.results.named import in_words
+from jaxpound.results.named import event_in_words
 from jaxpound.scenarios.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.store.archive import DamagedError
 from jaxpound.store.store import Store
@@ -157,7 +157,7 @@ class Study(DemandColumns):
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
-            event = f"{in_words(demand)} ≥ {threshold:.4g}"
+            event = event_in_words(demand, threshold, self.scales is not None)
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)

@@ -62,8 +62,8 @@ def test_a_cloud_and_its_line(ax):
 def test_the_fragility_of_capacities_is_drawn_with_their_distribution(ax):
     (data,) = ida.fragility(FOUND, ax).containers
     np.testing.assert_allclose(data.lines[0].get_data(), [[0.25, 0.4], [1 / 3, 2 / 3]])
-    assert ax.get_ylabel() == "probability of reaching the threshold"
+    assert ax.get_ylabel() == "probability of pounding"
     assert ax.get_xlabel() == "$S_a$(0.9 s) ($g$)"
     ax.clear()
     drift = dataclasses.replace(FOUND, demand="peak_drift")
-    assert "exceedance" in ida.fragility(drift, ax).get_ylabel()
+    assert "largest storey drift ≥ 0.05 m" in ida.fragility(drift, ax).get_ylabel()

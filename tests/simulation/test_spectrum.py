@@ -62,6 +62,10 @@ def test_the_strength_is_the_largest_that_has_the_ductility(elastic):
     again = of_burst(strength=spectrum.strength)
     np.testing.assert_allclose(again.ductility, np.broadcast_to(TARGETS, (3, 3)), rtol=1e-6)
     np.testing.assert_allclose(spectrum.strength[0], elastic, rtol=1e-3)
+    coarse = jax.tree.map(np.float32, (BURST, PERIODS, TARGETS))
+    single = jp.inelastic_spectrum(*coarse[:2], ductility=coarse[2], dt=0.01)
+    assert single.strength.dtype == np.float32
+    np.testing.assert_allclose(single.strength, spectrum.strength, rtol=1e-3)
     stronger = np.geomspace(1.001 * spectrum.strength, 1.1 * elastic, 30)
     assert (np.asarray(of_burst(strength=stronger).ductility) < TARGETS).all()
     assert of_burst(strength=0.4).ductility[2] < 1.62
@@ -103,6 +107,7 @@ test_wrong_spectra_are_refused = refusals(
         "strength and ductility must be one of them, not both",
     ),
     (BURST, [0.5, -1.0], {"strength": 0.1}, r"periods = -1 \(at index \[1\]\) must be positive"),
+    (BURST, [], {"strength": 0.1}, "periods must not be empty"),
     (BURST, 500.0, {"strength": 0.1}, "periods = 500 must be between 0.002 and 60 s"),
     (BURST, 0.5, {"strength": 0.0}, "strength = 0 must be positive and finite"),
     (BURST, 0.5, {"ductility": 0.5}, "ductility = 0.5 must be at least 1"),
