@@ -71,7 +71,8 @@ def fit_capacities(
     above = f", {n - m} more above what was analysed" if n > m else ""
     median, data = float(np.exp(line.coefficients[0])), (finite, np.arange(1, m + 1), np.full(m, n))
     curve = Fragility(median, line.sigma, line.covariance, *data, measure=measure)
-    return dataclasses.replace(curve, source=f"from {m} capacities{above}")
+    source, event = f"from {m} capacities{above}", "reaching the threshold"
+    return dataclasses.replace(curve, source=source, event=event)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
