@@ -66,6 +66,7 @@ CHECKED = tuple(Path(__file__).parent / wing for wing in ("results", "simulation
 LARGE = ("test_contact.py", "test_divergence.py", "test_impacts.py")
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
+from jaxpound._checks import machine_memory  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
@@ -117,7 +118,7 @@ def _figures_do_not_pile_up():
         sys.modules["matplotlib.pyplot"].close("all")
 
 
-MOST_RESIDENT = 4e9
+MOST_RESIDENT = machine_memory() / 4
 """Bytes that a process of the suite may keep from one test to the next: programs fill them."""
 
 
