@@ -134,7 +134,7 @@ class Rollout(NamedTuple):
             history=scheme.history,
             inputs=shaking.series,
             checkpoint=scheme.checkpoint,
-            looped=constants.is_long,
+            layout=constants.layout,
         )
         return Rollout(system, constants, zero, start, extra, advance, scan)
 

@@ -19,12 +19,13 @@ from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, 
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
+from jaxpound.simulation.scan import Layout
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, RodInstant
 
 WRITTEN_OUT = 4
-"""Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
-flow, they are a loop, which compiles in a third of the time and runs at most a fifth slower."""
+"""Rods up to which the steps of a block are unrolled; beyond, they are a loop, which compiles in a
+third of the time and runs at most a fifth slower."""
 
 
 class StepConstants(NamedTuple):
@@ -40,10 +41,11 @@ class StepConstants(NamedTuple):
     initial_elongations: tuple[jax.Array, ...] | None  # of the rods; None at rest
 
     @property
-    def is_long(self) -> bool:
-        """Whether a step has more than ``WRITTEN_OUT`` rods or may need a local flow."""
-        may_flow = any(coupled is not None for coupled in self.couplings)
-        return may_flow or len(self.rods) > WRITTEN_OUT
+    def layout(self) -> Layout:
+        """The layout of the steps: step by step where they may need a local flow."""
+        if any(coupled is not None for coupled in self.couplings):
+            return "step by step"
+        return "looped" if len(self.rods) > WRITTEN_OUT else "written out"
 
 
 class LinkState(NamedTuple):
