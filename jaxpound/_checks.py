@@ -304,5 +304,5 @@ def all_hold(rules: Iterable[Rule]) -> jax.Array:
     """A traced flag: whether every rule holds for every element."""
     flag = jnp.asarray(True)
     for rule in rules:
-        flag = flag & jnp.all(rule.holds)
+        flag = flag & (jnp.all(rule.holds) if np.ndim(rule.holds) else rule.holds)
     return flag

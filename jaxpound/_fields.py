@@ -62,11 +62,14 @@ class Parameter:
     def rule(self, owner: Any, name: str, value: Any) -> Rule:
         """The rule for a value; ``owner`` is the object whose other fields may bound it."""
         low = getattr(owner, self.low) if isinstance(self.low, str) else self.low
-        holds = finite(value) if self.finite else value == value
-        if low is not None:
-            holds = holds & (value >= low if self.above is None else value > low)
+        if low is None:
+            holds = finite(value) if self.finite else value == value
+        else:
+            holds = value >= low if self.above is None else value > low
         if self.most is not None:
             holds = holds & (value <= self.most)
+        elif self.finite and low is not None:
+            holds = holds & (value < float("inf"))
         return Rule(name, value, holds, self._bounds(low) + (f" ({self.why})" if self.why else ""))
 
     def _bounds(self, low: Any) -> str:

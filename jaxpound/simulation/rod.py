@@ -75,6 +75,7 @@ def rod_step(law: RodLaw, excess: jax.Array, total: jax.Array, x: jax.Array) -> 
     return RodStep(f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f)
 
 
+@jax.jit  # traced once, not for every rod
 def rod_moved(law: RodLaw | SpringLaw, passed: RodStep, dx: jax.Array) -> RodStep:
     """What the step would have been for an elongation greater by dx."""
     if isinstance(law, SpringLaw):
