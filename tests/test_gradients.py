@@ -216,16 +216,14 @@ LONG = jp.TimeGrid(0.02, 10_000)
 
 @jax.jit
 def in_unit(unit, directions):
-    """Scalars and derivatives at steps of ``unit`` times those of ``LONG``: by one program."""
+    """Scalars and their derivatives at steps ``unit`` times those of ``LONG``."""
 
     def of_case(x):
         structures, ground = unrecorded(x)
         system, ground = in_unit_of_time(unit, structures.system(), ground)
-        # A width below the others' gaps, so that the soft minimum hardly sees when the run ends.
+        # So narrow that the soft minimum sees nothing of the rest at the end but how long it is.
         demand = jp.demand(system, ground, LONG, temperature=0.02)
-        scales = jp.Scales(mass=1.0, frequency=1 / unit, gravity=unit**-2.0)
-        values = scales.to_si(demand).scalars()
-        # But it sees how long the run is.
+        values = jp.Scales(1.0, 1 / unit, unit**-2.0).to_si(demand).scalars()
         values["soft_min_gap"] -= 0.02 * jnp.log(unit)
         return jnp.stack([values[name] for name in NAMES])
 
