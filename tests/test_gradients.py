@@ -19,8 +19,12 @@ from jax.flatten_util import ravel_pytree
 import jaxpound as jp
 from tests.made import SCALARS
 from tests.reference import convergence_order, paper_gradient
+from tests.simulation.pairs import in_unit_of_time
 
 NAMES = [*SCALARS, "soft_min_gap", "pounds"]
+OF_LAWS = ["min_gap", "min_gap_time", "slip_distance", "friction_work", "residual_offset"]
+OF_LAWS += ["peak_x1", "peak_f2", "peak_acceleration_2"]
+"""Scalars that friction laws make, and a peak of each kind, which are alike for all laws."""
 SCHEME, GRID = jp.Scheme(), jp.TimeGrid.until(20.0, 0.04)
 NOISE = 0.1 * np.random.default_rng(0).normal(size=100)
 LANES = 128  # in every batch of the coarse grid, so that each mode of a scheme is compiled once
@@ -41,18 +45,20 @@ unrecorded = ravel_pytree((jp.paper.structures(), jp.paper.ground()))[1]
 
 
 def scalars(x, scheme, grid):
-    structures, ground = (recorded if x.size == PAPER.size else unrecorded)(x)
-    demand = jp.demand(structures, ground, grid, scheme, temperature=0.05)
+    if scheme is not SCHEME:
+        demand = jp.demand(*unrecorded(x), grid, scheme, only=OF_LAWS)
+        return jnp.stack([getattr(demand, name) for name in OF_LAWS])
+    demand = jp.demand(*recorded(x), grid, scheme, temperature=0.05)
     return jnp.stack([demand.scalars()[name] for name in NAMES])
 
 
-def in_lanes(function, grid):
+def in_lanes(function):
     """A function over rows, under ``jit`` of ``vmap``."""
-    batch, lanes = jax.jit(jax.vmap(function)), LANES if grid == GRID else WAVES.stop
+    batch = jax.jit(jax.vmap(function))
 
     def over(*arrays):
         n = len(arrays[0])
-        rows = [np.arange(i, i + lanes) % n for i in range(0, n, lanes)]
+        rows = [np.arange(i, i + LANES) % n for i in range(0, n, LANES)]
         return np.concatenate([batch(*(x[some] for x in arrays)) for some in rows])[:n]
 
     return over
@@ -61,29 +67,29 @@ def in_lanes(function, grid):
 @cache
 def value(scheme, grid):
     """From a case to its scalars."""
-    return in_lanes(lambda x: scalars(x, scheme, grid), grid)
+    return in_lanes(lambda x: scalars(x, scheme, grid))
 
 
 @cache
 def forward(scheme, grid):
     """From a case and a direction to the scalars and their derivatives."""
     of_case = partial(scalars, scheme=scheme, grid=grid)
-    return in_lanes(lambda x, d: jnp.stack(jax.jvp(of_case, (x,), (d,))), grid)
+    return in_lanes(lambda x, d: jnp.stack(jax.jvp(of_case, (x,), (d,))))
 
 
 @cache
 def reverse(scheme, grid):
     """From a case and weights of the scalars to the gradient of the weighted sum."""
-    return in_lanes(lambda x, w: jax.vjp(lambda x: scalars(x, scheme, grid), x)[1](w)[0], grid)
+    return in_lanes(lambda x, w: jax.vjp(lambda x: scalars(x, scheme, grid), x)[1](w)[0])
 
 
 def size(x):
     return np.maximum(np.abs(x), 0.1)
 
 
-def jacobian(x, grid=GRID):
+def jacobian(x):
     """Scalars and, in forward mode, their derivatives (scalar, input) by inputs over ``size``."""
-    y, slopes = forward(SCHEME, grid)(np.tile(x, (x.size, 1)), np.diag(size(x))).swapaxes(0, 1)
+    y, slopes = forward(SCHEME, GRID)(np.tile(x, (x.size, 1)), np.diag(size(x))).swapaxes(0, 1)
     return y[0], slopes.T
 
 
@@ -125,7 +131,7 @@ def test_both_modes_are_finite_and_adjoint_in_every_corner(case):
     x = np.concatenate([[*corners()], neighbours(LANES - 72)])[:, part]
     random = np.random.default_rng(1)
     d = random.normal(size=x.shape) * np.where(x == 0, 1.0, np.abs(x))
-    w = random.normal(size=(LANES, len(NAMES)))
+    w = random.normal(size=(LANES, len(NAMES if scheme is SCHEME else OF_LAWS)))
     y, ahead = forward(scheme, grid)(x, d).swapaxes(0, 1)
     back = reverse(scheme, grid)(x, w)
     for result in (y, ahead, back):
@@ -144,10 +150,10 @@ def test_forward_equals_reverse_and_batches_single_gradients():
         largest = np.abs(ahead).max(axis=1, keepdims=True)
         assert (np.abs(ahead - back) <= 1e-9 * np.abs(ahead) + 1e-13 * largest).all()
         assert ((largest > 0).ravel() == [name != "pounds" for name in NAMES]).all()
+    slope = jax.jit(jax.grad(lambda s, ground: jp.demand(s, ground, GRID).min_gap))
     # In three corners: the paper's rods, those without friction, and nothing but the gap left.
     for x in np.stack([*corners()])[[0, 24, 47]]:
-        structures, ground = recorded(x)
-        alone = jax.grad(lambda s, ground=ground: jp.demand(s, ground, GRID).min_gap)(structures)
+        alone = slope(*recorded(x))
         together = (jacobian(x)[1][0] / size(x))[: len(jax.tree.leaves(alone))]
         np.testing.assert_allclose(jax.tree.leaves(alone), together, rtol=1e-9, atol=1e-12)
     for x in neighbours(2):
@@ -204,9 +210,30 @@ def test_derivatives_against_differences(structures, ground):
     assert smooth.mean() > 0.97
 
 
+LONG = jp.TimeGrid(0.02, 10_000)
+"""Until 20 at steps of 0.002, in a unit of time of which 0.02 are one; then nothing follows."""
+
+
+@jax.jit
+def in_unit(unit, directions):
+    """Scalars and their derivatives at steps ``unit`` times those of ``LONG``."""
+
+    def of_case(x):
+        structures, ground = unrecorded(x)
+        system, ground = in_unit_of_time(unit, structures.system(), ground)
+        # So narrow that the soft minimum sees nothing of the rest at the end but how long it is.
+        demand = jp.demand(system, ground, LONG, temperature=0.02)
+        values = jp.Scales(1.0, 1 / unit, unit**-2.0).to_si(demand).scalars()
+        values["soft_min_gap"] -= 0.02 * jnp.log(unit)
+        return jnp.stack([values[name] for name in NAMES])
+
+    case = jnp.asarray(PAPER[WAVES])
+    return jax.vmap(lambda way: jax.jvp(of_case, (case,), (way,)), out_axes=(None, 1))(directions)
+
+
 @cache
 def paper_jacobian(h):
-    return jacobian(PAPER[WAVES], jp.TimeGrid.until(20.0, h))
+    return jax.device_get(in_unit(h / LONG.dt, np.diag(size(PAPER[WAVES]))))
 
 
 def test_the_paper_s_derivatives_and_every_scalar_converge_at_order_two():
@@ -251,7 +278,8 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
             friction=factor * structures.friction,
             initial_gap=factor * structures.initial_gap,
         )
-        return jp.demand(larger, factor * jp.paper.ground(), grid, scheme).min_gap / factor
+        shaking, only = factor * jp.paper.ground(), ("min_gap",)
+        return jp.demand(larger, shaking, grid, scheme, only=only).min_gap / factor
 
     slopes = jax.jit(jax.jacfwd(min_gap))
     for width in widths:
@@ -263,16 +291,18 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
 
 def test_checkpoints_save_the_memory_of_reverse_mode_and_change_no_derivative():
     """Temporary memory of the compiled gradient: states of about √N instants in place of N."""
-    n, paper, memory, slopes = 16_000, jp.paper.structures(), [], []
+    rod = jp.Rod(jp.paper.structures().rod_2, 1.0, (0, jp.GROUND))
+    block = jp.System((1.0,), (rod,), (jp.Link((0, jp.GROUND), 0.25, 1.0),))
+    grid, memory, slopes = jp.TimeGrid(0.00125, 16_000), [], []
     for checkpoint in (True, False):
         scheme = jp.Scheme(checkpoint=checkpoint)
 
-        def gap(structures, scheme=scheme):
-            return jp.demand(structures, jp.paper.ground(), jp.TimeGrid(0.00125, n), scheme).min_gap
+        def gap(system, scheme=scheme):
+            return jp.demand(system, jp.paper.ground(), grid, scheme, only=("min_gap",)).min_gap
 
-        compiled = jax.jit(jax.grad(gap)).lower(paper).compile()
+        compiled = jax.jit(jax.grad(gap)).lower(block).compile()
         memory.append(compiled.memory_analysis().temp_size_in_bytes)
-        slopes.append(compiled(paper))
+        slopes.append(compiled(block))
     # √N of N, with a factor for what a segment holds (benchmarks/batches.py has more lengths).
     assert memory[0] < memory[1] / 20
     for one, other in zip(*map(jax.tree.leaves, slopes), strict=True):

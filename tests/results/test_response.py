@@ -17,7 +17,8 @@ T = np.linspace(0, 2, 201)
 
 @pytest.fixture(scope="module")
 def run():
-    return jp.simulate(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid(0.02, 1000))
+    grid = jp.TimeGrid(0.02, 1000)
+    return jax.device_get(jp.simulate(jp.paper.structures(), jp.paper.ground(), grid))
 
 
 def synthetic(**series):
@@ -28,10 +29,12 @@ def synthetic(**series):
 def test_energy_terms_are_the_integrals_of_the_powers_and_notice_wrong_forces(run):
     """A motion that solves no equation: each term alone against its closed form."""
     t, close = T, {"atol": 2e-4}
-    energy = synthetic(
+    energy_of = jax.jit(lambda response: response.energy)
+    response = synthetic(
         **{"v1": np.sin(t), "v2": t, "f1": 3 * np.cos(t), "f2": 2 + 0 * t, "friction": 0.5 + 0 * t},
         **{"ground_acceleration": -1 + 0 * t, "ground_velocity": -t},
-    ).energy
+    )
+    energy = jax.device_get(energy_of(response))
     np.testing.assert_allclose(energy.rods, 1.5 * np.sin(t) ** 2 + t**2, **close)
     np.testing.assert_allclose(energy.friction, 0.5 * (1 - np.cos(t)) - 0.25 * t**2, **close)
     np.testing.assert_allclose(energy.kinetic, np.sin(t) ** 2 / 2 + 2 * t**2, **close)
@@ -39,7 +42,7 @@ def test_energy_terms_are_the_integrals_of_the_powers_and_notice_wrong_forces(ru
     balance = energy.rods + energy.friction + energy.kinetic - energy.input
     np.testing.assert_allclose(energy.residual, balance, atol=1e-15)
     wrong = changed(run, f1=run.f1 * 1.1)
-    sound, broken = (np.abs(r.energy.residual).max() for r in (run, wrong))
+    sound, broken = (np.abs(energy_of(r).residual).max() for r in (run, wrong))
     assert broken > 3 * sound
 
 
@@ -91,9 +94,11 @@ def test_absolute_accelerations_and_pounding_are_those_of_the_blocks(run):
         structures = jp.AdjacentStructures(
             jp.paper.structures().rod_1, jp.paper.structures().rod_2, 1.0, 2.0, 0.25, gap
         )
-        return jp.demand(structures, jp.paper.ground(), jp.TimeGrid(0.02, 500)).pounds
+        grid, only = jp.TimeGrid(0.02, 500), ("min_gap",)
+        return jp.demand(structures, jp.paper.ground(), grid, only=only).pounds
 
-    np.testing.assert_array_equal(jax.vmap(pounds)(jnp.array([0.5, 0.6, 0.7, 0.8])), [1, 1, 0, 0])
+    gaps = np.array([0.5, 0.6, 0.7, 0.8])
+    np.testing.assert_array_equal(jax.jit(jax.vmap(pounds))(gaps), [1, 1, 0, 0])
     with pytest.raises(AttributeError, match=r"no attribute 'pounds'; its demand has it: .demand"):
         _ = run.pounds
     with pytest.raises(AttributeError, match=r"no attribute 'pound'$"):
@@ -124,7 +129,7 @@ def test_results_show_themselves(run):
 
 
 def test_a_batch_shows_its_range(run):
-    batch = jax.tree.map(lambda x: jnp.stack([x, 3 * x, -x, jnp.nan * x]), run)
+    batch = jax.tree.map(lambda x: np.stack([x, 3 * x, -x, np.nan * x]), run)
     invalid = "1 invalid, with NaN for every result"
     for result, owner in ((batch, "Response"), (batch.demand, "Demand")):
         shown = assert_shown(result)
@@ -143,7 +148,7 @@ def test_scalars_of_one_run_are_python_s_numbers_and_stay_traced(run):
     scalars = run.demand.scalars()
     assert {type(x) for x in scalars.values()} == {float}
     assert json.loads(json.dumps(scalars)) == scalars
-    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run.demand)
+    batch = jax.tree.map(lambda x: np.stack([x, x]), run.demand)
     assert batch.scalars()["peak_x1"] is batch.peak_x1
 
     def doubled(demand):
@@ -151,7 +156,7 @@ def test_scalars_of_one_run_are_python_s_numbers_and_stay_traced(run):
 
     expected = {name: 2 * x for name, x in run.demand.scalars().items()}
     assert jax.jit(doubled)(run.demand) == expected
-    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run.demand)
+    batch = jax.tree.map(lambda x: np.stack([x, x]), run.demand)
     assert {name: float(x[1]) for name, x in jax.vmap(doubled)(batch).items()} == expected
     slope = jax.grad(lambda demand: demand.scalars()["pgv"] ** 2)(run.demand)
     assert float(slope.pgv) == pytest.approx(2 * float(run.demand.pgv))
@@ -162,7 +167,7 @@ def test_a_run_draws_itself_and_a_batch_and_an_invalid_run_have_no_phases(run):
     times, gap = figure.axes[-1].lines[0].get_data()
     np.testing.assert_array_equal(times, run.time)
     np.testing.assert_array_equal(gap, run.gap)
-    batch = jax.tree.map(lambda x: jnp.stack([x, x]), run)
+    batch = jax.tree.map(lambda x: np.stack([x, x]), run)
     assert len(batch.plot().axes) == len(figure.axes)
     refused(r"batch of shape \(2, 1001\) must be indexed", batch.phases)
     invalid = jax.tree.map(lambda x: x * jnp.nan, run)

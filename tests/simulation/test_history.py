@@ -15,6 +15,7 @@ from tests.refusals import refusals
 
 ORDERS = [0.05, 0.23, 0.53, 0.8, 0.95]
 MODAL, FULL = jp.ModalHistory(), jp.FullHistory()
+rod_force = jax.jit(jp.rod_force, static_argnames=("dt", "order", "history"))
 
 
 def test_weights_follow_the_gamma_function_and_the_shape_of_the_order():
@@ -39,7 +40,7 @@ def test_relaxation_against_the_inverse_laplace_transform(rod, order, first_samp
     for h in steps:
         x = np.ones(round(20 / h) + 1)
         x[0] = first_sample  # order 2 wants the mean of the two sides of the jump
-        force = jp.rod_force(law, x, h, stiffness=case["stiffness"], order=order)
+        force = rod_force(law, x, h, stiffness=case["stiffness"], order=order)
         errors.append(np.abs(np.asarray(force)[np.round(times / h).astype(int)] / exact - 1).max())
     assert errors[-1] < {1: 7e-3, 2: 1e-4}[order]
     assert abs(convergence_order(steps, errors) - order) < 0.15
@@ -50,7 +51,7 @@ def test_rod_force_solves_the_discrete_zener_law_up_to_its_nyquist_stiffness(ord
     """f + τf D f = K (x + τx D x), all at t_m − s h, with D the whole Grünwald–Letnikov sum."""
     rod, h, k = jp.ZenerRod(0.37, 0.1, 2.0), 0.1, 3.0
     x = np.sin(np.linspace(0, 4, 60)) ** 2
-    f = np.asarray(jp.rod_force(rod, x, h, stiffness=k, order=order, history=FULL))
+    f = np.asarray(rod_force(rod, x, h, stiffness=k, order=order, history=FULL))
     w = np.asarray(jp.gl_weights(rod.order, 59))
     shift = rod.order / 2 if order == 2 else 0
 
@@ -64,22 +65,22 @@ def test_rod_force_solves_the_discrete_zener_law_up_to_its_nyquist_stiffness(ord
     right = k * (delayed(x) + rod.tau_x * derivative(x))
     np.testing.assert_allclose(left, right, rtol=1e-11, atol=1e-12)
     x = (-1.0) ** np.arange(4000)  # the fastest motion
-    force = jp.rod_force(rod, x, h, stiffness=k, order=order, history=FULL)
+    force = rod_force(rod, x, h, stiffness=k, order=order, history=FULL)
     assert force[-1] / x[-1] == pytest.approx(nyquist_stiffness(rod, k, h, order), rel=1e-3)
 
 
 def test_elastic_rods_classical_zener_solids_and_rods_in_single_precision():
     """At order 1 a rod under x = 1 relaxes exponentially, f = 1 + (τx/τf − 1) e^(−t/τf)."""
     x = np.sin(np.linspace(0, 9, 500))
-    force = jp.rod_force(jp.ZenerRod(0.4, 0.3, 0.3), x, 0.05, stiffness=2.0)
+    force = rod_force(jp.ZenerRod(0.4, 0.3, 0.3), x, 0.05, stiffness=2.0)
     np.testing.assert_allclose(force, 2 * x, atol=1e-12)
     rod = jp.ZenerRod(0.4, 0.1, 2.0)
     narrow, unit = jax.tree.map(np.float32, rod), np.float32(1)
-    force = jp.rod_force(narrow, x.astype(np.float32), 0.02, stiffness=unit)
+    force = rod_force(narrow, x.astype(np.float32), 0.02, stiffness=unit)
     assert force.dtype == jnp.float32
-    np.testing.assert_allclose(force, jp.rod_force(rod, x, 0.02), atol=2e-4)
+    np.testing.assert_allclose(force, rod_force(rod, x, 0.02), atol=2e-4)
     h, x = 0.001, np.r_[0.5, np.ones(3000)]
-    force = jp.rod_force(jp.ZenerRod(1.0, 0.5, 2.0), x, h)[1:]
+    force = rod_force(jp.ZenerRod(1.0, 0.5, 2.0), x, h)[1:]
     np.testing.assert_allclose(force, 1 + 3 * np.exp(-h * np.arange(1, 3001) / 0.5), rtol=1e-5)
 
 
@@ -118,13 +119,13 @@ def test_the_modal_history_s_error_is_smooth_in_time_and_peaks_have_slopes_witho
     """
     h, x = 0.0025, np.sin(np.linspace(0, 7, 2001)) ** 2
     rod = jp.ZenerRod(0.95, 0.001, 0.9)
-    modal, full = (np.asarray(jp.rod_force(rod, x, h, history=kind)) for kind in (MODAL, FULL))
+    modal, full = (np.asarray(rod_force(rod, x, h, history=kind)) for kind in (MODAL, FULL))
     error = (modal - full)[50:]
     assert np.abs(np.diff(error, 2)).max() < 0.01 * np.abs(error).max()
     x = np.sin(0.6 * h * np.arange(1601)) ** 2  # its force peaks before its end
 
     def largest(order, history):
-        f = jp.rod_force(jp.ZenerRod(order, 0.0012, 0.888), x, h, history=history)
+        f = rod_force(jp.ZenerRod(order, 0.0012, 0.888), x, h, history=history)
         i = jnp.argmax(f)
         before, at, after = f[i - 1], f[i], f[i + 1]
         return at - (after - before) ** 2 / (8 * (after - 2 * at + before))
@@ -162,7 +163,7 @@ def test_the_error_bound_is_never_exceeded_and_can_be_reached(order, n, modes, s
 def test_modal_and_full_history_give_the_same_force(n, order):
     rod, h = jp.ZenerRod(order, 0.1, 2.0), 20 / n
     x = np.cumsum(np.random.default_rng(1).normal(size=n + 1)) / n**0.5
-    modal, full = (jp.rod_force(rod, x, h, history=history) for history in (MODAL, FULL))
+    modal, full = (rod_force(rod, x, h, history=history) for history in (MODAL, FULL))
     # c = τx x − τf f is what the sum runs over; f feeds back on itself by less than 1.
     c = 2.0 * np.abs(x).max() + 0.1 * np.abs(modal).max()
     bound = MODAL.error_bound(order, n) * c / (h**order * (1 - order / 2) + 0.1)

@@ -1,5 +1,5 @@
 import dataclasses
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -14,14 +14,18 @@ from jaxpound.simulation import rollout
 from jaxpound.simulation import run as simulation
 from tests.reference import convergence_order, load, paper_algorithm
 from tests.refusals import refusals, refused
+from tests.simulation.pairs import in_unit_of_time
 
 REFERENCE = load("paper_case")
 PAIR, WAVES = jp.paper.structures(), jp.paper.ground()
 ELASTIC = jp.ZenerRod(0.5, 0.1, 0.1)
 RESOLVED, FULL = jp.Scheme(), jp.Scheme(history=jp.FullHistory())
-SCHEMES = RESOLVED, jp.Scheme(jp.Smoothed(0.01)), jp.PAPER_SCHEME
+SMOOTHED = jp.Scheme(jp.Smoothed(0.1))
+SCHEMES = RESOLVED, SMOOTHED, jp.PAPER_SCHEME
 STEPS = (0.02, 0.01, 0.005)
 GRID, SHORT = jp.TimeGrid(0.02, 600), jp.TimeGrid(0.02, 50)
+LONG = jp.TimeGrid(0.02, 10_000)
+"""Until 20 at steps of 0.002, in a unit of time of which 0.02 are one: see ``in_unit``."""
 
 # What is tried there may be coarse, at rest or in records of 22 g.
 IMPLAUSIBLE = pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
@@ -31,33 +35,56 @@ def changed(structures=PAIR, **values):
     return dataclasses.replace(structures, **values)
 
 
+@partial(jax.jit, static_argnames=("grid", "scheme"))
+def in_unit(unit, structures, ground, grid=LONG, scheme=RESOLVED):
+    """A run of steps ``unit`` times the grid's, by one program for all, and its energy."""
+    run = jp.simulate(*in_unit_of_time(unit, structures.system(), ground), grid, scheme)
+    return run, run.energy
+
+
 @cache
-def paper_run(dt, scheme=RESOLVED, structures=PAIR, amplitude=WAVES.amplitude):
-    """Of arrays, as the entries of a batch are, so that they share programs."""
-    inputs = jax.tree.map(np.asarray, (structures, changed(WAVES, amplitude=amplitude)))
-    return jp.simulate(*inputs, jp.TimeGrid.until(20.0, dt), scheme)
+def long_run(dt, scheme=RESOLVED, structures=PAIR, amplitude=WAVES.amplitude):
+    """The paper's case at a step and its energy, over all of ``LONG``."""
+    inputs, unit = (structures, changed(WAVES, amplitude=amplitude)), dt / LONG.dt
+    run, energy = jax.device_get(in_unit(unit, *jax.tree.map(np.asarray, inputs), scheme=scheme))
+    return jp.Scales(mass=1.0, frequency=1 / unit, gravity=unit**-2.0).to_si(run), energy
+
+
+def until_20(dt, result):
+    return jax.tree.map(lambda x: x[: round(20 / dt) + 1] if np.ndim(x) else x, result)
+
+
+def paper_run(dt, *case, **values):
+    return until_20(dt, long_run(dt, *case, **values)[0])
 
 
 def furthest(series, other):
     return np.abs(series - other).max()
 
 
-@pytest.mark.parametrize("rod", ["rod_1", "rod_2"])
-def test_step_response_of_order_one_against_the_inverse_laplace_transform(rod):
+def test_step_responses_of_order_one_against_the_inverse_laplace_transform():
     """Of order two: the case "rods" of the verification."""
-    case = load("rods")[rod]
-    times = np.array([float(t) for t in case["step_response"]])
-    exact = np.array(list(case["step_response"].values()))
-    tested = jp.ZenerRod(case["order"], case["tau_f"], case["tau_x"])
-    # Without friction block 2 is alone: mass 1 (ρ = 1) on the stiffness ε.
-    structures = jp.AdjacentStructures(ELASTIC, tested, 1.0, float(case["stiffness"]), 0.0, 1.0)
-    errors = []
-    for h in STEPS:
-        grid = jp.TimeGrid.until(20.0, h)
-        run = jp.simulate(structures, lambda t: 1.0, grid, jp.Scheme(order=1))
-        errors.append(furthest(np.asarray(run.x2)[np.round(times / h).astype(int)], exact))
-    assert errors[-1] < 1e-3
-    assert abs(convergence_order(STEPS, errors) - 1) < 0.15
+    rods = [load("rods")[name] for name in ("rod_1", "rod_2")]
+    steps, grid = np.array(STEPS), jp.TimeGrid(STEPS[0], round(20 / STEPS[-1]))
+
+    @jax.jit
+    @partial(jax.vmap, in_axes=(0, None))
+    @partial(jax.vmap, in_axes=(None, 0))
+    def displacements(unit, rod):
+        # Without friction block 2 is alone: mass 1 (ρ = 1) on the stiffness ε.
+        pair = jp.AdjacentStructures(ELASTIC, jp.ZenerRod(*rod[:3]), 1.0, rod[3], 0.0, 1.0)
+        system, _ = in_unit_of_time(unit, pair.system(), WAVES)
+        return jp.simulate(system, lambda t: unit**2 + 0 * t, grid, jp.Scheme(order=1)).x2
+
+    numbers = [[rod[name] for name in ("order", "tau_f", "tau_x", "stiffness")] for rod in rods]
+    runs = np.asarray(displacements(steps / grid.dt, np.array(numbers, float)))
+    for i, rod in enumerate(rods):
+        times = np.array([float(t) for t in rod["step_response"]])
+        exact = np.array(list(rod["step_response"].values()))
+        at = [np.round(times / h).astype(int) for h in steps]
+        errors = [furthest(run[i, now], exact) for run, now in zip(runs, at, strict=True)]
+        assert errors[-1] < 1e-3
+        assert abs(convergence_order(steps, errors) - 1) < 0.15
 
 
 def test_den_hartog_s_oscillator_has_his_steady_amplitude_and_is_stuck_if_friction_exceeds_2():
@@ -132,7 +159,7 @@ def test_second_order_through_the_phase_changes_and_energy_at_the_order_of_the_s
     for errors in (*motions, gap_errors(STEPS)):
         assert abs(convergence_order(STEPS, errors) - 2) < 0.25, errors
     for scheme, order, steps in ((RESOLVED, 2, STEPS), (jp.PAPER_SCHEME, 1, (0.02, 0.01, 0.002))):
-        balances = [paper_run(h, scheme).energy for h in steps]
+        balances = [until_20(h, long_run(h, scheme)[1]) for h in steps]
         errors = [np.abs(energy.residual).max() / energy.input.max() for energy in balances]
         assert errors[-1] < 3e-4 * steps[-1] / 0.005
         assert convergence_order(steps, errors) > order - 0.25, errors
@@ -154,37 +181,35 @@ def test_the_paper_s_scheme_is_the_paper_s_algorithm_with_its_known_error_of_ord
 
 
 def test_modal_history_stands_for_full_history_and_checkpoints_change_no_result():
-    """Nor a derivative: test_gradients.py."""
+    """Nor a derivative (test_gradients.py), nor a full history (test_scan.py)."""
     for h in (0.02, 0.002):
         full, modal = paper_run(h, FULL), paper_run(h)
         assert max(furthest(full.x1, modal.x1), furthest(full.x2, modal.x2)) < 1e-6
-    for scheme in (RESOLVED, FULL):
-        plain, checked = paper_run(0.02, scheme), paper_run(0.02, changed(scheme, checkpoint=True))
-        np.testing.assert_allclose(plain.x1, checked.x1, atol=1e-13)
-        np.testing.assert_allclose(plain.gap, checked.gap, atol=1e-13)
+    plain, checked = paper_run(0.02), paper_run(0.02, changed(RESOLVED, checkpoint=True))
+    np.testing.assert_allclose(plain.x1, checked.x1, atol=1e-13)
+    np.testing.assert_allclose(plain.gap, checked.gap, atol=1e-13)
 
 
+def smoothed_x1(width, dt):
+    """By one program: forces and motions that are larger are those of a width that is smaller."""
+    unit = dt / LONG.dt
+    factor = SMOOTHED.friction.velocity / (unit * width)
+    larger = changed(friction=PAIR.friction * factor, initial_gap=PAIR.initial_gap * factor)
+    waves = changed(WAVES, amplitude=WAVES.amplitude * factor)
+    inputs = jax.tree.map(np.asarray, (larger, waves))
+    return np.asarray(in_unit(unit, *inputs, scheme=SMOOTHED)[0].x1)[: round(20 / dt) + 1] / factor
+
+
+@IMPLAUSIBLE
 def test_smoothed_friction_tends_to_the_event_resolved_response_and_no_width_overflows():
-    """Forces and motions that are larger are those of a width that is smaller."""
-    scheme, coulomb = jp.Scheme(jp.Smoothed(0.1)), paper_run(0.002)
-
-    @jax.jit
-    @jax.vmap
-    def of_width(velocity):
-        factor = 0.1 / velocity
-        larger = changed(friction=PAIR.friction * factor, initial_gap=PAIR.initial_gap * factor)
-        response = jp.simulate(larger, factor * WAVES, jp.TimeGrid.until(20.0, 0.002), scheme)
-        return response.x1 / factor
-
-    widths = np.array([0.1, 0.01, 0.001, 1e-6, 1e-30])
-    distances = [furthest(x1, coulomb.x1) for x1 in of_width(widths)]
+    coulomb, widths = paper_run(0.002), (0.1, 0.01, 0.001, 1e-6, 1e-30)
+    distances = [furthest(smoothed_x1(width, 0.002), coulomb.x1) for width in widths]
     assert distances[0] > 4 * distances[1] > 16 * distances[2]
     narrowest = paper_run(0.002, jp.Scheme(jp.Smoothed(1e-300))).x1
     assert max(*distances[3:], furthest(narrowest, coulomb.x1)) < 1e-3
     # Of second order where the width spans several steps: the same law on a finer grid.
-    scheme, steps = jp.Scheme(jp.Smoothed(0.3)), [0.02, 0.005]
-    truth = paper_run(0.00125, scheme).x1
-    errors = [furthest(paper_run(h, scheme).x1, truth[:: round(h / 0.00125)]) for h in steps]
+    steps, truth = [0.02, 0.01], smoothed_x1(0.3, 0.002)
+    errors = [furthest(smoothed_x1(0.3, h), truth[:: round(h / 0.002)]) for h in steps]
     assert abs(convergence_order(steps, errors) - 2) < 0.3, errors
 
 
@@ -204,12 +229,14 @@ def test_energy_is_balanced_under_wavelets_of_few_steps_and_single_spikes():
     assert float(wavelets.max()) < 8e-3
     spikes = np.zeros((16, 100))
     spikes[range(16), range(40, 56)] = 1.0
+
+    @jax.jit
+    @partial(jax.vmap, in_axes=(0, None))
+    def struck(samples, dt):
+        return residual(jp.Record(samples, dt, time_unit="1/ω1"))
+
     for interval in (0.5, 1.0, 1.37):  # of the record in steps
-
-        def struck(samples, dt=interval * grid.dt):
-            return residual(jp.Record(samples, dt, time_unit="1/ω1"))
-
-        assert float(jax.jit(jax.vmap(struck))(spikes).max()) < 8e-3
+        assert float(struck(spikes, interval * grid.dt).max()) < 8e-3
 
 
 rods = st.builds(
@@ -226,10 +253,17 @@ grounds = st.builds(
 )
 
 
-@IMPLAUSIBLE
+@jax.jit
+def shaken(structures, samples):
+    """A run over ``GRID`` by a record of its instants, and its energy."""
+    run = jp.simulate(structures, jp.Record(samples, GRID.dt, time_unit="1/ω1"), GRID)
+    return run, run.energy
+
+
 @given(structures_, grounds)
 def test_invariants(structures, ground):
-    run = jp.simulate(structures, ground, GRID)
+    samples = np.asarray(ground.acceleration(GRID.times()))
+    run, energy = jax.device_get(shaken(structures, samples))
     q, slip = np.asarray(run.friction), np.asarray(run.slip_velocity)
     mu = structures.friction
     assert (np.abs(q) <= mu).all()
@@ -243,25 +277,25 @@ def test_invariants(structures, ground):
     inside = stuck[:-1] & stuck[1:]
     assert (np.diff(run.gap)[1:][inside] == 0).all()
     # Friction takes energy at every instant.
-    assert np.diff(run.energy.friction).min() >= -1e-14 * (1 + run.energy.friction[-1])
+    assert np.diff(energy.friction).min() >= -1e-14 * (1 + energy.friction[-1])
     # The smallest gap is at most that of the grid, and that of the grid is close.
     assert float(run.min_gap) <= float(run.gap.min()) + 1e-3
     assert float(run.min_gap) >= float(run.gap.min()) - 1e-2
     # The rods are passive: they never give back more than they took, up to the quadrature.
-    assert run.energy.rods.min() >= -1e-3 * (run.energy.kinetic.max() + 1e-9)
+    assert energy.rods.min() >= -1e-3 * (energy.kinetic.max() + 1e-9)
     # Twice the ground motion and twice the friction force give twice the response.
     doubled = changed(structures, friction=2 * mu, initial_gap=2 * structures.initial_gap)
-    double = jp.simulate(doubled, 2 * ground, GRID)
+    double, _ = shaken(doubled, 2 * samples)
     np.testing.assert_allclose(double.x1, 2 * run.x1, rtol=1e-9, atol=1e-10)
     assert float(double.min_gap) == pytest.approx(2 * float(run.min_gap), rel=1e-9, abs=1e-10)
     # Equal structures never slip.
     rod = structures.rod_1
-    equal = jp.simulate(jp.AdjacentStructures(rod, rod, 1.0, 1.0, mu, 0.5), ground, GRID)
+    equal, _ = shaken(jp.AdjacentStructures(rod, rod, 1.0, 1.0, mu, 0.5), samples)
     np.testing.assert_array_equal(equal.gap, 0.5)
     demand = equal.demand
     assert (demand.min_gap, demand.slip_distance, demand.friction_work) == (0.5, 0, 0)
     # Without shaking nothing moves.
-    still = jp.simulate(structures, jp.Ricker(0.0, ground.periods, ground.arrivals), GRID)
+    still, _ = shaken(structures, 0 * samples)
     for name in ("x1", "x2", "v1", "v2", "f1", "f2", "friction"):
         np.testing.assert_array_equal(getattr(still, name), 0)
     assert float(still.min_gap) == structures.initial_gap
@@ -287,7 +321,7 @@ def test_swapping_the_structures_mirrors_the_response(structures, ground):
         initial_gap=s.initial_gap * frequency**2,
     )
     samples = np.asarray(ground.acceleration(GRID.times()))
-    run = jp.simulate(s, jp.Record(samples, GRID.dt, time_unit="1/ω1"), GRID)
+    run, _ = jax.device_get(shaken(s, samples))
     # Seen from the other side everything runs the other way, the ground too.
     grid = jp.TimeGrid(GRID.dt * frequency, GRID.n_steps)
     other = jp.simulate(swapped, jp.Record(-samples, grid.dt, time_unit="1/ω1"), grid)
@@ -300,9 +334,11 @@ def test_swapping_the_structures_mirrors_the_response(structures, ground):
 
 def test_demand_is_the_simulation_s_and_its_intensity_that_of_the_ground():
     for scheme in SCHEMES:
-        run = paper_run(0.02, scheme)
-        demand = jp.demand(PAIR, WAVES, jp.TimeGrid.until(20.0, 0.02), scheme)
+        run, _ = long_run(LONG.dt, scheme)
+        options = {"temperature": 0.02} if scheme is RESOLVED else {}
+        demand = jp.demand(PAIR, WAVES, LONG, scheme, **options)
         scalars = demand.scalars()
+        assert ("soft_min_gap" in scalars) == bool(options)
         for name, value in run.demand.scalars().items():
             assert float(scalars[name]) == pytest.approx(float(value), rel=1e-12), name
         series = {name: getattr(run, name) for name in ("x1", "x2", "f1", "f2")}
@@ -317,51 +353,59 @@ def test_demand_is_the_simulation_s_and_its_intensity_that_of_the_ground():
         assert float(demand.residual_offset) == pytest.approx(float(run.gap[-1] - 1))
         assert float(demand.pounds) == 0
     # The intensity of the shaking is that of the ground motion on the grid.
-    grid = jp.TimeGrid(0.04, 200)
+    grid, only = jp.TimeGrid(0.04, 200), ("pga", "pgv")
     record = jp.Record(np.random.default_rng(2).normal(size=60), 0.1, time_unit="1/ω1")
-    for ground in (WAVES, record, lambda t: np.cos(t) - 0.3, 2.0 * record - 0.5 * WAVES):
-        demand = jax.jit(lambda s, ground=ground: jp.demand(s, ground, grid))(PAIR)
-        assert float(demand.pga) == pytest.approx(float(jp.pga(ground, grid)), rel=1e-12)
-        assert float(demand.pgv) == pytest.approx(float(jp.pgv(ground, grid)), rel=1e-12)
+    for ground in (WAVES, lambda t: np.cos(t) - 0.3, 2.0 * record - 0.5 * WAVES):
+
+        @jax.jit
+        def intensities(structures, ground=ground):
+            demand = jp.demand(structures, ground, grid, only=only)
+            return (demand.pga, demand.pgv), (jp.pga(ground, grid), jp.pgv(ground, grid))
+
+        of_run, of_ground = intensities(PAIR)
+        np.testing.assert_allclose(of_run, of_ground, rtol=1e-12)
 
 
 def test_a_last_stop_at_the_smallest_gap_tells_when_it_was():
     """Stuck ever after: the gap is smallest from the stop on, not at the end of the run."""
     ground = jp.Ricker(-0.5, 2.0, 3.0)
 
-    def when(friction):
-        return jp.demand(changed(friction=friction), ground, GRID).min_gap_time
+    @jax.jit
+    def stop(friction):
+        def when(friction):
+            run = jp.simulate(changed(friction=friction), ground, GRID)
+            return run.demand.min_gap_time, run
 
-    stop = jp.simulate(changed(friction=2.6), ground, GRID).phases()[-1]
-    assert stop.kind == "stick"
-    time, slope = jax.jvp(when, (2.6,), (1.0,))
-    assert float(time) == pytest.approx(stop.start, abs=1e-12)
+        return jax.jvp(when, (friction,), (1.0,), has_aux=True)
+
+    time, slope, run = stop(2.6)
+    last = run.phases()[-1]
+    assert last.kind == "stick"
+    assert float(time) == pytest.approx(last.start, abs=1e-12)
     assert float(time) == pytest.approx(3.8648, abs=5e-4)  # event-driven reference
-    difference = (when(2.6 + 1e-5) - when(2.6 - 1e-5)) / 2e-5
+    difference = (stop(2.6 + 1e-5)[0] - stop(2.6 - 1e-5)[0]) / 2e-5
     assert float(slope) == pytest.approx(float(difference), rel=1e-4)
     assert abs(float(slope)) > 0.1
 
 
 def test_the_soft_minimum_is_its_definition_between_minimum_and_mean():
-    case = PAIR, WAVES, jp.TimeGrid.until(20.0, 0.02)
-    gap, time = (np.asarray(x) for x in (paper_run(0.02).gap, paper_run(0.02).time))
+    """Its slopes by all inputs of a run: test_gradients.py."""
+    gap, time = (getattr(long_run(LONG.dt)[0], name) for name in ("gap", "time"))
     for temperature in (1e-3, 0.02, 0.3, 100.0):
-        scalars = jp.demand(*case, temperature=temperature)
-        mean = np.trapezoid(np.exp(-(gap - gap.min()) / temperature), time) / 20
+        scalars = jp.demand(PAIR, WAVES, LONG, temperature=temperature)
+        mean = np.trapezoid(np.exp(-(gap - gap.min()) / temperature), time) / time[-1]
         expected = gap.min() - temperature * np.log(mean)
         assert float(scalars.soft_min_gap) == pytest.approx(expected, rel=1e-9)
-        assert float(scalars.min_gap) < expected < np.trapezoid(gap, time) / 20 + 1e-12
-    assert jp.demand(*case).soft_min_gap is None
-    near = jp.demand(*case, temperature=1e-4)
+        assert float(scalars.min_gap) < expected < np.trapezoid(gap, time) / time[-1] + 1e-12
+    near = jp.demand(PAIR, WAVES, LONG, temperature=1e-4)
     assert float(near.soft_min_gap) == pytest.approx(float(near.min_gap), abs=1e-3)
 
-    def soft(mu, temperature):
-        return jp.demand(changed(friction=mu), *case[1:], temperature=temperature).soft_min_gap
+    def soft(temperature):
+        return jp.demand(PAIR, WAVES, LONG, temperature=temperature).soft_min_gap
 
-    slopes = jax.jit(jax.grad(soft, argnums=(0, 1)))(0.25, 0.05)
-    by_mu = (soft(0.2501, 0.05) - soft(0.2499, 0.05)) / 2e-4
-    by_temperature = (soft(0.25, 0.0501) - soft(0.25, 0.0499)) / 2e-4
-    np.testing.assert_allclose(slopes, (by_mu, by_temperature), rtol=1e-3)
+    slope = jax.jit(lambda x: jax.jvp(soft, (x,), (1.0,))[1])(0.05)
+    difference = (soft(0.0501) - soft(0.0499)) / 2e-4
+    assert float(slope) == pytest.approx(float(difference), rel=1e-3)
 
 
 test_an_impossible_temperature_is_refused = pytest.mark.unchecked(
@@ -382,15 +426,15 @@ def test_new_values_do_not_trace_again():
     def in_waves(friction, amplitude):
         return gap(friction, jp.Ricker(amplitude, [2.0], [3.0]))
 
-    for compiled in (jax.jit(jax.vmap(in_waves)), jax.jit(jax.vmap(jax.grad(in_waves)))):
-        for scale in (0.1, 0.2, 0.3):
-            compiled(scale * jnp.ones(4), jnp.linspace(0.1, 1, 4))
-    assert len(traces) == 2
+    batch = jax.jit(jax.vmap(jax.value_and_grad(in_waves)))
+    for scale in (0.1, 0.2, 0.3):
+        batch.trace(scale * np.ones(4), np.linspace(0.1, 1, 4))
+    assert len(traces) == 1
     compiled = jax.jit(gap)
     for mu in (0.1, 0.2, 0.3):
-        compiled(mu, WAVES)
-        compiled(mu, jp.Record([0.0, 0.1, mu], 0.5, f"record {mu}", "1/ω1"))
-    assert len(traces) == 4
+        compiled.trace(mu, WAVES)
+        compiled.trace(mu, jp.Record([0.0, 0.1, mu], 0.5, f"record {mu}", "1/ω1"))
+    assert len(traces) == 3
     size = simulation._demand._cache_size()
     for mu in (0.1, 0.2, 0.3):
         jp.demand(changed(friction=mu), jp.Ricker(mu, [2.0], [3.0]), jp.TimeGrid(0.04, 51))
@@ -399,13 +443,15 @@ def test_new_values_do_not_trace_again():
 
 @pytest.mark.filterwarnings("ignore:.*the energy balance leaves")  # the steps are coarse
 def test_compiled_and_eager_runs_agree_and_float32_stays_float32_and_close():
+    """A full history is the same in a longer run."""
     grid = jp.TimeGrid(0.1, 13)
-    for scheme in (RESOLVED, jp.Scheme(jp.Smoothed(0.1)), jp.PAPER_SCHEME):
-        compiled = jax.jit(lambda s, scheme=scheme: jp.simulate(s, WAVES, grid, scheme))(PAIR)
+    runs = {scheme: paper_run(grid.dt, scheme) for scheme in (FULL, jp.PAPER_SCHEME)}
+    runs[SMOOTHED] = jax.jit(lambda s: jp.simulate(s, WAVES, grid, SMOOTHED))(PAIR)
+    for scheme, compiled in runs.items():
         with jax.disable_jit():
             eager = jp.simulate(PAIR, WAVES, grid, scheme)
-        np.testing.assert_allclose(eager.x1, compiled.x1, rtol=1e-10, atol=1e-14)
-        np.testing.assert_allclose(eager.gap, compiled.gap, rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(eager.x1, compiled.x1[:14], rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(eager.gap, compiled.gap[:14], rtol=1e-10, atol=1e-14)
     single = jp.simulate(*jax.tree.map(np.float32, (PAIR, WAVES)), jp.TimeGrid.until(20.0, 0.02))
     assert {leaf.dtype for leaf in jax.tree.leaves(single)} == {jnp.dtype("float32")}
     assert float(single.min_gap) == pytest.approx(float(paper_run(0.02).min_gap), abs=1e-3)
@@ -418,14 +464,14 @@ def test_a_batch_is_the_loop_over_every_leaf(scheme):
     def vary(leaf):
         return np.asarray(leaf)[None] * rng.uniform(0.9, 1.1, (3, *np.shape(leaf)))
 
-    batch, grid = jax.tree.map(vary, (PAIR, WAVES)), jp.TimeGrid.until(20.0, 0.02)
-    together = jax.vmap(lambda s, g: jp.simulate(s, g, grid, scheme))(*batch)
-    assert together.x1.shape == (3, 1001)
+    batch, run = jax.tree.map(vary, (PAIR, WAVES)), partial(in_unit, 1.0, scheme=scheme)
+    together, energies = jax.device_get(jax.vmap(run)(*batch))
+    assert together.x1.shape == (3, LONG.n_steps + 1)
     for i in range(3):
-        alone = jp.simulate(*jax.tree.map(lambda leaf, i=i: leaf[i], batch), grid, scheme)
+        alone, energy = run(*jax.tree.map(lambda leaf, i=i: leaf[i], batch))
         np.testing.assert_allclose(together.x1[i], alone.x1, rtol=1e-9, atol=1e-12)
         assert float(together.min_gap[i]) == pytest.approx(float(alone.min_gap), rel=1e-10)
-        np.testing.assert_allclose(together.energy.residual[i], alone.energy.residual, atol=1e-10)
+        np.testing.assert_allclose(energies.residual[i], energy.residual, atol=1e-10)
 
 
 @IMPLAUSIBLE
@@ -436,13 +482,21 @@ def test_records_and_user_functions_shake_as_the_wavelets_they_sample():
         def acceleration(self, t):
             return self.motion(t)
 
-    def result(shaking, name="min_gap", grid=GRID):
-        return float(getattr(jp.demand(PAIR, shaking, grid), name))
+    def result(shaking, name="min_gap"):
+        return float(getattr(jp.demand(PAIR, shaking, GRID, only=("min_gap", "peak_x1")), name))
 
     samples = np.asarray(WAVES.acceleration(0.005 * np.arange(2500)))
-    record = jp.Record(samples, 0.005, time_unit="1/ω1")
-    for grid, within in ((GRID, 2e-3), (jp.TimeGrid(0.0025, 4800), 2e-4)):
-        assert result(record, grid=grid) == pytest.approx(result(WAVES, grid=grid), abs=within)
+
+    @jax.jit
+    def smallest_gaps(unit):  # at steps of 0.02 times that unit of time
+        system, waves = in_unit_of_time(unit, PAIR.system(), WAVES)
+        record = jp.Record(unit**2 * samples, 0.005 / unit, time_unit="1/ω1")
+        grid, only = jp.TimeGrid(0.02, 4800), ("min_gap",)
+        return [jp.demand(system, ground, grid, only=only).min_gap for ground in (record, waves)]
+
+    for unit, within in ((1.0, 2e-3), (0.125, 2e-4)):
+        of_record, of_waves = smallest_gaps(unit)
+        assert float(of_record) == pytest.approx(float(of_waves), abs=within)
     expected, shaker = result(WAVES), Shaker()
     assert result(0.5 * WAVES + 0.5 * WAVES) == pytest.approx(expected, abs=1e-12)
     # Of a function the mean over a step is known to second order, of wavelets to fourth.
@@ -460,35 +514,39 @@ def test_records_and_user_functions_shake_as_the_wavelets_they_sample():
 
 def test_gradient_by_the_time_scale_of_a_rough_record():
     """The record's kinks lie on the grid; the truth is a central difference on a finer one."""
-    rough = np.random.default_rng(5).normal(size=300)
+    rough = np.random.default_rng(5).normal(size=300)[:280]
+    grid = jp.TimeGrid(0.025, round(14 / 0.00125))
 
-    def min_gap(interval, dt):
-        record = jp.Record(rough, interval, time_unit="1/ω1")
-        return jp.demand(PAIR, record, jp.TimeGrid.until(14.0, dt)).min_gap
+    @jax.jit
+    def value_and_slope(interval, dt):
+        unit = dt / grid.dt
+
+        def min_gap(interval):
+            system, _ = in_unit_of_time(unit, PAIR.system(), WAVES)
+            record = jp.Record(unit**2 * rough, interval / unit, time_unit="1/ω1")
+            return jp.demand(system, record, grid, only=("min_gap",)).min_gap
+
+        return jax.jvp(min_gap, (interval,), (1.0,))
 
     h = 1e-5
-    truth = float(min_gap(0.05 + h, 0.00125) - min_gap(0.05 - h, 0.00125)) / (2 * h)
-    slope = jax.jit(jax.jacfwd(min_gap), static_argnums=1)
+    more, less = (float(value_and_slope(0.05 + change, 0.00125)[0]) for change in (h, -h))
     for dt, within in ((0.025, 0.2), (0.005, 0.02)):
-        assert float(slope(0.05, dt)) == pytest.approx(truth, rel=within)
+        truth = (more - less) / (2 * h)
+        assert float(value_and_slope(0.05, dt)[1]) == pytest.approx(truth, rel=within)
 
 
-@IMPLAUSIBLE
 @pytest.mark.parametrize("scheme", [RESOLVED, jp.Scheme(order=1)])
 def test_the_stability_limit_is_where_stepping_starts_to_diverge(scheme, monkeypatch):
     """Just below the limit a push dies away; just above it, with the check taken out, it grows."""
     structures = changed(friction=0.0)
     limit = jp.stability_limit(structures, scheme)
-    push = jp.Ricker(0.01, 2.0, 1.0)
-    below = jp.simulate(structures, push, jp.TimeGrid(0.99 * limit, 2000), scheme)
-    assert np.abs(below.x2[-100:]).max() < 0.01
+    stable = jp.TimeGrid(0.99 * limit, 2000)
+    simulation.require_stable(structures, structures.system(), stable, scheme)  # raises nothing
     monkeypatch.setattr(rollout, "is_stable", lambda *_: True)
-    monkeypatch.setattr(simulation, "require_stable", lambda *_: None)
-    try:
-        above = jp.simulate(structures, push, jp.TimeGrid(1.01 * limit, 2000), scheme)
-    except FloatingPointError:
-        return
-    assert np.abs(above.x2[-100:]).max() > 1e6
+    push, grid = jp.Ricker(0.01, 2.0, 1.0), jp.TimeGrid(limit, 2000)
+    below, above = (in_unit(x, structures, push, grid, scheme)[0].x2[-100:] for x in (0.99, 1.01))
+    assert np.abs(below).max() < 0.01
+    assert np.abs(above).max() > 1e6
 
 
 def test_a_step_above_the_limit_is_refused_with_the_limit_in_its_unit():
@@ -551,7 +609,11 @@ def short_runs():
     def slope(structures, direction):
         return jax.jvp(lambda s: jp.demand(s, WAVES, SHORT).min_gap, (structures,), (direction,))[1]
 
-    return jax.jit(jax.vmap(lambda s: jp.simulate(s, WAVES, SHORT))), jax.jit(slope)
+    def run(structures):
+        response = jp.simulate(structures, WAVES, SHORT)
+        return response, response.demand.pounds, response.energy.residual
+
+    return jax.jit(jax.vmap(run)), jax.jit(slope)
 
 
 @pytest.mark.parametrize("name", invalid)
@@ -563,13 +625,12 @@ def test_a_traced_invalid_run_is_nan_in_every_result_and_derivative_and_says_so(
     runs, slope = short_runs()
     # Structures that break a rule, and their derivative: traced, so that nothing raises.
     traced = jax.jit(lambda x: jax.jvp(invalid[name], (x,), (1.0,)))(0.05)
-    broken, way = jax.tree.map(lambda x: jnp.asarray(x, float), traced)
-    batch = runs(jax.tree.map(lambda *x: jnp.stack(x), PAIR, broken))
-    for path, leaf in jax.tree_util.tree_leaves_with_path((batch, batch.demand.pounds)):
+    broken, way = jax.tree.map(lambda x: np.asarray(x, float), traced)
+    batch = jax.device_get(runs(jax.tree.map(lambda *x: np.stack(x), PAIR, broken)))
+    for path, leaf in jax.tree_util.tree_leaves_with_path(batch):
         assert np.isfinite(leaf[0]).all(), path
         assert np.isnan(leaf[1]).all(), path
-    assert "invalid run" in repr(batch[1])
-    assert np.isnan(batch[1].energy.residual).all()
+    assert "invalid run" in repr(batch[0][1])
     assert np.isnan(slope(broken, way))
 
 
