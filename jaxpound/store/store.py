@@ -317,7 +317,7 @@ def identity(
 ) -> dict[str, Any]:
     """Everything that determines the numbers of an analysis, as JSON.
 
-    ``search`` is its kind, in words; ``program`` a ``program_digest``; ``inputs`` all else, by name.
+    ``search`` is its kind, in words; ``program`` a ``program_digest``; ``inputs`` all else by name.
     """
     return {
         "search": search,
