@@ -67,7 +67,7 @@ class Ground(Protocol):
     >>> def min_gap(pulse):
     ...     return jp.demand(jp.paper.structures(), pulse, grid).min_gap
     >>> pulse = Pulse(size=-0.5, start=1.0, end=2.003)
-    >>> gap, slope = jax.value_and_grad(min_gap)(pulse)
+    >>> gap, slope = jax.jit(jax.value_and_grad(min_gap))(pulse)
     >>> round(float(gap), 3), round(float(slope.end), 2)
     (0.923, -0.11)
     """
