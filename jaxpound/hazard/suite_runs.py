@@ -32,7 +32,7 @@ from jaxpound.simulation.batches import in_chunks, runs_at_a_time
 from jaxpound.simulation.buildings import record_grid
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
-from jaxpound.store.store import RunLog, identity
+from jaxpound.store.store import RunLog, identity, program_digest
 from jaxpound.units import SI_UNITS, Scales, scales_for
 
 _COLUMNS = ("record", "factor", "demand", "slope", "has_slope")
@@ -212,7 +212,7 @@ class SuiteRuns:
         if store is not None:
             inputs: dict[str, Any] = {"demand": self.demand, "records": records}
             inputs |= {"structures": structures, "scales": scales, "grid": grid, "scheme": scheme}
-            search = "runs of a suite", _COLUMNS, _ROWS, (value, (0, 1.0))
+            search = "runs of a suite", _COLUMNS, _ROWS, program_digest(value, 0, 1.0)
             self._log = RunLog(store, identity(*search, **inputs))
             columns = (self._log.rows[name].tolist() for name in _COLUMNS)
             for record, factor, *results, has_slope in zip(*columns, strict=True):

@@ -29,7 +29,7 @@ from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.rollout import observed_at
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
-from jaxpound.store.store import RunLog, identity
+from jaxpound.store.store import RunLog, identity, program_digest
 from jaxpound.study.demands import doubts
 
 OWNER = "LimitState"
@@ -275,6 +275,9 @@ class LimitStatePrograms:
         self.observed = _in_batches(state.observed, _RUNS)
         self.gradients = _in_batches(jax.value_and_grad(value), _GRADIENTS)
         self.sensitivities = sensitivities
+        self.digest = cache(  # whatever the values of changes, which a search has in its identity
+            lambda *names: program_digest(state.observed, origin, dict.fromkeys(names, 0.0))
+        )
 
     def serve(self, state: LimitState) -> bool:
         """Whether another limit state has the same programs."""
@@ -327,7 +330,7 @@ class SearchRuns:
         described["key"] = {"kind": kind, "numbers": list(numbers)}
         names = ("demand", "threshold", "changes", "scenarios", "grid", "scheme")
         described |= {name: getattr(state, name) for name in names}
-        program = (lambda z: state.observed(z, state.changes)), (jnp.zeros(state.dimension),)
+        program = state.programs.digest(*state.changes)
         self.identity = identity(search, columns, chunk_size, program, **described)
         self._log = RunLog(folder, self.identity)
         first, second, *results = (self._log.rows[name] for name in columns)

@@ -45,10 +45,10 @@ class Demand(ByElement, Columnar, Shown):
 
     Examples
     --------
-    >>> demand = jp.demand(jp.paper.structures(), jp.paper.ground(), jp.paper.grid())
+    >>> demand = jp.demand(jp.paper.structures(), jp.paper.ground(), jp.TimeGrid.until(20.0, 0.05))
     >>> table = demand.to_pandas()
     >>> table.index.name, round(float(table["min_gap"][0]), 3)
-    ('run', 0.305)
+    ('run', 0.304)
     >>> bool(demand.peak_x2 == demand.masses[1].peak_x)
     True
     """

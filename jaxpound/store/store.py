@@ -312,15 +312,13 @@ def identity(
     search: str,
     columns: tuple[str, ...],
     chunk_size: int,
-    program: tuple[Callable[..., Any], tuple[Any, ...]],
+    program: str,
     **inputs: Any,
 ) -> dict[str, Any]:
     """Everything that determines the numbers of an analysis, as JSON.
 
-    ``search`` is its kind, in words; ``program`` a traceable function of one run, and its arguments
-    (``program_digest``); ``inputs`` everything else, by name.
+    ``search`` is its kind, in words; ``program`` a ``program_digest``; ``inputs`` all else by name.
     """
-    function, arguments = program
     return {
         "search": search,
         "versions": {"jaxpound": __version__, "jax": jax.__version__},
@@ -328,7 +326,7 @@ def identity(
         "columns": list(columns),
         "chunk_size": chunk_size,
         **{name: describe(value) for name, value in inputs.items()},
-        "program": program_digest(function, *arguments),
+        "program": program,
     }
 
 
