@@ -59,10 +59,10 @@ def first_order(system):
     return a, b
 
 
-def positions(system, acceleration, dt, n_steps):
-    """Displacements at the instants of steps dt, shape (n_steps + 1, masses), from rest.
+def positions(system, acceleration, dt, every):
+    """Displacements at every so many samples, shape (instants, masses), from rest.
 
-    ``acceleration`` has samples of u'', shape (n_steps + 1,), with straight lines between them.
+    ``acceleration`` has samples of u'' at steps dt, with straight lines between them.
     """
     a, b = first_order(system)
     size = len(b)
@@ -71,10 +71,18 @@ def positions(system, acceleration, dt, n_steps):
     whole[:size, size] = b * dt
     whole[size, size + 1] = 1.0
     step = expm(whole)
+    # What a sample, and the change to the next, have moved after 1, 2, ... steps.
+    moved = [step[:size, size:]]
+    for _ in range(every - 1):
+        moved.append(step[:size, :size] @ moved[-1])
+    response = np.concatenate(moved[::-1], axis=1)
+    steps = np.linalg.matrix_power(step[:size, :size], every)
     y, x = np.zeros(size), []
-    for now, after in zip(acceleration, [*acceleration[1:], 0.0], strict=True):
+    inputs = np.stack([acceleration, np.diff(acceleration, append=0.0)], -1)
+    for start in range(0, len(acceleration), every):
         x.append(y[: len(system.masses)])
-        y = step[:size, :size] @ y + step[:size, size] * now + step[:size, size + 1] * (after - now)
+        block = inputs[start : start + every].ravel()
+        y = steps @ y + response[:, : block.size] @ block
     return np.array(x)
 
 

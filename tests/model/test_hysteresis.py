@@ -15,12 +15,19 @@ from tests.refusals import refusals
 FRAME = jp.ShearBuilding.from_period(3, 300e3, period=0.5, damping_ratio=0.05)
 
 
+@jax.jit
+def moved(law, state, before, after):
+    """The state at the end of a path's piece, and the reduced force there."""
+    state = law.advance(state, before, after)
+    return state, law.reduced_force(after, state)
+
+
 def loop(law, elongations):
     """Reduced forces along a path, and the state at its end."""
-    state, forces = law.start(0.0), []
+    state, forces = jax.tree.map(jnp.asarray, law.start(0.0)), []
     for before, after in pairwise(elongations):
-        state = law.advance(state, before, after)
-        forces.append(float(law.reduced_force(after, state)))
+        state, force = moved(law, state, float(before), float(after))
+        forces.append(float(force))
     return np.array(forces), state
 
 
@@ -61,7 +68,7 @@ def test_derivatives_at_rest_are_finite():
     def force(law):
         return law.reduced_force(0.0, law.advance(law.start(0.0), 0.0, 0.0))
 
-    assert all(np.isfinite(x) for x in jax.tree.leaves(jax.grad(force)(law)))
+    assert all(np.isfinite(x) for x in jax.tree.leaves(jax.jit(jax.grad(force))(law)))
 
 
 def test_strengths_of_a_building_follow_codes():

@@ -13,11 +13,20 @@ from jaxpound.model import parameters
 from tests.reference import convergence_order, load
 from tests.refusals import refused
 from tests.simulation.contact.test_flows import LAWS
-from tests.simulation.pairs import FORCES, OneOf, in_unit_of_time, padded, stacked
+from tests.simulation.pairs import OneOf, in_unit_of_time, padded
 
 CASES = load("contact")["cases"]
 PAIRS = [name for name in CASES if not name.startswith(("row3", "storeys"))]
 GROUPS = [name for name in CASES if name not in PAIRS]
+
+
+def law_name(case):
+    return case["system"]["links"][0]["law"]
+
+
+PULLING = ("newton", "kelvin")
+WITHOUT_PULL = tuple(sorted({law_name(CASES[name]) for name in PAIRS}.difference(PULLING)))
+"""The laws of pairs whose force does not pull: they share a program."""
 
 
 def law_of(link):
@@ -53,10 +62,11 @@ def ground_of(case):
 
 def run(case, dt):
     """Of a case whose pair has a force that does not pull, in the form that shares a program."""
-    system, law = system_of(case), case["system"]["links"][0]
-    if isinstance(system, jp.AdjacentStructures) and law["law"] in FORCES:
-        laws = tuple(LAWS[name](law["k"], law["e"]) for name in FORCES)
-        system = dataclasses.replace(system, contact=OneOf(float(FORCES.index(law["law"])), laws))
+    system, link = system_of(case), case["system"]["links"][0]
+    if isinstance(system, jp.AdjacentStructures) and link["law"] in WITHOUT_PULL:
+        laws = tuple(LAWS[name](link["k"], link["e"]) for name in WITHOUT_PULL)
+        one = OneOf(float(WITHOUT_PULL.index(link["law"])), laws)
+        system = dataclasses.replace(system, contact=one)
     return jp.simulate(system, padded(ground_of(case), 5), jp.TimeGrid.until(case["T"], dt=dt))
 
 
@@ -155,24 +165,19 @@ def test_derivatives_of_rows_are_those_of_the_reference():
         assert (np.abs(found - known) <= np.maximum(0.01 * np.abs(known), 1e-3 * largest)).all()
 
 
-FIELDS = ("al", "be", "e", "eps", "gap0", "k", "mu", "rho", "tfa", "tfb", "txa", "txb")
-
-
 def numbers(case):
     """A pair's parameters, by the reference's names."""
     p, (link,), (a, b) = case["parameters"], case["system"]["links"], case["system"]["rods"]
     rods = {"al": a["order"], "be": b["order"], "tfa": a["tf"], "tfb": b["tf"]}
     rods |= {"txa": a["tx"], "txb": b["tx"]}
-    own = {"k": link["k"] or 1.0, "e": link["e"], "which": 0}
-    if link["law"] in FORCES:
-        own["which"] = FORCES.index(link["law"])
+    own = {"k": link["k"] or 1.0, "e": link["e"]}
     own |= {name: p[name] for name in ("rho", "eps", "mu", "gap0")}
     return {name: float(x) for name, x in (rods | own).items()}
 
 
 STEPS = (0.02, 0.01, 0.005)
 SMOOTH = "paper_gap0.5_kelvin_clip_k1000"
-CONVERGING = {"random1_newton": ("newton",), "paper_gap0.2_kelvin_clip_k1000": FORCES}
+CONVERGING = {"random1_newton": ("newton",), "paper_gap0.2_kelvin_clip_k1000": WITHOUT_PULL}
 
 
 @functools.cache
@@ -182,8 +187,6 @@ def runs_of_pairs(laws):
     By step the displacements, and the derivatives of peak force or impulse and of the ends by all
     parameters. One program takes all, each in a unit of time in which its step is the grid's own.
     """
-    names = [name for name in PAIRS if CASES[name]["system"]["links"][0]["law"] in laws]
-    lanes = [(x, dt) for x in names for dt in (STEPS if x in (*CONVERGING, SMOOTH) else STEPS[-1:])]
     peak, power = ("peak_impulse", 1) if laws == ("newton",) else ("peak_contact", 2)
     grid = jp.TimeGrid(STEPS[0], round(20.0 / STEPS[-1]))
 
@@ -201,15 +204,15 @@ def runs_of_pairs(laws):
         highest = getattr(response.demand.links[0], peak) / unit**power
         return jnp.stack([highest, *x[:, jnp.round(20.0 / (grid.dt * unit)).astype(int)]]), x
 
-    of_lanes = [numbers(CASES[name]) for name, _ in lanes]
-    by = {name: jnp.array([p[name] for p in of_lanes]) for name in FIELDS}
-    which = jnp.array([p["which"] for p in of_lanes])
-    units = jnp.array([dt for _, dt in lanes]) / grid.dt
-    grounds = stacked([padded(ground_of(CASES[name]), 5) for name, _ in lanes])
-    slopes, x = jax.jit(jax.vmap(jax.jacfwd(outputs, has_aux=True)))(by, which, units, grounds)
-    runs = {name: {} for name in names}
-    for i, (name, dt) in enumerate(lanes):
-        runs[name][dt] = np.asarray(x[i]), {field: np.asarray(y[i]) for field, y in slopes.items()}
+    slopes_and_x = jax.jit(jax.jacfwd(outputs, has_aux=True))
+    runs = {}
+    for name in PAIRS:
+        if (law := law_name(CASES[name])) in laws:
+            by, ground = numbers(CASES[name]), padded(ground_of(CASES[name]), 5)
+            runs[name] = {}
+            for dt in STEPS if name in (*CONVERGING, SMOOTH) else STEPS[-1:]:
+                how = float(laws.index(law)), dt / grid.dt, ground
+                runs[name][dt] = jax.device_get(slopes_and_x(by, *how))[::-1]
     return runs
 
 
@@ -230,7 +233,7 @@ def test_order_of_convergence_is_two(name):
     assert (np.abs(orders - 2) < 0.25).all(), orders
 
 
-@pytest.mark.parametrize("laws", [("newton",), FORCES], ids=["newton", "forces"])
+@pytest.mark.parametrize("laws", [("newton",), WITHOUT_PULL], ids=["newton", "forces"])
 def test_derivatives_of_pairs_are_those_of_the_reference(laws):
     """Of the peak force or impulse and of the end by all parameters, 12 or fewer, at h = .005."""
     within = []
@@ -248,7 +251,7 @@ def test_derivatives_converge_at_second_order():
     fields = ("gap0", "mu", "e", "k", "rho", "eps", "tfa", "txa", "al")
     errors = []
     for step in STEPS:  # to the finest
-        ours, reference = slopes_of(SMOOTH, runs_of_pairs(FORCES)[SMOOTH][step], fields)
+        ours, reference = slopes_of(SMOOTH, runs_of_pairs(WITHOUT_PULL)[SMOOTH][step], fields)
         difference = ours - reference
         shares = difference / np.abs(reference).max(0)
         errors.append(np.sqrt((shares**2).mean(0)))
@@ -282,26 +285,23 @@ def test_single_precision_stays_single():
     assert found.peak_contact == pytest.approx(float(short(struck(KELVIN)).peak_contact), rel=1e-3)
 
 
-def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
+def test_reverse_mode_is_forward_mode_a_batch_is_a_loop_and_jit_is_eager():
     batch = jax.vmap(lambda gap: floats(struck(KELVIN, gap)))(jnp.array([0.2, 0.4, 2.0]))
 
     def value(structures):
-        found = jp.demand(structures, jp.paper.ground(), SHORT)
-        return found.peak_x1 + found.contact_work
+        demand = short(structures)
+        return demand.peak_x1 + demand.contact_work, demand
 
-    values, gradients = jax.jit(jax.vmap(jax.value_and_grad(value)))(batch)
+    values_and_gradients = jax.jit(jax.vmap(jax.value_and_grad(value, has_aux=True)))
+    (values, _), gradients = values_and_gradients(batch)
     single = jax.tree.map(lambda x: x[1], batch)
     ones = jax.tree.map(jnp.ones_like, single)
-    alone, slope = jax.jit(lambda s, t: jax.jvp(value, (s,), (t,)))(single, ones)
+    forward = jax.jit(lambda s, t: jax.jvp(value, (s,), (t,), has_aux=True))
+    alone, slope, compiled = forward(single, ones)
     assert values[1] == pytest.approx(float(alone), rel=1e-12)
     total = sum(float(leaf[1]) for leaf in jax.tree.leaves(gradients))
     assert total == pytest.approx(float(slope), rel=1e-9)
-
-
-def test_jit_is_eager():
-    structures = floats(struck(KELVIN))
-    compiled, eager = jax.jit(short)(structures), short(structures)
-    for one, other in zip(jax.tree.leaves(compiled), jax.tree.leaves(eager), strict=True):
+    for one, other in zip(jax.tree.leaves(compiled), jax.tree.leaves(short(single)), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
 
 

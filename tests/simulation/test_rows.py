@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -37,9 +38,8 @@ def shaken(building):
 
 
 def exact(building, fine=0.005):
-    n = round(12.0 / fine)
-    samples = np.asarray(jax.vmap(GROUND.acceleration)(fine * jnp.arange(n + 1.0)))
-    return linear.positions(building.system(), samples, fine, n)[:: round(0.2 / fine)].T
+    samples = GROUND.acceleration(fine * np.arange(round(12.0 / fine) + 1.0))
+    return linear.positions(building.system(), np.asarray(samples), fine, round(0.2 / fine)).T
 
 
 @pytest.mark.parametrize(
@@ -145,12 +145,12 @@ def test_derivatives_of_towers_that_collide_are_of_second_order(lower, upper):
         return jnp.stack([mass.x for mass in response.masses]), n_impacts
 
     @jax.jit
-    @jax.vmap
     def along_change(unit):
-        return jax.jvp(lambda s: displacements(s, unit), (system,), (change,))
+        of_unit = partial(displacements, unit=unit)
+        return jax.jvp(of_unit, (system,), (change,), has_aux=True)
 
-    (x, n_impacts), (slopes, _) = along_change(jnp.asarray(TOWER_STEPS) / grid.dt)
-    assert (n_impacts[:3] >= 4).all()
+    x, slopes, n_impacts = zip(*(along_change(dt / grid.dt) for dt in TOWER_STEPS), strict=True)
+    assert min(n_impacts[:3]) >= 4
     for series, largest in ((x, 1e-3), (slopes, 5e-3)):
         at_coarse_instants = [
             np.asarray(path)[:, : round(end / dt) + 1 : round(grid.dt / dt)]
@@ -252,7 +252,8 @@ def test_a_brace_is_a_damper_between_the_floors_of_a_building():
     np.testing.assert_allclose(found.links[0].slip_velocity, two.v - one.v, atol=1e-12)
     np.testing.assert_allclose(found.links[1].slip_velocity, one.v, atol=1e-12)
     np.testing.assert_allclose(-found.links[0].gap, -np.inf)
-    bare = jp.simulate(jp.Row((tall,)), GROUND, GRID)
+    loose = tuple(dataclasses.replace(link, friction=0.0) for link in links)
+    bare = jp.simulate(jp.Row((tall,), loose), GROUND, GRID)
     assert found.demand.rods[1].peak_drift < 0.9 * bare.demand.rods[1].peak_drift
     assert all(link.friction_work > 0 for link in found.demand.links)
 
