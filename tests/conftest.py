@@ -47,6 +47,7 @@ import nbmake.nb_run  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 from traitlets.config import Config  # noqa: E402
+from xdist.scheduler import LoadScopeScheduling  # noqa: E402
 
 # Notebooks of two processes start at once. Sockets and a profile of its own for each process: two
 # kernels must neither pick the same port nor create the same profile.
@@ -69,7 +70,7 @@ jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECK
 from jaxpound._checks import machine_memory  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
-
+jax.config.update("jax_numpy_rank_promotion", "raise")
 
 # Every example may compile a program: time is no measure of a test here, and runs must repeat.
 settings.register_profile(
@@ -91,15 +92,22 @@ FIRST = ("notebooks", "simulation", "reliability", "design", "cli", "study", "te
 def pytest_collection_modifyitems(items):
     places = {folder: place for place, folder in enumerate(FIRST)}
     items.sort(key=lambda item: places.get(item.path.parent.name, len(places)))
-    for item in items:
-        file = item.path.with_name(TOGETHER.get(item.path.name, item.path.name))
-        item.add_marker(pytest.mark.xdist_group(str(file.relative_to(item.config.rootpath))))
 
 
-@pytest.fixture(autouse=True)
-def _no_rank_promotion():
-    with jax.numpy_rank_promotion("raise"):
-        yield
+class ByFile(LoadScopeScheduling):
+    """One process runs a file, whose tests share fixtures and programs.
+
+    xdist writes its own groups into the names of tests, which pytest 9.2 does not let it change.
+    """
+
+    def _split_scope(self, nodeid):
+        folder, _, name = nodeid.partition("::")[0].rpartition("/")
+        return f"{folder}/{TOGETHER.get(name, name)}"
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    return ByFile(config, log)
 
 
 @pytest.fixture(autouse=True)
