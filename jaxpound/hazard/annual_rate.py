@@ -62,6 +62,8 @@ class AnnualRate(Shown):
     """The curve's lowest and highest intensity."""
     measure: str = "im"
     """Name of the measure of intensity, with its unit."""
+    event: str = "pounding"
+    """Whose rate it is, in words."""
     warnings: tuple[str, ...] = ()
     """Of a rare event: why not to trust its probability, in sentences."""
     _source: Callable[[Any], FragilityRate | SamplesRate] | None = None  # by ``intensity``
@@ -129,7 +131,7 @@ class AnnualRate(Shown):
         rises = np.r_[ends[0] >= 0, np.diff(ends) > 0]
         enforce(_OWNER, [Rule("edges", ends, rises, "at least 0 and larger than the one before")])
         rate, cov = source.per_band(ends)
-        return Deaggregation(ends, rate, self.value, source.measure, cov)
+        return Deaggregation(ends, rate, self.value, source.measure, cov, self.event)
 
     def _tables(self, years: float = 50.0) -> list[TextTable]:
         rows = [
@@ -139,16 +141,16 @@ class AnnualRate(Shown):
         ]
         notes = [] if np.isnan(self.cov) else [f"c.o.v. of the rate {100 * self.cov:.3g} %"]
         if self.below + self.above > _REPORTED * self.value:
-            shares = [100 * x / self.value for x in (self.below, self.above)]
             low, high = (f"{bound:.4g}" for bound in self.bounds)
             between = f"it lies between {low} and {high}"
             range_ = f"whatever it is there, the rate is {low}" if low == high else between
+            below, above = 100 * self.below / self.value, 100 * self.above / self.value
             notes += [
-                f"{shares[0]:.3g} % of it from {self.measure} below {self.ends[0]:.4g}, "
-                f"{shares[1]:.3g} % from above {self.ends[1]:.4g},",
+                f"{below:.3g} % of it from {self.measure} below {self.ends[0]:.4g}, "
+                f"{above:.3g} % from above {self.ends[1]:.4g},",
                 f"where the hazard curve is continued: {range_}",
             ]
-        return [TextTable("Mean annual rate of pounding", (), rows, [*notes, *self.warnings])]
+        return [TextTable(f"Mean annual rate of {self.event}", (), rows, [*notes, *self.warnings])]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -165,6 +167,8 @@ class Deaggregation(Shown):
     """Name of the measure of intensity, with its unit."""
     cov: np.ndarray
     """Coefficient of variation of the rate of each band, shape (n − 1,); NaN where unknown."""
+    event: str = "pounding"
+    """That of the ``AnnualRate``."""
 
     @property
     def share(self) -> np.ndarray:
@@ -193,7 +197,8 @@ class Deaggregation(Shown):
         outside = 1 - float(self.share.sum())
         notes = [f"outside these bands {100 * outside:.2g} %"] if outside > _LEFT_OUT / 10 else []
         columns = (f"{self.measure} from", "to", "annual rate", "share", "c.o.v. of the rate")
-        return [TextTable("Pounding by intensity", columns, rows, notes, digits=4)]
+        title = f"Rate of {self.event} by intensity"
+        return [TextTable(title, columns, rows, notes, digits=4)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -236,6 +241,7 @@ class FragilityRate:
             *(value, value / factor, value * factor, confidence, cov, below, above, bounds),
             ends=(float(im[0]), float(im[-1])),
             measure=self.measure,
+            event=curve.event,
             warnings=doubts if below + above > _MOST_BEYOND * value else (),
             _source=self,
         )
@@ -333,12 +339,11 @@ def of_study(
 def of_event(rate: float, event: RareEvent, intensity: Any) -> SamplesRate:
     """Of a rare event whose scenarios draw the intensity by the hazard."""
     scenarios, values = event.limit_state.scenarios, {}
-    names: Sequence[str] = ()
-    if intensity is None or isinstance(intensity, str):
-        names = parameter_names(scenarios)
-        if intensity is None:
-            options = f"a parameter, {', '.join(names[-6:])}, or a number for each sample"
-            raise InvalidInput(_OWNER, "intensity", "None", f"must be {options}, of a rare event")
+    names = parameter_names(scenarios)
+    if intensity is None:
+        options = f"a parameter, {', '.join(names[-6:])}, or a number for each sample"
+        raise InvalidInput(_OWNER, "intensity", "None", f"must be {options}, of a rare event")
+    if isinstance(intensity, str):
         values = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(event.points)
     measure, x = _named(intensity, values, names, len(event.values))
     repeats = event.repeats if event.repeats.size else None
@@ -364,36 +369,31 @@ def gap_of_rate(
     """The gap of a target rate, with the interval of ln rate over the slope of ln rate by ln gap.
 
     ``annual_rate`` raises a ``ValueError`` at a gap at which no fragility can be fitted; the gaps
-    ``tried`` are the first.
+    ``tried`` are the first. Within, u is ln gap.
     """
 
     @cache
     def rate_at(u: float) -> AnnualRate | None:
-        """The rate by ln of the gap; None where there is nothing to fit."""
         try:
             return annual_rate(float(np.exp(u)))
         except ValueError:
             return None
 
-    def excess(u: float) -> float:
-        """Ln of the rate over the target."""
+    def log_excess(u: float) -> float:
         rate = rate_at(u)
         return float("nan") if rate is None else float(np.log(rate.value / target))
 
-    logs = [float(np.log(gap)) for gap in sorted(tried) if gap > 0]
-    logs = [u for u in logs if rate_at(u) is not None]
-    excesses = [excess(u) for u in logs]
+    logs = [*filter(rate_at, (float(np.log(gap)) for gap in sorted(tried) if gap > 0))]
+    excesses = [log_excess(u) for u in logs]
     if not (excesses and excesses[0] > 0 > excesses[-1]):
-        rates = "none"
-        if excesses:
-            least, most = target * np.exp(min(excesses)), target * np.exp(max(excesses))
-            rates = f"{least:.4g} to {most:.4g}"
+        ends = [min(excesses), max(excesses)] if excesses else []
+        rates = " to ".join(f"{target * np.exp(x):.4g}" for x in ends) or "none"
         rule = "must be the rate of pounding at a gap at which a fragility can be fitted"
         rule = f"{target:.4g} a year, {rule}: of these there are {rates}"
         raise InvalidInput("HazardCurve.required_gap", "the target,", "", rule)
     last = max(i for i, x in enumerate(excesses) if x > 0)
-    root = float(brentq(excess, logs[last], logs[last + 1], xtol=1e-6))
-    slope = (excess(root + _STEP_OF_GAP) - excess(root - _STEP_OF_GAP)) / (2 * _STEP_OF_GAP)
+    root = float(brentq(log_excess, logs[last], logs[last + 1], xtol=1e-6))
+    slope = (log_excess(root + _STEP_OF_GAP) - log_excess(root - _STEP_OF_GAP)) / (2 * _STEP_OF_GAP)
     gap, rate = float(np.exp(root)), rate_at(root)
     assert rate is not None
     factor = float(np.exp(abs(np.log(rate.high / rate.value) / slope)))

@@ -191,8 +191,8 @@ class HazardCurve(Shown):
             source = partial(of_study, often, pounding, gap, link)
             return AnnualRate.of_estimate(often, estimate, cov, _source=source)
         if isinstance(pounding, RareEvent):
-            more = {"warnings": pounding.warnings, "_source": partial(of_event, often, pounding)}
-            estimate = pounding.interval(confidence)
+            estimate, source = pounding.interval(confidence), partial(of_event, often, pounding)
+            more = {"warnings": pounding.warnings, "event": pounding.event, "_source": source}
             return AnnualRate.of_estimate(often, estimate, pounding.cov, **more)
         return AnnualRate.of_estimate(often, pounding)
 

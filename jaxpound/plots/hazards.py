@@ -59,7 +59,7 @@ def _bars(rate: AnnualRate, parts: Deaggregation, ax: Axes | None) -> Axes:
     share = 100 * parts.share
     style: Any = {"color": COLOURS["pounding"], "edgecolor": "white", "linewidth": 0.4}
     digits, exponent = f"{rate.value:.1e}".split("e")
-    words = rf"pounding, $\lambda = {digits} \times 10^{{{int(exponent)}}}$ per year"
+    words = rf"{rate.event}, $\lambda = {digits} \times 10^{{{int(exponent)}}}$ per year"
     ax.bar(parts.edges[:-1], share, np.diff(parts.edges), align="edge", label=words, **style)
     estimated = np.isfinite(parts.cov)
     if estimated.any():

@@ -205,10 +205,14 @@ class RareEvent(Shown):
             earthquakes.append(DesignEarthquake(beta, float(time), z, *scenario))
         return tuple(earthquakes)
 
-    def _tables(self) -> list[TextTable]:
+    @property
+    def event(self) -> str:
+        """Whose probability it is, in words."""
         state = self.limit_state
         name = state.demand if isinstance(state.demand, str) else "demand"
-        event = "pounding" if state.threshold is None else f"{name} >= {state.threshold:.6g}"
+        return "pounding" if state.threshold is None else f"{name} >= {state.threshold:.6g}"
+
+    def _tables(self) -> list[TextTable]:
         rows: list[tuple[str, Any]] = [
             ("probability", str(self.estimate)),
             ("coefficient of variation", f"{self.cov:.3g}"),
@@ -221,7 +225,7 @@ class RareEvent(Shown):
             least = np.linalg.norm(self.design_points, axis=1).min()
             rows.append(("smallest distance of a design point", f"{least:.4g}"))
         notes = [f"method: {self.method}", *(f"warning: {x}" for x in self.warnings)]
-        return [TextTable(f"Rare event: {event}", (), rows, notes)]
+        return [TextTable(f"Rare event: {self.event}", (), rows, notes)]
 
 
 def _ratio(above: np.ndarray, below: np.ndarray, repeats: np.ndarray) -> tuple[float, float]:

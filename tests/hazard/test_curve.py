@@ -13,6 +13,7 @@ from scipy import integrate, stats
 
 import jaxpound as jp
 from jaxpound.plots import hazards
+from jaxpound.plots import hazards
 from jaxpound.scenarios.distributions import Distribution, density
 from tests.refusals import refusals, refused
 
@@ -151,6 +152,18 @@ def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_state
     ):
         with pytest.warns(jp.PlausibilityWarning, match=words):
             jp.HazardCurve(intensity, rates, measure)
+
+
+def test_a_rate_says_whose_it_is():
+    curve = jp.Fragility(0.5, 0.4, COVARIANCE, event="largest ductility ≥ 4")
+    assert "Mean annual rate of pounding" in repr(RATE)
+    assert "Rate of pounding by intensity" in repr(RATE.deaggregation())
+    rate = CURVE.annual_rate_of(curve)
+    assert rate.value == RATE.value
+    assert "Mean annual rate of largest ductility ≥ 4" in repr(rate)
+    assert "Rate of largest ductility ≥ 4 by intensity" in repr(rate.deaggregation())
+    ax = hazards.deaggregation(rate)
+    assert "largest ductility ≥ 4, " in ax.get_legend().get_texts()[0].get_text()
 
 
 def test_deaggregation_adds_up_in_bands_that_hold_the_rate_wherever_it_comes_from():

@@ -130,7 +130,7 @@ class Event(NamedTuple):
     """The state after the event, from that before it."""
     of_force: bool = False
     """Whether a value below zero at a substep's start is the event. Otherwise it counts as zero
-    there: a gap that is a rounding too small, and opens, does not close."""
+    there: a gap that is slightly too small, and opens, does not close."""
     may_return: bool = True
     """Whether values that are below zero only between the ends of a substep count."""
 

@@ -279,10 +279,12 @@ class LocalFlow:
             jnp.asarray([getattr(kind, name) for kind in self.events])[:, None]
             for name in ("of_force", "may_return")
         )
+        # What is below zero at the start, as a gap at rest is by a correction, counts as zero.
+        below = smaller(values[0], 0.0)
         shares = first_zero(
-            larger(values[0], 0.0),
+            values[0] - below,
             length * slopes[0],
-            values[1],
+            values[1] - below,
             length * slopes[1],
             noise,
             may_return,
