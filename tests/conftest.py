@@ -126,13 +126,13 @@ def _figures_do_not_pile_up():
         sys.modules["matplotlib.pyplot"].close("all")
 
 
-MOST_RESIDENT = machine_memory() / 4
-"""Bytes that a process of the suite may keep from one test to the next: programs fill them."""
+MOST_RESIDENT = machine_memory() / 12
+"""Bytes that a process of the suite may keep from one file to the next: programs fill them."""
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def _programs_do_not_pile_up():
-    """Drop compiled programs where many have gathered; the cache on disk has them still."""
+    """Drop compiled programs between files where many have gathered; files share few of them."""
     yield
     status = Path("/proc/self/statm")
     if status.exists():  # on Linux

@@ -84,7 +84,7 @@ def case(steps: Sequence[float] = STEPS) -> Case:
     parts = 8
     at = np.arange((samples.size - 1) * parts + 1) / parts
     fine = np.interp(at, np.arange(samples.size), samples)
-    exact = linear.positions(system, fine, dt / parts, fine.size - 1)[: round(END / dt) * parts + 1]
+    exact = linear.positions(system, fine, dt / parts, 1)[: round(END / dt) * parts + 1]
     ours = [np.stack(x, axis=1)[:: round(dt / h)] for x, h in zip(found, steps, strict=True)]
     peak = np.abs(exact).max(0)
     errors = np.array([np.abs(x - exact[::parts]).max(0) / peak for x in ours])
