@@ -34,34 +34,35 @@ def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... {n}+1"]:
     return jnp.concatenate([jnp.ones_like(order), jnp.cumprod(1 - (order + 1) / j, axis=-1)], -1)
 
 
-# The terms of a block of steps and of the BLOCK steps before it are summed one by one, all older
-# ones in one matrix product. Few steps, so that the unrolled block compiles fast; enough that the
-# modes are seldom updated. Where a step is a long program, a block is one step.
+# The terms of a block of steps and of the block before it are summed one by one, all older ones in
+# one matrix product. Few steps, so that the unrolled block compiles fast; enough that the modes are
+# seldom updated.
 BLOCK = 4
+NEAR = 2 * BLOCK - 1  # the longest lag within the two
 
 
 @runtime_checkable
 class HistorySum(Protocol):
-    """How the history sum S_m = Σ_{j≥1} ω_j c_{m−j} is computed, by blocks of ``length`` steps.
+    """How the history sum S_m = Σ_{j≥1} ω_j c_{m−j} is computed, by blocks of steps.
 
     The block that starts at step m0 sums c_{m0−BLOCK}, c_{m0−BLOCK+1}, … term by term; all older c
     are in the memory. An order is one number: each rod has its own memory.
     """
 
-    def kernel(self, order: jax.Array, n_steps: int, length: int = BLOCK) -> Any:
-        """Constants that depend on the order and the numbers of steps only."""
+    def kernel(self, order: jax.Array, n_steps: int) -> Any:
+        """Constants that depend on the order and the number of steps only."""
 
-    def near(self, kernel: Any, order: jax.Array, length: int = BLOCK) -> jax.Array:
-        """The weights of the terms that a block sums itself, ω_1 … ω_{BLOCK + length − 1}."""
+    def near(self, kernel: Any, order: jax.Array) -> jax.Array:
+        """The weights of the terms that a block sums itself, ω_1 … ω_{2 BLOCK − 1}."""
 
     def empty(self, kernel: Any) -> Any:
         """The memory at rest."""
 
-    def ahead(self, kernel: Any, memory: Any, start: jax.Array, length: int = BLOCK) -> jax.Array:
-        """Contribution of c_0 … c_{m0−BLOCK−1} to S from m0 = start on, shape (length,)."""
+    def ahead(self, kernel: Any, memory: Any, start: jax.Array) -> jax.Array:
+        """Contribution of c_0 … c_{m0−BLOCK−1} to S from m0 = start on, shape (BLOCK,)."""
 
     def absorb(self, kernel: Any, memory: Any, start: jax.Array, c: jax.Array) -> Any:
-        """The memory with the block's c_{m0−BLOCK}, c_{m0−BLOCK+1}, … added, shape (length,)."""
+        """The memory with c_{m0−BLOCK} … c_{m0−1} added."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,25 +72,23 @@ class FullHistory:
     Reverse-mode differentiation stores the memory of every block, O(n²) numbers.
     """
 
-    def kernel(self, order: jax.Array, n_steps: int, length: int = BLOCK) -> jax.Array:
+    def kernel(self, order: jax.Array, n_steps: int) -> jax.Array:
         """Weights in reverse order, then zeros: each step's weights are one window of it."""
         weights = gl_weights(order, n_steps + BLOCK)[::-1]
         return jnp.concatenate([weights, jnp.zeros_like(weights)])
 
-    def near(self, kernel: jax.Array, order: jax.Array, length: int = BLOCK) -> jax.Array:
+    def near(self, kernel: jax.Array, order: jax.Array) -> jax.Array:
         """The exact weights."""
-        return gl_weights(order, BLOCK + length - 1)[1:]
+        return gl_weights(order, NEAR)[1:]
 
     def empty(self, kernel: jax.Array) -> jax.Array:
         """All c_m of the run to come, from c_{−BLOCK} on."""
         return jnp.zeros_like(kernel[1 : kernel.size // 2])
 
-    def ahead(
-        self, kernel: jax.Array, memory: jax.Array, start: jax.Array, length: int = BLOCK
-    ) -> jax.Array:
+    def ahead(self, kernel: jax.Array, memory: jax.Array, start: jax.Array) -> jax.Array:
         """Future entries of c are still zero, so that their weights do not matter."""
         n = memory.size
-        first = [n - BLOCK - start - i for i in range(length)]
+        first = [n - BLOCK - start - i for i in range(BLOCK)]
         return jnp.stack([lax.dynamic_slice(kernel, (i,), (n,)) @ memory for i in first])
 
     def absorb(
@@ -107,7 +106,7 @@ _GROUP = 16
 class _ModeGroup(NamedTuple):
     weight: jax.Array  # W_k, with ω_j ≈ Σ_k W_k s_k^{j−BLOCK−1} for j > BLOCK
     decay: jax.Array  # s_k over a block
-    ahead: jax.Array  # s_k^i, shape (modes, length of a block)
+    ahead: jax.Array  # s_k^i, shape (modes, BLOCK)
     absorb: jax.Array  # the same backwards, transposed
 
 
@@ -161,33 +160,31 @@ class ModalHistory:
         value, slope = _weight_errors(np.array([order]), n_steps, self.n_modes(n_steps), j)
         return float(value.sum()), float(slope.sum())
 
-    def kernel(self, order: jax.Array, n_steps: int, length: int = BLOCK) -> list[_ModeGroup]:
+    def kernel(self, order: jax.Array, n_steps: int) -> list[_ModeGroup]:
         """Exponents and weights for a run of ``n_steps`` steps; differentiable in the order."""
         decay, fit = _modes(n_steps, self.n_modes(n_steps))
         widest = jax.dtypes.canonicalize_dtype(float)
         spectrum = _spectrum(order.astype(widest), n_steps, jnp).astype(widest)
         weight = jnp.asarray(fit, widest) @ spectrum
-        powers = decay[:, None] ** np.arange(length)
+        powers = decay[:, None] ** np.arange(BLOCK)
         ahead, absorb = jnp.asarray(powers, order.dtype), jnp.asarray(powers[:, ::-1], order.dtype)
-        far = jnp.asarray(decay**length, order.dtype)
+        far = jnp.asarray(decay**BLOCK, order.dtype)
         weight = weight.astype(order.dtype)
         groups = np.array_split(np.arange(decay.size), -(-decay.size // _GROUP))
         parts = [slice(group[0], group[-1] + 1) for group in groups]
         return [_ModeGroup(weight[k], far[k], ahead[k], absorb[k].T) for k in parts]
 
-    def near(self, kernel: list[_ModeGroup], order: jax.Array, length: int = BLOCK) -> jax.Array:
+    def near(self, kernel: list[_ModeGroup], order: jax.Array) -> jax.Array:
         """The first weights exact, the others from the modes, as in later blocks."""
-        parts = [m.weight @ m.ahead[:, : length - 1] for m in kernel]
+        parts = [m.weight @ m.ahead[:, : NEAR - BLOCK] for m in kernel]
         return jnp.concatenate([gl_weights(order, BLOCK)[1:], sum(parts[1:], parts[0])])
 
     def empty(self, kernel: list[_ModeGroup]) -> list[jax.Array]:
         """The modes y_k = Σ_{j>BLOCK} s_k^{j−BLOCK−1} c_{m0−j}."""
         return [jnp.zeros_like(modes.weight) for modes in kernel]
 
-    def ahead(
-        self, kernel: list[_ModeGroup], memory: list[Any], start: jax.Array, length: int = BLOCK
-    ) -> jax.Array:
-        """Σ_k W_k s_k^i y_k for i = 0 … length − 1."""
+    def ahead(self, kernel: list[_ModeGroup], memory: list[Any], start: jax.Array) -> jax.Array:
+        """Σ_k W_k s_k^i y_k for i = 0 … BLOCK − 1."""
         parts = [(m.weight * y) @ m.ahead for m, y in zip(kernel, memory, strict=True)]
         return sum(parts[1:], parts[0])
 

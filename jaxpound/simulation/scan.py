@@ -10,28 +10,28 @@ block of steps m0 … m0 + 3                          next block
 │ absorb: the previous block's c enter memory  │    history.absorb
 └──────────────────────────────────────────────┘
 
-Where a step is a long program, as with contact, a block is one step.
+Where a step is a long program, as with contact, the loop is over steps, of which every fourth
+begins a block.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound.simulation.history import BLOCK, HistorySum
+from jaxpound.simulation.history import BLOCK, NEAR, HistorySum
 
 Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
 
 Layout = Literal["written out", "looped", "step by step"]
-"""How the loop's program has the steps of a block: one after the other; as a loop of their own; or
-blocks of one step, with the memories of all rods in one array. Each is less to compile than the one
-before it; the first is the fastest for short steps, the last for long ones."""
+"""How the loop's program has the steps of a block: one after the other; as a loop within the loop;
+or in one loop over steps, with the memories of all rods in one array. Each is less to compile than
+the one before it; the first is the fastest for short steps, the last for long ones."""
 
 
 def _divided(n_steps: int, length: int, segmented: bool) -> tuple[int, int, int]:
@@ -106,9 +106,8 @@ def _blocks(
     Memories are those of the history, and c_{m0−BLOCK} to c_{m0−1}.
     """
     kernels = [history.kernel(order, n_steps) for order in orders]
-    longest = 2 * BLOCK - 1  # lag within a block and the one before
     weights = map(history.near, kernels, orders)
-    near = [lax.split(weights_of_rod, (1,) * longest) for weights_of_rod in weights]
+    near = [lax.split(weights_of_rod, (1,) * NEAR) for weights_of_rod in weights]
 
     def single_step(state: Any, item: Any) -> tuple[Any, Any]:
         m, carry, past = state
@@ -131,7 +130,7 @@ def _blocks(
                 (m, carry, past), seen = single_step(state, item)
                 return (m, carry, [c[1:] for c in past]), seen
 
-            inside = start, carry, [[zero] * (longest - BLOCK) + c for c in recent]
+            inside = start, carry, [[zero] * (NEAR - BLOCK) + c for c in recent]
             (_, carry, past), out = lax.scan(slid, inside, (ahead, entries), length=BLOCK)
         else:
             split = [lax.split(far, (1,) * BLOCK) for far in ahead]
@@ -158,25 +157,36 @@ def _steps(
     history: HistorySum,
     zero: jax.Array,
 ) -> tuple[Callable[[Any, Any], tuple[Any, Any]], Any]:
-    """As ``_blocks``, of one step each, with the memories of all rods side by side."""
+    """As ``_blocks``, for a loop over steps, with the memories of all rods side by side."""
     of_rods = jnp.stack(orders) if orders else jnp.zeros(0, zero.dtype)
-    kernels = jax.vmap(lambda order: history.kernel(order, n_steps, 1))(of_rods)
-    near = jax.vmap(partial(history.near, length=1))(kernels, of_rods)[:, ::-1]  # of BLOCK terms
-    ahead = jax.vmap(partial(history.ahead, length=1), (0, 0, None))
-    absorb = jax.vmap(history.absorb, (0, 0, None, 0))
+    kernels = jax.vmap(lambda order: history.kernel(order, n_steps))(of_rods)
+    weights = jax.vmap(history.near)(kernels, of_rods)
+    near = jnp.pad(weights, ((0, 0), (0, 1)))[:, ::-1]  # by the lags 2 BLOCK, …, 1
+    lags = jnp.arange(2 * BLOCK, 0, -1)
+
+    def renewed(m: jax.Array, memory: Any, recent: jax.Array) -> tuple[Any, jax.Array]:
+        """The memory with c_{m−2 BLOCK} to c_{m−BLOCK−1}, and its contributions from m on."""
+        absorb = jax.vmap(history.absorb, (0, 0, None, 0))
+        memory = absorb(kernels, memory, m - BLOCK, recent[:, :BLOCK])
+        return memory, jax.vmap(history.ahead, (0, 0, None))(kernels, memory, m)
 
     def step(state: Any, entry: Any) -> tuple[Any, Any]:
-        m, carry, (memory, recent) = state
-        sums = ahead(kernels, memory, m)[:, 0] + (near * recent).sum(axis=1)
+        m, carry, (memory, ahead, recent) = state
+        i = m % BLOCK
+        memory, ahead = lax.cond(
+            i == 0, lambda: renewed(m, memory, recent), lambda: (memory, ahead)
+        )
+        inside = jnp.where(lags <= BLOCK + i, near, 0.0)
+        sums = lax.dynamic_index_in_dim(ahead, i, 1, False) + (inside * recent).sum(axis=1)
         now = jax.tree.map(lambda x: x[0], entry)
         carry, new, seen = advance(carry, [sums[r] for r in range(len(orders))], m, now)
-        memory = absorb(kernels, memory, m, recent[:, :1])
         newest = jnp.stack(new)[:, None] if new else recent[:, :1]
         recent = jnp.concatenate([recent[:, 1:], newest], axis=1)
-        return (m + 1, carry, (memory, recent)), seen
+        return (m + 1, carry, (memory, ahead, recent)), seen
 
     empty = jax.tree.map(lambda y: y + zero, jax.vmap(history.empty)(kernels))
-    return step, (empty, jnp.zeros((len(orders), BLOCK), zero.dtype) + zero)
+    shapes = (len(orders), BLOCK), (len(orders), 2 * BLOCK)
+    return step, (empty, *(jnp.zeros(shape, zero.dtype) + zero for shape in shapes))
 
 
 def _in_blocks(x: jax.Array, segments: int, segment: int, length: int, idle: int) -> jax.Array:
