@@ -110,10 +110,9 @@ class Buildings:
         return self.row_in(1.0, 1.0, 1.0).system()
 
     def dimensionless(self) -> tuple[Row, Scales]:
-        """The buildings in the form of eq. (9), and the scales that bring results back to SI.
+        """The buildings in the form of eq. (9), and the ``scales`` that bring results back to SI.
 
-        The first storey of the first building sets the scales. Raises ``ValueError`` if a contact
-        law is user-defined: the units of its numbers are not known.
+        Raises ``ValueError`` if a contact law is user-defined: its numbers' units are not known.
         """
         return self.dimensionless_for("Buildings.dimensionless")
 
@@ -203,9 +202,9 @@ def pair_of(
     owner: str, pair: tuple[Any, Any], friction_force: Any, gap: Any, contact: Any, gravity: Any
 ) -> tuple[AdjacentStructures, Scales]:
     """``dimensionless`` for the function ``owner``, which itself says what is implausible."""
+    left, right = pair
     for i, building in enumerate(pair, 1):
         instance(owner, f"building_{i}", building, Building)
-    left, right = pair
     friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
     between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
     enforce(owner, [*between, *ranges(contact, "contact.")])
@@ -241,8 +240,7 @@ def dimensionless_row(
 ) -> tuple[Row, Scales]:
     """The form of eq. (9) of ``Buildings(buildings, links, gravity)``, and its scales.
 
-    Parameters, errors and warnings are those of ``Buildings``; the first storey of the first
-    building sets the scales.
+    Parameters, errors and warnings are those of ``Buildings``, as are its ``scales``.
 
     Examples
     --------

@@ -55,7 +55,6 @@ class Building:
     order: Any = like(ZenerRod, "order", _ORDER)
     tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION)
     tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION)
-
     hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
 
     def __post_init__(self) -> None:

@@ -154,6 +154,5 @@ def _spectrum(
         strength, reached = jnp.vectorize(required)(periods, level), level
     else:
         strength, reached = level, jnp.vectorize(partial(ductility, record, alpha))(periods, level)
-    stiffness = (2 * jnp.pi / periods) ** 2
-    displacement = reached * strength * STANDARD_GRAVITY / stiffness
+    displacement = reached * strength * STANDARD_GRAVITY / (2 * jnp.pi / periods) ** 2
     return InelasticSpectrum(periods, strength, reached, displacement)
