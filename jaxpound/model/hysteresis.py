@@ -305,16 +305,14 @@ class YieldingZener:
 
 def zener_of(material: Any) -> ZenerRod | None:
     """The fractional rod of a material, with a memory; None for a law of hysteresis alone."""
-    if isinstance(material, YieldingZener):
-        return material.zener
-    return material if isinstance(material, ZenerRod) else None
+    rod = material.zener if isinstance(material, YieldingZener) else material
+    return rod if isinstance(rod, ZenerRod) else None
 
 
 def hysteresis_of(material: Any) -> Any:
     """The law of hysteresis of a material; None for one that does not yield."""
-    if isinstance(material, YieldingZener):
-        return material.hysteresis
-    return None if isinstance(material, ZenerRod) else material
+    law = material.hysteresis if isinstance(material, YieldingZener) else material
+    return None if isinstance(law, ZenerRod) else law
 
 
 def law_in_length(law: Any, length: Any) -> Any:

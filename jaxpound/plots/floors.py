@@ -164,8 +164,7 @@ def ductility(
     Arguments are as in ``envelopes``. A ``ValueError`` as there, or if no building yields.
     """
     buildings = _runs("ductility", {"floors": floors}, Sequence)["floors"]
-    sizes = [len(building.masses) for building in buildings]
-    heights = floor_heights("ductility", sizes, elevations)
+    heights = floor_heights("ductility", [len(x.masses) for x in buildings], elevations)
     yielding = [(x, y) for x, y in zip(buildings, heights, strict=True) if x.ductility is not None]
     if not yielding:
         raise InvalidInput("ductility", "floors", "", "must be of a building that yields")

@@ -53,18 +53,18 @@ def step(
         share = jnp.where(starts, 0.5, 1.0).astype(time.dtype)
         system, shaking = state.for_half_kick(system, share), share * shaking
     topology = system.topology
-    this = _Step(system, before, time, shaking, dt, scheme, starts)
-
     x = state.of_all_masses(topology, before.x, [link.closing for link in before.links])
     elongations = [elongation(ends, x) for ends in topology.rods]
-    rod_steps = this.rod_steps(sums, elongations)
+    this = _Step(system, before, elongations, time, shaking, dt, scheme, starts)
+
+    rod_steps = this.rod_steps(sums)
     yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
     forces, loads, pulls = this.loads(rod_steps, yielding)
     flows = this.flows(pulls)
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
     if flows:
-        rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, elongations, flows)
+        rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, flows)
         forces, loads, pulls = this.loads(rod_steps, yielding)
 
     closings, contacts, motions = this.motions(pulls, flows)
@@ -138,17 +138,16 @@ class _Step(NamedTuple):
 
     system: StepConstants
     before: RunState  # the state at t_m
+    elongations: list[jax.Array]  # of the rods, at t_m
     time: jax.Array
     shaking: jax.Array  # mean ground acceleration over the step
     dt: float
     scheme: Scheme
     starts: jax.Array
 
-    def rod_steps(
-        self, sums: Sequence[jax.Array], elongations: Sequence[jax.Array]
-    ) -> list[RodStep]:
+    def rod_steps(self, sums: Sequence[jax.Array]) -> list[RodStep]:
         """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
-        initial = self.system.initial_elongations
+        initial, elongations = self.system.initial_elongations, self.elongations
         if initial is not None:
             elongations = [length - rest for length, rest in zip(elongations, initial, strict=True)]
         remaining = iter(sums)
@@ -205,11 +204,7 @@ class _Step(NamedTuple):
         return flows
 
     def with_mean_samples(
-        self,
-        rod_steps: Sequence[RodStep],
-        yielding: Sequence[HysteresisStep | None],
-        elongations: Sequence[jax.Array],
-        flows: Sequence[_GroupFlow],
+        self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[_GroupFlow]
     ) -> tuple[list[RodStep], list[HysteresisStep | None]]:
         """The rods at t_m with the positions of masses of a flow replaced."""
         system = self.system
@@ -224,15 +219,15 @@ class _Step(NamedTuple):
             return [elongation(ends, by_number) for ends in system.topology.rods]
 
         to_mean = shifts(lambda flow: flow.shift)
-        rods, yielding = list(rod_steps), list(yielding)
-        to_now = shifts(_GroupFlow.shift_now) if any(system.hysteresis) else to_mean
+        rods, yielding = list(rods), list(yielding)
+        to_now = shifts(_GroupFlow.shift_now) if any(system.hysteresis) else []
         for k, ends in enumerate(system.topology.rods):
             if not changed & {*ends}:
                 continue
             rods[k] = rod_moved(system.rods[k], rods[k], to_mean[k])
             if law := system.hysteresis[k]:
-                now = cast("HysteresisStep", self.yielding(k, elongations[k] + to_now[k]))
-                yielding[k] = moved(law, now, elongations[k] + to_mean[k])
+                now = cast("HysteresisStep", self.yielding(k, self.elongations[k] + to_now[k]))
+                yielding[k] = moved(law, now, self.elongations[k] + to_mean[k])
         return rods, yielding
 
     def _group_step(self, group: LinkGroup, pulls: list[jax.Array]) -> GroupStep:

@@ -9,6 +9,7 @@ peak next to a jump of friction, and PGA and PGV, which are taken at the grid's 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -252,17 +253,15 @@ class Tally(NamedTuple):
         last_forces = [force.last for force in self.forces]
         instant = _ObservedInstant(now, x, v, system, dt, smooth, turns, links, last_forces)
         masses = range(topology.n_masses)
-
-        def of_rod(tally: RodTally, law: HysteresisConstants, rod: RodInstant, ends: Ends) -> Any:
-            return tally.observe(law, rod, instant.displacement(tally.peak, ends), now.time, dt)
-
+        peaks = each(instant.displacement, [rod and rod.peak for rod in self.rods], topology.rods)
+        observe_rod = partial(RodTally.observe, time=now.time, dt=dt)
         observed = Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
             x=each(instant.displacement, self.x, [(mass, GROUND) for mass in masses]),
             acceleration=each(instant.acceleration, self.acceleration, masses),
             forces=each(lambda peak, f: peak.observe(f, smooth), self.forces, now.forces),
             drifts=each(instant.displacement, self.drifts, topology.rods),
-            rods=each(of_rod, self.rods, system.hysteresis, now.rods, topology.rods),
+            rods=each(observe_rod, self.rods, system.hysteresis, now.rods, peaks),
             links=links,
         )
         if not starts_displaced:
