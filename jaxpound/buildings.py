@@ -202,9 +202,9 @@ def pair_of(
     owner: str, pair: tuple[Any, Any], friction_force: Any, gap: Any, contact: Any, gravity: Any
 ) -> tuple[AdjacentStructures, Scales]:
     """``dimensionless`` for the function ``owner``, which itself says what is implausible."""
-    left, right = pair
     for i, building in enumerate(pair, 1):
         instance(owner, f"building_{i}", building, Building)
+    left, right = pair
     friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
     between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
     enforce(owner, [*between, *ranges(contact, "contact.")])
@@ -240,7 +240,7 @@ def dimensionless_row(
 ) -> tuple[Row, Scales]:
     """The form of eq. (9) of ``Buildings(buildings, links, gravity)``, and its scales.
 
-    Parameters, errors and warnings are those of ``Buildings``, as are its ``scales``.
+    Parameters, errors and warnings are those of ``Buildings``, the scales its ``scales``.
 
     Examples
     --------

@@ -34,7 +34,7 @@ from jaxpound.study.statistics import Estimate
 from jaxpound.units import Scales, scales_for
 
 _AT_BOUND = 1e-4  # of the way between the bounds
-_TOLERANCES: dict[str, Any] = {"xtol": 1e-10, "ftol": 1e-12, "gtol": 1e-12}
+_TOLERANCES: dict[str, Any] = {"xtol": 1e-10, "ftol": 1e-12, "gtol": 1e-12}  # of a fit
 
 
 def measurables(system: System) -> dict[str, str | None]:
