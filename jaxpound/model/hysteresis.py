@@ -206,7 +206,10 @@ class BoucWen:
     )
     ultimate_displacement: Any = like(Bilinear, "ultimate_displacement", default=np.inf)
 
-    __post_init__ = Bilinear.__post_init__
+    def __post_init__(self) -> None:
+        check(self)
+        require_batch(type(self).__name__, **vars(self))
+
     more_rules = Bilinear.more_rules
     dissipated = Bilinear.dissipated
 
