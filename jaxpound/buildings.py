@@ -110,10 +110,9 @@ class Buildings:
         return self.row_in(1.0, 1.0, 1.0).system()
 
     def dimensionless(self) -> tuple[Row, Scales]:
-        """The buildings in the form of eq. (9), and the scales that bring results back to SI.
+        """The buildings in the form of eq. (9), and the ``scales`` that bring results back to SI.
 
-        The first storey of the first building sets the scales. Raises ``ValueError`` if a contact
-        law is user-defined: the units of its numbers are not known.
+        Raises ``ValueError`` if a contact law is user-defined: its numbers' units are not known.
         """
         return self.dimensionless_for("Buildings.dimensionless")
 
@@ -241,8 +240,7 @@ def dimensionless_row(
 ) -> tuple[Row, Scales]:
     """The form of eq. (9) of ``Buildings(buildings, links, gravity)``, and its scales.
 
-    Parameters, errors and warnings are those of ``Buildings``; the first storey of the first
-    building sets the scales.
+    Parameters, errors and warnings are those of ``Buildings``, the scales its ``scales``.
 
     Examples
     --------

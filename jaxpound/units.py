@@ -99,7 +99,6 @@ class Scales:
         The inverse of ``dimensionless``, for these scales; ``contact_to_si`` has the contact law.
         """
         instance("Scales.buildings", "structures", structures, AdjacentStructures)
-
         s, stiffness = structures, self.mass * self.frequency**2
         left = self.storey(s.rod_1, self.mass, stiffness)
         right = self.storey(s.rod_2, self.mass / s.mass_ratio, stiffness * s.stiffness_ratio)
@@ -107,9 +106,8 @@ class Scales:
 
     def storey(self, material: ZenerRod | YieldingZener, mass: Any, stiffness: Any) -> Building:
         """A mass, kg, on a rod of a dimensionless material and a stiffness, N/m, in SI."""
-        rod, law = before_yield(material), hysteresis_of(material)
+        rod, law = before_yield(material), law_in_length(hysteresis_of(material), 1 / self.length)
         tau_f, tau_x = (tau / self.frequency**rod.order for tau in (rod.tau_f, rod.tau_x))
-        law = law_in_length(law, 1 / self.length)
         return Building(mass, stiffness, rod.order, tau_f, tau_x, law)
 
     def contact_to_dimensionless(self, law: Law) -> Law:

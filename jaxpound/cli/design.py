@@ -14,22 +14,12 @@ from msgspec.structs import astuple
 
 import jaxpound as jp
 from jaxpound._checks import did_you_mean
+from jaxpound.cli import reading
 from jaxpound.cli.buildings import BuildingsLayout, as_toml
 from jaxpound.cli.design_report import changes, parts_of_page, summary
 from jaxpound.cli.files import kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
-from jaxpound.cli.reading import (
-    Count,
-    File,
-    Range,
-    Section,
-    Seed,
-    between,
-    named,
-    refused,
-    says,
-    unknown_key,
-)
+from jaxpound.cli.reading import Count, File, Range, Section, Seed, between, named, refused, says
 from jaxpound.cli.structures import Shaken, compile_notice
 from jaxpound.cli.tables import OF_DEMANDS, Files, Gap, read_records
 from jaxpound.design.goals import Goal
@@ -303,7 +293,7 @@ def _require_price(
             rule = "must be given with a probability, such as {at_most = 0.2, probability = 1e-3}"
         else:
             words = did_you_mean(price, allowed) or f"allowed are {', '.join(allowed)}"
-            raise ValueError(unknown_key(place, price, words, key))
+            raise ValueError(reading.unknown_key(place, price, words, key))
     elif {*laws} == {"newton"} and demands.is_zero_by_newton(price):  # never above a limit
         impulse = "peak_impulse is what they have"
         rule = f'must not be given with law = "newton", whose impacts have none; {impulse}'

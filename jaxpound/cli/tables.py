@@ -13,17 +13,8 @@ import numpy as np
 from msgspec import Meta
 
 import jaxpound as jp
-from jaxpound.cli.reading import (
-    Count,
-    Range,
-    Section,
-    between,
-    named,
-    of_field,
-    ranges,
-    refused,
-    says,
-)
+from jaxpound.cli import reading
+from jaxpound.cli.reading import Count, Range, Section, between, named, of_field, refused, says
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.results.named import REQUIRED_GAP, kind_of
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
@@ -263,7 +254,7 @@ class Earthquakes(Section):
         else:
             others = (*_OF_WAVELETS, "negative", "intensity")
             self.refuse_any(others, "must not be given with records")
-        for key, allowed in ranges(Earthquakes).items():
+        for key, allowed in reading.ranges(Earthquakes).items():
             if isinstance(distribution := getattr(self, key), DistributionSpec):
                 distribution.require(key, allowed)
 

@@ -15,7 +15,6 @@ from jaxpound.model.parameters import paths
 from jaxpound.model.shear_building import STRENGTHS
 
 _LAWS = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen}
-_OF_LAWS = paths(jp.BoucWen)  # which has those of Bilinear, too
 _OF_STOREY = "yield_displacement"  # of each storey, by its strength
 
 _Force = Annotated[float, between(*STRENGTHS["yield_force"])]
@@ -52,7 +51,7 @@ class YieldingSection(Section):
             law = stated.pop("law", "bilinear")
             keys = [key for key in paths(_LAWS[law]) if key != _OF_STOREY]
             rule = f'must not be given with law = "{law}"; give {", ".join(keys)}'
-            self.refuse_any({*_OF_LAWS} - {*keys}, rule)
+            self.refuse_any({*paths(jp.BoucWen)} - {*keys}, rule)  # which has those of Bilinear
             with named(""):
                 building = building.yielding(_LAWS[law], **stated)
         with named("p_delta:"):

@@ -34,6 +34,7 @@ from jaxpound.study.statistics import Estimate
 from jaxpound.units import Scales, scales_for
 
 _AT_BOUND = 1e-4  # of the way between the bounds
+_TOLERANCES: dict[str, Any] = {"xtol": 1e-10, "ftol": 1e-12, "gtol": 1e-12}  # of a fit
 
 
 def measurables(system: System) -> dict[str, str | None]:
@@ -233,7 +234,7 @@ def _calibrated(
         best = fit(best.x, _weights_by_residuals(weights, best.fun, data))
         fits.append(best)
     shares = np.asarray(best.x)
-    estimates, correlation = _estimates(owner, space, best, n, noise is not None, confidence)
+    estimates = _estimates(owner, space, best, n, noise is not None, confidence)
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
     response = run(structures, True)
     simulated = series(response)
@@ -241,8 +242,7 @@ def _calibrated(
     spreads = {name: _spread(r[np.isfinite(data[name])]) for name, r in residuals.items()}
     edges = np.flatnonzero((shares < _AT_BOUND) | (shares > 1 - _AT_BOUND))
     at_bounds, runs = tuple(space.names[i] for i in edges), sum(x.nfev for x in fits)
-    results = estimates, correlation, spreads, response, residuals, at_bounds, runs
-    return Calibration(structures, *results)
+    return Calibration(structures, *estimates, spreads, response, residuals, at_bounds, runs)
 
 
 def _least_squares(
@@ -268,9 +268,7 @@ def _least_squares(
             jac=lambda shares: np.asarray(slope(shares, weights), np.float64),
             bounds=(0.0, 1.0),
             x_scale="jac",
-            xtol=1e-10,
-            ftol=1e-12,
-            gtol=1e-12,
+            **_TOLERANCES,
         )
 
     return residual, fit

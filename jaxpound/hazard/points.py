@@ -14,15 +14,8 @@ import numpy as np
 from jax.scipy.special import log_ndtr, ndtri
 from scipy import special
 
-from jaxpound._checks import (
-    Rule,
-    did_you_mean,
-    enforce,
-    is_whole,
-    positive_number,
-    real,
-    require_share,
-)
+from jaxpound import _checks
+from jaxpound._checks import Rule, did_you_mean, enforce, positive_number, real
 from jaxpound._errors import InvalidInput
 from jaxpound.ground.measure import Measure, units_like
 
@@ -194,7 +187,7 @@ class HazardWeights(np.ndarray):
 
 def rate_of(owner: str, probability: float, years: float) -> float:
     """Annual rate of an event of this probability within years: −ln(1 − p) / years."""
-    require_share(owner, "probability", probability)
+    _checks.require_share(owner, "probability", probability)
     (years,) = positive_number(owner, years=years)
     return float(-np.log1p(-probability) / years)
 
@@ -262,7 +255,7 @@ def _site(
             guess = f"; {did_you_mean(site, sites)}" if did_you_mean(site, sites) else ""
             raise InvalidInput(owner, "site", repr(site), f"must be a name in the file{guess}")
         site = first + sites.index(site)
-    if not (is_whole(site) and first <= site < first + len(rows)):
+    if not (_checks.is_whole(site) and first <= site < first + len(rows)):
         rule = f"must be a row from {first} to {first + len(rows) - 1}"
         raise InvalidInput(owner, "site", repr(site), rule)
     row = rows[site - first]

@@ -55,7 +55,6 @@ class Building:
     order: Any = like(ZenerRod, "order", _ORDER)
     tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION)
     tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION)
-
     hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
 
     def __post_init__(self) -> None:
@@ -133,10 +132,8 @@ class Building:
 
     def material(self, frequency: Any = 1.0, length: Any = 1.0) -> ZenerRod | YieldingZener:
         """The rod's law in units of 1/frequency^order, rad/s, and of a length, m."""
-        rod = self.zener(frequency)
-        if self.hysteresis is None:
-            return rod
-        return YieldingZener(rod, law_in_length(self.hysteresis, length))
+        rod, law = self.zener(frequency), law_in_length(self.hysteresis, length)
+        return rod if law is None else YieldingZener(rod, law)
 
     @property
     def dynamic_stiffness(self) -> jax.Array:

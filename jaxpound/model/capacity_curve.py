@@ -53,8 +53,7 @@ def pushover(building: ShearBuilding, ductility: float = 6.0) -> Pushover:
     ramp = np.append(np.linspace(0, 1, _AT_YIELD + 1), np.linspace(1, most, 129)[1:])
     laws = [_NEVER if s.hysteresis is None else s.hysteresis for s in storeys]
     drifts = [float(law.yield_displacement) * ramp for law in laws]
-    shears = np.array([_reduced(*each) for each in zip(laws, drifts, strict=True)])
-    shears /= softness[:, None]
+    shears = np.array([*map(_reduced, laws, drifts)]) / softness[:, None]
     # Up to the largest, as functions that have an inverse.
     rising = np.maximum.accumulate(shears, axis=1) * (1 + 1e-9 * ramp)
     critical = int(np.argmin(rising[:, -1]))

@@ -10,17 +10,8 @@ from typing import Any, cast
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import (
-    Range,
-    Rule,
-    count,
-    enforce,
-    hint,
-    is_traced,
-    number,
-    positive_number,
-    real,
-)
+from jaxpound import _checks
+from jaxpound._checks import Range, Rule, count, enforce, is_traced, number, positive_number
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
@@ -226,7 +217,7 @@ class ShearBuilding:
         [2.0004, 0.661, 0.4103, 0.315, 0.274]
         """
         if not isinstance(name, str) or name not in _PUBLISHED:
-            rule = f"unknown name {name!r}; {hint(str(name), _PUBLISHED)}"
+            rule = f"unknown name {name!r}; {_checks.hint(str(name), _PUBLISHED)}"
             raise InvalidInput("ShearBuilding.published", "", "", rule)
         n, mass, stiffness, height = _PUBLISHED[name]
         elastic = 2 * np.sin(np.pi / (4 * n + 2)) * np.sqrt(stiffness / mass)
@@ -278,19 +269,18 @@ class ShearBuilding:
             name = f"a strength by {' and '.join(stated) or 'nothing'}"
             raise InvalidInput(owner, name, "", f"must be by one of {', '.join(STRENGTHS)}")
         ((name, value),), n = stated.items(), self.n_floors
-        values = [real(owner, name, x) for x in _each(owner, name, value, n)]
+        values = [_checks.real(owner, name, x) for x in _each(owner, name, value, n)]
         enforce(owner, [STRENGTHS[name].of(name, x) for x in values])
-        stiffnesses = [storey.stiffness for storey in self.storeys]
+        if base_shear_coefficient is not None:
+            weight = gravity * sum(storey.mass for storey in self.storeys)
+            values = storey_shears(self.storeys, self.elevations, values[0] * weight)
         if yield_drift is not None:
             lengths = [x * height for x, height in zip(values, self.heights, strict=True)]
         else:
-            if base_shear_coefficient is not None:
-                weight = gravity * sum(storey.mass for storey in self.storeys)
-                values = storey_shears(self.storeys, self.elevations, values[0] * weight)
-            lengths = [force / k for force, k in zip(values, stiffnesses, strict=True)]
+            lengths = [force / x.stiffness for force, x in zip(values, self.storeys, strict=True)]
         listed = {key: _each(owner, key, x, n) for key, x in numbers.items()}
         listed["yield_displacement"] = tuple(lengths)
-        laws = (law(**{key: x[i] for key, x in listed.items()}) for i in range(n))
+        laws = [law(**{key: x[i] for key, x in listed.items()}) for i in range(n)]
         storeys = map(lambda x, y: dataclasses.replace(x, hysteresis=y), self.storeys, laws)
         return dataclasses.replace(self, storeys=tuple(storeys))
 
@@ -304,11 +294,8 @@ class ShearBuilding:
         above = np.cumsum([storey.mass for storey in self.storeys][::-1])[::-1]
         if is_traced(above):
             raise InvalidInput("with_p_delta", "masses", "", "must be known, not traced")
-        storeys = [
-            with_weight(storey, gravity * mass, height)
-            for storey, mass, height in zip(self.storeys, above, self.heights, strict=True)
-        ]
-        return dataclasses.replace(self, storeys=tuple(storeys))
+        storeys = tuple(map(with_weight, self.storeys, gravity * above, self.heights))
+        return dataclasses.replace(self, storeys=storeys)
 
     @property
     def n_floors(self) -> int:
@@ -335,12 +322,9 @@ def in_units(
 ) -> Storeys:
     """A building in SI in units of a mass, kg, stiffness, N/m, frequency, rad/s, and length, m."""
     storeys = storeys_of(building)
-    materials = [s.material(frequency, length) for s in storeys]
-    rods = tuple(
-        unchecked(Rod, material=material, stiffness=s.stiffness / stiffness, ends=None)
-        for s, material in zip(storeys, materials, strict=True)
-    )
-    return Storeys(tuple(s.mass / mass for s in storeys), rods)
+    numbers = [(s.material(frequency, length), s.stiffness / stiffness) for s in storeys]
+    rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
+    return Storeys(tuple(s.mass / mass for s in storeys), tuple(rods))
 
 
 def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:

@@ -63,7 +63,5 @@ def with_weight(storey: Building, weight: Any, height: float) -> Building:
             rule = "must be Bilinear or BoucWen: the hardening of a law of one's own is not known"
             raise InvalidInput(owner, "hysteresis", repr(law), rule)
         law = dataclasses.replace(law, hardening=(law.hardening - theta) / left)
-    tau_x = storey.tau_f + (storey.tau_x - storey.tau_f) / left
-    return dataclasses.replace(
-        storey, stiffness=storey.stiffness * left, tau_x=tau_x, hysteresis=law
-    )
+    stiffness, tau_x = storey.stiffness * left, storey.tau_f + (storey.tau_x - storey.tau_f) / left
+    return dataclasses.replace(storey, stiffness=stiffness, tau_x=tau_x, hysteresis=law)

@@ -32,16 +32,11 @@ from jaxpound.results.floors import FloorDemands
 _BAND = (0.16, 0.5, 0.84)
 _FROM_ZERO = "displacement"
 _OF_MODES = ("-", "--", ":", "-.")
-_DRAWN: dict[str, Quantity] = {
-    name: field
-    for name, field in quantities(FloorDemands).items()
-    if not name.startswith("contact")
-} | {
+_OF_ALL = ("displacement", "drift", "acceleration", "shear")
+_DRAWN = {name: quantities(FloorDemands)[name] for name in _OF_ALL} | {
     "contact": Quantity("force", "peak contact force", symbol="peak $p$"),
     "ductility": Quantity(None, "ductility", symbol=r"peak $\mu$"),
 }
-
-_OF_SOME = ("contact", "ductility")  # not of all buildings
 
 Floors = Sequence[FloorDemands]
 
@@ -136,8 +131,8 @@ def envelopes(
     }
     for of_runs in profiles[_FROM_ZERO]:
         _require_valid(owner, runs, of_runs)
-    acts = {name: any(map(np.any, chain(*profiles[name]))) for name in _OF_SOME}
-    profiles = {name: each for name, each in profiles.items() if acts.get(name, True)}
+    acting = [name for name, each in profiles.items() if any(map(np.any, chain(*each)))]
+    profiles = {x: profiles[x] for x in profiles if x in (*_OF_ALL, *acting)}
 
     sizes = [0.5 + 0.06 * building.size for building in heights]
     figure = house.new_figure(2, sum(sizes) + 0.35)
@@ -169,8 +164,7 @@ def ductility(
     Arguments are as in ``envelopes``. A ``ValueError`` as there, or if no building yields.
     """
     buildings = _runs("ductility", {"floors": floors}, Sequence)["floors"]
-    sizes = [len(building.masses) for building in buildings]
-    heights = floor_heights("ductility", sizes, elevations)
+    heights = floor_heights("ductility", [len(x.masses) for x in buildings], elevations)
     yielding = [(x, y) for x, y in zip(buildings, heights, strict=True) if x.ductility is not None]
     if not yielding:
         raise InvalidInput("ductility", "floors", "", "must be of a building that yields")

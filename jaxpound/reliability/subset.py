@@ -23,15 +23,8 @@ from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, count, enforce, positive, require_memory, require_share
 from jaxpound.grid import TimeGrid
-from jaxpound.reliability.limit_state import (
-    COMPILING,
-    LimitState,
-    QueryId,
-    SearchRuns,
-    SubsetRuns,
-    require_dependence,
-    state_of,
-)
+from jaxpound.reliability import limit_state
+from jaxpound.reliability.limit_state import LimitState, QueryId, require_dependence
 from jaxpound.reliability.result import RAREST, RareEvent, always
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
@@ -115,7 +108,7 @@ def subset_simulation(
     >>> 1e-3 < event.probability < 3e-2
     True
     """
-    state = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
+    state = limit_state.state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
     return simulated(state, n, p0, repeats, cov, max_runs, key, store, progress)
 
 
@@ -138,9 +131,9 @@ def simulated(
     search, part = "a subset simulation", max(n, _PART)
     levels: list[list[Level]] = []  # of each repeat
     with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
-        bar.set_postfix_str(COMPILING)
-        stored = SearchRuns(store, search, state, key, _COLUMNS, part, **described)
-        runs = SubsetRuns(state, bar, stored, part)
+        bar.set_postfix_str(limit_state.COMPILING)
+        stored = limit_state.SearchRuns(store, search, state, key, _COLUMNS, part, **described)
+        runs = limit_state.SubsetRuns(state, bar, stored, part)
 
         def report(reached: list[float]) -> None:
             bar.set_postfix_str(_so_far(levels) if levels else f"P < {np.mean(reached):.2g}")

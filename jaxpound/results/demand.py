@@ -19,17 +19,9 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import Topology
 from jaxpound.quantities import column, unit
+from jaxpound.results import elements
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
-from jaxpound.results.elements import (
-    ByElement,
-    Columnar,
-    are_concrete,
-    chosen,
-    kind_in,
-    place_of,
-    run_numbers,
-    without_idle_dampers,
-)
+from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in, place_of
 
 
 @pytree_dataclass
@@ -73,7 +65,7 @@ class Demand(ByElement, Columnar, Shown):
     @classmethod
     def of_columns(cls, columns: Mapping[str, Any], *, si: bool) -> Demand:
         """The inverse of ``scalars``: a demand from columns by flat name; others are ignored."""
-        elements: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
+        by_group: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
         fields: dict[str, Any] = {}
         several = "min_gap_1" in columns
         for name, value in columns.items():
@@ -82,10 +74,10 @@ class Demand(ByElement, Columnar, Shown):
             if not place.group:
                 fields[place.field] = value
             elif not (several and name == place.quantity.column):  # of all links
-                elements[place.group].setdefault(place.element, {})[place.field] = value
+                by_group[place.group].setdefault(place.element, {})[place.field] = value
         try:
             groups: dict[str, Any] = {
-                group: tuple(kind(**elements[group][i]) for i in sorted(elements[group]))
+                group: tuple(kind(**by_group[group][i]) for i in sorted(by_group[group]))
                 for group, kind in cls._elements.items()
             }
             return cls(**groups, **fields, si=si)
@@ -116,11 +108,11 @@ class Demand(ByElement, Columnar, Shown):
             dropped = {name: None for name in fields if (group, i, name) not in kept}
             return dataclasses.replace(item, **dropped)
 
-        elements = {
+        by_group = {
             group: tuple(reduced(group, i, item) for i, item in enumerate(getattr(self, group)))
             for group in self._elements
         }
-        return dataclasses.replace(reduced("", 0, self), **elements)
+        return dataclasses.replace(reduced("", 0, self), **by_group)
 
     @property
     def min_gap(self) -> Any:
@@ -185,11 +177,11 @@ class Demand(ByElement, Columnar, Shown):
             column(name, kind_in(Demand, name), self.si): np.broadcast_to(value, batch).ravel()
             for name, value in self.scalars().items()
         }
-        return run_numbers(batch or (1,)), values
+        return elements.run_numbers(batch or (1,)), values
 
     def __getitem__(self, index: Any) -> Demand:
         """Runs of a batch by number, slice or mask, as an array is indexed."""
-        return chosen(self, index, self.batch)
+        return elements.chosen(self, index, self.batch)
 
     def _tables(self) -> list[TextTable]:
         return [self._table("Demand", [])]
@@ -204,7 +196,7 @@ class Demand(ByElement, Columnar, Shown):
         scalars = self.scalars()
         is_valid = ~np.isnan(next(iter(scalars.values()), 0.0))
         valid = {name: np.where(is_valid, x, 0.0) for name, x in scalars.items()}
-        names = without_idle_dampers(scalars, lambda name: float(valid[name].max()))
+        names = elements.without_idle_dampers(scalars, lambda name: float(valid[name].max()))
         scalars = {name: scalars[name] for name in names}
         units = {name: (unit(kind_in(Demand, name), self.si), *self._where(name)) for name in names}
         if not batch:

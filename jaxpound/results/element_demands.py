@@ -17,7 +17,7 @@ def _scalar(
 
 _peak = partial(_scalar, limited=True)
 _contact = partial(_scalar, only="contact", limited=True, default=None)
-_yielding = partial(_scalar, only="yielding", default=None)
+_yields = partial(_scalar, only="yielding", limited=True, default=None)
 
 
 @pytree_dataclass
@@ -51,25 +51,23 @@ class RodDemand:
     )
     """Largest |e|, the elongation of a rod between two masses: the drift of a storey. None for a
     rod to the ground: its elongation is the displacement of its mass, ``peak_x``."""
-    ductility: Any = _yielding(
-        *(18, None, "ductility of storey {}", "ductility_{}", r"ductility $\mu_{}$"), limited=True
+    ductility: Any = _yields(
+        18, None, "ductility of storey {}", "ductility_{}", r"ductility $\mu_{}$"
     )
     """Largest |e| over the elongation e_y at yield. None, as all below, of a rod that never
     yields."""
-    residual_drift: Any = _yielding(
-        *(19, "length", "residual drift of storey {}", "residual_drift_{}"), limited=True
-    )
+    residual_drift: Any = _yields(19, "length", "residual drift of storey {}", "residual_drift_{}")
     """|e| that would be left if the rod were unloaded at the end of the run, e − f/K with the force
     f of its hysteresis."""
-    dissipated_energy: Any = _yielding(
-        *(20, "energy", "dissipated energy of storey {}", "dissipated_energy_{}"), limited=True
+    dissipated_energy: Any = _yields(
+        20, "energy", "dissipated energy of storey {}", "dissipated_energy_{}"
     )
     """Energy dissipated by yielding."""
-    first_yield_time: Any = _yielding(
-        21, "time", "time of the first yield of storey {}", "first_yield_time_{}"
+    first_yield_time: Any = _yields(
+        *(21, "time", "time of the first yield of storey {}", "first_yield_time_{}"), limited=False
     )
     """When |e| first exceeds e_y; infinite if it never does."""
-    collapsed: Any = _yielding(22, None, "collapse of storey {}", "collapsed_{}")
+    collapsed: Any = _yields(22, None, "collapse of storey {}", "collapsed_{}", limited=False)
     """1 if |e| has exceeded the ultimate displacement of the rod's law, else 0."""
 
 

@@ -127,18 +127,14 @@ def kind_and_symbol(name: str) -> tuple[str | None, str]:
 def is_demand(name: str) -> bool:
     """Whether a study's column is a demand, not a user-defined measure or a parameter."""
     is_gap = re.fullmatch(rf"{REQUIRED_GAP}(_[1-9]\d*)?", name) is not None
-    return (
-        is_gap
-        or name in (*OF_FLOORS, *OF_YIELDING, "collapsed")
-        or place_of(Demand, name) is not None
-    )
+    is_over_all = name in (*OF_FLOORS, *OF_YIELDING, "collapsed")
+    return is_gap or is_over_all or place_of(Demand, name) is not None
 
 
 def is_zero_by_newton(name: str) -> bool:
     """Whether a demand is 0 in every impact by ``Newton``'s law, which has no contact force."""
-    of_contact = ("peak_contact", "soft_peak_contact", "peak_penetration")
-    place = place_of(Demand, name)
-    return place is not None and place.field in of_contact
+    forces_and_depth = ("peak_contact", "soft_peak_contact", "peak_penetration")
+    return getattr(place_of(Demand, name), "field", None) in forces_and_depth
 
 
 def limited_demands(system: System) -> tuple[str, ...]:
@@ -148,11 +144,8 @@ def limited_demands(system: System) -> tuple[str, ...]:
     of links (``damper_force``) and, of several, their sum; the largest demands of ``over_all``.
     """
     topology, n = system.topology, len(system.links)
-    has = {
-        "contact": _have_contact(system),
-        "storey": [is_storey(ends) for ends in topology.rods],
-        "yielding": _yield(system),
-    }
+    has = {"contact": _have_contact(system), "yielding": _yield(system)}
+    has["storey"] = [is_storey(ends) for ends in topology.rods]
     names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n > 1)
     for quantity, names_of in columns_of(Demand, sizes_of(topology)):
         if quantity.limited:
@@ -262,10 +255,10 @@ def _value_named(owner: str, system: System, demand: Demand, name: str) -> Any:
     values = all_demands(system, demand)
     if name in values:
         return values[name]
-    quantity = quantity_named(name)
-    if quantity is not None and quantity.only == "contact":
+    only = getattr(quantity_named(name), "only", "")
+    if only == "contact":
         raise InvalidInput(owner, "demand", repr(name), "must be of structures with a contact law")
-    if name == "collapsed" or name in OF_YIELDING or (quantity and quantity.only == "yielding"):
+    if only == "yielding" or name in (*OF_YIELDING, "collapsed"):
         rule = "must be of structures with a rod that yields"
         raise InvalidInput(owner, "demand", repr(name), rule)
     raise InvalidInput(owner, "", "", _unknown(reprlib.repr(name), hint(name, values)))

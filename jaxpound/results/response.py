@@ -18,15 +18,9 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Ends, Topology, elongation, load_on
 from jaxpound.quantities import column, unit
+from jaxpound.results import elements
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import (
-    ByElement,
-    Columnar,
-    are_concrete,
-    chosen,
-    kind_in,
-    run_numbers,
-)
+from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in
 from jaxpound.results.impacts import Impact, ImpactSeries, Phase, phases_of
 
 if TYPE_CHECKING:
@@ -202,10 +196,8 @@ class Response(ByElement, Columnar, Shown):
         at_start = _total(r.force[..., 0] * elongation(r.ends, x)[..., 0] for r in self.rods) / 2
         rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
         residual = rods + friction + kinetic + stored + lost - supplied - initial[..., None]
-        yielded = [rod.dissipated for rod in self.rods if rod.dissipated is not None]
-        return Energy(
-            supplied, kinetic, rods, friction, residual, stored, lost, initial, sum(yielded, 0.0)
-        )
+        yielding = sum((r.dissipated for r in self.rods if r.dissipated is not None), 0.0)
+        return Energy(supplied, kinetic, rods, friction, residual, stored, lost, initial, yielding)
 
     def impacts(self, link: int | None = None) -> list[Impact]:
         """Impacts of one link or, in order of time, of all; empty without a law of contact.
@@ -241,7 +233,7 @@ class Response(ByElement, Columnar, Shown):
 
     def __getitem__(self, index: Any) -> Response:
         """Runs of a batch by number, slice or mask, as in an array: ``batch[3]`` is one run."""
-        return chosen(self, index, self.batch)
+        return elements.chosen(self, index, self.batch)
 
     def plot(self) -> Figure:
         """Ground motion, displacements, friction force and gap over time (``plots.overview``).
@@ -280,7 +272,7 @@ class Response(ByElement, Columnar, Shown):
             column(name, kind, self.si): np.broadcast_to(values, (*batch, n)).ravel()
             for name, (kind, values) in self._series().items()
         }
-        runs, time = run_numbers(batch, n) if batch else {}, next(iter(series))
+        runs, time = elements.run_numbers(batch, n) if batch else {}, next(iter(series))
         return runs | {time: series.pop(time)}, series
 
     def _tables(self) -> list[TextTable]:

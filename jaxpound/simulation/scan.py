@@ -71,8 +71,7 @@ def scan_with_history(
     if layout == "step by step":
         length, (block, memories) = 1, _steps(advance, n_steps, orders, history, zero)
     else:
-        looped = layout == "looped"
-        length = BLOCK
+        length, looped = BLOCK, layout == "looped"
         block, memories = _blocks(advance, n_steps, orders, history, zero, looped)
     segments, segment, idle = _divided(n_steps, length, segmented or checkpoint)
 

@@ -18,7 +18,7 @@ from jaxpound.results.response import LinkResponse, MassResponse, Response, RodR
 from jaxpound.simulation.contact.records import Impacts, is_deformed
 from jaxpound.simulation.link_tally import ContactTally
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.state import Instant, of_all_masses
+from jaxpound.simulation.state import Instant, each, of_all_masses
 from jaxpound.simulation.tally import Tally
 
 
@@ -61,14 +61,8 @@ class StoredSeries(NamedTuple):
                 impact = jax.tree.map(tuple, log.impacts)
             links.append(entries)
             impacts.append(impact)
-        return StoredSeries(
-            now.x,
-            now.v,
-            now.forces,
-            tuple(None if rod is None else rod.dissipated for rod in now.rods),
-            tuple(links),
-            tuple(impacts),
-        )
+        dissipated = each(lambda rod: rod.dissipated, now.rods)
+        return StoredSeries(now.x, now.v, now.forces, dissipated, tuple(links), tuple(impacts))
 
 
 def response_of(

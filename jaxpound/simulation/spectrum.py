@@ -143,8 +143,7 @@ def _spectrum(
         elastic = spectral_acceleration(record, period=period, damping=zeta)
         ends = jax.lax.stop_gradient((elastic / (10 * target), 1.1 * elastic))
         (low, high), reached = jax.lax.scan(narrowed, ends, length=_LEVELS)
-        both = jnp.stack([low, high])
-        most, least = jax.vmap(partial(ductility, record, alpha, period))(both)
+        most, least = jax.vmap(partial(ductility, record, alpha, period))(jnp.stack([low, high]))
         falls = most > least
         share = jnp.where(falls, (most - target) / jnp.where(falls, most - least, 1.0), 0.0)
         return jnp.where(reached[0], low + (high - low) * share, jnp.nan)
@@ -154,6 +153,5 @@ def _spectrum(
         strength, reached = jnp.vectorize(required)(periods, level), level
     else:
         strength, reached = level, jnp.vectorize(partial(ductility, record, alpha))(periods, level)
-    stiffness = (2 * jnp.pi / periods) ** 2
-    displacement = reached * strength * STANDARD_GRAVITY / stiffness
+    displacement = reached * strength * STANDARD_GRAVITY / (2 * jnp.pi / periods) ** 2
     return InelasticSpectrum(periods, strength, reached, displacement)

@@ -14,22 +14,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 
 from jaxpound.model.system import GROUND, LinkGroup, elongation, link_groups, load_on
 from jaxpound.simulation import state
-from jaxpound.simulation.contact.group import (
-    ContactState,
-    Coupling,
-    GroupStep,
-    finish_step,
-    mean_sample,
-    motion_without_events,
-    run_flow,
-)
+from jaxpound.simulation.contact import group as contact_group
+from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
 from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
@@ -60,16 +53,18 @@ def step(
         share = jnp.where(starts, 0.5, 1.0).astype(time.dtype)
         system, shaking = state.for_half_kick(system, share), share * shaking
     topology = system.topology
-    this = _Step(system, before, time, shaking, dt, scheme, starts)
+    x = state.of_all_masses(topology, before.x, [link.closing for link in before.links])
+    elongations = [elongation(ends, x) for ends in topology.rods]
+    this = _Step(system, before, elongations, time, shaking, dt, scheme, starts)
 
-    elongations = this.elongations()
-    rod_steps, yielding = this.rod_steps(sums, elongations), this.yielding(elongations)
+    rod_steps = this.rod_steps(sums)
+    yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
     forces, loads, pulls = this.loads(rod_steps, yielding)
     flows = this.flows(pulls)
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
     if flows:
-        rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, elongations, flows)
+        rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, flows)
         forces, loads, pulls = this.loads(rod_steps, yielding)
 
     closings, contacts, motions = this.motions(pulls, flows)
@@ -106,11 +101,9 @@ def step(
         links=links,
     )
     seen = tuple(
-        LinkInstant(closing, motions[k].velocity_now, motions[k])
-        for k, closing in enumerate(closings)
+        LinkInstant(s, motions[k].velocity_now, motions[k]) for k, s in enumerate(closings)
     )
-    laws = zip(system.hysteresis, yielding, strict=True)
-    rods = tuple(None if not (law and rod) else observed(law, rod) for law, rod in laws)
+    rods = state.each(observed, system.hysteresis, yielding)
     x_now, v_now = of_free("x_now"), of_free("v_now")
     instant = Instant(time, acceleration, x_now, v_now, forces, rods, seen)
     return after, [rod.remembered for rod in rod_steps if rod.remembered is not None], instant
@@ -145,23 +138,16 @@ class _Step(NamedTuple):
 
     system: StepConstants
     before: RunState  # the state at t_m
+    elongations: list[jax.Array]  # of the rods, at t_m
     time: jax.Array
     shaking: jax.Array  # mean ground acceleration over the step
     dt: float
     scheme: Scheme
     starts: jax.Array
 
-    def elongations(self) -> list[jax.Array]:
-        """Elongation of each rod at t_m."""
-        topology, closings = self.system.topology, [link.closing for link in self.before.links]
-        x = state.of_all_masses(topology, self.before.x, closings)
-        return [elongation(ends, x) for ends in topology.rods]
-
-    def rod_steps(
-        self, sums: Sequence[jax.Array], elongations: Sequence[jax.Array]
-    ) -> list[RodStep]:
+    def rod_steps(self, sums: Sequence[jax.Array]) -> list[RodStep]:
         """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
-        initial = self.system.initial_elongations
+        initial, elongations = self.system.initial_elongations, self.elongations
         if initial is not None:
             elongations = [length - rest for length, rest in zip(elongations, initial, strict=True)]
         remaining = iter(sums)
@@ -173,11 +159,7 @@ class _Step(NamedTuple):
             for law, excess, x in rods
         ]
 
-    def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:
-        """Each rod that yields at t_m."""
-        return [self._yielding(r, length) for r, length in enumerate(elongations)]
-
-    def _yielding(self, rod: int, elongation: jax.Array) -> HysteresisStep | None:
+    def yielding(self, rod: int, elongation: jax.Array) -> HysteresisStep | None:
         """A rod at t_m, if it yields, with an elongation."""
         law, before = self.system.hysteresis[rod], self.before.yielding[rod]
         if law is None or before is None:
@@ -197,14 +179,8 @@ class _Step(NamedTuple):
         if system.initial_elongations is not None:
             rods = zip(forces, system.rods, system.initial_elongations, strict=True)
             forces = tuple(force + law.modulus * rest for force, law, rest in rods)
-        forces = tuple(
-            force if rod is None else force - rod.lost
-            for force, rod in zip(forces, yielding, strict=True)
-        )
-        means = tuple(
-            force if rod is None else force - rod.kink
-            for force, rod in zip(forces, yielding, strict=True)
-        )
+        forces = tuple(f - y.lost if y else f for f, y in zip(forces, yielding, strict=True))
+        means = tuple(f - y.kink if y else f for f, y in zip(forces, yielding, strict=True))
         topology, inverse = system.topology, system.inverse_masses
         loads = [load_on(topology.rods, mass, means) for mass in range(topology.n_masses)]
         pulls = [state.link_pull(ends, loads, inverse, self.shaking) for ends in topology.links]
@@ -220,19 +196,15 @@ class _Step(NamedTuple):
         ]
         # A flow needs no numbers of the masses, in which groups of one structure would differ.
         arguments = [(coupled._replace(mass_shares={}), before) for _, coupled, before in steps]
-        flows = []
-        for inputs, (result, used) in zip(steps, _map_like(run_flow, arguments), strict=True):
+        results, flows = _map_like(contact_group.run_flow, arguments), []
+        for inputs, (result, used) in zip(steps, results, strict=True):
             before = inputs[2]
-            shift = jnp.where(used, mean_sample(result, before) - before.closing, 0.0)
+            shift = jnp.where(used, contact_group.mean_sample(result, before) - before.closing, 0.0)
             flows.append(_GroupFlow(*inputs, result, used, shift))
         return flows
 
     def with_mean_samples(
-        self,
-        rod_steps: Sequence[RodStep],
-        yielding: Sequence[HysteresisStep | None],
-        elongations: Sequence[jax.Array],
-        flows: Sequence[_GroupFlow],
+        self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[_GroupFlow]
     ) -> tuple[list[RodStep], list[HysteresisStep | None]]:
         """The rods at t_m with the positions of masses of a flow replaced."""
         system = self.system
@@ -247,16 +219,15 @@ class _Step(NamedTuple):
             return [elongation(ends, by_number) for ends in system.topology.rods]
 
         to_mean = shifts(lambda flow: flow.shift)
-        rods, yielding = list(rod_steps), list(yielding)
-        to_now: list[Any] | None = None
+        rods, yielding = list(rods), list(yielding)
+        to_now = shifts(_GroupFlow.shift_now) if any(system.hysteresis) else []
         for k, ends in enumerate(system.topology.rods):
             if not changed & {*ends}:
                 continue
             rods[k] = rod_moved(system.rods[k], rods[k], to_mean[k])
-            if (law := system.hysteresis[k]) is not None:
-                to_now = shifts(_GroupFlow.shift_now) if to_now is None else to_now
-                if (now := self._yielding(k, elongations[k] + to_now[k])) is not None:
-                    yielding[k] = moved(law, now, elongations[k] + to_mean[k])
+            if law := system.hysteresis[k]:
+                now = cast("HysteresisStep", self.yielding(k, self.elongations[k] + to_now[k]))
+                yielding[k] = moved(law, now, self.elongations[k] + to_mean[k])
         return rods, yielding
 
     def _group_step(self, group: LinkGroup, pulls: list[jax.Array]) -> GroupStep:
@@ -300,10 +271,10 @@ class _Step(NamedTuple):
             if len(group.links) == 1:
                 plain = jax.tree.map(lambda y: y[None], motions[group.links[0]])
             else:
-                plain = motion_without_events(coupled, before)
+                plain = contact_group.motion_without_events(coupled, before)
                 if group.root == GROUND and before.halfway:
                     plain = state.motion_from_rest(plain, starts, self.scheme)
-            after = finish_step(coupled, before, plain, result, used, pull_change)
+            after = contact_group.finish_step(coupled, before, plain, result, used, pull_change)
             for j, k in enumerate(group.links):
                 closings[k], contacts[k], motions[k] = jax.tree.map(lambda y, j=j: y[j], after)
         if system.initial_elongations is not None:

@@ -9,6 +9,7 @@ peak next to a jump of friction, and PGA and PGV, which are taken at the grid's 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +21,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
-from jaxpound.simulation.state import Instant, StepConstants, of_all_masses
+from jaxpound.simulation.state import Instant, StepConstants, each, of_all_masses
 from jaxpound.simulation.yielding import HysteresisConstants, RodInstant, time_until
 
 
@@ -72,15 +73,18 @@ class _ObservedInstant(NamedTuple):
     """An instant as peaks are observed in it."""
 
     now: Instant
+    x: Sequence[jax.Array]  # of all masses
+    v: Sequence[jax.Array]
     system: StepConstants
     dt: float
     smooth: Any  # whether no jump of all series is among the last three samples
     turns: list[jax.Array]  # by link: whether its slip velocity vanishes near the instant
     links: tuple[LinkTally, ...]  # with this instant
+    last_forces: Sequence[jax.Array]  # of the rods, an instant before
 
-    def displacement(self, peak: Peak, ends: Ends, x: Sequence[Any], v: Sequence[Any]) -> Peak:
+    def displacement(self, peak: Peak, ends: Ends) -> Peak:
         """The peak of x_i − x_j, or of x_i where j is the ground; impacts are kinks of the path."""
-        position, speed = elongation(ends, x), elongation(ends, v)
+        position, speed = elongation(ends, self.x), elongation(ends, self.v)
         kinks, reached = [], []
         groups = zip(link_groups(self.system.topology), self.system.couplings, strict=True)
         for group, coupled in groups:
@@ -92,7 +96,7 @@ class _ObservedInstant(NamedTuple):
                     kinks.append(contact.is_kink)
                 # The closing at its turn in the step, as far as its own change moves the masses.
                 shares = {mass: share[n] for mass, share in coupled.mass_shares.items()}
-                share = elongation(ends, [shares.get(mass, 0.0) for mass in range(len(x))])
+                share = elongation(ends, [shares.get(mass, 0.0) for mass in range(len(self.x))])
                 late, met = link.motion.turn_time, link.motion.contact.result.log.touched > 0
                 drift = late * (speed - share * link.velocity)
                 turned = position + drift + share * link.motion.turn
@@ -102,14 +106,11 @@ class _ObservedInstant(NamedTuple):
         smooth = self.smooth & ~jnp.stack(kinks).any()
         return peak.observe(position, smooth).include(*reached)
 
-    def acceleration(self, peak: Peak, mass: int, last_forces: Sequence[jax.Array]) -> Peak:
-        """A mass's peak acceleration: it jumps with the friction of the mass's link.
-
-        ``last_forces`` are those of the rods an instant before.
-        """
+    def acceleration(self, peak: Peak, mass: int) -> Peak:
+        """A mass's peak acceleration: it jumps with the friction of the mass's link."""
         topology, inverse = self.system.topology, self.system.inverse_masses[mass]
         load = load_on(topology.rods, mass, self.now.forces)
-        before = load_on(topology.rods, mass, last_forces)
+        before = load_on(topology.rods, mass, self.last_forces)
         signs = {
             k: -1.0 if mass == ends[0] else 1.0
             for k, ends in enumerate(topology.links)
@@ -199,6 +200,7 @@ class Tally(NamedTuple):
         ``closings`` are those of all links before the run.
         """
         topology, peak = system.topology, Peak(zero, zero, zero)
+        at_rest = RodInstant(zero, zero, zero)
         counter = jax.lax.stop_gradient(zero)  # numbers of instants have no derivatives
         softly = LogMeanExp(zero, zero, zero) if soft else None
         zeros = ContactTally(*(zero,) * 12, Contact(*(zero,) * len(Contact._fields)))
@@ -225,12 +227,7 @@ class Tally(NamedTuple):
             acceleration=(peak,) * topology.n_masses,
             forces=(peak,) * len(topology.rods),
             drifts=tuple(peak if is_storey(ends) else None for ends in topology.rods),
-            rods=tuple(
-                None
-                if law is None
-                else RodTally(peak, zero + jnp.inf, RodInstant(zero, zero, zero))
-                for law in constants.hysteresis
-            ),
+            rods=each(lambda _: RodTally(peak, zero + jnp.inf, at_rest), constants.hysteresis),
             links=links,
         )
 
@@ -253,33 +250,18 @@ class Tally(NamedTuple):
         topology = system.topology
         x = of_all_masses(topology, now.x, [link.closing for link in now.links])
         v = of_all_masses(topology, now.v, [link.velocity for link in now.links])
-        instant = _ObservedInstant(now, system, dt, smooth, turns, links)
-        rods = tuple(
-            None
-            if law is None or rod is None or tally is None
-            else tally.observe(law, rod, instant.displacement(tally.peak, ends, x, v), now.time, dt)
-            for tally, law, rod, ends in zip(
-                self.rods, system.hysteresis, now.rods, topology.rods, strict=True
-            )
-        )
+        last_forces = [force.last for force in self.forces]
+        instant = _ObservedInstant(now, x, v, system, dt, smooth, turns, links, last_forces)
+        masses = range(topology.n_masses)
+        peaks = each(instant.displacement, [rod and rod.peak for rod in self.rods], topology.rods)
+        observe_rod = partial(RodTally.observe, time=now.time, dt=dt)
         observed = Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
-            x=tuple(
-                instant.displacement(peak, (mass, GROUND), x, v) for mass, peak in enumerate(self.x)
-            ),
-            acceleration=tuple(
-                instant.acceleration(peak, mass, [force.last for force in self.forces])
-                for mass, peak in enumerate(self.acceleration)
-            ),
-            forces=tuple(
-                peak.observe(force, smooth)
-                for peak, force in zip(self.forces, now.forces, strict=True)
-            ),
-            drifts=tuple(
-                None if peak is None else instant.displacement(peak, ends, x, v)
-                for peak, ends in zip(self.drifts, topology.rods, strict=True)
-            ),
-            rods=rods,
+            x=each(instant.displacement, self.x, [(mass, GROUND) for mass in masses]),
+            acceleration=each(instant.acceleration, self.acceleration, masses),
+            forces=each(lambda peak, f: peak.observe(f, smooth), self.forces, now.forces),
+            drifts=each(instant.displacement, self.drifts, topology.rods),
+            rods=each(observe_rod, self.rods, system.hysteresis, now.rods, peaks),
             links=links,
         )
         if not starts_displaced:
@@ -290,20 +272,16 @@ class Tally(NamedTuple):
         self, constants: StepConstants, system: System, set_valued: bool, temperature: Any
     ) -> Demand:
         """The scalars of all instants; ``set_valued`` says that |q| = μ in any slip."""
+        yielded = each(RodTally.demand, self.rods, constants.hysteresis)
+        drifts = each(lambda drift: drift.largest, self.drifts)
         return Demand(
             masses=tuple(
                 MassDemand(peak_x=x.largest, peak_acceleration=a.largest)
                 for x, a in zip(self.x, self.acceleration, strict=True)
             ),
             rods=tuple(
-                RodDemand(
-                    peak_force=force.largest,
-                    peak_drift=None if drift is None else drift.largest,
-                    **({} if rod is None or law is None else rod.demand(law)),
-                )
-                for force, drift, rod, law in zip(
-                    self.forces, self.drifts, self.rods, constants.hysteresis, strict=True
-                )
+                RodDemand(peak_force=force.largest, peak_drift=drift, **(more or {}))
+                for force, drift, more in zip(self.forces, drifts, yielded, strict=True)
             ),
             links=tuple(
                 tally.demand(link.gap, link.friction if set_valued else None, temperature)

@@ -11,18 +11,9 @@ import numpy as np
 from jax import lax
 
 from jaxpound._extrema import larger
+from jaxpound.simulation.contact import records
 from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
-from jaxpound.simulation.contact.records import (
-    APART,
-    CLIPPED,
-    PRESSED,
-    REST,
-    SOFT,
-    Clock,
-    Contact,
-    Impacts,
-    StepLog,
-)
+from jaxpound.simulation.contact.records import APART, PRESSED, REST, Contact, StepLog
 
 _REBOUNDS = 1e-2  # rebounds that would all be over within this share of a step end at once
 _SLOWEST = 1e-2  # least touch speed, as a share of what the acceleration adds in a step
@@ -99,7 +90,7 @@ class Setting(NamedTuple):
     """Constants of a flow."""
 
     laws: LinkLaws
-    clock: Clock
+    clock: records.Clock
     h: float
     slots: int
 
@@ -233,7 +224,7 @@ _RELEASE = Event(
 
 def _clip(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     """The force of a law that must not pull vanishes, or comes back."""
-    other = jnp.where(x.contact.mode == PRESSED, CLIPPED, PRESSED)
+    other = jnp.where(x.contact.mode == PRESSED, records.CLIPPED, PRESSED)
     return x._replace(contact=_in_mode(x, event.links, other))
 
 
@@ -347,11 +338,11 @@ def _end_impacts(setting: Setting, x: FlowState, ends: jax.Array) -> FlowState:
     log = log._replace(
         ended=log.ended + jnp.where(over, 1.0, 0.0),
         strongest=jnp.where(over & (impulse > log.strongest), impulse, log.strongest),
-        powers=log.powers + jnp.where(over, contact.peak_force**SOFT, 0.0),
+        powers=log.powers + jnp.where(over, contact.peak_force**records.SOFT, 0.0),
     )
     if setting.slots:
         slot = over[:, None] & (jnp.arange(setting.slots)[None] == x.log.ended[:, None])
-        impacts = Impacts(
+        impacts = records.Impacts(
             touch_time=contact.touch_time,
             approach_velocity=contact.touch_speed,
             end_time=setting.clock.middle + setting.since_middle(x),

@@ -26,16 +26,10 @@ import jax.numpy as jnp
 from jaxpound._extrema import larger
 from jaxpound.model.contact import with_mass
 from jaxpound.model.system import Link, LinkGroup, Topology
+from jaxpound.simulation.contact import records
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.forces import held_inverse, inverse_of, response
-from jaxpound.simulation.contact.records import (
-    APART,
-    PRESSED,
-    Clock,
-    Contact,
-    FlowInput,
-    FlowResult,
-)
+from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
 from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
 
 
@@ -185,7 +179,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
         contact=state.contact,
     )
     begin = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
-    result = flow(h, before.slots, needed, inputs, Clock(before.time, begin))
+    result = flow(h, before.slots, needed, inputs, records.Clock(before.time, begin))
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
     used = needed if len(group.laws) > 1 else needed & touched

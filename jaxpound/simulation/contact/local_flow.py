@@ -21,28 +21,11 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound._extrema import larger, smaller
+from jaxpound.simulation.contact import events, records
 from jaxpound.simulation.contact.dop853 import END, STAGES, error, weighted
-from jaxpound.simulation.contact.events import (
-    FlowState,
-    Occurrence,
-    Place,
-    Setting,
-    SmoothState,
-    Snapshot,
-    table,
-)
+from jaxpound.simulation.contact.events import FlowState, Occurrence, Place, SmoothState, Snapshot
 from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, held_inverse, times
-from jaxpound.simulation.contact.records import (
-    APART,
-    CLIPPED,
-    PRESSED,
-    Clock,
-    FlowInput,
-    FlowResult,
-    Impacts,
-    MidStep,
-    StepLog,
-)
+from jaxpound.simulation.contact.records import PRESSED, FlowInput, FlowResult, MidStep, StepLog
 from jaxpound.simulation.contact.substeps import Flight, Integrated
 from jaxpound.simulation.contact.zeros import first_zero
 
@@ -64,14 +47,14 @@ class _First(NamedTuple):
 class LocalFlow:
     """The equations of a flow, and one iteration of it."""
 
-    def __init__(self, h: float, slots: int, inputs: FlowInput, clock: Clock) -> None:
+    def __init__(self, h: float, slots: int, inputs: FlowInput, clock: records.Clock) -> None:
         self.h, self.inputs = h, inputs
         self.n, self.dtype = inputs.closing.shape[0], inputs.closing.dtype
         self.eps = float(jnp.finfo(self.dtype).eps)
         self.tolerance = 1e-8 if self.eps < 1e-10 else 1e-5
         self.laws = LinkLaws(inputs.delassus, inputs.friction, inputs.gap, inputs.laws)
-        self.setting = Setting(self.laws, clock, h, slots)
-        self.events = table(self.laws)
+        self.setting = events.Setting(self.laws, clock, h, slots)
+        self.events = events.table(self.laws)
 
     def pull(self, t: jax.Array) -> jax.Array:
         """A at times from the start of the step."""
@@ -87,10 +70,10 @@ class LocalFlow:
         y = SmoothState(begin, s, w, s * begin, zeros, zeros, contact.impulse)
         slots = jnp.repeat(zeros[:, None], self.setting.slots, 1)
         empty: Any = dict.fromkeys(StepLog._fields, zeros)
-        empty |= {"impacts": Impacts(*[slots] * len(Impacts._fields))}
+        empty |= {"impacts": records.Impacts(*[slots] * len(records.Impacts._fields))}
         empty |= {"highest_forces": zeros[:, None] * inputs.delassus}
         slip = jnp.sign(lax.stop_gradient(w))
-        touched = self._one_where(contact.mode != APART)
+        touched = self._one_where(contact.mode != records.APART)
         return FlowState(
             y=jnp.stack(y),
             slip=slip,
@@ -338,7 +321,7 @@ class LocalFlow:
         poison = jnp.where(x.stage == 2, 1.0, jnp.nan).astype(self.dtype)
         y, contact = x.y * poison, x.contact
         at, middle = SmoothState(*y), x.middle._replace(y=x.middle.y * poison)
-        unpressed = jnp.where(contact.mode == PRESSED, CLIPPED, contact.mode)
+        unpressed = jnp.where(contact.mode == PRESSED, records.CLIPPED, contact.mode)
         end = self._forces(y, x.regime._replace(mode=unpressed))
         return FlowResult(
             closing=at.s,
