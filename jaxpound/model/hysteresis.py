@@ -41,7 +41,7 @@ class HysteresisLaw(Protocol[State]):
 
     Examples
     --------
-    The page ``docs/extending.md#a-law-of-hysteresis`` has a user-defined law. Those of the library:
+    The page on extending has a user-defined law. Those of the library:
 
     >>> all(isinstance(law(0.1), jp.HysteresisLaw) for law in (jp.Bilinear, jp.BoucWen))
     True
