@@ -5,7 +5,7 @@
 A bilinear oscillator and two storeys after Bouc and Wen, each storey with a rod of order 1 beside
 it, which OpenSees has as a spring and a ViscousDamper. Errors are of the displacements at every
 second, over the largest of them, against the event-driven solution in ``tests/oracles/yield.json``.
-Ratios of times are between steps at which both have errors of about the same size.
+Ratios of times are to jaxpound's longest step at which its error is at most as large as OpenSees'.
 """
 
 import sys

@@ -38,7 +38,7 @@ _WIDER = 1e-6  # of the outermost bands, so that the samples at their ends are w
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class AnnualRate(Shown):
-    """Mean annual rate λ of pounding; ``HazardCurve.annual_rate_of`` makes it.
+    """Mean annual rate λ of an event, such as pounding; made by ``HazardCurve.annual_rate_of``.
 
     The interval and the coefficient of variation are those of the fragility, or of the estimate of
     the probability in an earthquake; the hazard curve counts as exact.
@@ -155,12 +155,12 @@ class AnnualRate(Shown):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Deaggregation(Shown):
-    """Mean annual rate of pounding by bands of intensity; made by ``AnnualRate.deaggregation``."""
+    """Mean annual rate of an event by bands of intensity; made by ``AnnualRate.deaggregation``."""
 
     edges: np.ndarray
     """Edges of the bands, shape (n,)."""
     rate: np.ndarray
-    """Annual rate of pounding in earthquakes of each band, shape (n − 1,)."""
+    """Annual rate of the event in earthquakes of each band, shape (n − 1,)."""
     total: float
     """The annual rate over all intensities."""
     measure: str
@@ -168,7 +168,7 @@ class Deaggregation(Shown):
     cov: np.ndarray
     """Coefficient of variation of the rate of each band, shape (n − 1,); NaN where unknown."""
     event: str = "pounding"
-    """That of the ``AnnualRate``."""
+    """Whose rate it is, in words."""
 
     @property
     def share(self) -> np.ndarray:
@@ -339,11 +339,11 @@ def of_study(
 def of_event(rate: float, event: RareEvent, intensity: Any) -> SamplesRate:
     """Of a rare event whose scenarios draw the intensity by the hazard."""
     scenarios, values = event.limit_state.scenarios, {}
-    names = parameter_names(scenarios)
+    names = parameter_names(scenarios) if intensity is None or isinstance(intensity, str) else ()
     if intensity is None:
         options = f"a parameter, {', '.join(names[-6:])}, or a number for each sample"
         raise InvalidInput(_OWNER, "intensity", "None", f"must be {options}, of a rare event")
-    if isinstance(intensity, str):
+    if names:
         values = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(event.points)
     measure, x = _named(intensity, values, names, len(event.values))
     repeats = event.repeats if event.repeats.size else None

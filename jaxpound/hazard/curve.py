@@ -162,7 +162,8 @@ class HazardCurve(Shown):
             curve, which is multiplied by that intensity's rate; weaker earthquakes are left out.
             It is that of a study or a ``RareEvent`` whose intensities are drawn by ``distribution``
             of this curve, or of one that differs in a factor only, of a study with ``weights`` of
-            this curve, or of an estimate, such as ``pounding_probability`` of such a study.
+            this curve, or of an estimate, such as ``pounding_probability`` of such a study: it is
+            taken for one of pounding.
         confidence
             Confidence level of the interval; an estimate alone keeps its own.
         gap, link

@@ -170,10 +170,12 @@ class BoucWen:
     the z of a length: its γ and β are ours over e_y^n, its A is 1, its δ_ν and δ_η are ours over
     K e_y² (its energy is (1 − α) K ∫ z e'). Others, structdyn among them, call γ what is β here.
 
+    Raises ``ValueError`` if a concrete value breaks its rule.
+
     Parameters
     ----------
     yield_displacement, hardening, ultimate_displacement
-        As in ``Bilinear``, and so are errors.
+        As in ``Bilinear``.
     exponent
         n ≥ 1, how sharply the rod yields: 1 to 2 for concrete, 2 to 5 for steel; n → ∞ is
         ``Bilinear``.

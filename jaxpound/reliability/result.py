@@ -12,7 +12,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -22,8 +22,9 @@ from jaxpound._checks import require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.parameters import require_paths
-from jaxpound.model.system import Structures
+from jaxpound.model.system import Structures, gravity_of
 from jaxpound.reliability.limit_state import LimitState
+from jaxpound.results.named import event_in_words
 from jaxpound.study.statistics import Estimate
 
 RAREST = 1e-12  # below it a probability is only bounded
@@ -207,12 +208,17 @@ class RareEvent(Shown):
 
     @property
     def event(self) -> str:
-        """Whose probability it is, in words."""
-        state = self.limit_state
-        name = state.demand if isinstance(state.demand, str) else "demand"
-        return "pounding" if state.threshold is None else f"{name} >= {state.threshold:.6g}"
+        """Whose probability it is, in words, such as ``"largest ductility ≥ 4"``."""
+        state, threshold = self.limit_state, cast("float", self.limit_state.threshold)
+        if not isinstance(state.demand, str):
+            return f"demand ≥ {threshold:.4g}"
+        si = gravity_of(state.programs.nominal) is not None
+        return event_in_words(state.demand, threshold, si)
 
     def _tables(self) -> list[TextTable]:
+        state = self.limit_state
+        name = state.demand if isinstance(state.demand, str) else "demand"
+        event = "pounding" if state.threshold is None else f"{name} >= {state.threshold:.6g}"
         rows: list[tuple[str, Any]] = [
             ("probability", str(self.estimate)),
             ("coefficient of variation", f"{self.cov:.3g}"),
@@ -225,7 +231,7 @@ class RareEvent(Shown):
             least = np.linalg.norm(self.design_points, axis=1).min()
             rows.append(("smallest distance of a design point", f"{least:.4g}"))
         notes = [f"method: {self.method}", *(f"warning: {x}" for x in self.warnings)]
-        return [TextTable(f"Rare event: {self.event}", (), rows, notes)]
+        return [TextTable(f"Rare event: {event}", (), rows, notes)]
 
 
 def _ratio(above: np.ndarray, below: np.ndarray, repeats: np.ndarray) -> tuple[float, float]:

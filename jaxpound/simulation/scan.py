@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import jax
@@ -35,7 +36,7 @@ the one before it; the first is the fastest for short steps, the last for long o
 
 
 def _divided(n_steps: int, length: int, segmented: bool) -> tuple[int, int, int]:
-    """Numbers of segments, of blocks in each (about as many), and of idle steps before step 0."""
+    """Numbers of segments, of blocks of ``length`` steps in each, and of idle steps before 0."""
     blocks = -(-(n_steps + 1) // length)
     segment = blocks
     if segmented:
@@ -156,27 +157,37 @@ def _steps(
     history: HistorySum,
     zero: jax.Array,
 ) -> tuple[Callable[[Any, Any], tuple[Any, Any]], Any]:
-    """As ``_blocks``, for a loop over steps, with the memories of all rods side by side."""
+    """The body of a loop over steps, and the rods' memories at rest, all side by side.
+
+    Memories are those of the history, without the block before, their contributions to the block,
+    and c_{m−2 BLOCK} to c_{m−1}. As a block begins, the memory takes in the one before the last.
+    """
     of_rods = jnp.stack(orders) if orders else jnp.zeros(0, zero.dtype)
     kernels = jax.vmap(lambda order: history.kernel(order, n_steps))(of_rods)
     weights = jax.vmap(history.near)(kernels, of_rods)
     near = jnp.pad(weights, ((0, 0), (0, 1)))[:, ::-1]  # by the lags 2 BLOCK, …, 1
     lags = jnp.arange(2 * BLOCK, 0, -1)
 
-    def renewed(m: jax.Array, memory: Any, recent: jax.Array) -> tuple[Any, jax.Array]:
-        """The memory with c_{m−2 BLOCK} to c_{m−BLOCK−1}, and its contributions from m on."""
-        absorb = jax.vmap(history.absorb, (0, 0, None, 0))
-        memory = absorb(kernels, memory, m - BLOCK, recent[:, :BLOCK])
-        return memory, jax.vmap(history.ahead, (0, 0, None))(kernels, memory, m)
+    # Else reverse mode would keep the kernels and the windows of every step.
+    @partial(jax.checkpoint, prevent_cse=False)
+    def sums_at(constants: Any, m: Any, memory: Any, ahead: jax.Array, recent: jax.Array) -> Any:
+        """S_m, and the memory and its contributions, which are new where a block begins at m."""
+        kernels, near = constants
+
+        def absorbed() -> tuple[Any, jax.Array]:
+            absorb = jax.vmap(history.absorb, (0, 0, None, 0))
+            whole = absorb(kernels, memory, m - BLOCK, recent[:, :BLOCK])
+            return whole, jax.vmap(history.ahead, (0, 0, None))(kernels, whole, m)
+
+        i = m % BLOCK
+        memory, ahead = lax.cond(i == 0, absorbed, lambda: (memory, ahead))
+        inside = jnp.where(lags <= BLOCK + i, near, 0.0)
+        total = lax.dynamic_index_in_dim(ahead, i, 1, False) + (inside * recent).sum(axis=1)
+        return total, memory, ahead
 
     def step(state: Any, entry: Any) -> tuple[Any, Any]:
         m, carry, (memory, ahead, recent) = state
-        i = m % BLOCK
-        memory, ahead = lax.cond(
-            i == 0, lambda: renewed(m, memory, recent), lambda: (memory, ahead)
-        )
-        inside = jnp.where(lags <= BLOCK + i, near, 0.0)
-        sums = lax.dynamic_index_in_dim(ahead, i, 1, False) + (inside * recent).sum(axis=1)
+        sums, memory, ahead = sums_at((kernels, near), m, memory, ahead, recent)
         now = jax.tree.map(lambda x: x[0], entry)
         carry, new, seen = advance(carry, [sums[r] for r in range(len(orders))], m, now)
         newest = jnp.stack(new)[:, None] if new else recent[:, :1]

@@ -118,6 +118,7 @@ def event():
 def test_a_rare_event_s_rate_and_its_intensities(event, found):
     rate = HAZARD.annual_rate_of(event, 0.9)
     assert (rate.value, rate.cov, rate.confidence) == (2e-2 * event.probability, event.cov, 0.9)
+    assert "Mean annual rate of pounding" in repr(rate)
     assert abs(rate.value - 2.5e-4) < 3.5 * rate.cov * rate.value
     refused("intensities of the rare event must be drawn", STRONGER.annual_rate_of, event)
     assert STRONGER.annual_rate_of(event, drawn=True).value > rate.value

@@ -38,6 +38,7 @@ def test_a_rare_ductility_is_as_frequent_as_its_gradients_say():
     scenarios = jp.Scenarios(BUILDING, GROUND)
     options = {"demand": "ductility", "threshold": 14.0, "key": 1, "progress": False}
     event = jp.rare_event(scenarios, GRID, method="design points", **options)
+    assert event.event == "largest ductility ≥ 14"
     subset = jp.subset_simulation(scenarios, GRID, cov=0.15, **options)
     apart = np.hypot(event.cov, subset.cov) * subset.probability
     assert abs(event.probability - subset.probability) < 3 * apart

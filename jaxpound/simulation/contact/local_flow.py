@@ -262,7 +262,8 @@ class LocalFlow:
             jnp.asarray([getattr(kind, name) for kind in self.events])[:, None]
             for name in ("of_force", "may_return")
         )
-        # What is below zero at the start, as a gap at rest is by a correction, counts as zero.
+        # A value below zero at the start, such as a gap at rest has by a correction, is the zero of
+        # the end too: a gap that opens from there does not close.
         below = smaller(values[0], 0.0)
         shares = first_zero(
             values[0] - below,
