@@ -6,6 +6,8 @@ import functools
 import jax
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import jaxpound as jp
 from tests.simulation.pairs import (
@@ -62,7 +64,8 @@ def with_gap(system, gap):
 
 
 @KINDS
-@pytest.mark.parametrize("seed", [0, 2])
+@settings(max_examples=2)
+@given(seed=st.integers(0, 2**32 - 1))
 def test_energy_never_grows(laws, seed):
     """What the ground supplies is kinetic, in rods, dampers and contact, or lost, for good."""
     found = drawn_run(laws, seed)
