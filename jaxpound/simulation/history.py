@@ -46,8 +46,7 @@ class HistorySum(Protocol):
     """How the history sum S_m = Σ_{j≥1} ω_j c_{m−j} is computed, by blocks of steps.
 
     The block that starts at step m0 sums c_{m0−BLOCK}, c_{m0−BLOCK+1}, … term by term; all older c
-    are in the memory. An order is one number: each rod has its own memory. All methods are traced,
-    and with contact mapped over the rods by ``vmap``: kernels and memories are pytrees of arrays.
+    are in the memory. An order is one number: each rod has its own memory.
     """
 
     def kernel(self, order: jax.Array, n_steps: int) -> Any:
@@ -70,8 +69,7 @@ class HistorySum(Protocol):
 class FullHistory:
     """The sum as it stands (eq. 10): O(n) work a step and O(n) memory; the reference.
 
-    Reverse-mode differentiation stores the memory of every block, with contact of every step, O(n²)
-    numbers.
+    Reverse-mode differentiation stores the memory of every block, O(n²) numbers.
     """
 
     def kernel(self, order: jax.Array, n_steps: int) -> jax.Array:

@@ -134,7 +134,7 @@ class Rollout(NamedTuple):
             history=scheme.history,
             inputs=shaking.series,
             checkpoint=scheme.checkpoint,
-            layout=constants.layout,
+            looped=constants.is_long,
         )
         return Rollout(system, constants, zero, start, extra, advance, scan)
 

@@ -19,13 +19,12 @@ from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, 
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
-from jaxpound.simulation.scan import Layout
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, RodInstant
 
 WRITTEN_OUT = 4
-"""Rods up to which the steps of a block are unrolled; beyond, they are a loop, which compiles in a
-third of the time and runs at most a fifth slower."""
+"""Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
+flow, they are a loop, which compiles in a third of the time and runs at most a fifth slower."""
 
 
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
@@ -47,11 +46,10 @@ class StepConstants(NamedTuple):
     initial_elongations: tuple[jax.Array, ...] | None  # of the rods; None at rest
 
     @property
-    def layout(self) -> Layout:
-        """The layout of the steps: step by step where they may need a local flow."""
-        if any(coupled is not None for coupled in self.couplings):
-            return "step by step"
-        return "looped" if len(self.rods) > WRITTEN_OUT else "written out"
+    def is_long(self) -> bool:
+        """Whether a step has more than ``WRITTEN_OUT`` rods or may need a local flow."""
+        may_flow = any(coupled is not None for coupled in self.couplings)
+        return may_flow or len(self.rods) > WRITTEN_OUT
 
 
 class LinkState(NamedTuple):
