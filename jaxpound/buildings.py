@@ -14,12 +14,15 @@ from jaxpound.ground.plausibility import warn
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.plausibility import FRICTION, GAP, doubts, too_wide
-from jaxpound.model.row import FloorLink, LinkLabels, Row, require_floors, require_heights
+from jaxpound.model.row import FloorLink, LinkLabels, Row, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System, as_tuple, is_closable
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.units import Scales, has_known_units, law_in_other_units
+
+_LAWS = ("contact", "damper")
+"""Laws of a link, each with numbers that have units."""
 
 
 @pytree_dataclass
@@ -65,7 +68,11 @@ class Buildings:
         self._check("Buildings")
         if is_traced(self):
             return
-        links = [x if has_known_units(x.contact) else replace(x, contact=None) for x in self.links]
+        unknown = [
+            {name: None for name in _LAWS if not has_known_units(getattr(x, name))}
+            for x in self.links
+        ]
+        links = [replace(x, **laws) for x, laws in zip(self.links, unknown, strict=True)]
         known = Buildings.of("Buildings", self.buildings, links, self.gravity)
         _warn("Buildings", *known.dimensionless())
 
@@ -81,14 +88,16 @@ class Buildings:
     def _check(self, owner: str) -> None:
         (gravity,) = positive_number(owner, gravity=self.gravity)
         buildings = as_tuple(owner, "buildings", self.buildings)
-        links = as_tuple(owner, "links", self.links)
+        links = by_face(as_tuple(owner, "links", self.links))
         for i, building in enumerate(buildings):
             instance(owner, f"buildings.{i}", building, ShearBuilding, Building)
         for k, link in enumerate(links):
             instance(owner, f"links.{k}", link, FloorLink)
             gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
-            enforce(owner, [friction, *gaps, *ranges(link.contact, f"links.{k}.contact.")])
+            laws = [(f"links.{k}.{name}.", getattr(link, name)) for name in _LAWS]
+            between = [rule for name, law in laws for rule in ranges(law, name)]
+            enforce(owner, [friction, *gaps, *between])
         floors = [len(storeys_of(building)) for building in buildings]
         require_floors(floors, links, LinkLabels(owner))
         require_heights(buildings, links, LinkLabels(owner))
@@ -184,7 +193,12 @@ def scaled_links(
             link,
             friction=convert(link.friction, scales.force),
             gap=convert(link.gap, scales.length),
-            contact=law_in_other_units(owner, f"links.{k}.contact", link.contact, scales, convert),
+            **{
+                name: law_in_other_units(
+                    owner, f"links.{k}.{name}", getattr(link, name), scales, convert
+                )
+                for name in _LAWS
+            },
         )
         for k, link in enumerate(links)
     )

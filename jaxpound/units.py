@@ -18,6 +18,7 @@ from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.dampers import DamperLaw
 from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of, law_in_length
 from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
@@ -29,7 +30,7 @@ from jaxpound.results.response import Response
 
 Timed = TypeVar("Timed", bound=Any)
 Result = TypeVar("Result", Response, Demand)
-Law = TypeVar("Law", bound=ContactLaw | Newton | None)
+Law = TypeVar("Law", bound=ContactLaw | Newton | DamperLaw | None)
 
 
 @pytree_dataclass
@@ -183,8 +184,8 @@ def scales_for(owner: str, structures: Structures, scales: Scales | None) -> Sca
 def law_in_other_units(
     owner: str, name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
 ) -> Law:
-    """A contact law with each parameter converted by the unit of its kind."""
-    instance(owner, name, law, ContactLaw, Newton, NoneType)
+    """A law of contact or of a damper with each parameter converted by the unit of its kind."""
+    instance(owner, name, law, ContactLaw, Newton, DamperLaw, NoneType)
     if law is None:
         return law
     if not has_known_units(law):
@@ -195,6 +196,6 @@ def law_in_other_units(
 
 
 def has_known_units(law: Any) -> bool:
-    """Whether a contact law is one of this package, whose fields state their units, or None."""
+    """Whether a law is one of this package, whose fields state their units, or None."""
     numbers = list(walk(law, Parameter))
     return law is None or (bool(numbers) and len(numbers) == len(jax.tree.leaves(law)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 
-from jaxpound.model.system import GROUND, Ends, Topology, floors
+from jaxpound.model.system import GROUND, Ends, Topology, faces, floors
 
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
@@ -38,7 +38,10 @@ def _each(part: str, plain_part: str, n: int, homes: Mapping[int, Ends]) -> tupl
 
 
 def link_places(topology: Topology) -> tuple[str, ...]:
-    """Each link's ends as in ``link_place``; by masses where there are no floors."""
+    """Each link's ends as in ``link_place``; by masses where there are no floors.
+
+    Of the two faces of a link the right one is where its left end touches as it moves to the right.
+    """
     home, places = homes(topology), []
     for low, high in map(sorted, topology.links):
         if home:
@@ -47,6 +50,10 @@ def link_places(topology: Topology) -> tuple[str, ...]:
             places.append(f"mass {high + 1}–ground")
         else:
             places.append(f"masses {low + 1}–{high + 1}")
+    for pair in faces(topology).items():
+        for k in pair:
+            i, j = topology.links[k]
+            places[k] += ", right" if j == GROUND or GROUND < i < j else ", left"
     return tuple(places)
 
 

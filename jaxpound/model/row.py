@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -13,10 +15,24 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.dampers import DamperLaw
 from jaxpound.model.places import link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
-from jaxpound.model.system import GROUND, Ends, Link, Rod, System, Topology, as_tuple, ring
+from jaxpound.model.system import (
+    GROUND,
+    Ends,
+    Link,
+    Rod,
+    System,
+    Topology,
+    as_tuple,
+    faces,
+    has_two_faces,
+    of_faces,
+    require_face,
+    ring,
+)
 from jaxpound.model.vibration import first_frequency
 
 
@@ -35,12 +51,16 @@ class FloorLink:
         Its floor.
     next_floor
         The floor at the other end, or ``GROUND``; by default the same, or in a brace that below.
-    friction, gap, contact
-        As in ``Link``: slip force μ ≥ 0, gap ξ0 ≥ 0 at rest (infinite by default) and law of
-        contact; dimensionless in a ``Row``, in N, m and SI units between buildings in SI.
+    friction, gap, contact, damper
+        As in ``Link``: slip force μ ≥ 0, gap ξ0 ≥ 0 at rest (infinite by default), law of contact
+        and damper; dimensionless in a ``Row``, in N, m and SI units between buildings in SI. A
+        tuple (left, right) of gaps, and of laws, makes a link of two faces.
     next_building
         The building at the other end: by default the next one to the right; ``building`` itself
         for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground.
+    side
+        "left" of the left face of a link, where the gap closes as ``building`` moves to the left of
+        the other end; a ``Row`` makes it of a link of two faces. "right" by default.
 
     Examples
     --------
@@ -59,8 +79,12 @@ class FloorLink:
     gap: Any = like(Link, "gap", default=np.inf)
     contact: ContactLaw | Newton | None = like(Link, "contact", default=None)
     next_building: int | None = static(default=None)
+    damper: DamperLaw | None = like(Link, "damper", default=None)
+    side: str = static(default="right")
 
     def __post_init__(self) -> None:
+        if self.side not in ("right", "left"):
+            raise InvalidInput("FloorLink", "side", repr(self.side), "must be 'right' or 'left'")
         for name in ("building", "floor", "next_floor", "next_building"):
             number, least = getattr(self, name), GROUND if name.startswith("next") else 0
             if number is None and least == GROUND:
@@ -75,12 +99,24 @@ class FloorLink:
                 name = "next_floor" if above else "next_building"
                 rule = "must be left out: the other end is the ground"
                 raise InvalidInput("FloorLink", name, str(getattr(self, name)), rule)
+        owner = f"FloorLink {self}"
+        if has_two_faces(self, owner):
+            self.faces()  # which checks them
+            return
         try:
             check(self)
         except InvalidInput as error:
-            raise error.replaced(owner=f"FloorLink {self}") from error
+            raise error.replaced(owner=owner) from error
 
     more_rules = Link.more_rules
+
+    def faces(self) -> tuple[FloorLink, ...]:
+        """The link itself; of a link of two faces the right face and the left face."""
+        if not isinstance(self.gap, tuple):
+            return (self,)
+        right, left = of_faces(self.gap, self.contact)
+        opposite = {"side": "left", "friction": 0.0, "damper": None}
+        return replace(self, **right), replace(self, **left, **opposite)
 
     @property
     def other_building(self) -> int:
@@ -137,6 +173,7 @@ class Row:
     def __post_init__(self) -> None:
         for name in ("buildings", "links"):
             object.__setattr__(self, name, as_tuple("Row", name, getattr(self, name)))
+        object.__setattr__(self, "links", by_face(self.links))
         check(self)
         floors = [building.n_floors for building in self.buildings]
         require_floors(floors, self.links, LinkLabels("Row"))
@@ -154,9 +191,15 @@ class Row:
             masses += building.masses
             rods += building.rods_from(first)
         for x in self.links:
-            between = {"friction": x.friction, "gap": x.gap, "contact": x.contact}
+            between = {name: getattr(x, name) for name in ("friction", "gap", "contact", "damper")}
             links.append(unchecked(Link, ends=_ends(x, starts), **between))
         return unchecked(System, masses=tuple(masses), rods=tuple(rods), links=tuple(links))
+
+
+def by_face(links: Sequence[Any]) -> tuple[Any, ...]:
+    """Links with each link of two faces as two links."""
+    faces = [link.faces() if isinstance(link, FloorLink) else (link,) for link in links]
+    return tuple(itertools.chain(*faces))
 
 
 def floor_links(
@@ -275,13 +318,17 @@ def _require_forest(floors: Sequence[int], links: Sequence[FloorLink], labels: L
     """An ``InvalidInput`` for a link that closes a ring, or has the ends of one before it."""
     starts = _first_floors(floors)
     ends = tuple(_ends(link, starts) for link in links)
-    if (closing := ring(Topology(starts[-1], (), ends))) is None:
+    topology = Topology(starts[-1], (), ends)
+    for k in faces(topology):
+        require_face(labels.owner, f"{labels.link(k)}:", links[k])
+    if (closing := ring(topology)) is None:
         return
     rule = "must not close a ring with the links before it"
     for k in range(closing):
         if {*ends[k]} == {*ends[closing]}:
             place = labels.link(k)
-            rule = f"must not stand where {place} does: one link has friction, gap and contact"
+            rule = f"must not stand where {place} does: one link has friction, damper, gap and "
+            rule += "contact, and gap=(left, right) makes one of two faces"
     raise InvalidInput(labels.owner, f"{labels.link(closing)} ({links[closing]})", "", rule)
 
 
@@ -294,7 +341,8 @@ def _ends(link: FloorLink, starts: Sequence[int]) -> Ends:
     """The ends of a link as masses of the system, where the lowest floors are ``starts``."""
     floor = link.other_floor
     other = GROUND if floor == GROUND else starts[link.other_building] + floor
-    return starts[link.building] + link.floor, other
+    end = starts[link.building] + link.floor
+    return (other, end) if link.side == "left" else (end, other)
 
 
 def require_heights(

@@ -7,6 +7,7 @@ blocks, buildings of many storeys and sliding isolators are all a ``System``.
 
 from __future__ import annotations
 
+import itertools
 import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ from jaxpound._checks import Rule, finite, instead, is_traced, is_whole
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.dampers import DamperLaw
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
 
@@ -60,7 +62,7 @@ class Rod:
 
 @pytree_dataclass
 class Link:
-    """A link between neighbours i and j: dry friction, a gap, and contact where the gap closes.
+    """A link between neighbours i and j: friction, a damper, a gap, and contact where it closes.
 
     Parameters
     ----------
@@ -70,10 +72,22 @@ class Link:
     friction
         Slip force μ ≥ 0, in units of m1 g.
     gap
-        Gap ξ0 ≥ 0 at rest, in units of g/ω1²; infinite by default.
+        Gap ξ0 ≥ 0 at rest, in units of g/ω1²; infinite by default. A tuple (left, right) makes a
+        link of two faces, such as a base between two moat walls: the right gap closes as i moves to
+        the right of j, the left gap as it moves to the left. Either may be infinite.
     contact
         The law of contact, ``Newton`` or any ``ContactLaw``, for which the gap must be finite;
-        None, the default, lets the neighbours pass through each other.
+        None, the default, lets the neighbours pass through each other. Of two faces one law for
+        both that can close, or a tuple of one for each.
+    damper
+        A ``PowerLaw``, ``VelocityFriction`` or any ``DamperLaw``: a resistance to x_i' − x_j'
+        beside the friction; None by default.
+
+    Notes
+    -----
+    In a ``System`` a link of two faces is two links with opposite ends: the first, the right face,
+    has friction and damper; the second, the left face, has only its gap and contact. Results are by
+    face, such as ``min_gap_1`` and ``min_gap_2``; ``min_gap`` is of both.
     """
 
     ends: Ends = static()
@@ -82,10 +96,22 @@ class Link:
     contact: ContactLaw | Newton | None = part(
         ContactLaw, Newton, NoneType, traced=True, default=None
     )
+    damper: DamperLaw | None = part(DamperLaw, NoneType, traced=True, default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ends", _two_ends("Link", self.ends))
-        check(self)
+        if has_two_faces(self, "Link"):
+            self.faces()  # which checks them
+        else:
+            check(self)
+
+    def faces(self) -> tuple[Link, ...]:
+        """The link itself; of a link of two faces the right face and the left face."""
+        if not isinstance(self.gap, tuple):
+            return (self,)
+        right, left = of_faces(self.gap, self.contact)
+        opposite = {"ends": self.ends[::-1], "friction": 0.0, "damper": None}
+        return replace(self, **right), replace(self, **left, **opposite)
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """A gap that can close is finite."""
@@ -93,6 +119,30 @@ class Link:
             return []
         says = "finite (contact needs a finite gap)"
         return [Rule(f"{prefix}gap", self.gap, finite(self.gap), says)]
+
+
+def has_two_faces(link: Any, owner: str) -> bool:
+    """Whether a link has two faces; an ``InvalidInput`` for a tuple of more gaps or laws."""
+    for name in ("gap", "contact"):
+        value = getattr(link, name)
+        if isinstance(value, tuple) and len(value) != 2:
+            rule = "must be two, (left, right), of a link of two faces"
+            raise InvalidInput(owner, name, reprlib.repr(value), rule)
+    if isinstance(link.contact, tuple) and not isinstance(link.gap, tuple):
+        rule = "must be a tuple (left, right), as contact is"
+        raise InvalidInput(owner, "gap", reprlib.repr(link.gap), rule)
+    return isinstance(link.gap, tuple)
+
+
+def of_faces(gap: tuple[Any, Any], contact: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Gap and contact of the right face, and of the left; one law is that of faces that close."""
+    laws = (
+        contact
+        if isinstance(contact, tuple)
+        else [contact if is_closable(x) else None for x in gap]
+    )
+    left, right = ({"gap": x, "contact": law} for x, law in zip(gap, laws, strict=True))
+    return right, left
 
 
 class Topology(NamedTuple):
@@ -135,7 +185,8 @@ class System:
         The rods. They must tie every mass to the ground, directly or through other masses.
     links
         The links. They may not close a ring: the friction forces of a ring in stick are not
-        determined.
+        determined. A link without friction or damper may have the opposite ends of one before it,
+        whose other face it is; ``gap=(left, right)`` of a ``Link`` makes both.
 
     Examples
     --------
@@ -158,6 +209,8 @@ class System:
     def __post_init__(self) -> None:
         for name in ("masses", "rods", "links"):
             object.__setattr__(self, name, as_tuple("System", name, getattr(self, name)))
+        links = [link.faces() if isinstance(link, Link) else (link,) for link in self.links]
+        object.__setattr__(self, "links", tuple(itertools.chain(*links)))
         check(self)
         for k, rod in enumerate(self.rods):
             if rod.ends is None:
@@ -178,7 +231,11 @@ class System:
                 raise InvalidInput("System", f"masses.{mass}", "", rule)
         if (closing := ring(topology)) is not None:
             ends, rule = topology.links[closing], "must not close a ring with the links before it"
+            if any({*ends} == {*before} for before in topology.links[:closing]):
+                rule = ONE_LINK
             raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
+        for k in faces(topology):
+            require_face("System", f"links.{k}", self.links[k])
 
     def system(self) -> System:
         """The system, unchanged."""
@@ -215,13 +272,41 @@ def _two_ends(owner: str, value: Any) -> Ends:
     return int(i), int(j)
 
 
+ONE_LINK = "must not be those of a link before it: gap=(left, right) makes a link of two faces"
+
+
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""
+    opposite = faces(topology)
     for k, (i, j) in enumerate(topology.links):
-        group = _groups(topology.n_masses, topology.links[:k])
-        if group[i] == group[j]:
+        links = [ends for n, ends in enumerate(topology.links[:k]) if n not in opposite]
+        group = _groups(topology.n_masses, links)
+        if k not in opposite and group[i] == group[j]:
             return k
     return None
+
+
+@cache
+def faces(topology: Topology) -> dict[int, int]:
+    """The links that are the other face of a link before them, and of which."""
+    first: dict[Ends, int] = {}
+    opposite: dict[int, int] = {}
+    for k, ends in enumerate(topology.links):
+        link = first.get(ends[::-1])
+        if link is not None and link not in opposite.values():
+            opposite[k] = link
+        else:
+            first.setdefault(ends, k)
+    return opposite
+
+
+def require_face(owner: str, name: str, link: Any) -> None:
+    """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
+    if link.damper is not None or not (is_traced(link.friction) or np.all(link.friction == 0)):
+        part_of_link = "damper" if link.damper is not None else "friction"
+        value = reprlib.repr(getattr(link, part_of_link))
+        rule = "must be that of the link before it, whose other face this is"
+        raise InvalidInput(owner, f"{name}.{part_of_link}", value, rule)
 
 
 def is_closable(gap: Any) -> bool:
@@ -308,6 +393,9 @@ class LinkGroup(NamedTuple):
     """Links that share masses, directly or through other links between them: a tree."""
 
     links: tuple[int, ...]
+    """Those of the tree, then the other faces of some of them."""
+    faces: tuple[int, ...]
+    """Of which link, by its place in ``links``, each of these is the other face."""
     masses: tuple[int, ...]
     root: int
     """The ground if it is the end of a link, else the left end of the first link."""
@@ -320,7 +408,10 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
     """The groups of links, in the order of their first links."""
     member = _groups(topology.n_masses, filter(is_storey, topology.links))
     joined: dict[int, list[int]] = {}
+    opposite = faces(topology)
     for k, ends in enumerate(topology.links):
+        if k in opposite:
+            continue
         joined.setdefault(member[max(ends)], []).append(k)
     groups = []
     for links in joined.values():
@@ -335,7 +426,9 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
                     hanging.append((k, parent, child))
                     reached.add(child)
         masses = tuple(sorted(members - {GROUND}))
-        groups.append(LinkGroup(tuple(links), masses, root, tuple(hanging)))
+        others = {k: links.index(link) for k, link in opposite.items() if link in links}
+        members_of_group = (*links, *others), tuple(others.values())
+        groups.append(LinkGroup(*members_of_group, masses, root, tuple(hanging)))
     return tuple(groups)
 
 

@@ -185,10 +185,15 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
     if isinstance(scheme.friction, EventResolved) and scheme.start == "rest":
         return
     for group in link_groups(system.topology):
-        several = len(group.links) > 1
-        law = system.links[group.links[0]].contact
-        if several or law is not None:
-            reason = "links that share masses" if several else f"contact = {type(law).__name__}"
+        links = [system.links[k] for k in group.links]
+        laws = [
+            f"{x} = {type(law).__name__}"
+            for y in links
+            for x in ("contact", "damper")
+            if (law := getattr(y, x))
+        ]
+        if len(group.hanging) > 1 or laws:
+            reason = "links that share masses" if len(group.hanging) > 1 else laws[0]
             where = f"links.{group.links[0]} with {reason}"
             value = f"{scheme.friction} with start {scheme.start!r}"
             rule = f'must be friction EventResolved() and start "rest" for {where}'

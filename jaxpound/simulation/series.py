@@ -118,6 +118,7 @@ def _link_response(
     gap = link.gap - entries.pop("closing")
     if ended is None or end is None:
         return LinkResponse(gap=gap, **entries, ends=link.ends)
+    slid = entries.pop("slid")
     passed = Impacts(*[jnp.stack(slots, -1).ravel() for slots in ended])
     under_way, never = end.now, jnp.nan * last
     acts = is_deformed(under_way.mode) & (under_way.counts > 0)
@@ -140,7 +141,7 @@ def _link_response(
     fields = kept._asdict()
     return LinkResponse(
         gap=gap,
-        friction_work=link.friction * entries.pop("slid"),
+        friction_work=None if link.damper else link.friction * slid,
         impacts=ImpactSeries(fields.pop("touch_time"), fields.pop("end_time"), **fields),
         law=None if isinstance(link.contact, Newton) else link.contact,
         **entries,

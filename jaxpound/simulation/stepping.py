@@ -246,6 +246,7 @@ class _Step(NamedTuple):
             halfway=not starts_displaced,
             dt=self.dt,
             slots=self.system.slots,
+            faces=group.faces,
         )
 
     def _rise(self, pull: jax.Array, last: jax.Array, on_ground: bool) -> jax.Array:
@@ -261,22 +262,28 @@ class _Step(NamedTuple):
         system, starts = self.system, self.starts
         closings = [link.closing for link in self.before.links]
         contacts: list[ContactState | None] = [None] * len(closings)
-        single = [group.links[0] for group in link_groups(system.topology) if len(group.links) == 1]
-        motions = {k: self._slide(k, pulls[k]) for k in single}
+        motions: dict[int, LinkMotion] = {}
+        for group in link_groups(system.topology):
+            if len(group.hanging) == 1:
+                single = jax.tree.map(
+                    lambda y: y[None], self._slide(group.links[0], pulls[group.links[0]])
+                )
+                motions |= _by_link(group, contact_group.with_other_faces(single, group.faces))
         for group, coupled, before, result, used, _ in flows:
             pull_change = jnp.stack([pulls[k] for k in group.links]) - before.pull
             before = dataclasses.replace(
                 before, pull=before.pull + pull_change, rise=before.rise + pull_change
             )
-            if len(group.links) == 1:
-                plain = jax.tree.map(lambda y: y[None], motions[group.links[0]])
+            if len(group.hanging) == 1:
+                plain = jax.tree.map(lambda *y: jnp.stack(y), *(motions[k] for k in group.links))
             else:
                 plain = contact_group.motion_without_events(coupled, before)
                 if group.root == GROUND and before.halfway:
                     plain = state.motion_from_rest(plain, starts, self.scheme)
+                plain = contact_group.with_other_faces(plain, group.faces)
             after = contact_group.finish_step(coupled, before, plain, result, used, pull_change)
-            for j, k in enumerate(group.links):
-                closings[k], contacts[k], motions[k] = jax.tree.map(lambda y, j=j: y[j], after)
+            for k, of_link in _by_link(group, after).items():
+                closings[k], contacts[k], motions[k] = of_link
         if system.initial_elongations is not None:
             for k, link in enumerate(self.before.links):
                 closings[k] = jnp.where(starts, link.closing, closings[k])
@@ -333,6 +340,11 @@ class _Step(NamedTuple):
         return free._replace(x_now=x + share(changes))
 
 
+def _by_link(group: LinkGroup, values: Any) -> dict[int, Any]:
+    """The entries, by link, of a pytree of arrays (f,)."""
+    return {k: jax.tree.map(lambda y, j=j: y[j], values) for j, k in enumerate(group.links)}
+
+
 def _shared(
     system: StepConstants, group: int, mass: int, changes: Sequence[jax.Array]
 ) -> jax.Array:
@@ -340,7 +352,7 @@ def _shared(
     coupled, topology = system.couplings[group], system.topology
     if coupled is not None:
         return coupled.mass_shares[mass] @ jnp.stack(changes)
-    (k,), (change,) = link_groups(topology)[group].links, changes
+    k, change = link_groups(topology)[group].links[0], changes[0]
     inverse = system.inverse_masses
     return change * inverse[mass] / state.link_inverse_mass(topology.links[k], inverse)
 

@@ -90,14 +90,17 @@ class _ObservedInstant(NamedTuple):
         for group, coupled in groups:
             if coupled is None or not {*ends} & {*group.masses}:
                 continue
-            for n, k in enumerate(group.links):
-                contact, link = self.links[k].contact, self.now.links[k]
-                if contact is not None:
-                    kinks.append(contact.is_kink)
+            tallied = [self.links[k].contact for k in group.links]
+            kinks += [contact.is_kink for contact in tallied if contact is not None]
+            touched = [self.now.links[k].motion.contact.result.log.touched > 0 for k in group.links]
+            for n, k in enumerate(group.links[: len(group.hanging)]):
+                link = self.now.links[k]
                 # The closing at its turn in the step, as far as its own change moves the masses.
                 shares = {mass: share[n] for mass, share in coupled.mass_shares.items()}
                 share = elongation(ends, [shares.get(mass, 0.0) for mass in range(len(self.x))])
-                late, met = link.motion.turn_time, link.motion.contact.result.log.touched > 0
+                late, met = link.motion.turn_time, touched[n]
+                for i, link_of_face in enumerate(group.faces):
+                    met |= touched[len(group.hanging) + i] if link_of_face == n else False
                 drift = late * (speed - share * link.velocity)
                 turned = position + drift + share * link.motion.turn
                 reached.append(jnp.where(met, turned, position))
@@ -272,6 +275,7 @@ class Tally(NamedTuple):
         self, constants: StepConstants, system: System, set_valued: bool, temperature: Any
     ) -> Demand:
         """The scalars of all instants; ``set_valued`` says that |q| = μ in any slip."""
+        rubs = [link.friction if set_valued and not link.damper else None for link in system.links]
         yielded = each(RodTally.demand, self.rods, constants.hysteresis)
         drifts = each(lambda drift: drift.largest, self.drifts)
         return Demand(
@@ -284,8 +288,8 @@ class Tally(NamedTuple):
                 for force, drift, more in zip(self.forces, drifts, yielded, strict=True)
             ),
             links=tuple(
-                tally.demand(link.gap, link.friction if set_valued else None, temperature)
-                for tally, link in zip(self.links, system.links, strict=True)
+                tally.demand(link.gap, slip_force, temperature)
+                for tally, link, slip_force in zip(self.links, system.links, rubs, strict=True)
             ),
             pga=self.ground.largest,
             pgv=self.ground.largest_velocity,

@@ -79,8 +79,8 @@ test_links_that_cannot_be_are_refused = refusals(
     ((TO_ITSELF,), "in 1, floor 2 must be two different floors"),
     (
         (LOWEST, LEVEL, LEVEL),
-        r"links.2 \(1–2, floor 2\) must not stand where links.1 does: one link has friction, gap "
-        "and contact",
+        r"links.2 \(1–2, floor 2\) must not stand where links.1 does: one link has friction, "
+        r"damper, gap and contact, and gap=\(left, right\) makes one of two faces",
     ),
     ((LOWEST, UPWARDS, DOWN, LEVEL), r"links.3 \(1–2, floor 2\) must not close a ring"),
     of=lambda links: Row((HIGH, LOW), links),

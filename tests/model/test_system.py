@@ -60,7 +60,7 @@ test_what_no_system_can_be_made_of = refusals(
         *((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2), (2, 0))),
         r"links.2.ends = \(2, 0\) must not close a ring with the links before it",
     ),
-    (TWO, GROUNDED[:2], TWICE, r"links.1.ends = \(1, 0\) must not close a ring"),
+    (TWO, GROUNDED[:2], TWICE, r"links.1.friction = 0.1 must be that of the link before it"),
     (TWO, GROUNDED[:2], BEARINGS, r"links.2.ends = \(0, 1\) must not close a ring"),
     of=System,
     before="System: ",

@@ -22,7 +22,7 @@ _COUNTS = 1e-4  # share of the fastest approach below which a touch is no impact
 
 
 class SmoothState(NamedTuple):
-    """What changes smoothly between events, (n,) each; as an array, its rows."""
+    """What changes smoothly between events, (f,) each; as an array, its rows."""
 
     t: jax.Array  # from the start of the step, the same for all links
     s: jax.Array
@@ -59,7 +59,7 @@ class Snapshot(NamedTuple):
 class FlowState(NamedTuple):
     """The state of a flow."""
 
-    y: jax.Array  # a ``SmoothState``, (7, n)
+    y: jax.Array  # a ``SmoothState``, (7, f)
     slip: jax.Array  # direction of slip, 0 in stick
     contact: Contact  # its impulse is that of ``y``
     rising: jax.Array  # 1 while the contact force grows
@@ -78,7 +78,7 @@ class FlowState(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The links at an instant of a flow, (n,) each."""
+    """The links at an instant of a flow, (f,) each."""
 
     s: jax.Array
     w: jax.Array
@@ -95,14 +95,14 @@ class Setting(NamedTuple):
     slots: int
 
     def since_middle(self, x: FlowState) -> jax.Array:
-        """Time from the middle of the step, (n,)."""
+        """Time from the middle of the step, (f,)."""
         return x.y[0] - self.h / 2
 
 
 class Occurrence(NamedTuple):
     """An event that happens."""
 
-    links: jax.Array  # (n,), where it does
+    links: jax.Array  # (f,), the face where it does
     forces: Forces  # just before it
     growth: Forces  # their time derivatives
     at_start: jax.Array  # whether it happens as a substep starts
@@ -113,7 +113,7 @@ class Event(NamedTuple):
 
     value: Callable[[Setting, FlowState, Place], jax.Array]
     armed: Callable[[Setting, FlowState, Place], jax.Array]
-    """Links, (n,), in which the event is possible in a substep, from the place of its start."""
+    """Faces, (f,), in which the event is possible in a substep, from the place of its start."""
     scale: Callable[[Place, jax.Array], jax.Array]
     """Size of the numbers whose difference the value is, in a substep of a length: rounding is a
     share of it."""
@@ -152,6 +152,23 @@ def table(laws: LinkLaws) -> list[Event]:
     return events
 
 
+def _may_slide(setting: Setting, x: FlowState) -> jax.Array:
+    """Links that are not closed at rest; not their other faces, which follow them."""
+    slides = ~setting.laws.of_either_face(x.contact.mode == REST)
+    return slides & setting.laws.is_link if setting.laws.faces else slides
+
+
+def seen_from_both_sides(setting: Setting, x: FlowState, links: jax.Array) -> FlowState:
+    """The state after an effect on some faces: the other faces of their links follow."""
+    laws = setting.laws
+    if not laws.faces:
+        return x
+    follows = laws.of_other_face(links, without=False)
+    other = {name: -laws.of_other_face(row(x.y, name), without=0.0) for name in ("s", "w")}
+    slip = jnp.where(follows, -laws.of_other_face(x.slip, without=0.0), x.slip)
+    return x._replace(y=_replaced(x.y, follows, **other), slip=slip)
+
+
 def _turn(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     """Slip ends: the link sticks, or slides back at once where friction cannot stop it."""
     turns = event.links
@@ -165,7 +182,7 @@ def _turn(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 
 _TURN = Event(
     value=lambda setting, x, at: x.slip * at.w,
-    armed=lambda setting, x, at: (x.slip != 0) & (x.contact.mode != REST),
+    armed=lambda setting, x, at: (x.slip != 0) & _may_slide(setting, x),
     scale=_speed,
     effect=_turn,
 )
@@ -183,7 +200,7 @@ def _break(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
 _BREAK = Event(
     # Not μ − |q|, which has a kink where q changes its sign.
     value=lambda setting, x, at: setting.laws.friction**2 - at.forces.friction**2,
-    armed=lambda setting, x, at: (x.slip == 0) & (x.contact.mode != REST),
+    armed=lambda setting, x, at: (x.slip == 0) & _may_slide(setting, x),
     scale=lambda at, length: _force(at) ** 2,
     effect=_break,
     of_force=True,
@@ -359,6 +376,7 @@ def _end_impacts(setting: Setting, x: FlowState, ends: jax.Array) -> FlowState:
 
 def _with_change(setting: Setting, x: FlowState, changes: jax.Array) -> StepLog:
     """The log with the time at which the direction of slip changes in some links."""
+    changes = setting.laws.of_either_face(changes)
     time = jnp.where(changes, setting.since_middle(x), x.log.change_time)
     return x.log._replace(change_time=time)
 
@@ -366,6 +384,7 @@ def _with_change(setting: Setting, x: FlowState, changes: jax.Array) -> StepLog:
 def _record_turns(setting: Setting, x: FlowState, turned: jax.Array, slip: jax.Array) -> FlowState:
     """The state with closings recorded where velocities vanished or reversed."""
     log, s, time = _with_change(setting, x, slip != x.slip), row(x.y, "s"), setting.since_middle(x)
+    turned = setting.laws.of_either_face(turned)
     turned_before = turned & (log.turns > 0)
     farther = turned & (s > log.farthest)
     path = jnp.abs(s - log.last_turn)

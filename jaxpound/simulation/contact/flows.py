@@ -43,16 +43,23 @@ _ARITHMETIC = {
 """Operations of a law of contact that may be part of a kernel."""
 
 
-def flow(h: float, slots: int, needed: jax.Array, inputs: FlowInput, clock: Clock) -> FlowResult:
+def flow(
+    h: float,
+    slots: int,
+    needed: jax.Array,
+    inputs: FlowInput,
+    clock: Clock,
+    faces: tuple[int, ...] = (),
+) -> FlowResult:
     """The links at the end of a step of length h; NaN if there are too many events in it.
 
-    Up to ``slots`` impacts that end in the step are recorded for each link. The result is zero
-    where the flow is not ``needed``.
+    Up to ``slots`` impacts that end in the step are recorded for each face; ``faces`` are the links
+    of which further faces are the other ones. The result is zero where the flow is not ``needed``.
     """
     links_of_kernel = len(inputs.laws) if _has_kernel(inputs) else None
     # JAX says so itself where it differentiates: then it needs not trace the programs once more.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
-        return _differentiable(h, slots, links_of_kernel)(inputs, (needed, clock))
+        return _differentiable(h, slots, faces, links_of_kernel)(inputs, (needed, clock))
 
 
 def _has_kernel(inputs: FlowInput) -> bool:
@@ -61,7 +68,9 @@ def _has_kernel(inputs: FlowInput) -> bool:
         return False
     number = jax.ShapeDtypeStruct((), inputs.closing.dtype)
     laws = [law for law in inputs.laws if law is not None and not isinstance(law, Newton)]
-    programs = (jax.make_jaxpr(law.force)(number, number, number) for law in laws)
+    programs = [jax.make_jaxpr(law.force)(number, number, number) for law in laws]
+    dampers = [law for law in inputs.dampers if law is not None]
+    programs += [jax.make_jaxpr(law.resistance)(number) for law in dampers]
     return all(_is_arithmetic(program.jaxpr) for program in programs)
 
 
@@ -75,7 +84,9 @@ def _is_arithmetic(program: Jaxpr) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _differentiable(h: float, slots: int, links_of_kernel: int | None) -> Program:
+def _differentiable(
+    h: float, slots: int, faces: tuple[int, ...], links_of_kernel: int | None
+) -> Program:
     lanes, lanes_in_reverse, columns = _LANES, _LANES_IN_REVERSE, None
     if links_of_kernel is not None:
         most = _MOST_TERMS // (_TERMS * links_of_kernel)  # of lanes, or of columns
@@ -83,7 +94,7 @@ def _differentiable(h: float, slots: int, links_of_kernel: int | None) -> Progra
         columns = most // lanes_in_reverse
 
     def run(inputs: FlowInput, constants: tuple[jax.Array, Clock]) -> FlowResult:
-        local = LocalFlow(h, slots, inputs, constants[1])
+        local = LocalFlow(h, slots, faces, inputs, constants[1])
         return local.result(lax.while_loop(local.unfinished, local.advance, local.start()))
 
     def is_differentiated(path: Any) -> bool:

@@ -1,4 +1,9 @@
-"""Forces in a group of links at an instant."""
+"""Forces in a group of links at an instant.
+
+A group of n links has f ≥ n faces where gaps may close: one of each link, in the order of the
+links, then the other faces of some (``LinkGroup``). The other face of a link sees it from the other
+side: its closing and velocity are those of the link with the opposite sign.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +12,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound._extrema import smaller
+from jaxpound._extrema import larger, smaller
 from jaxpound.model.contact import Newton, may_pull
-from jaxpound.simulation.contact.records import PRESSED, REST, Contact, is_deformed
+from jaxpound.simulation.contact.records import PRESSED, REST, Contact, FlowInput, is_deformed
 
 
 class Regime(NamedTuple):
-    """Quantities that are constant between events, (n,) each for n links."""
+    """Quantities that are constant between events, (f,) each for f faces."""
 
     slip: jax.Array  # direction of slip, 0 in stick
     mode: jax.Array  # of contact
@@ -36,39 +41,65 @@ class Regime(NamedTuple):
 
 
 class Forces(NamedTuple):
-    """Forces in links and the accelerations that they leave, (n,) each."""
+    """Forces in links and the accelerations that they leave, (f,) each, as each face sees them."""
 
     acceleration: jax.Array  # s''
-    friction: jax.Array  # q
-    contact: jax.Array  # p
-    total: jax.Array  # q + p
+    friction: jax.Array  # q, with the resistance of a damper
+    contact: jax.Array  # p, of the face alone
+    total: jax.Array  # of the link, q + p of its faces
     raw: jax.Array  # of the laws, not clipped
     elastic: jax.Array  # the part of it that stores energy
 
 
 class LinkLaws:
-    """The laws of a group of n links, those of contact bound to their effective masses.
+    """The laws of a group of n links and f faces, those of contact bound to effective masses.
 
-    Where no law has a force (not ``has_contact_force``), accelerations change linearly in time
-    between events.
+    Where no law has a force and no link a damper (not ``has_force``), accelerations change linearly
+    in time between events.
     """
 
-    def __init__(
-        self, delassus: jax.Array, friction: jax.Array, gap: jax.Array, laws: tuple[Any, ...]
-    ) -> None:
-        self.delassus, self.friction, self.dtype = delassus, friction, delassus.dtype
-        self.mass = 1 / jnp.diagonal(delassus)
+    def __init__(self, inputs: FlowInput, faces: tuple[int, ...]) -> None:
+        laws, self.faces, self.dampers = inputs.laws, faces, inputs.dampers
+        self.of_links, self.dtype = inputs.delassus, inputs.delassus.dtype
+        self.delassus = seen_by_faces(seen_by_faces(self.of_links, faces).T, faces)
+        self.friction, self.mass = inputs.friction, 1 / jnp.diagonal(self.delassus)
         rigid = [isinstance(law, Newton) for law in laws]
         self.forces = [None if isinstance(law, Newton) else law for law in laws]
         self.has_contact, self.has_newton = any(law is not None for law in laws), any(rigid)
         self.has_contact_force = any(law is not None for law in self.forces)
+        self.has_damper = any(law is not None for law in self.dampers)
+        self.has_force = self.has_contact_force or self.has_damper
         self.rigid = jnp.asarray(rigid)
         self.has_law = jnp.asarray([law is not None for law in laws])
         clips = [law is not None and not may_pull(law) for law in self.forces]
         self.may_clip, self.clips = any(clips), jnp.asarray(clips)
-        self.gap = jnp.where(self.has_law, gap, 0.0)  # finite
+        self.gap = jnp.where(self.has_law, inputs.gap, 0.0)  # finite
         restitutions = [law.restitution if isinstance(law, Newton) else 1.0 for law in laws]
         self.restitution = jnp.stack([jnp.asarray(e, self.dtype) for e in restitutions])
+
+    @property
+    def is_link(self) -> jax.Array:
+        """Whether a face stands for its link too: in friction, and in its turns."""
+        return jnp.arange(len(self.forces)) < len(self.dampers)
+
+    def of_links_alone(self, values: jax.Array) -> jax.Array:
+        """Values of links, 0 for their other faces."""
+        return jnp.where(self.is_link, values, 0.0) if self.faces else values
+
+    def of_other_face(self, values: jax.Array, without: Any) -> jax.Array:
+        """The values of each link's other face, ``without`` where it has none."""
+        n, others = len(self.dampers), [jnp.asarray(without, values.dtype)] * len(self.forces)
+        for i, k in enumerate(self.faces):
+            others[k], others[n + i] = values[n + i], values[k]
+        return jnp.stack(others)
+
+    def of_either_face(self, links: jax.Array) -> jax.Array:
+        """Faces of links in which something holds for a face."""
+        return links | self.of_other_face(links, without=False) if self.faces else links
+
+    def inverse(self, regime: Regime) -> jax.Array:
+        """``held_inverse`` of the links in a regime."""
+        return held_inverse(self.of_links, regime.held[: len(self.dampers)])
 
     def of_contact(self, s: jax.Array, w: jax.Array, regime: Regime) -> tuple[jax.Array, jax.Array]:
         """Each law's force and its elastic part; zero for links without a law that has one.
@@ -93,23 +124,43 @@ class LinkLaws:
 
         return jax.jvp(raw, (s, w), (w, a))[1]
 
+    def resistance(self, w: jax.Array, slip: jax.Array) -> jax.Array:
+        """Force of each link's damper, against the direction of slip; 0 in stick."""
+        forces = [jnp.zeros((), self.dtype)] * len(self.dampers)
+        for k, law in enumerate(self.dampers):
+            if law is not None:
+                forces[k] = jnp.asarray(law.resistance(larger(slip[k] * w[k], 0.0)), self.dtype)
+        return slip[: len(forces)] * jnp.stack(forces)
+
     def at(
         self, pull: jax.Array, s: jax.Array, w: jax.Array, regime: Regime, inverse: jax.Array
     ) -> Forces:
-        """The forces under a pull A; ``inverse`` is ``held_inverse`` in this regime."""
-        zero = jnp.zeros_like(s)
+        """The forces under a pull A; ``inverse`` is that of the links in this regime."""
+        zero, n = jnp.zeros_like(s), len(self.dampers)
         raw, elastic = self.of_contact(s, w, regime) if self.has_contact_force else (zero, zero)
         elastic = jnp.where(regime.deformed, elastic, 0.0)
         contact = jnp.where(regime.mode == PRESSED, raw, 0.0)
-        held, sliding = regime.held, self.friction * regime.slip
-        acceleration, total = response(self.delassus, inverse, held, pull, sliding + contact)
-        friction = jnp.where(held, total - contact, sliding)
+        on_links = contact
+        if self.faces:
+            on_links = (contact - self.of_other_face(contact, without=0.0))[:n]
+        held, sliding = regime.held[:n], (self.friction * regime.slip)[:n]
+        if self.has_damper:
+            sliding += self.resistance(w, regime.slip)
+        held_or_not = response(self.of_links, inverse, held, pull[:n], sliding + on_links)
+        friction = jnp.where(held, held_or_not[1] - on_links, sliding)
+        seen = (*held_or_not, friction)
+        acceleration, total, friction = (seen_by_faces(y, self.faces) for y in seen)
         if self.has_newton:
             rest = regime.mode == REST
             most = smaller(jnp.abs(friction), self.friction)
-            friction = jnp.where(rest, jnp.sign(friction) * most, friction)
+            friction = jnp.where(self.of_either_face(rest), jnp.sign(friction) * most, friction)
             contact = jnp.where(rest, total - friction, contact)
         return Forces(acceleration, friction, contact, total, raw, elastic)
+
+
+def seen_by_faces(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
+    """Values of links, (n, ...), as their faces see them, (f, ...): the other ones in reverse."""
+    return jnp.stack([*values, *(-values[k] for k in faces)]) if faces else values
 
 
 def held_inverse(delassus: jax.Array, held: jax.Array) -> jax.Array:

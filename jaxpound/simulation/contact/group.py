@@ -28,20 +28,21 @@ from jaxpound.model.contact import with_mass
 from jaxpound.model.system import Link, LinkGroup, Topology
 from jaxpound.simulation.contact import records
 from jaxpound.simulation.contact.flows import flow
-from jaxpound.simulation.contact.forces import held_inverse, inverse_of, response
+from jaxpound.simulation.contact.forces import held_inverse, inverse_of, response, seen_by_faces
 from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
 from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
 
 
 class Coupling(NamedTuple):
-    """Constants of a group of n links that may need the local flow."""
+    """Constants of a group of n links and f faces (``forces``) that may need the local flow."""
 
     delassus: jax.Array  # G (n, n): relative accelerations of ends under unit forces in the links
-    # By mass, (n,): its shift by each closing, the centre of mass fixed.
+    # By mass, (f,): its shift by each closing, the centre of mass fixed; 0 for other faces.
     mass_shares: dict[int, jax.Array]
-    frictions: jax.Array  # (n,)
+    frictions: jax.Array  # (f,)
     gaps: jax.Array
-    laws: tuple[Any, ...]  # of contact, for the effective masses
+    laws: tuple[Any, ...]  # of contact, for the effective masses, by face
+    dampers: tuple[Any, ...]  # by link
 
     def response(
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
@@ -49,9 +50,15 @@ class Coupling(NamedTuple):
         """Accelerations and forces where some links are held; ``prescribed`` act in the others."""
         return response(self.delassus, held_inverse(self.delassus, held), held, pull, prescribed)
 
+    def gained(self, faces: tuple[int, ...], held: jax.Array, pull: jax.Array) -> jax.Array:
+        """Accelerations, as the faces see them, of links under a pull, where some are held."""
+        n = len(self.dampers)
+        gain, _ = self.response(held[:n], pull[:n], 0 * pull[:n])
+        return seen_by_faces(gain, faces)
+
 
 class ContactState(NamedTuple):
-    """State of a link in a group that may need the local flow, besides that of any link."""
+    """State of a face in a group that may need the local flow, besides that of any link."""
 
     closing_before: jax.Array  # closing at t_m − h/2
     contact: Contact
@@ -66,14 +73,17 @@ class ContactMotion(NamedTuple):
 
 def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
     """Whether a group's steps may need the local flow."""
-    return len(group.links) > 1 or links[group.links[0]].contact is not None
+    of_group = [links[k] for k in group.links]
+    return len(group.hanging) > 1 or any(x.contact or x.damper for x in of_group)
 
 
 def coupling(
     topology: Topology, group: LinkGroup, links: tuple[Link, ...], inverse: tuple[jax.Array, ...]
 ) -> Coupling:
     """The constants of a group; ``inverse`` are the inverse masses."""
-    ends = [topology.links[k] for k in group.links]
+    n, of_group = len(group.hanging), [links[k] for k in group.links]
+    link_of_face = (*range(n), *group.faces)
+    ends = [topology.links[k] for k in group.links[:n]]
     signs = {
         mass: jnp.asarray([(mass == i) - (mass == j) for i, j in ends], inverse[0].dtype)
         for mass in group.masses
@@ -81,22 +91,45 @@ def coupling(
     weighed = [inverse[mass] * jnp.outer(sign, sign) for mass, sign in signs.items()]
     delassus = sum(weighed[1:], weighed[0])
     whole = inverse_of(delassus)
+    shares = {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
     return Coupling(
         delassus=delassus,
-        mass_shares={mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()},
-        frictions=jnp.stack([links[k].friction for k in group.links]),
-        gaps=jnp.stack([links[k].gap for k in group.links]),
+        mass_shares={mass: _of_links_alone(share, group.faces) for mass, share in shares.items()},
+        frictions=jnp.stack([of_group[k].friction for k in link_of_face]),
+        gaps=jnp.stack([link.gap for link in of_group]),
         laws=tuple(
-            None if links[k].contact is None else with_mass(links[k].contact, 1 / delassus[j, j])
-            for j, k in enumerate(group.links)
+            None if link.contact is None else with_mass(link.contact, 1 / delassus[k, k])
+            for link, k in zip(of_group, link_of_face, strict=True)
         ),
+        dampers=tuple(link.damper for link in of_group[:n]),
     )
+
+
+def _of_links_alone(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
+    """Values of links, (n,), with zeros for their other faces, (f,)."""
+    return jnp.pad(values, (0, len(faces))) if faces else values
+
+
+def with_other_faces(motion: LinkMotion, faces: tuple[int, ...]) -> LinkMotion:
+    """The motion of links, (n,) each, as their faces see it, (f,); the force is of the link."""
+    if not faces:
+        return motion
+    seen = {name: seen_by_faces(getattr(motion, name), faces) for name in _REVERSED}
+    forces = {name: getattr(motion, name) for name in ("mean_force", "force", "turn_forces")}
+    times = {name: getattr(motion, name) for name in ("turns", "turn_time", "change_time")}
+    forces = jax.tree.map(lambda y: _of_links_alone(y, faces), forces)
+    times = jax.tree.map(lambda y: jnp.stack([*y, *(y[k] for k in faces)]), times)
+    return LinkMotion(**seen, **forces, **times)
+
+
+_REVERSED = ("velocity", "velocity_now", "jump", "turn", "phase")
+"""What the other face of a link sees with the opposite sign."""
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class GroupStep:
-    """Inputs of a group for a step from t_m − h/2 to t_m + h/2; (n,) for n links."""
+    """Inputs of a group for a step from t_m − h/2 to t_m + h/2; (f,) for f faces."""
 
     closing: jax.Array  # at t_m, as predicted
     velocity: jax.Array  # at t_m − h/2
@@ -107,14 +140,23 @@ class GroupStep:
     starts: jax.Array  # whether t_m = 0
     halfway: bool = dataclasses.field(metadata={"static": True})  # a run starts in mid-step
     dt: float = dataclasses.field(metadata={"static": True})  # h
-    slots: int = dataclasses.field(metadata={"static": True})  # impacts of a link to be recorded
+    slots: int = dataclasses.field(metadata={"static": True})  # impacts of a face to be recorded
+    faces: tuple[int, ...] = dataclasses.field(metadata={"static": True})  # of ``LinkGroup``
+
+    @property
+    def of_links(self) -> GroupStep:
+        """The same of the links alone, (n,)."""
+        n = self.closing.size - len(self.faces)
+        return jax.tree.map(lambda y: y[:n] if y.ndim else y, self) if self.faces else self
 
 
 def motion_without_events(group: Coupling, before: GroupStep) -> LinkMotion:
-    """Motion of links that share masses over a step in which no slip or stick ends.
+    """Motion of links that share masses, (n,), over a step in which no slip or stick ends.
 
     Links without friction may reverse at any time: they have the closed form of a link alone.
     """
+    before = before.of_links
+    group = group._replace(frictions=group.frictions[: before.closing.size])
     slip = jnp.sign(jax.lax.stop_gradient(before.velocity))
     has_friction, inverse_mass = group.frictions > 0, jnp.diagonal(group.delassus)
     friction, held = group.frictions * slip, (slip == 0) & has_friction
@@ -157,16 +199,21 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     """The local flow of a group where it is needed, and whether it was."""
     state, h = before.state, before.dt
     # How far each link can close in the step at most.
-    pushed = jnp.abs(group.delassus) @ group.frictions
+    n = len(group.dampers)
+    pushed = jnp.abs(group.delassus) @ group.frictions[:n]
+    pushed = jnp.abs(seen_by_faces(pushed, before.faces))
     # A single link's friction opposes its slip: it adds to the closing only while the link opens.
-    if len(group.laws) == 1:
+    if n == 1:
         pushed = jnp.where(before.velocity < 0, pushed, 0.0)
     most = larger(before.pull + jnp.abs(before.rise) / 2 + pushed, 0.0)
     reach = state.closing_before + h * larger(before.velocity, 0.0) + h**2 / 2 * most
     meets = jnp.asarray([law is not None for law in group.laws])
     needed = (meets & ((state.contact.mode != APART) | (reach >= group.gaps))).any()
-    if len(group.laws) > 1:
+    if n > 1:
         needed = needed | ~_is_undisturbed(group, before)
+    has_damper = any(law is not None for law in group.dampers)
+    if has_damper:
+        needed = needed | True
     inputs = FlowInput(
         closing=state.closing_before,
         velocity=before.velocity,
@@ -176,13 +223,15 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
         friction=group.frictions,
         gap=group.gaps,
         laws=group.laws,
+        dampers=group.dampers,
         contact=state.contact,
     )
     begin = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
-    result = flow(h, before.slots, needed, inputs, records.Clock(before.time, begin))
+    clock = records.Clock(before.time, begin)
+    result = flow(h, before.slots, needed, inputs, clock, before.faces)
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
-    used = needed if len(group.laws) > 1 else needed & touched
+    used = needed if n > 1 or has_damper else needed & touched
     return result, used
 
 
@@ -206,18 +255,19 @@ def finish_step(
     ``before`` has the pull after the mean samples, which changed it by ``pull_change``.
     """
     h, state, at, log = before.dt, before.state, result.now, result.log
-    gain, _ = group.response(result.held > 0, pull_change, 0 * pull_change)
+    n, faces = len(group.dampers), before.faces
+    gain = group.gained(faces, result.held > 0, pull_change)
     # No position correction while a contact force acts: the force would respond to it.
     shift = jnp.where(result.contact.mode == PRESSED, 0.0, h**2 / 2 * gain)
     velocity, closing_after = result.velocity + h * gain, result.closing + shift
     after = closing_after + h / 2 * velocity + h**2 / 8 * (result.acceleration + gain)
-    gain_now, _ = group.response(at.held > 0, pull_change, 0 * pull_change)
+    gain_now = group.gained(faces, at.held > 0, pull_change)
     shift_now = jnp.where(at.contact_force != 0, 0.0, h**2 / 8 * gain_now)
     closing_now = at.closing + shift_now
     kick = before.pull - (velocity - before.velocity) / h
     motion_of_flow = LinkMotion(
         velocity=velocity,
-        mean_force=inverse_of(group.delassus) @ kick,
+        mean_force=_of_links_alone(inverse_of(group.delassus) @ kick[:n], faces),
         force=at.friction,
         velocity_now=at.velocity + h / 2 * gain_now,
         jump=after - before.closing - h * velocity,
@@ -234,7 +284,8 @@ def finish_step(
     next_closing = before.closing + h * motion_without_flow.velocity + motion_without_flow.jump
     held = (motion_without_flow.phase == 0) & (group.frictions > 0)
     friction = group.frictions * motion_without_flow.phase
-    end, _ = group.response(held, before.pull + before.rise / 2, friction)
+    end, _ = group.response(held[:n], (before.pull + before.rise / 2)[:n], friction[:n])
+    end = seen_by_faces(end, faces)
     plain_half = next_closing - h / 2 * motion_without_flow.velocity - h**2 / 8 * end
     contact = jax.tree.map(
         lambda a, b: jnp.where(used, a, b),
@@ -249,9 +300,11 @@ def finish_step(
 
 def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:
     """Whether no slip or stick ends in a step without contact."""
+    before = before.of_links
     slip, h = jnp.sign(before.velocity), before.dt
-    has_friction = group.frictions > 0
-    friction, held = group.frictions * slip, (slip == 0) & has_friction
+    frictions = group.frictions[: slip.size]
+    has_friction = frictions > 0
+    friction, held = frictions * slip, (slip == 0) & has_friction
     first, first_forces = group.response(held, before.pull - before.rise / 2, friction)
     last, last_forces = group.response(held, before.pull + before.rise / 2, friction)
     # The speed along the slip is a parabola.
@@ -260,4 +313,4 @@ def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:
     lowest = speed - h * first**2 / (2 * jnp.where(dips, last - first, 1.0))
     keeps = (speed + h * (first + last) / 2 > 0) & (~dips | (lowest > 0))
     forces = larger(jnp.abs(first_forces), jnp.abs(last_forces))
-    return jnp.where(held, forces <= group.frictions, keeps | ~has_friction).all()
+    return jnp.where(held, forces <= frictions, keeps | ~has_friction).all()

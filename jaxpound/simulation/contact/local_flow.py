@@ -24,7 +24,7 @@ from jaxpound._extrema import larger, smaller
 from jaxpound.simulation.contact import events, records
 from jaxpound.simulation.contact.dop853 import END, STAGES, error, weighted
 from jaxpound.simulation.contact.events import FlowState, Occurrence, Place, SmoothState, Snapshot
-from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, held_inverse, times
+from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
 from jaxpound.simulation.contact.records import PRESSED, FlowInput, FlowResult, MidStep, StepLog
 from jaxpound.simulation.contact.substeps import Flight, Integrated
 from jaxpound.simulation.contact.zeros import first_zero
@@ -47,12 +47,14 @@ class _First(NamedTuple):
 class LocalFlow:
     """The equations of a flow, and one iteration of it."""
 
-    def __init__(self, h: float, slots: int, inputs: FlowInput, clock: records.Clock) -> None:
+    def __init__(
+        self, h: float, slots: int, faces: tuple[int, ...], inputs: FlowInput, clock: records.Clock
+    ) -> None:
         self.h, self.inputs = h, inputs
-        self.n, self.dtype = inputs.closing.shape[0], inputs.closing.dtype
+        self.n_faces, self.dtype = inputs.closing.shape[0], inputs.closing.dtype
         self.eps = float(jnp.finfo(self.dtype).eps)
         self.tolerance = 1e-8 if self.eps < 1e-10 else 1e-5
-        self.laws = LinkLaws(inputs.delassus, inputs.friction, inputs.gap, inputs.laws)
+        self.laws = LinkLaws(inputs, faces)
         self.setting = events.Setting(self.laws, clock, h, slots)
         self.events = events.table(self.laws)
 
@@ -71,7 +73,7 @@ class LocalFlow:
         slots = jnp.repeat(zeros[:, None], self.setting.slots, 1)
         empty: Any = dict.fromkeys(StepLog._fields, zeros)
         empty |= {"impacts": records.Impacts(*[slots] * len(records.Impacts._fields))}
-        empty |= {"highest_forces": zeros[:, None] * inputs.delassus}
+        empty |= {"highest_forces": zeros[:, None] * self.laws.delassus}
         slip = jnp.sign(lax.stop_gradient(w))
         touched = self._one_where(contact.mode != records.APART)
         return FlowState(
@@ -95,15 +97,16 @@ class LocalFlow:
 
     def advance(self, x: FlowState) -> FlowState:
         """Try a substep: accept it, to its end or an event in it, or reject it as too long."""
-        regime, inverse = x.regime, held_inverse(self.inputs.delassus, x.regime.held)
+        regime, inverse = x.regime, self.laws.inverse(x.regime)
         begin = self._forces(x.y, regime, inverse)
         x = self._with_highest(x, begin)
         substep, worst = self._substep(x, begin, inverse)
         stop = jnp.where(x.stage < 1, self.h / 2, self.h)
         # Which event is the first is not differentiated, only its instant.
-        fixed = LocalFlow(self.h, 0, *lax.stop_gradient((self.inputs, self.setting.clock)))
+        inputs = lax.stop_gradient((self.inputs, self.setting.clock))
+        fixed = LocalFlow(self.h, 0, self.laws.faces, *inputs)
         event, growth_end = fixed._first_event(*lax.stop_gradient((x, substep, stop, inverse)))
-        wrong = (worst > 1) & regime.deformed.any()
+        wrong = (worst > 1) & self._is_integrated(regime)
         place, now, growth = self._located(x, substep, event, stop, inverse)
         after = x._replace(
             y=jnp.where(wrong, x.y, place),
@@ -111,10 +114,11 @@ class LocalFlow:
             iterations=x.iterations + 1,
         )
         happens = ~wrong & jnp.isfinite(event.time)
-        numbers = jnp.arange(len(self.events) * self.n).reshape(-1, self.n)
+        numbers = jnp.arange(len(self.events) * self.n_faces).reshape(-1, self.n_faces)
         links = happens & (numbers == event.number)
         for kind, which in zip(self.events, links, strict=True):
             after = kind.effect(self.setting, after, Occurrence(which, now, growth, event.at_start))
+            after = events.seen_from_both_sides(self.setting, after, which)
         after = self._with_stop(after, happens & (event.number == numbers.size))
         return self._with_next_length(after, substep.length, event, worst, wrong, regime)
 
@@ -141,8 +145,8 @@ class LocalFlow:
         factor = 0.9 * larger(worst, 1e-8) ** jnp.where(wrong, -0.25, -0.125)
         usual = length * jnp.clip(factor, 0.05, jnp.where(after.rejected > 0, 1.0, 4.0))
         usual = jnp.minimum(jnp.where(wrong, usual, larger(usual, after.usual)), self.h)
-        usual = jnp.where(regime.deformed.any(), usual, after.usual)
-        tried = jnp.where(after.regime.deformed.any(), smaller(usual, left), left)
+        usual = jnp.where(self._is_integrated(regime), usual, after.usual)
+        tried = jnp.where(self._is_integrated(after.regime), smaller(usual, left), left)
         # An event lies inside a rejected substep: retry with one that ends just past it.
         aims = wrong & (event.time < 0.9 * length) & ~event.at_start
         tried = jnp.where(aims, jnp.minimum(_JUST * event.time, left), tried)
@@ -154,8 +158,15 @@ class LocalFlow:
     def _forces(self, y: jax.Array, regime: Regime, inverse: jax.Array | None = None) -> Forces:
         t, s, w = y[:3]
         if inverse is None:
-            inverse = held_inverse(self.inputs.delassus, regime.held)
+            inverse = self.laws.inverse(regime)
         return self.laws.at(self.pull(t), s, w, regime, inverse)
+
+    def _is_integrated(self, regime: Regime) -> jax.Array:
+        """Whether a substep has an error, that of the Runge–Kutta method."""
+        integrated = regime.deformed.any()
+        if self.laws.has_damper:
+            integrated |= (regime.slip != 0).any()
+        return integrated
 
     def _rates(self, y: jax.Array, now: Forces) -> jax.Array:
         """Time derivatives of a ``SmoothState``."""
@@ -170,7 +181,7 @@ class LocalFlow:
     ) -> tuple[Flight | Integrated, jax.Array]:
         """A substep, and its error in units of the tolerance."""
         y, length, regime = x.y, x.length, x.regime
-        if not self.laws.has_contact_force:
+        if not self.laws.has_force:
             last = self._forces(y.at[0].add(length), regime, inverse)
             return Flight(y, length, begin, last), 0 * length
 
@@ -190,9 +201,7 @@ class LocalFlow:
         sizes = larger(jnp.abs(speed), jnp.abs(end)) + length * jnp.abs(a)
         sizes += jnp.where(regime.mode == PRESSED, lax.stop_gradient(regime.touch_speed), 0.0)
         # A link that has just broken away is as inexact as the accelerations that cancel in it.
-        parts = jnp.abs(self.inputs.pull) + times(
-            jnp.abs(self.inputs.delassus), jnp.abs(begin.total)
-        )
+        parts = jnp.abs(self.inputs.pull) + times(jnp.abs(self.laws.delassus), jnp.abs(begin.total))
         rounding = 8 * self.eps * length * lax.stop_gradient(parts)
         sizes = self.tolerance * sizes + rounding + jnp.finfo(self.dtype).tiny
         errors = error(still[:, 1:3])
@@ -205,11 +214,13 @@ class LocalFlow:
         if not self.laws.has_contact:
             return x
         log, contact = x.log, x.contact
-        higher = now.contact > log.highest
+        higher, of_faces = now.contact > log.highest, now.total
+        if self.laws.faces:
+            of_faces = self.laws.of_links_alone(now.friction) + now.contact
         log = log._replace(
             highest=jnp.where(higher, now.contact, log.highest),
             highest_time=jnp.where(higher, self.setting.since_middle(x), log.highest_time),
-            highest_forces=jnp.where(higher[:, None], now.total, log.highest_forces),
+            highest_forces=jnp.where(higher[:, None], of_faces, log.highest_forces),
         )
         peak = larger(contact.peak_force, now.contact)
         return x._replace(log=log, contact=contact._replace(peak_force=peak))
@@ -344,7 +355,7 @@ class LocalFlow:
         return MidStep(
             closing=at.s,
             velocity=at.w,
-            friction=forces.friction,
+            friction=self.laws.of_links_alone(forces.friction),
             contact_force=forces.contact,
             stored=at.stored,
             lost=at.lost,

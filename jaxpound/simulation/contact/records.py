@@ -39,7 +39,7 @@ DISCRETE = ("mode", "counts", "fastest")
 
 
 class FlowInput(NamedTuple):
-    """Inputs of a flow over a step of length h; (n,) for n links."""
+    """Inputs of a flow over a step of length h; (f,) for the f faces of n links (``forces``)."""
 
     closing: jax.Array
     velocity: jax.Array
@@ -48,7 +48,8 @@ class FlowInput(NamedTuple):
     delassus: jax.Array  # G, (n, n)
     friction: jax.Array  # μ
     gap: jax.Array  # ξ0
-    laws: tuple[Any, ...]  # of contact for the effective masses, None for a link without
+    laws: tuple[Any, ...]  # of contact for the effective masses, None for a face without
+    dampers: tuple[Any, ...]  # by link, None for one without
     contact: Contact
 
 
@@ -60,7 +61,7 @@ class Clock(NamedTuple):
 
 
 class Impacts(NamedTuple):
-    """Impacts that ended in a step, (n, slots) each; times are those of the run."""
+    """Impacts that ended in a step, (f, slots) each; times are those of the run."""
 
     touch_time: jax.Array
     approach_velocity: jax.Array
@@ -71,7 +72,7 @@ class Impacts(NamedTuple):
 
 
 class StepLog(NamedTuple):
-    """Events of a step, (n,) each; times from its middle."""
+    """Events of a step, (f,) each; times from its middle."""
 
     touched: jax.Array  # 1 if in contact at any time
     touches: jax.Array  # impacts that began
@@ -88,12 +89,12 @@ class StepLog(NamedTuple):
     change_time: jax.Array  # when the direction of slip last changed
     highest: jax.Array  # largest contact force
     highest_time: jax.Array
-    highest_forces: jax.Array  # q + p of all links then, (n, n): row j for link j
+    highest_forces: jax.Array  # q + p of all faces then, (f, f): row j for face j
     impacts: Impacts
 
 
 class MidStep(NamedTuple):
-    """Links in the middle of the step, (n,) each."""
+    """Links in the middle of the step, (f,) each."""
 
     closing: jax.Array
     velocity: jax.Array
@@ -108,7 +109,7 @@ class MidStep(NamedTuple):
 
 
 class FlowResult(NamedTuple):
-    """Result of a flow, (n,) each."""
+    """Result of a flow, (f,) each."""
 
     closing: jax.Array  # at the end
     velocity: jax.Array

@@ -1,0 +1,298 @@
+"""Bearings under a building, the moat wall around it, and a tuned mass on it; in SI units."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import NoneType
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import Range, Rule, enforce, instance, positive
+from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges
+from jaxpound.model.building import PERIOD, Building
+from jaxpound.model.dampers import VelocityFriction
+from jaxpound.model.hysteresis import Bilinear
+from jaxpound.model.row import FloorLink
+from jaxpound.model.shear_building import ShearBuilding
+from jaxpound.model.system import GROUND
+from jaxpound.quantities import STANDARD_GRAVITY
+
+_RADIUS = Range(0.05, 50, "m", "of a sliding surface; 1 to 6 m are usual")
+_FRICTION = Range(0, 1, "", "a coefficient; 0.03 to 0.12 is usual of PTFE")
+_RATE = Range(1, 1e4, "s/m", "20 to 100 s/m is usual of PTFE")
+_STRENGTH = Range(1e-4, 1, "", "of the weight; 0.03 to 0.1 is usual")
+_LENGTH = Range(1e-5, 1, "m", "at which a bearing yields")
+
+
+@pytree_dataclass
+class FrictionPendulum:
+    r"""Bearings that slide on a spherical surface, in SI units (Zayas, Low and Mahin 1990).
+
+    Under a weight W they are a spring W/R beside a sliding link with the slip force μ W; vertical
+    motion does not change W. With a rate a friction grows with the sliding velocity,
+    :math:`μ_f - (μ_f - μ) e^{-a |v|}` (Constantinou, Mokha and Reinhorn 1990).
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
+
+    Parameters
+    ----------
+    radius
+        Effective radius R > 0 of the surface, m.
+    friction
+        Coefficient of friction μ ≥ 0, in slow slip and in stick.
+    fast_friction
+        μ_f ≥ μ in fast slip; None, the default, is the same μ at every velocity.
+    rate
+        a > 0, s/m.
+
+    Examples
+    --------
+    >>> bearing = jp.FrictionPendulum(radius=2.24, friction=0.06)
+    >>> round(float(bearing.period()), 3), round(float(bearing.damping_ratio(0.2)), 3)
+    (3.003, 0.256)
+    """
+
+    radius: Any = parameter("R", words="radius", above=0, within=_RADIUS)
+    friction: Any = parameter(r"\mu", words="friction", least=0, within=_FRICTION)
+    fast_friction: Any = part(default=None)
+    rate: Any = parameter("a", words="rate", above=0, within=_RATE, default=50.0)
+
+    def __post_init__(self) -> None:
+        check(self)
+        enforce("FrictionPendulum", ranges(self))
+        if (fast := self.fast_friction) is not None:
+            holds = (jnp.asarray(fast) >= self.friction) & (jnp.asarray(fast) <= _FRICTION.high)
+            rule = f"at least friction, and at most {_FRICTION.high}"
+            enforce("FrictionPendulum", [Rule("fast_friction", fast, holds, rule)])
+
+    def period(self, gravity: Any = STANDARD_GRAVITY) -> Any:
+        """Period of the building as a pendulum, 2π √(R/g), s: it does not depend on the mass."""
+        return 2 * jnp.pi * jnp.sqrt(self.radius / gravity)
+
+    def damping_ratio(self, displacement: Any) -> Any:
+        """Equivalent viscous damping ratio in slow cycles to ±``displacement``, m.
+
+        Energy of a cycle over 2π times the secant stiffness times its square: 2/π μ/(μ + D/R).
+        """
+        (size,) = positive("FrictionPendulum.damping_ratio", displacement=displacement)
+        return 2 / jnp.pi * self.friction / (self.friction + size / self.radius)
+
+    def storey(self, base_mass: Any, weight: Any) -> Building:
+        """The base on the restoring spring under a weight, N."""
+        return _spring(base_mass, weight / self.radius)
+
+    def between(self, weight: Any) -> dict[str, Any]:
+        """Friction and damper of the link from the base to the ground."""
+        if self.fast_friction is None:
+            return {"friction": self.friction * weight}
+        increase = (self.fast_friction - self.friction) * weight
+        return {
+            "friction": self.friction * weight,
+            "damper": VelocityFriction(increase, 1 / self.rate),
+        }
+
+
+@pytree_dataclass
+class LeadRubber:
+    r"""Lead–rubber bearings, bilinear: a strength Q and the stiffness of the rubber, in SI units.
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
+
+    Parameters
+    ----------
+    period
+        Period T2 > 0, s, of the building on the stiffness after yield; 2 to 3 s is usual.
+    strength
+        Q over the weight > 0: the force at displacement 0.
+    yield_displacement
+        > 0, m.
+    ultimate_displacement
+        Where the bearings fail, m; infinite by default. ``collapsed`` of a run's demand says it.
+
+    Examples
+    --------
+    >>> bearing = jp.LeadRubber(period=2.5, strength=0.05)
+    >>> round(float(bearing.damping_ratio(0.2)), 3)
+    0.172
+    """
+
+    period: Any = parameter("T_2", words="period", above=0, within=PERIOD)
+    strength: Any = parameter("Q", words="strength", above=0, within=_STRENGTH)
+    yield_displacement: Any = parameter(
+        "e_y", words="yield displacement", above=0, within=_LENGTH, default=0.01
+    )
+    ultimate_displacement: Any = parameter(
+        "e_u", words="ultimate displacement", above=0, finite=False, default=np.inf
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+        enforce("LeadRubber", ranges(self))
+
+    def damping_ratio(self, displacement: Any, gravity: Any = STANDARD_GRAVITY) -> Any:
+        """Equivalent viscous damping ratio in cycles to ±``displacement``, m, beyond yield.
+
+        4 Q (D − e_y) over 2π times the secant stiffness times D²; 0 where they do not yield.
+        """
+        (size,) = positive("LeadRubber.damping_ratio", displacement=displacement)
+        yields = jnp.maximum(size - self.yield_displacement, 0.0)
+        force = self.strength + size * self._stiffness(gravity)
+        return 2 / jnp.pi * self.strength * yields / (force * size)
+
+    def _stiffness(self, gravity: Any) -> Any:
+        """Stiffness after yield over the weight, 1/m."""
+        return (2 * jnp.pi / self.period) ** 2 / gravity
+
+    def storey(self, base_mass: Any, weight: Any, gravity: Any = STANDARD_GRAVITY) -> Building:
+        """The base on the bearings under a weight, N."""
+        after = self._stiffness(gravity) * weight
+        before = after + self.strength * weight / self.yield_displacement
+        law = Bilinear(self.yield_displacement, after / before, self.ultimate_displacement)
+        return dataclasses.replace(_spring(base_mass, before), hysteresis=law)
+
+    def between(self, weight: Any) -> dict[str, Any]:
+        """Friction and damper of the link from the base to the ground: none."""
+        return {}
+
+
+def _spring(mass: Any, stiffness: Any) -> Building:
+    """A mass on an elastic rod."""
+    return Building(mass, stiffness, order=1.0, tau_f=1e-3, tau_x=1e-3)
+
+
+@pytree_dataclass
+class MoatWall:
+    """The wall around the base of an isolated building, in SI units; rigid.
+
+    Parameters
+    ----------
+    gap
+        Gap > 0 at rest, m; or (left, right), of which one may be infinite.
+    contact
+        The law of contact with the wall, or one for each side, (left, right); None, the default,
+        only measures the gap.
+    """
+
+    gap: Any
+    contact: Any = None
+
+    def __post_init__(self) -> None:
+        self.link(0)  # which checks them
+
+    def link(self, building: int, **between: Any) -> FloorLink:
+        """The link of two faces from the base of a building to the ground."""
+        gap = self.gap if isinstance(self.gap, tuple) else (self.gap, self.gap)
+        wall = {"gap": gap, "contact": self.contact}
+        return FloorLink(building, 0, next_building=GROUND, **wall, **between)
+
+
+def isolated(
+    building: Building | ShearBuilding,
+    bearing: FrictionPendulum | LeadRubber,
+    base_mass: Any,
+    *,
+    wall: MoatWall | None = None,
+    number: int = 0,
+    height: float = 0.5,
+    gravity: Any = STANDARD_GRAVITY,
+) -> tuple[ShearBuilding, tuple[FloorLink, ...]]:
+    """A building on bearings, and its links to the ground, both for ``Buildings``.
+
+    The base is its floor 0 and the bearings are its storey 0; all others move up by one. The link
+    has the friction of the bearings and the faces of the wall.
+
+    Raises ``ValueError`` if a number breaks its rule.
+
+    Parameters
+    ----------
+    building
+        The building above the bearings.
+    bearing
+        All bearings together, ``FrictionPendulum`` or ``LeadRubber``.
+    base_mass
+        Mass > 0 of the base, kg.
+    wall
+        The moat wall around the base, if there is one.
+    number
+        The number of the building in ``Buildings``, from 0.
+    height
+        Height of the bearings, m.
+    gravity
+        g > 0, m/s².
+
+    Examples
+    --------
+    Four storeys on friction pendulums, 30 cm from the moat wall on both sides:
+
+    >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.03)
+    >>> law = jp.KelvinVoigt(stiffness=2e9, restitution=0.7)
+    >>> base, links = jp.isolated(
+    ...     frame, jp.FrictionPendulum(2.24, 0.06), 350e3, wall=jp.MoatWall(0.3, law)
+    ... )
+    >>> hospital = jp.Buildings((base,), links)
+    >>> [f"{link.side}: {link.gap} m" for link in hospital.links]
+    ['right: 0.3 m', 'left: 0.3 m']
+    """
+    owner = "isolated"
+    instance(owner, "building", building, ShearBuilding, Building)
+    instance(owner, "bearing", bearing, FrictionPendulum, LeadRubber)
+    instance(owner, "wall", wall, MoatWall, NoneType)
+    base_mass, gravity = positive(owner, base_mass=base_mass, gravity=gravity)
+    above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
+    weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
+    storeys = (bearing.storey(base_mass, weight), *above.storeys)
+    on_bearings = ShearBuilding(storeys, (height, *above.heights))
+    between = bearing.between(weight)
+    if wall is not None:
+        return on_bearings, (wall.link(number, **between),)
+    if not between:
+        return on_bearings, ()
+    return on_bearings, (FloorLink(number, 0, next_building=GROUND, **between),)
+
+
+def tuned_mass_damper(
+    building: Building | ShearBuilding,
+    mass_ratio: Any,
+    *,
+    frequency_ratio: Any = None,
+    damping_ratio: Any = None,
+) -> ShearBuilding:
+    """A building with a tuned mass on a spring and a dashpot on its roof, as its top storey.
+
+    Raises ``ValueError`` if a number breaks its rule.
+
+    Parameters
+    ----------
+    building
+        The building.
+    mass_ratio
+        m > 0, the tuned mass over the modal mass of the first mode at the roof.
+    frequency_ratio
+        > 0, frequency of the tuned mass over that of the first mode; by default 1/(1 + m).
+    damping_ratio
+        > 0, of the tuned mass alone; by default √(3 m/(8 (1 + m)³)) (both Den Hartog 1956, for an
+        undamped building under a harmonic load).
+
+    Examples
+    --------
+    >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
+    >>> tuned = jp.tuned_mass_damper(frame, mass_ratio=0.05)
+    >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
+    (5, [0.563, 0.466])
+    """
+    owner = "tuned_mass_damper"
+    instance(owner, "building", building, ShearBuilding, Building)
+    frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
+    (ratio,) = positive(owner, mass_ratio=mass_ratio)
+    tuning = 1 / (1 + ratio) if frequency_ratio is None else frequency_ratio
+    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio) ** 3))
+    damping = optimal if damping_ratio is None else damping_ratio
+    tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
+    modes = frame.modes()
+    shape = modes.shapes[..., 0] / modes.shapes[..., -1, 0]
+    mass = ratio * sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
+    period = modes.periods[0] / tuning
+    top = Building.from_period(mass, period, damping, order=1.0)
+    return ShearBuilding((*frame.storeys, top), (*frame.heights, frame.heights[-1]))
