@@ -12,6 +12,8 @@ from jaxpound._fields import quantities
 from jaxpound._tables import TextTable
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
+from jaxpound.cli.tables import DamperSection
+from jaxpound.model.places import link_places
 from jaxpound.quantities import column
 from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.floors import FloorDemands
@@ -22,8 +24,10 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
     """The scalars of a run; units are in the names, numbers count from 1."""
     demand, energy = response.demand, response.energy
     floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
-    pairs = zip(layout.buildings, floors, strict=True)
-    links = [_of_link(layout, response, k) for k in range(len(layout.si.links))]
+    bearings = layout.bearings or [None] * len(floors)
+    members = zip(layout.buildings, floors, bearings, strict=True)
+    places = link_places(response.topology)
+    links = [_of_link(layout, response, k, place) for k, place in enumerate(places)]
     contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
     return json_safe(
         {
@@ -37,7 +41,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
             "rods_energy_J": float(energy.rods[-1]),
             "kinetic_energy_J": float(energy.kinetic[-1]),
             "energy_residual_over_input": float(energy.relative_residual),
-            "buildings": [_of_building(*pair, demand) for pair in pairs],
+            "buildings": [_of_building(*member, demand) for member in members],
             "links": links,
         }
     )
@@ -48,7 +52,7 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
     links = results["links"]
     if not is_pair:  # a link without a damper has no slip
         no_slip: dict[str, Any] = {"slip_distance_m": None}
-        return results | {"links": [x if x["friction_force_N"] else x | no_slip for x in links]}
+        return results | {"links": [x if x["damper"] else x | no_slip for x in links]}
     numbers = {key: x for key, x in results.items() if key not in ("buildings", "links")}
     numbers |= {key: links[0][key] for key in ("slip_distance_m", "residual_offset_m", "contact")}
     keys = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
@@ -59,24 +63,38 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
     return numbers
 
 
-def _of_building(building: Any, floors: jp.FloorDemands, demand: jp.Demand) -> dict[str, Any]:
+def _of_building(
+    building: Any, floors: jp.FloorDemands, bearing: Any, demand: jp.Demand
+) -> dict[str, Any]:
     if isinstance(building, jp.Building):
         building = jp.ShearBuilding((building,))
     modes = building.modes()
     columns = modes.periods, modes.damping_ratios, modes.participation
     keys = ("period_s", "damping_ratio", "share_of_mass")
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
+    above = slice(bearing is not None, None)  # storeys above bearings
     return {
         "storeys": building.n_floors,
         "height_m": float(building.elevations[-1]),
         "series": [mass + 1 for mass in floors.masses],
         "peak_displacement_m": float(np.max(floors.displacement)),
-        "peak_drift_m": float(np.max(floors.drift)),
-        "peak_drift_ratio": float(np.max(floors.drift / np.array(building.heights))),
+        "peak_drift_m": float(np.max(floors.drift[above])),
+        "peak_drift_ratio": float(np.max((floors.drift / np.array(building.heights))[above])),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
         "yielding": [{"storey": i} | x for i, x in storeys if x],
+        "isolation": bearing and _of_bearing(bearing.model(), float(floors.displacement[0])),
         "modes": [dict(zip(keys, map(float, x), strict=True)) for x in zip(*columns, strict=True)],
+    }
+
+
+def _of_bearing(bearing: Any, displacement: float) -> dict[str, Any]:
+    """Bearings as a spring and a dashpot, at the largest displacement of the base."""
+    period = bearing.period if isinstance(bearing, jp.LeadRubber) else bearing.period()
+    return {
+        "restoring_period_s": float(period),
+        "displacement_m": displacement,
+        "damping_ratio": float(bearing.damping_ratio(displacement)) if displacement else None,
     }
 
 
@@ -87,18 +105,20 @@ def _of_storey(rod: RodDemand) -> dict[str, float]:
     return {key: kinds.get(key, float)(getattr(rod, x)) for x, key in columns.items()}
 
 
-def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
+def _of_link(layout: BuildingsLayout, response: jp.Response, k: int, place: str) -> dict[str, Any]:
     link, demand = layout.si.links[k], response.demand.links[k]
+    laws = [x for x, kind in DamperSection.CLASSES.items() if isinstance(link.damper, kind)]
     ground = link.other_floor == jp.GROUND
     return {
         "table": layout.tables[k] if layout.tables else None,
-        "between": str(link),
+        "between": place,
         "building": link.building + 1,
         "floor": link.floor + 1,
         "next_building": "ground" if ground else link.other_building + 1,
         "next_floor": None if ground else link.other_floor + 1,
         "gap_m": float(link.gap),
         "friction_force_N": float(link.friction),
+        "damper": laws[0] if laws else "friction" if link.friction else None,
         "min_gap_m": float(demand.min_gap),
         "min_gap_time_s": float(demand.min_gap_time) if math.isfinite(link.gap) else None,
         "first_contact_s": _first_contact(response, k),
@@ -189,6 +209,15 @@ def lines(results: dict[str, Any]) -> list[str]:
             "collapsed": ["yes" if x["collapsed"] else "no" for _, x in storeys],
         }
         texts += [table_of(of_storeys).text(), ""]
+    if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:
+        ratios = [x["damping_ratio"] for _, x in bearings]
+        of_bearings = {
+            "bearings of building": [str(i) for i, _ in bearings],
+            "restoring period (s)": [x["restoring_period_s"] for _, x in bearings],
+            "displacement (m)": [x["displacement_m"] for _, x in bearings],
+            "damping there (%)": [ratio and 100 * ratio for ratio in ratios],
+        }
+        texts += [table_of(of_bearings).text(), ""]
     if links:
         texts += [_table_of_links(links).text(), ""]
     closable = [link for link in links if link["gap_m"] is not None]
@@ -203,7 +232,7 @@ def lines(results: dict[str, Any]) -> list[str]:
             words = f"POUNDS: {depth}, {instant}{remark}"
         texts.append(f"Gaps     smallest {smallest}; {words}")
     shares = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
-    if not any(link["friction_force_N"] for link in links):
+    if not any(link["damper"] for link in links):
         del shares["damper"]
     if laws := [link["contact"] for link in links if link["contact"]]:
         shares["contact"] = sum(law["contact_work_J"] for law in laws)
@@ -225,8 +254,8 @@ def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
             "smallest (m)": [link["min_gap_m"] for link in links],
             "at (s)": [link["min_gap_time_s"] for link in links],
         }
-    if any(link["friction_force_N"] for link in links):
-        slips = [link if link["friction_force_N"] else None for link in links]
+    if any(link["damper"] for link in links):
+        slips = [link if link["damper"] else None for link in links]
         columns |= {
             "slip force (kN)": [link and link["friction_force_N"] / 1e3 for link in slips],
             "slid (m)": [link and link["slip_distance_m"] for link in slips],
