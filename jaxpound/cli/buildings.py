@@ -256,8 +256,8 @@ class BuildingsLayout:
     """The number of the [[link]] of each link of a row; None of bearings and their wall."""
     laws: tuple[str, ...]
     """Names of the laws of contact."""
-    bearings: tuple[IsolationSection | None, ...] = ()
-    """The bearings of each [[building]], or None."""
+    bearings: tuple[IsolationSection | None, ...] = (None, None)
+    """The bearings of each building; a pair has none."""
 
     @classmethod
     def of(cls, si: jp.Buildings, *more: Any) -> BuildingsLayout:
@@ -284,12 +284,9 @@ class BuildingsLayout:
                 raise ValueError(f"[[link]] {number} {error}") from error
         by_table += [(None, link) for _, of_bearings in standing for link in of_bearings]
         tables, floor_links = tuple(x for x, _ in by_table), tuple(link for _, link in by_table)
-
-        def place(k: int) -> str:
-            number = f"[[building]] {floor_links[k].building + 1} isolation"
-            return f"[[link]] {tables[k]}" if tables[k] else number
-
-        labels = LinkLabels("", place, first=1)
+        isolation = "[[building]] {} isolation".format
+        names = [f"[[link]] {n}" if n else isolation(link.building + 1) for n, link in by_table]
+        labels = LinkLabels("", names.__getitem__, first=1)
         require_floors([building.n_floors for building in models], floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
@@ -343,12 +340,11 @@ def as_toml(buildings: jp.Buildings) -> str:
             lines.append(f"next_building = {link.other_building + 1}")
             if link.other_floor != jp.GROUND:
                 lines.append(f"next_floor = {link.other_floor + 1}")
-        is_closable = link.gap < float("inf")
         if link.side == "left":
             lines.append('side = "left"')
-        if link.side == "right" or link.friction or not is_closable:
+        if link.side == "right" or link.friction or not is_closable(link.gap):
             lines.append(f"friction_force = {_written(link.friction)}  # N")
-        if is_closable:
+        if is_closable(link.gap):
             lines.append(f"gap = {_written(link.gap)}  # m")
         laws = {"contact": link.contact, "damper": link.damper}
         lines += [f"{key} = {{{', '.join(_law(x))}}}" for key, x in laws.items() if x is not None]

@@ -13,9 +13,6 @@ from jaxpound.model.shear_building import HEIGHT
 _Friction = Annotated[float, of_field(jp.FrictionPendulum, "friction")]
 _Yield = Annotated[float, of_field(jp.LeadRubber, "yield_displacement")]
 _Ultimate = Annotated[float, of_field(jp.Bilinear, "ultimate_displacement")]
-_RatioOfMasses = between(1e-4, 10, "", "of the modal mass; 0.01 to 0.1 is usual")
-_RatioOfFrequencies = between(0.01, 100, "", "of the first mode's; about 1 is usual")
-_Damping = between(1e-4, 1, "", "of the critical damping; 0.05 to 0.2 is usual")
 
 
 class WallSection(Section):
@@ -61,9 +58,9 @@ class IsolationSection(OfClass):
 class TunedMassSection(Section):
     """A tuned mass on a spring and a dashpot."""
 
-    mass_ratio: Annotated[float, _RatioOfMasses]
-    frequency_ratio: Annotated[float, _RatioOfFrequencies] | None = None
-    damping_ratio: Annotated[float, _Damping] | None = None
+    mass_ratio: Annotated[float, between(1e-4, 10, "", "of the modal mass; 0.05 is usual")]
+    frequency_ratio: Annotated[float, between(0.01, 100, "", "of the first mode's")] | None = None
+    damping_ratio: Annotated[float, between(1e-6, 1, "", "of the critical damping")] | None = None
 
     def on(self, building: jp.ShearBuilding) -> jp.ShearBuilding:
         """A building with the tuned mass on its roof."""

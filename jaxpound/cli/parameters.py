@@ -226,9 +226,12 @@ def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
             keys[f"building.{b + 1}.floor.{i + 1}.mass"] = [f"buildings.{b}.masses.{i}"]
             keys[f"{storey}.stiffness"] = [f"{rod}.stiffness"]
             material = row.buildings[b].rods[i].material
+            fixed = _OF_ROD if layout.bearings[b] and i == 0 else ()  # of bearings, without creep
             for path in paths(material):
-                if np.isfinite(get(material, path)):  # an ultimate displacement may be infinite
-                    keys[f"{storey}.{path.rpartition('.')[2]}"] = [f"{rod}.material.{path}"]
+                key = path.rpartition(".")[2]
+                # An ultimate displacement may be infinite.
+                if key not in fixed and np.isfinite(get(material, path)):
+                    keys[f"{storey}.{key}"] = [f"{rod}.material.{path}"]
     for k, (table, link) in enumerate(zip(layout.tables, layout.si.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
         for name, law in (("contact", link.contact), ("damper", link.damper)):

@@ -284,9 +284,10 @@ def _meant(key: str, kind: Any, root: Any) -> str:
     if close := did_you_mean(key.lower(), allowed):
         return close
     tables = {f"[{name}]": x for name, x in entries(root).items() if is_table(x)}
-    tables |= {f"[[{name}]]": item for name, x in entries(root).items() if (item := of_array(x))}
     tables[f"{_TOP}, before the first [table]"] = root
-    if titles := [title for title, x in tables.items() if key in entries(x)]:
+    arrays = {f"[[{name}]]": of_array(x) for name, x in entries(root).items()}
+    of_key = [[t for t, x in group.items() if key in entries(x)] for group in (tables, arrays)]
+    if titles := of_key[0] or of_key[1]:
         return f"it belongs in {' or '.join(titles)}"
     return f"allowed are {', '.join(allowed)}"
 

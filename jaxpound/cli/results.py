@@ -24,8 +24,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
     """The scalars of a run; units are in the names, numbers count from 1."""
     demand, energy = response.demand, response.energy
     floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
-    bearings = layout.bearings or [None] * len(floors)
-    members = zip(layout.buildings, floors, bearings, strict=True)
+    members = zip(layout.buildings, floors, layout.bearings, strict=True)
     places = link_places(response.topology)
     links = [_of_link(layout, response, k, place) for k, place in enumerate(places)]
     contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
@@ -210,12 +209,11 @@ def lines(results: dict[str, Any]) -> list[str]:
         }
         texts += [table_of(of_storeys).text(), ""]
     if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:
-        ratios = [x["damping_ratio"] for _, x in bearings]
         of_bearings = {
             "bearings of building": [str(i) for i, _ in bearings],
             "restoring period (s)": [x["restoring_period_s"] for _, x in bearings],
             "displacement (m)": [x["displacement_m"] for _, x in bearings],
-            "damping there (%)": [ratio and 100 * ratio for ratio in ratios],
+            "damping there (%)": [100 * (x["damping_ratio"] or 0.0) for _, x in bearings],
         }
         texts += [table_of(of_bearings).text(), ""]
     if links:

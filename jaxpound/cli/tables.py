@@ -34,8 +34,9 @@ OF_DEMANDS = {
 """Ranges of limits and thresholds of a demand, by its kind of quantity."""
 Gap = Annotated[float, between(*GAP)]
 _FACES = "a number, or two, [left, right], of which one may be inf"
+_Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where nothing is")]
 Gaps = Annotated[
-    Gap | Annotated[list[float], Meta(min_length=2, max_length=2)],
+    Gap | Annotated[list[_Face], Meta(min_length=2, max_length=2)],
     Meta(extra={"says": _FACES, "alone": Gap, "range": GAP}),
 ]
 Friction = Annotated[float, between(*FRICTION)]

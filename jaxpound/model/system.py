@@ -235,7 +235,7 @@ class System:
                 rule = ONE_LINK
             raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
         for k in faces(topology):
-            require_face("System", f"links.{k}", self.links[k])
+            require_face("System", f"links.{k}.", self.links[k])
 
     def system(self) -> System:
         """The system, unchanged."""
@@ -300,13 +300,13 @@ def faces(topology: Topology) -> dict[int, int]:
     return opposite
 
 
-def require_face(owner: str, name: str, link: Any) -> None:
+def require_face(owner: str, prefix: str, link: Any) -> None:
     """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
     if link.damper is not None or not (is_traced(link.friction) or np.all(link.friction == 0)):
         part_of_link = "damper" if link.damper is not None else "friction"
         value = reprlib.repr(getattr(link, part_of_link))
         rule = "must be that of the link before it, whose other face this is"
-        raise InvalidInput(owner, f"{name}.{part_of_link}", value, rule)
+        raise InvalidInput(owner, f"{prefix}{part_of_link}", value, rule)
 
 
 def is_closable(gap: Any) -> bool:
