@@ -69,13 +69,14 @@ class OfClass(Section):
     CLASSES: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:
-        classes, key = self.CLASSES, self.__struct_fields__[0]
+        key = self.__struct_fields__[0]
         by_name = f'{key} = "{getattr(self, key)}"'
-        own = dataclasses.fields(classes[getattr(self, key)])
+        fields = {name: dataclasses.fields(kind) for name, kind in self.CLASSES.items()}
+        own = [x for x in fields[getattr(self, key)] if x.name in self.__struct_fields__]
         keys = [field.name for field in own]
-        others = {field.name for kind in classes.values() for field in dataclasses.fields(kind)}
-        rule = f"must not be given with {by_name}; give {', '.join(keys)}"
-        self.refuse_any(others - {*keys}, rule)
+        others = {field.name for several in fields.values() for field in several} - {*keys}
+        give = f"; give {', '.join(keys)}" if keys else ""
+        self.refuse_any(others, f"must not be given with {by_name}{give}")
         needed = [field.name for field in own if field.default is dataclasses.MISSING]
         self.require_all(needed, f", which {by_name} needs")
         with named(""):

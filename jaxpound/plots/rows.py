@@ -84,14 +84,16 @@ def row(
         lefts.append(lefts[-1] + _WIDTH + between + space[b - 1][1] + space[b][0])
 
     top, right = max(ups[-1] for ups in heights), lefts[-1] + _WIDTH + space[-1][1]
-    storey = min(float(np.quantile(np.diff(ups, prepend=0.0), 0.25)) for ups in heights)
+    rises = [np.diff(ups, prepend=0.0) for ups in heights]
+    storey = min(float(x[int(x[0] < x.max() / 2) :].min()) for x in rises)  # without bearings
     feet = [float(ups[0]) - storey if ups[0] < storey / 2 else 0.0 for ups in heights]
     write = partial(_written, scales)
     numbers = [_numbers(k, link, write) for k, link in enumerate(system.links)]
     inside: dict[int, Lines] = {}  # of links within buildings, by the upper floor
     for link, homes, lines in zip(system.links, linked, numbers, strict=True):
         if len(homes) == 1 or (None in homes and not _has_wall(link)):
-            inside.setdefault(max(link.ends), []).extend(lines)
+            by_line = [(line, colour) for text, colour in lines for line in text.split("\n")]
+            inside.setdefault(max(link.ends), []).extend(by_line)
     extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
     storey_inches = _STOREY + _LINE * max(extra, default=0)
     if ax is None:
@@ -99,16 +101,9 @@ def row(
         width = min(2.0, 0.15 * across + 0.3) if across < 14 else 2.0 * across / 14
         ax = new_axes(None, width, inches / house.FIGURE_SIZE[1])
     slab = storey * _SLAB / storey_inches
-    ends = -0.4 - space[0][0], right + 0.4
-    ax.set_xlim(*ends)
+    ax.set_xlim(-0.4 - space[0][0], right + 0.4)
     ax.set_ylim(min(feet) - 0.95 * storey, top + 1.2 * slab)
-    x, y = [ends[0]], [0.0]
-    for left, foot, (before, after) in zip(lefts, feet, space, strict=True):
-        x += [left - before] * 2 + [left + _WIDTH + after] * 2
-        y += [0.0, foot, foot, 0.0]
-    x, y = [*x, ends[1]], [*y, 0.0]
-    ax.plot(x, y, color=COLOURS["ground"], linewidth=1.0)
-    ax.fill_between(x, min(feet) - storey / 4, y, **_HATCH)
+    _ground(ax, lefts, space, feet, min(feet) - storey / 4)
     places: dict[int, Place] = {}
     for b, (building, ups, left) in enumerate(zip(buildings, heights, lefts, strict=True)):
         colour, storeys = house.building_colour(b), []
@@ -156,6 +151,18 @@ def heights_above_ground(owner: str, name: str, elevations: Any, n: int) -> np.n
         rule = f"must be the heights of {floors} above the ground, finite, from the lowest up"
         raise InvalidInput(owner, name, reprlib.repr(elevations), rule)
     return heights
+
+
+def _ground(
+    ax: Axes, lefts: Sequence[float], space: Sequence[Any], feet: Sequence[float], bottom: float
+) -> None:
+    """The ground, lower where buildings and the spaces beside them are in pits."""
+    ends = [(x - a, x + _WIDTH + b) for x, (a, b) in zip(lefts, space, strict=True)]
+    low, high = ax.get_xlim()
+    x = [low, *np.repeat(ends, 2).tolist(), high]
+    y = [0.0, *(height for foot in feet for height in (0.0, foot, foot, 0.0)), 0.0]
+    ax.plot(x, y, color=COLOURS["ground"], linewidth=1.0)
+    ax.fill_between(x, bottom, y, **_HATCH)
 
 
 def _building(
