@@ -84,13 +84,13 @@ class FrictionPendulum:
         return _spring(base_mass, weight / self.radius)
 
     def between(self, weight: Any) -> dict[str, Any]:
-        """Friction and damper of the link from the base to the ground."""
+        """Friction of the link from the base to the ground."""
         if self.fast_friction is None:
             return {"friction": self.friction * weight}
         increase = (self.fast_friction - self.friction) * weight
         return {
             "friction": self.friction * weight,
-            "damper": VelocityFriction(increase, 1 / self.rate),
+            "velocity_friction": VelocityFriction(increase, 1 / self.rate),
         }
 
 
@@ -115,7 +115,7 @@ class LeadRubber:
     --------
     >>> bearing = jp.LeadRubber(period=2.5, strength=0.05)
     >>> round(float(bearing.damping_ratio(0.2)), 3)
-    0.172
+    0.169
     """
 
     period: Any = parameter("T_2", words="period", above=0, within=PERIOD)
@@ -153,7 +153,7 @@ class LeadRubber:
         return dataclasses.replace(_spring(base_mass, before), hysteresis=law)
 
     def between(self, weight: Any) -> dict[str, Any]:
-        """Friction and damper of the link from the base to the ground: none."""
+        """Friction of the link from the base to the ground: none."""
         return {}
 
 
@@ -280,7 +280,7 @@ def tuned_mass_damper(
     >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
     >>> tuned = jp.tuned_mass_damper(frame, mass_ratio=0.05)
     >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
-    (5, [0.563, 0.466])
+    (5, [0.566, 0.465])
     """
     owner = "tuned_mass_damper"
     instance(owner, "building", building, ShearBuilding, Building)
@@ -291,7 +291,7 @@ def tuned_mass_damper(
     damping = optimal if damping_ratio is None else damping_ratio
     tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
     modes = frame.modes()
-    shape = modes.shapes[..., 0] / modes.shapes[..., -1, 0]
+    shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
     mass = ratio * sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
     period = modes.periods[0] / tuning
     top = Building.from_period(mass, period, damping, order=1.0)
