@@ -121,7 +121,7 @@ def _chosen(
             rows.append(_change(design, words, parameters.unit_of(path), old, new, path))
     if is_row:
         old, new = (sum(float(link.friction) for link in x.system().links) for x in ends)
-        rows.append(_change(design, "slip forces of all dampers together", "N", old, new))
+        rows.append(_change(design, "forces of all dampers together", "N", old, new))
     return rows
 
 
