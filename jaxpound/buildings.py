@@ -19,9 +19,9 @@ from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System, as_tuple, is_closable
 from jaxpound.quantities import STANDARD_GRAVITY
-from jaxpound.units import Scales, has_known_units, law_in_other_units
+from jaxpound.units import Scales, law_in_other_units, with_known_units
 
-_LAWS = ("contact", "damper")
+_LAWS = ("contact", "damper", "velocity_friction")
 """Laws of a link, each with numbers that have units."""
 
 
@@ -68,11 +68,10 @@ class Buildings:
         self._check("Buildings")
         if is_traced(self):
             return
-        unknown = [
-            {name: None for name in _LAWS if not has_known_units(getattr(x, name))}
+        links = [
+            replace(x, contact=with_known_units(x.contact), damper=with_known_units(x.damper))
             for x in self.links
         ]
-        links = [replace(x, **laws) for x, laws in zip(self.links, unknown, strict=True)]
         known = Buildings.of("Buildings", self.buildings, links, self.gravity)
         _warn("Buildings", *known.dimensionless())
 

@@ -18,19 +18,19 @@ from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import DamperLaw
+from jaxpound.model.dampers import VelocityFriction
 from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of, law_in_length
 from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.system import Rod, Structures, gravity_of
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 
 Timed = TypeVar("Timed", bound=Any)
 Result = TypeVar("Result", Response, Demand)
-Law = TypeVar("Law", bound=ContactLaw | Newton | DamperLaw | None)
+Law = TypeVar("Law", bound=ContactLaw | Newton | Rod | VelocityFriction | None)
 
 
 @pytree_dataclass
@@ -157,8 +157,8 @@ class Scales:
         units = self.units
         known: Any = converted(result, lambda q, x: x * units[q.kind] if q.kind else x)
         if isinstance(known, Response):
-            laws = [x.law if has_known_units(x.law) else None for x in known.links]
-            pairs = zip(known.links, map(self.contact_to_si, laws), strict=True)
+            laws = [self.contact_to_si(with_known_units(x.law)) for x in known.links]
+            pairs = zip(known.links, laws, strict=True)
             links = tuple(dataclasses.replace(link, law=law) for link, law in pairs)
             demand = dataclasses.replace(known.demand, si=True)
             known = dataclasses.replace(known, demand=demand, links=links)
@@ -184,15 +184,28 @@ def scales_for(owner: str, structures: Structures, scales: Scales | None) -> Sca
 def law_in_other_units(
     owner: str, name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
 ) -> Law:
-    """A law of contact or of a damper with each parameter converted by the unit of its kind."""
-    instance(owner, name, law, ContactLaw, Newton, DamperLaw, NoneType)
+    """A law of a link, or a damper, with each parameter converted by the unit of its kind."""
+    instance(owner, name, law, ContactLaw, Newton, Rod, VelocityFriction, NoneType)
     if law is None:
         return law
     if not has_known_units(law):
         rule = "must be a law of this package: the units of a law of one's own are not known"
         raise InvalidInput(owner, name, repr(law), rule)
-    units, numbers = scales.units, walk(law, Parameter)
-    return put(law, {path: convert(x, units[p.kind]) for path, p, x in numbers if p.kind})
+    units, numbers = scales.units, list(walk(law, Parameter))
+    changes = {path: convert(x, units[p.kind]) for path, p, x in numbers if p.kind}
+    if isinstance(law, Rod):
+        changes["stiffness"] = convert(law.stiffness, units["stiffness"])
+        orders = {path.removesuffix("order"): x for path, _, x in numbers if path.endswith("order")}
+        for place, order in orders.items():  # relaxation times τ, in s^order
+            for tau in (f"{place}tau_f", f"{place}tau_x"):
+                (value,) = (x for path, _, x in numbers if path == tau)
+                changes[tau] = convert(value, scales.time**order)
+    return put(law, changes)
+
+
+def with_known_units(law: Law) -> Law | None:
+    """A law of this package, whose fields state their units; None for one of the user's."""
+    return law if has_known_units(law) else None
 
 
 def has_known_units(law: Any) -> bool:

@@ -17,7 +17,8 @@ import jaxpound as jp
 from jaxpound.buildings import pair_of
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
-from jaxpound.cli.tables import ContactSection, DamperSection, Friction, Gaps, of_faces
+from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
+from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
 from jaxpound.model.row import LinkLabels, by_face, common_floors, require_floors, require_heights
@@ -31,6 +32,7 @@ _WAYS = f"{', '.join(_BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
 _UNIFORM = ("number", *_BY_PERIOD)
 _LISTED = ("masses", "stiffnesses", "order", "tau_f", "tau_x")
 _BESIDE = (*YIELDING, "isolation", "tuned_mass")  # storeys, however these are given
+_BETWEEN = ("friction_force", "gap", "damper", "velocity_friction")
 _ONE_RULE = (*_UNIFORM, "order", "tau_f", "taper", "height")
 _STOREYS = (
     f"{', '.join(_UNIFORM)} (order, tau_f, taper, height), or, from the ground up, "
@@ -186,6 +188,7 @@ class LinkSection(Section):
     side: Literal["left", "right"] | None = None
     contact: ContactSection | None = None
     damper: DamperSection | None = None
+    velocity_friction: VelocityFriction | None = None
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.floors is None):
@@ -201,8 +204,8 @@ class LinkSection(Section):
             self.refuse_any(("next_building",), rule)
         if self.contact is not None:
             self.require_all(("gap",), ", which contact needs")
-        if self.gap is None and self.friction_force is None and self.damper is None:
-            raise ValueError("must have friction_force, damper or gap, at least one of them")
+        if self.stated().keys().isdisjoint(_BETWEEN):
+            raise ValueError(f"must have {' or '.join(_BETWEEN)}, at least one of them")
         if isinstance(self.gap, list):
             self.refuse_any(("side",), "must not be given with gap = [left, right], which has both")
         of_faces(self.gap)
@@ -225,10 +228,10 @@ class LinkSection(Section):
         between: Any = {
             "friction": self.friction_force or 0.0,
             "gap": of_faces(self.gap),
-            "contact": self.contact and self.contact.model(),
-            "damper": self.damper and self.damper.model(),
             "side": self.side or "right",
         }
+        stated = {key: getattr(self, key) for key in LAWS}
+        between |= {key: table.model() for key, table in stated.items() if table is not None}
         links = [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
         return [*by_face(links)]
 
@@ -346,7 +349,7 @@ def as_toml(buildings: jp.Buildings) -> str:
             lines.append(f"friction_force = {_written(link.friction)}  # N")
         if is_closable(link.gap):
             lines.append(f"gap = {_written(link.gap)}  # m")
-        laws = {"contact": link.contact, "damper": link.damper}
+        laws = {key: getattr(link, key) for key in LAWS}
         lines += [f"{key} = {{{', '.join(_law(x))}}}" for key, x in laws.items() if x is not None]
         lines.append("")
     return "\n".join(lines)
@@ -357,9 +360,11 @@ def _lists(series: Mapping[str, Sequence[Any]]) -> list[str]:
 
 
 def _law(law: Any) -> list[str]:
+    if isinstance(law, jp.Rod):
+        return [*_law(law.material), f"stiffness = {_written(law.stiffness)}"]
     classes = ContactSection.CLASSES | DamperSection.CLASSES
-    (name,) = (name for name, kind in classes.items() if isinstance(law, kind))
-    return [f'law = "{name}"', *(f"{key} = {_written(x)}" for key, x in vars(law).items())]
+    names = [f'law = "{name}"' for name, kind in classes.items() if isinstance(law, kind)]
+    return names + [f"{key} = {_written(x)}" for key, x in vars(law).items()]
 
 
 def _written(value: Any) -> str:

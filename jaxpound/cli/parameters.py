@@ -24,7 +24,7 @@ from jaxpound.buildings import pair_in, scaled_links
 from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSection
 from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
-from jaxpound.cli.tables import ContactSection, DamperSection, DistributionSpec, drawn
+from jaxpound.cli.tables import LAWS, DistributionSpec, drawn
 from jaxpound.model.parameters import get, in_words, metadata, paths, put
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Structures, is_closable
@@ -34,11 +34,7 @@ from jaxpound.scenarios.distributions import RARE
 X = TypeVar("X")
 
 _OF_ROD = ("order", "tau_f", "tau_x")
-_OF_LAWS = {
-    f"{name}.{key}": allowed
-    for name, law in (("contact", ContactSection), ("damper", DamperSection))
-    for key, allowed in ranges(law).items()
-}
+_OF_LAWS = {f"{name}.{key}": x for name, law in LAWS.items() for key, x in ranges(law).items()}
 
 _RANGES: dict[str, Range] = {
     **{key: ranges(BlockSection)[key] for key in ("mass", "stiffness", *_OF_ROD)},
@@ -120,7 +116,8 @@ class Parameters:
 
     def _links_lack(self, key: str) -> str:
         """Why the links of a key, which exist, have no such gap or parameter of a law."""
-        parts = re.fullmatch(r"(link\.(?:\d+|\*)\.)(gap|contact|damper)(\.\w+)?", key)
+        kinds = "|".join(["gap", *LAWS])
+        parts = re.fullmatch(rf"(link\.(?:\d+|\*)\.)({kinds})(\.\w+)?", key)
         if parts is None or "".join(parts.groups("")[1:]) not in _RANGES:
             return ""
         links = re.compile(re.escape(parts[1]).replace(r"\*", r"\d+") + "(.*)")
@@ -131,7 +128,7 @@ class Parameters:
         if of_law := [end.removeprefix(law) for end in ends if end.startswith(law)]:
             return f"must be a parameter of the law of {parts[2]}, which has {', '.join(of_law)}"
         links_have = "links have" if "*" in parts[1] else f"{parts[1][:-1]} has"
-        feature = {"gap": "a gap", "damper": "a damper by a law"}.get(parts[2], "contact")
+        feature = {"gap": "a gap", "damper": "a damper"}.get(parts[2], parts[2])
         return f"must be of a [[link]] with {feature}: {links_have} no {parts[2]}"
 
     def require_plausible(self, extremes: Sequence[tuple[str, str, Any]]) -> None:
@@ -214,7 +211,7 @@ class Parameters:
         if self._layout.is_pair:
             return _RANGES[_ALIASES[path][1]]
         key = self.key_of[path]
-        return _RANGES[".".join(key.split(".")[-2 if re.search("contact|damper", key) else -1 :])]
+        return _RANGES[".".join(key.split(".")[-2 if key.split(".")[-2] in LAWS else -1 :])]
 
 
 def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
@@ -234,8 +231,8 @@ def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
                     keys[f"{storey}.{key}"] = [f"{rod}.material.{path}"]
     for k, (table, link) in enumerate(zip(layout.tables, layout.si.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
-        for name, law in (("contact", link.contact), ("damper", link.damper)):
-            ends |= {f"{name}.{path}": f"{name}.{path}" for path in paths(law)}
+        for path in (f"{law}.{path}" for law in LAWS for path in paths(getattr(link, law))):
+            ends[path.replace(".material.", ".")] = path
         place = f"link.{table}" if table else f"building.{link.building + 1}.isolation"
         for key, path in ends.items():
             keys.setdefault(f"{place}.{key}", []).append(f"links.{k}.{path}")

@@ -12,7 +12,6 @@ from jaxpound._fields import quantities
 from jaxpound._tables import TextTable
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
-from jaxpound.cli.tables import DamperSection
 from jaxpound.model.places import link_places
 from jaxpound.quantities import column
 from jaxpound.results.element_demands import RodDemand
@@ -25,8 +24,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
     demand, energy = response.demand, response.energy
     floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
     members = zip(layout.buildings, floors, layout.bearings, strict=True)
-    places = link_places(response.topology)
-    links = [_of_link(layout, response, k, place) for k, place in enumerate(places)]
+    links = [_of_link(layout, response, k) for k in range(len(layout.si.links))]
     contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
     return json_safe(
         {
@@ -51,7 +49,7 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
     links = results["links"]
     if not is_pair:  # a link without a damper has no slip
         no_slip: dict[str, Any] = {"slip_distance_m": None}
-        return results | {"links": [x if x["damper"] else x | no_slip for x in links]}
+        return results | {"links": [x if x["friction_force_N"] else x | no_slip for x in links]}
     numbers = {key: x for key, x in results.items() if key not in ("buildings", "links")}
     numbers |= {key: links[0][key] for key in ("slip_distance_m", "residual_offset_m", "contact")}
     keys = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
@@ -104,26 +102,28 @@ def _of_storey(rod: RodDemand) -> dict[str, float]:
     return {key: kinds.get(key, float)(getattr(rod, x)) for x, key in columns.items()}
 
 
-def _of_link(layout: BuildingsLayout, response: jp.Response, k: int, place: str) -> dict[str, Any]:
+def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
     link, demand = layout.si.links[k], response.demand.links[k]
-    laws = [x for x, kind in DamperSection.CLASSES.items() if isinstance(link.damper, kind)]
+    before = sum(x.damper is not None for x in layout.si.links[:k])
+    damper = response.demand.rods[len(response.masses) + before] if link.damper else None
     ground = link.other_floor == jp.GROUND
     return {
         "table": layout.tables[k] if layout.tables else None,
-        "between": place,
+        "between": link_places(response.topology)[k],
         "building": link.building + 1,
         "floor": link.floor + 1,
         "next_building": "ground" if ground else link.other_building + 1,
         "next_floor": None if ground else link.other_floor + 1,
         "gap_m": float(link.gap),
         "friction_force_N": float(link.friction),
-        "damper": laws[0] if laws else "friction" if link.friction else None,
         "min_gap_m": float(demand.min_gap),
         "min_gap_time_s": float(demand.min_gap_time) if math.isfinite(link.gap) else None,
         "first_contact_s": _first_contact(response, k),
         "slip_distance_m": float(demand.slip_distance),
         "damper_energy_J": float(demand.friction_work),
         "residual_offset_m": float(demand.residual_offset),
+        "viscous_force_N": None if damper is None else float(damper.peak_force),
+        "viscous_energy_J": None if damper is None else float(damper.dissipated_energy),
         "contact": _of_contact(response, k),
     }
 
@@ -230,8 +230,10 @@ def lines(results: dict[str, Any]) -> list[str]:
             words = f"POUNDS: {depth}, {instant}{remark}"
         texts.append(f"Gaps     smallest {smallest}; {words}")
     shares = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
-    if not any(link["damper"] for link in links):
+    if not any(link["friction_force_N"] for link in links):
         del shares["damper"]
+    if viscous := sum(link["viscous_energy_J"] or 0.0 for link in links):
+        shares |= {"rods": shares["rods"] - viscous, "viscous dampers": viscous}
     if laws := [link["contact"] for link in links if link["contact"]]:
         shares["contact"] = sum(law["contact_work_J"] for law in laws)
     total = results["input_energy_J"]
@@ -252,13 +254,19 @@ def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
             "smallest (m)": [link["min_gap_m"] for link in links],
             "at (s)": [link["min_gap_time_s"] for link in links],
         }
-    if any(link["damper"] for link in links):
-        slips = [link if link["damper"] else None for link in links]
+    if any(link["friction_force_N"] for link in links):
+        slips = [link if link["friction_force_N"] else None for link in links]
         columns |= {
             "slip force (kN)": [link and link["friction_force_N"] / 1e3 for link in slips],
             "slid (m)": [link and link["slip_distance_m"] for link in slips],
             "offset left (m)": [link and link["residual_offset_m"] for link in slips],
             "took (kJ)": [link and link["damper_energy_J"] / 1e3 for link in slips],
+        }
+    dampers = [link if link["viscous_force_N"] is not None else None for link in links]
+    if any(dampers):
+        columns |= {
+            "viscous (kN)": [link and link["viscous_force_N"] / 1e3 for link in dampers],
+            "viscous (kJ)": [link and link["viscous_energy_J"] / 1e3 for link in dampers],
         }
     laws = [link["contact"] for link in links]
     if any(laws):

@@ -107,16 +107,37 @@ class ContactSection(OfClass):
 
 
 class DamperSection(OfClass):
-    """The resistance of a damper to the velocity."""
+    """A viscous damper: a dashpot in series with a spring."""
 
-    CLASSES: ClassVar = {"power": jp.PowerLaw, "velocity friction": jp.VelocityFriction}
-    law: Literal["power", "velocity friction"]
+    CLASSES: ClassVar = {"power": jp.PowerLaw}
+    law: Literal["power"]
+    stiffness: Annotated[float, of_field(jp.Building, "stiffness")]
     force: Friction | None = None
     exponent: Annotated[float, of_field(jp.PowerLaw, "exponent")] | None = None
-    increase: Friction | None = None
     velocity: Annotated[float, of_field(jp.PowerLaw, "velocity")] | None = None
 
+    def model(self) -> jp.Rod:
+        """The library's rod, in SI units."""
+        return jp.Rod(super().model(), self.stiffness)
 
+
+class VelocityFrictionSection(Section):
+    """What the friction gains with the velocity."""
+
+    increase: Friction
+    velocity: Annotated[float, of_field(jp.VelocityFriction, "velocity")]
+
+    def model(self) -> jp.VelocityFriction:
+        """The library's law, in SI units."""
+        return jp.VelocityFriction(self.increase, self.velocity)
+
+
+LAWS: dict[str, Any] = {
+    "contact": ContactSection,
+    "damper": DamperSection,
+    "velocity_friction": VelocityFrictionSection,
+}
+"""The tables of a link that are objects of the library."""
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 
 

@@ -140,10 +140,11 @@ class Objective:
     contact also ``peak_contact``, ``peak_impulse``, ``peak_penetration``, ``contact_work`` and
     ``soft_peak_contact``. Those of a ``Row`` or ``System`` are numbered by its masses, rods and
     links (if there are several): ``peak_x3``, ``peak_f5``, ``peak_drift_2`` (of a storey between
-    two floors), ``slip_distance_2``, ``damper_force_2``. Of several links there is also
-    ``total_damper_force``, the sum of all slip forces: a limit on it is a budget that the dampers
-    share. ``peak_drift`` and ``peak_acceleration`` are the largest of all storeys and floors, and
-    ``peak_contact``, ``peak_impulse`` and ``peak_penetration`` of several links the largest of all.
+    two floors), ``slip_distance_2``, ``damper_force_2``. Of several dampers there is also
+    ``total_damper_force``, the sum of all slip forces and of the forces of viscous dampers at their
+    reference velocity: a limit on it is a budget that the dampers share. ``peak_drift`` and
+    ``peak_acceleration`` are the largest of all storeys and floors, and ``peak_contact``,
+    ``peak_impulse`` and ``peak_penetration`` of several links the largest of all.
 
     Examples
     --------

@@ -78,7 +78,8 @@ def design_damper(
     ----------
     space
         The variables and their bounds. Dampers are placed by ``{"links.*.friction": (0.0,
-        largest)}`` and a limit on ``total_damper_force``, the budget that they share.
+        largest)}``, viscous ones of ``Buildings`` by ``"links.*.damper.material.force"``, and a
+        limit on ``total_damper_force``, the budget that they share.
     ensemble
         The earthquakes.
     grid, scheme, strict

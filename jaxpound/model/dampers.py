@@ -1,33 +1,29 @@
-"""Laws of dampers in links: a resistance to the velocity, beside Coulomb's friction."""
+"""Viscous dampers with a power of the velocity, and friction that depends on the velocity."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 
 from jaxpound._checks import Range, require_batch
+from jaxpound._extrema import smaller
 from jaxpound._fields import check, parameter, pytree_dataclass
 
 _VELOCITY = Range(1e-6, 100, "m/s", "of an earthquake's motion")
-
-
-@runtime_checkable
-class DamperLaw(Protocol):
-    """A law of a damper, user-defined ones included.
-
-    A law is a pytree, whose numbers are traced and differentiated.
-    """
-
-    def resistance(self, speed: Any) -> Any:
-        """The force against the motion at a speed |w| > 0: not negative, and 0 for speed → 0."""
+_ITERATIONS = 8  # of Newton's method, to rounding
 
 
 @pytree_dataclass
 class PowerLaw:
-    r"""A viscous damper, :math:`F (|w|/v)^a \operatorname{sgn} w`.
+    r"""A viscous damper, :math:`f = F (|v_d|/v)^a \operatorname{sgn} v_d`; a material of a rod.
 
-    It is c |w|^a sgn w with c = F/v^a: with v = 1 m/s, c in N (s/m)^a is the same number as F.
+    It is c |v_d|^a sgn v_d with c = F/v^a: for v = 1 m/s, c in N (s/m)^a is the same number as F.
+    The dashpot, whose velocity is v_d, is in series with a spring, the stiffness K of the rod: that
+    of brace, joints and fluid (Reinhorn et al. 1995; OpenSees' ``ViscousDamper``). The stiffer it
+    is, the closer the rod is to the dashpot alone; the stability limit of the time step falls.
 
     Raises ``ValueError`` if a concrete value breaks its rule.
 
@@ -36,20 +32,21 @@ class PowerLaw:
     force
         F ≥ 0, the force at the velocity v; in units of m1 g for a dimensionless system.
     exponent
-        a, in (0, 2]: 1 is the linear dashpot, .2 to .5 is usual of dampers in buildings; a → 0 is
+        a, in (0, 1]: 1 is the linear dashpot, .2 to .5 is usual of dampers in buildings; a → 0 is
         Coulomb's friction.
     velocity
         v > 0, where the force is F; 1 by default. In units of g/ω1 for a dimensionless system.
 
     Examples
     --------
-    >>> damper = jp.PowerLaw(force=800e3, exponent=0.3)  # 800 kN at 1 m/s
-    >>> round(float(damper.resistance(0.1)) / 1e3)  # kN
-    401
+    800 kN at 1 m/s with a brace of 200 kN/mm, between the first floors of two buildings:
+
+    >>> damper = jp.Rod(jp.PowerLaw(force=800e3, exponent=0.3), stiffness=2e8)
+    >>> link = jp.FloorLink(building=0, floor=0, gap=0.1, damper=damper)
     """
 
     force: Any = parameter("F", "force", "force", least=0, usual=(0.0, 1.5))
-    exponent: Any = parameter("a", words="exponent", above=0, most=2, usual=(0.2, 1.0))
+    exponent: Any = parameter("a", words="exponent", above=0, most=1, usual=(0.2, 1.0))
     velocity: Any = parameter(
         "v", "velocity", "reference velocity", above=0, within=_VELOCITY, default=1.0
     )
@@ -58,11 +55,87 @@ class PowerLaw:
         check(self)
         require_batch(type(self).__name__, **vars(self))
 
-    def resistance(self, speed: Any) -> Any:
-        """F (|w|/v)^a."""
-        moves = speed > 0
-        share = jnp.where(moves, speed / self.velocity, 1.0)
-        return jnp.where(moves, self.force * share**self.exponent, 0.0)
+    def for_steps(self, stiffness: Any, dt: Any) -> Dashpot:
+        """The law in steps of a length, beside a spring."""
+        return Dashpot(self.force / stiffness, 1 / self.exponent, self.velocity * dt)
+
+
+class Slid(NamedTuple):
+    """State of a rod with a dashpot."""
+
+    elongation: Any
+    """That of the dashpot."""
+    dissipated: Any
+    """Energy until now, over K."""
+
+
+class Dashpot(NamedTuple):
+    """A dashpot and a spring in series over steps of one length; lengths stand for forces."""
+
+    size: Any  # F over K
+    power: Any  # 1/a
+    way: Any  # v times the step
+
+    def start(self, elongation: Any) -> Slid:
+        """The state of a rod at rest."""
+        return Slid(elongation, 0 * elongation)
+
+    def advance(self, state: Slid, before: Any, after: Any) -> Slid:
+        """The state after a sudden change of the elongation: the dashpot cannot follow."""
+        return state
+
+    def over_step(self, state: Slid, before: Any, after: Any) -> Slid:
+        """The state after a step in which the elongation changes linearly, to second order.
+
+        By the two-stage method of Alexander (1977), which is L-stable: where the spring is stiff,
+        the force is that of the dashpot alone.
+        """
+        gamma, change = 1 - 0.5**0.5, after - before
+        last = before - state.elongation
+        middle = self._solved(last + gamma * change, gamma)
+        ended = last + (1 - gamma) * (change - self._slid(middle))
+        force = self._solved(ended + gamma * change, gamma)
+        work = (1 - gamma) * middle * self._slid(middle) + gamma * force * self._slid(force)
+        return Slid(after - force, state.dissipated + work)
+
+    def _slid(self, force: Any) -> Any:
+        """How far the dashpot moves in a step under a force over K."""
+        size = jnp.abs(force)
+        share = jnp.where(size > 0, size, 1.0) / jnp.where(self.size > 0, self.size, 1.0)
+        way = jnp.sign(force) * self.way * share**self.power
+        return jnp.where(size > 0, way, 0.0)
+
+    def _solved(self, whole: Any, share: float) -> Any:
+        """The force f over K for which f and what the dashpot moves in a share of a step is whole.
+
+        Both grow with f and are convex: Newton's method falls to the root from any point above it.
+        """
+        none = self.size <= 0
+        fixed, target = lax.stop_gradient((self, whole))
+        size = jnp.abs(target)
+        alone = jnp.where(none, 1.0, fixed.size)
+        alone = alone * (size / (share * fixed.way)) ** (1 / fixed.power)
+        force = smaller(size, alone)
+
+        def nearer(_: Any, force: Any) -> Any:
+            moved = fixed._slid(force)
+            slope = 1 + share * fixed.power * moved / jnp.where(force > 0, force, 1.0)
+            return force - (force + share * moved - size) / slope
+
+        force = jnp.sign(target) * lax.fori_loop(0, _ITERATIONS, nearer, force, unroll=True)
+        moved = fixed._slid(force)
+        slope = 1 + share * fixed.power * moved / jnp.where(force == 0, 1.0, force)
+        # The last step of Newton's method has the derivative of the root.
+        force = force - (force + share * self._slid(force) - whole) / slope
+        return jnp.where(none, 0.0, force)
+
+    def reduced_force(self, elongation: Any, state: Slid) -> Any:
+        """The force over K."""
+        return elongation - state.elongation
+
+    def dissipated(self, state: Slid) -> Any:
+        """Energy dissipated until now, over K."""
+        return state.dissipated
 
 
 @pytree_dataclass
@@ -93,6 +166,6 @@ class VelocityFriction:
         check(self)
         require_batch(type(self).__name__, **vars(self))
 
-    def resistance(self, speed: Any) -> Any:
+    def resistance(self, speed: Any) -> jax.Array:
         """F (1 − e^(−|w|/v))."""
         return -self.increase * jnp.expm1(-speed / self.velocity)

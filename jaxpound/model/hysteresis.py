@@ -16,6 +16,7 @@ import numpy as np
 from jaxpound._checks import Range, Rule, finite, require_batch
 from jaxpound._extrema import larger
 from jaxpound._fields import Parameter, check, like, parameter, part, pytree_dataclass, walk
+from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.rod import ZenerRod
 
 State = TypeVar("State")
@@ -317,7 +318,7 @@ def zener_of(material: Any) -> ZenerRod | None:
 def hysteresis_of(material: Any) -> Any:
     """The law of hysteresis of a material; None for one that does not yield."""
     law = material.hysteresis if isinstance(material, YieldingZener) else material
-    return None if isinstance(law, ZenerRod) else law
+    return None if isinstance(law, ZenerRod | PowerLaw) else law
 
 
 def law_in_length(law: Any, length: Any) -> Any:

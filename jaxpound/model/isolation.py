@@ -84,13 +84,13 @@ class FrictionPendulum:
         return _spring(base_mass, weight / self.radius)
 
     def between(self, weight: Any) -> dict[str, Any]:
-        """Friction and damper of the link from the base to the ground."""
+        """Friction of the link from the base to the ground."""
         if self.fast_friction is None:
             return {"friction": self.friction * weight}
         increase = (self.fast_friction - self.friction) * weight
         return {
             "friction": self.friction * weight,
-            "damper": VelocityFriction(increase, 1 / self.rate),
+            "velocity_friction": VelocityFriction(increase, 1 / self.rate),
         }
 
 
@@ -153,7 +153,7 @@ class LeadRubber:
         return dataclasses.replace(_spring(base_mass, before), hysteresis=law)
 
     def between(self, weight: Any) -> dict[str, Any]:
-        """Friction and damper of the link from the base to the ground: none."""
+        """Friction of the link from the base to the ground: none."""
         return {}
 
 
@@ -291,7 +291,7 @@ def tuned_mass_damper(
     damping = optimal if damping_ratio is None else damping_ratio
     tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
     modes = frame.modes()
-    shape = (modes.shapes[..., 0] / modes.shapes[..., -1, 0]).real
+    shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
     mass = ratio * sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
     period = modes.periods[0] / tuning
     top = Building.from_period(mass, period, damping, order=1.0)

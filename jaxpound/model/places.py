@@ -10,12 +10,32 @@ from jaxpound.model.system import GROUND, Ends, Topology, faces, floors
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
     """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``."""
-    return _each("floor", "mass", topology.n_masses, homes(topology))
+    home = homes(topology)
+    return tuple(
+        _part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(topology.n_masses)
+    )
 
 
 def rod_places(topology: Topology) -> tuple[str, ...]:
-    """``storey 2 of building 1``; of buildings of one storey ``building 1``, else ``rod 1``."""
-    return _each("storey", "rod", len(topology.rods), homes(topology, of_rods=True))
+    """``storey 2 of building 1``; of buildings of one storey ``building 1``, else ``rod 1``.
+
+    A rod beside the storeys, such as a damper, is ``rod 1–2, floor 2`` after its ends.
+    """
+    storeys, home, places = homes(topology, of_rods=True), homes(topology), list[str]()
+    for rod, (low, high) in enumerate(map(sorted, topology.rods)):
+        if rod in storeys:
+            places.append(_part("storey", home, storeys[rod]))
+        else:
+            place = link_place(home[high], home.get(low)) if home else rod + 1
+            places.append(f"rod {place}")
+    return tuple(places)
+
+
+def _part(part: str, home: Mapping[int, Ends], place: Ends) -> str:
+    """A part of a building by its number; the building where all have one storey."""
+    building, floor = place
+    has_floors = any(floor > 1 for _, floor in home.values())
+    return f"{part} {floor} of building {building}" if has_floors else f"building {building}"
 
 
 def homes(topology: Topology, *, of_rods: bool = False) -> dict[int, Ends]:
@@ -27,14 +47,6 @@ def homes(topology: Topology, *, of_rods: bool = False) -> dict[int, Ends]:
             for floor, pair in enumerate(storeys)
         }
     return {}
-
-
-def _each(part: str, plain_part: str, n: int, homes: Mapping[int, Ends]) -> tuple[str, ...]:
-    if len(homes) < n:  # a rod may stand beside the storeys
-        return tuple(f"{plain_part} {i + 1}" for i in range(n))
-    if all(floor == 1 for _, floor in homes.values()):
-        return tuple(f"building {homes[i][0]}" for i in range(n))
-    return tuple(f"{part} {homes[i][1]} of building {homes[i][0]}" for i in range(n))
 
 
 def link_places(topology: Topology) -> tuple[str, ...]:

@@ -15,12 +15,13 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import DamperLaw
+from jaxpound.model.dampers import VelocityFriction
 from jaxpound.model.places import link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
     GROUND,
+    OPPOSITE,
     Ends,
     Link,
     Rod,
@@ -32,8 +33,12 @@ from jaxpound.model.system import (
     of_faces,
     require_face,
     ring,
+    without_dampers,
 )
 from jaxpound.model.vibration import first_frequency
+
+BETWEEN = ("friction", "gap", "contact", "damper", "velocity_friction")
+"""What a link has between its ends."""
 
 
 @pytree_dataclass
@@ -51,10 +56,10 @@ class FloorLink:
         Its floor.
     next_floor
         The floor at the other end, or ``GROUND``; by default the same, or in a brace that below.
-    friction, gap, contact, damper
-        As in ``Link``: slip force μ ≥ 0, gap ξ0 ≥ 0 at rest (infinite by default), law of contact
-        and damper; dimensionless in a ``Row``, in N, m and SI units between buildings in SI. A
-        tuple (left, right) of gaps, and of laws, makes a link of two faces.
+    friction, gap, contact, damper, velocity_friction
+        As in ``Link``: slip force μ ≥ 0, gap ξ0 ≥ 0 at rest (infinite by default), law of contact,
+        damper and so on; dimensionless in a ``Row``, in N, m and SI units between buildings in SI.
+        A tuple (left, right) of gaps, and of laws, makes a link of two faces.
     next_building
         The building at the other end: by default the next one to the right; ``building`` itself
         for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground.
@@ -79,7 +84,8 @@ class FloorLink:
     gap: Any = like(Link, "gap", default=np.inf)
     contact: ContactLaw | Newton | None = like(Link, "contact", default=None)
     next_building: int | None = static(default=None)
-    damper: DamperLaw | None = like(Link, "damper", default=None)
+    damper: Rod | None = like(Link, "damper", default=None)
+    velocity_friction: VelocityFriction | None = like(Link, "velocity_friction", default=None)
     side: str = static(default="right")
 
     def __post_init__(self) -> None:
@@ -115,8 +121,7 @@ class FloorLink:
         if not isinstance(self.gap, tuple):
             return (self,)
         right, left = of_faces(self.gap, self.contact)
-        opposite = {"side": "left", "friction": 0.0, "damper": None}
-        return replace(self, **right), replace(self, **left, **opposite)
+        return replace(self, **right), replace(self, **left, **OPPOSITE, side="left")
 
     @property
     def other_building(self) -> int:
@@ -191,9 +196,10 @@ class Row:
             masses += building.masses
             rods += building.rods_from(first)
         for x in self.links:
-            between = {name: getattr(x, name) for name in ("friction", "gap", "contact", "damper")}
+            between = {name: getattr(x, name) for name in BETWEEN}
             links.append(unchecked(Link, ends=_ends(x, starts), **between))
-        return unchecked(System, masses=tuple(masses), rods=tuple(rods), links=tuple(links))
+        kept, dampers = without_dampers(links)
+        return unchecked(System, masses=tuple(masses), rods=(*rods, *dampers), links=kept)
 
 
 def by_face(links: Sequence[Any]) -> tuple[Any, ...]:

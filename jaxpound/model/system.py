@@ -20,9 +20,9 @@ import numpy as np
 
 from jaxpound._checks import Rule, finite, instead, is_traced, is_whole
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import check, parameter, part, pytree_dataclass, static
+from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import DamperLaw
+from jaxpound.model.dampers import PowerLaw, VelocityFriction
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
 
@@ -40,7 +40,7 @@ class Rod:
     ----------
     material
         The rod's law: a ``ZenerRod``; ``Bilinear``, ``BoucWen`` or any ``HysteresisLaw``, of rods
-        that yield; or ``YieldingZener``, both in one.
+        that yield; ``YieldingZener``, both in one; or ``PowerLaw``, a viscous damper.
     stiffness
         Long-time stiffness K > 0, before the rod yields; in units of m1 ω1² for a dimensionless
         system.
@@ -50,7 +50,7 @@ class Rod:
         leave them out, since they follow from the storey.
     """
 
-    material: Any = part(ZenerRod, YieldingZener, HysteresisLaw, traced=True)
+    material: Any = part(ZenerRod, YieldingZener, PowerLaw, HysteresisLaw, traced=True)
     stiffness: Any = parameter("K", words="stiffness", above=0)
     ends: Ends | None = static(default=None)
 
@@ -80,8 +80,10 @@ class Link:
         None, the default, lets the neighbours pass through each other. Of two faces one law for
         both that can close, or a tuple of one for each.
     damper
-        A ``PowerLaw``, ``VelocityFriction`` or any ``DamperLaw``: a resistance to x_i' − x_j'
-        beside the friction; None by default.
+        A ``Rod`` without ends between the same neighbours, such as one of a ``PowerLaw``; None by
+        default. In a ``System`` it is one of the rods.
+    velocity_friction
+        What the friction gains with |x_i' − x_j'|, a ``VelocityFriction``; None by default.
 
     Notes
     -----
@@ -96,7 +98,8 @@ class Link:
     contact: ContactLaw | Newton | None = part(
         ContactLaw, Newton, NoneType, traced=True, default=None
     )
-    damper: DamperLaw | None = part(DamperLaw, NoneType, traced=True, default=None)
+    damper: Rod | None = part(Rod, NoneType, default=None)
+    velocity_friction: VelocityFriction | None = part(VelocityFriction, NoneType, default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ends", _two_ends("Link", self.ends))
@@ -110,8 +113,7 @@ class Link:
         if not isinstance(self.gap, tuple):
             return (self,)
         right, left = of_faces(self.gap, self.contact)
-        opposite = {"ends": self.ends[::-1], "friction": 0.0, "damper": None}
-        return replace(self, **right), replace(self, **left, **opposite)
+        return replace(self, **right), replace(self, **left, **OPPOSITE, ends=self.ends[::-1])
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """A gap that can close is finite."""
@@ -119,6 +121,10 @@ class Link:
             return []
         says = "finite (contact needs a finite gap)"
         return [Rule(f"{prefix}gap", self.gap, finite(self.gap), says)]
+
+
+OPPOSITE: dict[str, Any] = {"friction": 0.0, "damper": None, "velocity_friction": None}
+"""What the left face of a link of two faces leaves to the right one."""
 
 
 def has_two_faces(link: Any, owner: str) -> bool:
@@ -185,8 +191,8 @@ class System:
         The rods. They must tie every mass to the ground, directly or through other masses.
     links
         The links. They may not close a ring: the friction forces of a ring in stick are not
-        determined. A link without friction or damper may have the opposite ends of one before it,
-        whose other face it is; ``gap=(left, right)`` of a ``Link`` makes both.
+        determined. A link without friction may have the opposite ends of one before it, whose
+        other face it is; ``gap=(left, right)`` of a ``Link`` makes both. Their dampers become rods.
 
     Examples
     --------
@@ -210,7 +216,9 @@ class System:
         for name in ("masses", "rods", "links"):
             object.__setattr__(self, name, as_tuple("System", name, getattr(self, name)))
         links = [link.faces() if isinstance(link, Link) else (link,) for link in self.links]
-        object.__setattr__(self, "links", tuple(itertools.chain(*links)))
+        kept, dampers = without_dampers(itertools.chain(*links))
+        object.__setattr__(self, "links", kept)
+        object.__setattr__(self, "rods", self.rods + dampers)
         check(self)
         for k, rod in enumerate(self.rods):
             if rod.ends is None:
@@ -272,6 +280,17 @@ def _two_ends(owner: str, value: Any) -> Ends:
     return int(i), int(j)
 
 
+def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, ...]]:
+    """Links without their dampers, and these as rods."""
+    kept, rods = list[Any](), list[Rod]()
+    for link in links:
+        if damper := getattr(link, "damper", None):
+            rods.append(unchecked(Rod, **{**vars(damper), "ends": link.ends}))
+            link = replace(link, damper=None)
+        kept.append(link)
+    return tuple(kept), tuple(rods)
+
+
 ONE_LINK = "must not be those of a link before it: gap=(left, right) makes a link of two faces"
 
 
@@ -302,11 +321,11 @@ def faces(topology: Topology) -> dict[int, int]:
 
 def require_face(owner: str, prefix: str, link: Any) -> None:
     """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
-    if link.damper is not None or not (is_traced(link.friction) or np.all(link.friction == 0)):
-        part_of_link = "damper" if link.damper is not None else "friction"
-        value = reprlib.repr(getattr(link, part_of_link))
-        rule = "must be that of the link before it, whose other face this is"
-        raise InvalidInput(owner, f"{prefix}{part_of_link}", value, rule)
+    for field, none in OPPOSITE.items():
+        value = getattr(link, field)
+        if value is not none and (is_traced(value) or not np.all(value == none)):
+            rule = "must be that of the link before it, whose other face this is"
+            raise InvalidInput(owner, f"{prefix}{field}", reprlib.repr(value), rule)
 
 
 def is_closable(gap: Any) -> bool:
@@ -346,15 +365,14 @@ def is_storey(ends: Ends) -> bool:
 def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     """The floors of each building, from the ground up: each a mass and the rod of its storey.
 
-    Of several rods with the same ends it is the first. An ``InvalidInput`` for masses that are no
-    floors one above the other.
+    Rods between masses that those before tie to the ground, such as dampers, are no storeys. An
+    ``InvalidInput`` for masses that are no floors one above the other.
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
-    joined = set[frozenset[int]]()
     for rod, (i, j) in enumerate(topology.rods):
-        if frozenset((i, j)) in joined:
+        group = _groups(topology.n_masses, topology.rods[:rod])
+        if group[i] == group[j]:
             continue
-        joined.add(frozenset((i, j)))
         beside[i].append((j, rod))
         beside[j].append((i, rod))
     buildings = []

@@ -11,6 +11,7 @@ import numpy as np
 from jaxpound._checks import instance, is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
+from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import Structures, elongation, gravity_of
 from jaxpound.quantities import unit
@@ -23,7 +24,7 @@ _NONE = complex("nan+nanj")
 class Modes(Shown):
     """Modes of masses on rods, without friction and contact, from the slowest to the fastest.
 
-    Rods that yield are taken as they are before they do.
+    Rods that yield are taken as they are before they do; those of a ``PowerLaw`` are left out.
 
     Frequencies of dimensionless structures are in ω1, those of structures in SI in rad/s.
 
@@ -124,6 +125,8 @@ class _Linear:
         self._rods: list[tuple[Any, Any]] = []
         for ends, rod in zip(system.topology.rods, system.rods, strict=True):
             influence = elongation(ends, [*np.eye(self.n)]) / np.sqrt(self.masses)
+            if isinstance(rod.material, PowerLaw):  # no stiffness in slow motion
+                continue
             law = before_yield(rod.material)
             numbers = [float(x) for x in (rod.stiffness, law.order, law.tau_f, law.tau_x)]
             self._rods.append((np.outer(influence, influence), numbers))

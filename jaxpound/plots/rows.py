@@ -15,14 +15,15 @@ from matplotlib.path import Path
 
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import Parameter, walk
-from jaxpound.model.system import GROUND, Link, Structures, floors
+from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.system import GROUND, Link, Rod, Structures, System, floors
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 from jaxpound.units import Scales, scales_for
 
 Written = Callable[[str, Any], str]  # writes a number of a kind
 Lines = list[tuple[str, str]]  # words and their colours
+Damper = tuple[int, Rod] | None  # of a link: its number among the rods, and itself
 Storey = tuple[float, str, Lines]  # height of a floor, the words in it and the lines below it
 Place = tuple[float, float, float]  # left end and height of a floor, and of the ground below it
 
@@ -46,12 +47,12 @@ def row(
 ) -> Axes:
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
-    Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ, forces F of dampers
-    by a law and gaps at rest ξ0 at the links, with the numbers of their series; in SI units of
-    ``Buildings`` or if ``scales`` are given, else dimensionless. Dampers are green, also braces
-    within a building and dampers to the ground; pads are orange where contact has a law; an arrow
-    is a gap, to a wall where the other end is the ground. Bearings, a first storey of less than
-    half of the height of the others, stand in a pit.
+    Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ, from slow to fast,
+    forces F of viscous dampers and gaps at rest ξ0 at the links, with the numbers of their series;
+    in SI units of ``Buildings`` or if ``scales`` are given, else dimensionless. Dampers are green,
+    also braces within a building and dampers to the ground; pads are orange where contact has a
+    law; an arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of
+    less than half of the height of another, stand in a pit.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -88,7 +89,8 @@ def row(
     storey = min(float(x[int(x[0] < x.max() / 2) :].min()) for x in rises)  # without bearings
     feet = [float(ups[0]) - storey if ups[0] < storey / 2 else 0.0 for ups in heights]
     write = partial(_written, scales)
-    numbers = [_numbers(k, link, write) for k, link in enumerate(system.links)]
+    links = _with_dampers(system)
+    numbers = [_numbers(k, *link, write) for k, link in enumerate(links)]
     inside: dict[int, Lines] = {}  # of links within buildings, by the upper floor
     for link, homes, lines in zip(system.links, linked, numbers, strict=True):
         if len(homes) == 1 or (None in homes and not _has_wall(link)):
@@ -114,10 +116,18 @@ def row(
             places[mass] = left, up, feet[b]
         _building(ax, left, feet[b], slab, colour, storeys)
         text_at(ax, left + _WIDTH / 2, min(feet) - 0.65 * storey, f"building {b + 1}", colour)
-    for link, lines in zip(system.links, numbers, strict=True):
-        _link(ax, link, places, slab, lines)
-    _finish(ax, system.links, elevations is not None)
+    for link_and_damper, lines in zip(links, numbers, strict=True):
+        _link(ax, *link_and_damper, places, slab, lines)
+    _finish(ax, links, elevations is not None)
     return ax
+
+
+def _with_dampers(system: System) -> list[tuple[Link, Damper]]:
+    """The links, each with the rod beside the storeys that has its ends."""
+    storeys = {rod for building in floors(system.topology) for _, rod in building}
+    rods = enumerate(zip(system.topology.rods, system.rods, strict=True))
+    beside = {frozenset(ends): (r, rod) for r, (ends, rod) in rods if r not in storeys}
+    return [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
 
 
 def _has_wall(link: Link) -> bool:
@@ -199,19 +209,27 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
     return f"{float(f'{factor * in_si:.3g}'):,g} {unit}"
 
 
-def _numbers(k: int, link: Link, write: Written) -> Lines:
-    """Slip force and gap of a link, where it has them, in words and colours."""
-    words, forces = [], [(r"\mu", link.friction)] if float(link.friction) else []
-    forces += [(p.symbol, x) for _, p, x in walk(link.damper, Parameter) if p.kind == "force"]
+def _numbers(k: int, link: Link, damper: Damper, write: Written) -> Lines:
+    """Forces and gap of a link, where it has them, in words and colours."""
+    words, forces, fast = [], [], link.velocity_friction
+    if float(link.friction) or fast:
+        ends = [link.friction] + ([link.friction + fast.increase] if fast else [])
+        forces.append(f"$\\mu_{{{k + 1}}}$ = {'–'.join(write('force', x) for x in ends)}")
+    if damper is not None:
+        viscous = isinstance(damper[1].material, PowerLaw)
+        number = damper[1].material.force if viscous else damper[1].stiffness
+        text = write("force" if viscous else "stiffness", number)
+        forces.append(f"${'F' if viscous else 'K'}_{{{damper[0] + 1}}}$ = {text}")
     if forces:
-        texts = [f"${name}_{{{k + 1}}}$ = {write('force', force)}" for name, force in forces]
-        words.append(("\n".join(texts), COLOURS["damper"]))
+        words.append(("\n".join(forces), COLOURS["damper"]))
     if np.isfinite(float(link.gap)):
         words.append((f"$\\xi_{{0,{k + 1}}}$ = {write('length', link.gap)}", COLOURS["ground"]))
     return words
 
 
-def _link(ax: Axes, link: Link, places: Mapping[int, Place], slab: float, numbers: Lines) -> None:
+def _link(
+    ax: Axes, link: Link, damper: Damper, places: Mapping[int, Place], slab: float, numbers: Lines
+) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
     i, j = link.ends if link.ends[0] != GROUND else link.ends[::-1]
     start, up, foot = places[i]
@@ -228,10 +246,10 @@ def _link(ax: Axes, link: Link, places: Mapping[int, Place], slab: float, number
     else:  # from the lower floor's left to the upper one's right
         x = left + np.array([0.12, 0.88]) * _WIDTH
         y = np.array([low + slab / 2 * (low > 0), high - slab / 2])
-    if float(link.friction) or link.damper is not None:
+    if COLOURS["damper"] in dict(numbers).values():
         style: Any = {"color": COLOURS["damper"]}
         ax.plot(x, y, linewidth=1.2, zorder=3 if between else 0.9, **style)
-        symbol = _PLATES if link.damper is None else _DASHPOT
+        symbol = _PLATES if damper is None else _DASHPOT
         ax.plot([x.mean()], [y.mean()], zorder=4, **symbol, **style)
     if link.contact is not None:
         for end, up, face in zip(x, y, (0.0, -_PAD), strict=True):
@@ -250,19 +268,19 @@ def _link(ax: Axes, link: Link, places: Mapping[int, Place], slab: float, number
             house.arrow(ax, *ends, COLOURS["ground"], 6, "<|-|>", linewidth=0.6)
 
 
-def _finish(ax: Axes, links: Sequence[Link], in_metres: bool) -> None:
+def _finish(ax: Axes, links: Sequence[tuple[Link, Damper]], in_metres: bool) -> None:
     """Legend of the symbols, and the axis of heights."""
     handles: list[Any] = []
     style: Any = {"color": COLOURS["damper"], "linewidth": 1.2}
-    if any(float(link.friction) and link.damper is None for link in links):
+    if any(float(link.friction) or link.velocity_friction for link, _ in links):
         handles.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
-    if dampers := {type(link.damper).__name__ for link in links if link.damper is not None}:
-        words = f"damper ({', '.join(sorted(dampers))})"
+    if materials := {type(damper[1].material).__name__ for _, damper in links if damper}:
+        words = f"damper ({', '.join(sorted(materials))})"
         handles.append(Line2D([], [], label=words, **_DASHPOT, **style))
-    if any(np.isfinite(float(link.gap)) for link in links):
+    if any(np.isfinite(float(link.gap)) for link, _ in links):
         arrow: Any = {"color": COLOURS["ground"], "linewidth": 0.6, "markersize": 4}
         handles.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
-    laws = {type(link.contact).__name__ for link in links if link.contact is not None}
+    laws = {type(link.contact).__name__ for link, _ in links if link.contact is not None}
     if laws:
         words = f"contact ({', '.join(sorted(laws))})"
         handles.append(Patch(color=COLOURS["pounding"], label=words))

@@ -124,9 +124,6 @@ def floor_demands(
         rule = "must be of these structures, but is of other storeys"
         raise InvalidInput("floor_demands", "found", "", rule)
     n_floors = [len(building) for building in floors(topology)]
-    if sum(n_floors) != len(topology.rods):
-        rule = "must be shear buildings, each floor on one rod: peaks of several do not add up"
-        raise InvalidInput("floor_demands", "structures", "", rule)
     if buildings is None and gravity_of(structures) is not None:
         buildings = getattr(structures, "buildings", None)
     heights: list[tuple[float, ...]] = [()] * len(n_floors)

@@ -20,6 +20,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import Quantity
 from jaxpound.model.contact import Newton
+from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import GROUND, Link, Rod, System, Topology, is_closable, is_storey
@@ -50,7 +51,7 @@ _DAMPER, _ALL_DAMPERS = "damper_force", "total_damper_force"
 _further = partial(Quantity, limited=True)
 _FURTHER = {
     _DAMPER: _further("force", "slip force of the damper", _DAMPER, "slip force"),
-    _ALL_DAMPERS: _further("force", "slip forces of all dampers together", "", "total slip force"),
+    _ALL_DAMPERS: _further("force", "forces of all dampers together", "", "total damper force"),
     REQUIRED_GAP: Quantity("length", "required gap", REQUIRED_GAP, "required gap"),
     OVERLAP: Quantity("length", "overlap"),
     "initial_gap": Quantity("length", "gap at rest"),
@@ -141,17 +142,24 @@ def limited_demands(system: System) -> tuple[str, ...]:
     """Names of the demands of a system that a design may limit or penalise.
 
     Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value; the slip forces
-    of links (``damper_force``) and, of several, their sum; the largest demands of ``over_all``.
+    of links (``damper_force``) and, of several dampers, the sum of these and of the forces of
+    viscous ones at their reference velocity; the largest demands of ``over_all``.
     """
     topology, n = system.topology, len(system.links)
     has = {"contact": _have_contact(system), "yielding": _yield(system)}
     has["storey"] = [is_storey(ends) for ends in topology.rods]
-    names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n > 1)
+    n_dampers = n + len(viscous_forces(system))
+    names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n_dampers > 1)
     for quantity, names_of in columns_of(Demand, sizes_of(topology)):
         if quantity.limited:
             present = has[quantity.only] if quantity.only else itertools.repeat(True)
             names += itertools.compress(names_of, present)
     return (*names, *_over_all(system))
+
+
+def viscous_forces(system: System) -> list[Any]:
+    """The force of each viscous damper at its reference velocity."""
+    return [rod.material.force for rod in system.rods if isinstance(rod.material, PowerLaw)]
 
 
 def _have_contact(system: System) -> list[bool]:
@@ -224,15 +232,20 @@ def all_demands(system: System, demand: Demand) -> dict[str, Any]:
     return demand.scalars() | over_all(system, demand) | required_gaps(system, demand)
 
 
-def limited_values(system: System, demand: Demand, slip_forces: Sequence[Any]) -> dict[str, Any]:
-    """The ``limited_demands`` of a run by name, among other scalars; ``slip_forces`` by link."""
+def limited_values(
+    system: System, demand: Demand, slip_forces: Sequence[Any], viscous: Sequence[Any] = ()
+) -> dict[str, Any]:
+    """The ``limited_demands`` of a run by name, among other scalars.
+
+    ``slip_forces`` are those of the links, ``viscous`` are the ``viscous_forces``.
+    """
     n = len(slip_forces)
     return (
         demand.scalars()
         | over_all(system, demand)
         | {name: jnp.abs(x) for name, x in demand.flat("residual_offset").items()}
         | {of_link(_DAMPER, k, n): x for k, x in enumerate(slip_forces)}
-        | {_ALL_DAMPERS: sum(slip_forces)}
+        | {_ALL_DAMPERS: sum([*slip_forces, *viscous])}
     )
 
 

@@ -189,7 +189,7 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
         laws = [
             f"{x} = {type(law).__name__}"
             for y in links
-            for x in ("contact", "damper")
+            for x in ("contact", "velocity_friction")
             if (law := getattr(y, x))
         ]
         if len(group.hanging) > 1 or laws:

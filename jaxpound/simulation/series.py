@@ -141,7 +141,7 @@ def _link_response(
     fields = kept._asdict()
     return LinkResponse(
         gap=gap,
-        friction_work=None if link.damper else link.friction * slid,
+        friction_work=None if link.velocity_friction else link.friction * slid,
         impacts=ImpactSeries(fields.pop("touch_time"), fields.pop("end_time"), **fields),
         law=None if isinstance(link.contact, Newton) else link.contact,
         **entries,

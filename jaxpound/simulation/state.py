@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import GROUND, Ends, System, Topology, elongation, link_groups
 from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, needs_flow
@@ -110,7 +111,12 @@ def step_constants(
         else rod_law(viscoelastic, rod.stiffness, dt, order)
         for rod in system.rods
     )
-    laws = [hysteresis_of(rod.material) for rod in system.rods]
+    laws = [
+        rod.material.for_steps(rod.stiffness, dt)
+        if isinstance(rod.material, PowerLaw)
+        else hysteresis_of(rod.material)
+        for rod in system.rods
+    ]
     hysteresis = each(HysteresisConstants, laws, [rod.stiffness for rod in system.rods])
     groups, links = link_groups(topology), system.links
     flowing = [group if needs_flow(group, links) else None for group in groups]

@@ -264,10 +264,12 @@ class _Step(NamedTuple):
         contacts: list[ContactState | None] = [None] * len(closings)
         motions: dict[int, LinkMotion] = {}
         for group in link_groups(system.topology):
-            if len(group.hanging) == 1:
-                single = jax.tree.map(
-                    lambda y: y[None], self._slide(group.links[0], pulls[group.links[0]])
-                )
+            if len(group.hanging) > 1:
+                continue
+            k = group.links[0]
+            motions[k] = self._slide(k, pulls[k])
+            if group.faces:
+                single = jax.tree.map(lambda y: y[None], motions[k])
                 motions |= _by_link(group, contact_group.with_other_faces(single, group.faces))
         for group, coupled, before, result, used, _ in flows:
             pull_change = jnp.stack([pulls[k] for k in group.links]) - before.pull

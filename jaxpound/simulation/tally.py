@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
+from jaxpound.model.dampers import Dashpot
 from jaxpound.model.system import GROUND, Ends, System, elongation, is_storey, link_groups, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
@@ -147,7 +148,7 @@ class _ObservedInstant(NamedTuple):
 
 
 class RodTally(NamedTuple):
-    """Running values for the scalars of a rod that yields."""
+    """Running values for the scalars of a rod that yields, or of a damper."""
 
     peak: Peak  # of the elongation
     first: jax.Array  # time of the first yield
@@ -157,6 +158,8 @@ class RodTally(NamedTuple):
         self, law: HysteresisConstants, now: RodInstant, peak: Peak, time: jax.Array, dt: float
     ) -> RodTally:
         """Add an instant; ``peak`` is that of the elongation with it."""
+        if isinstance(law.law, Dashpot):
+            return RodTally(peak, self.first, now)
         limit = law.law.yield_displacement
         yields = (self.peak.largest < limit) & (peak.largest >= limit)
         # As the parabola through the last three elongations passes the limit.
@@ -168,7 +171,9 @@ class RodTally(NamedTuple):
         return RodTally(peak, jnp.where(yields, time + dt * late, self.first), now)
 
     def demand(self, law: HysteresisConstants) -> dict[str, jax.Array]:
-        """The scalars."""
+        """The scalars; of a damper its energy alone."""
+        if isinstance(law.law, Dashpot):
+            return {"dissipated_energy": self.now.dissipated}
         largest, zero = self.peak.largest, 0 * self.peak.largest
         return {
             "ductility": largest / law.law.yield_displacement,
@@ -275,7 +280,10 @@ class Tally(NamedTuple):
         self, constants: StepConstants, system: System, set_valued: bool, temperature: Any
     ) -> Demand:
         """The scalars of all instants; ``set_valued`` says that |q| = μ in any slip."""
-        rubs = [link.friction if set_valued and not link.damper else None for link in system.links]
+        slip_forces = [
+            link.friction if set_valued and not link.velocity_friction else None
+            for link in system.links
+        ]
         yielded = each(RodTally.demand, self.rods, constants.hysteresis)
         drifts = each(lambda drift: drift.largest, self.drifts)
         return Demand(
@@ -289,7 +297,9 @@ class Tally(NamedTuple):
             ),
             links=tuple(
                 tally.demand(link.gap, slip_force, temperature)
-                for tally, link, slip_force in zip(self.links, system.links, rubs, strict=True)
+                for tally, link, slip_force in zip(
+                    self.links, system.links, slip_forces, strict=True
+                )
             ),
             pga=self.ground.largest,
             pgv=self.ground.largest_velocity,

@@ -23,6 +23,7 @@ import numpy as np
 from jaxpound._checks import Rule, all_hold, count, enforce, finite, instance, real
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
+from jaxpound.model.dampers import Dashpot
 from jaxpound.model.hysteresis import HysteresisLaw
 from jaxpound.model.system import Rod
 
@@ -98,6 +99,11 @@ def hysteresis_step(
     law = constants.law
     e, last = (_within(constants.ultimate, x) for x in (elongation, before.elongation))
     change = e - last if starts is None else jnp.where(starts, before.change, e - last)
+    if isinstance(law, Dashpot):
+        state = constants.once(law.over_step(before.of_law, last, e))
+        lost = constants.once(constants.modulus * state.elongation)
+        now = HysteresisState(state, e, change)
+        return HysteresisStep(now, elongation, lost, jnp.zeros_like(lost))
     gain = change - before.change
     speed = constants.once(change + gain / 2)  # at t_m; at t_{m−1} it was less by the gain
     turns = speed * (speed - gain) < 0

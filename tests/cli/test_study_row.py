@@ -125,7 +125,7 @@ def test_dampers_of_a_row_share_a_budget(tmp_path, monkeypatch):
     *chosen, together = answers["answer"]
     assert [row["quantity"] for row in chosen] == [f"slip force, 1–2, floor {i}" for i in (1, 2)]
     assert together["after"] == pytest.approx(sum(row["after"] for row in chosen))
-    assert "slip forces of all dampers together" in screen
+    assert "forces of all dampers together" in screen
     layout = File.opened(out / "buildings.toml", "simulate").read(Simulation).layout
     forces = [float(link.friction) for link in layout.si.links]
     assert all(force == 0 or force > 1e3 for force in forces)  # no rounding next to a bound
@@ -136,4 +136,4 @@ def test_dampers_of_a_row_share_a_budget(tmp_path, monkeypatch):
         assert building.elevations.tolist() == original.elevations.tolist()
     page = (out / "summary.md").read_text()
     assert "# Design of buildings in a row" in page
-    assert "slip forces of all dampers together" in page
+    assert "forces of all dampers together" in page

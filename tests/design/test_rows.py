@@ -91,7 +91,7 @@ def test_a_comparison_tells_of_each_link_and_goals_of_the_closest(design):
         "peak displacement of floor 1 of building 2",
         "peak drift of storey 2 of building 1",
         "peak shear of storey 2 of building 2",
-        "slip forces of all dampers together",
+        "forces of all dampers together",
         "largest storey drift",
     ):
         assert words in shown
@@ -101,6 +101,31 @@ def test_a_comparison_tells_of_each_link_and_goals_of_the_closest(design):
     gaps = columns["min_gap"], columns["initial_gap"]
     assert float(jp.PoundingProbability(width=1e-9)(*gaps)) == -hit
     assert float(jp.GapAtRest()(*gaps)) == pytest.approx(-np.mean(GAPS))
+
+
+def test_a_budget_of_viscous_dampers_is_placed_where_it_is_best():
+    def with_dampers(forces):
+        dampers = [jp.Rod(jp.PowerLaw(force, 0.4), 5.0) for force in forces]
+        changes = [{"friction": 0.0, "damper": damper} for damper in dampers]
+        links = map(lambda link, more: dataclasses.replace(link, **more), ROW.links, changes)
+        return dataclasses.replace(ROW, links=tuple(links))
+
+    @jax.jit
+    @jax.vmap
+    def mean(share):
+        row = with_dampers((share * BUDGET, (1 - share) * BUDGET))
+        return jax.vmap(lambda g: jp.demand(row, g, GRID).min_gap)(EARTHQUAKES.grounds).mean()
+
+    space = jp.DesignSpace(
+        with_dampers((0.3, 0.3)), {"links.*.damper.material.force": (0.0, BUDGET)}
+    )
+    within = jp.Objective(limits={"total_damper_force": BUDGET})
+    design = jp.design_damper(space, EARTHQUAKES, GRID, objective=within, fresh=None, **SEARCH)
+    forces = np.array([*design.values.values()])
+    assert forces.sum() <= BUDGET * 1.001
+    shares = np.linspace(0, 1, 21)
+    assert design.objective >= mean(shares).max() - 1e-6
+    assert float(mean(forces[:1] / BUDGET)[0]) == pytest.approx(design.objective, abs=2e-3)
 
 
 def test_a_front_over_budgets(design, placements):

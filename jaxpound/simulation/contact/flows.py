@@ -69,8 +69,8 @@ def _has_kernel(inputs: FlowInput) -> bool:
     number = jax.ShapeDtypeStruct((), inputs.closing.dtype)
     laws = [law for law in inputs.laws if law is not None and not isinstance(law, Newton)]
     programs = [jax.make_jaxpr(law.force)(number, number, number) for law in laws]
-    dampers = [law for law in inputs.dampers if law is not None]
-    programs += [jax.make_jaxpr(law.resistance)(number) for law in dampers]
+    resistances = [law for law in inputs.resistances if law is not None]
+    programs += [jax.make_jaxpr(law.resistance)(number) for law in resistances]
     return all(_is_arithmetic(program.jaxpr) for program in programs)
 
 

@@ -44,7 +44,7 @@ class Forces(NamedTuple):
     """Forces in links and the accelerations that they leave, (f,) each, as each face sees them."""
 
     acceleration: jax.Array  # s''
-    friction: jax.Array  # q, with the resistance of a damper
+    friction: jax.Array  # q
     contact: jax.Array  # p, of the face alone
     total: jax.Array  # of the link, q + p of its faces
     raw: jax.Array  # of the laws, not clipped
@@ -54,12 +54,12 @@ class Forces(NamedTuple):
 class LinkLaws:
     """The laws of a group of n links and f faces, those of contact bound to effective masses.
 
-    Where no law has a force and no link a damper (not ``has_force``), accelerations change linearly
-    in time between events.
+    Where no law has a force and no friction depends on the velocity (not ``has_force``),
+    accelerations change linearly in time between events.
     """
 
     def __init__(self, inputs: FlowInput, faces: tuple[int, ...]) -> None:
-        laws, self.faces, self.dampers = inputs.laws, faces, inputs.dampers
+        laws, self.faces, self.resistances = inputs.laws, faces, inputs.resistances
         self.of_links, self.dtype = inputs.delassus, inputs.delassus.dtype
         self.delassus = seen_by_faces(seen_by_faces(self.of_links, faces).T, faces)
         self.friction, self.mass = inputs.friction, 1 / jnp.diagonal(self.delassus)
@@ -67,8 +67,8 @@ class LinkLaws:
         self.forces = [None if isinstance(law, Newton) else law for law in laws]
         self.has_contact, self.has_newton = any(law is not None for law in laws), any(rigid)
         self.has_contact_force = any(law is not None for law in self.forces)
-        self.has_damper = any(law is not None for law in self.dampers)
-        self.has_force = self.has_contact_force or self.has_damper
+        self.has_resistance = any(law is not None for law in self.resistances)
+        self.has_force = self.has_contact_force or self.has_resistance
         self.rigid = jnp.asarray(rigid)
         self.has_law = jnp.asarray([law is not None for law in laws])
         clips = [law is not None and not may_pull(law) for law in self.forces]
@@ -80,7 +80,7 @@ class LinkLaws:
     @property
     def is_link(self) -> jax.Array:
         """Whether a face stands for its link too: in friction, and in its turns."""
-        return jnp.arange(len(self.forces)) < len(self.dampers)
+        return jnp.arange(len(self.forces)) < len(self.resistances)
 
     def of_links_alone(self, values: jax.Array) -> jax.Array:
         """Values of links, 0 for their other faces."""
@@ -88,7 +88,7 @@ class LinkLaws:
 
     def of_other_face(self, values: jax.Array, without: Any) -> jax.Array:
         """The values of each link's other face, ``without`` where it has none."""
-        n, others = len(self.dampers), [jnp.asarray(without, values.dtype)] * len(self.forces)
+        n, others = len(self.resistances), [jnp.asarray(without, values.dtype)] * len(self.forces)
         for i, k in enumerate(self.faces):
             others[k], others[n + i] = values[n + i], values[k]
         return jnp.stack(others)
@@ -99,7 +99,7 @@ class LinkLaws:
 
     def inverse(self, regime: Regime) -> jax.Array:
         """``held_inverse`` of the links in a regime."""
-        return held_inverse(self.of_links, regime.held[: len(self.dampers)])
+        return held_inverse(self.of_links, regime.held[: len(self.resistances)])
 
     def of_contact(self, s: jax.Array, w: jax.Array, regime: Regime) -> tuple[jax.Array, jax.Array]:
         """Each law's force and its elastic part; zero for links without a law that has one.
@@ -125,9 +125,9 @@ class LinkLaws:
         return jax.jvp(raw, (s, w), (w, a))[1]
 
     def resistance(self, w: jax.Array, slip: jax.Array) -> jax.Array:
-        """Force of each link's damper, against the direction of slip; 0 in stick."""
-        forces = [jnp.zeros((), self.dtype)] * len(self.dampers)
-        for k, law in enumerate(self.dampers):
+        """What the friction of each link gains with the velocity; 0 in stick."""
+        forces = [jnp.zeros((), self.dtype)] * len(self.resistances)
+        for k, law in enumerate(self.resistances):
             if law is not None:
                 forces[k] = jnp.asarray(law.resistance(larger(slip[k] * w[k], 0.0)), self.dtype)
         return slip[: len(forces)] * jnp.stack(forces)
@@ -136,7 +136,7 @@ class LinkLaws:
         self, pull: jax.Array, s: jax.Array, w: jax.Array, regime: Regime, inverse: jax.Array
     ) -> Forces:
         """The forces under a pull A; ``inverse`` is that of the links in this regime."""
-        zero, n = jnp.zeros_like(s), len(self.dampers)
+        zero, n = jnp.zeros_like(s), len(self.resistances)
         raw, elastic = self.of_contact(s, w, regime) if self.has_contact_force else (zero, zero)
         elastic = jnp.where(regime.deformed, elastic, 0.0)
         contact = jnp.where(regime.mode == PRESSED, raw, 0.0)
@@ -144,7 +144,7 @@ class LinkLaws:
         if self.faces:
             on_links = (contact - self.of_other_face(contact, without=0.0))[:n]
         held, sliding = regime.held[:n], (self.friction * regime.slip)[:n]
-        if self.has_damper:
+        if self.has_resistance:
             sliding += self.resistance(w, regime.slip)
         held_or_not = response(self.of_links, inverse, held, pull[:n], sliding + on_links)
         friction = jnp.where(held, held_or_not[1] - on_links, sliding)

@@ -42,7 +42,7 @@ class Coupling(NamedTuple):
     frictions: jax.Array  # (f,)
     gaps: jax.Array
     laws: tuple[Any, ...]  # of contact, for the effective masses, by face
-    dampers: tuple[Any, ...]  # by link
+    resistances: tuple[Any, ...]  # by link
 
     def response(
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
@@ -52,7 +52,7 @@ class Coupling(NamedTuple):
 
     def gained(self, faces: tuple[int, ...], held: jax.Array, pull: jax.Array) -> jax.Array:
         """Accelerations, as the faces see them, of links under a pull, where some are held."""
-        n = len(self.dampers)
+        n = len(self.resistances)
         gain, _ = self.response(held[:n], pull[:n], 0 * pull[:n])
         return seen_by_faces(gain, faces)
 
@@ -74,7 +74,7 @@ class ContactMotion(NamedTuple):
 def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
     """Whether a group's steps may need the local flow."""
     of_group = [links[k] for k in group.links]
-    return len(group.hanging) > 1 or any(x.contact or x.damper for x in of_group)
+    return len(group.hanging) > 1 or any(x.contact or x.velocity_friction for x in of_group)
 
 
 def coupling(
@@ -101,7 +101,7 @@ def coupling(
             None if link.contact is None else with_mass(link.contact, 1 / delassus[k, k])
             for link, k in zip(of_group, link_of_face, strict=True)
         ),
-        dampers=tuple(link.damper for link in of_group[:n]),
+        resistances=tuple(link.velocity_friction for link in of_group[:n]),
     )
 
 
@@ -114,9 +114,9 @@ def with_other_faces(motion: LinkMotion, faces: tuple[int, ...]) -> LinkMotion:
     """The motion of links, (n,) each, as their faces see it, (f,); the force is of the link."""
     if not faces:
         return motion
-    seen = {name: seen_by_faces(getattr(motion, name), faces) for name in _REVERSED}
-    forces = {name: getattr(motion, name) for name in ("mean_force", "force", "turn_forces")}
-    times = {name: getattr(motion, name) for name in ("turns", "turn_time", "change_time")}
+    seen: Any = {name: seen_by_faces(getattr(motion, name), faces) for name in _REVERSED}
+    forces: Any = {name: getattr(motion, name) for name in ("mean_force", "force", "turn_forces")}
+    times: Any = {name: getattr(motion, name) for name in ("turns", "turn_time", "change_time")}
     forces = jax.tree.map(lambda y: _of_links_alone(y, faces), forces)
     times = jax.tree.map(lambda y: jnp.stack([*y, *(y[k] for k in faces)]), times)
     return LinkMotion(**seen, **forces, **times)
@@ -199,7 +199,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     """The local flow of a group where it is needed, and whether it was."""
     state, h = before.state, before.dt
     # How far each link can close in the step at most.
-    n = len(group.dampers)
+    n = len(group.resistances)
     pushed = jnp.abs(group.delassus) @ group.frictions[:n]
     pushed = jnp.abs(seen_by_faces(pushed, before.faces))
     # A single link's friction opposes its slip: it adds to the closing only while the link opens.
@@ -211,8 +211,8 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     needed = (meets & ((state.contact.mode != APART) | (reach >= group.gaps))).any()
     if n > 1:
         needed = needed | ~_is_undisturbed(group, before)
-    has_damper = any(law is not None for law in group.dampers)
-    if has_damper:
+    has_resistance = any(law is not None for law in group.resistances)
+    if has_resistance:
         needed = needed | True
     inputs = FlowInput(
         closing=state.closing_before,
@@ -223,7 +223,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
         friction=group.frictions,
         gap=group.gaps,
         laws=group.laws,
-        dampers=group.dampers,
+        resistances=group.resistances,
         contact=state.contact,
     )
     begin = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
@@ -231,7 +231,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     result = flow(h, before.slots, needed, inputs, clock, before.faces)
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
-    used = needed if n > 1 or has_damper else needed & touched
+    used = needed if n > 1 or has_resistance else needed & touched
     return result, used
 
 
@@ -255,7 +255,7 @@ def finish_step(
     ``before`` has the pull after the mean samples, which changed it by ``pull_change``.
     """
     h, state, at, log = before.dt, before.state, result.now, result.log
-    n, faces = len(group.dampers), before.faces
+    n, faces = len(group.resistances), before.faces
     gain = group.gained(faces, result.held > 0, pull_change)
     # No position correction while a contact force acts: the force would respond to it.
     shift = jnp.where(result.contact.mode == PRESSED, 0.0, h**2 / 2 * gain)

@@ -164,7 +164,7 @@ class LocalFlow:
     def _is_integrated(self, regime: Regime) -> jax.Array:
         """Whether a substep has an error, that of the Runge–Kutta method."""
         integrated = regime.deformed.any()
-        if self.laws.has_damper:
+        if self.laws.has_resistance:
             integrated |= (regime.slip != 0).any()
         return integrated
 

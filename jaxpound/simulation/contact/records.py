@@ -49,7 +49,7 @@ class FlowInput(NamedTuple):
     friction: jax.Array  # μ
     gap: jax.Array  # ξ0
     laws: tuple[Any, ...]  # of contact for the effective masses, None for a face without
-    dampers: tuple[Any, ...]  # by link, None for one without
+    resistances: tuple[Any, ...]  # what friction gains with the velocity, by link, or None
     contact: Contact
 
 
