@@ -185,7 +185,8 @@ def law_in_other_units(
     owner: str, name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
 ) -> Law:
     """A law of a link, or a damper, with each parameter converted by the unit of its kind."""
-    instance(owner, name, law, ContactLaw, Newton, Rod, VelocityFriction, NoneType)
+    if not isinstance(law, Rod | VelocityFriction):
+        instance(owner, name, law, ContactLaw, Newton, NoneType)
     if law is None:
         return law
     if not has_known_units(law):

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, Rule, enforce, instance, positive
-from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges
+from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges
 from jaxpound.model.building import PERIOD, Building
 from jaxpound.model.dampers import VelocityFriction
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.row import FloorLink
 from jaxpound.model.shear_building import ShearBuilding
-from jaxpound.model.system import GROUND
+from jaxpound.model.system import GROUND, is_closable
 from jaxpound.quantities import STANDARD_GRAVITY
 
 _RADIUS = Range(0.05, 50, "m", "of a sliding surface; 1 to 6 m are usual")
@@ -46,6 +46,9 @@ class FrictionPendulum:
         μ_f ≥ μ in fast slip; None, the default, is the same μ at every velocity.
     rate
         a > 0, s/m.
+    ultimate_displacement
+        Where the slider leaves its surface, m; infinite by default. ``collapsed`` of a run's demand
+        says it, and ``ductility`` is the largest displacement over it.
 
     Examples
     --------
@@ -58,6 +61,9 @@ class FrictionPendulum:
     friction: Any = parameter(r"\mu", words="friction", least=0, within=_FRICTION)
     fast_friction: Any = part(default=None)
     rate: Any = parameter("a", words="rate", above=0, within=_RATE, default=50.0)
+    ultimate_displacement: Any = parameter(
+        "e_u", words="ultimate displacement", above=0, finite=False, default=np.inf
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -81,7 +87,10 @@ class FrictionPendulum:
 
     def storey(self, base_mass: Any, weight: Any) -> Building:
         """The base on the restoring spring under a weight, N."""
-        return _spring(base_mass, weight / self.radius)
+        base, limit = _spring(base_mass, weight / self.radius), self.ultimate_displacement
+        if not is_closable(limit):
+            return base
+        return dataclasses.replace(base, hysteresis=Bilinear(limit, 1.0, limit))  # never yields
 
     def between(self, weight: Any) -> dict[str, Any]:
         """Friction of the link from the base to the ground."""
@@ -123,9 +132,7 @@ class LeadRubber:
     yield_displacement: Any = parameter(
         "e_y", words="yield displacement", above=0, within=_LENGTH, default=0.01
     )
-    ultimate_displacement: Any = parameter(
-        "e_u", words="ultimate displacement", above=0, finite=False, default=np.inf
-    )
+    ultimate_displacement: Any = like(FrictionPendulum, "ultimate_displacement", default=np.inf)
 
     def __post_init__(self) -> None:
         check(self)

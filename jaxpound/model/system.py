@@ -285,6 +285,9 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
     kept, rods = list[Any](), list[Rod]()
     for link in links:
         if damper := getattr(link, "damper", None):
+            if damper.ends not in (None, link.ends):
+                rule = f"must be left out, or those of the link, {link.ends}"
+                raise InvalidInput("Link", "damper.ends", str(damper.ends), rule)
             rods.append(unchecked(Rod, **{**vars(damper), "ends": link.ends}))
             link = replace(link, damper=None)
         kept.append(link)
@@ -323,7 +326,7 @@ def require_face(owner: str, prefix: str, link: Any) -> None:
     """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
     for field, none in OPPOSITE.items():
         value = getattr(link, field)
-        if value is not none and (is_traced(value) or not np.all(value == none)):
+        if value is not none and not is_traced(value) and not np.all(value == none):
             rule = "must be that of the link before it, whose other face this is"
             raise InvalidInput(owner, f"{prefix}{field}", reprlib.repr(value), rule)
 
@@ -362,17 +365,24 @@ def is_storey(ends: Ends) -> bool:
 
 
 @cache
+def storey_rods(topology: Topology) -> tuple[int, ...]:
+    """The rods that are storeys: not those between masses that rods before tie to the ground."""
+    storeys = list[int]()
+    for rod, (i, j) in enumerate(topology.rods):
+        group = _groups(topology.n_masses, topology.rods[:rod])
+        storeys += [rod] if group[i] != group[j] else []
+    return tuple(storeys)
+
+
+@cache
 def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     """The floors of each building, from the ground up: each a mass and the rod of its storey.
 
-    Rods between masses that those before tie to the ground, such as dampers, are no storeys. An
-    ``InvalidInput`` for masses that are no floors one above the other.
+    An ``InvalidInput`` for masses that are no floors one above the other.
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
-    for rod, (i, j) in enumerate(topology.rods):
-        group = _groups(topology.n_masses, topology.rods[:rod])
-        if group[i] == group[j]:
-            continue
+    for rod in storey_rods(topology):
+        i, j = topology.rods[rod]
         beside[i].append((j, rod))
         beside[j].append((i, rod))
     buildings = []

@@ -62,7 +62,7 @@ class RodDemand:
     dissipated_energy: Any = _yields(
         20, "energy", "dissipated energy of storey {}", "dissipated_energy_{}"
     )
-    """Energy dissipated by yielding."""
+    """Energy dissipated by yielding, or by a viscous damper."""
     first_yield_time: Any = _yields(
         *(21, "time", "time of the first yield of storey {}", "first_yield_time_{}"), limited=False
     )

@@ -23,7 +23,16 @@ from jaxpound.model.contact import Newton
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.rod import ZenerRod
-from jaxpound.model.system import GROUND, Link, Rod, System, Topology, is_closable, is_storey
+from jaxpound.model.system import (
+    GROUND,
+    Link,
+    Rod,
+    System,
+    Topology,
+    is_closable,
+    is_storey,
+    storey_rods,
+)
 from jaxpound.quantities import unit
 from jaxpound.results.demand import PLACES, Demand
 from jaxpound.results.elements import columns_of, of_link, place_of, sizes_of
@@ -179,7 +188,8 @@ def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
         # The drift of a storey above the ground is the displacement of its floor.
         members[drift] = [
             ("rods", r, drift) if is_storey(ends) else ("masses", max(ends), "peak_x")
-            for r, ends in enumerate(topology.rods)
+            for r in storey_rods(topology)
+            for ends in [topology.rods[r]]
         ]
         members[acceleration] = [("masses", i, acceleration) for i in range(topology.n_masses)]
     if rods := [r for r, yields in enumerate(_yield(system)) if yields]:

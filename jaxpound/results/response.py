@@ -48,7 +48,7 @@ class RodResponse:
     ends: Ends = static()
     """Masses i and j, or ``GROUND``; the rod is stretched by x_i − x_j."""
     dissipated: Any = quantity("energy", column="dissipated_{}", default=None)
-    """Energy dissipated by yielding until then; None for a rod that never yields."""
+    """Energy dissipated by yielding or a viscous damper until then; None for other rods."""
 
 
 @pytree_dataclass
@@ -356,7 +356,7 @@ class Energy(NamedTuple):
     initial: Any = 0.0
     """Energy at t = 0, of shape (): kinetic, and Σ ½ f e of rods that start displaced."""
     yielding: Any = 0.0
-    """Energy dissipated by rods that yield, a part of ``rods``."""
+    """Energy dissipated by rods that yield and by viscous dampers, a part of ``rods``."""
 
     @property
     def relative_residual(self) -> Any:
