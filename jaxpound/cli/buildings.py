@@ -205,7 +205,7 @@ class LinkSection(Section):
         if self.contact is not None:
             self.require_all(("gap",), ", which contact needs")
         if self.stated().keys().isdisjoint(_BETWEEN):
-            raise ValueError(f"must have {' or '.join(_BETWEEN)}, at least one of them")
+            raise ValueError(f"must have one of {', '.join(_BETWEEN)}")
         if isinstance(self.gap, list):
             self.refuse_any(("side",), "must not be given with gap = [left, right], which has both")
         of_faces(self.gap)

@@ -50,7 +50,7 @@ class Structured(Section, dict=True):
         try:
             require_local_flow(self.structures.system(), self.scheme)
         except ValueError as error:
-            several = f"{rule} floors have several links, or a damper has a law"
+            several = f"{rule} floors have several links, or velocity_friction"
             raise refused("[run] friction", several, friction) from error
         warn("configuration", self.doubts(), strict=False)
 

@@ -16,7 +16,7 @@ from matplotlib.path import Path
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.system import GROUND, Link, Rod, Structures, System, floors
+from jaxpound.model.system import GROUND, Link, Rod, Structures, System, floors, storey_rods
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 from jaxpound.units import Scales, scales_for
@@ -124,9 +124,8 @@ def row(
 
 def _with_dampers(system: System) -> list[tuple[Link, Damper]]:
     """The links, each with the rod beside the storeys that has its ends."""
-    storeys = {rod for building in floors(system.topology) for _, rod in building}
-    rods = enumerate(zip(system.topology.rods, system.rods, strict=True))
-    beside = {frozenset(ends): (r, rod) for r, (ends, rod) in rods if r not in storeys}
+    storeys, ends = storey_rods(system.topology), system.topology.rods
+    beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in storeys}
     return [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
 
 

@@ -37,14 +37,16 @@ rate = 40
 wall = {{gap = [0.3, inf], {CONTACT}}}
 """
 LEAD = "isolation = {type = 'lead rubber', base_mass = 3.5e5, period = 2.5, strength = 0.05"
-DAMPER = jp.PowerLaw(8e5, 0.3)
+DAMPER = jp.Rod(jp.PowerLaw(8e5, 0.3), 2e8)
+FAST = jp.VelocityFriction(1e4, 0.02)
 LINK = f"""[[link]]
 building = 1
 floor = 3
 next_floor = 2
 gap = [0.1, 0.2]
 friction_force = 2e4
-damper = {{law = "power", force = 8e5, exponent = 0.3}}
+damper = {{law = "power", force = 8e5, exponent = 0.3, stiffness = 2e8}}
+velocity_friction = {{increase = 1e4, velocity = 0.02}}
 {CONTACT}
 """
 
@@ -65,8 +67,8 @@ def lead_rubber(frame=FRAME, gap=0.3, **options):
 
 def of_two_faces():
     building, wall = isolated(wall=jp.MoatWall((0.3, np.inf), LAW))
-    between = {"friction": 2e4, "gap": (0.1, 0.2), "contact": LAW, "damper": DAMPER}
-    link = jp.FloorLink(0, 2, 1, **between)
+    laws = {"contact": LAW, "damper": DAMPER, "velocity_friction": FAST}
+    link = jp.FloorLink(0, 2, 1, friction=2e4, gap=(0.1, 0.2), **laws)
     return (building, FRAME), by_face((link,)) + wall
 
 
@@ -75,7 +77,7 @@ def one(building, links):
 
 
 def alone():
-    link = {"gap": 0.1, "friction": 1e4, "damper": jp.VelocityFriction(1e4, 0.02)}
+    link = {"gap": 0.1, "friction": 1e4, "velocity_friction": FAST}
     return (FRAME,), (jp.FloorLink(0, 0, next_building=jp.GROUND, side="left", **link),)
 
 
@@ -103,7 +105,7 @@ FORMS = {
     "left face": (
         f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\nside = 'left'\n"
         "gap = 0.1\nfriction_force = 1e4\n"
-        "damper = {law = 'velocity friction', increase = 1e4, velocity = 0.02}",
+        "velocity_friction = {increase = 1e4, velocity = 0.02}",
         alone(),
     ),
 }
@@ -144,7 +146,13 @@ def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
 def test_a_key_stands_for_both_faces_and_a_damper_for_its_link():
     parameters = Parameters(layout_of(ISOLATED + STOREYS + LINK))
     expected = {
-        "link.1.damper.force": {"links.0.damper.force": (8e5, "N", "damper's force, 1–2, f")},
+        "link.1.damper.force": {
+            "links.0.damper.material.force": (8e5, "N", "damper's force, 1–2, floors 3–2, right")
+        },
+        "link.1.damper.stiffness": {"links.0.damper.stiffness": (2e8, "N/m", "damper's stiffn")},
+        "link.*.velocity_friction.velocity": {
+            "links.0.velocity_friction.velocity": (0.02, "m/s", "velocity of the increase")
+        },
         "link.1.gap": {
             f"links.{k}.gap": (x, "m", "gap at rest, ") for k, x in ((0, 0.2), (1, 0.1))
         },
@@ -173,8 +181,8 @@ def refuse_key(key):
 
 SECOND = "[[link]]\nbuilding = 2\nfloor = 1\nnext_building = 'ground'\nfriction_force = 1e4\n"
 test_keys = refusals(
-    ("link.1.damper.increase", "law of damper, which has force, exponent, velocity"),
-    ("link.2.damper.force", r"must be of a \[\[link\]\] with a damper by a law: link.2 has no"),
+    ("link.2.damper.force", r"must be of a \[\[link\]\] with a damper: link.2 has no damper"),
+    ("link.2.velocity_friction.increase", r"with velocity_friction: link.2 has no velocity_fri"),
     ("building.2.isolation.gap", "must be of a building, floor, storey or .* that is there"),
     ("building.1.isolation.radius", "has an unknown key 'building.1.isolation.radius'"),
     of=refuse_key,
@@ -188,6 +196,7 @@ RUN = "[run]\nfriction = 'switching'"
 GROUND = f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\n"
 PAIR = "gap = 0.1\n[building_1]\nmass = 4e5\nperiod = 1\ndamping_ratio = 0.05\n[building_1."
 PENDULUMS = "isolation = {type = 'friction pendulum', base_mass = 1e5, radius = 2.24"
+POWER = "damper = {law = 'power', force = 1, stiffness = 1e6"
 TWO = r"must be a number, or two, \[left, right\], of which one may be inf"
 test_links = refusals(
     ("gap = [1, 2, 3]", rf"gap = \[1, 2, 3\] {TWO}"),
@@ -197,13 +206,12 @@ test_links = refusals(
     ("gap = [0.1, 20]", "gap: right = 20 m must be between 0 and 10 m"),
     ("gap = [0.1, 0.2]\nside = 'left'", "side must not be given with gap = .left, right.,"),
     ("gap = 0.1\nside = 'up'", 'side = "up" must be one of "left", "right"'),
-    ("damper = {law = 'power', force = 1, exponent = 0}", "damper exponent = 0 must be in .0, 2"),
-    ("damper = {law = 'power', force = 1}", "damper lacks the key 'exponent', which law = \"pow"),
-    ("damper = {law = 'pwer', force = 1}", 'damper law = "pwer" must be one of "power", "veloc'),
-    (
-        "damper = {law = 'power', force = 1, exponent = 1, increase = 3}",
-        'damper increase must not be given with law = "power"; give force, exponent, velocity',
-    ),
+    (f"{POWER}, exponent = 0}}", "damper exponent = 0 must be in .0, 1"),
+    (f"{POWER}, exponent = 1.5}}", "damper exponent = 1.5 must be from 0 to 1"),
+    (f"{POWER}}}", "damper lacks the key 'exponent', which law = \"power\" needs"),
+    (POWER.replace("r'", "s'") + "}", 'damper law = "powes" must be one of "power"; did you mean'),
+    ("damper = {law = 'power', force = 1, exponent = 1}", "damper lacks the key 'stiffness'"),
+    ("velocity_friction = {increase = 1}", "velocity_friction lacks the key 'velocity'"),
     (
         f"gap = 0.1\nside = 'left'\n{SECOND.replace('2', '1')}",
         r"2: friction = 10000.0 must be that of the link before it, whose other face this is",
@@ -233,8 +241,8 @@ test_forms = refusals(
     (f"{PAIR}isolation]", r"\[building_1\] has an unknown key 'isolation'; it belongs in \[\[bui"),
     (f"{PAIR}tuned_mass]", r"unknown key 'tuned_mass'; it belongs in \[\[building\]\]"),
     (
-        f"{GROUND}damper = {{law = 'power', force = 1, exponent = 1}}\n{RUN}",
-        "floors have several links, or a damper has a law",
+        f"{GROUND}velocity_friction = {{increase = 1e3, velocity = 0.02}}\n{RUN}",
+        "floors have several links, or velocity_friction",
     ),
     (
         ISOLATED + GROUND.removeprefix(STOREYS) + "friction_force = 1.0",
@@ -258,7 +266,7 @@ wall = {{gap = [0.06, 0.08], {CONTACT}}}
 building = 1
 floor = 2
 next_building = 1
-damper = {{law = "power", force = 4e5, exponent = 1.0}}
+damper = {{law = "power", force = 4e5, exponent = 0.3, stiffness = 1e8}}
 [ground]
 scale = 1.0
 [run]
@@ -294,12 +302,15 @@ def test_a_run_says_what_bearings_walls_and_dampers_do(simulated):
     assert (right["between"], left["between"]) == tuple(
         f"1–ground, floor 1, {side}" for side in ("right", "left")
     )
-    assert [link["damper"] for link in (brace, right, left)] == ["power", "friction", None]
+    assert right["viscous_force_N"] is left["viscous_energy_J"] is None
+    assert brace["viscous_force_N"] == float(demand.rods[2].peak_force) > 0
+    assert brace["viscous_energy_J"] == float(demand.rods[2].dissipated_energy) > 0
+    assert "viscous dampers" in screen
     assert (right["gap_m"], left["gap_m"]) == (0.08, 0.06)
     for link, scalars in zip((right, left), demand.links[1:], strict=True):
         assert link["contact"]["n_impacts"] == float(scalars.n_impacts) > 0
-    assert brace["slip_distance_m"] == float(demand.links[0].slip_distance) > 0
-    assert left["slip_distance_m"] is None
+    assert right["slip_distance_m"] == float(demand.links[1].slip_distance) > 0
+    assert brace["slip_distance_m"] is left["slip_distance_m"] is None
     rows = {line.split("  ")[0]: line.split()[-1] for line in screen.splitlines() if line}
     assert float(rows["1–ground, floor 1, left"]) > 0
     words = re.search(r"bearings of building .*\n +1 +(\S+) +(\S+) +(\S+)", screen)
@@ -311,7 +322,7 @@ def test_a_run_says_what_bearings_walls_and_dampers_do(simulated):
     assert [float(first[header.index(f"contact_{x}_N")]) for x in ("left", "right")] == floors
 
 
-def test_the_forces_of_dampers_with_a_law_are_drawn(simulated):
+def test_bearings_walls_and_dampers_are_drawn(simulated):
     _, out, _ = simulated
     names = {path.stem for path in out.glob("*.png")}
     assert {"friction_force", "friction_hysteresis", "contact_force", "row"} <= names

@@ -118,7 +118,7 @@ def test_a_row_without_links_or_contact(simulated):
     """What has no damper, gap or law is told without them."""
     results = summary(simulated[1])["results"]
     for link in results["links"]:
-        link |= {"contact": None, "damper": None}
+        link |= {"contact": None, "friction_force_N": 0.0}
     told = "\n".join(lines(results))
     assert "slid" not in told
     assert "impacts" not in told
