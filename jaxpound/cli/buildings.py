@@ -230,8 +230,7 @@ class LinkSection(Section):
             "gap": of_faces(self.gap),
             "side": self.side or "right",
         }
-        stated = {key: getattr(self, key) for key in LAWS}
-        between |= {key: table.model() for key, table in stated.items() if table is not None}
+        between |= {key: x.model() for key, x in self.stated().items() if key in LAWS}
         links = [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
         return [*by_face(links)]
 

@@ -262,12 +262,6 @@ def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
             "offset left (m)": [link and link["residual_offset_m"] for link in slips],
             "took (kJ)": [link and link["damper_energy_J"] / 1e3 for link in slips],
         }
-    dampers = [link if link["viscous_force_N"] is not None else None for link in links]
-    if any(dampers):
-        columns |= {
-            "viscous (kN)": [link and link["viscous_force_N"] / 1e3 for link in dampers],
-            "viscous (kJ)": [link and link["viscous_energy_J"] / 1e3 for link in dampers],
-        }
     laws = [link["contact"] for link in links]
     if any(laws):
         columns |= {

@@ -210,15 +210,15 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
 
 def _numbers(k: int, link: Link, damper: Damper, write: Written) -> Lines:
     """Forces and gap of a link, where it has them, in words and colours."""
-    words, forces, fast = [], [], link.velocity_friction
-    if float(link.friction) or fast:
-        ends = [link.friction] + ([link.friction + fast.increase] if fast else [])
-        forces.append(f"$\\mu_{{{k + 1}}}$ = {'–'.join(write('force', x) for x in ends)}")
+    words, forces = [], []
+    if float(link.friction) or link.velocity_friction:
+        forces.append(f"$\\mu_{{{k + 1}}}$ = {write('force', link.friction)}")
+    if (fast := link.velocity_friction) is not None:
+        forces.append(f"to {write('force', link.friction + fast.increase)}")
     if damper is not None:
-        viscous = isinstance(damper[1].material, PowerLaw)
-        number = damper[1].material.force if viscous else damper[1].stiffness
-        text = write("force" if viscous else "stiffness", number)
-        forces.append(f"${'F' if viscous else 'K'}_{{{damper[0] + 1}}}$ = {text}")
+        number, material = damper[0] + 1, damper[1].material
+        if isinstance(material, PowerLaw):
+            forces.append(f"$F_{{{number}}}$ = {write('force', material.force)}")
     if forces:
         words.append(("\n".join(forces), COLOURS["damper"]))
     if np.isfinite(float(link.gap)):

@@ -98,7 +98,7 @@ def test_walls_stand_where_gaps_to_the_ground_close_and_bearings_in_a_pit(legibl
     ground = next(line for line in ax.lines if line.get_color() == "#000000")
     assert min(ground.get_ydata()) == 0.5 - 3.0  # the bearings' storey is as high as the others
     words = {text.get_text() for text in ax.texts}
-    numbers = {"$\\mu_{1}$ = 0.1\n$F_{7}$ = 0.4", "$\\mu_{3}$ = 0.2–0.9"}  # the seventh rod
+    numbers = {"$\\mu_{1}$ = 0.1\n$F_{7}$ = 0.4", "$\\mu_{3}$ = 0.2\nto 0.9"}  # the seventh rod
     assert numbers | {f"$\\xi_{{0,{k}}}$ = {x}" for k, x in ((1, 0.2), (2, 0.3), (4, 0.5))} <= words
     says = [r"damper, slip force $\mu$", "damper (PowerLaw)", r"gap at rest $\xi_0$"]
     says += ["contact (KelvinVoigt)"]
