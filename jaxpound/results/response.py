@@ -87,8 +87,8 @@ class LinkResponse:
 
     @property
     def has_damper(self) -> bool:
-        """Whether its friction or the law of its damper has a force, in any run of a batch."""
-        return bool(np.any(self.slip_force > 0) or np.any(self.friction))
+        """Whether the slip force is not 0, in any run of a batch."""
+        return bool(np.any(self.slip_force > 0))
 
 
 @pytree_dataclass
