@@ -70,14 +70,14 @@ CASES = {
         "rods": [rod(BASE, 10.0, 0.03, 0.15)],
         "link": link(BASE, 0.0, [0.0045, 0.0055], [kelvin(1e5, 0.8), kelvin(1e5, 0.8)]),
         "ricker": ricker(0.06, [0.6], [3.4]),
-        "by": ["link.gap.0", "link.faces.1.e"],
+        "by": ["link.faces.0.e", "link.faces.1.e"],
     },
     "storey above": {
         "m": [1.0, 0.8],
         "rods": ISOLATED,
         "link": link(BASE, 0.05, [0.1, 0.16], [newton(0.6), newton(0.6)]),
         "ricker": SHAKING,
-        "by": ["link.gap.1", "link.faces.0.e"],
+        "by": ["link.gap.0", "link.faces.1.e"],
     },
     "power law": {
         "m": [1.0, 0.7],
