@@ -174,14 +174,17 @@ class Response(ByElement, Columnar, Shown):
         """Energy balance over time."""
         x, v = [mass.x for mass in self.masses], [mass.v for mass in self.masses]
         masses = [jnp.asarray(mass.mass)[..., None] for mass in self.masses]
-        momentum = _total(map(operator.mul, masses, v))
+        momentum = _means(_total(map(operator.mul, masses, v)))
         kinetic = _total(m * v_of_mass**2 for m, v_of_mass in zip(masses, v, strict=True)) / 2
         steps = jnp.diff(self.time, axis=-1)
         works = steps * _means(_total(r.force * elongation(r.ends, v) for r in self.rods))
         if touching := [link.touching for link in self.links if link.touching is not None]:
             of_motion = (_means(r.force) * jnp.diff(elongation(r.ends, x)) for r in self.rods)
             met = _total(touching) > 0
-            works = jnp.where(met[..., 1:] | met[..., :-1], _total(of_motion), works)
+            met = met[..., 1:] | met[..., :-1]
+            works = jnp.where(met, _total(of_motion), works)
+            moved = jnp.diff(_total(map(operator.mul, masses, x)))
+            momentum = jnp.where(met, moved / steps, momentum)  # which the ground's blows change
         rods = _summed(works)
         friction = stored = lost = 0 * rods
         for link in self.links:
@@ -192,7 +195,7 @@ class Response(ByElement, Columnar, Shown):
             if link.contact is not None:
                 stored, lost = stored + link.contact_stored, lost + link.contact_lost
         # Integrated over u', which includes what u'' does between the instants.
-        supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * _means(momentum))
+        supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * momentum)
         at_start = _total(r.force[..., 0] * elongation(r.ends, x)[..., 0] for r in self.rods) / 2
         rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
         residual = rods + friction + kinetic + stored + lost - supplied - initial[..., None]
@@ -336,7 +339,7 @@ class Energy(NamedTuple):
     scheme's telescoping sums: so ``residual`` measures how well motion, forces and quadrature agree
     (not the rods' law). Of links with a law of contact the terms are those of the motion within the
     steps; in a step with contact, where velocities may jump, work into the rods is integrated over
-    their elongation.
+    their elongation, and that of the ground over what the masses move.
     """
 
     input: Any

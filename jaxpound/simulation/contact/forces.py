@@ -95,7 +95,7 @@ class LinkLaws:
 
     def of_either_face(self, links: jax.Array) -> jax.Array:
         """Faces of links in which something holds for a face."""
-        return links | self.of_other_face(links, without=False) if self.faces else links
+        return of_either_face(links, self.faces)
 
     def inverse(self, regime: Regime) -> jax.Array:
         """``held_inverse`` of the links in a regime."""
@@ -161,6 +161,14 @@ class LinkLaws:
 def seen_by_faces(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
     """Values of links, (n, ...), as their faces see them, (f, ...): the other ones in reverse."""
     return jnp.stack([*values, *(-values[k] for k in faces)]) if faces else values
+
+
+def of_either_face(holds: jax.Array, faces: tuple[int, ...]) -> jax.Array:
+    """Faces, (f,), of links in which something holds for a face."""
+    by_face = [*holds]
+    for i, k in enumerate(faces, len(by_face) - len(faces)):
+        by_face[k] = by_face[i] = holds[k] | holds[i]
+    return jnp.stack(by_face) if faces else holds
 
 
 def held_inverse(delassus: jax.Array, held: jax.Array) -> jax.Array:

@@ -28,7 +28,13 @@ from jaxpound.model.contact import with_mass
 from jaxpound.model.system import Link, LinkGroup, Topology
 from jaxpound.simulation.contact import records
 from jaxpound.simulation.contact.flows import flow
-from jaxpound.simulation.contact.forces import held_inverse, inverse_of, response, seen_by_faces
+from jaxpound.simulation.contact.forces import (
+    held_inverse,
+    inverse_of,
+    of_either_face,
+    response,
+    seen_by_faces,
+)
 from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
 from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
 
@@ -258,11 +264,13 @@ def finish_step(
     n, faces = len(group.resistances), before.faces
     gain = group.gained(faces, result.held > 0, pull_change)
     # No position correction while a contact force acts: the force would respond to it.
-    shift = jnp.where(result.contact.mode == PRESSED, 0.0, h**2 / 2 * gain)
+    pressed = of_either_face(result.contact.mode == PRESSED, faces)
+    shift = jnp.where(pressed, 0.0, h**2 / 2 * gain)
     velocity, closing_after = result.velocity + h * gain, result.closing + shift
     after = closing_after + h / 2 * velocity + h**2 / 8 * (result.acceleration + gain)
     gain_now = group.gained(faces, at.held > 0, pull_change)
-    shift_now = jnp.where(at.contact_force != 0, 0.0, h**2 / 8 * gain_now)
+    pressed_now = of_either_face(at.contact_force != 0, faces)
+    shift_now = jnp.where(pressed_now, 0.0, h**2 / 8 * gain_now)
     closing_now = at.closing + shift_now
     kick = before.pull - (velocity - before.velocity) / h
     motion_of_flow = LinkMotion(

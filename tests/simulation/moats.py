@@ -1,0 +1,225 @@
+"""Links of two faces as the reference ``moat.json`` has them, run at several steps by one program.
+
+A run at the step h is made in a unit of time in which h is the grid's step. It rests at first, and
+is shaken so late that it ends as the reference does.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxpound as jp
+from tests.reference import load
+
+CASES = load("moat")["cases"]
+END, EVERY = 14.4, 1.2
+STEPS = (0.04, 0.02, 0.01)
+GRID = jp.TimeGrid(STEPS[0], round(END / STEPS[-1]))
+
+
+def numbers_of(case):
+    """Numbers of a case that are not places, in the order of its leaves."""
+    leaves = jax.tree.leaves(_system(case))
+    return jnp.array([x for x in leaves if isinstance(x, float)])
+
+
+def with_numbers(case, numbers):
+    """The case with others."""
+    leaves, structure = jax.tree.flatten(_system(case))
+    others = iter(numbers)
+    return structure.unflatten([next(others) if isinstance(x, float) else x for x in leaves])
+
+
+def changed(case, path, value):
+    """The case with the number at a path, such as ``link.gap.0``, changed."""
+    place, leaves = "".join(f"['{x}']" for x in path.split(".")), []
+    for keys, leaf in jax.tree_util.tree_leaves_with_path(_system(case)):
+        at = "".join(f"['{getattr(key, 'key', getattr(key, 'idx', ''))}']" for key in keys)
+        leaves.append(value if at == place else leaf)
+    return case | jax.tree.structure(_system(case)).unflatten(leaves)
+
+
+def _system(case):
+    return {name: case[name] for name in ("m", "rods", "link")}
+
+
+def system_of(case, unit=1.0):
+    """A case's system in a unit of time: forces grow with its square, and times fall."""
+    force = unit**2
+
+    def rod(x):
+        if "F" in x:
+            material = jp.PowerLaw(x["F"] * force, x["a"], x["v"] * unit)
+        else:
+            material = jp.ZenerRod(1.0, x["tf"] / unit, x["tx"] / unit)
+        return jp.Rod(material, x["K"] * force, tuple(x["ends"]))
+
+    def law(x):
+        return jp.KelvinVoigt(x["k"] * force, x["e"]) if "k" in x else jp.Newton(x["e"])
+
+    link, gain = case["link"], case["link"].get("velocity_friction")
+    return jp.System(
+        tuple(case["m"]),
+        tuple(map(rod, case["rods"])),
+        (
+            jp.Link(
+                tuple(link["ends"]),
+                link["mu"] * force,
+                tuple(link["gap"]),
+                tuple(map(law, link["faces"])),
+                velocity_friction=gain and jp.VelocityFriction(gain["F"] * force, gain["v"] * unit),
+            ),
+        ),
+    )
+
+
+def ground_of(case, sign=1.0):
+    """Two wavelets or fewer."""
+    ricker = case["ricker"]
+    missing = (0, 2 - len(ricker["tp"]))
+    return jp.Ricker(
+        np.pad(sign * ricker["u0"] * np.ones(len(ricker["tp"])), missing),
+        np.pad(np.array(ricker["tp"]), missing, constant_values=1.0),
+        np.pad(np.array(ricker["ts"]), missing),
+    )
+
+
+def rests(unit):
+    """For how long a run rests at first."""
+    return GRID.duration * unit - END
+
+
+def shaken(ground, unit):
+    """The ground of a run in a unit of time."""
+    arrivals = (ground.arrivals + rests(unit)) / unit
+    return jp.Ricker(ground.amplitude, ground.periods / unit, arrivals)
+
+
+def outputs(case, numbers, unit, ground):
+    """What the reference has derivatives of, in its units, and the response."""
+    system = system_of(with_numbers(case, numbers), unit)
+    response = jp.simulate(system, shaken(ground, unit), GRID)
+    lost = sum(link.contact_work for link in response.demand.links) / unit**2
+    return jnp.stack([lost, response.masses[0].x[-1]]), response
+
+
+@functools.cache
+def program(name):
+    """A function of numbers, a direction of them, unit and ground, for cases of one topology."""
+    case = CASES[name]
+
+    @jax.jit
+    def along(numbers, direction, unit, ground):
+        """Results, their derivatives along the direction, and the response."""
+        run = functools.partial(outputs, case, unit=unit, ground=ground)
+        return jax.jvp(run, (numbers,), (direction,), has_aux=True)
+
+    return along
+
+
+def direction(case, path):
+    """Of numbers: that of the one at a path."""
+    return 1.0 * (numbers_of(changed(case, path, np.nan)) != numbers_of(case))
+
+
+@functools.cache
+def runs(name, like):
+    """By step: results, their derivatives by the reference's numbers and the response.
+
+    ``like`` is the case whose program it is.
+    """
+    case, by_step = CASES[name], {}
+    for step in STEPS:
+        each = [
+            program(like)(
+                numbers_of(case),
+                direction(case, path),
+                step / GRID.dt,
+                ground_of(case),
+            )
+            for path in case["derivatives"]
+        ]
+        slopes = np.stack([slope for _, slope, _ in each])
+        by_step[step] = each[0][0], slopes, jax.device_get(each[0][2])
+    return by_step
+
+
+def errors_of_displacements(case, response, step):
+    """At the reference's instants."""
+    instants = (rests(step / GRID.dt) + EVERY * np.arange(1, len(case["x"]) + 1)) / step
+    x = np.stack([mass.x for mass in response.masses], -1)[np.round(instants).astype(int)]
+    return np.abs(x - np.array(case["x"]))
+
+
+def check(name, like, displacements, slopes):
+    """Runs of a case against the reference, of second order, and the last of them in all it has.
+
+    Of the last, displacements are within this share of their largest, and derivatives within this
+    share of their norm.
+    """
+    case, of_x, of_slopes = CASES[name], [], []
+    size, known = np.abs(case["x"]).max(), np.array([*case["derivatives"].values()])
+    for step, (_, ours, response) in runs(name, like).items():
+        of_x.append(errors_of_displacements(case, response, step) / size)
+        of_slopes.append(np.linalg.norm((ours - known) / np.linalg.norm(known, axis=1)[:, None]))
+    rms = [np.sqrt(np.mean(errors**2)) for errors in of_x]
+    assert rms[0] > 11 * rms[-1], rms  # 16 would be of second order
+    # The first may be small by chance.
+    assert max(of_slopes) > 3.5 * of_slopes[-1], of_slopes
+    assert of_x[-1].max() < displacements
+    assert of_slopes[-1] < slopes
+    check_scalars(case, response, STEPS[-1] / GRID.dt)
+
+
+def check_scalars(case, response, unit):
+    """Gaps, energies, forces and impacts of the last run, the left face first."""
+    demand, energy = response.demand, response.energy
+    links, force = demand.links[::-1], unit**2
+    kinds = {"min_gap": 1.0, "contact_work": force, "peak_contact": force}
+    ours = {kind: [float(getattr(x, kind)) / of for x in links] for kind, of in kinds.items()}
+    np.testing.assert_allclose(ours["min_gap"], case["min_gap"], rtol=5e-3, atol=1e-10)
+    np.testing.assert_allclose(ours["contact_work"], case["contact_lost"], rtol=5e-3)
+    np.testing.assert_allclose(ours["peak_contact"], case["peak_force"], rtol=5e-3)
+    if case["peak_impulse"]:
+        impulses = [float(x.peak_impulse) / unit for x in links]
+        np.testing.assert_allclose(impulses, case["peak_impulse"], rtol=2e-3)
+    lost = float(energy.contact_lost[-1]) / force
+    np.testing.assert_allclose(lost, sum(case["contact_lost"]), rtol=5e-3)
+    work = float(energy.friction[-1]) / force
+    np.testing.assert_allclose(work, case["friction_work"], rtol=2e-3, atol=1e-12)
+    taken = sum(float(r.dissipated_energy) for r in demand.rods if r.dissipated_energy is not None)
+    np.testing.assert_allclose(taken / force, case["dissipated"], rtol=2e-3)
+    assert energy.relative_residual < 4e-3
+    for face, side in enumerate(("left", "right")):
+        # Newton's last rebounds before rest are not followed.
+        known = np.array([x for x in case["impacts"][face] if x[1] > 2e-3])
+        impacts = [x for x in response.impacts() if x.between.endswith(side)]
+        ours = [(x.time * unit - rests(unit), x.approach_velocity / unit) for x in impacts]
+        ours = np.array([x for x in ours if x[1] > 2e-3])
+        np.testing.assert_allclose(ours, known, rtol=0, atol=2e-3)
+        presses = np.asarray(response.links[1 - face].contact)
+        assert presses.min() >= 0
+        assert presses.max() <= demand.links[1 - face].peak_contact
+
+
+def check_mirror(name):
+    """A case and its mirror image, bit for bit: each face is that of the other side."""
+    case = CASES[name]
+    link, numbers = case["link"], numbers_of(case)
+    swapped = case | {"link": {**link, "gap": link["gap"][::-1], "faces": link["faces"][::-1]}}
+    still = jnp.zeros_like(numbers)
+    ours = program(name)(numbers, still, 1.0, ground_of(case))[2]
+    mirrored = program(name)(numbers_of(swapped), still, 1.0, ground_of(case, sign=-1.0))[2]
+    assert ours.demand.n_impacts_1 >= 4
+    for mass, other in zip(ours.masses, mirrored.masses, strict=True):
+        np.testing.assert_array_equal(mass.x, -other.x)
+    for name in ("gap", "contact", "contact_lost", "contact_stored", "touching"):
+        for one, other in zip(ours.links, mirrored.links[::-1], strict=True):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_array_equal(ours.links[0].friction, -mirrored.links[0].friction)
+    for name in ("min_gap", "peak_contact", "peak_impulse", "contact_work", "first_impact_time"):
+        one, other = ([float(getattr(x, name)) for x in y.demand.links] for y in (ours, mirrored))
+        assert one == other[::-1]
+    assert ours.min_gap == mirrored.min_gap

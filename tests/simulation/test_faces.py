@@ -1,0 +1,136 @@
+"""Links of two faces, against a reference that goes from event to event, and against themselves."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpound as jp
+from jaxpound.model.contact import with_mass
+from jaxpound.simulation.contact.flows import flow
+from jaxpound.simulation.contact.records import SLOTS, Contact, FlowInput
+from tests.simulation.contact.test_flows import AT_START
+from tests.simulation.moats import (
+    CASES,
+    GRID,
+    changed,
+    check,
+    check_mirror,
+    direction,
+    ground_of,
+    numbers_of,
+    program,
+    shaken,
+    system_of,
+    with_numbers,
+)
+
+ONE = CASES["one mass"]
+WITHIN = {  # shares of the largest displacement, and of the derivatives
+    "one mass": ("one mass", 1e-3, 1e-3),
+    "narrow slot": ("one mass", 0.02, 0.02),
+    "storey above": ("storey above", 2e-3, 0.01),
+}
+
+
+@pytest.mark.parametrize("name", WITHIN)
+def test_runs_and_their_derivatives_are_those_of_the_reference(name):
+    check(name, *WITHIN[name])
+
+
+def test_both_faces_are_hit_again_and_again_within_one_step():
+    """By Newton's law, against the sum of the flights between the walls."""
+    restitution, left, right, step = 0.7, 0.0015, 0.002, 0.04
+    law, two, zero = with_mass(jp.Newton(restitution), 2.0), jnp.ones(2), jnp.zeros(2)
+    start = FlowInput(
+        closing=zero,
+        velocity=jnp.array([1.0, -1.0]),
+        pull=zero,
+        rise=zero,
+        delassus=0.5 * jnp.ones((1, 1)),
+        friction=zero,
+        gap=jnp.array([right, left]),
+        laws=(law, law),
+        resistances=(None,),
+        contact=Contact(*(0 * two,) * len(Contact._fields)),
+    )
+    end = jax.jit(lambda x: flow(step, SLOTS, jnp.asarray(True), x, AT_START, (0,)))(start)
+    place, speed, time, touches = right, 1.0, right, [0, 0]
+    while time < step:
+        touches[int(place < 0)] += 1
+        speed, other = restitution * speed, -left if place > 0 else right
+        begin, place, time = (place, time), other, time + (left + right) / speed
+    position = begin[0] + np.sign(place - begin[0]) * speed * (step - begin[1])
+    assert touches == [3, 2]
+    assert end.log.touches.tolist() == touches
+    np.testing.assert_allclose(end.closing, [position, -position], rtol=1e-10)
+    np.testing.assert_allclose(np.abs(end.velocity), speed, rtol=1e-12)
+    assert float(end.lost.sum()) == pytest.approx(1 - speed**2, rel=1e-12)
+    np.testing.assert_allclose(end.log.farthest, [right, left], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["one mass", "storey above"])
+def test_the_mirror_image_has_the_faces_of_the_other_side(name):
+    check_mirror(name)
+
+
+def lost(numbers):
+    """Energy lost by contact in the case of one mass, at the step of the grid."""
+    ground = jax.tree.map(lambda x: x.astype(numbers.dtype), shaken(ground_of(ONE), 1.0))
+    demand = jp.demand(system_of(with_numbers(ONE, numbers)), ground, GRID)
+    return sum(link.contact_work for link in demand.links)
+
+
+def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
+    cases = [changed(ONE, "link.gap.0", gap) for gap in (0.09, 0.12, 0.2, 3.0)]
+    numbers, way = jnp.stack([*map(numbers_of, cases)]), direction(ONE, "link.gap.0")
+    values, gradients = jax.jit(jax.vmap(jax.value_and_grad(lost)))(numbers)
+    for single, together, gradient in zip(numbers, values, gradients, strict=True):
+        (alone, _), (slope, _), response = program("one mass")(single, way, 1.0, ground_of(ONE))
+        assert float(together) == pytest.approx(float(alone), rel=1e-10)
+        assert float(gradient @ way) == pytest.approx(float(slope), rel=1e-8, abs=1e-12)
+    assert response.demand.n_impacts_1 > 0
+    assert response.demand.n_impacts_2 == 0
+
+
+def test_single_precision_stays_single():
+    numbers = numbers_of(ONE)
+    (double, _), _, _ = program("one mass")(numbers, 0 * numbers, 1.0, ground_of(ONE))
+    single = jax.jit(lost)(numbers.astype(np.float32))
+    assert single.dtype == np.float32
+    assert float(single) == pytest.approx(float(double), rel=1e-4)
+
+
+def test_a_face_that_cannot_close_is_none():
+    """One face, and two of which one is at infinity, of the same neighbours the other way round."""
+    (rod,) = system_of(ONE).rods
+    law, ground, grid = jp.KelvinVoigt(2500.0, 0.8), ground_of(ONE), jp.TimeGrid(0.04, 200)
+    links = (
+        jp.Link((0, jp.GROUND), 0.1, 0.15, law),
+        jp.Link((jp.GROUND, 0), 0.1, (0.15, np.inf), law),
+    )
+    one, two = (jp.demand(jp.System((1.0,), (rod,), (x,)), ground, grid) for x in links)
+    assert one.n_impacts == 3
+    assert float(two.peak_x1) == pytest.approx(float(one.peak_x1), rel=1e-7)
+    for name in ("min_gap", "peak_contact", "peak_impulse", "contact_work", "n_impacts"):
+        ours = float(getattr(two.links[1], name))
+        assert ours == pytest.approx(float(getattr(one.links[0], name)), rel=1e-6)
+    assert float(two.links[0].friction_work) == pytest.approx(float(one.friction_work), rel=1e-7)
+    assert two.links[0].peak_contact is None
+    assert np.isinf(two.links[0].min_gap)
+
+
+def test_a_row_has_the_faces_of_its_links_also_where_it_is_traced():
+    steel = jp.ZenerRod(1.0, 0.03, 0.15)
+    link = jp.FloorLink(0, 0, friction=0.1, gap=(0.1, 0.2), next_building=jp.GROUND)
+    row = jp.Row((jp.Storeys((1.0,), jp.Rod(steel, 4.0)),), (link,))
+    rod, same = jp.Rod(steel, 4.0, (0, jp.GROUND)), jp.Link((0, jp.GROUND), 0.1, (0.1, 0.2))
+    system = jp.System((1.0,), (rod,), (same,))
+    assert jax.tree.structure(row.system()) == jax.tree.structure(system)
+    assert jax.tree.leaves(row.system()) == jax.tree.leaves(system)
+    assert [x.gap for x in system.links] == [0.2, 0.1]
+    assert [(x.ends, x.friction) for x in system.links] == [((0, -1), 0.1), ((-1, 0), 0.0)]
+    again = jax.eval_shape(lambda x: dataclasses.replace(x, masses=(2.0,)), system)
+    assert again.topology == system.topology
