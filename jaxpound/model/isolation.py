@@ -79,8 +79,8 @@ class FrictionPendulum:
         (size,) = positive("FrictionPendulum.damping_ratio", displacement=displacement)
         return 2 / jnp.pi * self.friction / (self.friction + size / self.radius)
 
-    def storey(self, base_mass: Any, weight: Any) -> Building:
-        """The base on the restoring spring under a weight, N."""
+    def storey(self, base_mass: Any, weight: Any, gravity: Any = STANDARD_GRAVITY) -> Building:
+        """The base on the restoring spring under a weight, N, whatever the gravity."""
         return _spring(base_mass, weight / self.radius)
 
     def between(self, weight: Any) -> dict[str, Any]:
@@ -242,7 +242,7 @@ def isolated(
     base_mass, gravity = positive(owner, base_mass=base_mass, gravity=gravity)
     above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
-    storeys = (bearing.storey(base_mass, weight), *above.storeys)
+    storeys = (bearing.storey(base_mass, weight, gravity), *above.storeys)
     on_bearings = ShearBuilding(storeys, (height, *above.heights))
     between = bearing.between(weight)
     if wall is not None:
@@ -272,22 +272,23 @@ def tuned_mass_damper(
     frequency_ratio
         > 0, frequency of the tuned mass over that of the first mode; by default 1/(1 + m).
     damping_ratio
-        > 0, of the tuned mass alone; by default √(3 m/(8 (1 + m)³)) (both Den Hartog 1956, for an
-        undamped building under a harmonic load).
+        > 0, of the tuned mass alone; by default √(3 m/(8 (1 + m))) (both Den Hartog 1956, for an
+        undamped building under a harmonic load; his own ratio, 1/(1 + m) of it, is by the frequency
+        of the building).
 
     Examples
     --------
     >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
     >>> tuned = jp.tuned_mass_damper(frame, mass_ratio=0.05)
     >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
-    (5, [0.566, 0.465])
+    (5, [0.565, 0.466])
     """
     owner = "tuned_mass_damper"
     instance(owner, "building", building, ShearBuilding, Building)
     frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     (ratio,) = positive(owner, mass_ratio=mass_ratio)
     tuning = 1 / (1 + ratio) if frequency_ratio is None else frequency_ratio
-    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio) ** 3))
+    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio)))
     damping = optimal if damping_ratio is None else damping_ratio
     tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
     modes = frame.modes()
