@@ -9,7 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, Rule, enforce, instance, positive
+from jaxpound._checks import Range, Rule, enforce, instance, positive, real, require_batch
 from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges
 from jaxpound.model.building import PERIOD, Building
 from jaxpound.model.dampers import VelocityFriction
@@ -66,15 +66,20 @@ class FrictionPendulum:
     )
 
     def __post_init__(self) -> None:
+        owner = "FrictionPendulum"
         check(self)
-        enforce("FrictionPendulum", ranges(self))
-        if (fast := self.fast_friction) is not None:
-            holds = (jnp.asarray(fast) >= self.friction) & (jnp.asarray(fast) <= _FRICTION.high)
+        enforce(owner, ranges(self))
+        if self.fast_friction is not None:
+            fast = real(owner, "fast_friction", self.fast_friction)
+            object.__setattr__(self, "fast_friction", fast)
             rule = f"at least friction, and at most {_FRICTION.high}"
-            enforce("FrictionPendulum", [Rule("fast_friction", fast, holds, rule)])
+            holds = (fast >= self.friction) & (fast <= _FRICTION.high)
+            enforce(owner, [Rule("fast_friction", fast, holds, rule)])
+        require_batch(owner, **{name: x for name, x in vars(self).items() if x is not None})
 
     def period(self, gravity: Any = STANDARD_GRAVITY) -> Any:
         """Period of the building as a pendulum, 2π √(R/g), s: it does not depend on the mass."""
+        (gravity,) = positive("FrictionPendulum.period", gravity=gravity)
         return 2 * jnp.pi * jnp.sqrt(self.radius / gravity)
 
     def damping_ratio(self, displacement: Any) -> Any:
@@ -85,8 +90,8 @@ class FrictionPendulum:
         (size,) = positive("FrictionPendulum.damping_ratio", displacement=displacement)
         return 2 / jnp.pi * self.friction / (self.friction + size / self.radius)
 
-    def storey(self, base_mass: Any, weight: Any) -> Building:
-        """The base on the restoring spring under a weight, N."""
+    def storey(self, base_mass: Any, weight: Any, gravity: Any = STANDARD_GRAVITY) -> Building:
+        """The base on the restoring spring under a weight, N, whatever the gravity."""
         base, limit = _spring(base_mass, weight / self.radius), self.ultimate_displacement
         if not is_closable(limit):
             return base
@@ -137,6 +142,7 @@ class LeadRubber:
     def __post_init__(self) -> None:
         check(self)
         enforce("LeadRubber", ranges(self))
+        require_batch("LeadRubber", **vars(self))
 
     def damping_ratio(self, displacement: Any, gravity: Any = STANDARD_GRAVITY) -> Any:
         """Equivalent viscous damping ratio in cycles to ±``displacement``, m, beyond yield.
@@ -249,7 +255,7 @@ def isolated(
     base_mass, gravity = positive(owner, base_mass=base_mass, gravity=gravity)
     above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
-    storeys = (bearing.storey(base_mass, weight), *above.storeys)
+    storeys = (bearing.storey(base_mass, weight, gravity), *above.storeys)
     on_bearings = ShearBuilding(storeys, (height, *above.heights))
     between = bearing.between(weight)
     if wall is not None:
@@ -279,22 +285,23 @@ def tuned_mass_damper(
     frequency_ratio
         > 0, frequency of the tuned mass over that of the first mode; by default 1/(1 + m).
     damping_ratio
-        > 0, of the tuned mass alone; by default √(3 m/(8 (1 + m)³)) (both Den Hartog 1956, for an
-        undamped building under a harmonic load).
+        > 0, of the tuned mass alone; by default √(3 m/(8 (1 + m))) (both Den Hartog 1956, for an
+        undamped building under a harmonic load; his own ratio, 1/(1 + m) of it, is by the frequency
+        of the building).
 
     Examples
     --------
     >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
     >>> tuned = jp.tuned_mass_damper(frame, mass_ratio=0.05)
     >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
-    (5, [0.566, 0.465])
+    (5, [0.565, 0.466])
     """
     owner = "tuned_mass_damper"
     instance(owner, "building", building, ShearBuilding, Building)
     frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     (ratio,) = positive(owner, mass_ratio=mass_ratio)
     tuning = 1 / (1 + ratio) if frequency_ratio is None else frequency_ratio
-    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio) ** 3))
+    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio)))
     damping = optimal if damping_ratio is None else damping_ratio
     tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
     modes = frame.modes()

@@ -1,0 +1,256 @@
+"""Bearings, moat walls and tuned masses, in closed form."""
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import jaxpound as jp
+from jaxpound import FrictionPendulum, LeadRubber, MoatWall
+from tests.refusals import refusals
+
+G, BASE = jp.STANDARD_GRAVITY, 350e3
+FRAME = jp.ShearBuilding.from_period(3, 300e3, period=0.5, damping_ratio=0.03)
+MASS = BASE + 3 * 300e3
+SLIDING, RUBBER = FrictionPendulum(2.24, 0.06), LeadRubber(2.5, 0.05, 0.012)
+LAW, SOFT = jp.KelvinVoigt(2e9, 0.7), jp.Jankowski(3e9, 0.5)
+
+
+def equivalent_damping(energy, force, displacement):
+    """Of a cycle's energy and the largest force and displacement."""
+    return float(energy / (2 * np.pi * force * displacement))
+
+
+def loop_area(force, displacement):
+    return np.sum((force[1:] + force[:-1]) / 2 * np.diff(displacement))
+
+
+def matrices(building):
+    """Masses and stiffnesses of a building whose rods are springs."""
+    way = np.eye(building.n_floors) - np.eye(building.n_floors, k=-1)
+    stiffness = np.diag([float(storey.stiffness) for storey in building.storeys])
+    return np.diag([float(storey.mass) for storey in building.storeys]), way.T @ stiffness @ way
+
+
+def frequencies(building):
+    mass, stiffness = matrices(building)
+    return np.sqrt(eigh(stiffness, mass, eigvals_only=True))
+
+
+def test_a_friction_pendulum_has_the_period_of_a_pendulum_and_the_damping_of_its_loop():
+    assert SLIDING.period() == pytest.approx(2 * np.pi * np.sqrt(2.24 / 9.80665), rel=1e-12)
+    assert SLIDING.period(1.62) == pytest.approx(2 * np.pi * np.sqrt(2.24 / 1.62), rel=1e-12)
+    weight, phase = 5e6, np.linspace(0, 2 * np.pi, 20_001)
+    spring, friction = SLIDING.storey(BASE, weight).stiffness, SLIDING.between(weight)["friction"]
+    sizes = np.array([0.02, 0.2])
+    for size, ratio in zip(sizes, SLIDING.damping_ratio(sizes), strict=True):
+        x, v = size * np.sin(phase), np.cos(phase)
+        force = spring * x + friction * np.sign(v)
+        known = equivalent_damping(loop_area(force, x), spring * size + friction, size)
+        assert ratio == pytest.approx(known, rel=1e-3)
+
+
+def test_a_lead_rubber_bearing_has_the_damping_and_the_stiffness_of_its_loop():
+    storey = RUBBER.storey(BASE, MASS * G)
+    law, stiffness = storey.hysteresis, storey.stiffness
+    for size in (0.05, 0.2):
+        turns = size * np.array([0.0, 1.0, -1.0, 1.0])
+        test = jp.cyclic_test(law, turns, stiffness, 500)
+        force, x, dissipated = (part[500:] for part in (test.force, test.displacement, test[2]))
+        ratio = RUBBER.damping_ratio(size)
+        area, energy = loop_area(force, x), dissipated[-1] - dissipated[0]
+        assert ratio == pytest.approx(equivalent_damping(area, force[-1], size), rel=1e-3)
+        assert ratio == pytest.approx(equivalent_damping(energy, force[-1], size), rel=1e-10)
+        after_yield = (force[-1] - force[-2]) / (x[-1] - x[-2])
+        assert after_yield == pytest.approx(MASS * (2 * np.pi / 2.5) ** 2, rel=1e-8)
+        assert force[-1] - after_yield * size == pytest.approx(0.05 * MASS * G, rel=1e-8)
+    assert RUBBER.damping_ratio(0.012) == RUBBER.damping_ratio(0.005) == 0
+    limited = LeadRubber(2.5, 0.05, 0.012, ultimate_displacement=0.4).storey(BASE, MASS * G)
+    assert (law.yield_displacement, law.ultimate_displacement) == (0.012, np.inf)
+    assert limited.hysteresis.ultimate_displacement == 0.4
+
+
+@pytest.mark.parametrize("gravity", [G, 1.62])
+def test_an_isolated_building_has_its_base_as_floor_0_and_bearings_under_its_whole_weight(gravity):
+    sliding, (link,) = jp.isolated(FRAME, SLIDING, BASE, gravity=gravity)
+    rubber, none = jp.isolated(FRAME, RUBBER, BASE, gravity=gravity, height=0.8)
+    assert none == ()
+    for building, height in ((sliding, 0.5), (rubber, 0.8)):
+        assert building.n_floors == 4
+        assert building.heights == (height, 3.0, 3.0, 3.0)
+        assert building.storeys[1:] == FRAME.storeys
+        assert building.storeys[0].mass == BASE
+        assert building.storeys[0].tau_f == building.storeys[0].tau_x
+    bearing = rubber.storeys[0]
+    after_yield = bearing.stiffness * bearing.hysteresis.hardening
+    assert after_yield == pytest.approx(MASS * (2 * np.pi / 2.5) ** 2, rel=1e-12)
+    strength = (bearing.stiffness - after_yield) * 0.012
+    assert strength == pytest.approx(0.05 * MASS * gravity, rel=1e-12)
+    assert sliding.storeys[0].hysteresis is None
+    assert sliding.storeys[0].stiffness == pytest.approx(MASS * gravity / 2.24, rel=1e-12)
+    assert link.friction == pytest.approx(0.06 * MASS * gravity, rel=1e-12)
+    assert (link.building, link.floor, link.next_building) == (0, 0, jp.GROUND)
+    assert (link.gap, link.contact, link.damper, link.velocity_friction) == (np.inf, *3 * (None,))
+
+
+def test_modes_are_those_of_the_springs_before_yield():
+    block = jp.Building(300e3, 4e7, 1.0, 1e-6, 1e-6)
+    for bearing in (SLIDING, RUBBER):
+        building, _ = jp.isolated(block, bearing, BASE)
+        assert building.heights == (0.5, 3.0)
+        modes = building.modes()
+        np.testing.assert_allclose(modes.frequencies, frequencies(building), rtol=1e-9)
+        np.testing.assert_allclose(modes.damping_ratios, 0, atol=1e-9)
+    # Nearly rigid above the bearings: the base and all floors swing as one pendulum.
+    stiff = jp.ShearBuilding.from_period(3, 300e3, period=0.01, damping_ratio=0.03)
+    modes = jp.isolated(stiff, SLIDING, BASE)[0].modes()
+    assert modes.periods[0] == pytest.approx(float(SLIDING.period()), rel=2e-5)
+    np.testing.assert_allclose(modes.shapes[:, 0].real, 1, rtol=2e-5)
+
+
+def test_the_link_to_the_ground_has_friction_once_and_a_face_for_each_wall():
+    wall = MoatWall((0.2, 0.3), (LAW, SOFT))
+    building, links = jp.isolated(FRAME, SLIDING, BASE, wall=wall)
+    right, left = jp.Buildings((building,), links).links
+    assert (right.side, right.gap, right.contact) == ("right", 0.3, SOFT)
+    assert (left.side, left.gap, left.contact) == ("left", 0.2, LAW)
+    assert right.friction == pytest.approx(0.06 * MASS * G, rel=1e-12)
+    assert left.friction == 0
+    # One gap is that of both sides; bearings without friction have the wall's link alone.
+    building, links = jp.isolated(FRAME, RUBBER, BASE, wall=MoatWall(0.3, LAW))
+    faces = jp.Buildings((building,), links).links
+    assert [(face.gap, face.contact, face.friction) for face in faces] == 2 * [(0.3, LAW, 0.0)]
+    # A wall on one side only; without a law it measures the gap.
+    for gap, law in (((0.2, np.inf), LAW), ((np.inf, 0.2), LAW), ((0.2, np.inf), None)):
+        building, links = jp.isolated(FRAME, SLIDING, BASE, wall=MoatWall(gap, law))
+        faces = jp.Buildings((building,), links).links[::-1]
+        assert tuple(face.gap for face in faces) == gap
+        assert [face.contact for face in faces] == [law if x == 0.2 else None for x in gap]
+
+
+def test_the_number_of_the_building_is_that_in_the_row():
+    number = {"wall": MoatWall(0.3, LAW), "number": 1}
+    building, links = jp.isolated(FRAME, SLIDING, BASE, **number)
+    row = jp.Buildings((FRAME, building), (*links, jp.FloorLink(0, 1, 2, gap=0.5))[:1])
+    assert [link.building for link in row.links] == [1, 1]
+    assert row.system().topology.links == ((3, jp.GROUND), (jp.GROUND, 3))
+    _, (link,) = jp.isolated(FRAME, SLIDING, BASE, number=2)
+    assert link.building == 2
+
+
+def test_friction_grows_with_the_velocity_from_slow_to_fast():
+    bearing = FrictionPendulum(2.24, 0.04, fast_friction=0.1, rate=30.0)
+    building, links = jp.isolated(FRAME, bearing, BASE, wall=MoatWall(0.3, LAW))
+    right, left = jp.Buildings((building,), links).links
+    assert left.velocity_friction is None
+    speeds, weight = np.array([0.0, 0.01, 0.1, 10.0]), MASS * G
+    forces = right.friction + right.velocity_friction.resistance(speeds)
+    known = weight * (0.1 - (0.1 - 0.04) * np.exp(-30.0 * speeds))
+    np.testing.assert_allclose(forces, known, rtol=1e-12)
+    assert bearing.damping_ratio(0.2) == FrictionPendulum(2.24, 0.04).damping_ratio(0.2)
+
+
+@pytest.mark.parametrize("ratio", [0.02, 0.1])
+def test_a_tuned_mass_on_an_undamped_block_leaves_den_hartog_s_equal_peaks(ratio):
+    block = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
+    tuned = jp.tuned_mass_damper(block, ratio)
+    top, own = tuned.storeys[1], np.sqrt(block.stiffness / block.mass)
+    assert top.mass == pytest.approx(ratio * block.mass, rel=1e-9)
+    frequency = np.sqrt(top.dynamic_stiffness / top.mass)
+    assert frequency == pytest.approx(own / (1 + ratio), rel=1e-9)
+    # Den Hartog's ratio is over 2 m Ω, Ω being the block's frequency and not that of the mass.
+    of_block = top.damping_ratio * frequency / own
+    assert of_block == pytest.approx(np.sqrt(3 * ratio / (8 * (1 + ratio) ** 3)), rel=1e-6)
+    omega = own * np.linspace(0.7, 1.2, 20_001)
+    masses, stiffness = matrices(tuned)
+    moduli = np.asarray(top.zener().complex_modulus(omega))[:, None, None]
+    way = np.array([[1.0, -1.0], [-1.0, 1.0]]) * float(top.stiffness)
+    dynamic = stiffness - way + way * moduli - masses * omega[:, None, None] ** 2
+    load = np.broadcast_to(np.array([[1.0], [0.0]]), (omega.size, 2, 1))
+    amplitude = np.abs(np.linalg.solve(dynamic, load)[:, 0, 0]) * block.stiffness
+    inner = amplitude[1:-1]
+    peaks = inner[(inner > amplitude[:-2]) & (inner > amplitude[2:])]
+    # He makes the mean of two optima, whose peaks are equal but for 4e-4 at a tenth.
+    np.testing.assert_allclose(peaks, np.sqrt(1 + 2 / ratio), rtol=5e-3)
+    assert peaks[0] == pytest.approx(peaks[1], rel=4e-3)
+
+
+def test_a_tuned_mass_is_a_share_of_the_modal_mass_at_the_roof():
+    tuned = jp.tuned_mass_damper(FRAME, 0.05, frequency_ratio=0.9, damping_ratio=0.2)
+    assert tuned.storeys[:3] == FRAME.storeys
+    assert tuned.heights == (3.0,) * 4
+    shape = np.sin((np.arange(3) + 1) * np.pi / 7)  # of equal floors on equal storeys
+    modal_mass = 300e3 * np.sum((shape / shape[-1]) ** 2)
+    top = tuned.storeys[3]
+    assert top.mass == pytest.approx(0.05 * modal_mass, rel=1e-6)
+    assert top.natural_period == pytest.approx(0.5 / 0.9, rel=1e-6)
+    assert top.damping_ratio == pytest.approx(0.2, rel=1e-6)
+    # With hardly any damping the modes are those of the springs.
+    block = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
+    light = jp.tuned_mass_damper(block, 0.1, damping_ratio=1e-6)
+    np.testing.assert_allclose(light.modes().frequencies, frequencies(light), rtol=1e-6)
+
+
+PENDULUM, ISOLATED, TUNED = FrictionPendulum, jp.isolated, jp.tuned_mass_damper
+NOT_POSITIVE = "must be positive and finite"
+
+test_bad_bearings_are_refused = refusals(
+    (PENDULUM, 0.0, 0.06, f"^FrictionPendulum: radius = 0 {NOT_POSITIVE}"),
+    (PENDULUM, 100.0, 0.06, r"^FrictionPendulum: radius = 100 must be between 0.05 and 50 m"),
+    (PENDULUM, "2", 0.06, r"^FrictionPendulum: radius = '2' must be a real number"),
+    (PENDULUM, 2.0, -0.1, r"^FrictionPendulum: friction = -0.1 must be finite and not negative"),
+    (PENDULUM, 2.0, 1.5, r"^FrictionPendulum: friction = 1.5 must be between 0 and 1 "),
+    (PENDULUM, 2.0, 0.06, 0.05, r"fast_friction = 0.05 must be at least friction, and at most 1"),
+    (PENDULUM, 2.0, 0.06, 1.5, r"fast_friction = 1.5 must be at least friction, and at most 1"),
+    (PENDULUM, 2.0, 0.06, 0.1, 0.0, f"^FrictionPendulum: rate = 0 {NOT_POSITIVE}"),
+    (PENDULUM, 2.0, 0.06, 0.1, 0.02, r"rate = 0.02 must be between 1 and 10000 s/m"),
+    (
+        SLIDING.damping_ratio,
+        0.0,
+        f"^FrictionPendulum.damping_ratio: displacement = 0 {NOT_POSITIVE}",
+    ),
+    (LeadRubber, 0.0, 0.05, f"^LeadRubber: period = 0 {NOT_POSITIVE}"),
+    (LeadRubber, 2500.0, 0.05, r"^LeadRubber: period = 2500 must be between 0.002 and 60 s"),
+    (LeadRubber, 2.5, 0.0, f"^LeadRubber: strength = 0 {NOT_POSITIVE}"),
+    (LeadRubber, 2.5, 50e3, r"^LeadRubber: strength = 50000 must be between 0.0001 and 1 \(of the"),
+    (LeadRubber, 2.5, 0.05, 0.0, f"^LeadRubber: yield_displacement = 0 {NOT_POSITIVE}"),
+    (LeadRubber, 2.5, 0.05, 10.0, r"yield_displacement = 10 must be between 1e-05 and 1 m"),
+    (LeadRubber, 2.5, 0.05, 0.01, 0.0, r"^LeadRubber: ultimate_displacement = 0 must be positive"),
+    (RUBBER.damping_ratio, -1.0, f"^LeadRubber.damping_ratio: displacement = -1 {NOT_POSITIVE}"),
+)
+
+test_bad_walls_are_refused = refusals(
+    (-0.1, r"gap = -0.1 must be not negative"),
+    ((0.3, -1.0), r"gap = -1 must be not negative"),
+    ((0.1, 0.2, 0.3), r"gap = \(0.1, 0.2, 0.3\) must be two, \(left, right\)"),
+    (0.3, 3.0, r"contact = 3.0 must be of type ContactLaw or Newton or None"),
+    of=MoatWall,
+)
+
+test_bad_buildings_are_refused = refusals(
+    (ISOLATED, 3.0, SLIDING, BASE, r"^isolated: building = 3.0 must be of type ShearBuilding or"),
+    (ISOLATED, FRAME, 3.0, BASE, r"^isolated: bearing = 3.0 must be of type FrictionPendulum or"),
+    (ISOLATED, FRAME, SLIDING, 0.0, f"^isolated: base_mass = 0 {NOT_POSITIVE}"),
+    (
+        lambda: jp.isolated(FRAME, SLIDING, BASE, wall=0.3),
+        r"^isolated: wall = 0.3 must be of type MoatWall or None",
+    ),
+    (lambda: jp.isolated(FRAME, SLIDING, BASE, gravity=-1.0), f"gravity = -1 {NOT_POSITIVE}"),
+    (lambda: jp.isolated(FRAME, SLIDING, BASE, number=-1), r"building = -1 must be a whole number"),
+    (lambda: jp.isolated(FRAME, SLIDING, BASE, height=0.0), f"heights.0 = 0 {NOT_POSITIVE}"),
+    (
+        TUNED,
+        3.0,
+        0.05,
+        r"^tuned_mass_damper: building = 3.0 must be of type ShearBuilding or Build",
+    ),
+    (TUNED, FRAME, 0.0, f"^tuned_mass_damper: mass_ratio = 0 {NOT_POSITIVE}"),
+    (
+        lambda: TUNED(FRAME, 0.1, frequency_ratio=0),
+        f"^tuned_mass_.*frequency_ratio = 0 {NOT_POSITIVE}",
+    ),
+    (
+        lambda: TUNED(FRAME, 0.1, damping_ratio=0),
+        f"^tuned_mass_.*: damping_ratio = 0 {NOT_POSITIVE}",
+    ),
+    (lambda: TUNED(FRAME, 0.1, damping_ratio=2.0), r"damping_ratio = 2 must be between 0 and 1"),
+)
