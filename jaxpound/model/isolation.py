@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, Rule, enforce, instance, positive, real, require_batch
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges
 from jaxpound.model.building import PERIOD, Building
 from jaxpound.model.dampers import VelocityFriction
@@ -182,7 +183,7 @@ class MoatWall:
     Parameters
     ----------
     gap
-        Gap > 0 at rest, m; or (left, right), of which one may be infinite.
+        Gap ≥ 0 at rest, m; or (left, right), of which one may be infinite.
     contact
         The law of contact with the wall, or one for each side, (left, right); None, the default,
         only measures the gap.
@@ -192,7 +193,12 @@ class MoatWall:
     contact: Any = None
 
     def __post_init__(self) -> None:
-        self.link(0)  # which checks them
+        if isinstance(self.gap, list):
+            object.__setattr__(self, "gap", tuple(self.gap))
+        try:
+            self.link(0)
+        except InvalidInput as error:
+            raise error.replaced(owner="MoatWall") from error
 
     def link(self, building: int, **between: Any) -> FloorLink:
         """The link of two faces from the base of a building to the ground."""

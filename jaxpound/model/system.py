@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from jaxpound._checks import Rule, finite, instead, is_traced, is_whole
+from jaxpound._checks import Rule, finite, instead, is_traced, is_whole, real
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
@@ -137,6 +137,9 @@ def has_two_faces(link: Any, owner: str) -> bool:
     if isinstance(link.contact, tuple) and not isinstance(link.gap, tuple):
         rule = "must be a tuple (left, right), as contact is"
         raise InvalidInput(owner, "gap", reprlib.repr(link.gap), rule)
+    if isinstance(link.gap, tuple):
+        for gap in link.gap:
+            real(owner, "gap", gap)
     return isinstance(link.gap, tuple)
 
 
