@@ -15,11 +15,13 @@ from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound.buildings import pair_of
+from jaxpound.cli.isolation import IsolationSection, TunedMassSection
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
-from jaxpound.cli.tables import LAWS, ContactSection, Friction, Gap
+from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
+from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
-from jaxpound.model.row import LinkLabels, common_floors, require_floors, require_heights
+from jaxpound.model.row import LinkLabels, by_face, common_floors, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, TAPER
 from jaxpound.model.system import is_closable
 
@@ -29,6 +31,8 @@ _BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
 _WAYS = f"{', '.join(_BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
 _UNIFORM = ("number", *_BY_PERIOD)
 _LISTED = ("masses", "stiffnesses", "order", "tau_f", "tau_x")
+_BESIDE = (*YIELDING, "isolation", "tuned_mass")  # storeys, however these are given
+_BETWEEN = ("friction_force", "gap", "damper", "velocity_friction")
 _ONE_RULE = (*_UNIFORM, "order", "tau_f", "taper", "height")
 _STOREYS = (
     f"{', '.join(_UNIFORM)} (order, tau_f, taper, height), or, from the ground up, "
@@ -134,17 +138,25 @@ class BuildingSection(BlockSection):
 
     storeys: StoreySection | None = None
     published: str | None = None
+    isolation: IsolationSection | None = None
+    tuned_mass: TunedMassSection | None = None
 
     def __post_init__(self) -> None:
         keys = [*self.stated()]
         ways = [key for key in ("storeys", "published") if key in keys]
         if not keys:
             raise ValueError(f"lacks its storeys; give storeys, published, or {_WAYS}")
-        if ways and (others := [key for key in keys if key not in (ways[0], *YIELDING)]):
+        if ways and (others := [key for key in keys if key not in (ways[0], *_BESIDE)]):
             raise ValueError(f"must not have {others[0]} beside {ways[0]}")
         if not ways:
             super().__post_init__()
         PERIOD.require("natural period", self.shear().natural_period)
+        self.standing(0)
+
+    def standing(self, number: int) -> tuple[jp.ShearBuilding, tuple[jp.FloorLink, ...]]:
+        """Building ``number``, from 0, with its tuned mass, on its bearings; and their links."""
+        building = self.tuned_mass.on(self.shear()) if self.tuned_mass else self.shear()
+        return self.isolation.under(building, number) if self.isolation else (building, ())
 
     def shear(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
@@ -172,8 +184,11 @@ class LinkSection(Section):
     next_building: _Neighbour | None = None
     next_floor: _Number | None = None
     friction_force: Friction | None = None
-    gap: Gap | None = None
+    gap: Gaps | None = None
+    side: Literal["left", "right"] | None = None
     contact: ContactSection | None = None
+    damper: DamperSection | None = None
+    velocity_friction: VelocityFriction | None = None
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.floors is None):
@@ -189,11 +204,14 @@ class LinkSection(Section):
             self.refuse_any(("next_building",), rule)
         if self.contact is not None:
             self.require_all(("gap",), ", which contact needs")
-        if self.gap is None and self.friction_force is None:
-            raise ValueError("must have friction_force or gap, at least one of them")
+        if self.stated().keys().isdisjoint(_BETWEEN):
+            raise ValueError(f"must have one of {', '.join(_BETWEEN)}")
+        if isinstance(self.gap, list):
+            self.refuse_any(("side",), "must not be given with gap = [left, right], which has both")
+        of_faces(self.gap)
 
     def links(self, buildings: Sequence[jp.ShearBuilding]) -> list[jp.FloorLink]:
-        """The library's ``FloorLink``, of each floor."""
+        """The library's ``FloorLink``, of each floor and face."""
         floors: Iterable[Any]  # building b, floor i, the next floor j and the next building
         if self.floors == "common":
             if len(buildings) < 2:
@@ -207,10 +225,14 @@ class LinkSection(Section):
             next_floor = None if self.next_floor is None else self.next_floor - 1
             numbers = stated.floors or [stated.floor]
             floors = [(stated.building - 1, i - 1, next_floor, other) for i in numbers]
-        gap = float("inf") if self.gap is None else self.gap
-        law = self.contact.model() if self.contact else None
-        between: Any = {"friction": self.friction_force or 0.0, "gap": gap, "contact": law}
-        return [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
+        between: Any = {
+            "friction": self.friction_force or 0.0,
+            "gap": of_faces(self.gap),
+            "side": self.side or "right",
+        }
+        between |= {key: x.model() for key, x in self.stated().items() if key in LAWS}
+        links = [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
+        return [*by_face(links)]
 
 
 def _common(buildings: Sequence[jp.ShearBuilding], left: int) -> list[tuple[int, int]]:
@@ -232,41 +254,47 @@ class BuildingsLayout:
     """The dimensionless system, a pair's in the parameters of the paper."""
     scales: jp.Scales
     """Its units."""
-    tables: tuple[int, ...]
-    """The number of the [[link]] of each link of a row."""
+    tables: tuple[int | None, ...]
+    """The number of the [[link]] of each link of a row; None of bearings and their wall."""
     laws: tuple[str, ...]
     """Names of the laws of contact."""
+    bearings: tuple[IsolationSection | None, ...] = (None, None)
+    """The bearings of each building; a pair has none."""
 
     @classmethod
-    def of(
-        cls, si: jp.Buildings, tables: tuple[int, ...] = (), laws: tuple[str, ...] = ()
-    ) -> BuildingsLayout:
-        """A layout with its dimensionless system."""
+    def of(cls, si: jp.Buildings, *more: Any) -> BuildingsLayout:
+        """A layout with its dimensionless system; ``more`` are ``tables`` and what follows."""
         if not isinstance(si.buildings[0], jp.Building):
-            return cls(si, *si.dimensionless(), tables, laws)
+            return cls(si, *si.dimensionless(), *more)
         pair: Any = si.buildings
         (link,) = si.links
         between = link.friction, link.gap, link.contact, si.gravity
-        return cls(si, *pair_of("dimensionless", pair, *between), tables, laws)
+        return cls(si, *pair_of("dimensionless", pair, *between), *more)
 
     @classmethod
     def of_row(
         cls, buildings: Sequence[BuildingSection], links: Sequence[LinkSection]
     ) -> BuildingsLayout:
         """Buildings in a row; a ``ValueError`` for a link that cannot be."""
-        models = tuple(building.shear() for building in buildings)
-        by_table: list[tuple[int, jp.FloorLink]] = []
+        standing = [building.standing(b) for b, building in enumerate(buildings)]
+        models = tuple(model for model, _ in standing)
+        by_table: list[tuple[int | None, jp.FloorLink]] = []
         for number, link in enumerate(links, 1):
             try:
                 by_table += [(number, floor_link) for floor_link in link.links(models)]
             except ValueError as error:
                 raise ValueError(f"[[link]] {number} {error}") from error
+        by_table += [(None, link) for _, of_bearings in standing for link in of_bearings]
         tables, floor_links = tuple(x for x, _ in by_table), tuple(link for _, link in by_table)
-        labels = LinkLabels("", lambda k: f"[[link]] {tables[k]}", first=1)
+        isolation = "[[building]] {} isolation".format
+        names = [f"[[link]] {n}" if n else isolation(link.building + 1) for n, link in by_table]
+        labels = LinkLabels("", names.__getitem__, first=1)
         require_floors([building.n_floors for building in models], floor_links, labels)
         require_heights(models, floor_links, labels)
-        laws = tuple(link.contact.law for link in links if link.contact)
-        return cls.of(jp.Buildings.of("Buildings", models, floor_links), tables, laws)
+        bearings = tuple(building.isolation for building in buildings)
+        touching: list[Any] = [*links, *(x.wall for x in bearings if x and x.wall)]
+        laws = tuple(table.contact.law for table in touching if table.contact)
+        return cls.of(jp.Buildings.of("Buildings", models, floor_links), tables, laws, bearings)
 
     @property
     def is_pair(self) -> bool:
@@ -301,11 +329,11 @@ def as_toml(buildings: jp.Buildings) -> str:
         return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
     for building in members:
-        storeys, yields = building.storeys, keys_of(building.storeys)
+        storeys = building.storeys
         series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD}
         series["heights"] = building.heights
-        law = [f"law = {_written(x)}" for x in yields.pop("law", [])]
-        lines += ["[[building]]", *law, *_lists(yields), "[building.storeys]", *_lists(series), ""]
+        lines += ["[[building]]", *_lists(keys_of(storeys)), "[building.storeys]"]
+        lines += [*_lists(series), ""]
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
         if link.other_building == jp.GROUND:
@@ -314,11 +342,14 @@ def as_toml(buildings: jp.Buildings) -> str:
             lines.append(f"next_building = {link.other_building + 1}")
             if link.other_floor != jp.GROUND:
                 lines.append(f"next_floor = {link.other_floor + 1}")
-        lines.append(f"friction_force = {_written(link.friction)}  # N")
-        if link.gap < float("inf"):
+        if link.side == "left":
+            lines.append('side = "left"')
+        if link.side == "right" or link.friction or not is_closable(link.gap):
+            lines.append(f"friction_force = {_written(link.friction)}  # N")
+        if is_closable(link.gap):
             lines.append(f"gap = {_written(link.gap)}  # m")
-        if link.contact is not None:
-            lines.append(f"contact = {{{', '.join(_law(link.contact))}}}")
+        laws = {key: getattr(link, key) for key in LAWS}
+        lines += [f"{key} = {{{', '.join(_law(x))}}}" for key, x in laws.items() if x is not None]
         lines.append("")
     return "\n".join(lines)
 
@@ -328,8 +359,11 @@ def _lists(series: Mapping[str, Sequence[Any]]) -> list[str]:
 
 
 def _law(law: Any) -> list[str]:
-    (name,) = (name for name, kind in LAWS.items() if isinstance(law, kind))
-    return [f'law = "{name}"', *(f"{key} = {_written(x)}" for key, x in vars(law).items())]
+    if isinstance(law, jp.Rod):
+        return [*_law(law.material), f"stiffness = {_written(law.stiffness)}"]
+    classes = ContactSection.CLASSES | DamperSection.CLASSES
+    names = [f'law = "{name}"' for name, kind in classes.items() if isinstance(law, kind)]
+    return names + [f"{key} = {_written(x)}" for key, x in vars(law).items()]
 
 
 def _written(value: Any) -> str:

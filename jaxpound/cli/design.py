@@ -7,7 +7,7 @@ import contextlib
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from msgspec import field
 from msgspec.structs import astuple
@@ -21,22 +21,10 @@ from jaxpound.cli.files import kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
 from jaxpound.cli.reading import Count, File, Range, Section, Seed, between, named, refused, says
 from jaxpound.cli.structures import Shaken, compile_notice
-from jaxpound.cli.tables import OF_DEMANDS, Files, Gap, read_records
-from jaxpound.design.goals import Goal
+from jaxpound.cli.tables import OF_DEMANDS, Files, Gap, OfClass, read_records
 from jaxpound.reliability.result import RAREST
 from jaxpound.results import named as demands
 from jaxpound.results.named import REQUIRED_GAP
-
-_GOALS: dict[str, tuple[Any, tuple[str, ...]]] = {
-    "mean gap": (jp.MeanGap, ()),
-    "worst gap": (jp.WorstGap, ()),
-    "soft minimum": (jp.SoftMinimum, ("temperature",)),
-    "CVaR": (jp.CVaR, ("share",)),
-    "pounding probability": (jp.PoundingProbability, ("gap",)),
-    "gap at rest": (jp.GapAtRest, ()),
-    "least demand": (jp.LeastDemand, ("demand", "over")),
-}
-"""The library's goals, and the keys of each goal's parameters, in their order."""
 
 _Temperature = Annotated[float, between(1e-9, 10, "m", "of the soft minimum of gaps")]
 _SHARE = '"worst", "mean" or a share'
@@ -44,9 +32,18 @@ _Share = Annotated[float, between(1e-6, 1, "", "of the earthquakes")]
 _Over = Annotated[str | _Share, says(_SHARE)]
 
 
-class ObjectiveTable(Section):
+class ObjectiveTable(OfClass):
     """The goal: a function of the smallest gaps, or a demand that is to be least."""
 
+    CLASSES: ClassVar = {
+        "mean gap": jp.MeanGap,
+        "worst gap": jp.WorstGap,
+        "soft minimum": jp.SoftMinimum,
+        "CVaR": jp.CVaR,
+        "pounding probability": jp.PoundingProbability,
+        "gap at rest": jp.GapAtRest,
+        "least demand": jp.LeastDemand,
+    }
     goal: Literal[
         "mean gap",
         "worst gap",
@@ -61,19 +58,6 @@ class ObjectiveTable(Section):
     gap: Gap | None = None
     demand: str | None = None
     over: _Over | None = None
-
-    def __post_init__(self) -> None:
-        allowed = _GOALS[self.goal][1]
-        others = {*self.__struct_fields__} - {"goal", *allowed}
-        self.refuse_any(others, f'must not be given with goal = "{self.goal}"')
-        self.require_all(key for key in ("temperature", "demand") if key in allowed)
-        with named(""):
-            self.function()
-
-    def function(self) -> Goal | jp.LeastDemand:
-        """The library's object for the goal."""
-        kind, keys = _GOALS[self.goal]
-        return kind(**{key: x for key, x in self.stated().items() if key in keys})
 
 
 class AtMost(Section):
@@ -278,7 +262,7 @@ def priced(
             with named(f"{place}:"):
                 priced[table][price] = kind(number, *more)
     with named(f"{name}: [objective]"):
-        return jp.Objective(objective.function(), **priced)
+        return jp.Objective(objective.model(), **priced)
 
 
 def _require_price(

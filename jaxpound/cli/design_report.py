@@ -12,7 +12,7 @@ from jaxpound.cli.parameters import Parameters
 from jaxpound.model.parameters import get, metadata, put
 from jaxpound.model.system import Topology
 from jaxpound.quantities import unit
-from jaxpound.results.named import in_words, unit_of
+from jaxpound.results.named import in_words, unit_of, viscous_forces
 
 _WHEN = ("before", "after")
 
@@ -120,7 +120,10 @@ def _chosen(
             old, new = (get(structures, path) for structures in ends)
             rows.append(_change(design, words, parameters.unit_of(path), old, new, path))
     if is_row:
-        old, new = (sum(float(link.friction) for link in x.system().links) for x in ends)
+        systems = [structures.system() for structures in ends]
+        slips = [[link.friction for link in system.links] for system in systems]
+        forces = zip(slips, map(viscous_forces, systems), strict=True)
+        old, new = (float(sum([*slip, *viscous])) for slip, viscous in forces)
         rows.append(_change(design, "forces of all dampers together", "N", old, new))
     return rows
 

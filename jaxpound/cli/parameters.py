@@ -24,7 +24,7 @@ from jaxpound.buildings import pair_in, scaled_links
 from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSection
 from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
-from jaxpound.cli.tables import LAWS, ContactSection, DistributionSpec, drawn
+from jaxpound.cli.tables import LAWS, DistributionSpec, drawn
 from jaxpound.model.parameters import get, in_words, metadata, paths, put
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Structures, is_closable
@@ -34,12 +34,12 @@ from jaxpound.scenarios.distributions import RARE
 X = TypeVar("X")
 
 _OF_ROD = ("order", "tau_f", "tau_x")
-_OF_CONTACT = tuple(dict.fromkeys(path for law in LAWS.values() for path in paths(law)))
+_OF_LAWS = {f"{name}.{key}": x for name, law in LAWS.items() for key, x in ranges(law).items()}
 
 _RANGES: dict[str, Range] = {
     **{key: ranges(BlockSection)[key] for key in ("mass", "stiffness", *_OF_ROD)},
     **{key: ranges(LinkSection)[key] for key in ("friction_force", "gap")},
-    **{f"contact.{key}": ranges(ContactSection)[key] for key in _OF_CONTACT},
+    **_OF_LAWS,
     **{key: metadata(jp.BoucWen, key).range for key in paths(jp.BoucWen)},
 }
 """Range of a parameter by the end of its key in a row."""
@@ -50,7 +50,7 @@ _ALIASES = {
     "mass_ratio": ("[building_2]", "mass"),
     "stiffness_ratio": ("[building_2]", "stiffness"),
     **{f"rod_{i}.{key}": (f"[building_{i}]", key) for i in (1, 2) for key in _OF_ROD},
-    **{f"contact.{key}": ("[contact]", f"contact.{key}") for key in _OF_CONTACT},
+    **{key: ("[contact]", key) for key in _OF_LAWS if key.startswith("contact.")},
 }
 """Keys of a pair: the table of the file that has the parameter, and the end of its key in a row."""
 
@@ -115,19 +115,20 @@ class Parameters:
         raise ValueError(unknown_key(place, key, meant))
 
     def _links_lack(self, key: str) -> str:
-        """Why the links of a key, which exist, have no such gap or parameter of contact."""
-        parts = re.fullmatch(r"(link\.(?:\d+|\*)\.)(gap|contact)(\.\w+)?", key)
+        """Why the links of a key, which exist, have no such gap or parameter of a law."""
+        kinds = "|".join(["gap", *LAWS])
+        parts = re.fullmatch(rf"(link\.(?:\d+|\*)\.)({kinds})(\.\w+)?", key)
         if parts is None or "".join(parts.groups("")[1:]) not in _RANGES:
             return ""
         links = re.compile(re.escape(parts[1]).replace(r"\*", r"\d+") + "(.*)")
         ends = dict.fromkeys(match[1] for x in self.keys if (match := links.fullmatch(x)))
         if not ends:
             return ""  # no such link
-        of_law = [end.removeprefix("contact.") for end in ends if end.startswith("contact.")]
-        if parts[2] == "contact" and of_law:
-            return f"must be a parameter of the law of contact, which has {', '.join(of_law)}"
+        law = f"{parts[2]}."
+        if of_law := [end.removeprefix(law) for end in ends if end.startswith(law)]:
+            return f"must be a parameter of the law of {parts[2]}, which has {', '.join(of_law)}"
         links_have = "links have" if "*" in parts[1] else f"{parts[1][:-1]} has"
-        feature = "a gap" if parts[2] == "gap" else "contact"
+        feature = {"gap": "a gap", "damper": "a damper"}.get(parts[2], parts[2])
         return f"must be of a [[link]] with {feature}: {links_have} no {parts[2]}"
 
     def require_plausible(self, extremes: Sequence[tuple[str, str, Any]]) -> None:
@@ -203,13 +204,14 @@ class Parameters:
         _, k, field = path.split(".", 2)
         words = {"friction": "slip force", "gap": "gap at rest"}
         quantity = words.get(field) or metadata(self.nominal, path).words
+        quantity = f"damper's {quantity}" if field.startswith("damper.") else quantity
         return f"{quantity}, {link_places(self.nominal.system().topology)[int(k)]}"
 
     def _range(self, path: str) -> Range:
         if self._layout.is_pair:
             return _RANGES[_ALIASES[path][1]]
         key = self.key_of[path]
-        return _RANGES[".".join(key.split(".")[-2 if ".contact." in key else -1 :])]
+        return _RANGES[".".join(key.split(".")[-2 if key.split(".")[-2] in LAWS else -1 :])]
 
 
 def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
@@ -221,15 +223,19 @@ def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
             keys[f"building.{b + 1}.floor.{i + 1}.mass"] = [f"buildings.{b}.masses.{i}"]
             keys[f"{storey}.stiffness"] = [f"{rod}.stiffness"]
             material = row.buildings[b].rods[i].material
+            fixed = _OF_ROD if layout.bearings[b] and i == 0 else ()  # of bearings, without creep
             for path in paths(material):
-                if np.isfinite(get(material, path)):  # an ultimate displacement may be infinite
-                    keys[f"{storey}.{path.rpartition('.')[2]}"] = [f"{rod}.material.{path}"]
+                key = path.rpartition(".")[2]
+                # An ultimate displacement may be infinite.
+                if key not in fixed and np.isfinite(get(material, path)):
+                    keys[f"{storey}.{key}"] = [f"{rod}.material.{path}"]
     for k, (table, link) in enumerate(zip(layout.tables, layout.si.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
-        if link.contact is not None:
-            ends |= {f"contact.{path}": f"contact.{path}" for path in paths(link.contact)}
+        for path in (f"{law}.{path}" for law in LAWS for path in paths(getattr(link, law))):
+            ends[path.replace(".material.", ".")] = path
+        place = f"link.{table}" if table else f"building.{link.building + 1}.isolation"
         for key, path in ends.items():
-            keys.setdefault(f"link.{table}.{key}", []).append(f"links.{k}.{path}")
+            keys.setdefault(f"{place}.{key}", []).append(f"links.{k}.{path}")
     return keys
 
 

@@ -83,7 +83,7 @@ def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta
 def each(number: Any, alone: bool = True) -> msgspec.Meta:
     """Annotation of a list with a number for each storey, or where ``alone`` one for all."""
     words = "a list with a number for each storey" + (", or one number for all" if alone else "")
-    extra = {"says": words, "each": number, "alone": alone}
+    extra = {"says": words, "each": number, "alone": number if alone else None}
     return msgspec.Meta(extra=extra, min_length=None if alone else 1)
 
 
@@ -285,7 +285,9 @@ def _meant(key: str, kind: Any, root: Any) -> str:
         return close
     tables = {f"[{name}]": x for name, x in entries(root).items() if is_table(x)}
     tables[f"{_TOP}, before the first [table]"] = root
-    if titles := [title for title, x in tables.items() if key in entries(x)]:
+    arrays = {f"[[{name}]]": of_array(x) for name, x in entries(root).items()}
+    of_key = [[t for t, x in group.items() if key in entries(x)] for group in (tables, arrays)]
+    if titles := of_key[0] or of_key[1]:
         return f"it belongs in {' or '.join(titles)}"
     return f"allowed are {', '.join(allowed)}"
 
@@ -296,8 +298,9 @@ def _fault(kind: Any, value: Any, place: str) -> str:
         return ""
     info, annotations = _bare(kind)
     text, allowed = shown(value), annotations.get("range")
-    is_list = isinstance(value, list) and value
-    if "each" in annotations and (is_list or (annotations["alone"] and is_number(value))):
+    if annotations.get("alone") and is_number(value):
+        return _fault(annotations["alone"], value, place)
+    if "each" in annotations and isinstance(value, list) and value:
         return _fault_of_each(annotations["each"], value, place)
     if "says" in annotations:
         rule = annotations["says"] + _inner_fault(info, value)
@@ -328,10 +331,8 @@ def _inner_fault(info: Any, value: Any) -> str:
     return "".join(faults)
 
 
-def _fault_of_each(number: Any, value: Any, place: str) -> str:
-    if not isinstance(value, list):
-        return _fault(number, value, place)
-    faults = (_fault(number, x, f"{place}: storey {i}") for i, x in enumerate(value, 1))
+def _fault_of_each(number: Any, values: list[Any], place: str) -> str:
+    faults = (_fault(number, x, f"{place}: storey {i}") for i, x in enumerate(values, 1))
     return next(filter(None, faults), "")
 
 

@@ -12,6 +12,7 @@ from jaxpound._fields import quantities
 from jaxpound._tables import TextTable
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
+from jaxpound.model.places import link_places
 from jaxpound.quantities import column
 from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.floors import FloorDemands
@@ -22,7 +23,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
     """The scalars of a run; units are in the names, numbers count from 1."""
     demand, energy = response.demand, response.energy
     floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
-    pairs = zip(layout.buildings, floors, strict=True)
+    members = zip(layout.buildings, floors, layout.bearings, strict=True)
     links = [_of_link(layout, response, k) for k in range(len(layout.si.links))]
     contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
     return json_safe(
@@ -37,7 +38,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
             "rods_energy_J": float(energy.rods[-1]),
             "kinetic_energy_J": float(energy.kinetic[-1]),
             "energy_residual_over_input": float(energy.relative_residual),
-            "buildings": [_of_building(*pair, demand) for pair in pairs],
+            "buildings": [_of_building(*member, demand) for member in members],
             "links": links,
         }
     )
@@ -59,24 +60,38 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
     return numbers
 
 
-def _of_building(building: Any, floors: jp.FloorDemands, demand: jp.Demand) -> dict[str, Any]:
+def _of_building(
+    building: Any, floors: jp.FloorDemands, bearing: Any, demand: jp.Demand
+) -> dict[str, Any]:
     if isinstance(building, jp.Building):
         building = jp.ShearBuilding((building,))
     modes = building.modes()
     columns = modes.periods, modes.damping_ratios, modes.participation
     keys = ("period_s", "damping_ratio", "share_of_mass")
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
+    above = slice(bearing is not None, None)  # storeys above bearings
     return {
         "storeys": building.n_floors,
         "height_m": float(building.elevations[-1]),
         "series": [mass + 1 for mass in floors.masses],
         "peak_displacement_m": float(np.max(floors.displacement)),
-        "peak_drift_m": float(np.max(floors.drift)),
-        "peak_drift_ratio": float(np.max(floors.drift / np.array(building.heights))),
+        "peak_drift_m": float(np.max(floors.drift[above])),
+        "peak_drift_ratio": float(np.max((floors.drift / np.array(building.heights))[above])),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
         "yielding": [{"storey": i} | x for i, x in storeys if x],
+        "isolation": bearing and _of_bearing(bearing.model(), float(floors.displacement[0])),
         "modes": [dict(zip(keys, map(float, x), strict=True)) for x in zip(*columns, strict=True)],
+    }
+
+
+def _of_bearing(bearing: Any, displacement: float) -> dict[str, Any]:
+    """Bearings as a spring and a dashpot, at the largest displacement of the base."""
+    period = bearing.period if isinstance(bearing, jp.LeadRubber) else bearing.period()
+    return {
+        "restoring_period_s": float(period),
+        "displacement_m": displacement,
+        "damping_ratio": float(bearing.damping_ratio(displacement)) if displacement else None,
     }
 
 
@@ -89,10 +104,12 @@ def _of_storey(rod: RodDemand) -> dict[str, float]:
 
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
     link, demand = layout.si.links[k], response.demand.links[k]
+    before = sum(x.damper is not None for x in layout.si.links[:k])
+    damper = response.demand.rods[len(response.masses) + before] if link.damper else None
     ground = link.other_floor == jp.GROUND
     return {
         "table": layout.tables[k] if layout.tables else None,
-        "between": str(link),
+        "between": link_places(response.topology)[k],
         "building": link.building + 1,
         "floor": link.floor + 1,
         "next_building": "ground" if ground else link.other_building + 1,
@@ -105,6 +122,8 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
         "slip_distance_m": float(demand.slip_distance),
         "damper_energy_J": float(demand.friction_work),
         "residual_offset_m": float(demand.residual_offset),
+        "viscous_force_N": None if damper is None else float(damper.peak_force),
+        "viscous_energy_J": None if damper is None else float(damper.dissipated_energy),
         "contact": _of_contact(response, k),
     }
 
@@ -189,6 +208,14 @@ def lines(results: dict[str, Any]) -> list[str]:
             "collapsed": ["yes" if x["collapsed"] else "no" for _, x in storeys],
         }
         texts += [table_of(of_storeys).text(), ""]
+    if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:
+        of_bearings = {
+            "bearings of building": [str(i) for i, _ in bearings],
+            "restoring period (s)": [x["restoring_period_s"] for _, x in bearings],
+            "displacement (m)": [x["displacement_m"] for _, x in bearings],
+            "damping there (%)": [100 * (x["damping_ratio"] or 0.0) for _, x in bearings],
+        }
+        texts += [table_of(of_bearings).text(), ""]
     if links:
         texts += [_table_of_links(links).text(), ""]
     closable = [link for link in links if link["gap_m"] is not None]
@@ -205,6 +232,8 @@ def lines(results: dict[str, Any]) -> list[str]:
     shares = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
     if not any(link["friction_force_N"] for link in links):
         del shares["damper"]
+    if viscous := sum(link["viscous_energy_J"] or 0.0 for link in links):
+        shares |= {"rods": shares["rods"] - viscous, "viscous dampers": viscous}
     if laws := [link["contact"] for link in links if link["contact"]]:
         shares["contact"] = sum(law["contact_work_J"] for law in laws)
     total = results["input_energy_J"]

@@ -50,7 +50,7 @@ class Structured(Section, dict=True):
         try:
             require_local_flow(self.structures.system(), self.scheme)
         except ValueError as error:
-            several = f"{rule} floors have several links"
+            several = f"{rule} floors have several links, or velocity_friction"
             raise refused("[run] friction", several, friction) from error
         warn("configuration", self.doubts(), strict=False)
 
@@ -82,7 +82,7 @@ class Structured(Section, dict=True):
         blocks = tuple(building.storeys[0] for building in sides)
         if any(block.hysteresis is not None for block in blocks):  # which no pair of eq. (9) has
             return BuildingsLayout.of(jp.Buildings.of("Buildings", sides, (link,)), (1,), laws)
-        return BuildingsLayout.of(jp.Buildings.of("Buildings", blocks, (link,)), laws=laws)
+        return BuildingsLayout.of(jp.Buildings.of("Buildings", blocks, (link,)), (), laws)
 
     @property
     def structures(self) -> jp.AdjacentStructures | jp.Row:

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -33,8 +33,24 @@ OF_DEMANDS = {
 }
 """Ranges of limits and thresholds of a demand, by its kind of quantity."""
 Gap = Annotated[float, between(*GAP)]
+_FACES = "a number, or two, [left, right], of which one may be inf"
+_Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where nothing is")]
+Gaps = Annotated[
+    Gap | Annotated[list[_Face], Meta(min_length=2, max_length=2)],
+    Meta(extra={"says": _FACES, "alone": Gap, "range": GAP}),
+]
 Friction = Annotated[float, between(*FRICTION)]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
+
+
+def of_faces(gap: float | list[float] | None) -> Any:
+    """A gap as the library has it, or those of both faces; a ``ValueError`` for a wrong one."""
+    if not isinstance(gap, list):
+        return math.inf if gap is None else gap
+    for side, x in zip(("left", "right"), gap, strict=True):
+        if x != math.inf or {*gap} == {math.inf}:  # one of them closes
+            GAP.require(f"gap: {side}", x)
+    return tuple(gap)
 
 
 def require_threshold(place: str, demand: str, value: float) -> None:
@@ -45,39 +61,78 @@ def require_threshold(place: str, demand: str, value: float) -> None:
     of_demand.require(place, value)
 
 
-LAWS = {
-    "newton": jp.Newton,
-    "kelvin-voigt": jp.KelvinVoigt,
-    "hertz": jp.Hertz,
-    "hertz-damped": jp.HertzDamped,
-    "jankowski": jp.Jankowski,
-}
-"""The library's laws of contact; the keys of each are the fields of its class."""
+class OfClass(Section):
+    """A table whose first key names a class of the library; the fields of the class are keys."""
+
+    CLASSES: ClassVar[dict[str, Any]]
+
+    def __post_init__(self) -> None:
+        key = self.__struct_fields__[0]
+        by_name = f'{key} = "{getattr(self, key)}"'
+        fields = {name: dataclasses.fields(kind) for name, kind in self.CLASSES.items()}
+        own = [x for x in fields[getattr(self, key)] if x.name in self.__struct_fields__]
+        keys = [field.name for field in own]
+        others = {field.name for several in fields.values() for field in several} - {*keys}
+        give = f"; give {', '.join(keys)}" if keys else ""
+        self.refuse_any(others, f"must not be given with {by_name}{give}")
+        needed = [field.name for field in own if field.default is dataclasses.MISSING]
+        self.require_all(needed, f", which {by_name} needs")
+        with named(""):
+            self.model()
+
+    def model(self) -> Any:
+        """The library's object, in SI units."""
+        kind, stated = self.CLASSES[getattr(self, self.__struct_fields__[0])], self.stated()
+        names = [field.name for field in dataclasses.fields(kind)]
+        return kind(**{key: x for key, x in stated.items() if key in names})
 
 
-class ContactSection(Section):
+class ContactSection(OfClass):
     """The law of contact between the buildings when the gap closes."""
 
+    CLASSES: ClassVar = {
+        "newton": jp.Newton,
+        "kelvin-voigt": jp.KelvinVoigt,
+        "hertz": jp.Hertz,
+        "hertz-damped": jp.HertzDamped,
+        "jankowski": jp.Jankowski,
+    }
     law: Literal["newton", "kelvin-voigt", "hertz", "hertz-damped", "jankowski"]
     stiffness: Annotated[float, of_field(jp.KelvinVoigt, "stiffness")] | None = None
     restitution: Annotated[float, of_field(jp.Newton, "restitution")] | None = None
     tension: bool | None = None
     damping: Literal["exact", "muthukumar", "ye", "hunt-crossley"] | None = None
 
-    def __post_init__(self) -> None:
-        law, fields = f'law = "{self.law}"', dataclasses.fields(LAWS[self.law])
-        keys = [field.name for field in fields]
-        others = {*self.__struct_fields__} - {"law", *keys}
-        self.refuse_any(others, f"must not be given with {law}; give {', '.join(keys)}")
-        needed = [field.name for field in fields if field.default is dataclasses.MISSING]
-        self.require_all(needed, f", which {law} needs")
 
-    def model(self) -> Any:
+class DamperSection(OfClass):
+    """A viscous damper: a dashpot in series with a spring."""
+
+    CLASSES: ClassVar = {"power": jp.PowerLaw}
+    law: Literal["power"]
+    stiffness: Annotated[float, of_field(jp.Building, "stiffness")]
+    force: Friction | None = None
+    exponent: Annotated[float, of_field(jp.PowerLaw, "exponent")] | None = None
+    velocity: Annotated[float, of_field(jp.PowerLaw, "velocity")] | None = None
+
+    def model(self) -> jp.Rod:
+        """The library's rod, in SI units."""
+        return jp.Rod(super().model(), self.stiffness)
+
+
+class VelocityFrictionSection(Section):
+    """What the friction gains with the velocity."""
+
+    increase: Friction
+    velocity: Annotated[float, of_field(jp.VelocityFriction, "velocity")]
+
+    def model(self) -> jp.VelocityFriction:
         """The library's law, in SI units."""
-        numbers = self.stated()
-        return LAWS[numbers.pop("law")](**numbers)
+        return jp.VelocityFriction(self.increase, self.velocity)
 
 
+LAWS: dict[str, Any] = {"contact": ContactSection, "damper": DamperSection}
+LAWS["velocity_friction"] = VelocityFrictionSection
+"""The tables of a link that are objects of the library."""
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 
 

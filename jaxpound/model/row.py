@@ -326,7 +326,7 @@ def _require_forest(floors: Sequence[int], links: Sequence[FloorLink], labels: L
     ends = tuple(_ends(link, starts) for link in links)
     topology = Topology(starts[-1], (), ends)
     for k in faces(topology):
-        require_face(labels.owner, f"{labels.link(k)}:", links[k])
+        require_face(labels.owner, f"{labels.link(k)}: ", links[k])
     if (closing := ring(topology)) is None:
         return
     rule = "must not close a ring with the links before it"

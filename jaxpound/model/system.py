@@ -243,7 +243,7 @@ class System:
                 rule = ONE_LINK
             raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
         for k in faces(topology):
-            require_face("System", f"links.{k}", self.links[k])
+            require_face("System", f"links.{k}.", self.links[k])
 
     def system(self) -> System:
         """The system, unchanged."""
@@ -322,13 +322,13 @@ def faces(topology: Topology) -> dict[int, int]:
     return opposite
 
 
-def require_face(owner: str, name: str, link: Any) -> None:
+def require_face(owner: str, prefix: str, link: Any) -> None:
     """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
     for field, none in OPPOSITE.items():
         value = getattr(link, field)
         if value is not none and not is_traced(value) and not np.all(value == none):
             rule = "must be that of the link before it, whose other face this is"
-            raise InvalidInput(owner, f"{name}.{field}", reprlib.repr(value), rule)
+            raise InvalidInput(owner, f"{prefix}{field}", reprlib.repr(value), rule)
 
 
 def is_closable(gap: Any) -> bool:

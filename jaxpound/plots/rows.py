@@ -11,19 +11,30 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.path import Path
 
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
-from jaxpound.model.system import GROUND, Link, Structures, floors
+from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.system import GROUND, Link, Rod, Structures, System, floors, storey_rods
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 from jaxpound.units import Scales, scales_for
 
 Written = Callable[[str, Any], str]  # writes a number of a kind
 Lines = list[tuple[str, str]]  # words and their colours
+Damper = tuple[int, Rod] | None  # of a link: its number among the rods, and itself
+Storey = tuple[float, str, Lines]  # height of a floor, the words in it and the lines below it
+Place = tuple[float, float, float]  # left end and height of a floor, and of the ground below it
 
 _WIDTH, _LINKED, _UNLINKED = 3.0, 2.6, 0.8  # of a building, of a space with links, without
 _PAD = 0.09  # width of the pads of a contact law
+_WALL = 0.4  # width of a wall on the ground
+_PLATES: Any = {"marker": "s", "markersize": 5}  # the symbol of a friction damper
+_PISTON = [(1, 0.7), (-1, 0.7), (-1, -0.7), (1, -0.7), (0, 0.4), (0, -0.4), (0, 0), (1, 0)]
+_DASHPOT = _PLATES | {"marker": Path(_PISTON, [1, 2, 2, 2, 1, 2, 1, 2]), "markersize": 7}
+_DASHPOT |= {"markerfacecolor": "white"}
+_HATCH: Any = {"facecolor": "0.85", "hatch": "////", "edgecolor": "0.6", "linewidth": 0}
 _STOREY, _SLAB, _LINE = 0.45, 0.18, 0.15  # least height of a storey, floor, number in inches
 
 
@@ -36,10 +47,12 @@ def row(
 ) -> Axes:
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
-    Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ and gaps at rest ξ0 at
-    the links, with the numbers of their series; in SI units of ``Buildings`` or if ``scales`` are
-    given, else dimensionless. Dampers are green, also braces within a building and dampers to the
-    ground; pads are orange where contact has a law; an arrow is a gap.
+    Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ, from slow to fast,
+    forces F of viscous dampers and gaps at rest ξ0 at the links, with the numbers of their series;
+    in SI units of ``Buildings`` or if ``scales`` are given, else dimensionless. Dampers are green,
+    also braces within a building and dampers to the ground; pads are orange where contact has a
+    law; an arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of
+    less than half of the height of another, stand in a pit.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -64,43 +77,61 @@ def row(
     heights = floor_heights("row", [len(building) for building in buildings], elevations)
     building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
     linked = [{building_of.get(end) for end in link.ends} for link in system.links]
+    walls = {(building_of[max(x.ends)], x.ends[1] == GROUND) for x in system.links if _has_wall(x)}
+    space = [[_LINKED * ((b, x) in walls) for x in (False, True)] for b in range(len(buildings))]
     lefts = [0.0]
     for b in range(1, len(buildings)):
-        lefts.append(lefts[-1] + _WIDTH + (_LINKED if {b - 1, b} in linked else _UNLINKED))
+        between = _LINKED if {b - 1, b} in linked else _UNLINKED
+        lefts.append(lefts[-1] + _WIDTH + between + space[b - 1][1] + space[b][0])
 
-    top, right = max(ups[-1] for ups in heights), lefts[-1] + _WIDTH
-    storey = min(float(np.diff(ups, prepend=0.0).min()) for ups in heights)
+    top, right = max(ups[-1] for ups in heights), lefts[-1] + _WIDTH + space[-1][1]
+    rises = [np.diff(ups, prepend=0.0) for ups in heights]
+    storey = min(float(x[int(x[0] < x.max() / 2) :].min()) for x in rises)  # without bearings
+    feet = [float(ups[0]) - storey if ups[0] < storey / 2 else 0.0 for ups in heights]
     write = partial(_written, scales)
-    numbers = [_numbers(k, link, write) for k, link in enumerate(system.links)]
+    links = _with_dampers(system)
+    numbers = [_numbers(k, *link, write) for k, link in enumerate(links)]
     inside: dict[int, Lines] = {}  # of links within buildings, by the upper floor
     for link, homes, lines in zip(system.links, linked, numbers, strict=True):
-        if len(homes) == 1 or None in homes:
-            inside.setdefault(max(link.ends), []).extend(lines)
-    storey_inches = _STOREY + _LINE * max(map(len, inside.values()), default=0)
+        if len(homes) == 1 or (None in homes and not _has_wall(link)):
+            by_line = [(line, colour) for text, colour in lines for line in text.split("\n")]
+            inside.setdefault(max(link.ends), []).extend(by_line)
+    extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
+    storey_inches = _STOREY + _LINE * max(extra, default=0)
     if ax is None:
-        inches = storey_inches * top / storey + 0.7
-        width = min(2.0, 0.15 * right + 0.3) if right < 14 else 2.0 * right / 14
+        inches, across = storey_inches * (top - min(feet)) / storey + 0.7, right + space[0][0]
+        width = min(2.0, 0.15 * across + 0.3) if across < 14 else 2.0 * across / 14
         ax = new_axes(None, width, inches / house.FIGURE_SIZE[1])
     slab = storey * _SLAB / storey_inches
-    ax.set_xlim(-0.4, right + 0.4)
-    ax.set_ylim(-0.95 * storey, top + 1.2 * slab)
-    ax.plot([-0.4, right + 0.4], [0, 0], color=COLOURS["ground"], linewidth=1.0)
-    hatch: Any = {"facecolor": "0.85", "hatch": "////", "edgecolor": "0.6", "linewidth": 0}
-    ax.add_patch(Rectangle((-0.4, -storey / 4), right + 0.8, storey / 4, **hatch))
-    places: dict[int, tuple[float, float]] = {}
+    ax.set_xlim(-0.4 - space[0][0], right + 0.4)
+    ax.set_ylim(min(feet) - 0.95 * storey, top + 1.2 * slab)
+    _ground(ax, lefts, space, feet, min(feet) - storey / 4)
+    places: dict[int, Place] = {}
     for b, (building, ups, left) in enumerate(zip(buildings, heights, lefts, strict=True)):
         colour, storeys = house.building_colour(b), []
         for (mass, rod), up in zip(building, ups.tolist(), strict=True):
             in_floor = f"$m_{{{mass + 1}}}$ = {write('mass', system.masses[mass])}"
             words = f"$K_{{{rod + 1}}}$ = {write('stiffness', system.rods[rod].stiffness)}"
             storeys.append((up, in_floor, [(words, colour), *inside.get(mass, [])]))
-            places[mass] = left, up
-        _building(ax, left, slab, colour, storeys)
-        text_at(ax, left + _WIDTH / 2, -0.65 * storey, f"building {b + 1}", colour)
-    for link, lines in zip(system.links, numbers, strict=True):
-        _link(ax, link, places, slab, lines)
-    _finish(ax, system.links, elevations is not None)
+            places[mass] = left, up, feet[b]
+        _building(ax, left, feet[b], slab, colour, storeys)
+        text_at(ax, left + _WIDTH / 2, min(feet) - 0.65 * storey, f"building {b + 1}", colour)
+    for link_and_damper, lines in zip(links, numbers, strict=True):
+        _link(ax, *link_and_damper, places, slab, lines)
+    _finish(ax, links, elevations is not None)
     return ax
+
+
+def _with_dampers(system: System) -> list[tuple[Link, Damper]]:
+    """The links, each with the rod beside the storeys that has its ends."""
+    storeys, ends = storey_rods(system.topology), system.topology.rods
+    beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in storeys}
+    return [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
+
+
+def _has_wall(link: Link) -> bool:
+    """Whether a link has a gap to the ground."""
+    return GROUND in link.ends and bool(np.isfinite(link.gap))
 
 
 def floor_heights(
@@ -131,11 +162,23 @@ def heights_above_ground(owner: str, name: str, elevations: Any, n: int) -> np.n
     return heights
 
 
-def _building(
-    ax: Axes, left: float, slab: float, colour: str, storeys: Sequence[tuple[float, str, Lines]]
+def _ground(
+    ax: Axes, lefts: Sequence[float], space: Sequence[Any], feet: Sequence[float], bottom: float
 ) -> None:
-    """Storeys with the heights of their floors, the words in these and the lines below them."""
-    below, middle = 0.0, left + _WIDTH / 2
+    """The ground, lower where buildings and the spaces beside them are in pits."""
+    ends = [(x - a, x + _WIDTH + b) for x, (a, b) in zip(lefts, space, strict=True)]
+    low, high = ax.get_xlim()
+    x = [low, *np.repeat(ends, 2).tolist(), high]
+    y = [0.0, *(height for foot in feet for height in (0.0, foot, foot, 0.0)), 0.0]
+    ax.plot(x, y, color=COLOURS["ground"], linewidth=1.0)
+    ax.fill_between(x, bottom, y, **_HATCH)
+
+
+def _building(
+    ax: Axes, left: float, below: float, slab: float, colour: str, storeys: Sequence[Storey]
+) -> None:
+    """Storeys from the ground below them on."""
+    middle = left + _WIDTH / 2
     for up, in_floor, lines in storeys:
         under = up - slab / 2
         for at in (0.1, 0.9):
@@ -162,37 +205,51 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
         return f"{float(number):.3g}"
     in_si = float(number) * float(scales.unit_of(kind))
     factor, unit = (1e-3, "t") if kind == "mass" else unit_for(kind, True, in_si)
-    return f"{factor * in_si:.3g} {unit}"
+    return f"{float(f'{factor * in_si:.3g}'):,g} {unit}"
 
 
-def _numbers(k: int, link: Link, write: Written) -> Lines:
-    """Slip force and gap of a link, where it has them, in words and colours."""
-    words = []
-    if float(link.friction):
-        words.append((f"$\\mu_{{{k + 1}}}$ = {write('force', link.friction)}", COLOURS["damper"]))
+def _numbers(k: int, link: Link, damper: Damper, write: Written) -> Lines:
+    """Forces and gap of a link, where it has them, in words and colours."""
+    words, forces = [], []
+    if float(link.friction) or link.velocity_friction:
+        forces.append(f"$\\mu_{{{k + 1}}}$ = {write('force', link.friction)}")
+    if (fast := link.velocity_friction) is not None:
+        forces.append(f"to {write('force', link.friction + fast.increase)}")
+    if damper is not None:
+        number, material = damper[0] + 1, damper[1].material
+        if isinstance(material, PowerLaw):
+            forces.append(f"$F_{{{number}}}$ = {write('force', material.force)}")
+    if forces:
+        words.append(("\n".join(forces), COLOURS["damper"]))
     if np.isfinite(float(link.gap)):
         words.append((f"$\\xi_{{0,{k + 1}}}$ = {write('length', link.gap)}", COLOURS["ground"]))
     return words
 
 
 def _link(
-    ax: Axes, link: Link, places: Mapping[int, tuple[float, float]], slab: float, numbers: Lines
+    ax: Axes, link: Link, damper: Damper, places: Mapping[int, Place], slab: float, numbers: Lines
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
     i, j = link.ends if link.ends[0] != GROUND else link.ends[::-1]
-    first = places[i]
-    second = (first[0], 0.0) if j == GROUND else places[j]
-    (left, low), (right, high) = sorted((first, second))
+    start, up, foot = places[i]
+    second = (start, foot, foot) if j == GROUND else places[j]
+    if _has_wall(link):  # to the right where the gap closes as the floor moves to the right
+        side = 1 if link.ends[0] == i else -1
+        second = start + side * (_WIDTH + _LINKED), up, foot
+        face = second[0] + (side < 0) * (_WIDTH - _WALL)
+        ax.add_patch(Rectangle((face, foot), _WALL, up + slab / 2 - foot, **_HATCH))
+    (left, low, _), (right, high, _) = sorted((places[i], second))
     between = left != right
     if between:
         x, y = np.array([left + _WIDTH, right]), np.array([low, high])
     else:  # from the lower floor's left to the upper one's right
         x = left + np.array([0.12, 0.88]) * _WIDTH
         y = np.array([low + slab / 2 * (low > 0), high - slab / 2])
-    if float(link.friction):
+    if COLOURS["damper"] in dict(numbers).values():
         style: Any = {"color": COLOURS["damper"]}
         ax.plot(x, y, linewidth=1.2, zorder=3 if between else 0.9, **style)
-        ax.plot([x.mean()], [y.mean()], "s", markersize=5, zorder=4, **style)
+        symbol = _PLATES if damper is None else _DASHPOT
+        ax.plot([x.mean()], [y.mean()], zorder=4, **symbol, **style)
     if link.contact is not None:
         for end, up, face in zip(x, y, (0.0, -_PAD), strict=True):
             corner = end + face, up - 0.4 * slab
@@ -202,23 +259,27 @@ def _link(
         away = 0.2 * _LINKED * abs(slope)  # clear of the line's higher end
         sides = (0.6 * slab + away, -0.9 * slab - away)  # above the line, below the arrow
         for (text, colour), side in zip(numbers, sides, strict=False):
-            text_at(ax, x.mean(), y.mean() + side, text, colour)
+            second_line = slab * _LINE / _SLAB / 2 * text.count("\n")
+            text_at(ax, x.mean(), y.mean() + side + second_line, text, colour)
         if np.isfinite(float(link.gap)):
             pad = _PAD * (link.contact is not None)
             ends = (x[0] + pad, y[0] - 0.3 * slab), (x[1] - pad, y[1] - 0.3 * slab)
             house.arrow(ax, *ends, COLOURS["ground"], 6, "<|-|>", linewidth=0.6)
 
 
-def _finish(ax: Axes, links: Sequence[Link], in_metres: bool) -> None:
+def _finish(ax: Axes, links: Sequence[tuple[Link, Damper]], in_metres: bool) -> None:
     """Legend of the symbols, and the axis of heights."""
     handles: list[Any] = []
-    if any(float(link.friction) for link in links):
-        style: Any = {"color": COLOURS["damper"], "linewidth": 1.2, "markersize": 5}
-        handles.append(Line2D([], [], marker="s", label=r"damper, slip force $\mu$", **style))
-    if any(np.isfinite(float(link.gap)) for link in links):
+    style: Any = {"color": COLOURS["damper"], "linewidth": 1.2}
+    if any(float(link.friction) or link.velocity_friction for link, _ in links):
+        handles.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
+    if materials := {type(damper[1].material).__name__ for _, damper in links if damper}:
+        words = f"damper ({', '.join(sorted(materials))})"
+        handles.append(Line2D([], [], label=words, **_DASHPOT, **style))
+    if any(np.isfinite(float(link.gap)) for link, _ in links):
         arrow: Any = {"color": COLOURS["ground"], "linewidth": 0.6, "markersize": 4}
         handles.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
-    laws = {type(link.contact).__name__ for link in links if link.contact is not None}
+    laws = {type(link.contact).__name__ for link, _ in links if link.contact is not None}
     if laws:
         words = f"contact ({', '.join(sorted(laws))})"
         handles.append(Patch(color=COLOURS["pounding"], label=words))

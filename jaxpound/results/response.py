@@ -83,7 +83,7 @@ class LinkResponse:
     """The law of contact, in the units of the series; None where it has no force, or, in SI, is
     user-defined."""
     slip_force: Any = quantity("force", default=0.0)
-    """Slip force of the damper, a number; 0 where the link has none."""
+    """Slip force of the damper, a number, in fast slip; 0 where the link has none."""
 
     @property
     def has_damper(self) -> bool:

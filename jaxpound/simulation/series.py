@@ -114,7 +114,9 @@ def _link_response(
     last: jax.Array,
 ) -> LinkResponse:
     """The series of a link, from the impacts that ended in each step and the last instant."""
-    entries = dict(series, slip_force=link.friction + 0 * last)
+    fast = link.velocity_friction
+    slip_force = link.friction if fast is None else link.friction + fast.increase
+    entries = dict(series, slip_force=slip_force + 0 * last)
     gap = link.gap - entries.pop("closing")
     if ended is None or end is None:
         return LinkResponse(gap=gap, **entries, ends=link.ends)

@@ -186,7 +186,7 @@ building = 2 ; floor = 1 ; next_building = 'grund' ; gap = 0
 building = 2 ; floor = 1 ; gap = -0.1 => gap = -0.1 m must be between 0 and 10 m (
 building = 2 ; floor = 1 ; friction_force = -1
     => friction_force = -1 N must be between 0 and 1e+10 N (
-building = 2 ; floor = 1 => must have friction_force or gap, at least one of them
+building = 2 ; floor = 1 => must have one of friction_force, gap, damper, velocity_friction
 building = 2 ; floor = 1 ; friction = 1e3 => has an unknown key 'friction'; did
 building = 2 ; floor = 1 ; contact = {law = 'hertz', stiffness = 1e9}
     => lacks the key 'gap', which contact needs

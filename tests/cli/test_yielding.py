@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound._fields import pytree_dataclass
 from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.montecarlo import StudyConfig, prepared
 from jaxpound.cli.parameters import Parameters
 from jaxpound.cli.reading import File
 from jaxpound.cli.simulate import Simulation
+from jaxpound.cli.yielding import keys_of
 from jaxpound.model.parameters import get
 from tests.cli.commands import command_for, csv_rows, run, summary
 from tests.cli.test_study_row import no_elasticities
@@ -49,10 +51,19 @@ def close(ours, expected, rtol=1e-15):
 LISTED = {"yield_force": [2e6, 1e6, 8e5], "hardening": [0.1, 0.05, 0.02]}
 SMOOTH = {"yield_drift": 0.01, "exponent": 3.0, "strength_degradation": [0.0, 0.1, 0.05]}
 WEAK = FRAME.yielding(**LISTED, ultimate_displacement=0.1).with_p_delta()
+LAWS = {"yield_force": 1e6, "hardening": 0.1}
+OF_TWO_LAWS = jp.ShearBuilding(
+    (
+        FRAME.yielding(**LAWS).storeys[0],
+        FRAME.storeys[1],
+        FRAME.yielding(jp.BoucWen, **LAWS, exponent=3.0).storeys[2],
+    )
+)
 BUILDINGS = (
     ({"yield_force": 1e6}, "", FRAME.yielding(yield_force=1e6)),
     (LISTED, "ultimate_displacement = 0.1\np_delta = true", WEAK),
     (SMOOTH, "law = 'bouc-wen'", FRAME.yielding(jp.BoucWen, **SMOOTH)),
+    (LAWS, "law = ['bilinear', 'elastic', 'bouc-wen']\nexponent = 3.0", OF_TWO_LAWS),
 )
 
 
@@ -92,13 +103,22 @@ test_faults = refusals(
     ("yield_force = 1e6\nbeta = 0.5", 'beta must not be given with law = "bilinear"; give harden'),
     ("yield_force = [1e6]", "yield_force, 1 of them, must be 3, as masses, or one"),
     ("yield_force = [1e6, -1, 1e6]", "yield_force: storey 2 = -1 N must be between 1e-06 and"),
+    ("yield_force = 1e6\nlaw = ['bilinear']", "law must be one for each of 3 storeys"),
+    ("yield_force = 1e6\nlaw = 'linear'", 'law = "linear" must be "bilinear" or "bouc-wen", or a'),
     ("yield_force = 1e6\nhardening = -0.1", "ultimate_displacement = inf must be finite where"),
     ("yield_drift = 0.01\np_delta = true", "p_delta: ultimate_displacement = inf must be fin"),
     of=lambda keys: layout_of(STOREYS + keys),
     before=r"row.toml: \[\[building\]\] 1 ",
 )
-MIXED = jp.ShearBuilding((WEAK.storeys[0], *FRAME.storeys[1:]))
-test_laws_of_no_file = refusals((as_toml, jp.Buildings((MIXED,)), "hysteresis must be by one law"))
+
+
+@pytree_dataclass
+class OwnLaw(jp.Bilinear):
+    """A law that files do not have."""
+
+
+OWN = FRAME.yielding(OwnLaw, yield_force=1e6).storeys
+test_laws_of_no_file = refusals((keys_of, OWN, "hysteresis must be by a law of a file, bilinear"))
 
 
 def test_simulate_says_what_the_library_does(pulse, tmp_path):

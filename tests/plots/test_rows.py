@@ -81,6 +81,37 @@ def test_what_is_at_a_link_is_drawn(link, words, dampers, pads, ax):
     assert sum(patch.get_facecolor() == orange for patch in ax.patches) == pads
 
 
+VISCOUS = jp.Rod(jp.PowerLaw(0.4, 0.5), 5.0)
+
+
+def test_walls_stand_where_gaps_to_the_ground_close_and_bearings_in_a_pit(legible):
+    wall = {"gap": (0.3, 0.2), "contact": LAW, "friction": 0.1, "damper": VISCOUS}
+    links = (jp.FloorLink(0, 0, next_building=jp.GROUND, **wall),)
+    fast = jp.VelocityFriction(0.7, 0.2)
+    links += (jp.FloorLink(0, 1, 0, friction=0.2, gap=0.1, velocity_friction=fast),)
+    links += (jp.FloorLink(1, 1, next_building=jp.GROUND, gap=0.5),)
+    ax = plots.row(row_of((4, 2), links), [[0.5, 3.5, 6.5, 9.5], [3.0, 6.0]])
+    walls = sorted(patch.get_x() for patch in ax.patches if patch.get_hatch())
+    blocks = [[x.get_x() for x in ax.patches if x.get_facecolor() == c] for c in colours(ax)]
+    left, right = (min(block) for block in blocks)
+    assert walls[0] < left < left + 3 < walls[1] < right < right + 3 < walls[2]
+    ground = next(line for line in ax.lines if line.get_color() == "#000000")
+    assert min(ground.get_ydata()) == 0.5 - 3.0  # the bearings' storey is as high as the others
+    words = {text.get_text() for text in ax.texts}
+    numbers = {"$\\mu_{1}$ = 0.1\n$F_{7}$ = 0.4", "$\\mu_{3}$ = 0.2\nto 0.9"}  # the seventh rod
+    assert numbers | {f"$\\xi_{{0,{k}}}$ = {x}" for k, x in ((1, 0.2), (2, 0.3), (4, 0.5))} <= words
+    says = [r"damper, slip force $\mu$", "damper (PowerLaw)", r"gap at rest $\xi_0$"]
+    says += ["contact (KelvinVoigt)"]
+    assert legend(ax) == says
+    legible(ax.figure, [*ax.texts, *ax.get_legend().texts])
+    assert ax.figure.get_figheight() < ax.figure.get_figwidth()
+
+
+def colours(ax):
+    """The colours of the floors of two buildings."""
+    return [mpl.colors.to_rgba(colour, 0.25) for colour in ("#0072B2", "#D55E00")]
+
+
 def test_floors_stand_at_their_heights(ax):
     elevations = [[4.0, 7.0], [3.5]]
     plots.row(row_of((2, 1)), elevations, ax)

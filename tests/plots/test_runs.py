@@ -101,7 +101,7 @@ def test_rods_beside_each_other_are_drawn_over_the_elongation_that_they_share(re
     plots.rod_hysteresis(several, ax)
     expected = [(response.x1, response.f1), *[(response.x2, response.f2)] * 2]
     np.testing.assert_array_equal([line.get_data() for line in ax.lines], expected)
-    assert legend(ax) == ["rod 1", "rod 2", "rod 3"]
+    assert legend(ax) == ["building 1", "building 2", "rod 2–ground, floor 1"]
     assert ax.get_xlabel() == r"elongation ($g/\omega_1^2$)"
 
 

@@ -1,0 +1,330 @@
+"""Bearings, moat walls, tuned masses, links of two faces and dampers with a law in configurations.
+
+What they become, how they are written back, their parameters, mistakes, and what a run says.
+"""
+
+import math
+import re
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jaxpound as jp
+from jaxpound.cli.buildings import as_toml
+from jaxpound.cli.parameters import Parameters, by_path
+from jaxpound.cli.reading import File
+from jaxpound.cli.simulate import Simulation
+from jaxpound.model.parameters import get
+from jaxpound.model.row import by_face
+from tests.cli.commands import run, summary
+from tests.refusals import refusals
+
+FRAME = jp.ShearBuilding.from_period(3, 3e5, 0.5, 0.03)
+STOREYS = "[[building]]\nstoreys = {number = 3, mass = 3e5, period = 0.5, damping_ratio = 0.03}\n"
+PENDULUM = jp.FrictionPendulum(2.24, 0.05, fast_friction=0.08, rate=40.0)
+LAW = jp.KelvinVoigt(stiffness=2e9, restitution=0.7)
+CONTACT = "contact = {law = 'kelvin-voigt', stiffness = 2e9, restitution = 0.7}"
+ISOLATED = f"""{STOREYS}[building.isolation]
+type = "friction pendulum"
+base_mass = 3.5e5
+radius = 2.24
+friction = 0.05
+fast_friction = 0.08
+rate = 40
+wall = {{gap = [0.3, inf], {CONTACT}}}
+"""
+LEAD = "isolation = {type = 'lead rubber', base_mass = 3.5e5, period = 2.5, strength = 0.05"
+DAMPER = jp.Rod(jp.PowerLaw(8e5, 0.3), 2e8)
+FAST = jp.VelocityFriction(1e4, 0.02)
+LINK = f"""[[link]]
+building = 1
+floor = 3
+next_floor = 2
+gap = [0.1, 0.2]
+friction_force = 2e4
+damper = {{law = "power", force = 8e5, exponent = 0.3, stiffness = 2e8}}
+velocity_friction = {{increase = 1e4, velocity = 0.02}}
+{CONTACT}
+"""
+
+
+def layout_of(text):
+    return File("row.toml", text).read(Simulation).layout
+
+
+def isolated(bearing=PENDULUM, frame=FRAME, **options):
+    building, links = jp.isolated(frame, bearing, 3.5e5, **options)
+    return building, by_face(links)
+
+
+def lead_rubber(frame=FRAME, gap=0.3, **options):
+    bearing = jp.LeadRubber(2.5, 0.05, ultimate_displacement=0.6)
+    return isolated(bearing, frame, wall=jp.MoatWall(gap), **options)
+
+
+def of_two_faces():
+    building, wall = isolated(wall=jp.MoatWall((0.3, np.inf), LAW))
+    laws = {"contact": LAW, "damper": DAMPER, "velocity_friction": FAST}
+    link = jp.FloorLink(0, 2, 1, friction=2e4, gap=(0.1, 0.2), **laws)
+    return (building, FRAME), by_face((link,)) + wall
+
+
+def one(building, links):
+    return (building,), links
+
+
+def alone():
+    link = {"gap": 0.1, "friction": 1e4, "velocity_friction": FAST}
+    return (FRAME,), (jp.FloorLink(0, 0, next_building=jp.GROUND, side="left", **link),)
+
+
+WEAK, SMOOTH = (
+    FRAME.yielding(law, yield_force=2e6, hardening=0.1) for law in (jp.Bilinear, jp.BoucWen)
+)
+YIELDS = "yield_force = 2e6\nhardening = 0.1\n"
+LEAD_WALL = f"{LEAD}, ultimate_displacement = 0.6, wall = {{gap = 0.3}}}}\n"
+FORMS = {
+    "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
+    "lead rubber": (STOREYS + LEAD_WALL, one(*lead_rubber())),
+    "two laws": (f"{STOREYS}{YIELDS}law = 'bouc-wen'\n{LEAD_WALL}", one(*lead_rubber(SMOOTH))),
+    "elastic base": (
+        ISOLATED.replace("[building.is", f"{YIELDS}[building.is").partition("wall")[0],
+        one(*isolated(frame=WEAK)),
+    ),
+    "number and height": (
+        f"{STOREYS}{STOREYS}{LEAD_WALL.replace('0.3', '2').replace('wall', 'height = 1.5, wall')}",
+        ((FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=2.0, number=1)[1]),
+    ),
+    "tuned mass": (
+        f"{STOREYS}tuned_mass = {{mass_ratio = 0.05, damping_ratio = 0.1}}",
+        one(jp.tuned_mass_damper(FRAME, 0.05, damping_ratio=0.1), ()),
+    ),
+    "left face": (
+        f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\nside = 'left'\n"
+        "gap = 0.1\nfriction_force = 1e4\n"
+        "velocity_friction = {increase = 1e4, velocity = 0.02}",
+        alone(),
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
+    text, (buildings, links) = FORMS[form]
+    layout = layout_of(text)
+    assert repr(layout.si.buildings) == repr(buildings)
+    assert repr(layout.si.links) == repr(links)
+    again = layout_of(as_toml(layout.si)).si
+    assert again.system().topology == layout.si.system().topology
+    parameters = Parameters(layout)
+    for si in (again, parameters.buildings(parameters.nominal)):
+        values = [[float(x) for x in jax.tree.leaves(each)] for each in (si, layout.si)]
+        np.testing.assert_allclose(*values, rtol=1e-12)
+        assert [link.side for link in si.links] == [link.side for link in links]
+
+
+def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
+    page = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
+    layout = layout_of(text)
+    assert [building.n_floors for building in layout.buildings] == [5, 5, 5]
+    assert layout.tables == (1, 2, 2, None, None)
+    said = [key for bearing in layout.bearings if bearing for key in bearing.stated()]
+    assert {*said} == {*type(layout.bearings[0]).__struct_fields__}
+    told = re.findall(r"`((?:link|building)\.1\.[\w.]+)`", page)
+    general = {re.sub(r"\d", "*", key) for key in Parameters(layout).keys}
+    assert len(told) > 8
+    assert {re.sub(r"\d", "*", key) for key in told} <= general
+
+
+# --- parameters ---------------------------------------------------------------------------------
+
+
+def test_a_key_stands_for_both_faces_and_a_damper_for_its_link():
+    parameters = Parameters(layout_of(ISOLATED + STOREYS + LINK))
+    expected = {
+        "link.1.damper.force": {
+            "links.0.damper.material.force": (8e5, "N", "damper's force, 1–2, floors 3–2, right")
+        },
+        "link.1.damper.stiffness": {"links.0.damper.stiffness": (2e8, "N/m", "damper's stiffn")},
+        "link.*.velocity_friction.velocity": {
+            "links.0.velocity_friction.velocity": (0.02, "m/s", "velocity of the increase")
+        },
+        "link.1.gap": {
+            f"links.{k}.gap": (x, "m", "gap at rest, ") for k, x in ((0, 0.2), (1, 0.1))
+        },
+        "link.1.friction_force": {"links.0.friction": (2e4, "N", "slip force, 1–2, f")},
+        "building.*.isolation.gap": {
+            "links.3.gap": (0.3, "m", "gap at rest, 1–ground, floor 1, left")
+        },
+        "building.1.isolation.contact.restitution": {
+            "links.3.contact.restitution": (0.7, "", "restitution")
+        },
+    }
+    for key, values in expected.items():
+        assert by_path("", {key: 1}, parameters).keys() == values.keys()
+        for path, (value, unit, words) in values.items():
+            in_si, _, of_si = parameters.in_si_units(path)
+            assert (in_si, of_si) == (pytest.approx(value), unit)
+            assert parameters.in_words(path).startswith(words)
+            assert float(get(parameters.si, path)) == value
+    assert "building.1.storey.1.stiffness" in parameters.keys
+    assert not {f"building.1.storey.1.{x}" for x in ("order", "tau_x")} & parameters.keys.keys()
+
+
+def refuse_key(key):
+    by_path("[uncertain]", {key: 1}, Parameters(layout_of(ISOLATED + STOREYS + LINK + SECOND)))
+
+
+SECOND = "[[link]]\nbuilding = 2\nfloor = 1\nnext_building = 'ground'\nfriction_force = 1e4\n"
+test_keys = refusals(
+    ("link.2.damper.force", r"must be of a \[\[link\]\] with a damper: link.2 has no damper"),
+    ("link.2.velocity_friction.increase", r"with velocity_friction: link.2 has no velocity_fri"),
+    ("building.2.isolation.gap", "must be of a building, floor, storey or .* that is there"),
+    ("building.1.isolation.radius", "has an unknown key 'building.1.isolation.radius'"),
+    of=refuse_key,
+    before=r"\[uncertain\].*",
+)
+
+
+# --- mistakes -----------------------------------------------------------------------------------
+
+RUN = "[run]\nfriction = 'switching'"
+GROUND = f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\n"
+PAIR = "gap = 0.1\n[building_1]\nmass = 4e5\nperiod = 1\ndamping_ratio = 0.05\n[building_1."
+PENDULUMS = "isolation = {type = 'friction pendulum', base_mass = 1e5, radius = 2.24"
+POWER = "damper = {law = 'power', force = 1, stiffness = 1e6"
+TWO = r"must be a number, or two, \[left, right\], of which one may be inf"
+test_links = refusals(
+    ("gap = [1, 2, 3]", rf"gap = \[1, 2, 3\] {TWO}"),
+    ("gap = [0.1, 'a']", rf'gap = \[0.1, "a"\] {TWO}'),
+    ("gap = inf", f"gap = inf {TWO}"),
+    ("gap = [inf, inf]", "gap: left = inf m must be between 0 and 10 m"),
+    ("gap = [0.1, 20]", "gap: right = 20 m must be between 0 and 10 m"),
+    ("gap = [0.1, 0.2]\nside = 'left'", "side must not be given with gap = .left, right.,"),
+    ("gap = 0.1\nside = 'up'", 'side = "up" must be one of "left", "right"'),
+    (f"{POWER}, exponent = 0}}", "damper exponent = 0 must be in .0, 1"),
+    (f"{POWER}, exponent = 1.5}}", "damper exponent = 1.5 must be from 0 to 1"),
+    (f"{POWER}}}", "damper lacks the key 'exponent', which law = \"power\" needs"),
+    (POWER.replace("r'", "s'") + "}", 'damper law = "powes" must be one of "power"; did you mean'),
+    ("damper = {law = 'power', force = 1, exponent = 1}", "damper lacks the key 'stiffness'"),
+    ("velocity_friction = {increase = 1}", "velocity_friction lacks the key 'velocity'"),
+    (
+        f"gap = 0.1\nside = 'left'\n{SECOND.replace('2', '1')}",
+        r"2: friction = 10000.0 must be that of the link before it, whose other face this is",
+    ),
+    of=lambda keys: layout_of(GROUND + keys),
+    before=r"row.toml: \[\[link\]\] 1? ?",
+)
+test_bearings = refusals(
+    ("isolation = {type = 'rubber', base_mass = 1e5}", 'type = "rubber" must be one of "frict'),
+    (f"{PENDULUMS.replace('base_mass = 1e5, ', '')}}}", "lacks the key 'base_mass'"),
+    (f"{PENDULUMS}}}", "lacks the key 'friction', which type = \"friction pendulum\" needs"),
+    (f"{PENDULUMS}, friction = 0.1, period = 2}}", "period must not be given with type = "),
+    (f"{PENDULUMS}, friction = 0.1, fast_friction = 0.05}}", "fast_friction = 0.05 must be at l"),
+    (f"{LEAD}, wall = {{{CONTACT}}}}}", "wall lacks the key 'gap'"),
+    (f"{LEAD}, wall = {{gap = [inf, inf]}}}}", "wall gap: left = inf m must be between 0 a"),
+    (f"{LEAD}, height = 0}}", "height = 0 m must be between 0.01 and 100 m"),
+    of=lambda keys: layout_of(STOREYS + keys),
+    before=r"row.toml: \[\[building\]\] 1 isolation ",
+)
+test_masses = refusals(
+    ("{}", "lacks the key 'mass_ratio'"),
+    ("{mass_ratio = 0}", "mass_ratio = 0 must be between 0.0001 and 10"),
+    of=lambda table: layout_of(f"{STOREYS}tuned_mass = {table}"),
+    before=r"row.toml: \[\[building\]\] 1 tuned_mass ",
+)
+test_forms = refusals(
+    (f"{PAIR}isolation]", r"\[building_1\] has an unknown key 'isolation'; it belongs in \[\[bui"),
+    (f"{PAIR}tuned_mass]", r"unknown key 'tuned_mass'; it belongs in \[\[building\]\]"),
+    (
+        f"{GROUND}velocity_friction = {{increase = 1e3, velocity = 0.02}}\n{RUN}",
+        "floors have several links, or velocity_friction",
+    ),
+    (
+        ISOLATED + GROUND.removeprefix(STOREYS) + "friction_force = 1.0",
+        r"isolation \(1–ground, floor 1\) must not stand where \[\[link\]\] 1 does",
+    ),
+    of=layout_of,
+)
+
+
+# --- a run --------------------------------------------------------------------------------------
+
+SHORT = f"""[[building]]
+storeys = {{number = 1, mass = 3e5, period = 0.3, damping_ratio = 0.03}}
+[building.isolation]
+type = "friction pendulum"
+base_mass = 3.5e5
+radius = 2.24
+friction = 0.03
+wall = {{gap = [0.06, 0.08], {CONTACT}}}
+[[link]]
+building = 1
+floor = 2
+next_building = 1
+damper = {{law = "power", force = 4e5, exponent = 0.3, stiffness = 1e8}}
+[ground]
+scale = 1.0
+[run]
+duration = 1.6
+"""
+
+
+@pytest.fixture(scope="module")
+def simulated(pulse, tmp_path_factory):
+    """A building on friction pendulums between walls, with a brace: screen, folder and demands."""
+    folder = tmp_path_factory.mktemp("isolated")
+    path, out = folder / "row.toml", folder / "out"
+    path.write_text(SHORT)
+    screen = run("simulate", "--record", pulse, "--config", path, "--out", out)
+    si, record = layout_of(SHORT).si, jp.read_record(pulse)
+    return screen, out, jp.simulate_row(si.buildings, si.links, record, duration=1.6).demand
+
+
+def test_a_run_says_what_bearings_walls_and_dampers_do(simulated):
+    screen, out, demand = simulated
+    results = summary(out)["results"]
+    (building,) = results["buildings"]
+    base = float(demand.masses[0].peak_x)
+    assert building["isolation"]["displacement_m"] == base
+    assert building["isolation"]["restoring_period_s"] == pytest.approx(
+        2 * math.pi * math.sqrt(2.24 / 9.80665)
+    )
+    ratio = 2 / math.pi * 0.03 / (0.03 + base / 2.24)
+    assert building["isolation"]["damping_ratio"] == pytest.approx(ratio)
+    assert building["peak_drift_m"] == float(demand.rods[1].peak_drift)  # not of the bearings
+    brace, right, left = results["links"]
+    assert (right["table"], brace["table"]) == (None, 1)
+    assert (right["between"], left["between"]) == tuple(
+        f"1–ground, floor 1, {side}" for side in ("right", "left")
+    )
+    assert right["viscous_force_N"] is left["viscous_energy_J"] is None
+    assert brace["viscous_force_N"] == float(demand.rods[2].peak_force) > 0
+    assert brace["viscous_energy_J"] == float(demand.rods[2].dissipated_energy) > 0
+    assert "viscous dampers" in screen
+    assert (right["gap_m"], left["gap_m"]) == (0.08, 0.06)
+    for link, scalars in zip((right, left), demand.links[1:], strict=True):
+        assert link["contact"]["n_impacts"] == float(scalars.n_impacts) > 0
+    assert right["slip_distance_m"] == float(demand.links[1].slip_distance) > 0
+    assert brace["slip_distance_m"] is left["slip_distance_m"] is None
+    rows = {line.split("  ")[0]: line.split()[-1] for line in screen.splitlines() if line}
+    assert float(rows["1–ground, floor 1, left"]) > 0
+    words = re.search(r"bearings of building .*\n +1 +(\S+) +(\S+) +(\S+)", screen)
+    numbers = [float(word) for word in words.groups()]
+    assert numbers == pytest.approx([3.003, base, 100 * ratio], rel=1e-3)
+    floors = [float(link["contact"]["peak_contact_N"]) for link in (left, right)]
+    with (out / "floors.csv").open() as file:
+        header, first = (line.strip().split(",") for line in file.readlines()[:2])
+    assert [float(first[header.index(f"contact_{x}_N")]) for x in ("left", "right")] == floors
+
+
+def test_bearings_walls_and_dampers_are_drawn(simulated):
+    _, out, _ = simulated
+    names = {path.stem for path in out.glob("*.png")}
+    assert {"friction_force", "friction_hysteresis", "contact_force", "row"} <= names
+    height, width, _ = imread(out / "row.png").shape
+    assert height < 2 * width  # bearings are no storey of which all others are multiples
