@@ -64,7 +64,7 @@ nbmake.nb_run.NotebookClient = functools.partial(
 # programs, as smaller ones of other files have the same functions. A whole number may stand for a
 # float, as it may for mypy.
 CHECKED = tuple(Path(__file__).parent / wing for wing in ("results", "simulation"))
-LARGE = ("test_contact.py", "test_divergence.py", "test_impacts.py")
+LARGE = ("test_contact.py", "test_dampers.py", "test_divergence.py", "test_impacts.py")
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
 from jaxpound._checks import machine_memory  # noqa: E402

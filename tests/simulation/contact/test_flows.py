@@ -43,7 +43,7 @@ def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
         friction=friction * one,
         gap=gap * one,
         laws=(with_mass(jax.tree.map(jnp.asarray, law), 1 / delassus),),
-        dampers=(None,),
+        resistances=(None,),
         contact=Contact(*(0 * one,) * len(Contact._fields)),
     )
 
