@@ -6,9 +6,7 @@ So the state is that of an ordinary differential equation, which DOP853 integrat
 the next: touch and release, the end of a clipped force and its largest value, slip and stick, the
 sign of a power law's force. An event is found to rounding, by integration up to each trial.
 Friction is set-valued. By Newton's law a link that approaches more slowly than ``REST`` stays
-closed.
-
-Derivatives are central differences of such runs, extrapolated.
+closed. Derivatives are central differences of such runs, extrapolated.
 """
 
 import copy
@@ -43,10 +41,6 @@ def kelvin(stiffness, restitution):
     return {"k": stiffness, "e": restitution}
 
 
-def newton(restitution):
-    return {"e": restitution}
-
-
 def ricker(amplitude, periods, arrivals):
     return {"u0": amplitude, "tp": periods, "ts": arrivals}
 
@@ -75,7 +69,7 @@ CASES = {
     "storey above": {
         "m": [1.0, 0.8],
         "rods": ISOLATED,
-        "link": link(BASE, 0.05, [0.1, 0.16], [newton(0.6), newton(0.6)]),
+        "link": link(BASE, 0.05, [0.1, 0.16], [{"e": 0.6}, {"e": 0.6}]),
         "ricker": SHAKING,
         "by": ["link.gap.0", "link.faces.1.e"],
     },
@@ -189,9 +183,9 @@ class Flow:
         pull = a[self.i] - (a[self.j] if self.j >= 0 else 0.0)
         return a, pull / self.inverse_mass - contact, contact, inner, power
 
-    def needed(self, t, state):
+    def needed(self, *at):
         """The force that holds a link in stick, or closed at rest."""
-        return self.forces(t, state)[1]
+        return self.forces(*at)[1]
 
     def rates(self, t, state):
         """Time derivative of the state."""
@@ -263,11 +257,11 @@ class Run(Flow):
                     self.t, name = min(first, key=lambda each: each[0])
                     self.state = self.at(begin, state, self.t)
                     self.happen(name)
-                    return self.look()
+                    self.look()
+                    return
                 low = time
             self.t, self.state = solver.t, solver.y
             self.look()
-        return None
 
     def at(self, begin, state, time):
         if time <= begin:
@@ -280,9 +274,9 @@ class Run(Flow):
         def value(time):
             return event(time, self.at(begin, state, time))
 
-        if value(low) <= 0:
-            return low
-        return high if value(high) >= 0 else brentq(value, low, high, xtol=1e-15, rtol=1e-15)
+        if value(low) <= 0 or value(high) >= 0:
+            return low if value(low) <= 0 else high
+        return brentq(value, low, high, xtol=1e-15, rtol=1e-15)
 
     def look(self):
         """Keep the largest closing in both directions, and the largest forces of contact."""
