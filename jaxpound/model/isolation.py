@@ -279,22 +279,23 @@ def tuned_mass_damper(
     frequency_ratio
         > 0, frequency of the tuned mass over that of the first mode; by default 1/(1 + m).
     damping_ratio
-        > 0, of the tuned mass alone; by default √(3 m/(8 (1 + m)³)) (both Den Hartog 1956, for an
-        undamped building under a harmonic load).
+        > 0, of the tuned mass alone, at its own frequency; by default √(3 m/(8 (1 + m))). Both are
+        those of Den Hartog (1956), for an undamped building under a harmonic load; his damping
+        refers to the frequency of the building and is 1 + m times smaller.
 
     Examples
     --------
     >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
     >>> tuned = jp.tuned_mass_damper(frame, mass_ratio=0.05)
     >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
-    (5, [0.566, 0.465])
+    (5, [0.565, 0.466])
     """
     owner = "tuned_mass_damper"
     instance(owner, "building", building, ShearBuilding, Building)
     frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     (ratio,) = positive(owner, mass_ratio=mass_ratio)
     tuning = 1 / (1 + ratio) if frequency_ratio is None else frequency_ratio
-    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio) ** 3))
+    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio)))
     damping = optimal if damping_ratio is None else damping_ratio
     tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
     modes = frame.modes()
