@@ -159,6 +159,19 @@ def test_pictures_and_notebooks_are_listed(from_notebooks):
     assert listed == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
 
 
+def test_the_risk_of_an_impact_is_that_of_its_notebook(from_notebooks):
+    """Every decimal number of the page's section is in the code there, or was printed."""
+    page = (DOCS / "isolation.md").read_text(encoding="utf-8")
+    section = page.partition("## One in a thousand")[2].partition("\n## ")[0]
+    notebook = from_notebooks.read(ROOT / "notebooks" / "11_isolated_and_its_wall.ipynb")
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    texts = [text for c in cells for text in (c.source, *(x.get("text", "") for x in c.outputs))]
+    numbers = re.findall(r"[-+]?\d+\.\d+", section)
+    assert len(numbers) > 20
+    for number in numbers:
+        assert any(re.search(rf"(?<![\d.]){re.escape(number)}", text) for text in texts), number
+
+
 def test_the_glossary_and_the_bibliography_are_in_order():
     body = (DOCS / "glossary.md").read_text(encoding="utf-8").partition("{glossary}")[2]
     terms = re.findall(r"^(\S.*)$", body.partition("\n```")[0], re.M)

@@ -291,9 +291,9 @@ def tuned_mass_damper(
     frequency_ratio
         > 0, frequency of the tuned mass over that of the first mode; by default 1/(1 + m).
     damping_ratio
-        > 0, of the tuned mass alone; by default √(3 m/(8 (1 + m))) (both Den Hartog 1956, for an
-        undamped building under a harmonic load; his own ratio, 1/(1 + m) of it, is by the frequency
-        of the building).
+        > 0, of the tuned mass alone, at its own frequency; by default √(3 m/(8 (1 + m))). Both are
+        those of Den Hartog (1956), for an undamped building under a harmonic load; his damping
+        refers to the frequency of the building and is 1 + m times smaller.
 
     Examples
     --------
