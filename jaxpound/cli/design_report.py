@@ -10,7 +10,7 @@ from jaxpound._tables import TextTable, rounded
 from jaxpound.cli.files import json_safe
 from jaxpound.cli.parameters import Parameters
 from jaxpound.model.parameters import get, metadata, put
-from jaxpound.model.system import Topology
+from jaxpound.model.topology import Topology
 from jaxpound.quantities import unit
 from jaxpound.results.named import in_words, unit_of, viscous_forces
 

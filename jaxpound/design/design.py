@@ -20,7 +20,8 @@ from jaxpound.design.problem import DesignProblem
 from jaxpound.design.search import Iterate, SearchResult
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.places import link_places
-from jaxpound.model.system import GROUND, Topology, gravity_of
+from jaxpound.model.system import gravity_of
+from jaxpound.model.topology import GROUND, Topology
 from jaxpound.quantities import unit
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link, without_idle_dampers

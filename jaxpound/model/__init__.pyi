@@ -28,9 +28,9 @@ from .shear_building import ShearBuilding as ShearBuilding
 from .strength import base_shear_coefficient as base_shear_coefficient
 from .structures import AdjacentStructures as AdjacentStructures
 from .structures import Storeys as Storeys
-from .system import GROUND as GROUND
 from .system import Link as Link
 from .system import Rod as Rod
 from .system import System as System
+from .topology import GROUND as GROUND
 from .vibration import Modes as Modes
 from .vibration import modes as modes

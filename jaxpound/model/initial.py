@@ -8,7 +8,8 @@ from jaxpound._checks import Rule
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, pytree_dataclass
 from jaxpound.model.places import link_places
-from jaxpound.model.system import System, as_tuple, elongation
+from jaxpound.model.system import System, as_tuple
+from jaxpound.model.topology import elongation
 
 
 @pytree_dataclass

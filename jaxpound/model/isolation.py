@@ -17,7 +17,8 @@ from jaxpound.model.dampers import VelocityFriction
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.row import FloorLink
 from jaxpound.model.shear_building import ShearBuilding
-from jaxpound.model.system import GROUND, is_closable
+from jaxpound.model.system import is_closable
+from jaxpound.model.topology import GROUND
 from jaxpound.quantities import STANDARD_GRAVITY
 
 _RADIUS = Range(0.05, 50, "m", "of a sliding surface; 1 to 6 m are usual")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 
-from jaxpound.model.system import GROUND, Ends, Topology, faces, floors
+from jaxpound.model.topology import GROUND, Ends, Topology, faces, floors
 
 
 def mass_places(topology: Topology) -> tuple[str, ...]:

@@ -16,8 +16,9 @@ import numpy as np
 from jaxpound._checks import Range, is_known_and_single
 from jaxpound._fields import unchecked
 from jaxpound.model.contact import KelvinVoigt, Newton
-from jaxpound.model.system import GROUND, Link
-from jaxpound.model.system import floors as floors_of
+from jaxpound.model.system import Link
+from jaxpound.model.topology import GROUND
+from jaxpound.model.topology import floors as floors_of
 from jaxpound.quantities import SI, STANDARD_GRAVITY
 
 if TYPE_CHECKING:

@@ -20,21 +20,17 @@ from jaxpound.model.places import link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
-    GROUND,
     OPPOSITE,
-    Ends,
     Link,
     Rod,
     System,
-    Topology,
     as_tuple,
-    faces,
     has_two_faces,
     of_faces,
     require_face,
-    ring,
     without_dampers,
 )
+from jaxpound.model.topology import GROUND, Ends, Topology, faces, ring
 from jaxpound.model.vibration import first_frequency
 
 BETWEEN = ("friction", "gap", "contact", "damper", "velocity_friction")

@@ -10,7 +10,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, parameter, part, pytree_dataclass, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
-from jaxpound.model.system import GROUND, Ends, Link, Rod, System, as_tuple
+from jaxpound.model.system import Link, Rod, System, as_tuple
+from jaxpound.model.topology import GROUND, Ends
 
 
 @pytree_dataclass

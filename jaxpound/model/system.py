@@ -11,9 +11,8 @@ import itertools
 import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cache
 from types import NoneType
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -25,11 +24,7 @@ from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import PowerLaw, VelocityFriction
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
-
-GROUND = -1
-"""The ground, as an end of a rod or of a link."""
-
-Ends = tuple[int, int]
+from jaxpound.model.topology import GROUND, Ends, Topology, faces, joined_ends, ring
 
 
 @pytree_dataclass
@@ -154,14 +149,6 @@ def of_faces(gap: tuple[Any, Any], contact: Any) -> tuple[dict[str, Any], dict[s
     return right, left
 
 
-class Topology(NamedTuple):
-    """Number of masses, and the ends of rods and links: static, it shapes the compiled program."""
-
-    n_masses: int
-    rods: tuple[Ends, ...]
-    links: tuple[Ends, ...]
-
-
 @runtime_checkable
 class Structures(Protocol):
     """Structures that can be simulated: a ``System``, or an object that returns one."""
@@ -235,7 +222,7 @@ class System:
                 if max(ends) >= n:
                     rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
                     raise InvalidInput("System", f"{name}.{k}.ends", str(ends), rule)
-        group = _groups(n, topology.rods)
+        group = joined_ends(n, topology.rods)
         for mass in range(n):
             if group[mass] != group[GROUND]:
                 rule = "must be tied to the ground by rods, directly or through other masses"
@@ -300,31 +287,6 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
 ONE_LINK = "must not be those of a link before it: gap=(left, right) makes a link of two faces"
 
 
-def ring(topology: Topology) -> int | None:
-    """The first link that closes a ring with the links before it; None if none does."""
-    opposite = faces(topology)
-    for k, (i, j) in enumerate(topology.links):
-        links = [ends for n, ends in enumerate(topology.links[:k]) if n not in opposite]
-        group = _groups(topology.n_masses, links)
-        if k not in opposite and group[i] == group[j]:
-            return k
-    return None
-
-
-@cache
-def faces(topology: Topology) -> dict[int, int]:
-    """The links that are the other face of a link before them, and of which."""
-    first: dict[Ends, int] = {}
-    opposite: dict[int, int] = {}
-    for k, ends in enumerate(topology.links):
-        link = first.get(ends[::-1])
-        if link is not None and link not in opposite.values():
-            opposite[k] = link
-        else:
-            first.setdefault(ends, k)
-    return opposite
-
-
 def require_face(owner: str, prefix: str, link: Any) -> None:
     """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
     for field, none in OPPOSITE.items():
@@ -360,123 +322,3 @@ def without_contact(structures: Structures) -> Structures:
     if all(link.contact is None for link in system.links):
         return structures
     return replace(system, links=tuple(replace(link, contact=None) for link in system.links))
-
-
-def is_storey(ends: Ends) -> bool:
-    """Whether a rod, or a link, is between two masses."""
-    return GROUND not in ends
-
-
-@cache
-def storey_rods(topology: Topology) -> tuple[int, ...]:
-    """The rods that are storeys: not those between masses that rods before tie to the ground."""
-    storeys = list[int]()
-    for rod, (i, j) in enumerate(topology.rods):
-        group = _groups(topology.n_masses, topology.rods[:rod])
-        storeys += [rod] if group[i] != group[j] else []
-    return tuple(storeys)
-
-
-@cache
-def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """The floors of each building, from the ground up: each a mass and the rod of its storey.
-
-    An ``InvalidInput`` for masses that are no floors one above the other.
-    """
-    beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
-    for rod in storey_rods(topology):
-        i, j = topology.rods[rod]
-        beside[i].append((j, rod))
-        beside[j].append((i, rod))
-    buildings = []
-    for first in beside[GROUND]:
-        building, visited = [first], {GROUND, first[0]}
-        while len(above := [end for end in beside[building[-1][0]] if end[0] not in visited]) == 1:
-            building += above
-            visited.add(above[0][0])
-        buildings.append(tuple(building))
-    masses = sorted(mass for building in buildings for mass, _ in building)
-    if masses != list(range(topology.n_masses)):
-        rule = "must be shear buildings, each floor on one storey"
-        raise InvalidInput("structures", "masses", "", rule)
-    return tuple(sorted(buildings))
-
-
-def elongation(ends: Ends, x: Sequence[Any]) -> Any:
-    """x_i − x_j between two ends, of displacements or velocities by mass; the ground's is 0."""
-    i, j = ends
-    if j == GROUND:
-        return x[i]
-    return -x[j] if i == GROUND else x[i] - x[j]
-
-
-def load_on(ends_of_all: Sequence[Ends], mass: int, forces: Sequence[Any]) -> Any:
-    """The load on a mass of the forces that pull it and their other end together."""
-    load: Any = None
-    for (i, j), force in zip(ends_of_all, forces, strict=True):
-        if mass in (i, j):
-            term = -force if mass == i else force
-            load = term if load is None else load + term
-    return load
-
-
-class LinkGroup(NamedTuple):
-    """Links that share masses, directly or through other links between them: a tree."""
-
-    links: tuple[int, ...]
-    """Those of the tree, then the other faces of some of them."""
-    faces: tuple[int, ...]
-    """Of which link, by its place in ``links``, each of these is the other face."""
-    masses: tuple[int, ...]
-    root: int
-    """The ground if it is the end of a link, else the left end of the first link."""
-    hanging: tuple[tuple[int, int, int], ...]
-    """Link, parent end and child end, which *hangs* on the parent; from the root on."""
-
-
-@cache
-def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
-    """The groups of links, in the order of their first links."""
-    member = _groups(topology.n_masses, filter(is_storey, topology.links))
-    joined: dict[int, list[int]] = {}
-    opposite = faces(topology)
-    for k, ends in enumerate(topology.links):
-        if k in opposite:
-            continue
-        joined.setdefault(member[max(ends)], []).append(k)
-    groups = []
-    for links in joined.values():
-        members = {end for k in links for end in topology.links[k]}
-        root = GROUND if GROUND in members else topology.links[links[0]][0]
-        reached, hanging = {root}, list[tuple[int, int, int]]()
-        while len(hanging) < len(links):
-            for k in links:
-                i, j = topology.links[k]
-                if (i in reached) != (j in reached):
-                    parent, child = (i, j) if i in reached else (j, i)
-                    hanging.append((k, parent, child))
-                    reached.add(child)
-        masses = tuple(sorted(members - {GROUND}))
-        others = {k: links.index(link) for k, link in opposite.items() if link in links}
-        members_of_group = (*links, *others), tuple(others.values())
-        groups.append(LinkGroup(*members_of_group, masses, root, tuple(hanging)))
-    return tuple(groups)
-
-
-@cache
-def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
-    """Groups of masses that are connected by rods: the buildings of a system."""
-    group = _groups(topology.n_masses, filter(is_storey, topology.rods))
-    members: dict[int, tuple[int, ...]] = {}
-    for mass in range(topology.n_masses):
-        members[group[mass]] = (*members.get(group[mass], ()), mass)
-    return list(members.values())
-
-
-def _groups(n: int, edges: Iterable[Ends]) -> dict[int, int]:
-    """The smallest member of the group of each mass, and of the ground, that edges make."""
-    group = {end: end for end in range(GROUND, n)}
-    for i, j in edges:
-        low, high = sorted((group[i], group[j]))
-        group = {end: low if member == high else member for end, member in group.items()}
-    return group

@@ -13,7 +13,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import before_yield
-from jaxpound.model.system import Structures, elongation, gravity_of
+from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.topology import elongation
 from jaxpound.quantities import unit
 
 _ITERATIONS = 50

@@ -16,7 +16,7 @@ from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
 from jaxpound.model.contact import may_pull, with_mass
 from jaxpound.model.places import link_places
-from jaxpound.model.system import GROUND, elongation, floors
+from jaxpound.model.topology import GROUND, elongation, floors
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, label, new_axes
 from jaxpound.results.demand import PLACES

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from jaxpound._checks import positive_number
 from jaxpound.model.places import homes, link_places
-from jaxpound.model.system import GROUND
+from jaxpound.model.topology import GROUND
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from jaxpound.model.places import homes
-from jaxpound.model.system import GROUND, elongation
+from jaxpound.model.topology import GROUND, elongation
 from jaxpound.plots.curves import buildings_of
 from jaxpound.plots.rows import floor_heights
 from jaxpound.plots.style import COLOURS, arrow, building_colour, in_house_style

@@ -16,7 +16,8 @@ from matplotlib.path import Path
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.system import GROUND, Link, Rod, Structures, System, floors, storey_rods
+from jaxpound.model.system import Link, Rod, Structures, System
+from jaxpound.model.topology import GROUND, floors, storey_rods
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 from jaxpound.units import Scales, scales_for

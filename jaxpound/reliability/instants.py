@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.system import System, elongation, is_closable
+from jaxpound.model.system import System, is_closable
+from jaxpound.model.topology import elongation
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import place_of
 from jaxpound.results.named import OF_CONTACTS, REQUIRED_GAP

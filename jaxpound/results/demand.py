@@ -17,7 +17,7 @@ from jaxpound._extrema import larger
 from jaxpound._fields import part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.system import Topology
+from jaxpound.model.topology import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand

@@ -21,7 +21,7 @@ import numpy as np
 from jaxpound._checks import is_traced, require_folder
 from jaxpound._extras import require
 from jaxpound._fields import Quantity, quantities
-from jaxpound.model.system import Topology
+from jaxpound.model.topology import Topology
 
 if TYPE_CHECKING:
     from pandas import DataFrame

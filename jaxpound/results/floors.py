@@ -14,7 +14,8 @@ from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.building import Building
 from jaxpound.model.shear_building import ShearBuilding, storeys_of
-from jaxpound.model.system import Structures, Topology, as_tuple, floors, gravity_of, is_storey
+from jaxpound.model.system import Structures, as_tuple, gravity_of
+from jaxpound.model.topology import Topology, floors, is_storey
 from jaxpound.quantities import unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import are_concrete, sizes_of

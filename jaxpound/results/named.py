@@ -23,16 +23,8 @@ from jaxpound.model.contact import Newton
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.rod import ZenerRod
-from jaxpound.model.system import (
-    GROUND,
-    Link,
-    Rod,
-    System,
-    Topology,
-    is_closable,
-    is_storey,
-    storey_rods,
-)
+from jaxpound.model.system import Link, Rod, System, is_closable
+from jaxpound.model.topology import GROUND, Topology, is_storey, storey_rods
 from jaxpound.quantities import unit
 from jaxpound.results.demand import PLACES, Demand
 from jaxpound.results.elements import columns_of, of_link, place_of, sizes_of

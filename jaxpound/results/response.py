@@ -16,7 +16,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places
-from jaxpound.model.system import Ends, Topology, elongation, load_on
+from jaxpound.model.topology import Ends, Topology, elongation, load_on
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.demand import Demand

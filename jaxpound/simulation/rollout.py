@@ -27,7 +27,8 @@ from jaxpound.ground.motion import Ground, GroundLike, as_motion
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
-from jaxpound.model.system import Structures, System, Topology, gravity_of, load_on
+from jaxpound.model.system import Structures, System, gravity_of
+from jaxpound.model.topology import Topology, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 from jaxpound.simulation.batches import spread

@@ -24,7 +24,8 @@ from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen, warn
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.initial import InitialState, initial_rules
-from jaxpound.model.system import GROUND, Link, Structures, System, gravity_of, is_closable
+from jaxpound.model.system import Link, Structures, System, gravity_of, is_closable
+from jaxpound.model.topology import GROUND
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response

@@ -15,7 +15,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.hysteresis import before_yield
-from jaxpound.model.system import Structures, System, gravity_of, link_groups, rod_groups
+from jaxpound.model.system import Structures, System, gravity_of
+from jaxpound.model.topology import link_groups, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
-from jaxpound.model.system import GROUND, Ends, System, Topology, elongation, link_groups
+from jaxpound.model.system import System
+from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
 from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, needs_flow
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion

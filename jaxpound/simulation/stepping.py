@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.system import GROUND, LinkGroup, elongation, link_groups, load_on
+from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups, load_on
 from jaxpound.simulation import state
 from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep

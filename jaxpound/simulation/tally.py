@@ -17,7 +17,8 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 from jaxpound.model.dampers import Dashpot
-from jaxpound.model.system import GROUND, Ends, System, elongation, is_storey, link_groups, load_on
+from jaxpound.model.system import System
+from jaxpound.model.topology import GROUND, Ends, elongation, is_storey, link_groups, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.contact.records import Contact

@@ -13,7 +13,8 @@ from jaxpound._checks import instance
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import far_apart
-from jaxpound.model.system import GROUND, Structures, Topology
+from jaxpound.model.system import Structures
+from jaxpound.model.topology import GROUND, Topology
 from jaxpound.results.elements import of_link
 from jaxpound.results.named import all_demands
 from jaxpound.scenarios.scenarios import ScenarioSet

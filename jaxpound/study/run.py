@@ -28,7 +28,8 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import of_many, warn
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.model.system import Topology, is_closable
+from jaxpound.model.system import is_closable
+from jaxpound.model.topology import Topology
 from jaxpound.results.named import PAIR
 from jaxpound.scenarios.sampling import key_numbers, require_sampling
 from jaxpound.scenarios.scenarios import ScenarioSet, structures_of

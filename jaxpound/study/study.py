@@ -14,7 +14,7 @@ from jaxpound._checks import is_whole, not_negative, number, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import TextTable
 from jaxpound.model.places import link_places
-from jaxpound.model.system import Topology
+from jaxpound.model.topology import Topology
 from jaxpound.quantities import column
 from jaxpound.results.elements import of_link, without_idle_dampers
 from jaxpound.results.named import event_in_words

@@ -11,7 +11,8 @@ import jaxpound as jp
 from jaxpound import Link, Rod, System
 from jaxpound._checks import all_hold
 from jaxpound._fields import rules
-from jaxpound.model.system import Structures, rod_groups
+from jaxpound.model.system import Structures
+from jaxpound.model.topology import rod_groups
 from tests.refusals import refusals, refused
 
 ROD = jp.ZenerRod(0.5, 0.01, 0.05)

@@ -25,7 +25,8 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 from jaxpound.model.contact import with_mass
-from jaxpound.model.system import Link, LinkGroup, Topology
+from jaxpound.model.system import Link
+from jaxpound.model.topology import LinkGroup, Topology
 from jaxpound.simulation.contact import records
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.forces import (
