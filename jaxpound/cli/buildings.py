@@ -254,9 +254,9 @@ class BuildingsLayout:
     """The dimensionless system, a pair's in the parameters of the paper."""
     scales: jp.Scales
     """Its units."""
-    tables: tuple[int | None, ...]
+    tables: tuple[int | None, ...] = ()
     """The number of the [[link]] of each link of a row; None of bearings and their wall."""
-    laws: tuple[str, ...]
+    laws: tuple[str, ...] = ()
     """Names of the laws of contact."""
     bearings: tuple[IsolationSection | None, ...] = (None, None)
     """The bearings of each building; a pair has none."""

@@ -39,7 +39,7 @@ class FloorDemands(Shown):
     acceleration: Any = quantity("acceleration", "peak absolute acceleration", symbol="peak $|a|$")
     """Largest absolute acceleration of each floor."""
     shear: Any = quantity("force", "peak storey shear", symbol="peak $|f|$")
-    """Largest force of the rod of the storey below each floor."""
+    """Largest force of the rod of the storey below each floor, without dampers beside it."""
     contact_left: Any = quantity("force", "peak contact force from the left", symbol="peak $p$")
     """Largest force of contact with what stands to the left; 0 where there is no contact law."""
     contact_right: Any = quantity("force", "peak contact force from the right", symbol="peak $p$")
