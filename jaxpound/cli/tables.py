@@ -130,8 +130,11 @@ class VelocityFrictionSection(Section):
         return jp.VelocityFriction(self.increase, self.velocity)
 
 
-LAWS: dict[str, Any] = {"contact": ContactSection, "damper": DamperSection}
-LAWS["velocity_friction"] = VelocityFrictionSection
+LAWS: dict[str, Any] = {
+    "contact": ContactSection,
+    "damper": DamperSection,
+    "velocity_friction": VelocityFrictionSection,
+}
 """The tables of a link that are objects of the library."""
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 

@@ -117,17 +117,16 @@ class Dashpot(NamedTuple):
         alone = alone * (size / (share * fixed.way)) ** (1 / fixed.power)
         force = smaller(size, alone)
 
-        def nearer(_: Any, force: Any) -> Any:
-            moved = fixed._slid(force)
-            slope = 1 + share * fixed.power * moved / jnp.where(force > 0, force, 1.0)
-            return force - (force + share * moved - size) / slope
+        def nearer(law: Dashpot, force: Any, whole: Any) -> Any:
+            """A step of Newton's method; its slope is not differentiated."""
+            ratio = fixed._slid(force) / jnp.where(force == 0, 1.0, force)
+            excess = force + share * law._slid(force) - whole
+            return force - excess / (1 + share * fixed.power * ratio)
 
-        force = jnp.sign(target) * lax.fori_loop(0, _ITERATIONS, nearer, force, unroll=True)
-        moved = fixed._slid(force)
-        slope = 1 + share * fixed.power * moved / jnp.where(force == 0, 1.0, force)
-        # The last step of Newton's method has the derivative of the root.
-        force = force - (force + share * self._slid(force) - whole) / slope
-        return jnp.where(none, 0.0, force)
+        for _ in range(_ITERATIONS):
+            force = nearer(fixed, force, size)
+        # The last step has the derivative of the root.
+        return jnp.where(none, 0.0, nearer(self, jnp.sign(target) * force, whole))
 
     def reduced_force(self, elongation: Any, state: Slid) -> Any:
         """The force over K."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxpound._checks import Range, Rule, enforce, instance, positive, real, require_batch
 from jaxpound._errors import InvalidInput
+from jaxpound._extrema import larger
 from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges
 from jaxpound.model.building import PERIOD, Building
 from jaxpound.model.dampers import VelocityFriction
@@ -152,7 +153,7 @@ class LeadRubber:
         4 Q (D − e_y) over 2π times the secant stiffness times D²; 0 where they do not yield.
         """
         (size,) = positive("LeadRubber.damping_ratio", displacement=displacement)
-        yields = jnp.maximum(size - self.yield_displacement, 0.0)
+        yields = larger(size - self.yield_displacement, 0.0)
         force = self.strength + size * self._stiffness(gravity)
         return 2 / jnp.pi * self.strength * yields / (force * size)
 

@@ -24,13 +24,9 @@ class Topology(NamedTuple):
 
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""
-    opposite = faces(topology)
-    for k, (i, j) in enumerate(topology.links):
-        links = [ends for n, ends in enumerate(topology.links[:k]) if n not in opposite]
-        group = joined_ends(topology.n_masses, links)
-        if k not in opposite and group[i] == group[j]:
-            return k
-    return None
+    links = [k for k in range(len(topology.links)) if k not in faces(topology)]
+    tree = _tree(topology.n_masses, [topology.links[k] for k in links])
+    return next((k for n, k in enumerate(links) if n not in tree), None)
 
 
 @cache
@@ -55,11 +51,7 @@ def is_storey(ends: Ends) -> bool:
 @cache
 def storey_rods(topology: Topology) -> tuple[int, ...]:
     """The rods that are storeys: not those between masses that rods before tie to the ground."""
-    storeys = list[int]()
-    for rod, (i, j) in enumerate(topology.rods):
-        group = joined_ends(topology.n_masses, topology.rods[:rod])
-        storeys += [rod] if group[i] != group[j] else []
-    return tuple(storeys)
+    return tuple(_tree(topology.n_masses, topology.rods))
 
 
 @cache
@@ -162,6 +154,21 @@ def joined_ends(n: int, edges: Iterable[Ends]) -> dict[int, int]:
     """The smallest member of the group of each mass, and of the ground, that edges make."""
     group = {end: end for end in range(GROUND, n)}
     for i, j in edges:
-        low, high = sorted((group[i], group[j]))
-        group = {end: low if member == high else member for end, member in group.items()}
+        group = _joined(group, i, j)
     return group
+
+
+def _joined(group: dict[int, int], i: int, j: int) -> dict[int, int]:
+    """The groups after an edge between two ends."""
+    low, high = sorted((group[i], group[j]))
+    return {end: low if member == high else member for end, member in group.items()}
+
+
+def _tree(n: int, edges: Iterable[Ends]) -> list[int]:
+    """The edges, by number, that close no ring with those before them."""
+    group, tree = joined_ends(n, ()), list[int]()
+    for k, (i, j) in enumerate(edges):
+        if group[i] != group[j]:
+            group = _joined(group, i, j)
+            tree.append(k)
+    return tree
