@@ -1,9 +1,9 @@
 """The result of a search for a rare event: its probability and how it comes about.
 
 Derivatives of a small probability by parameters of the structures follow from the samples near the
-limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V. The
-delta function is a normal density of width h. Since a tail falls as e^(−λ v), a width makes the
-slope too steep by e^((λ h)²/2): h is chosen by the tail's own λ, and the slope divided by it.
+limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V. Near are
+samples whose values are exceeded with probabilities between P e^(1/2) and P e^(−1/2), whatever the
+tail is like, and each counts by the inverse of that probability: there ln of it is nearly a line.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from jaxpound.results.named import event_in_words
 from jaxpound.study.statistics import Estimate
 
 RAREST = 1e-12  # below it a probability is only bounded
-_WIDTH = 0.3  # λ h
-_REACH = 4.0  # widths from the limit beyond which a sample has no weight
+_NEAR = 0.5  # largest difference of ln P between a sample's value and the limit
 _FEWEST = 20
 
 
@@ -169,17 +168,21 @@ class RareEvent(Shown):
         return np.where(self.values >= 0, self.weights, 0.0)
 
     def _densities(self) -> Float[np.ndarray, " n"]:
-        """Each sample's weight at the limit: w times the normal density of its value, corrected."""
+        """Each sample's part of n times the density of values at the limit."""
         weights, values, hit = self.weights, self.values, self._parts
-        excess = hit @ np.where(values >= 0, values, 0.0)
-        if not (np.count_nonzero(hit) >= _FEWEST and excess > 0):
-            rule = f"must have at least {_FEWEST} samples that reach the limit state"
+        rule = f"must have at least {_FEWEST} samples, of several values, that reach the limit state"
+        if np.count_nonzero(hit) < _FEWEST:
             raise InvalidInput("RareEvent.slope", "the event", "", rule)
-        decay = hit.sum() / excess  # of an exponential tail
-        width = _WIDTH / decay
-        share = np.exp(-0.5 * (values / width) ** 2) / (width * math.sqrt(2 * math.pi))
-        near = np.abs(values) < _REACH * width
-        return np.where(near, weights * share, 0.0) * math.exp(-0.5 * _WIDTH**2)
+        order = np.argsort(-values, kind="stable")
+        order = order[np.cumsum(weights[order]) > 0]
+        exceeded = (np.cumsum(weights[order]) - weights[order] / 2) / hit.sum()
+        logs = np.log(exceeded)
+        high, low = np.interp([-_NEAR, _NEAR], logs, values[order])
+        if not high > low:
+            raise InvalidInput("RareEvent.slope", "the event", "", rule)
+        densities, near = np.zeros(len(values)), np.abs(logs) <= _NEAR
+        densities[order[near]] = weights[order[near]] / exceeded[near] / (high - low)
+        return densities
 
     @property
     def largest_share(self) -> float:

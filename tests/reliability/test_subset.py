@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -67,6 +68,30 @@ def test_the_weighted_points_are_a_sample_whose_tail_falls_as_a_normal_one(four)
     assert 0.01 < four.decay.error / exact < 0.1
     independent = dataclasses.replace(four, repeats=np.zeros(0, int))
     assert four.decay.error > 1.2 * independent.decay.error
+
+
+@pytest.mark.parametrize("index", [1.4, 2.0, 4.0])
+def test_slopes_of_a_tail_as_heavy_as_that_of_a_hazard_curve(four, index):
+    """The exceedance of a demand y falls as y^(-index), as factors of a hazard curve make it."""
+    unit = four.limit_state.level / 4.0
+    peaks = four.values / unit + 4.0
+    demands = (2 * ndtr(-peaks)) ** (-1 / index)
+    threshold = float((2 * ndtr(-4.0)) ** (-1 / index))
+
+    def sensitivities(points, chosen):
+        rows = [np.flatnonzero((four.points == z).all(axis=1))[0] for z in points]
+        return {"factor of the ground": demands[rows]}
+
+    event = dataclasses.replace(
+        four,
+        values=demands - threshold,
+        limit_state=SimpleNamespace(sensitivities=sensitivities),
+    )
+    assert abs(event.decay.value - index / threshold) < 3 * event.decay.error
+    assert event.decay.error < 0.1 * event.decay.value
+    (slope,) = event.slopes.values()
+    assert abs(slope.value - index) < 3 * slope.error
+    assert slope.error < 0.1 * slope.value
 
 
 def test_trains_of_wavelets_with_random_signs_against_plain_monte_carlo():
