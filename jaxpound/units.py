@@ -18,7 +18,7 @@ from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import VelocityFriction
+from jaxpound.model.dampers import Inerter, VelocityFriction
 from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of, law_in_length
 from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
@@ -30,7 +30,7 @@ from jaxpound.results.response import Response
 
 Timed = TypeVar("Timed", bound=Any)
 Result = TypeVar("Result", Response, Demand)
-Law = TypeVar("Law", bound=ContactLaw | Newton | Rod | VelocityFriction | None)
+Law = TypeVar("Law", bound=ContactLaw | Newton | Rod | VelocityFriction | Inerter | None)
 
 
 @pytree_dataclass
@@ -185,7 +185,7 @@ def law_in_other_units(
     owner: str, name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
 ) -> Law:
     """A law of a link, or a damper, with each parameter converted by the unit of its kind."""
-    if not isinstance(law, Rod | VelocityFriction):
+    if not isinstance(law, Rod | VelocityFriction | Inerter):
         instance(owner, name, law, ContactLaw, Newton, NoneType)
     if law is None:
         return law

@@ -13,6 +13,7 @@ from jaxpound._extrema import smaller
 from jaxpound._fields import check, parameter, pytree_dataclass
 
 _VELOCITY = Range(1e-6, 100, "m/s", "of an earthquake's motion")
+_INERTANCE = Range(0, 1e12, "kg", "up to that of many buildings")
 _ITERATIONS = 8  # of Newton's method, to rounding
 
 
@@ -135,6 +136,29 @@ class Dashpot(NamedTuple):
     def dissipated(self, state: Slid) -> Any:
         """Energy dissipated until now, over K."""
         return state.dissipated
+
+
+@pytree_dataclass
+class Inerter:
+    """An inerter: its force is b (x_i'' − x_j''), in proportion to the relative acceleration.
+
+    A flywheel with a rack or a ball screw has an inertance of many times its own mass (Smith 2002).
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
+
+    Parameters
+    ----------
+    inertance
+        b ≥ 0, in units of m1 for a dimensionless system.
+
+    Examples
+    --------
+    Between the roof of a building and the floor below:
+
+    >>> link = jp.FloorLink(building=0, floor=3, next_building=0, inerter=jp.Inerter(2e5))
+    """
+
+    inertance: Any = parameter("b", "mass", "inertance", least=0, within=_INERTANCE)
 
 
 @pytree_dataclass

@@ -15,7 +15,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import VelocityFriction
+from jaxpound.model.dampers import Inerter, VelocityFriction
 from jaxpound.model.places import link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
@@ -33,7 +33,7 @@ from jaxpound.model.system import (
 from jaxpound.model.topology import GROUND, Ends, Topology, faces, ring
 from jaxpound.model.vibration import first_frequency
 
-BETWEEN = ("friction", "gap", "contact", "damper", "velocity_friction")
+BETWEEN = ("friction", "gap", "contact", "damper", "velocity_friction", "inerter")
 """What a link has between its ends."""
 
 
@@ -52,7 +52,7 @@ class FloorLink:
         Its floor.
     next_floor
         The floor at the other end, or ``GROUND``; by default the same, or in a brace that below.
-    friction, gap, contact, damper, velocity_friction
+    friction, gap, contact, damper, velocity_friction, inerter
         As in ``Link``: slip force μ ≥ 0, gap ξ0 ≥ 0 at rest (infinite by default), law of contact,
         damper and so on; dimensionless in a ``Row``, in N, m and SI units between buildings in SI.
         A tuple (left, right) of gaps, and of laws, makes a link of two faces.
@@ -82,6 +82,7 @@ class FloorLink:
     next_building: int | None = static(default=None)
     damper: Rod | None = like(Link, "damper", default=None)
     velocity_friction: VelocityFriction | None = like(Link, "velocity_friction", default=None)
+    inerter: Inerter | None = like(Link, "inerter", default=None)
     side: str = static(default="right")
 
     def __post_init__(self) -> None:

@@ -21,7 +21,7 @@ from jaxpound._checks import Rule, finite, instead, is_traced, is_whole, real
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import PowerLaw, VelocityFriction
+from jaxpound.model.dampers import Inerter, PowerLaw, VelocityFriction
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.topology import GROUND, Ends, Topology, faces, joined_ends, ring
@@ -79,12 +79,14 @@ class Link:
         default. In a ``System`` it is one of the rods.
     velocity_friction
         What the friction gains with |x_i' − x_j'|, a ``VelocityFriction``; None by default.
+    inerter
+        A force in proportion to x_i'' − x_j'', an ``Inerter``; None by default.
 
     Notes
     -----
     In a ``System`` a link of two faces is two links with opposite ends: the first, the right face,
-    has friction and damper; the second, the left face, has only its gap and contact. Results are by
-    face, such as ``min_gap_1`` and ``min_gap_2``; ``min_gap`` is of both.
+    has friction, damper and inerter; the second, the left face, only its gap and contact. Results
+    are by face, such as ``min_gap_1`` and ``min_gap_2``; ``min_gap`` is of both.
     """
 
     ends: Ends = static()
@@ -95,6 +97,7 @@ class Link:
     )
     damper: Rod | None = part(Rod, NoneType, default=None)
     velocity_friction: VelocityFriction | None = part(VelocityFriction, NoneType, default=None)
+    inerter: Inerter | None = part(Inerter, NoneType, default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ends", _two_ends("Link", self.ends))
@@ -118,7 +121,9 @@ class Link:
         return [Rule(f"{prefix}gap", self.gap, finite(self.gap), says)]
 
 
-OPPOSITE: dict[str, Any] = {"friction": 0.0, "damper": None, "velocity_friction": None}
+OPPOSITE: dict[str, Any] = {"friction": 0.0} | dict.fromkeys(
+    ("damper", "velocity_friction", "inerter")
+)
 """What the left face of a link of two faces leaves to the right one."""
 
 

@@ -21,6 +21,10 @@ class Topology(NamedTuple):
     rods: tuple[Ends, ...]
     links: tuple[Ends, ...]
 
+    def loads(self, forces: Sequence[Any]) -> list[Any]:
+        """The loads of the rods' forces on all masses."""
+        return [load_on(self.rods, mass, forces) for mass in range(self.n_masses)]
+
 
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""

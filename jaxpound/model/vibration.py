@@ -23,7 +23,7 @@ _NONE = complex("nan+nanj")
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Modes(Shown):
-    """Modes of masses on rods, without friction and contact, from the slowest to the fastest.
+    """Modes of masses, rods and inerters, without friction and contact, the slowest first.
 
     Rods that yield are taken as they are before they do; those of a ``PowerLaw`` are left out.
 
@@ -74,9 +74,9 @@ def modes(structures: Structures) -> Modes:
     Parameters
     ----------
     structures
-        ``Storeys``, a ``System`` or any other structures with concrete numbers. Their links are
-        left out: friction and contact have no modes. Those of ``Buildings`` are in rad/s and s; for
-        a single building there is ``ShearBuilding.modes``.
+        ``Storeys``, a ``System`` or any other structures with concrete numbers. Of their links only
+        inerters count: friction and contact have no modes. Those of ``Buildings`` are in rad/s and
+        s; for a single building there is ``ShearBuilding.modes``.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def modes(structures: Structures) -> Modes:
     omega, values, vectors = (np.array(x) for x in zip(*steady_modes, strict=True))
     shapes = vectors.T / vectors.T[np.abs(vectors).argmax(1), np.arange(linear.n)]
     real = shapes.real
-    effective = (linear.masses @ real) ** 2 / np.einsum("ij,i,ij->j", real, linear.masses, real)
+    effective = (linear.masses @ real) ** 2 / np.einsum("ij,ik,kj->j", real, linear.inertia, real)
     return Modes(
         frequencies=omega,
         damping_ratios=values.imag / values.real / 2,
@@ -108,7 +108,7 @@ def first_frequency(structures: Structures) -> float:
 
 
 class _Linear:
-    """Masses and rods of concrete structures as matrices, scaled so that the mass matrix is 1."""
+    """Masses, rods and inerters of concrete structures, scaled so that the mass matrix is 1."""
 
     def __init__(self, owner: str, structures: Any) -> None:
         if hasattr(structures, "modes"):
@@ -116,16 +116,24 @@ class _Linear:
             raise InvalidInput(owner, "structures", "", rule)
         instance(owner, "structures", structures, Structures)
         system = structures.system()
-        leaves = jax.tree.leaves((system.masses, system.rods))
+        inerters = [link.inerter for link in system.links]
+        leaves = jax.tree.leaves((system.masses, system.rods, inerters))
         if is_traced(leaves):
             raise InvalidInput(owner, "structures", "", "must be known, not traced")
         if any(np.ndim(leaf) for leaf in leaves):
             raise InvalidInput(owner, "structures", "", "must be one, not a batch")
         self.masses = np.array([float(mass) for mass in system.masses])
         self.n = self.masses.size
+        unit_motions = [*np.eye(self.n)]
+        inertia = np.diag(self.masses)
+        for link in system.links:
+            if link.inerter is not None:
+                influence = elongation(link.ends, unit_motions)
+                inertia += float(link.inerter.inertance) * np.outer(influence, influence)
+        self.inertia, self._root = inertia, np.linalg.cholesky(inertia)
         self._rods: list[tuple[Any, Any]] = []
         for ends, rod in zip(system.topology.rods, system.rods, strict=True):
-            influence = elongation(ends, [*np.eye(self.n)]) / np.sqrt(self.masses)
+            influence = np.linalg.solve(self._root, elongation(ends, unit_motions))
             if isinstance(rod.material, PowerLaw):  # no stiffness in slow motion
                 continue
             law = before_yield(rod.material)
@@ -162,7 +170,7 @@ class _Linear:
         omega = float(np.exp(low if low == high else brentq(excess, low, high, xtol=1e-14)))
         values, vectors = np.linalg.eig(self.stiffness(1j * omega)[0])
         k = int(np.argsort(values.real)[j])
-        return omega, complex(values[k]), vectors[:, k] / np.sqrt(self.masses)
+        return omega, complex(values[k]), np.linalg.solve(self._root.T, vectors[:, k])
 
     def free(self, omega: float, value: complex, shape: np.ndarray) -> complex:
         """Exponent s of the free vibration that belongs to a steady one, by inverse iteration.
@@ -170,7 +178,7 @@ class _Linear:
         With T(s) = s² + K*(s) and T(s) y = T'(s) u, the step of s is −1/(w y) where w u = 1. NaN if
         it does not converge to a vibration: overdamped motions creep.
         """
-        s, u = 1j * omega * np.sqrt(value / value.real), shape * np.sqrt(self.masses)
+        s, u = 1j * omega * np.sqrt(value / value.real), self._root.T @ shape
         for _ in range(_ITERATIONS):
             w = u.conj() / np.vdot(u, u)
             stiffness, slope = self.stiffness(s)

@@ -102,7 +102,10 @@ def contact_loops(response: Response, link: LinkResponse) -> list[tuple[np.ndarr
     if response.batch or link.law is None or link.impacts is None:
         return []
     inverse = [1 / float(response.masses[end].mass) for end in link.ends if end != GROUND]
-    law, time = with_mass(link.law, 1 / sum(inverse)), np.asarray(response.time)
+    law, time = (
+        with_mass(link.law, 1 / sum(inverse) + float(link.inertance)),
+        np.asarray(response.time),
+    )
     loops = []
     for impact in link.impacts.entries(0):
         end = time[-1] if np.isnan(impact.end) else impact.end

@@ -84,6 +84,10 @@ class LinkResponse:
     user-defined."""
     slip_force: Any = quantity("force", default=0.0)
     """Slip force of the damper, a number, in fast slip; 0 where the link has none."""
+    inertia: Any = quantity("force", column="inertia", default=None)
+    """Force of the inerter, positive as the friction is. None for a link without one."""
+    inertance: Any = quantity("mass", default=0.0)
+    """Inertance, a number."""
 
     @property
     def has_damper(self) -> bool:
@@ -157,7 +161,8 @@ class Response(ByElement, Columnar, Shown):
         """Absolute acceleration x'' + u'' of each mass, in g (m/s² in SI): force over mass."""
         forces, topology = [rod.force for rod in self.rods], self.topology
         for link in self.links:
-            forces.append(link.friction if link.contact is None else link.friction + link.contact)
+            more = (force for force in (link.contact, link.inertia) if force is not None)
+            forces.append(sum(more, link.friction))
         return tuple(
             load_on(topology.rods + topology.links, i, forces) / jnp.asarray(mass.mass)[..., None]
             for i, mass in enumerate(self.masses)
@@ -176,6 +181,11 @@ class Response(ByElement, Columnar, Shown):
         masses = [jnp.asarray(mass.mass)[..., None] for mass in self.masses]
         momentum = _means(_total(map(operator.mul, masses, v)))
         kinetic = _total(m * v_of_mass**2 for m, v_of_mass in zip(masses, v, strict=True)) / 2
+        for link in self.links:
+            if link.inertia is not None:
+                kinetic = (
+                    kinetic + jnp.asarray(link.inertance)[..., None] * link.slip_velocity**2 / 2
+                )
         steps = jnp.diff(self.time, axis=-1)
         works = steps * _means(_total(r.force * elongation(r.ends, v) for r in self.rods))
         if touching := [link.touching for link in self.links if link.touching is not None]:
@@ -261,7 +271,7 @@ class Response(ByElement, Columnar, Shown):
             "ground_acceleration": ("acceleration", self.ground_acceleration),
             **of_elements("x", "v"),
             **{f"absolute_acceleration_{i}": ("acceleration", a) for i, a in accelerations},
-            **of_elements("force", "friction", "contact", "gap"),
+            **of_elements("force", "friction", "contact", "inertia", "gap"),
             "ground_velocity": ("velocity", self.ground_velocity),
             # Plus zero: no −0 in a file.
             **{name.replace("phase", "slip_direction"): (None, y + 0.0) for name, y in directions},
@@ -345,7 +355,7 @@ class Energy(NamedTuple):
     input: Any
     """Work of the ground, −∫ u'' Σ m x' dt."""
     kinetic: Any
-    """Kinetic energy Σ ½ m x'²."""
+    """Kinetic energy Σ ½ m x'², and ½ b w² of inerters."""
     rods: Any
     """Work into the rods, Σ ∫ f e' dt with the elongations e, besides their energy at t = 0."""
     friction: Any

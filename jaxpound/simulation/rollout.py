@@ -201,7 +201,7 @@ def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
 
 def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
     ends = (*system.topology.rods, *system.topology.links)
-    forces = [*now.forces, *(link.motion.total_force for link in now.links)]
+    forces = [*now.forces, *(link.total_force for link in now.links)]
     return tuple(
         load_on(ends, mass, forces) * inverse for mass, inverse in enumerate(system.inverse_masses)
     )

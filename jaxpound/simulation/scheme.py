@@ -16,7 +16,7 @@ from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import link_groups, rod_groups
+from jaxpound.model.topology import Ends, link_groups, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
@@ -204,14 +204,12 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
 def is_stable(system: System, dt: Any, scheme: Scheme) -> Any:
     """Whether explicit stepping is stable, traceable (see ``stability_limit``).
 
-    1 − (h²/4) M^(−1/2) K M^(−1/2) is then positive definite, which elimination shows. Not
-    ``eigvalsh``: concurrent LAPACK calls, one for each building of a row, deadlock in XLA's CPU
-    thread pool.
+    M − (h²/4) K is then positive definite, which elimination shows. Not ``eigvalsh``: concurrent
+    LAPACK calls, one for each building of a row, deadlock in XLA's CPU thread pool.
     """
     stable: Any = True
-    for matrix in _scaled_stiffness(system, _nyquist(system, dt, scheme), jnp):
-        identity = jnp.eye(matrix.shape[-1], dtype=matrix.dtype)
-        remaining = jax.lax.stop_gradient(identity - dt**2 / 4 * matrix)  # needs no derivative
+    for mass, stiffness in _scaled_matrices(system, _nyquist(system, dt, scheme), jnp):
+        remaining = jax.lax.stop_gradient(mass - dt**2 / 4 * stiffness)  # needs no derivative
         while remaining.shape[-1]:
             pivot, column = remaining[0, 0], remaining[1:, 0]
             stable &= pivot > 0  # false for NaN
@@ -235,19 +233,38 @@ def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
 
 def _largest_eigenvalue(system: System, stiffness: list[Any]) -> Any:
     """The largest eigenvalue of M⁻¹ K of a concrete system, with a stiffness for each rod."""
-    matrices = _scaled_stiffness(system, stiffness, np)
-    return np.max([np.linalg.eigvalsh(matrix)[..., -1] for matrix in matrices], axis=0)
+    largest = []
+    for mass, matrix in _scaled_matrices(system, stiffness, np):
+        root = np.linalg.inv(np.linalg.cholesky(mass))
+        largest.append(np.linalg.eigvalsh(root @ matrix @ np.swapaxes(root, -1, -2))[..., -1])
+    return np.max(largest, axis=0)
 
 
-def _scaled_stiffness(system: System, stiffness: list[Any], xp: Any) -> list[Any]:
-    """M^(−1/2) K M^(−1/2) of each group of masses that rods join: others are uncoupled."""
+def _scaled_matrices(system: System, stiffness: list[Any], xp: Any) -> list[tuple[Any, Any]]:
+    """D^(−1/2) M D^(−1/2) and D^(−1/2) K D^(−1/2) of each group of masses that is coupled.
+
+    D are the masses, and M these with the inertances.
+    """
     topology, matrices = system.topology, []
-    for masses in rod_groups(topology):
-        rods = [k for k, ends in enumerate(topology.rods) if set(ends) & {*masses}]
-        k = xp.stack(xp.broadcast_arrays(*[stiffness[i] for i in rods]), -1)
-        m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)
-        ends = [topology.rods[i] for i in rods]
-        signs = [[(mass == i) - (mass == j) for i, j in ends] for mass in masses]
-        root = np.array(signs, k.dtype) / xp.sqrt(m)[..., None]
-        matrices.append((root * k[..., None, :]) @ xp.swapaxes(root, -1, -2))
+    rods = list(zip(topology.rods, stiffness, strict=True))
+    inerters = [(link.ends, link.inerter.inertance) for link in system.links if link.inerter]
+    joined = topology._replace(rods=(*topology.rods, *(ends for ends, _ in inerters)))
+    for masses in rod_groups(joined):
+        stiff = _scaled(system, masses, rods, xp)
+        inertia = _scaled(system, masses, inerters, xp)
+        matrices.append((xp.eye(len(masses), dtype=stiff.dtype) + inertia, stiff))
     return matrices
+
+
+def _scaled(
+    system: System, masses: tuple[int, ...], elements: list[tuple[Ends, Any]], xp: Any
+) -> Any:
+    """D^(−1/2) S D^(−1/2) with the matrix S of elements between ends, each with its number."""
+    own = [(ends, number) for ends, number in elements if {*ends} & {*masses}]
+    if not own:
+        return 0.0
+    numbers = xp.stack(xp.broadcast_arrays(*[number for _, number in own]), -1)
+    m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)
+    signs = [[(mass == i) - (mass == j) for (i, j), _ in own] for mass in masses]
+    root = np.array(signs, numbers.dtype) / xp.sqrt(m)[..., None]
+    return (root * numbers[..., None, :]) @ xp.swapaxes(root, -1, -2)

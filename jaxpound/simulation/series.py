@@ -47,6 +47,7 @@ class StoredSeries(NamedTuple):
                 "friction": motion.force,
                 "phase": motion.phase,
                 "change_time": now.time + motion.change_time,
+                "inertia": link.inertia,
             }
             impact = None
             if (contact := tallied.contact) is not None:
@@ -117,6 +118,8 @@ def _link_response(
     fast = link.velocity_friction
     slip_force = link.friction if fast is None else link.friction + fast.increase
     entries = dict(series, slip_force=slip_force + 0 * last)
+    if link.inerter is not None:
+        entries["inertance"] = link.inerter.inertance + 0 * last
     gap = link.gap - entries.pop("closing")
     if ended is None or end is None:
         return LinkResponse(gap=gap, **entries, ends=link.ends)

@@ -16,10 +16,18 @@ import jax.numpy as jnp
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import System
-from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
-from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, needs_flow
+from jaxpound.model.topology import GROUND, Ends, LinkGroup, Topology, elongation, link_groups
+from jaxpound.simulation.contact.forces import seen_by_faces
+from jaxpound.simulation.contact.group import (
+    ContactState,
+    Coupling,
+    coupling,
+    delassus_of,
+    needs_flow,
+)
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, RodInstant
@@ -44,8 +52,21 @@ class StepConstants(NamedTuple):
     hysteresis: tuple[HysteresisConstants | None, ...]  # of the rods
     frictions: tuple[jax.Array, ...]
     couplings: tuple[Coupling | None, ...]  # by group of links; None without a local flow
+    inerters: tuple[Inerters | None, ...]  # by group of links
     slots: int  # impacts recorded for each link in one step
     initial_elongations: tuple[jax.Array, ...] | None  # of the rods; None at rest
+
+    @property
+    def inertances(self) -> dict[int, jax.Array]:
+        """Those of links in groups with inerters, by link."""
+        pairs = ((group.links, y.inertances) for group, y in self.groups_with_inerters)
+        return {k: b for links, values in pairs for k, b in zip(links, values, strict=False)}
+
+    @property
+    def groups_with_inerters(self) -> list[tuple[LinkGroup, Inerters]]:
+        """The groups of links with inerters, and these."""
+        groups = zip(link_groups(self.topology), self.inerters, strict=True)
+        return [(group, inerters) for group, inerters in groups if inerters is not None]
 
     @property
     def is_long(self) -> bool:
@@ -84,6 +105,13 @@ class LinkInstant(NamedTuple):
     closing: jax.Array
     velocity: jax.Array
     motion: LinkMotion
+    inertia: jax.Array | None  # force of its inerter
+
+    @property
+    def total_force(self) -> jax.Array:
+        """The force of friction, contact and inerter."""
+        total = self.motion.total_force
+        return total if self.inertia is None else total + self.inertia
 
 
 class Instant(NamedTuple):
@@ -119,14 +147,22 @@ def step_constants(
         for rod in system.rods
     ]
     hysteresis = each(HysteresisConstants, laws, [rod.stiffness for rod in system.rods])
-    groups, links = link_groups(topology), system.links
-    flowing = [group if needs_flow(group, links) else None for group in groups]
-    couplings = each(lambda group: coupling(topology, group, links, inverse), flowing)
+    links, couplings, inerters = system.links, list[Any](), list[Any]()
+    for group in link_groups(topology):
+        of_group = coupled = None
+        if any(links[k].inerter for k in group.links) or needs_flow(group, links):
+            delassus, shares = delassus_of(topology, group, inverse)
+            if (of_group := Inerters.of(group, links, delassus)) is not None:
+                delassus = of_group.delassus
+            coupled = coupling(group, links, delassus, shares)
+        inerters.append(of_group)
+        couplings.append(coupled if needs_flow(group, links) else None)
     initial = None
     if displaced is not None:
         initial = tuple(elongation(ends, displaced) for ends in topology.rods)
     frictions = tuple(link.friction for link in links)
-    return StepConstants(topology, inverse, rods, hysteresis, frictions, couplings, slots, initial)
+    by_group = tuple(couplings), tuple(inerters)
+    return StepConstants(topology, inverse, rods, hysteresis, frictions, *by_group, slots, initial)
 
 
 def start_state(
@@ -165,7 +201,8 @@ def for_half_kick(system: StepConstants, share: jax.Array) -> StepConstants:
     """Inverse masses times the share: the first kick is half a step."""
     inverse_masses = tuple(share * inverse for inverse in system.inverse_masses)
     couplings = each(lambda x: x._replace(delassus=share * x.delassus), system.couplings)
-    return system._replace(inverse_masses=inverse_masses, couplings=couplings)
+    inerters = each(lambda x: x.for_masses_over(share), system.inerters)
+    return system._replace(inverse_masses=inverse_masses, couplings=couplings, inerters=inerters)
 
 
 def motion_at_start(motion: LinkMotion, link: LinkState, starts: jax.Array) -> LinkMotion:
@@ -219,12 +256,47 @@ def of_all_masses(
     return tuple(positions)
 
 
-def link_pull(
-    ends: Ends, loads: Sequence[jax.Array], inverse: Sequence[jax.Array], shaking: jax.Array
-) -> jax.Array:
-    """Relative acceleration of a link's ends without it; between masses u'' drops out."""
-    left, right = (shaking if end == GROUND else loads[end] * inverse[end] for end in ends)
-    return left - right
+def link_pulls(
+    system: StepConstants, loads: Sequence[jax.Array], shaking: jax.Array
+) -> list[jax.Array]:
+    """Relative accelerations of the links' ends without their forces."""
+    pulls = _pulls_of_masses(system, loads, shaking)
+    for group, inerters in system.groups_with_inerters:
+        by_link = inerters.reduced(jnp.stack([pulls[k] for k in group.links[: len(group.hanging)]]))
+        for k, pull in zip(group.links, seen_by_faces(by_link, group.faces), strict=True):
+            pulls[k] = pull
+    return pulls
+
+
+def inerter_forces(
+    system: StepConstants,
+    loads: Sequence[jax.Array],
+    shaking: jax.Array,
+    link_forces: Sequence[jax.Array],
+) -> dict[int, jax.Array]:
+    """Forces of inerters by link, under loads of rods and forces of friction and contact."""
+    forces: dict[int, jax.Array] = {}
+    pulls = _pulls_of_masses(system, loads, shaking)
+    for group, inerters in system.groups_with_inerters:
+        n = len(group.hanging)
+        totals = [link_forces[k] for k in group.links[:n]]
+        for face, k in zip(group.links[n:], group.faces, strict=True):
+            totals[k] = totals[k] - link_forces[face]
+        by_link = jnp.stack([pulls[k] for k in group.links[:n]])
+        forces |= dict(zip(group.links, inerters.forces(by_link, jnp.stack(totals)), strict=False))
+    return forces
+
+
+def _pulls_of_masses(
+    system: StepConstants, loads: Sequence[jax.Array], shaking: jax.Array
+) -> list[jax.Array]:
+    """Relative accelerations of ends without the links; between masses u'' drops out."""
+    inverse = system.inverse_masses
+    pulls = []
+    for ends in system.topology.links:
+        left, right = (shaking if end == GROUND else loads[end] * inverse[end] for end in ends)
+        pulls.append(left - right)
+    return pulls
 
 
 def link_inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:

@@ -19,12 +19,13 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups, load_on
+from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups
 from jaxpound.simulation import state
 from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
 from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
+from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
@@ -49,6 +50,7 @@ def step(
     """
     acceleration, shaking = ground
     share: Any = 1.0
+    whole = system
     if starts_displaced := system.initial_elongations is not None:
         share = jnp.where(starts, 0.5, 1.0).astype(time.dtype)
         system, shaking = state.for_half_kick(system, share), share * shaking
@@ -100,8 +102,11 @@ def step(
         yielding=tuple(None if rod is None else rod.state for rod in yielding),
         links=links,
     )
+    totals = [motions[k].total_force for k in range(len(closings))]
+    inertia = state.inerter_forces(whole, topology.loads(forces), acceleration, totals)
     seen = tuple(
-        LinkInstant(s, motions[k].velocity_now, motions[k]) for k, s in enumerate(closings)
+        LinkInstant(s, motions[k].velocity_now, motions[k], inertia.get(k))
+        for k, s in enumerate(closings)
     )
     rods = state.each(observed, system.hysteresis, yielding)
     x_now, v_now = of_free("x_now"), of_free("v_now")
@@ -181,10 +186,9 @@ class _Step(NamedTuple):
             forces = tuple(force + law.modulus * rest for force, law, rest in rods)
         forces = tuple(f - y.lost if y else f for f, y in zip(forces, yielding, strict=True))
         means = tuple(f - y.kink if y else f for f, y in zip(forces, yielding, strict=True))
-        topology, inverse = system.topology, system.inverse_masses
-        loads = [load_on(topology.rods, mass, means) for mass in range(topology.n_masses)]
-        pulls = [state.link_pull(ends, loads, inverse, self.shaking) for ends in topology.links]
-        return forces, loads, pulls
+        topology = system.topology
+        loads = topology.loads(means)
+        return forces, loads, state.link_pulls(system, loads, self.shaking)
 
     def flows(self, pulls: list[jax.Array]) -> list[_GroupFlow]:
         """The groups of links that may touch or share masses, after their local flows."""
@@ -263,11 +267,11 @@ class _Step(NamedTuple):
         closings = [link.closing for link in self.before.links]
         contacts: list[ContactState | None] = [None] * len(closings)
         motions: dict[int, LinkMotion] = {}
-        for group in link_groups(system.topology):
+        for group, inerters in zip(link_groups(system.topology), system.inerters, strict=True):
             if len(group.hanging) > 1:
                 continue
             k = group.links[0]
-            motions[k] = self._slide(k, pulls[k])
+            motions[k] = self._slide(k, pulls[k], inerters)
             if group.faces:
                 single = jax.tree.map(lambda y: y[None], motions[k])
                 motions |= _by_link(group, contact_group.with_other_faces(single, group.faces))
@@ -293,11 +297,13 @@ class _Step(NamedTuple):
                 contacts[k] = state.contact_at_start(contacts[k], link, motions[k], starts, self.dt)
         return closings, contacts, motions
 
-    def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
+    def _slide(self, k: int, pull: jax.Array, inerters: Inerters | None) -> LinkMotion:
         """Motion of a link that shares no mass, without contact."""
         link, ends, system = self.before.links[k], self.system.topology.links[k], self.system
         rise = self._rise(pull, link.pull, GROUND in ends)
         inverse_mass = state.link_inverse_mass(ends, system.inverse_masses)
+        if inerters is not None:
+            inverse_mass = inerters.delassus[0, 0]
         friction = system.frictions[k]
         motion = self.scheme.friction.slide(
             LinkStep(link.velocity, link.phase, pull, rise, inverse_mass, friction, self.dt)
@@ -323,6 +329,9 @@ class _Step(NamedTuple):
         for k in links:
             if mass in (ends := system.topology.links[k]):
                 force = motions[k].mean_force
+                if (inertance := system.inertances.get(k)) is not None:
+                    kick = motions[k].velocity - self.before.links[k].velocity
+                    force = force + inertance * kick / self.dt
                 load = load - force if ends[0] == mass else load + force
         v = v_before + self.dt * (load * system.inverse_masses[mass] - self.shaking)
         free = _FreeMass(x + self.dt * v, v, x, (v_before + v) / 2)

@@ -8,8 +8,9 @@ peak next to a jump of friction, and PGA and PGV, which are taken at the grid's 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -23,7 +24,13 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
-from jaxpound.simulation.state import Instant, StepConstants, each, of_all_masses
+from jaxpound.simulation.state import (
+    Instant,
+    StepConstants,
+    each,
+    inerter_forces,
+    of_all_masses,
+)
 from jaxpound.simulation.yielding import HysteresisConstants, RodInstant, time_until
 
 
@@ -83,6 +90,7 @@ class _ObservedInstant(NamedTuple):
     turns: list[jax.Array]  # by link: whether its slip velocity vanishes near the instant
     links: tuple[LinkTally, ...]  # with this instant
     last_forces: Sequence[jax.Array]  # of the rods, an instant before
+    last_shaking: jax.Array
 
     def displacement(self, peak: Peak, ends: Ends) -> Peak:
         """The peak of x_i − x_j, or of x_i where j is the ground; impacts are kinks of the path."""
@@ -126,6 +134,7 @@ class _ObservedInstant(NamedTuple):
         motions = {k: self.now.links[k].motion for k in signs}
         totals = {k: sign * motions[k].total_force for k, sign in signs.items()}
         others = sum(totals.values())
+        now = self.with_inertia(load + others, signs)
         settled = [self.links[k].instants_since_turn >= WINDOW for k in signs]
         smooth = self.smooth & jnp.stack(settled).all()
         reached = []
@@ -136,16 +145,40 @@ class _ObservedInstant(NamedTuple):
                 (group,) = (group.links for group in link_groups(topology) if k in group.links)
                 log = flow.result.log
                 at_peak = sum(signs[i] * log.highest_forces[group.index(i)] for i in signs)
-                at_highest = load + (load - before) * log.highest_time / self.dt + at_peak
-                reached.append(jnp.where(log.highest > 0, at_highest, load + others) * inverse)
+                time = log.highest_time / self.dt
+                at_highest = load + (load - before) * time + at_peak
+                forces = dict(zip(group, log.highest_forces, strict=True))
+                at_highest = self.with_inertia(at_highest, signs, time, forces)
+                reached.append(jnp.where(log.highest > 0, at_highest, now) * inverse)
                 late = jnp.where(flow.used, 0.0, late)
             at_turn = load + (load - before) * late
             for q in motion.turn_forces:
                 other = jnp.where(turned, sign * q + others - totals[k], others)
+                q = jnp.where(turned, q, motion.force)
                 if flow is not None:
                     other = jnp.where(flow.used, others, other)
-                reached.append((at_turn + other) * inverse)
-        return peak.observe((load + others) * inverse, smooth).include(*reached)
+                    q = jnp.where(flow.used, motion.total_force, q)
+                reached.append(self.with_inertia(at_turn + other, signs, late, {k: q}) * inverse)
+        return peak.observe(now * inverse, smooth).include(*reached)
+
+    def with_inertia(
+        self,
+        load: jax.Array,
+        signs: dict[int, float],
+        late: Any = 0.0,
+        changed: Mapping[int, jax.Array] = MappingProxyType({}),
+    ) -> jax.Array:
+        """A load on a mass with that of inerters, steps after now, as links change their forces."""
+        if not any(self.system.inerters):
+            return load
+        rods = zip(self.now.forces, self.last_forces, strict=True)
+        loads = self.system.topology.loads([force + (force - last) * late for force, last in rods])
+        shaking = self.now.ground_acceleration
+        shaking = shaking + (shaking - self.last_shaking) * late
+        links = enumerate(self.now.links)
+        totals = [changed.get(k, link.motion.total_force) for k, link in links]
+        inertia = inerter_forces(self.system, loads, shaking, totals)
+        return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
 
 
 class RodTally(NamedTuple):
@@ -260,7 +293,9 @@ class Tally(NamedTuple):
         x = of_all_masses(topology, now.x, [link.closing for link in now.links])
         v = of_all_masses(topology, now.v, [link.velocity for link in now.links])
         last_forces = [force.last for force in self.forces]
-        instant = _ObservedInstant(now, x, v, system, dt, smooth, turns, links, last_forces)
+        instant = _ObservedInstant(
+            now, x, v, system, dt, smooth, turns, links, last_forces, self.ground.last
+        )
         masses = range(topology.n_masses)
         peaks = each(instant.displacement, [rod and rod.peak for rod in self.rods], topology.rods)
         observe_rod = partial(RodTally.observe, time=now.time, dt=dt)

@@ -84,13 +84,11 @@ def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
     return len(group.hanging) > 1 or any(x.contact or x.velocity_friction for x in of_group)
 
 
-def coupling(
-    topology: Topology, group: LinkGroup, links: tuple[Link, ...], inverse: tuple[jax.Array, ...]
-) -> Coupling:
-    """The constants of a group; ``inverse`` are the inverse masses."""
-    n, of_group = len(group.hanging), [links[k] for k in group.links]
-    link_of_face = (*range(n), *group.faces)
-    ends = [topology.links[k] for k in group.links[:n]]
+def delassus_of(
+    topology: Topology, group: LinkGroup, inverse: tuple[jax.Array, ...]
+) -> tuple[jax.Array, dict[int, jax.Array]]:
+    """G of a group, (n, n), and by mass the shares of closings; ``inverse`` are inverse masses."""
+    ends = [topology.links[k] for k in group.links[: len(group.hanging)]]
     signs = {
         mass: jnp.asarray([(mass == i) - (mass == j) for i, j in ends], inverse[0].dtype)
         for mass in group.masses
@@ -98,7 +96,18 @@ def coupling(
     weighed = [inverse[mass] * jnp.outer(sign, sign) for mass, sign in signs.items()]
     delassus = sum(weighed[1:], weighed[0])
     whole = inverse_of(delassus)
-    shares = {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
+    return delassus, {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
+
+
+def coupling(
+    group: LinkGroup,
+    links: tuple[Link, ...],
+    delassus: jax.Array,
+    shares: dict[int, jax.Array],
+) -> Coupling:
+    """The constants of a group."""
+    n, of_group = len(group.hanging), [links[k] for k in group.links]
+    link_of_face = (*range(n), *group.faces)
     return Coupling(
         delassus=delassus,
         mass_shares={mass: _of_links_alone(share, group.faces) for mass, share in shares.items()},

@@ -1,0 +1,197 @@
+"""Inerters against exact vibrations, against heavier masses, and in groups of links that slip."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import jaxpound as jp
+
+G = jp.GROUND
+ELASTIC = jp.ZenerRod(order=1.0, tau_f=1e-9, tau_x=1e-9)
+STEEL = jp.ZenerRod(order=0.5, tau_f=0.02, tau_x=0.1)
+MASSES, X, V = (1.0, 0.7, 0.02), np.array([1.0, -0.4, 0.3]), np.array([0.2, 0.5, -0.6])
+RODS = {(0, G): 1.0, (1, G): 1.4, (2, 1): 0.8}
+END = 6.0
+
+
+def influence(ends):
+    column = np.zeros(4)
+    column[[*ends]] += 1.0, -1.0
+    return column[:3]  # without the ground
+
+
+def matrices(inertances):
+    """Mass and stiffness matrix of the three masses with inerters by their ends."""
+    mass, stiffness = np.diag(MASSES), np.zeros((3, 3))
+    for matrix, elements in ((mass, inertances), (stiffness, RODS)):
+        for ends, number in elements.items():
+            matrix += number * np.outer(influence(ends), influence(ends))
+    return mass, stiffness
+
+
+def vibration(inertances, t):
+    """Displacements (3, n) of free vibrations from X and V."""
+    mass, stiffness = matrices(inertances)
+    squares, shapes = eigh(stiffness, mass)
+    omega, start, speed = np.sqrt(squares), shapes.T @ mass @ X, shapes.T @ mass @ V
+    angle = np.outer(omega, t)
+    return shapes @ (start[:, None] * np.cos(angle) + (speed / omega)[:, None] * np.sin(angle))
+
+
+def three(inertances):
+    rods = [jp.Rod(ELASTIC, stiffness, ends) for ends, stiffness in RODS.items()]
+    links = [jp.Link(ends, inerter=jp.Inerter(b)) for ends, b in inertances.items()]
+    return jp.System(MASSES, rods, links)
+
+
+ALONE, SHARED = {(0, 2): 0.6}, {(2, G): 0.3, (0, 2): 0.6}
+
+
+@pytest.mark.parametrize("inertances", [ALONE, SHARED], ids=["alone", "of one mass"])
+def test_free_vibrations_and_their_derivatives_by_an_inertance_are_of_second_order(inertances):
+    """The third mass is light: its motion is that of the inerters."""
+
+    def positions(b, grid):
+        system = three(inertances | {(0, 2): b})
+        run = jp.simulate(system, jp.Pulse(0.0, 1.0, 1.0), grid, initial=jp.InitialState(X, V))
+        return jnp.stack([mass.x for mass in run.masses])
+
+    @jax.jit
+    def run(b):
+        grids = [jp.TimeGrid.until(END, dt=END / n) for n in (120, 240)]
+        return [(positions(b, grid), jax.jacfwd(positions)(b, grid)) for grid in grids]
+
+    errors, small = [], 1e-5
+    for values in run(0.6):
+        t = np.linspace(0, END, values[0].shape[1])
+        low, exact, high = (
+            vibration(inertances | {(0, 2): 0.6 + d}, t) for d in (-small, 0, small)
+        )
+        references = exact, (high - low) / (2 * small)
+        errors.append(
+            [
+                np.linalg.norm(y - z) / np.linalg.norm(z)
+                for y, z in zip(values, references, strict=True)
+            ]
+        )
+    coarse, fine = np.array(errors)
+    assert (fine < [1.5e-3, 6e-3]).all()
+    assert (np.log2(coarse / fine) > 1.9).all()
+
+
+def test_modes_and_the_stability_limit_are_those_of_the_mass_matrix_with_inertances():
+    mass, stiffness = matrices(SHARED)
+    omega = np.sqrt(eigh(stiffness, mass, eigvals_only=True))
+    modes = jp.modes(three(SHARED))
+    assert modes.frequencies == pytest.approx(omega, rel=1e-8)
+    assert modes.eigenvalues.imag == pytest.approx(omega, rel=1e-8)
+    assert jp.stability_limit(three(SHARED)) == pytest.approx(2 / omega[-1], rel=1e-7)
+    grids = [jp.TimeGrid(factor * 2 / omega[-1], 10) for factor in (0.999, 1.001)]
+    below, above = (
+        jax.jit(lambda b, grid=grid: jp.demand(three(SHARED | {(0, 2): b}), WAVE, grid).peak_x1)(
+            0.6
+        )
+        for grid in grids
+    )
+    assert np.isfinite(below)
+    assert np.isnan(above)
+
+
+WAVE, GRID = jp.Ricker(0.5, [2.0], [1.5]), jp.TimeGrid.until(12.0, dt=0.04)
+SHARE = 0.4  # of the whole mass that is a mass, not an inertance
+
+
+@jax.jit
+def pounding(numbers, share):
+    """A mass that slides between two walls: a share of it is mass, the rest inertance."""
+    friction, gap, stiffness = numbers
+    link = jp.Link(
+        (0, G),
+        friction,
+        (gap, 1.5 * gap),
+        jp.KelvinVoigt(stiffness, 0.6),
+        inerter=jp.Inerter(1 - share),
+    )
+    system = jp.System((share,), (jp.Rod(STEEL, 1.0, (0, G)),), (link,))
+    ground = dataclasses.replace(WAVE, amplitude=0.5 / share)
+    start = jp.InitialState((0.02,), (0.1,))
+    return jp.simulate(system, ground, GRID, initial=start)
+
+
+def test_an_inerter_to_the_ground_is_a_mass_that_the_ground_does_not_load():
+    """In contact, slip and stick, in values and derivatives."""
+    numbers = jnp.array([0.04, 0.15, 30.0])
+    whole, part = (
+        jax.jvp(lambda y, s=share: pounding(y, s), (numbers,), (numbers,)) for share in (1.0, SHARE)
+    )
+    for run, other in zip(whole, part, strict=True):
+        for name in ("x1", "v1", "gap_2", "friction_1", "contact_1", "contact_2"):
+            y, z = np.asarray(getattr(run, name)), np.asarray(getattr(other, name))
+            np.testing.assert_allclose(z, y, rtol=0, atol=1e-8 * np.abs(y).max(), err_msg=name)
+    (run, _), (other, _) = whole, part
+    assert other.demand.n_impacts_1 > 1
+    assert other.demand.n_impacts_2 > 1
+    assert np.isclose(other.demand.peak_impulse_1, run.demand.peak_impulse_1, rtol=1e-9)
+    relative, same = (y.absolute_accelerations[0] - y.ground_acceleration for y in (run, other))
+    # The whole shaken as the part: its ground has the whole amplitude.
+    size = np.abs(relative).max()
+    np.testing.assert_allclose(same, relative, rtol=0, atol=1e-8 * size)
+    np.testing.assert_allclose(other.inertia_1, (1 - SHARE) * relative, rtol=0, atol=1e-8 * size)
+    largest = np.abs(other.absolute_accelerations[0]).max()
+    assert 0.999 * largest <= other.demand.peak_acceleration_1 < 1.3 * largest
+    assert other.energy.relative_residual < 5e-3
+
+
+def test_inerters_in_a_group_that_slips_and_pounds():
+    """Newton's equations hold in all steps without events, and the energy balance."""
+    rods = [jp.Rod(STEEL, stiffness, ends) for ends, stiffness in RODS.items()]
+    links = (
+        jp.Link((0, 1), 0.03, 0.08, jp.Hertz(20.0), inerter=jp.Inerter(0.3)),
+        jp.Link((2, 0), 0.02, inerter=jp.Inerter(0.5)),
+    )
+    system = jp.System((1.0, 0.7, 0.4), rods, links)
+    residuals = []
+    for dt in (0.04, 0.02):
+        run = jp.simulate(system, WAVE, jp.TimeGrid.until(12.0, dt=dt))
+        residuals.append(run.energy.relative_residual)
+    assert run.demand.n_impacts_1 > 1
+    kinds = {phase.kind for k in (0, 1) for phase in run.phases(k)}
+    assert {"stick", "slip left", "slip right"} <= kinds
+    assert residuals[1] < 2e-3
+    assert residuals[0] > 2 * residuals[1]
+    x = np.stack([mass.x for mass in run.masses])
+    second = np.diff(x, 2) / dt**2
+    relative = np.stack(run.absolute_accelerations) - np.asarray(run.ground_acceleration)
+    calm = np.ones(x.shape[1], bool)
+    for link in run.links:
+        changes = np.flatnonzero(np.diff(link.phase) != 0)
+        calm[np.concatenate([changes + i for i in (-2, -1, 0, 1, 2)]).clip(0, calm.size - 1)] = (
+            False
+        )
+        if link.touching is not None:
+            touches = np.flatnonzero(link.touching)
+            calm[np.concatenate([touches + i for i in (-2, -1, 0, 1, 2)])] = False
+    calm = calm[1:-1]
+    assert calm.sum() > 200
+    error = np.abs(second - relative[:, 1:-1])[:, calm].max()
+    assert error < 2e-3 * np.abs(relative).max()
+    inertia = [0.3 * (second[0] - second[1]), 0.5 * (second[2] - second[0])]
+    for link, force in zip(run.links, inertia, strict=True):
+        assert np.abs(link.inertia[1:-1] - force)[calm].max() < 2e-3 * np.abs(relative).max()
+
+
+def test_peaks_of_accelerations_jump_with_the_friction():
+    """As the step vanishes, peaks are the largest of the instants, also where slip turns."""
+    rods = [jp.Rod(ELASTIC, stiffness, ends) for ends, stiffness in RODS.items()]
+    link = jp.Link((0, 1), 0.1, inerter=jp.Inerter(0.8))
+    system = jp.System((1.0, 0.7, 0.4), rods, (link,))
+    run = jp.simulate(system, WAVE, jp.TimeGrid.until(12.0, dt=0.02))
+    fine = jp.simulate(system, WAVE, jp.TimeGrid.until(12.0, dt=0.001))
+    for i in (1, 2, 3):
+        peak = getattr(run.demand, f"peak_acceleration_{i}")
+        samples = np.abs(fine.absolute_accelerations[i - 1]).max()
+        assert peak == pytest.approx(samples, rel=2e-3)
