@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Mapping
+import operator
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -13,7 +14,7 @@ import numpy as np
 
 from jaxpound._checks import hint
 from jaxpound._errors import InvalidInput
-from jaxpound._extrema import larger
+from jaxpound._extrema import larger, smaller
 from jaxpound._fields import part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
@@ -22,6 +23,13 @@ from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in, place_of
+
+_OF_CONTACTS: dict[str, Callable[[Any, Any], Any]] = {
+    **dict.fromkeys(("peak_contact", "peak_impulse", "peak_penetration"), larger),
+    **dict.fromkeys(("n_impacts", "contact_work"), operator.add),
+    "first_impact_time": smaller,
+}
+"""How scalars of contacts are those of several links."""
 
 
 @pytree_dataclass
@@ -33,7 +41,9 @@ class Demand(ByElement, Columnar, Shown):
     flat name as well, numbered from 1, in tables (``to_pandas``, ``to_csv``, ``to_parquet``, with a
     row for each run) and as an attribute: ``peak_x1``, ``peak_acceleration_1``, ``peak_f1``, and
     for a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset``
-    and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on).
+    and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on). Of several links, such as the
+    two faces of one, ``peak_contact``, ``peak_impulse`` and ``peak_penetration`` are the largest,
+    ``n_impacts`` and ``contact_work`` the sums and ``first_impact_time`` is the earliest.
 
     Examples
     --------
@@ -113,6 +123,13 @@ class Demand(ByElement, Columnar, Shown):
             for group in self._elements
         }
         return dataclasses.replace(reduced("", 0, self), **by_group)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _OF_CONTACTS and len(self.links) > 1:
+            by_link = [value for x in self.links if (value := getattr(x, name)) is not None]
+            if by_link:
+                return functools.reduce(_OF_CONTACTS[name], by_link)
+        return super().__getattr__(name)
 
     @property
     def min_gap(self) -> Any:

@@ -67,6 +67,25 @@ def test_columns_of_contact_are_read_back():
     np.testing.assert_array_equal(again.peak_contact_2, with_law.peak_contact)
 
 
+def test_contacts_of_several_links_together():
+    (link,), (without,) = BATCH.links, pair_demand(np.ones(3)).links
+    other = dataclasses.replace(
+        link,
+        **{name: 3 - getattr(link, name) for name in OF_CONTACT if name != "first_impact_time"},
+    )
+    both = dataclasses.replace(BATCH, links=(link, without, other))
+    for name in ("peak_contact", "peak_impulse", "peak_penetration"):
+        np.testing.assert_array_equal(getattr(both, name), [3.0, 2.0, 2.0])
+    for name in ("n_impacts", "contact_work"):
+        np.testing.assert_array_equal(getattr(both, name), 3.0)
+    later = dataclasses.replace(other, first_impact_time=np.array([0.25, 2.0, np.inf]))
+    both = dataclasses.replace(BATCH, links=(link, later))
+    np.testing.assert_array_equal(both.first_impact_time, [0.25, 2.0, np.inf])
+    nowhere = dataclasses.replace(BATCH, links=(without, without))
+    with pytest.raises(AttributeError, match=r"links\[i\].n_impacts has it of each of its 2 links"):
+        _ = nowhere.n_impacts
+
+
 def test_a_table_and_a_run_tell_of_impacts(tmp_path):
     shown = repr(SCALES.to_si(BATCH))
     (line,) = (x for x in shown.splitlines() if "first_impact_time" in x)
