@@ -5,6 +5,8 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 from typing import Any
 
 from jaxpound._checks import enforce, instance, is_traced, not_negative, positive_number
@@ -94,9 +96,8 @@ class Buildings:
             instance(owner, f"links.{k}", link, FloorLink)
             gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
-            laws = [(f"links.{k}.{name}.", getattr(link, name)) for name in _LAWS]
-            between = [rule for name, law in laws for rule in ranges(law, name)]
-            enforce(owner, [friction, *gaps, *between])
+            laws = [ranges(getattr(link, x), f"links.{k}.{x}.") for x in _LAWS]
+            enforce(owner, [friction, *gaps, *chain(*laws)])
         floors = [len(storeys_of(building)) for building in buildings]
         require_floors(floors, links, LinkLabels(owner))
         require_heights(buildings, links, LinkLabels(owner))
@@ -187,20 +188,13 @@ def scaled_links(
     links: Iterable[FloorLink], scales: Scales, owner: str, convert: Callable[[Any, Any], Any]
 ) -> tuple[FloorLink, ...]:
     """Links whose forces and lengths are divided by their units, or multiplied."""
-    return tuple(
-        replace(
-            link,
-            friction=convert(link.friction, scales.force),
-            gap=convert(link.gap, scales.length),
-            **{
-                name: law_in_other_units(
-                    owner, f"links.{k}.{name}", getattr(link, name), scales, convert
-                )
-                for name in _LAWS
-            },
-        )
-        for k, link in enumerate(links)
-    )
+    in_units = partial(law_in_other_units, owner, scales=scales, convert=convert)
+    scaled = []
+    for k, link in enumerate(links):
+        laws = {x: in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
+        friction, gap = convert(link.friction, scales.force), convert(link.gap, scales.length)
+        scaled.append(replace(link, friction=friction, gap=gap, **laws))
+    return tuple(scaled)
 
 
 def _scales_of(storey: Building, gravity: Any) -> Scales:

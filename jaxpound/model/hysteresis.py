@@ -6,7 +6,6 @@ its force is K r(e, state), where r, the *reduced force*, is e before it has yie
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import jax
@@ -17,6 +16,7 @@ from jaxpound._checks import Range, Rule, finite, require_batch
 from jaxpound._extrema import larger
 from jaxpound._fields import Parameter, check, like, parameter, part, pytree_dataclass, walk
 from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.parameters import replaced
 from jaxpound.model.rod import ZenerRod
 
 State = TypeVar("State")
@@ -321,11 +321,15 @@ def hysteresis_of(material: Any) -> Any:
     return None if isinstance(law, ZenerRod | PowerLaw) else law
 
 
-def law_in_length(law: Any, length: Any) -> Any:
-    """A law of hysteresis with its displacements in units of a length; None stays None."""
-    numbers = walk(law, Parameter)
-    lengths = {name: x / length for name, spec, x in numbers if spec.kind == "length"}
-    return dataclasses.replace(law, **lengths) if lengths else law
+def material_in(material: Any, frequency: Any, length: Any = 1.0) -> Any:
+    """A material with times in units of 1/frequency^order, displacements in those of a length."""
+    changes = {}
+    for path, spec, x in walk(material, Parameter):
+        if path.endswith(("tau_f", "tau_x")):
+            changes[path] = x * frequency ** before_yield(material).order
+        elif spec.kind == "length":
+            changes[path] = x / length
+    return replaced(material, changes) if changes else material
 
 
 def before_yield(material: Any) -> ZenerRod:

@@ -1,9 +1,10 @@
 """The result of a search for a rare event: its probability and how it comes about.
 
 Derivatives of a small probability by parameters of the structures follow from the samples near the
-limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V. Near are
-samples whose values are exceeded with probabilities between P e^(1/2) and P e^(−1/2), whatever the
-tail is like, and each counts by the inverse of that probability: there ln of it is nearly a line.
+limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V. Near
+are samples whose values are exceeded with probabilities between P e^(1/2) and P e^(−1/2), whatever
+the tail is like, and each counts by the inverse of that probability: there ln of it is nearly a
+line.
 """
 
 from __future__ import annotations
@@ -170,7 +171,9 @@ class RareEvent(Shown):
     def _densities(self) -> Float[np.ndarray, " n"]:
         """Each sample's part of n times the density of values at the limit."""
         weights, values, hit = self.weights, self.values, self._parts
-        rule = f"must have at least {_FEWEST} samples, of several values, that reach the limit state"
+        rule = (
+            f"must have at least {_FEWEST} samples, of several values, that reach the limit state"
+        )
         if np.count_nonzero(hit) < _FEWEST:
             raise InvalidInput("RareEvent.slope", "the event", "", rule)
         order = np.argsort(-values, kind="stable")
