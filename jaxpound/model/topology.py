@@ -89,12 +89,9 @@ def elongation(ends: Ends, x: Sequence[Any]) -> Any:
 
 def load_on(ends_of_all: Sequence[Ends], mass: int, forces: Sequence[Any]) -> Any:
     """The load on a mass of the forces that pull it and their other end together."""
-    load: Any = None
-    for (i, j), force in zip(ends_of_all, forces, strict=True):
-        if mass in (i, j):
-            term = -force if mass == i else force
-            load = term if load is None else load + term
-    return load
+    pairs = zip(ends_of_all, forces, strict=True)
+    loads = [-force if mass == ends[0] else force for ends, force in pairs if mass in ends]
+    return sum(loads[1:], loads[0]) if loads else None
 
 
 class LinkGroup(NamedTuple):
@@ -116,12 +113,10 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
     """The groups of links, in the order of their first links."""
     member = joined_ends(topology.n_masses, filter(is_storey, topology.links))
     joined: dict[int, list[int]] = {}
-    opposite = faces(topology)
+    opposite, groups = faces(topology), []
     for k, ends in enumerate(topology.links):
-        if k in opposite:
-            continue
-        joined.setdefault(member[max(ends)], []).append(k)
-    groups = []
+        if k not in opposite:
+            joined.setdefault(member[max(ends)], []).append(k)
     for links in joined.values():
         members = {end for k in links for end in topology.links[k]}
         root = GROUND if GROUND in members else topology.links[links[0]][0]
@@ -135,19 +130,18 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
                     reached.add(child)
         masses = tuple(sorted(members - {GROUND}))
         others = {k: links.index(link) for k, link in opposite.items() if link in links}
-        members_of_group = (*links, *others), tuple(others.values())
-        groups.append(LinkGroup(*members_of_group, masses, root, tuple(hanging)))
+        group = (*links, *others), tuple(others.values()), masses, root, tuple(hanging)
+        groups.append(LinkGroup(*group))
     return tuple(groups)
 
 
 @cache
 def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
     """Groups of masses that are connected by rods: the buildings of a system."""
-    group = joined_ends(topology.n_masses, filter(is_storey, topology.rods))
-    members: dict[int, tuple[int, ...]] = {}
-    for mass in range(topology.n_masses):
-        members[group[mass]] = (*members.get(group[mass], ()), mass)
-    return list(members.values())
+    members: dict[int, list[int]] = {}
+    for mass, first in joined_ends(topology.n_masses, filter(is_storey, topology.rods)).items():
+        members.setdefault(first, []).append(mass)
+    return [tuple(masses) for first, masses in members.items() if first != GROUND]
 
 
 def joined_ends(n: int, edges: Iterable[Ends]) -> dict[int, int]:

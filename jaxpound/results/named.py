@@ -84,8 +84,7 @@ def quantity_named(name: str) -> Quantity | None:
 
 def kind_of(name: str) -> str | None:
     """Kind of quantity of a demand; None for a pure number and for any other column."""
-    quantity = quantity_named(name)
-    return None if quantity is None else quantity.kind
+    return getattr(quantity_named(name), "kind", None)
 
 
 def unit_of(name: str, si: bool) -> str:
