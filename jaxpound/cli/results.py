@@ -9,7 +9,6 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._fields import quantities
-from jaxpound._tables import TextTable
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
 from jaxpound.model.places import link_places
@@ -22,7 +21,7 @@ from jaxpound.results.impacts import ImpactSeries
 def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     """The scalars of a run; units are in the names, numbers count from 1."""
     demand, energy = response.demand, response.energy
-    floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
+    floors = jp.floor_demands(layout.structures, demand, layout.buildings)
     members = zip(layout.buildings, floors, layout.bearings, strict=True)
     links = [_of_link(layout, response, k) for k in range(len(layout.si.links))]
     contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
@@ -197,9 +196,9 @@ def lines(results: dict[str, Any]) -> list[str]:
         "acceleration (m/s²)": [x["peak_absolute_acceleration_m_per_s2"] for x in buildings],
         "base shear (kN)": [x["base_shear_N"] / 1e3 for x in buildings],
     }
-    texts = [table_of(columns).text(), ""]
+    tables = [columns]
     if storeys := [(i, x) for i, building in enumerate(buildings, 1) for x in building["yielding"]]:
-        of_storeys = {
+        yields = {
             "storey that yields": [f"{i}, storey {x['storey']}" for i, x in storeys],
             "ductility": [x["ductility"] for _, x in storeys],
             "residual drift (m)": [x["residual_drift_m"] for _, x in storeys],
@@ -207,7 +206,7 @@ def lines(results: dict[str, Any]) -> list[str]:
             "first yield (s)": [x["first_yield_time_s"] for _, x in storeys],
             "collapsed": ["yes" if x["collapsed"] else "no" for _, x in storeys],
         }
-        texts += [table_of(of_storeys).text(), ""]
+        tables.append(yields)
     if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:
         of_bearings = {
             "bearings of building": [str(i) for i, _ in bearings],
@@ -215,9 +214,8 @@ def lines(results: dict[str, Any]) -> list[str]:
             "displacement (m)": [x["displacement_m"] for _, x in bearings],
             "damping there (%)": [100 * (x["damping_ratio"] or 0.0) for _, x in bearings],
         }
-        texts += [table_of(of_bearings).text(), ""]
-    if links:
-        texts += [_table_of_links(links).text(), ""]
+        tables.append(of_bearings)
+    texts = [text for x in (*tables, _of_links(links)) if x for text in (table_of(x).text(), "")]
     closable = [link for link in links if link["gap_m"] is not None]
     if closable:
         closest = min(closable, key=lambda link: link["min_gap_m"])
@@ -245,8 +243,8 @@ def lines(results: dict[str, Any]) -> list[str]:
     return [*texts, f"Energy   input {total / 1e3:.4g} kJ: {parts}; {residual}"]
 
 
-def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
-    columns: dict[str, list[Any]] = {"link": [link["between"] for link in links]}
+def _of_links(links: list[dict[str, Any]]) -> dict[str, list[Any]]:
+    columns = {"link": [link["between"] for link in links]} if links else {}
     gaps = [link["gap_m"] for link in links]
     if any(gap is not None for gap in gaps):
         columns |= {
@@ -271,4 +269,4 @@ def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
             "impulse (kN s)": [law and law["peak_impulse_N_s"] / 1e3 for law in laws],
             "lost (kJ)": [law and law["contact_work_J"] / 1e3 for law in laws],
         }
-    return table_of(columns)
+    return columns
