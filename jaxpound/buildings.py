@@ -211,15 +211,14 @@ def pair_of(
     """``dimensionless`` for the function ``owner``, which itself says what is implausible."""
     for i, building in enumerate(pair, 1):
         instance(owner, f"building_{i}", building, Building)
+        if building.hysteresis is not None:
+            rule = "must be None: Buildings((left, right), links) takes buildings that yield"
+            raise InvalidInput(owner, f"building_{i}.hysteresis", "", rule)
     left, right = pair
     friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
     between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
     enforce(owner, [*between, *ranges(contact, "contact.")])
     scales = _scales_of(left, gravity)
-    for i, building in enumerate(pair, 1):
-        if building.hysteresis is not None:
-            rule = "must be None: Buildings((left, right), links) takes buildings that yield"
-            raise InvalidInput(owner, f"building_{i}.hysteresis", "", rule)
     law = law_in_other_units(owner, "contact", contact, scales, operator.truediv)
     link = friction_force / scales.force, gap / scales.length, law
     return pair_in(left, right, *link, scales.frequency), scales

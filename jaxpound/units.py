@@ -158,8 +158,7 @@ class Scales:
         known: Any = converted(result, lambda q, x: x * units[q.kind] if q.kind else x)
         if isinstance(known, Response):
             laws = [self.contact_to_si(with_known_units(x.law)) for x in known.links]
-            pairs = zip(known.links, laws, strict=True)
-            links = tuple(dataclasses.replace(link, law=law) for link, law in pairs)
+            links = tuple(map(lambda x, law: dataclasses.replace(x, law=law), known.links, laws))
             demand = dataclasses.replace(known.demand, si=True)
             known = dataclasses.replace(known, demand=demand, links=links)
         return dataclasses.replace(known, si=True)

@@ -277,10 +277,8 @@ class BuildingsLayout:
         models = tuple(model for model, _ in standing)
         by_table: list[tuple[int | None, jp.FloorLink]] = []
         for number, link in enumerate(links, 1):
-            try:
+            with named(f"[[link]] {number}"):
                 by_table += [(number, floor_link) for floor_link in link.links(models)]
-            except ValueError as error:
-                raise ValueError(f"[[link]] {number} {error}") from error
         by_table += [(None, link) for _, of_bearings in standing for link in of_bearings]
         tables, floor_links = tuple(x for x, _ in by_table), tuple(link for _, link in by_table)
         isolation = "[[building]] {} isolation".format

@@ -25,7 +25,7 @@ class Topology(NamedTuple):
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""
     links = [k for k in range(len(topology.links)) if k not in faces(topology)]
-    tree = _tree(topology.n_masses, [topology.links[k] for k in links])
+    tree = _joined(topology.n_masses, [topology.links[k] for k in links])[1]
     return next((k for n, k in enumerate(links) if n not in tree), None)
 
 
@@ -51,7 +51,7 @@ def is_storey(ends: Ends) -> bool:
 @cache
 def storey_rods(topology: Topology) -> tuple[int, ...]:
     """The rods that are storeys: not those between masses that rods before tie to the ground."""
-    return tuple(_tree(topology.n_masses, topology.rods))
+    return tuple(_joined(topology.n_masses, topology.rods)[1])
 
 
 @cache
@@ -67,10 +67,10 @@ def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
         beside[j].append((i, rod))
     buildings = []
     for first in beside[GROUND]:
-        building, visited = [first], {GROUND, first[0]}
-        while len(above := [end for end in beside[building[-1][0]] if end[0] not in visited]) == 1:
+        building, below = [first], GROUND
+        while len(above := [end for end in beside[building[-1][0]] if end[0] != below]) == 1:
+            below = building[-1][0]
             building += above
-            visited.add(above[0][0])
         buildings.append(tuple(building))
     masses = sorted(mass for building in buildings for mass, _ in building)
     if masses != list(range(topology.n_masses)):
@@ -146,23 +146,15 @@ def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
 
 def joined_ends(n: int, edges: Iterable[Ends]) -> dict[int, int]:
     """The smallest member of the group of each mass, and of the ground, that edges make."""
-    group = {end: end for end in range(GROUND, n)}
-    for i, j in edges:
-        group = _joined(group, i, j)
-    return group
+    return _joined(n, edges)[0]
 
 
-def _joined(group: dict[int, int], i: int, j: int) -> dict[int, int]:
-    """The groups after an edge between two ends."""
-    low, high = sorted((group[i], group[j]))
-    return {end: low if member == high else member for end, member in group.items()}
-
-
-def _tree(n: int, edges: Iterable[Ends]) -> list[int]:
-    """The edges, by number, that close no ring with those before them."""
-    group, tree = joined_ends(n, ()), list[int]()
+def _joined(n: int, edges: Iterable[Ends]) -> tuple[dict[int, int], list[int]]:
+    """``joined_ends``, and the edges, by number, that close no ring with those before them."""
+    group, tree = {end: end for end in range(GROUND, n)}, list[int]()
     for k, (i, j) in enumerate(edges):
-        if group[i] != group[j]:
-            group = _joined(group, i, j)
+        low, high = sorted((group[i], group[j]))
+        if low != high:
+            group = {end: low if member == high else member for end, member in group.items()}
             tree.append(k)
-    return tree
+    return group, tree
