@@ -178,8 +178,7 @@ def dimensionless(
     >>> round(float(structures.initial_gap * scales.length), 6)  # back in m
     0.1
     """
-    pair = building_1, building_2
-    form = pair_of("dimensionless", pair, friction_force, gap, contact, gravity)
+    form = pair_of("dimensionless", (building_1, building_2), friction_force, gap, contact, gravity)
     _warn("dimensionless", *form)
     return form
 

@@ -51,11 +51,10 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
         return results | {"links": [x if x["friction_force_N"] else x | no_slip for x in links]}
     numbers = {key: x for key, x in results.items() if key not in ("buildings", "links")}
     numbers |= {key: links[0][key] for key in ("slip_distance_m", "residual_offset_m", "contact")}
-    keys = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
+    peaks = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
     for i, building in enumerate(results["buildings"], 1):
-        mode = building["modes"][0]
-        numbers[f"building_{i}"] = {key: mode[key] for key in ("period_s", "damping_ratio")}
-        numbers[f"building_{i}"] |= {key: building[key] for key in keys}
+        of_both = building | building["modes"][0]
+        numbers[f"building_{i}"] = {x: of_both[x] for x in ("period_s", "damping_ratio", *peaks)}
     return numbers
 
 

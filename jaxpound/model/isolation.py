@@ -38,8 +38,6 @@ class FrictionPendulum:
     motion does not change W. With a rate a friction grows with the sliding velocity,
     :math:`μ_f - (μ_f - μ) e^{-a |v|}` (Constantinou, Mokha and Reinhorn 1990).
 
-    Raises ``ValueError`` if a concrete value breaks its rule.
-
     Parameters
     ----------
     radius
@@ -110,8 +108,6 @@ class FrictionPendulum:
 @pytree_dataclass
 class LeadRubber:
     r"""Lead–rubber bearings, bilinear: a strength Q and the stiffness of the rubber, in SI units.
-
-    Raises ``ValueError`` if a concrete value breaks its rule.
 
     Parameters
     ----------
@@ -211,8 +207,6 @@ def isolated(
     The base is its floor 0 and the bearings are its storey 0; all others move up by one. The link
     has the friction of the bearings and the faces of the wall.
 
-    Raises ``ValueError`` if a number breaks its rule.
-
     Parameters
     ----------
     building
@@ -268,8 +262,6 @@ def tuned_mass_damper(
     damping_ratio: Any = None,
 ) -> ShearBuilding:
     """A building with a tuned mass on a spring and a dashpot on its roof, as its top storey.
-
-    Raises ``ValueError`` if a number breaks its rule.
 
     Parameters
     ----------

@@ -254,27 +254,23 @@ def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> An
 
     Raises ``InvalidInput`` if the structures have no such demand, or the function gives no number.
     """
-    if isinstance(spec, str):
-        return _value_named(owner, system, demand, spec)
-    value = jnp.asarray(real(owner, "demand", spec(demand)))
-    return value.astype(jnp.result_type(float, value))
-
-
-def _value_named(owner: str, system: System, demand: Demand, name: str) -> Any:
-    if name in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
+    if not isinstance(spec, str):
+        value = jnp.asarray(real(owner, "demand", spec(demand)))
+        return value.astype(jnp.result_type(float, value))
+    if spec in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
         raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
-    if name == OVERLAP:
+    if spec == OVERLAP:
         return -demand.min_gap
     values = all_demands(system, demand)
-    if name in values:
-        return values[name]
-    only = getattr(quantity_named(name), "only", "")
+    if spec in values:
+        return values[spec]
+    only = getattr(quantity_named(spec), "only", "")
     if only == "contact":
-        raise InvalidInput(owner, "demand", repr(name), "must be of structures with a contact law")
-    if only == "yielding" or name in (*OF_YIELDING, "collapsed"):
+        raise InvalidInput(owner, "demand", repr(spec), "must be of structures with a contact law")
+    if only == "yielding" or spec in (*OF_YIELDING, "collapsed"):
         rule = "must be of structures with a rod that yields"
-        raise InvalidInput(owner, "demand", repr(name), rule)
-    raise InvalidInput(owner, "", "", _unknown(reprlib.repr(name), hint(name, values)))
+        raise InvalidInput(owner, "demand", repr(spec), rule)
+    raise InvalidInput(owner, "", "", _unknown(reprlib.repr(spec), hint(spec, values)))
 
 
 def require_limited(owner: str, name: Any, place: str) -> None:
