@@ -62,9 +62,7 @@ class Buildings:
 
     buildings: tuple[Building | ShearBuilding, ...] = part(Building, ShearBuilding, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
-    gravity: Any = parameter(
-        "g", "acceleration", "gravity", above=0, single=True, default=STANDARD_GRAVITY
-    )
+    gravity: Any = parameter("g", "acceleration", above=0, single=True, default=STANDARD_GRAVITY)
 
     def __post_init__(self) -> None:
         self._check("Buildings")

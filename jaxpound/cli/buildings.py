@@ -337,8 +337,7 @@ def as_toml(buildings: jp.Buildings) -> str:
             lines.append(f"next_building = {link.other_building + 1}")
             lines.append(f"next_floor = {link.other_floor + 1}")
         lines += ['side = "left"'] * (link.side == "left")
-        if link.side == "right" or link.friction or not is_closable(link.gap):
-            lines.append(f"friction_force = {_written(link.friction)}  # N")
+        lines.append(f"friction_force = {_written(link.friction)}  # N")
         if is_closable(link.gap):
             lines.append(f"gap = {_written(link.gap)}  # m")
         laws = {key: getattr(link, key) for key in LAWS}

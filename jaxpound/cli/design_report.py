@@ -75,9 +75,7 @@ def summary(
     )
 
 
-def _answer(
-    design: jp.Design, before: jp.AdjacentStructures, parameters: Parameters
-) -> list[dict[str, Any]]:
+def _answer(design: jp.Design, before: Any, parameters: Parameters) -> list[dict[str, Any]]:
     """The design in an engineer's terms: damper, gap, both buildings as oscillators, contact."""
     of_contact = [path for path in design.space.names if path.startswith("contact.")]
     columns = []
@@ -107,9 +105,7 @@ def _answer(
     ]
 
 
-def _chosen(
-    design: jp.Design, before: jp.AdjacentStructures | jp.Row, parameters: Parameters
-) -> list[dict[str, Any]]:
+def _chosen(design: jp.Design, before: Any, parameters: Parameters) -> list[dict[str, Any]]:
     """The chosen parameters in SI units: of a row, with its slip forces, or of a pair's rods."""
     ends, rows = [parameters.in_si(x) for x in (before, design.structures)], []
     is_row = isinstance(before, jp.Row)

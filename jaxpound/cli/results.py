@@ -58,9 +58,7 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
     return numbers
 
 
-def _of_building(
-    building: Any, floors: jp.FloorDemands, bearing: Any, demand: jp.Demand
-) -> dict[str, Any]:
+def _of_building(building: Any, floors: Any, bearing: Any, demand: jp.Demand) -> dict[str, Any]:
     if isinstance(building, jp.Building):
         building = jp.ShearBuilding((building,))
     modes = building.modes()
@@ -145,12 +143,11 @@ def _of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
     series, scalars = response.links[link], response.demand.links[link]
     if series.contact is None:
         return None
-    columns, of_impact = _columns(type(scalars), "contact"), _columns(ImpactSeries)
+    columns, fields = _columns(type(scalars), "contact"), _columns(ImpactSeries).items()
     results: dict[str, Any] = {key: float(getattr(scalars, x)) for x, key in columns.items()}
     results["stored_at_end_J"] = float(series.contact_stored[-1])
     results["impacts"] = [
-        {key: getattr(impact, x) for x, key in of_impact.items()}
-        for impact in response.impacts(link)
+        {key: getattr(impact, x) for x, key in fields} for impact in response.impacts(link)
     ]
     return results
 
@@ -235,8 +232,7 @@ def lines(results: dict[str, Any]) -> list[str]:
         shares["contact"] = sum(law["contact_work_J"] for law in laws)
     total = results["input_energy_J"]
     parts = ", ".join(
-        f"{name} {energy / 1e3:.4g} kJ ({energy / total if total else 0:.0%})"
-        for name, energy in shares.items()
+        f"{name} {x / 1e3:.4g} kJ ({x / total if total else 0:.0%})" for name, x in shares.items()
     )
     residual = f"residual {results['energy_residual_over_input']:.1e} of the input"
     return [*texts, f"Energy   input {total / 1e3:.4g} kJ: {parts}; {residual}"]

@@ -102,13 +102,11 @@ class Bilinear:
     """
 
     yield_displacement: Any = parameter(
-        "e_y", "length", "yield displacement", above=0, usual=(0.01, 1.0), within=_ELONGATION
+        "e_y", "length", above=0, usual=(0.01, 1.0), within=_ELONGATION
     )
-    hardening: Any = parameter(
-        r"\alpha", words="hardening", least=-1, most=1, usual=(0.0, 0.3), default=0.0
-    )
+    hardening: Any = parameter(r"\alpha", least=-1, most=1, usual=(0.0, 0.3), default=0.0)
     ultimate_displacement: Any = parameter(
-        "e_u", "length", "ultimate displacement", above=0, finite=False, within=_END, default=np.inf
+        "e_u", "length", above=0, finite=False, within=_END, default=np.inf
     )
 
     def __post_init__(self) -> None:
@@ -197,15 +195,11 @@ class BoucWen:
 
     yield_displacement: Any = like(Bilinear, "yield_displacement")
     hardening: Any = like(Bilinear, "hardening", default=0.0)
-    exponent: Any = parameter(
-        "n", words="exponent", least=1, usual=(1.0, 5.0), within=Range(1, 50), default=2.0
-    )
-    beta: Any = parameter(r"\beta", words="beta", least=0, most=1, default=0.5)
-    strength_degradation: Any = parameter(
-        r"\delta_\nu", words="strength degradation", least=0, within=_DEGRADATION, default=0.0
-    )
+    exponent: Any = parameter("n", least=1, usual=(1.0, 5.0), within=Range(1, 50), default=2.0)
+    beta: Any = parameter(r"\beta", least=0, most=1, default=0.5)
+    strength_degradation: Any = parameter(r"\delta_\nu", least=0, within=_DEGRADATION, default=0.0)
     stiffness_degradation: Any = parameter(
-        r"\delta_\eta", words="stiffness degradation", least=0, within=_DEGRADATION, default=0.0
+        r"\delta_\eta", least=0, within=_DEGRADATION, default=0.0
     )
     ultimate_displacement: Any = like(Bilinear, "ultimate_displacement", default=np.inf)
 

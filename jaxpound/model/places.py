@@ -10,10 +10,8 @@ from jaxpound.model.topology import GROUND, Ends, Topology, faces, floors
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
     """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``."""
-    home = homes(topology)
-    return tuple(
-        _part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(topology.n_masses)
-    )
+    home, n = homes(topology), topology.n_masses
+    return tuple(_part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(n))
 
 
 def rod_places(topology: Topology) -> tuple[str, ...]:

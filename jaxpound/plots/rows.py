@@ -131,9 +131,7 @@ def _has_wall(link: Link) -> bool:
     return GROUND in link.ends and bool(np.isfinite(link.gap))
 
 
-def floor_heights(
-    owner: str, n_floors: Sequence[int], elevations: Sequence[Any] | None
-) -> list[np.ndarray]:
+def floor_heights(owner: str, n_floors: Sequence[int], elevations: Any) -> list[np.ndarray]:
     """Height of each floor of each building above the ground: as given, or its number."""
     if elevations is None:
         return [np.arange(1.0, n + 1) for n in n_floors]
@@ -258,22 +256,22 @@ def _link(
 
 def _finish(ax: Axes, links: Sequence[tuple[Link, Damper]], in_metres: bool) -> None:
     """Legend of the symbols, and the axis of heights."""
-    handles: list[Any] = []
+    symbols: list[Any] = []
     style: Any = {"color": COLOURS["damper"], "linewidth": 1.2}
     if any(float(link.friction) or link.velocity_friction for link, _ in links):
-        handles.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
+        symbols.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
     if materials := {type(damper[1].material).__name__ for _, damper in links if damper}:
         words = f"damper ({', '.join(sorted(materials))})"
-        handles.append(Line2D([], [], label=words, **_DASHPOT, **style))
+        symbols.append(Line2D([], [], label=words, **_DASHPOT, **style))
     if any(np.isfinite(float(link.gap)) for link, _ in links):
         arrow: Any = {"color": COLOURS["ground"], "linewidth": 0.6, "markersize": 4}
-        handles.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
+        symbols.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
     if laws := {type(link.contact).__name__ for link, _ in links if link.contact is not None}:
         words = f"contact ({', '.join(sorted(laws))})"
-        handles.append(Patch(color=COLOURS["pounding"], label=words))
-    if handles:
+        symbols.append(Patch(color=COLOURS["pounding"], label=words))
+    if symbols:
         ax.legend(
-            handles=handles, ncols=len(handles), loc="lower center", bbox_to_anchor=(0.5, 1.0)
+            handles=symbols, ncols=len(symbols), loc="lower center", bbox_to_anchor=(0.5, 1.0)
         )
     ticks = [x for x in ax.get_yticks() if in_metres and 0 <= x <= ax.get_ylim()[1]]
     ax.set(xticks=[], yticks=ticks)

@@ -264,12 +264,10 @@ def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> An
     values = all_demands(system, demand)
     if spec in values:
         return values[spec]
-    only = getattr(quantity_named(spec), "only", "")
-    if only == "contact":
-        raise InvalidInput(owner, "demand", repr(spec), "must be of structures with a contact law")
-    if only == "yielding" or spec in (*OF_YIELDING, "collapsed"):
-        rule = "must be of structures with a rod that yields"
-        raise InvalidInput(owner, "demand", repr(spec), rule)
+    of_all = spec in (*OF_YIELDING, "collapsed")
+    only = "yielding" if of_all else getattr(quantity_named(spec), "only", "")
+    if needed := {"contact": "a contact law", "yielding": "a rod that yields"}.get(only):
+        raise InvalidInput(owner, "demand", repr(spec), f"must be of structures with {needed}")
     raise InvalidInput(owner, "", "", _unknown(reprlib.repr(spec), hint(spec, values)))
 
 
