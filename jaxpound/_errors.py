@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -27,6 +29,16 @@ class InvalidInput(ValueError):  # noqa: N818  (its name says what is wrong)
         """The same error with other fields, by name."""
         names = ("owner", "name", "value", "rule")
         return InvalidInput(**{name: getattr(self, name) for name in names} | fields)
+
+
+@contextmanager
+def renamed(owner: str, names: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Errors are those of ``owner``, whose arguments ``names`` has by the name in the error."""
+    try:
+        yield
+    except InvalidInput as error:
+        name = (names or {}).get(error.name, error.name)
+        raise error.replaced(owner=owner, name=name) from error
 
 
 InvalidInput.__module__ = "jaxpound"  # where users import it, and as tracebacks show it

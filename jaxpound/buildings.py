@@ -5,6 +5,8 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 from typing import Any
 
 from jaxpound._checks import enforce, instance, is_traced, not_negative, positive_number
@@ -60,9 +62,7 @@ class Buildings:
 
     buildings: tuple[Building | ShearBuilding, ...] = part(Building, ShearBuilding, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
-    gravity: Any = parameter(
-        "g", "acceleration", "gravity", above=0, single=True, default=STANDARD_GRAVITY
-    )
+    gravity: Any = parameter("g", "acceleration", above=0, single=True, default=STANDARD_GRAVITY)
 
     def __post_init__(self) -> None:
         self._check("Buildings")
@@ -94,9 +94,8 @@ class Buildings:
             instance(owner, f"links.{k}", link, FloorLink)
             gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
-            laws = [(f"links.{k}.{name}.", getattr(link, name)) for name in _LAWS]
-            between = [rule for name, law in laws for rule in ranges(law, name)]
-            enforce(owner, [friction, *gaps, *between])
+            laws = [ranges(getattr(link, x), f"links.{k}.{x}.") for x in _LAWS]
+            enforce(owner, [friction, *gaps, *chain(*laws)])
         floors = [len(storeys_of(building)) for building in buildings]
         require_floors(floors, links, LinkLabels(owner))
         require_heights(buildings, links, LinkLabels(owner))
@@ -177,8 +176,7 @@ def dimensionless(
     >>> round(float(structures.initial_gap * scales.length), 6)  # back in m
     0.1
     """
-    pair = building_1, building_2
-    form = pair_of("dimensionless", pair, friction_force, gap, contact, gravity)
+    form = pair_of("dimensionless", (building_1, building_2), friction_force, gap, contact, gravity)
     _warn("dimensionless", *form)
     return form
 
@@ -187,20 +185,13 @@ def scaled_links(
     links: Iterable[FloorLink], scales: Scales, owner: str, convert: Callable[[Any, Any], Any]
 ) -> tuple[FloorLink, ...]:
     """Links whose forces and lengths are divided by their units, or multiplied."""
-    return tuple(
-        replace(
-            link,
-            friction=convert(link.friction, scales.force),
-            gap=convert(link.gap, scales.length),
-            **{
-                name: law_in_other_units(
-                    owner, f"links.{k}.{name}", getattr(link, name), scales, convert
-                )
-                for name in _LAWS
-            },
-        )
-        for k, link in enumerate(links)
-    )
+    in_units = partial(law_in_other_units, owner, scales=scales, convert=convert)
+    scaled = []
+    for k, link in enumerate(links):
+        laws = {x: in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
+        friction, gap = convert(link.friction, scales.force), convert(link.gap, scales.length)
+        scaled.append(replace(link, friction=friction, gap=gap, **laws))
+    return tuple(scaled)
 
 
 def _scales_of(storey: Building, gravity: Any) -> Scales:
@@ -217,15 +208,14 @@ def pair_of(
     """``dimensionless`` for the function ``owner``, which itself says what is implausible."""
     for i, building in enumerate(pair, 1):
         instance(owner, f"building_{i}", building, Building)
+        if building.hysteresis is not None:
+            rule = "must be None: Buildings((left, right), links) takes buildings that yield"
+            raise InvalidInput(owner, f"building_{i}.hysteresis", "", rule)
     left, right = pair
     friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
     between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
     enforce(owner, [*between, *ranges(contact, "contact.")])
     scales = _scales_of(left, gravity)
-    for i, building in enumerate(pair, 1):
-        if building.hysteresis is not None:
-            rule = "must be None: Buildings((left, right), links) takes buildings that yield"
-            raise InvalidInput(owner, f"building_{i}.hysteresis", "", rule)
     law = law_in_other_units(owner, "contact", contact, scales, operator.truediv)
     link = friction_force / scales.force, gap / scales.length, law
     return pair_in(left, right, *link, scales.frequency), scales

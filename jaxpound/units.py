@@ -19,7 +19,7 @@ from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
-from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of, law_in_length
+from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of, material_in
 from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
@@ -107,9 +107,9 @@ class Scales:
 
     def storey(self, material: ZenerRod | YieldingZener, mass: Any, stiffness: Any) -> Building:
         """A mass, kg, on a rod of a dimensionless material and a stiffness, N/m, in SI."""
-        rod, law = before_yield(material), law_in_length(hysteresis_of(material), 1 / self.length)
-        tau_f, tau_x = (tau / self.frequency**rod.order for tau in (rod.tau_f, rod.tau_x))
-        return Building(mass, stiffness, rod.order, tau_f, tau_x, law)
+        material = material_in(material, 1 / self.frequency, 1 / self.length)
+        rod = vars(before_yield(material))
+        return Building(mass, stiffness, **rod, hysteresis=hysteresis_of(material))
 
     def contact_to_dimensionless(self, law: Law) -> Law:
         """A contact law in SI units as one of the dimensionless system; None stays None.
@@ -158,8 +158,7 @@ class Scales:
         known: Any = converted(result, lambda q, x: x * units[q.kind] if q.kind else x)
         if isinstance(known, Response):
             laws = [self.contact_to_si(with_known_units(x.law)) for x in known.links]
-            pairs = zip(known.links, laws, strict=True)
-            links = tuple(dataclasses.replace(link, law=law) for link, law in pairs)
+            links = tuple(map(lambda x, law: dataclasses.replace(x, law=law), known.links, laws))
             demand = dataclasses.replace(known.demand, si=True)
             known = dataclasses.replace(known, demand=demand, links=links)
         return dataclasses.replace(known, si=True)
@@ -189,27 +188,19 @@ def law_in_other_units(
         instance(owner, name, law, ContactLaw, Newton, NoneType)
     if law is None:
         return law
-    if not has_known_units(law):
+    if with_known_units(law) is None:
         rule = "must be a law of this package: the units of a law of one's own are not known"
         raise InvalidInput(owner, name, repr(law), rule)
-    units, numbers = scales.units, list(walk(law, Parameter))
+    units, numbers = scales.units, walk(law, Parameter)
     changes = {path: convert(x, units[p.kind]) for path, p, x in numbers if p.kind}
     if isinstance(law, Rod):
         changes["stiffness"] = convert(law.stiffness, units["stiffness"])
-        orders = {path.removesuffix("order"): x for path, _, x in numbers if path.endswith("order")}
-        for place, order in orders.items():  # relaxation times τ, in s^order
-            for tau in (f"{place}tau_f", f"{place}tau_x"):
-                (value,) = (x for path, _, x in numbers if path == tau)
-                changes[tau] = convert(value, scales.time**order)
+        material = material_in(law.material, convert(1.0, scales.time))
+        law = dataclasses.replace(law, material=material)
     return put(law, changes)
 
 
 def with_known_units(law: Law) -> Law | None:
     """A law of this package, whose fields state their units; None for one of the user's."""
-    return law if has_known_units(law) else None
-
-
-def has_known_units(law: Any) -> bool:
-    """Whether a law is one of this package, whose fields state their units, or None."""
     numbers = list(walk(law, Parameter))
-    return law is None or (bool(numbers) and len(numbers) == len(jax.tree.leaves(law)))
+    return law if numbers and len(numbers) == len(jax.tree.leaves(law)) else None

@@ -225,12 +225,9 @@ class LinkSection(Section):
             next_floor = None if self.next_floor is None else self.next_floor - 1
             numbers = stated.floors or [stated.floor]
             floors = [(stated.building - 1, i - 1, next_floor, other) for i in numbers]
-        between: Any = {
-            "friction": self.friction_force or 0.0,
-            "gap": of_faces(self.gap),
-            "side": self.side or "right",
-        }
-        between |= {key: x.model() for key, x in self.stated().items() if key in LAWS}
+        between: Any = {key: x.model() for key, x in self.stated().items() if key in LAWS}
+        between |= {"friction": self.friction_force or 0.0, "gap": of_faces(self.gap)}
+        between["side"] = self.side or "right"
         links = [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
         return [*by_face(links)]
 
@@ -280,10 +277,8 @@ class BuildingsLayout:
         models = tuple(model for model, _ in standing)
         by_table: list[tuple[int | None, jp.FloorLink]] = []
         for number, link in enumerate(links, 1):
-            try:
+            with named(f"[[link]] {number}"):
                 by_table += [(number, floor_link) for floor_link in link.links(models)]
-            except ValueError as error:
-                raise ValueError(f"[[link]] {number} {error}") from error
         by_table += [(None, link) for _, of_bearings in standing for link in of_bearings]
         tables, floor_links = tuple(x for x, _ in by_table), tuple(link for _, link in by_table)
         isolation = "[[building]] {} isolation".format
@@ -332,20 +327,17 @@ def as_toml(buildings: jp.Buildings) -> str:
         storeys = building.storeys
         series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD}
         series["heights"] = building.heights
-        lines += ["[[building]]", *_lists(keys_of(storeys)), "[building.storeys]"]
-        lines += [*_lists(series), ""]
+        yields = _lists(keys_of(storeys))
+        lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series), ""]
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
-        if link.other_building == jp.GROUND:
+        if link.other_floor == jp.GROUND:
             lines.append('next_building = "ground"')
         else:
             lines.append(f"next_building = {link.other_building + 1}")
-            if link.other_floor != jp.GROUND:
-                lines.append(f"next_floor = {link.other_floor + 1}")
-        if link.side == "left":
-            lines.append('side = "left"')
-        if link.side == "right" or link.friction or not is_closable(link.gap):
-            lines.append(f"friction_force = {_written(link.friction)}  # N")
+            lines.append(f"next_floor = {link.other_floor + 1}")
+        lines += ['side = "left"'] * (link.side == "left")
+        lines.append(f"friction_force = {_written(link.friction)}  # N")
         if is_closable(link.gap):
             lines.append(f"gap = {_written(link.gap)}  # m")
         laws = {key: getattr(link, key) for key in LAWS}

@@ -75,9 +75,7 @@ def summary(
     )
 
 
-def _answer(
-    design: jp.Design, before: jp.AdjacentStructures, parameters: Parameters
-) -> list[dict[str, Any]]:
+def _answer(design: jp.Design, before: Any, parameters: Parameters) -> list[dict[str, Any]]:
     """The design in an engineer's terms: damper, gap, both buildings as oscillators, contact."""
     of_contact = [path for path in design.space.names if path.startswith("contact.")]
     columns = []
@@ -98,9 +96,8 @@ def _answer(
         ("mass of building 2", "kg", "mass_ratio"),
         ("stiffness of building 2", "N/m", "stiffness_ratio"),
     ]
-    for path in of_contact:
-        parameter = metadata(design.structures, path)
-        rows.append((parameter.words, unit(parameter.kind, si=True), path))
+    of_path = {path: metadata(design.structures, path) for path in of_contact}
+    rows += [(x.words, unit(x.kind, si=True), path) for path, x in of_path.items()]
     return [
         _change(design, words, symbol, old, new, path)
         for (words, symbol, path), old, new in zip(rows, *columns, strict=True)
@@ -108,9 +105,7 @@ def _answer(
     ]
 
 
-def _chosen(
-    design: jp.Design, before: jp.AdjacentStructures | jp.Row, parameters: Parameters
-) -> list[dict[str, Any]]:
+def _chosen(design: jp.Design, before: Any, parameters: Parameters) -> list[dict[str, Any]]:
     """The chosen parameters in SI units: of a row, with its slip forces, or of a pair's rods."""
     ends, rows = [parameters.in_si(x) for x in (before, design.structures)], []
     is_row = isinstance(before, jp.Row)
@@ -121,9 +116,8 @@ def _chosen(
             rows.append(_change(design, words, parameters.unit_of(path), old, new, path))
     if is_row:
         systems = [structures.system() for structures in ends]
-        slips = [[link.friction for link in system.links] for system in systems]
-        forces = zip(slips, map(viscous_forces, systems), strict=True)
-        old, new = (float(sum([*slip, *viscous])) for slip, viscous in forces)
+        forces = [[*(link.friction for link in x.links), *viscous_forces(x)] for x in systems]
+        old, new = map(sum, forces)
         rows.append(_change(design, "forces of all dampers together", "N", old, new))
     return rows
 

@@ -42,9 +42,7 @@ class IsolationSection(OfClass):
     height: Annotated[float, between(*HEIGHT)] = 0.5
     wall: WallSection | None = None
 
-    def under(
-        self, building: jp.ShearBuilding, number: int
-    ) -> tuple[jp.ShearBuilding, tuple[jp.FloorLink, ...]]:
+    def under(self, building: jp.ShearBuilding, number: int) -> tuple[Any, tuple[Any, ...]]:
         """A building on the bearings, and their links to the ground, face by face."""
         options: dict[str, Any] = {"number": number, "height": self.height}
         if (wall := self.wall) is not None:

@@ -66,9 +66,8 @@ def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[
         fits = re.compile(re.escape(key).replace(r"\*", r"\d+"))
         if not (matches := [x for x in parameters.keys if fits.fullmatch(x)]):
             parameters.refuse(place, key)
-        several = [
-            path for x in matches for path in parameters.keys[x] if x == key or x not in table
-        ]
+        fitting = [x for x in matches if x == key or x not in table]
+        several = [path for x in fitting for path in parameters.keys[x]]
         above_0 = [path for path in several if float(get(parameters.nominal, path)) > 0]
         if not above_0:
             raise refused(f"{place} {key}", "must be of a value above 0, for factors on it")
@@ -290,9 +289,8 @@ def uncertain_structures(
             extremes.append((key_place, path, at))
     parameters.require_plausible(extremes)
     with named(f"{place}:", keys=parameters.key_of):
-        return jp.UncertainStructures(
-            parameters.nominal, _multiples(place, stated, parameters.nominal), correlation
-        )
+        multiples = _multiples(place, stated, parameters.nominal)
+        return jp.UncertainStructures(parameters.nominal, multiples, correlation)
 
 
 class Uncertain(Shaken, kw_only=True):
@@ -336,11 +334,7 @@ def design_space(
     return jp.DesignSpace(parameters.nominal, _multiples(place, stated, parameters.nominal))
 
 
-def _multiples(
-    place: str,
-    stated: Mapping[str, tuple[str, DistributionSpec | VariableBounds]],
-    structures: Structures,
-) -> dict[str, Any]:
+def _multiples(place: str, stated: Mapping[str, Any], structures: Structures) -> dict[str, Any]:
     multiples = {}
     for path, (key, factor) in stated.items():
         with named(f"{place} {key}:"):

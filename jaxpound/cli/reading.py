@@ -117,9 +117,8 @@ def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
 def entries(kind: Any) -> dict[str, Any]:
     """Types of the values that a table may have, by key; none where keys are not fixed."""
     info, _ = _bare(kind)
-    if isinstance(info, inspect.StructType):
-        return {field.encode_name: field.type for field in msgspec.structs.fields(info.cls)}
-    return {}
+    fields = msgspec.structs.fields(info.cls) if isinstance(info, inspect.StructType) else ()
+    return {field.encode_name: field.type for field in fields}
 
 
 def is_table(kind: Any) -> bool:
@@ -134,10 +133,7 @@ def _is_dict(kind: Any) -> bool:
 
 def of_array(kind: Any) -> Any:
     """The tables of an array that is written as tables below [[name]]; None for other fields."""
-    info, _ = _bare(kind)
-    if not isinstance(info, inspect.ListType):
-        return None
-    return getattr(info.item_type, "cls", None)
+    return getattr(getattr(_bare(kind)[0], "item_type", None), "cls", None)
 
 
 @dataclass(frozen=True)
@@ -301,7 +297,9 @@ def _fault(kind: Any, value: Any, place: str) -> str:
     if annotations.get("alone") and is_number(value):
         return _fault(annotations["alone"], value, place)
     if "each" in annotations and isinstance(value, list) and value:
-        return _fault_of_each(annotations["each"], value, place)
+        of_storey = enumerate(value, 1)
+        faults = (_fault(annotations["each"], x, f"{place}: storey {i}") for i, x in of_storey)
+        return next(filter(None, faults), "")
     if "says" in annotations:
         rule = annotations["says"] + _inner_fault(info, value)
     elif allowed:
@@ -323,17 +321,9 @@ def _fault(kind: Any, value: Any, place: str) -> str:
 
 
 def _inner_fault(info: Any, value: Any) -> str:
-    faults = (
-        f"; {_table_fault(inner.cls, value, 'it', inner.cls)}"
-        for inner in getattr(info, "types", [info])
-        if isinstance(inner, inspect.StructType) and isinstance(value, dict)
-    )
-    return "".join(faults)
-
-
-def _fault_of_each(number: Any, values: list[Any], place: str) -> str:
-    faults = (_fault(number, x, f"{place}: storey {i}") for i, x in enumerate(values, 1))
-    return next(filter(None, faults), "")
+    tables = getattr(info, "types", [info]) if isinstance(value, dict) else []
+    kinds = [inner.cls for inner in tables if isinstance(inner, inspect.StructType)]
+    return "".join(f"; {_table_fault(kind, value, 'it', kind)}" for kind in kinds)
 
 
 def _words(kind: Any) -> tuple[str, ...]:

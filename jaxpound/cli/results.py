@@ -9,7 +9,6 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._fields import quantities
-from jaxpound._tables import TextTable
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
 from jaxpound.model.places import link_places
@@ -22,7 +21,7 @@ from jaxpound.results.impacts import ImpactSeries
 def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     """The scalars of a run; units are in the names, numbers count from 1."""
     demand, energy = response.demand, response.energy
-    floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
+    floors = jp.floor_demands(layout.structures, demand, layout.buildings)
     members = zip(layout.buildings, floors, layout.bearings, strict=True)
     links = [_of_link(layout, response, k) for k in range(len(layout.si.links))]
     contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
@@ -52,17 +51,14 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
         return results | {"links": [x if x["friction_force_N"] else x | no_slip for x in links]}
     numbers = {key: x for key, x in results.items() if key not in ("buildings", "links")}
     numbers |= {key: links[0][key] for key in ("slip_distance_m", "residual_offset_m", "contact")}
-    keys = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
+    peaks = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
     for i, building in enumerate(results["buildings"], 1):
-        mode = building["modes"][0]
-        numbers[f"building_{i}"] = {key: mode[key] for key in ("period_s", "damping_ratio")}
-        numbers[f"building_{i}"] |= {key: building[key] for key in keys}
+        of_both = building | building["modes"][0]
+        numbers[f"building_{i}"] = {x: of_both[x] for x in ("period_s", "damping_ratio", *peaks)}
     return numbers
 
 
-def _of_building(
-    building: Any, floors: jp.FloorDemands, bearing: Any, demand: jp.Demand
-) -> dict[str, Any]:
+def _of_building(building: Any, floors: Any, bearing: Any, demand: jp.Demand) -> dict[str, Any]:
     if isinstance(building, jp.Building):
         building = jp.ShearBuilding((building,))
     modes = building.modes()
@@ -147,12 +143,11 @@ def _of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
     series, scalars = response.links[link], response.demand.links[link]
     if series.contact is None:
         return None
-    columns, of_impact = _columns(type(scalars), "contact"), _columns(ImpactSeries)
+    columns, fields = _columns(type(scalars), "contact"), _columns(ImpactSeries).items()
     results: dict[str, Any] = {key: float(getattr(scalars, x)) for x, key in columns.items()}
     results["stored_at_end_J"] = float(series.contact_stored[-1])
     results["impacts"] = [
-        {key: getattr(impact, x) for x, key in of_impact.items()}
-        for impact in response.impacts(link)
+        {key: getattr(impact, x) for x, key in fields} for impact in response.impacts(link)
     ]
     return results
 
@@ -197,9 +192,9 @@ def lines(results: dict[str, Any]) -> list[str]:
         "acceleration (m/s²)": [x["peak_absolute_acceleration_m_per_s2"] for x in buildings],
         "base shear (kN)": [x["base_shear_N"] / 1e3 for x in buildings],
     }
-    texts = [table_of(columns).text(), ""]
+    tables = [columns]
     if storeys := [(i, x) for i, building in enumerate(buildings, 1) for x in building["yielding"]]:
-        of_storeys = {
+        yields = {
             "storey that yields": [f"{i}, storey {x['storey']}" for i, x in storeys],
             "ductility": [x["ductility"] for _, x in storeys],
             "residual drift (m)": [x["residual_drift_m"] for _, x in storeys],
@@ -207,7 +202,7 @@ def lines(results: dict[str, Any]) -> list[str]:
             "first yield (s)": [x["first_yield_time_s"] for _, x in storeys],
             "collapsed": ["yes" if x["collapsed"] else "no" for _, x in storeys],
         }
-        texts += [table_of(of_storeys).text(), ""]
+        tables.append(yields)
     if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:
         of_bearings = {
             "bearings of building": [str(i) for i, _ in bearings],
@@ -215,9 +210,8 @@ def lines(results: dict[str, Any]) -> list[str]:
             "displacement (m)": [x["displacement_m"] for _, x in bearings],
             "damping there (%)": [100 * (x["damping_ratio"] or 0.0) for _, x in bearings],
         }
-        texts += [table_of(of_bearings).text(), ""]
-    if links:
-        texts += [_table_of_links(links).text(), ""]
+        tables.append(of_bearings)
+    texts = [text for x in (*tables, _of_links(links)) if x for text in (table_of(x).text(), "")]
     closable = [link for link in links if link["gap_m"] is not None]
     if closable:
         closest = min(closable, key=lambda link: link["min_gap_m"])
@@ -238,15 +232,14 @@ def lines(results: dict[str, Any]) -> list[str]:
         shares["contact"] = sum(law["contact_work_J"] for law in laws)
     total = results["input_energy_J"]
     parts = ", ".join(
-        f"{name} {energy / 1e3:.4g} kJ ({energy / total if total else 0:.0%})"
-        for name, energy in shares.items()
+        f"{name} {x / 1e3:.4g} kJ ({x / total if total else 0:.0%})" for name, x in shares.items()
     )
     residual = f"residual {results['energy_residual_over_input']:.1e} of the input"
     return [*texts, f"Energy   input {total / 1e3:.4g} kJ: {parts}; {residual}"]
 
 
-def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
-    columns: dict[str, list[Any]] = {"link": [link["between"] for link in links]}
+def _of_links(links: list[dict[str, Any]]) -> dict[str, list[Any]]:
+    columns = {"link": [link["between"] for link in links]} if links else {}
     gaps = [link["gap_m"] for link in links]
     if any(gap is not None for gap in gaps):
         columns |= {
@@ -271,4 +264,4 @@ def _table_of_links(links: list[dict[str, Any]]) -> TextTable:
             "impulse (kN s)": [law and law["peak_impulse_N_s"] / 1e3 for law in laws],
             "lost (kJ)": [law and law["contact_work_J"] / 1e3 for law in laws],
         }
-    return table_of(columns)
+    return columns

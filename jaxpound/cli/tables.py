@@ -71,12 +71,11 @@ class OfClass(Section):
         by_name = f'{key} = "{getattr(self, key)}"'
         fields = {name: dataclasses.fields(kind) for name, kind in self.CLASSES.items()}
         own = [x for x in fields[getattr(self, key)] if x.name in self.__struct_fields__]
-        keys = [field.name for field in own]
-        others = {field.name for several in fields.values() for field in several} - {*keys}
+        keys = {field.name: field.default is dataclasses.MISSING for field in own}
+        others = {field.name for several in fields.values() for field in several} - keys.keys()
         give = f"; give {', '.join(keys)}" if keys else ""
         self.refuse_any(others, f"must not be given with {by_name}{give}")
-        needed = [field.name for field in own if field.default is dataclasses.MISSING]
-        self.require_all(needed, f", which {by_name} needs")
+        self.require_all(filter(keys.get, keys), f", which {by_name} needs")
         with named(""):
             self.model()
 

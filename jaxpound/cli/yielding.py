@@ -59,13 +59,12 @@ class YieldingSection(Section):
             if len(laws) != building.n_floors:
                 raise refused("law", f"must be one for each of {building.n_floors} storeys")
             keys = {x: [key for key in paths(_LAWS[x]) if key != _OF_STOREY] for x in laws}
-            own = [*dict.fromkeys(itertools.chain(*keys.values()))]
+            own = dict.fromkeys(itertools.chain(*keys.values()))
             rule = f"must not be given with law = {shown(law)}; give {', '.join(own)}"
-            self.refuse_any({*paths(jp.BoucWen)} - {*own}, rule)  # which has those of Bilinear
+            self.refuse_any({*paths(jp.BoucWen)} - own.keys(), rule)  # which has those of Bilinear
             by_law = {"elastic": building}
             for name in keys.keys() - by_law.keys():
-                others = {*own} - {*keys[name]}
-                numbers = {key: x for key, x in stated.items() if key not in others}
+                numbers = {key: x for key, x in stated.items() if key in (*STRENGTHS, *keys[name])}
                 with named(""):
                     by_law[name] = building.yielding(_LAWS[name], **numbers)
             storeys = tuple(by_law[name].storeys[i] for i, name in enumerate(laws))

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import Rule, enforce, instance, number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Checked, parameter
 from jaxpound.model.parameters import expanded, get, interval, lower, paths, put, require_paths
@@ -208,10 +208,8 @@ def _bounds(path: str, limits: Any, low: float, high: float) -> Bounds:
     if not isinstance(limits, Bounds):
         if not (isinstance(limits, tuple | list) and len(limits) == 2):
             raise InvalidInput("DesignSpace", path, repr(limits), "must be Bounds or (low, high)")
-        try:
+        with renamed(f"DesignSpace: {path}: Bounds"):
             limits = Bounds(*limits)
-        except InvalidInput as error:
-            raise error.replaced(owner=f"DesignSpace: {path}: {error.owner}") from error
     rules = [
         Rule(f"{path}: low", limits.low, limits.low >= low, f"at least {low:.6g}"),
         Rule(f"{path}: high", limits.high, limits.high <= high, f"at most {high:.6g}"),

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import count, instance, is_traced, is_whole, positive, positive_number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.intensity import spectra
 from jaxpound.ground.plausibility import warn
@@ -192,10 +192,8 @@ class RecordSuite(Shown):
                 rule = f"must be within what {record.name!r} holds, {limits}"
                 raise InvalidInput(SCALED_TO, "periods", stated, rule)
         periods_at = np.geomspace(*span, PERIODS)
-        try:
+        with renamed(SCALED_TO):
             ordinates = target.at(periods_at)
-        except InvalidInput as error:
-            raise error.replaced(owner=SCALED_TO) from None
         unscaled = self.spectra(periods_at, target.damping)
         selected, fitted = bounds.fit(ordinates / unscaled, best, least)
         suite, at = self.chosen(selected).scaled(fitted), fitted[:, None] * unscaled[selected]

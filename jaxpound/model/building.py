@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, Rule, enforce, is_traced, not_negative, positive, require_batch
-from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges
-from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener, law_in_length
+from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges, unchecked
+from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener, before_yield, material_in
 from jaxpound.model.rod import ZenerRod
 
 # Wide enough for laboratory models and the tallest towers, narrow enough to catch a wrong unit.
@@ -127,13 +127,14 @@ class Building:
 
     def zener(self, frequency: Any = 1.0) -> ZenerRod:
         """The fractional rod with relaxation times in units of 1/frequency^order; rad/s."""
-        size = frequency**self.order
-        return ZenerRod(self.order, self.tau_f * size, self.tau_x * size)
+        return before_yield(self.material(frequency))
 
     def material(self, frequency: Any = 1.0, length: Any = 1.0) -> ZenerRod | YieldingZener:
         """The rod's law in units of 1/frequency^order, rad/s, and of a length, m."""
-        rod, law = self.zener(frequency), law_in_length(self.hysteresis, length)
-        return rod if law is None else YieldingZener(rod, law)
+        rod = unchecked(ZenerRod, order=self.order, tau_f=self.tau_f, tau_x=self.tau_x)
+        law = self.hysteresis
+        material = rod if law is None else unchecked(YieldingZener, zener=rod, hysteresis=law)
+        return material_in(material, frequency, length)
 
     @property
     def dynamic_stiffness(self) -> jax.Array:

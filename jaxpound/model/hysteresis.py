@@ -6,7 +6,6 @@ its force is K r(e, state), where r, the *reduced force*, is e before it has yie
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import jax
@@ -17,6 +16,7 @@ from jaxpound._checks import Range, Rule, finite, require_batch
 from jaxpound._extrema import larger
 from jaxpound._fields import Parameter, check, like, parameter, part, pytree_dataclass, walk
 from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.parameters import replaced
 from jaxpound.model.rod import ZenerRod
 
 State = TypeVar("State")
@@ -102,13 +102,11 @@ class Bilinear:
     """
 
     yield_displacement: Any = parameter(
-        "e_y", "length", "yield displacement", above=0, usual=(0.01, 1.0), within=_ELONGATION
+        "e_y", "length", above=0, usual=(0.01, 1.0), within=_ELONGATION
     )
-    hardening: Any = parameter(
-        r"\alpha", words="hardening", least=-1, most=1, usual=(0.0, 0.3), default=0.0
-    )
+    hardening: Any = parameter(r"\alpha", least=-1, most=1, usual=(0.0, 0.3), default=0.0)
     ultimate_displacement: Any = parameter(
-        "e_u", "length", "ultimate displacement", above=0, finite=False, within=_END, default=np.inf
+        "e_u", "length", above=0, finite=False, within=_END, default=np.inf
     )
 
     def __post_init__(self) -> None:
@@ -197,15 +195,11 @@ class BoucWen:
 
     yield_displacement: Any = like(Bilinear, "yield_displacement")
     hardening: Any = like(Bilinear, "hardening", default=0.0)
-    exponent: Any = parameter(
-        "n", words="exponent", least=1, usual=(1.0, 5.0), within=Range(1, 50), default=2.0
-    )
-    beta: Any = parameter(r"\beta", words="beta", least=0, most=1, default=0.5)
-    strength_degradation: Any = parameter(
-        r"\delta_\nu", words="strength degradation", least=0, within=_DEGRADATION, default=0.0
-    )
+    exponent: Any = parameter("n", least=1, usual=(1.0, 5.0), within=Range(1, 50), default=2.0)
+    beta: Any = parameter(r"\beta", least=0, most=1, default=0.5)
+    strength_degradation: Any = parameter(r"\delta_\nu", least=0, within=_DEGRADATION, default=0.0)
     stiffness_degradation: Any = parameter(
-        r"\delta_\eta", words="stiffness degradation", least=0, within=_DEGRADATION, default=0.0
+        r"\delta_\eta", least=0, within=_DEGRADATION, default=0.0
     )
     ultimate_displacement: Any = like(Bilinear, "ultimate_displacement", default=np.inf)
 
@@ -321,11 +315,15 @@ def hysteresis_of(material: Any) -> Any:
     return None if isinstance(law, ZenerRod | PowerLaw) else law
 
 
-def law_in_length(law: Any, length: Any) -> Any:
-    """A law of hysteresis with its displacements in units of a length; None stays None."""
-    numbers = walk(law, Parameter)
-    lengths = {name: x / length for name, spec, x in numbers if spec.kind == "length"}
-    return dataclasses.replace(law, **lengths) if lengths else law
+def material_in(material: Any, frequency: Any, length: Any = 1.0) -> Any:
+    """A material with times in units of 1/frequency^order, displacements in those of a length."""
+    changes = {}
+    for path, spec, x in walk(material, Parameter):
+        if path.endswith(("tau_f", "tau_x")):
+            changes[path] = x * frequency ** before_yield(material).order
+        elif spec.kind == "length":
+            changes[path] = x / length
+    return replaced(material, changes) if changes else material
 
 
 def before_yield(material: Any) -> ZenerRod:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
+from functools import partial
 from types import NoneType
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, Rule, enforce, instance, positive, real, require_batch
-from jaxpound._errors import InvalidInput
+from jaxpound._checks import Range, Rule, enforce, instance, is_whole, positive, real, require_batch
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._extrema import larger
-from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges
+from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges
 from jaxpound.model.building import PERIOD, Building
 from jaxpound.model.dampers import VelocityFriction
 from jaxpound.model.hysteresis import Bilinear
@@ -27,6 +27,7 @@ _FRICTION = Range(0, 1, "", "a coefficient; 0.03 to 0.12 is usual of PTFE")
 _RATE = Range(1, 1e4, "s/m", "20 to 100 s/m is usual of PTFE")
 _STRENGTH = Range(1e-4, 1, "", "of the weight; 0.03 to 0.1 is usual")
 _LENGTH = Range(1e-5, 1, "m", "at which a bearing yields")
+_ELASTIC: Any = {"order": 1.0, "tau_f": 1e-3, "tau_x": 1e-3}  # a rod that does not creep
 
 
 @pytree_dataclass
@@ -36,8 +37,6 @@ class FrictionPendulum:
     Under a weight W they are a spring W/R beside a sliding link with the slip force μ W; vertical
     motion does not change W. With a rate a friction grows with the sliding velocity,
     :math:`μ_f - (μ_f - μ) e^{-a |v|}` (Constantinou, Mokha and Reinhorn 1990).
-
-    Raises ``ValueError`` if a concrete value breaks its rule.
 
     Parameters
     ----------
@@ -60,13 +59,11 @@ class FrictionPendulum:
     (3.003, 0.256)
     """
 
-    radius: Any = parameter("R", words="radius", above=0, within=_RADIUS)
-    friction: Any = parameter(r"\mu", words="friction", least=0, within=_FRICTION)
+    radius: Any = parameter("R", above=0, within=_RADIUS)
+    friction: Any = parameter(r"\mu", least=0, within=_FRICTION)
     fast_friction: Any = part(default=None)
-    rate: Any = parameter("a", words="rate", above=0, within=_RATE, default=50.0)
-    ultimate_displacement: Any = parameter(
-        "e_u", words="ultimate displacement", above=0, finite=False, default=np.inf
-    )
+    rate: Any = parameter("a", above=0, within=_RATE, default=50.0)
+    ultimate_displacement: Any = parameter("e_u", above=0, finite=False, default=np.inf)
 
     def __post_init__(self) -> None:
         owner = "FrictionPendulum"
@@ -95,27 +92,22 @@ class FrictionPendulum:
 
     def storey(self, base_mass: Any, weight: Any, gravity: Any = STANDARD_GRAVITY) -> Building:
         """The base on the restoring spring under a weight, N, whatever the gravity."""
-        base, limit = _spring(base_mass, weight / self.radius), self.ultimate_displacement
-        if not is_closable(limit):
-            return base
-        return dataclasses.replace(base, hysteresis=Bilinear(limit, 1.0, limit))  # never yields
+        limit = self.ultimate_displacement
+        law = Bilinear(limit, 1.0, limit) if is_closable(limit) else None  # never yields
+        return Building(base_mass, weight / self.radius, hysteresis=law, **_ELASTIC)
 
     def between(self, weight: Any) -> dict[str, Any]:
         """Friction of the link from the base to the ground."""
-        if self.fast_friction is None:
-            return {"friction": self.friction * weight}
-        increase = (self.fast_friction - self.friction) * weight
-        return {
-            "friction": self.friction * weight,
-            "velocity_friction": VelocityFriction(increase, 1 / self.rate),
-        }
+        friction: dict[str, Any] = {"friction": self.friction * weight}
+        if self.fast_friction is not None:
+            increase = (self.fast_friction - self.friction) * weight
+            friction["velocity_friction"] = VelocityFriction(increase, 1 / self.rate)
+        return friction
 
 
 @pytree_dataclass
 class LeadRubber:
     r"""Lead–rubber bearings, bilinear: a strength Q and the stiffness of the rubber, in SI units.
-
-    Raises ``ValueError`` if a concrete value breaks its rule.
 
     Parameters
     ----------
@@ -135,12 +127,12 @@ class LeadRubber:
     0.169
     """
 
-    period: Any = parameter("T_2", words="period", above=0, within=PERIOD)
-    strength: Any = parameter("Q", words="strength", above=0, within=_STRENGTH)
-    yield_displacement: Any = parameter(
-        "e_y", words="yield displacement", above=0, within=_LENGTH, default=0.01
+    period: Any = parameter("T_2", above=0, within=PERIOD)
+    strength: Any = parameter("Q", above=0, within=_STRENGTH)
+    yield_displacement: Any = parameter("e_y", above=0, within=_LENGTH, default=0.01)
+    ultimate_displacement: Any = parameter(
+        "e_u", least="yield_displacement", finite=False, default=np.inf
     )
-    ultimate_displacement: Any = like(FrictionPendulum, "ultimate_displacement", default=np.inf)
 
     def __post_init__(self) -> None:
         check(self)
@@ -166,16 +158,11 @@ class LeadRubber:
         after = self._stiffness(gravity) * weight
         before = after + self.strength * weight / self.yield_displacement
         law = Bilinear(self.yield_displacement, after / before, self.ultimate_displacement)
-        return dataclasses.replace(_spring(base_mass, before), hysteresis=law)
+        return Building(base_mass, before, hysteresis=law, **_ELASTIC)
 
     def between(self, weight: Any) -> dict[str, Any]:
         """Friction of the link from the base to the ground: none."""
         return {}
-
-
-def _spring(mass: Any, stiffness: Any) -> Building:
-    """A mass on an elastic rod."""
-    return Building(mass, stiffness, order=1.0, tau_f=1e-3, tau_x=1e-3)
 
 
 @pytree_dataclass
@@ -195,18 +182,14 @@ class MoatWall:
     contact: Any = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.gap, list):
-            object.__setattr__(self, "gap", tuple(self.gap))
-        try:
+        with renamed("MoatWall"):
             self.link(0)
-        except InvalidInput as error:
-            raise error.replaced(owner="MoatWall") from error
 
     def link(self, building: int, **between: Any) -> FloorLink:
         """The link of two faces from the base of a building to the ground."""
-        gap = self.gap if isinstance(self.gap, tuple) else (self.gap, self.gap)
-        wall = {"gap": gap, "contact": self.contact}
-        return FloorLink(building, 0, next_building=GROUND, **wall, **between)
+        gap = tuple(self.gap) if isinstance(self.gap, list | tuple) else (self.gap, self.gap)
+        between |= {"gap": gap, "contact": self.contact}
+        return FloorLink(building, 0, next_building=GROUND, **between)
 
 
 def isolated(
@@ -223,8 +206,6 @@ def isolated(
 
     The base is its floor 0 and the bearings are its storey 0; all others move up by one. The link
     has the friction of the bearings and the faces of the wall.
-
-    Raises ``ValueError`` if a number breaks its rule.
 
     Parameters
     ----------
@@ -261,16 +242,16 @@ def isolated(
     instance(owner, "bearing", bearing, FrictionPendulum, LeadRubber)
     instance(owner, "wall", wall, MoatWall, NoneType)
     base_mass, gravity = positive(owner, base_mass=base_mass, gravity=gravity)
+    if not (is_whole(number) and number >= 0):
+        raise InvalidInput(owner, "number", repr(number), "must be a whole number from 0 on")
     above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
-    storeys = (bearing.storey(base_mass, weight, gravity), *above.storeys)
-    on_bearings = ShearBuilding(storeys, (height, *above.heights))
+    with renamed(owner, {"mass": "base_mass", "heights.0": "height"}):
+        base = bearing.storey(base_mass, weight, gravity)
+        on_bearings = ShearBuilding((base, *above.storeys), (height, *above.heights))
     between = bearing.between(weight)
-    if wall is not None:
-        return on_bearings, (wall.link(number, **between),)
-    if not between:
-        return on_bearings, ()
-    return on_bearings, (FloorLink(number, 0, next_building=GROUND, **between),)
+    link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
+    return on_bearings, (link(number, **between),) if wall or between else ()
 
 
 def tuned_mass_damper(
@@ -281,8 +262,6 @@ def tuned_mass_damper(
     damping_ratio: Any = None,
 ) -> ShearBuilding:
     """A building with a tuned mass on a spring and a dashpot on its roof, as its top storey.
-
-    Raises ``ValueError`` if a number breaks its rule.
 
     Parameters
     ----------
@@ -309,12 +288,11 @@ def tuned_mass_damper(
     frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     (ratio,) = positive(owner, mass_ratio=mass_ratio)
     tuning = 1 / (1 + ratio) if frequency_ratio is None else frequency_ratio
-    optimal = jnp.sqrt(3 * ratio / (8 * (1 + ratio)))
-    damping = optimal if damping_ratio is None else damping_ratio
+    damping = jnp.sqrt(3 * ratio / (8 * (1 + ratio))) if damping_ratio is None else damping_ratio
     tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
     modes = frame.modes()
     shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
     mass = ratio * sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
-    period = modes.periods[0] / tuning
-    top = Building.from_period(mass, period, damping, order=1.0)
+    with renamed(owner, {"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
+        top = Building.from_period(mass, modes.periods[0] / tuning, damping, order=1.0)
     return ShearBuilding((*frame.storeys, top), (*frame.heights, frame.heights[-1]))

@@ -17,6 +17,7 @@ from jaxpound._checks import hint
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import smaller
 from jaxpound._fields import Parameter, walk
+from jaxpound.model.topology import faces
 
 T = TypeVar("T")
 X = TypeVar("X")
@@ -124,15 +125,17 @@ def interval(
 def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[str, X]:
     """Values by path, from values by path or pattern; a path takes precedence over patterns.
 
-    Each pattern must match a path, and no path two patterns.
+    Each pattern must match a path, and no path two patterns. The left faces of links of two faces
+    have no friction, and patterns leave it out.
     """
+    frictionless = {f"links.{k}.friction" for k in faces(structures.system().topology)}
     values: dict[str, X] = {}
     sources: dict[str, str] = {}
     for key, value in by_pattern.items():
         matched = [key]
         if "*" in key:
             fits = re.compile(re.escape(key).replace(r"\*", "[^.]*"))
-            matched = [path for path in paths(structures) if fits.fullmatch(path)]
+            matched = [x for x in paths(structures) if fits.fullmatch(x) and x not in frictionless]
         if not matched:
             general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in paths(structures))
             raise InvalidInput(owner, "", "", f"no path matches {key!r}; {_hint(key, general)}")

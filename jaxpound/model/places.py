@@ -10,10 +10,8 @@ from jaxpound.model.topology import GROUND, Ends, Topology, faces, floors
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
     """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``."""
-    home = homes(topology)
-    return tuple(
-        _part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(topology.n_masses)
-    )
+    home, n = homes(topology), topology.n_masses
+    return tuple(_part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(n))
 
 
 def rod_places(topology: Topology) -> tuple[str, ...]:
@@ -23,11 +21,8 @@ def rod_places(topology: Topology) -> tuple[str, ...]:
     """
     storeys, home, places = homes(topology, of_rods=True), homes(topology), list[str]()
     for rod, (low, high) in enumerate(map(sorted, topology.rods)):
-        if rod in storeys:
-            places.append(_part("storey", home, storeys[rod]))
-        else:
-            place = link_place(home[high], home.get(low)) if home else rod + 1
-            places.append(f"rod {place}")
+        place = link_place(home[high], home.get(low)) if home else rod + 1
+        places.append(_part("storey", home, storeys[rod]) if rod in storeys else f"rod {place}")
     return tuple(places)
 
 
@@ -56,12 +51,8 @@ def link_places(topology: Topology) -> tuple[str, ...]:
     """
     home, places = homes(topology), []
     for low, high in map(sorted, topology.links):
-        if home:
-            places.append(link_place(home[high], home.get(low)))
-        elif low == GROUND:
-            places.append(f"mass {high + 1}–ground")
-        else:
-            places.append(f"masses {low + 1}–{high + 1}")
+        ends = f"mass {high + 1}–ground" if low == GROUND else f"masses {low + 1}–{high + 1}"
+        places.append(link_place(home[high], home.get(low)) if home else ends)
     for pair in faces(topology).items():
         for k in pair:
             i, j = topology.links[k]

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxpound import _checks
 from jaxpound._checks import Range, Rule, count, enforce, is_traced, number, positive_number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.hysteresis import Bilinear
@@ -125,10 +125,8 @@ class ShearBuilding:
         listed = [_each(owner, name, value, n) for name, value in rods.items()]
         storeys = []
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
-            try:
+            with renamed(f"{owner}: storeys.{i}"):
                 storeys.append(Building(*numbers))
-            except InvalidInput as error:
-                raise error.replaced(owner=f"{owner}: storeys.{i}") from error
         building = cls(tuple(storeys), _each(owner, "heights", heights, n))
         if yield_force is None:
             return building
@@ -183,12 +181,8 @@ class ShearBuilding:
         # K φ = λ M φ with unit mass and stiffness of the first storey.
         matrix = np.diag(shares + np.append(shares[1:], 0)) - np.diag(shares[1:], 1)
         least = float(np.linalg.eigvalsh(matrix - np.diag(shares[1:], -1))[0])
-        try:
+        with renamed(owner, {"mass": "storey_mass"}):
             block = Building.from_period(storey_mass, period, damping_ratio, order, tau_f)
-        except InvalidInput as error:
-            name = "storey_mass" if error.name == "mass" else error.name
-            owner = error.owner.replace("Building", "ShearBuilding")
-            raise error.replaced(owner=owner, name=name) from error
         stiffnesses = [block.stiffness * (share / least) for share in shares]
         rod = (block.order, block.tau_f, block.tau_x)
         return cls(tuple(Building(block.mass, k, *rod) for k in stiffnesses), height)

@@ -29,7 +29,7 @@ class Topology(NamedTuple):
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""
     links = [k for k in range(len(topology.links)) if k not in faces(topology)]
-    tree = _tree(topology.n_masses, [topology.links[k] for k in links])
+    tree = _joined(topology.n_masses, [topology.links[k] for k in links])[1]
     return next((k for n, k in enumerate(links) if n not in tree), None)
 
 
@@ -55,7 +55,7 @@ def is_storey(ends: Ends) -> bool:
 @cache
 def storey_rods(topology: Topology) -> tuple[int, ...]:
     """The rods that are storeys: not those between masses that rods before tie to the ground."""
-    return tuple(_tree(topology.n_masses, topology.rods))
+    return tuple(_joined(topology.n_masses, topology.rods)[1])
 
 
 @cache
@@ -71,10 +71,10 @@ def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
         beside[j].append((i, rod))
     buildings = []
     for first in beside[GROUND]:
-        building, visited = [first], {GROUND, first[0]}
-        while len(above := [end for end in beside[building[-1][0]] if end[0] not in visited]) == 1:
+        building, below = [first], GROUND
+        while len(above := [end for end in beside[building[-1][0]] if end[0] != below]) == 1:
+            below = building[-1][0]
             building += above
-            visited.add(above[0][0])
         buildings.append(tuple(building))
     masses = sorted(mass for building in buildings for mass, _ in building)
     if masses != list(range(topology.n_masses)):
@@ -93,12 +93,9 @@ def elongation(ends: Ends, x: Sequence[Any]) -> Any:
 
 def load_on(ends_of_all: Sequence[Ends], mass: int, forces: Sequence[Any]) -> Any:
     """The load on a mass of the forces that pull it and their other end together."""
-    load: Any = None
-    for (i, j), force in zip(ends_of_all, forces, strict=True):
-        if mass in (i, j):
-            term = -force if mass == i else force
-            load = term if load is None else load + term
-    return load
+    pairs = zip(ends_of_all, forces, strict=True)
+    loads = [-force if mass == ends[0] else force for ends, force in pairs if mass in ends]
+    return sum(loads[1:], loads[0]) if loads else None
 
 
 class LinkGroup(NamedTuple):
@@ -120,12 +117,10 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
     """The groups of links, in the order of their first links."""
     member = joined_ends(topology.n_masses, filter(is_storey, topology.links))
     joined: dict[int, list[int]] = {}
-    opposite = faces(topology)
+    opposite, groups = faces(topology), []
     for k, ends in enumerate(topology.links):
-        if k in opposite:
-            continue
-        joined.setdefault(member[max(ends)], []).append(k)
-    groups = []
+        if k not in opposite:
+            joined.setdefault(member[max(ends)], []).append(k)
     for links in joined.values():
         members = {end for k in links for end in topology.links[k]}
         root = GROUND if GROUND in members else topology.links[links[0]][0]
@@ -139,40 +134,31 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
                     reached.add(child)
         masses = tuple(sorted(members - {GROUND}))
         others = {k: links.index(link) for k, link in opposite.items() if link in links}
-        members_of_group = (*links, *others), tuple(others.values())
-        groups.append(LinkGroup(*members_of_group, masses, root, tuple(hanging)))
+        group = (*links, *others), tuple(others.values()), masses, root, tuple(hanging)
+        groups.append(LinkGroup(*group))
     return tuple(groups)
 
 
 @cache
 def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
     """Groups of masses that are connected by rods: the buildings of a system."""
-    group = joined_ends(topology.n_masses, filter(is_storey, topology.rods))
-    members: dict[int, tuple[int, ...]] = {}
-    for mass in range(topology.n_masses):
-        members[group[mass]] = (*members.get(group[mass], ()), mass)
-    return list(members.values())
+    members: dict[int, list[int]] = {}
+    for mass, first in joined_ends(topology.n_masses, filter(is_storey, topology.rods)).items():
+        members.setdefault(first, []).append(mass)
+    return [tuple(masses) for first, masses in members.items() if first != GROUND]
 
 
 def joined_ends(n: int, edges: Iterable[Ends]) -> dict[int, int]:
     """The smallest member of the group of each mass, and of the ground, that edges make."""
-    group = {end: end for end in range(GROUND, n)}
-    for i, j in edges:
-        group = _joined(group, i, j)
-    return group
+    return _joined(n, edges)[0]
 
 
-def _joined(group: dict[int, int], i: int, j: int) -> dict[int, int]:
-    """The groups after an edge between two ends."""
-    low, high = sorted((group[i], group[j]))
-    return {end: low if member == high else member for end, member in group.items()}
-
-
-def _tree(n: int, edges: Iterable[Ends]) -> list[int]:
-    """The edges, by number, that close no ring with those before them."""
-    group, tree = joined_ends(n, ()), list[int]()
+def _joined(n: int, edges: Iterable[Ends]) -> tuple[dict[int, int], list[int]]:
+    """``joined_ends``, and the edges, by number, that close no ring with those before them."""
+    group, tree = {end: end for end in range(GROUND, n)}, list[int]()
     for k, (i, j) in enumerate(edges):
-        if group[i] != group[j]:
-            group = _joined(group, i, j)
+        low, high = sorted((group[i], group[j]))
+        if low != high:
+            group = {end: low if member == high else member for end, member in group.items()}
             tree.append(k)
-    return tree
+    return group, tree

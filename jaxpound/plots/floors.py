@@ -39,6 +39,8 @@ _DRAWN = {name: quantities(FloorDemands)[name] for name in _OF_ALL} | {
 }
 
 Floors = Sequence[FloorDemands]
+Profiles = Sequence[np.ndarray]  # of runs or batches, each (runs, floors)
+Unit = tuple[float, str]  # factor and name
 
 
 def _values(demands: FloorDemands, quantity: str) -> np.ndarray:
@@ -252,14 +254,14 @@ def _runs(owner: str, floors: Any, kind: type) -> dict[str, Any]:
     return runs
 
 
-def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Sequence[np.ndarray]) -> None:
+def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Profiles) -> None:
     for name, values in zip(runs, profiles, strict=True):
         if not values.size:
             subject = f"all runs of {name!r} are" if name else "the run is"
             raise InvalidInput(owner, subject, "", "invalid (NaN)")
 
 
-def _unit(quantity: str, si: bool, profiles: Sequence[np.ndarray]) -> tuple[float, str]:
+def _unit(quantity: str, si: bool, profiles: Profiles) -> Unit:
     largest = max(float(values.max()) for values in profiles)
     kind = _DRAWN[quantity].kind
     return unit_for(kind, si, largest) if kind else (1.0, "")
@@ -272,25 +274,19 @@ def _styles(runs: Mapping[str, Any], building: int) -> list[dict[str, Any]]:
 
 
 def _draw(
-    ax: Axes,
-    quantity: str,
-    profiles: Sequence[np.ndarray],
-    heights: np.ndarray,
-    in_metres: bool,
-    unit: tuple[float, str],
-    styles: Sequence[dict[str, Any]],
+    ax: Axes, name: str, profiles: Profiles, heights: Any, in_metres: bool, unit: Unit, styles: Any
 ) -> None:
     """A quantity of a building in each of several runs or batches."""
-    factor, field = unit[0], _DRAWN[quantity]
+    factor, field = unit[0], _DRAWN[name]
     offset = 0.12 * np.diff(heights, prepend=0.0).min()  # between the points of compared runs
     for k, (values, style) in enumerate(zip(profiles, styles, strict=True)):
-        if quantity == "contact":
+        if name == "contact":
             _draw_points(ax, factor * values, heights - offset * k, style)
         else:
-            _draw_line(ax, quantity, factor * values, heights, style)
+            _draw_line(ax, name, factor * values, heights, style)
     symbol = field.symbol.partition(" $")[2] + (f" ({unit[1]})" if unit[1] else "")
     label(ax, f"{field.words.removeprefix('peak ')}\npeak ${symbol}", "")
-    if quantity == "ductility":
+    if name == "ductility":
         ax.axvline(1, color="black", linewidth=0.7, linestyle=":", zorder=1)
     # Of a batch as far as the band reaches.
     highest = max(float(np.quantile(values, _BAND[-1], axis=0).max()) for values in profiles)
@@ -299,15 +295,15 @@ def _draw(
 
 
 def _draw_line(
-    ax: Axes, quantity: str, values: np.ndarray, heights: np.ndarray, style: dict[str, Any]
+    ax: Axes, name: str, values: np.ndarray, heights: np.ndarray, style: dict[str, Any]
 ) -> None:
     """A single run as a line; the median of a batch, and 16 to 84 % of it as a band."""
     curves = np.quantile(values, _BAND, axis=0)
     points: dict[str, Any] = {"marker": "o", "markersize": 2.5, "clip_on": False}
-    if quantity in ("drift", "shear", "ductility"):
+    if name in ("drift", "shear", "ductility"):
         heights, points = np.repeat(np.append(0.0, heights), 2)[1:-1], {}
         curves = np.repeat(curves, 2, axis=1)
-    elif quantity == _FROM_ZERO:
+    elif name == _FROM_ZERO:
         heights, curves = np.append(0.0, heights), np.pad(curves, ((0, 0), (1, 0)))
     low, middle, high = curves
     ax.plot(middle, heights, **points, **style)

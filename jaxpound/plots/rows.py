@@ -16,7 +16,7 @@ from matplotlib.path import Path
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.system import Link, Rod, Structures, System
+from jaxpound.model.system import Link, Rod, Structures
 from jaxpound.model.topology import GROUND, floors, storey_rods
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
@@ -53,7 +53,7 @@ def row(
     in SI units of ``Buildings`` or if ``scales`` are given, else dimensionless. Dampers are green,
     also braces within a building and dampers to the ground; pads are orange where contact has a
     law; an arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of
-    less than half of the height of another, stand in a pit.
+    less than half of the height of another, and walls as low as these stand in a pit.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -87,16 +87,19 @@ def row(
 
     top, right = max(ups[-1] for ups in heights), lefts[-1] + _WIDTH + space[-1][1]
     rises = [np.diff(ups, prepend=0.0) for ups in heights]
-    storey = min(float(x[int(x[0] < x.max() / 2) :].min()) for x in rises)  # without bearings
+    most = float(max(map(np.max, rises)))  # bearings, and walls as low as these, do not count
+    storey = min(float(x[int(x[0] < most / 2) :].min(initial=most)) for x in rises)
     feet = [float(ups[0]) - storey if ups[0] < storey / 2 else 0.0 for ups in heights]
     write = partial(_written, scales)
-    links = _with_dampers(system)
+    storeys, ends = storey_rods(system.topology), system.topology.rods
+    beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in storeys}
+    links = [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
     numbers = [_numbers(k, *link, write) for k, link in enumerate(links)]
     inside: dict[int, Lines] = {}  # of links within buildings, by the upper floor
-    for link, homes, lines in zip(system.links, linked, numbers, strict=True):
-        if len(homes) == 1 or (None in homes and not _has_wall(link)):
+    for (x, _), homes, lines in zip(links, linked, numbers, strict=True):
+        if len(homes) == 1 or (None in homes and not _has_wall(x)):
             by_line = [(line, colour) for text, colour in lines for line in text.split("\n")]
-            inside.setdefault(max(link.ends), []).extend(by_line)
+            inside.setdefault(max(x.ends), []).extend(by_line)
     extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
     storey_inches = _STOREY + _LINE * max(extra, default=0)
     if ax is None:
@@ -109,25 +112,18 @@ def row(
     _ground(ax, lefts, space, feet, min(feet) - storey / 4)
     places: dict[int, Place] = {}
     for b, (building, ups, left) in enumerate(zip(buildings, heights, lefts, strict=True)):
-        colour, storeys = house.building_colour(b), []
+        colour, with_words = house.building_colour(b), list[Storey]()
         for (mass, rod), up in zip(building, ups.tolist(), strict=True):
             in_floor = f"$m_{{{mass + 1}}}$ = {write('mass', system.masses[mass])}"
             words = f"$K_{{{rod + 1}}}$ = {write('stiffness', system.rods[rod].stiffness)}"
-            storeys.append((up, in_floor, [(words, colour), *inside.get(mass, [])]))
+            with_words.append((up, in_floor, [(words, colour), *inside.get(mass, [])]))
             places[mass] = left, up, feet[b]
-        _building(ax, left, feet[b], slab, colour, storeys)
+        _building(ax, left, feet[b], slab, colour, with_words)
         text_at(ax, left + _WIDTH / 2, min(feet) - 0.65 * storey, f"building {b + 1}", colour)
-    for link_and_damper, lines in zip(links, numbers, strict=True):
-        _link(ax, *link_and_damper, places, slab, lines)
+    for link, lines in zip(links, numbers, strict=True):
+        _link(ax, *link, places, slab, lines)
     _finish(ax, links, elevations is not None)
     return ax
-
-
-def _with_dampers(system: System) -> list[tuple[Link, Damper]]:
-    """The links, each with the rod beside the storeys that has its ends."""
-    storeys, ends = storey_rods(system.topology), system.topology.rods
-    beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in storeys}
-    return [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
 
 
 def _has_wall(link: Link) -> bool:
@@ -135,9 +131,7 @@ def _has_wall(link: Link) -> bool:
     return GROUND in link.ends and bool(np.isfinite(link.gap))
 
 
-def floor_heights(
-    owner: str, n_floors: Sequence[int], elevations: Sequence[Any] | None
-) -> list[np.ndarray]:
+def floor_heights(owner: str, n_floors: Sequence[int], elevations: Any) -> list[np.ndarray]:
     """Height of each floor of each building above the ground: as given, or its number."""
     if elevations is None:
         return [np.arange(1.0, n + 1) for n in n_floors]
@@ -179,15 +173,12 @@ def _building(
     ax: Axes, left: float, below: float, slab: float, colour: str, storeys: Sequence[Storey]
 ) -> None:
     """Storeys from the ground below them on."""
-    middle = left + _WIDTH / 2
+    middle, columns = left + _WIDTH / 2, left + np.array([0.1, 0.9]) * _WIDTH
+    style: Any = {"edgecolor": colour, "facecolor": (colour, 0.25), "linewidth": 1.0}
     for up, in_floor, lines in storeys:
         under = up - slab / 2
-        for at in (0.1, 0.9):
-            x = left + at * _WIDTH
-            ax.plot([x, x], [below, under], color=colour, linewidth=2.2)
-        for style in ({"alpha": 0.25, "linewidth": 0}, {"fill": False, "linewidth": 1.0}):
-            shape: Any = {"edgecolor": colour, "facecolor": colour, **style}
-            ax.add_patch(Rectangle((left, under), _WIDTH, slab, **shape))
+        ax.plot([columns, columns], [below, under], color=colour, linewidth=2.2)
+        ax.add_patch(Rectangle((left, under), _WIDTH, slab, **style))
         text_at(ax, middle, up, in_floor, colour)
         for i, (text, of_text) in enumerate(lines):
             at = below + (under - below) * (1 - (i + 0.5) / len(lines))
@@ -211,17 +202,14 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
 
 def _numbers(k: int, link: Link, damper: Damper, write: Written) -> Lines:
     """Forces and gap of a link, where it has them, in words and colours."""
-    words, forces = [], []
-    if float(link.friction) or link.velocity_friction:
+    forces, fast = list[str](), link.velocity_friction
+    if float(link.friction) or fast:
         forces.append(f"$\\mu_{{{k + 1}}}$ = {write('force', link.friction)}")
-    if (fast := link.velocity_friction) is not None:
+    if fast:
         forces.append(f"to {write('force', link.friction + fast.increase)}")
-    if damper is not None:
-        number, material = damper[0] + 1, damper[1].material
-        if isinstance(material, PowerLaw):
-            forces.append(f"$F_{{{number}}}$ = {write('force', material.force)}")
-    if forces:
-        words.append(("\n".join(forces), COLOURS["damper"]))
+    if damper and isinstance(damper[1].material, PowerLaw):
+        forces.append(f"$F_{{{damper[0] + 1}}}$ = {write('force', damper[1].material.force)}")
+    words = [("\n".join(forces), COLOURS["damper"])] if forces else []
     if np.isfinite(float(link.gap)):
         words.append((f"$\\xi_{{0,{k + 1}}}$ = {write('length', link.gap)}", COLOURS["ground"]))
     return words
@@ -231,7 +219,7 @@ def _link(
     ax: Axes, link: Link, damper: Damper, places: Mapping[int, Place], slab: float, numbers: Lines
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
-    i, j = link.ends if link.ends[0] != GROUND else link.ends[::-1]
+    j, i = sorted(link.ends)  # the ground comes first
     start, up, foot = places[i]
     second = (start, foot, foot) if j == GROUND else places[j]
     if _has_wall(link):  # to the right where the gap closes as the floor moves to the right
@@ -247,17 +235,15 @@ def _link(
         x = left + np.array([0.12, 0.88]) * _WIDTH
         y = np.array([low + slab / 2 * (low > 0), high - slab / 2])
     if COLOURS["damper"] in dict(numbers).values():
-        style: Any = {"color": COLOURS["damper"]}
-        ax.plot(x, y, linewidth=1.2, zorder=3 if between else 0.9, **style)
-        symbol = _PLATES if damper is None else _DASHPOT
-        ax.plot([x.mean()], [y.mean()], zorder=4, **symbol, **style)
+        symbol: Any = (_DASHPOT if damper else _PLATES) | {"color": COLOURS["damper"]}
+        ax.plot(x, y, linewidth=1.2, zorder=3 if between else 0.9, color=symbol["color"])
+        ax.plot([x.mean()], [y.mean()], zorder=4, **symbol)
     if link.contact is not None:
         for end, up, face in zip(x, y, (0.0, -_PAD), strict=True):
             corner = end + face, up - 0.4 * slab
             ax.add_patch(Rectangle(corner, _PAD, 0.8 * slab, color=COLOURS["pounding"], zorder=3))
     if between:
-        slope = (y[1] - y[0]) / (x[1] - x[0])
-        away = 0.2 * _LINKED * abs(slope)  # clear of the line's higher end
+        away = 0.2 * _LINKED * abs(y[1] - y[0]) / (x[1] - x[0])  # clear of the line's higher end
         sides = (0.6 * slab + away, -0.9 * slab - away)  # above the line, below the arrow
         for (text, colour), side in zip(numbers, sides, strict=False):
             second_line = slab * _LINE / _SLAB / 2 * text.count("\n")
@@ -270,31 +256,28 @@ def _link(
 
 def _finish(ax: Axes, links: Sequence[tuple[Link, Damper]], in_metres: bool) -> None:
     """Legend of the symbols, and the axis of heights."""
-    handles: list[Any] = []
+    symbols: list[Any] = []
     style: Any = {"color": COLOURS["damper"], "linewidth": 1.2}
     if any(float(link.friction) or link.velocity_friction for link, _ in links):
-        handles.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
+        symbols.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
     if materials := {type(damper[1].material).__name__ for _, damper in links if damper}:
         words = f"damper ({', '.join(sorted(materials))})"
-        handles.append(Line2D([], [], label=words, **_DASHPOT, **style))
+        symbols.append(Line2D([], [], label=words, **_DASHPOT, **style))
     if any(np.isfinite(float(link.gap)) for link, _ in links):
         arrow: Any = {"color": COLOURS["ground"], "linewidth": 0.6, "markersize": 4}
-        handles.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
-    laws = {type(link.contact).__name__ for link, _ in links if link.contact is not None}
-    if laws:
+        symbols.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
+    if laws := {type(link.contact).__name__ for link, _ in links if link.contact is not None}:
         words = f"contact ({', '.join(sorted(laws))})"
-        handles.append(Patch(color=COLOURS["pounding"], label=words))
-    if handles:
-        place: Any = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
-        ax.legend(handles=handles, ncols=len(handles), **place)
-    ax.set_xticks([])
+        symbols.append(Patch(color=COLOURS["pounding"], label=words))
+    if symbols:
+        ax.legend(
+            handles=symbols, ncols=len(symbols), loc="lower center", bbox_to_anchor=(0.5, 1.0)
+        )
+    ticks = [x for x in ax.get_yticks() if in_metres and 0 <= x <= ax.get_ylim()[1]]
+    ax.set(xticks=[], yticks=ticks)
     ax.grid(False)
-    for side in ("top", "right", "bottom", "left"):
-        ax.spines[side].set_visible(side == "left" and in_metres)
+    ax.spines[:].set_visible(False)
     if in_metres:
         ax.set_ylabel("height (m)", fontsize=house.FONT_SIZE)
-        ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= ax.get_ylim()[1]])
-        ax.spines["left"].set_bounds(0, ax.get_yticks()[-1])
+        ax.spines["left"].set(visible=True, bounds=(0, ticks[-1]))
         ax.tick_params(labelsize=house.FONT_SIZE)
-    else:
-        ax.set_yticks([])

@@ -84,8 +84,7 @@ def quantity_named(name: str) -> Quantity | None:
 
 def kind_of(name: str) -> str | None:
     """Kind of quantity of a demand; None for a pure number and for any other column."""
-    quantity = quantity_named(name)
-    return None if quantity is None else quantity.kind
+    return getattr(quantity_named(name), "kind", None)
 
 
 def unit_of(name: str, si: bool) -> str:
@@ -146,9 +145,7 @@ def limited_demands(system: System) -> tuple[str, ...]:
     of links (``damper_force``) and, of several dampers, the sum of these and of the forces of
     viscous ones at their reference velocity; the largest demands of ``over_all``.
     """
-    topology, n = system.topology, len(system.links)
-    has = {"contact": _have_contact(system), "yielding": _yield(system)}
-    has["storey"] = [is_storey(ends) for ends in topology.rods]
+    topology, n, has = system.topology, len(system.links), _present(system)
     n_dampers = n + len(viscous_forces(system))
     names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n_dampers > 1)
     for quantity, names_of in columns_of(Demand, sizes_of(topology)):
@@ -163,19 +160,20 @@ def viscous_forces(system: System) -> list[Any]:
     return [rod.material.force for rod in system.rods if isinstance(rod.material, PowerLaw)]
 
 
-def _have_contact(system: System) -> list[bool]:
-    return [link.contact is not None for link in system.links]
-
-
-def _yield(system: System) -> list[bool]:
-    return [hysteresis_of(rod.material) is not None for rod in system.rods]
+def _present(system: System) -> dict[str, list[bool]]:
+    """Whether each element has the quantities that some have only, by ``Quantity.only``."""
+    return {
+        "contact": [link.contact is not None for link in system.links],
+        "yielding": [hysteresis_of(rod.material) is not None for rod in system.rods],
+        "storey": [is_storey(ends) for ends in system.topology.rods],
+    }
 
 
 def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
     """Group, element and field of the demands that each name is the largest of."""
-    topology = system.topology
+    topology, has = system.topology, _present(system)
     members: dict[str, list[tuple[str, int, str]]] = {}
-    if any(map(is_storey, topology.rods)):
+    if any(has["storey"]):
         drift, acceleration = OF_FLOORS
         # The drift of a storey above the ground is the displacement of its floor.
         members[drift] = [
@@ -184,9 +182,9 @@ def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
             for ends in [topology.rods[r]]
         ]
         members[acceleration] = [("masses", i, acceleration) for i in range(topology.n_masses)]
-    if rods := [r for r, yields in enumerate(_yield(system)) if yields]:
+    if rods := [*itertools.compress(itertools.count(), has["yielding"])]:
         members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
-    links = [k for k, has_contact in enumerate(_have_contact(system)) if has_contact]
+    links = [*itertools.compress(itertools.count(), has["contact"])]
     if links and len(system.links) > 1:
         members |= {name: [("links", k, name) for k in links] for name in OF_CONTACTS}
     return members
@@ -224,7 +222,7 @@ def required_gaps(system: System, demand: Demand) -> dict[str, Any]:
         if is_closable(link.gap) and link.contact is None
     }
     named = {of_link(REQUIRED_GAP, k, len(system.links)): gap for k, gap in gaps.items()}
-    if any(_have_contact(system)) or not gaps:
+    if any(link.contact is not None for link in system.links) or not gaps:
         return named
     return named | {REQUIRED_GAP: reduce(larger, gaps.values())}
 
@@ -256,27 +254,21 @@ def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> An
 
     Raises ``InvalidInput`` if the structures have no such demand, or the function gives no number.
     """
-    if isinstance(spec, str):
-        return _value_named(owner, system, demand, spec)
-    value = jnp.asarray(real(owner, "demand", spec(demand)))
-    return value.astype(jnp.result_type(float, value))
-
-
-def _value_named(owner: str, system: System, demand: Demand, name: str) -> Any:
-    if name in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
+    if not isinstance(spec, str):
+        value = jnp.asarray(real(owner, "demand", spec(demand)))
+        return value.astype(jnp.result_type(float, value))
+    if spec in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
         raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
-    if name == OVERLAP:
+    if spec == OVERLAP:
         return -demand.min_gap
     values = all_demands(system, demand)
-    if name in values:
-        return values[name]
-    only = getattr(quantity_named(name), "only", "")
-    if only == "contact":
-        raise InvalidInput(owner, "demand", repr(name), "must be of structures with a contact law")
-    if only == "yielding" or name in (*OF_YIELDING, "collapsed"):
-        rule = "must be of structures with a rod that yields"
-        raise InvalidInput(owner, "demand", repr(name), rule)
-    raise InvalidInput(owner, "", "", _unknown(reprlib.repr(name), hint(name, values)))
+    if spec in values:
+        return values[spec]
+    of_all = spec in (*OF_YIELDING, "collapsed")
+    only = "yielding" if of_all else getattr(quantity_named(spec), "only", "")
+    if needed := {"contact": "a contact law", "yielding": "a rod that yields"}.get(only):
+        raise InvalidInput(owner, "demand", repr(spec), f"must be of structures with {needed}")
+    raise InvalidInput(owner, "", "", _unknown(reprlib.repr(spec), hint(spec, values)))
 
 
 def require_limited(owner: str, name: Any, place: str) -> None:

@@ -214,7 +214,10 @@ test_bad_bearings_are_refused = refusals(
     (LeadRubber, 2.5, 50e3, r"^LeadRubber: strength = 50000 must be between 0.0001 and 1 \(of the"),
     (LeadRubber, 2.5, 0.05, 0.0, f"^LeadRubber: yield_displacement = 0 {NOT_POSITIVE}"),
     (LeadRubber, 2.5, 0.05, 10.0, r"yield_displacement = 10 must be between 1e-05 and 1 m"),
-    (LeadRubber, 2.5, 0.05, 0.01, 0.0, r"^LeadRubber: ultimate_displacement = 0 must be positive"),
+    (
+        *(LeadRubber, 2.5, 0.05, 0.02, 0.01),
+        r"^LeadRubber: ultimate_displacement = 0.01 must be at least yield_displacement = 0.02",
+    ),
     (RUBBER.damping_ratio, -1.0, f"^LeadRubber.damping_ratio: displacement = -1 {NOT_POSITIVE}"),
 )
 
@@ -235,8 +238,15 @@ test_bad_buildings_are_refused = refusals(
         r"^isolated: wall = 0.3 must be of type MoatWall or None",
     ),
     (lambda: jp.isolated(FRAME, SLIDING, BASE, gravity=-1.0), f"gravity = -1 {NOT_POSITIVE}"),
-    (lambda: jp.isolated(FRAME, SLIDING, BASE, number=-1), r"building = -1 must be a whole number"),
-    (lambda: jp.isolated(FRAME, SLIDING, BASE, height=0.0), f"heights.0 = 0 {NOT_POSITIVE}"),
+    (
+        lambda: jp.isolated(FRAME, RUBBER, BASE, number=-1),
+        r"^isolated: number = -1 must be a whole number from 0 on",
+    ),
+    (
+        lambda: jp.isolated(FRAME, SLIDING, BASE, height=0.0),
+        f"^isolated: height = 0 {NOT_POSITIVE}",
+    ),
+    (ISOLATED, FRAME, RUBBER, 1e11, "^isolated: base_mass = 1e.11 must be between 0.001 and"),
     (
         TUNED,
         3.0,
@@ -252,5 +262,16 @@ test_bad_buildings_are_refused = refusals(
         lambda: TUNED(FRAME, 0.1, damping_ratio=0),
         f"^tuned_mass_.*: damping_ratio = 0 {NOT_POSITIVE}",
     ),
-    (lambda: TUNED(FRAME, 0.1, damping_ratio=2.0), r"damping_ratio = 2 must be between 0 and 1"),
+    (
+        lambda: TUNED(FRAME, 0.1, damping_ratio=2.0),
+        "^tuned_mass_damper: damping_ratio = 2 must be between 0 and 1",
+    ),
+    (
+        lambda: TUNED(FRAME, 0.1, frequency_ratio=1e3),
+        "^tuned_mass_damper: frequency_ratio: period = 0.0005 must be between 0.002 and 60 s",
+    ),
+    (
+        lambda: TUNED(FRAME, 1e9, frequency_ratio=1),
+        "^tuned_mass_damper: mass_ratio: mass = .* must be between 0.001 and 1e.10",
+    ),
 )

@@ -165,6 +165,11 @@ def test_a_pattern_stands_for_all_paths_that_it_matches():
     frictions = {"links.0.friction": 1.0, "links.1.friction": 2.0}
     for values in (both, dict(reversed(both.items()))):
         assert parameters.expanded("owner", ROW, values) == frictions
+    faces = jp.Link((0, jp.GROUND), friction=0.1, gap=(0.2, 0.3))  # the left one has no friction
+    system = jp.System((1.0,), [jp.Rod(ROW.system().rods[0].material, 1.0, (0, -1))], [faces])
+    assert [*parameters.expanded("owner", system, {"links.*.friction": 1})] == ["links.0.friction"]
+    space = jp.DesignSpace(system, {"links.*.friction": (0.0, 1.0)})
+    assert space.structures([0.5]).links[0].friction == 0.5
 
 
 test_patterns_that_match_nothing_or_twice_are_named = refusals(

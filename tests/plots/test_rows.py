@@ -107,6 +107,15 @@ def test_walls_stand_where_gaps_to_the_ground_close_and_bearings_in_a_pit(legibl
     assert ax.figure.get_figheight() < ax.figure.get_figwidth()
 
 
+def test_walls_with_soil_are_as_low_as_bearings_and_leave_storeys_their_scale(legible):
+    links = tuple(jp.FloorLink(b, 0, gap=0.35, contact=LAW) for b in (0, 1))
+    ax = plots.row(row_of((1, 5, 1), links), [[0.5], [0.5, 3.5, 6.5, 9.5, 12.5], [0.5]])
+    ground = next(line for line in ax.lines if line.get_color() == "#000000")
+    assert min(ground.get_ydata()) == 0.5 - 3.0
+    assert ax.figure.get_figheight() < ax.figure.get_figwidth()
+    legible(ax.figure, [*ax.texts, *ax.get_legend().texts])
+
+
 def colours(ax):
     """The colours of the floors of two buildings."""
     return [mpl.colors.to_rgba(colour, 0.25) for colour in ("#0072B2", "#D55E00")]
