@@ -20,7 +20,6 @@ from .isolation import FrictionPendulum as FrictionPendulum
 from .isolation import LeadRubber as LeadRubber
 from .isolation import MoatWall as MoatWall
 from .isolation import isolated as isolated
-from .isolation import tuned_mass_damper as tuned_mass_damper
 from .rod import ZenerRod as ZenerRod
 from .row import FloorLink as FloorLink
 from .row import Row as Row
@@ -33,5 +32,7 @@ from .system import Link as Link
 from .system import Rod as Rod
 from .system import System as System
 from .topology import GROUND as GROUND
+from .tuned import tuned_inerter_damper as tuned_inerter_damper
+from .tuned import tuned_mass_damper as tuned_mass_damper
 from .vibration import Modes as Modes
 from .vibration import modes as modes

@@ -1,4 +1,4 @@
-"""Bearings under a building, the moat wall around it, and a tuned mass on it; in SI units."""
+"""Bearings under a building and the moat wall around it; in SI units."""
 
 from __future__ import annotations
 
@@ -252,47 +252,3 @@ def isolated(
     between = bearing.between(weight)
     link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
     return on_bearings, (link(number, **between),) if wall or between else ()
-
-
-def tuned_mass_damper(
-    building: Building | ShearBuilding,
-    mass_ratio: Any,
-    *,
-    frequency_ratio: Any = None,
-    damping_ratio: Any = None,
-) -> ShearBuilding:
-    """A building with a tuned mass on a spring and a dashpot on its roof, as its top storey.
-
-    Parameters
-    ----------
-    building
-        The building.
-    mass_ratio
-        m > 0, the tuned mass over the modal mass of the first mode at the roof.
-    frequency_ratio
-        > 0, frequency of the tuned mass over that of the first mode; by default 1/(1 + m).
-    damping_ratio
-        > 0, of the tuned mass alone, at its own frequency; by default √(3 m/(8 (1 + m))). Both are
-        those of Den Hartog (1956), for an undamped building under a harmonic load; his damping
-        refers to the frequency of the building and is 1 + m times smaller.
-
-    Examples
-    --------
-    >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
-    >>> tuned = jp.tuned_mass_damper(frame, mass_ratio=0.05)
-    >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
-    (5, [0.565, 0.466])
-    """
-    owner = "tuned_mass_damper"
-    instance(owner, "building", building, ShearBuilding, Building)
-    frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
-    (ratio,) = positive(owner, mass_ratio=mass_ratio)
-    tuning = 1 / (1 + ratio) if frequency_ratio is None else frequency_ratio
-    damping = jnp.sqrt(3 * ratio / (8 * (1 + ratio))) if damping_ratio is None else damping_ratio
-    tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
-    modes = frame.modes()
-    shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
-    mass = ratio * sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
-    with renamed(owner, {"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
-        top = Building.from_period(mass, modes.periods[0] / tuning, damping, order=1.0)
-    return ShearBuilding((*frame.storeys, top), (*frame.heights, frame.heights[-1]))

@@ -73,7 +73,7 @@ class _Floors(NamedTuple):
     """The floors of concrete buildings, by mass; in SI."""
 
     weights: np.ndarray
-    masses: np.ndarray
+    masses: np.ndarray  # with the inertances at each
     moved: np.ndarray  # displacement under 1 g, by the stiffness of the first mode
     periods: np.ndarray  # of each floor on its own storey, by the same stiffness
     first_periods: tuple[float, ...]  # natural period of each building
@@ -82,7 +82,8 @@ class _Floors(NamedTuple):
     def of(structures: AdjacentStructures | Row, scales: Scales) -> _Floors | None:
         """Those of structures and their scales; None if they are traced or a batch."""
         system = structures.system()
-        if not is_known_and_single((system.masses, system.rods, scales)):
+        inerters = [(link.ends, link.inerter) for link in system.links if link.inerter]
+        if not is_known_and_single((system.masses, system.rods, inerters, scales)):
             return None
         masses = np.array([float(mass) for mass in system.masses])
         stiffnesses, moved = np.ones_like(masses), np.ones_like(masses)
@@ -96,10 +97,13 @@ class _Floors(NamedTuple):
             weights = masses[above] * at_rest
             stiffer = omega**2 * (weights @ at_rest) / weights.sum()
             stiffnesses[above], moved[above] = soft * stiffer, at_rest / stiffer
+        inertia = masses.copy()
+        for ends, inerter in inerters:
+            inertia[[end for end in ends if end != GROUND]] += float(inerter.inertance)
         time, mass = float(scales.time), float(scales.mass)
         return _Floors(
             weights=masses * mass * float(scales.gravity),
-            masses=masses * mass,
+            masses=inertia * mass,
             moved=moved * float(scales.length),
             periods=2 * np.pi * np.sqrt(masses / stiffnesses) * time,
             first_periods=tuple(2 * math.pi / omega * time for omega in frequencies),
