@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import jaxpound as jp
-from jaxpound.cli.reading import Section, between, named, of_field
+from jaxpound.cli.reading import Section, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
 from jaxpound.model.row import by_face
 from jaxpound.model.shear_building import HEIGHT
 
 _Friction = Annotated[float, of_field(jp.FrictionPendulum, "friction")]
 _Yield = Annotated[float, of_field(jp.LeadRubber, "yield_displacement")]
+_Share = between(1e-4, 10, "", "of the modal mass; 0.05 is usual")
 _Ultimate = Annotated[float, of_field(jp.Bilinear, "ultimate_displacement")]
 
 
@@ -42,25 +45,55 @@ class IsolationSection(OfClass):
     height: Annotated[float, between(*HEIGHT)] = 0.5
     wall: WallSection | None = None
 
-    def under(self, building: jp.ShearBuilding, number: int) -> tuple[Any, tuple[Any, ...]]:
-        """A building on the bearings, and their links to the ground, face by face."""
+    def under(
+        self, building: jp.ShearBuilding, links: Sequence[jp.FloorLink], number: int
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """A building on the bearings, and its links, also those to the ground, face by face."""
         options: dict[str, Any] = {"number": number, "height": self.height}
         if (wall := self.wall) is not None:
             law = wall.contact and wall.contact.model()
             options["wall"] = jp.MoatWall(of_faces(wall.gap), law)
         with named("isolation:"):
-            isolated, links = jp.isolated(building, self.model(), self.base_mass, **options)
-        return isolated, by_face(links)
+            isolated, of_base = jp.isolated(building, self.model(), self.base_mass, **options)
+        higher = [replace(link, floor=link.floor + 1, next_floor=_above(link)) for link in links]
+        return isolated, by_face((*higher, *of_base))
+
+
+def _above(link: jp.FloorLink) -> int | None:
+    """The lower floor of a link in a building that is put on a base."""
+    return None if link.other_floor == jp.GROUND else link.other_floor + 1
+
+
+def device_of(link: jp.FloorLink) -> str:
+    """The table of a building that makes a link of its own."""
+    return "tuned_mass" if link.inerter else "isolation"
 
 
 class TunedMassSection(Section):
-    """A tuned mass on a spring and a dashpot."""
+    """A tuned mass on a spring and a dashpot, and an inerter from it to a floor below."""
 
-    mass_ratio: Annotated[float, between(1e-4, 10, "", "of the modal mass; 0.05 is usual")]
+    mass_ratio: Annotated[float, _Share] | None = None
+    inertance_ratio: Annotated[float, _Share] | None = None
+    floor: Annotated[int, between(1, 1000)] | None = None
     frequency_ratio: Annotated[float, between(0.01, 100, "", "of the first mode's")] | None = None
     damping_ratio: Annotated[float, between(1e-6, 1, "", "of the critical damping")] | None = None
 
-    def on(self, building: jp.ShearBuilding) -> jp.ShearBuilding:
-        """A building with the tuned mass on its roof."""
+    def __post_init__(self) -> None:
+        if self.inertance_ratio is None:
+            self.require_all(("mass_ratio",), " or inertance_ratio")
+            self.refuse_any(("floor",), "must not be given without inertance_ratio")
+
+    def on(
+        self, building: jp.ShearBuilding, number: int
+    ) -> tuple[jp.ShearBuilding, tuple[jp.FloorLink, ...]]:
+        """A building with the tuned mass on its roof, and its inerter."""
+        options: dict[str, Any] = self.stated()
         with named("tuned_mass:"):
-            return jp.tuned_mass_damper(building, **self.stated())
+            if self.inertance_ratio is None:
+                return jp.tuned_mass_damper(building, **options), ()
+            if self.floor is not None:
+                if self.floor >= building.n_floors:
+                    rule = f"must be below the roof, from 1 to {building.n_floors - 1}"
+                    raise refused("floor", rule, str(self.floor))
+                options["floor"] = self.floor - 1
+            return jp.tuned_inerter_damper(building, number=number, **options)

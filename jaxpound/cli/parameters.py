@@ -22,6 +22,7 @@ import jaxpound as jp
 from jaxpound._checks import did_you_mean
 from jaxpound.buildings import pair_in, scaled_links
 from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSection
+from jaxpound.cli.isolation import device_of
 from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import LAWS, DistributionSpec, drawn
@@ -232,7 +233,7 @@ def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
         for path in (f"{law}.{path}" for law in LAWS for path in paths(getattr(link, law))):
             ends[path.replace(".material.", ".")] = path
-        place = f"link.{table}" if table else f"building.{link.building + 1}.isolation"
+        place = f"link.{table}" if table else f"building.{link.building + 1}.{device_of(link)}"
         for key, path in ends.items():
             keys.setdefault(f"{place}.{key}", []).append(f"links.{k}.{path}")
     return keys

@@ -118,10 +118,15 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
         "slip_distance_m": float(demand.slip_distance),
         "damper_energy_J": float(demand.friction_work),
         "residual_offset_m": float(demand.residual_offset),
+        "inerter_force_N": _largest(response.links[k].inertia),
         "viscous_force_N": None if damper is None else float(damper.peak_force),
         "viscous_energy_J": None if damper is None else float(damper.dissipated_energy),
         "contact": _of_contact(response, k),
     }
+
+
+def _largest(series: Any) -> float | None:
+    return None if series is None else float(np.abs(series).max())
 
 
 def _first_contact(response: jp.Response, link: int) -> float | None:

@@ -129,10 +129,21 @@ class VelocityFrictionSection(Section):
         return jp.VelocityFriction(self.increase, self.velocity)
 
 
+class InerterSection(Section):
+    """A force in proportion to the relative acceleration."""
+
+    inertance: Annotated[float, of_field(jp.Inerter, "inertance")]
+
+    def model(self) -> jp.Inerter:
+        """The library's inerter, in SI units."""
+        return jp.Inerter(self.inertance)
+
+
 LAWS: dict[str, Any] = {
     "contact": ContactSection,
     "damper": DamperSection,
     "velocity_friction": VelocityFrictionSection,
+    "inerter": InerterSection,
 }
 """The tables of a link that are objects of the library."""
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
