@@ -203,8 +203,7 @@ def _rebuilt(node: Any, values: Mapping[Sequence[str], Any]) -> Any:
         below.setdefault(first, {})[tuple(tail)] = value
     if isinstance(node, tuple | list):
         return type(node)(
-            _rebuilt(item, below[str(i)]) if str(i) in below else item
-            for i, item in enumerate(node)
+            _rebuilt(x, below[str(i)]) if str(i) in below else x for i, x in enumerate(node)
         )
     changed = {field: _rebuilt(getattr(node, field), tail) for field, tail in below.items()}
     return dataclasses.replace(node, **changed)
