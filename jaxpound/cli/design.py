@@ -212,7 +212,9 @@ def prepared(file: File, config: DesignConfig, paths: Sequence[Path] = ()) -> De
     return DesignTask(parameters, space, ensemble, alone, objective, grid)
 
 
-def _recorded(file: File, table: RecordedTable | None, paths: list[Path]) -> dict[str, jp.Record]:
+def _recorded(
+    file: File, table: RecordedTable | None, paths: Sequence[Path]
+) -> dict[str, jp.Record]:
     """Recorded earthquakes of the file, and others in g, by name."""
     files, units = (table.files, table.units) if table else ([], None)
     motions = read_records(f"{file.name}: [recorded] files", file.folder, files, units)

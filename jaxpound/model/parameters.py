@@ -129,8 +129,7 @@ def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[s
     have no friction, and patterns leave it out.
     """
     frictionless = {f"links.{k}.friction" for k in faces(structures.system().topology)}
-    values: dict[str, X] = {}
-    sources: dict[str, str] = {}
+    values, sources = dict[str, X](), dict[str, str]()
     for key, value in by_pattern.items():
         matched = [key]
         if "*" in key:
