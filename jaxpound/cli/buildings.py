@@ -287,10 +287,9 @@ class LinkSection(Section):
             raise ValueError("must have floor or floors, one of them")
         if self.floors != "common":
             self.require_all(("building",))
-        if self.floors:
-            self.refuse_any(("next_floor",), "must not be given with floors")
-        elif self.next_building == "ground":
-            self.refuse_any(("next_floor",), "must not be given with ground")
+        if self.floors or self.next_building == "ground":
+            other_end = "floors" if self.floors else "ground"
+            self.refuse_any(("next_floor",), f"must not be given with {other_end}")
         if self.floors == "common":
             rule = 'must not be given with floors = "common": it is the one to the right'
             self.refuse_any(("next_building",), rule)
@@ -361,9 +360,7 @@ class BuildingsLayout:
         return cls(si, *pair_of("dimensionless", pair, *between), *more)
 
     @classmethod
-    def of_row(
-        cls, buildings: Sequence[BuildingSection], links: Sequence[LinkSection]
-    ) -> BuildingsLayout:
+    def of_row(cls, buildings: list[BuildingSection], links: list[LinkSection]) -> BuildingsLayout:
         """Buildings in a row; a ``ValueError`` for a link that cannot be."""
         standing = [building.standing(b) for b, building in enumerate(buildings)]
         models = tuple(model for model, _ in standing)

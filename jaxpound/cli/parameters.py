@@ -226,8 +226,7 @@ def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
             fixed = _OF_ROD if layout.bearings[b] and i == 0 else ()  # of bearings, without creep
             for path in paths(material):
                 key = path.rpartition(".")[2]
-                # An ultimate displacement may be infinite.
-                if key not in fixed and np.isfinite(get(material, path)):
+                if key not in fixed and np.isfinite(get(material, path)):  # e_u may be infinite
                     keys[f"{storey}.{key}"] = [f"{rod}.material.{path}"]
     for k, (table, link) in enumerate(zip(layout.tables, layout.si.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
@@ -266,10 +265,7 @@ class VariableBounds(Section):
 
 
 def uncertain_structures(
-    place: str,
-    table: Mapping[str, DistributionSpec],
-    parameters: Parameters,
-    correlation: float | None = None,
+    place: str, table: Mapping[str, Any], parameters: Parameters, correlation: float | None = None
 ) -> jp.UncertainStructures:
     """Structures whose parameters are multiples of the stated ones by random factors."""
     for key, factor in table.items():
@@ -314,9 +310,7 @@ class Uncertain(Shaken, kw_only=True):
         return jp.Scenarios(structures, ground), grid
 
 
-def design_space(
-    place: str, table: Mapping[str, VariableBounds], parameters: Parameters
-) -> jp.DesignSpace:
+def design_space(place: str, table: Mapping[str, Any], parameters: Parameters) -> jp.DesignSpace:
     """Structures whose parameters may be chosen between multiples of the stated ones."""
     # In SI units first, for messages in the units of the file.
     stated = by_path(place, table, parameters)

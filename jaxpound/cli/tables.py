@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
@@ -231,9 +231,7 @@ def drawn(low: float, high: float, unit: str, why: str) -> Meta:
 FACTOR_ON_RECORD = Range(-1e3, 1e3, "", "a factor on the record's acceleration")
 
 
-def read_records(
-    place: str, folder: Path, names: Iterable[str], units: str | None
-) -> list[jp.Record]:
+def read_records(place: str, folder: Path, names: list[str], units: str | None) -> list[jp.Record]:
     """The accelerograms of files in a folder; ``place`` is where a configuration names them."""
     try:
         return [jp.read_record(folder / name, units=units) for name in names]

@@ -21,9 +21,9 @@ from jaxpound.model.rod import ZenerRod
 
 State = TypeVar("State")
 
-_ELONGATION = Range(1e-9, 1e6, "", "from models to towers, in m or g/ω1²")
-_END = _ELONGATION._replace(high=np.inf)
-_DEGRADATION = Range(0, 100, "", "for each K e_y² of energy; usually 0 to 0.1")
+_LENGTH = Range(1e-9, 1e6, "", "from models to towers, in m or g/ω1²")
+_END = _LENGTH._replace(high=np.inf)
+_WEAR = Range(0, 100, "", "for each K e_y² of energy; usually 0 to 0.1")
 
 
 @runtime_checkable
@@ -101,9 +101,7 @@ class Bilinear:
     0.11
     """
 
-    yield_displacement: Any = parameter(
-        "e_y", "length", above=0, usual=(0.01, 1.0), within=_ELONGATION
-    )
+    yield_displacement: Any = parameter("e_y", "length", above=0, usual=(0.01, 1.0), within=_LENGTH)
     hardening: Any = parameter(r"\alpha", least=-1, most=1, usual=(0.0, 0.3), default=0.0)
     ultimate_displacement: Any = parameter(
         "e_u", "length", above=0, finite=False, within=_END, default=np.inf
@@ -197,10 +195,8 @@ class BoucWen:
     hardening: Any = like(Bilinear, "hardening", default=0.0)
     exponent: Any = parameter("n", least=1, usual=(1.0, 5.0), within=Range(1, 50), default=2.0)
     beta: Any = parameter(r"\beta", least=0, most=1, default=0.5)
-    strength_degradation: Any = parameter(r"\delta_\nu", least=0, within=_DEGRADATION, default=0.0)
-    stiffness_degradation: Any = parameter(
-        r"\delta_\eta", least=0, within=_DEGRADATION, default=0.0
-    )
+    strength_degradation: Any = parameter(r"\delta_\nu", least=0, within=_WEAR, default=0.0)
+    stiffness_degradation: Any = parameter(r"\delta_\eta", least=0, within=_WEAR, default=0.0)
     ultimate_displacement: Any = like(Bilinear, "ultimate_displacement", default=np.inf)
 
     def __post_init__(self) -> None:

@@ -129,8 +129,7 @@ def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[s
     have no friction, and patterns leave it out.
     """
     frictionless = {f"links.{k}.friction" for k in faces(structures.system().topology)}
-    values: dict[str, X] = {}
-    sources: dict[str, str] = {}
+    values, sources = dict[str, X](), dict[str, str]()
     for key, value in by_pattern.items():
         matched = [key]
         if "*" in key:
@@ -203,8 +202,7 @@ def _rebuilt(node: Any, values: Mapping[Sequence[str], Any]) -> Any:
         below.setdefault(first, {})[tuple(tail)] = value
     if isinstance(node, tuple | list):
         return type(node)(
-            _rebuilt(item, below[str(i)]) if str(i) in below else item
-            for i, item in enumerate(node)
+            _rebuilt(x, below[str(i)]) if str(i) in below else x for i, x in enumerate(node)
         )
     changed = {field: _rebuilt(getattr(node, field), tail) for field, tail in below.items()}
     return dataclasses.replace(node, **changed)

@@ -36,8 +36,7 @@ def ring(topology: Topology) -> int | None:
 @cache
 def faces(topology: Topology) -> dict[int, int]:
     """The links that are the other face of a link before them, and of which."""
-    first: dict[Ends, int] = {}
-    opposite: dict[int, int] = {}
+    first, opposite = dict[Ends, int](), dict[int, int]()
     for k, ends in enumerate(topology.links):
         link = first.get(ends[::-1])
         if link is not None and link not in opposite.values():

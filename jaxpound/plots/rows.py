@@ -22,7 +22,6 @@ from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 from jaxpound.units import Scales, scales_for
 
-Written = Callable[[str, Any], str]  # writes a number of a kind
 Lines = list[tuple[str, str]]  # words and their colours
 Damper = tuple[int, Rod] | None  # of a link: its number among the rods, and itself
 Storey = tuple[float, str, Lines]  # height of a floor, the words in it and the lines below it
@@ -169,9 +168,7 @@ def _ground(
     ax.fill_between(x, bottom, y, **_HATCH)
 
 
-def _building(
-    ax: Axes, left: float, below: float, slab: float, colour: str, storeys: Sequence[Storey]
-) -> None:
+def _building(ax: Axes, left: float, below: float, slab: float, colour: str, storeys: Any) -> None:
     """Storeys from the ground below them on."""
     middle, columns = left + _WIDTH / 2, left + np.array([0.1, 0.9]) * _WIDTH
     style: Any = {"edgecolor": colour, "facecolor": (colour, 0.25), "linewidth": 1.0}
@@ -200,7 +197,7 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
     return f"{float(f'{factor * in_si:.3g}'):,g} {unit}"
 
 
-def _numbers(k: int, link: Link, damper: Damper, write: Written) -> Lines:
+def _numbers(k: int, link: Link, damper: Damper, write: Callable[[str, Any], str]) -> Lines:
     """Forces and gap of a link, where it has them, in words and colours."""
     forces, fast = list[str](), link.velocity_friction
     if float(link.friction) or fast:
@@ -256,23 +253,21 @@ def _link(
 
 def _finish(ax: Axes, links: Sequence[tuple[Link, Damper]], in_metres: bool) -> None:
     """Legend of the symbols, and the axis of heights."""
-    symbols: list[Any] = []
+    marks: list[Any] = []
     style: Any = {"color": COLOURS["damper"], "linewidth": 1.2}
     if any(float(link.friction) or link.velocity_friction for link, _ in links):
-        symbols.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
+        marks.append(Line2D([], [], label=r"damper, slip force $\mu$", **_PLATES, **style))
     if materials := {type(damper[1].material).__name__ for _, damper in links if damper}:
         words = f"damper ({', '.join(sorted(materials))})"
-        symbols.append(Line2D([], [], label=words, **_DASHPOT, **style))
+        marks.append(Line2D([], [], label=words, **_DASHPOT, **style))
     if any(np.isfinite(float(link.gap)) for link, _ in links):
         arrow: Any = {"color": COLOURS["ground"], "linewidth": 0.6, "markersize": 4}
-        symbols.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
+        marks.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
     if laws := {type(link.contact).__name__ for link, _ in links if link.contact is not None}:
         words = f"contact ({', '.join(sorted(laws))})"
-        symbols.append(Patch(color=COLOURS["pounding"], label=words))
-    if symbols:
-        ax.legend(
-            handles=symbols, ncols=len(symbols), loc="lower center", bbox_to_anchor=(0.5, 1.0)
-        )
+        marks.append(Patch(color=COLOURS["pounding"], label=words))
+    if marks:
+        ax.legend(handles=marks, ncols=len(marks), loc="lower center", bbox_to_anchor=(0.5, 1.0))
     ticks = [x for x in ax.get_yticks() if in_metres and 0 <= x <= ax.get_ylim()[1]]
     ax.set(xticks=[], yticks=ticks)
     ax.grid(False)

@@ -126,6 +126,12 @@ def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
         assert [link.side for link in si.links] == [link.side for link in links]
 
 
+def test_a_damper_to_the_ground_by_its_other_floor_is_written_as_one():
+    ground = jp.FloorLink(0, 1, jp.GROUND, friction=2e4)
+    written = as_toml(jp.Buildings((FRAME, FRAME), (ground,)))
+    assert layout_of(written).si.system().topology.links == ((1, jp.GROUND),)
+
+
 def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
     page = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
