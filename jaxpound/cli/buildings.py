@@ -17,15 +17,8 @@ import jaxpound as jp
 from jaxpound.buildings import pair_of
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
-from jaxpound.cli.tables import (
-    LAWS,
-    ContactSection,
-    DamperSection,
-    Friction,
-    Gaps,
-    InerterSection,
-    of_faces,
-)
+from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
+from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
@@ -170,87 +163,6 @@ class BuildingSection(BlockSection):
 
     def shear(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
-        values = self.values()
-        heights = () if self.height is None else ((self.height,),)
-        with named("", UNITS):
-            block = (jp.Building.from_period if "period" in values else jp.Building)(**values)
-        return self.yielding(jp.ShearBuilding((block,), *heights))
-
-
-UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}
-"""Units of the numbers of a building, by key."""
-
-
-class StoreySection(Section):
-    """The storeys of a building: by its period and damping, or each by its mass and rod."""
-
-    number: _Number | None = None
-    mass: _Mass | None = None
-    period: _Period | None = None
-    damping_ratio: _Damping | None = None
-    taper: Annotated[float, between(*TAPER)] | None = None
-    height: _Height | None = None
-
-    masses: Annotated[list[_Mass], each(_Mass, alone=False)] | None = None
-    stiffnesses: Annotated[_Stiffness | list[_Stiffness], each(_Stiffness)] | None = None
-    order: Annotated[_Order | list[_Order], each(_Order)] | None = None
-    tau_f: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
-    tau_x: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
-    heights: Annotated[_Height | list[_Height], each(_Height)] | None = None
-
-    def __post_init__(self) -> None:
-        values = self.stated()
-        uniform = not values.keys().isdisjoint({*_ONE_RULE} - {*_LISTED})
-        allowed = _ONE_RULE if uniform else (*_LISTED, "heights")
-        for key, value in values.items():
-            if key not in allowed or (uniform and isinstance(value, list)):
-                fault = f"a list of {key}" if key in allowed else key
-                raise ValueError(f"must not have {fault} here; give {_STOREYS}")
-        if missing := [key for key in (_UNIFORM if uniform else _LISTED) if key not in values]:
-            raise ValueError(f"lacks {', '.join(missing)}; give {_STOREYS}")
-        self.model()
-
-    def model(self) -> jp.ShearBuilding:
-        """The library's ``ShearBuilding``."""
-        values = self.stated()
-        with named("", UNITS):
-            if "masses" in values:
-                return jp.ShearBuilding.of_storeys(**values)
-            n, mass = values.pop("number"), values.pop("mass")
-            return jp.ShearBuilding.from_period(n, mass, **values)
-
-
-class BuildingSection(BlockSection):
-    """A building of a row: its storeys, one of the literature, or a block on a rod."""
-
-    storeys: StoreySection | None = None
-    published: str | None = None
-    isolation: IsolationSection | None = None
-    tuned_mass: TunedMassSection | None = None
-
-    def __post_init__(self) -> None:
-        keys = [*self.stated()]
-        ways = [key for key in ("storeys", "published") if key in keys]
-        if not keys:
-            raise ValueError(f"lacks its storeys; give storeys, published, or {_WAYS}")
-        if ways and (others := [key for key in keys if key not in (ways[0], *_BESIDE)]):
-            raise ValueError(f"must not have {others[0]} beside {ways[0]}")
-        if not ways:
-            super().__post_init__()
-        PERIOD.require("natural period", self.shear().natural_period)
-        self.standing(0)
-
-    def standing(self, number: int) -> tuple[jp.ShearBuilding, tuple[jp.FloorLink, ...]]:
-        """Building ``number``, from 0, with its tuned mass, on its bearings; and their links."""
-        building, links = self.shear(), tuple[jp.FloorLink, ...]()
-        if self.tuned_mass is not None:
-            building, links = self.tuned_mass.on(building, number)
-        return (
-            self.isolation.under(building, links, number) if self.isolation else (building, links)
-        )
-
-    def shear(self) -> jp.ShearBuilding:
-        """The library's ``ShearBuilding``."""
         if self.storeys is not None:
             return self.yielding(self.storeys.model())
         if self.published is not None:
@@ -280,7 +192,7 @@ class LinkSection(Section):
     contact: ContactSection | None = None
     damper: DamperSection | None = None
     velocity_friction: VelocityFriction | None = None
-    inerter: InerterSection | None = None
+    inerter: Inerter | None = None
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.floors is None):

@@ -34,6 +34,7 @@ _PLATES: Any = {"marker": "s", "markersize": 5}  # the symbol of a friction damp
 _PISTON = [(1, 0.7), (-1, 0.7), (-1, -0.7), (1, -0.7), (0, 0.4), (0, -0.4), (0, 0), (1, 0)]
 _DASHPOT = _PLATES | {"marker": Path(_PISTON, [1, 2, 2, 2, 1, 2, 1, 2]), "markersize": 7}
 _DASHPOT |= {"markerfacecolor": "white"}
+_FLYWHEEL: Any = {"marker": "o", "markersize": 7, "markerfacecolor": "white"}
 _HATCH: Any = {"facecolor": "0.85", "hatch": "////", "edgecolor": "0.6", "linewidth": 0}
 _STOREY, _SLAB, _LINE = 0.45, 0.18, 0.15  # least height of a storey, floor, number in inches
 
@@ -206,6 +207,8 @@ def _numbers(k: int, link: Link, damper: Damper, write: Callable[[str, Any], str
         forces.append(f"to {write('force', link.friction + fast.increase)}")
     if damper and isinstance(damper[1].material, PowerLaw):
         forces.append(f"$F_{{{damper[0] + 1}}}$ = {write('force', damper[1].material.force)}")
+    if link.inerter:
+        forces.append(f"$b_{{{k + 1}}}$ = {write('mass', link.inerter.inertance)}")
     words = [("\n".join(forces), COLOURS["damper"])] if forces else []
     if np.isfinite(float(link.gap)):
         words.append((f"$\\xi_{{0,{k + 1}}}$ = {write('length', link.gap)}", COLOURS["ground"]))
@@ -232,7 +235,9 @@ def _link(
         x = left + np.array([0.12, 0.88]) * _WIDTH
         y = np.array([low + slab / 2 * (low > 0), high - slab / 2])
     if COLOURS["damper"] in dict(numbers).values():
-        symbol: Any = (_DASHPOT if damper else _PLATES) | {"color": COLOURS["damper"]}
+        slips = float(link.friction) or link.velocity_friction
+        symbol: Any = _DASHPOT if damper else _PLATES if slips else _FLYWHEEL
+        symbol = symbol | {"color": COLOURS["damper"]}
         ax.plot(x, y, linewidth=1.2, zorder=3 if between else 0.9, color=symbol["color"])
         ax.plot([x.mean()], [y.mean()], zorder=4, **symbol)
     if link.contact is not None:
@@ -260,6 +265,8 @@ def _finish(ax: Axes, links: Sequence[tuple[Link, Damper]], in_metres: bool) -> 
     if materials := {type(damper[1].material).__name__ for _, damper in links if damper}:
         words = f"damper ({', '.join(sorted(materials))})"
         marks.append(Line2D([], [], label=words, **_DASHPOT, **style))
+    if any(link.inerter for link, _ in links):
+        marks.append(Line2D([], [], label="inerter, inertance $b$", **_FLYWHEEL, **style))
     if any(np.isfinite(float(link.gap)) for link, _ in links):
         arrow: Any = {"color": COLOURS["ground"], "linewidth": 0.6, "markersize": 4}
         marks.append(Line2D([], [], marker="d", label=r"gap at rest $\xi_0$", **arrow))
