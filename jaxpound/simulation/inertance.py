@@ -1,9 +1,8 @@
 """Inerters of links: a force b s'' in proportion to the relative acceleration of their ends.
 
-The links of a group have s'' = a − G q, with the relative accelerations a of their ends without
-them, their forces q and G = Bᵀ M⁻¹ B. With inertances b this is s'' = (1 + G b)⁻¹ (a − G q): the
-same law with (1 + G b)⁻¹ a and (G⁻¹ + b)⁻¹ in the place of a and G, in which friction, contact and
-events are those of links without inerters.
+Links have s'' = a − G q, with the relative accelerations a of their ends without them, their forces
+q and G = Bᵀ M⁻¹ B. With inertances b this is s'' = (1 + G b)⁻¹ (a − G q): the same law with (1 + G
+b)⁻¹ a and (1 + G b)⁻¹ G, in which friction, contact and events are those without inerters.
 """
 
 from __future__ import annotations
@@ -13,39 +12,45 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jaxpound.model.system import Link
-from jaxpound.model.topology import LinkGroup
+from jaxpound.model.system import System
 from jaxpound.simulation.contact.forces import inverse_of, times
 
 
 class Inerters(NamedTuple):
-    """The inerters of a group of n links."""
+    """The inerters of a system with n links."""
 
-    inertances: jax.Array  # b, (n,)
+    inertances: dict[int, jax.Array]  # b of the links that have one
     reduction: jax.Array  # (1 + G b)⁻¹, (n, n)
-    delassus: jax.Array  # (G⁻¹ + b)⁻¹
+    delassus: jax.Array  # (1 + G b)⁻¹ G
 
     @staticmethod
-    def of(group: LinkGroup, links: Sequence[Link], delassus: jax.Array) -> Inerters | None:
-        """Those of a group with G; None if no link has one."""
-        parts = [links[k].inerter for k in group.links[: len(group.hanging)]]
-        if not any(parts):
+    def of(system: System, inverse_masses: Sequence[jax.Array]) -> Inerters | None:
+        """Those of a system; None if no link has one."""
+        inertances = {k: x.inerter.inertance for k, x in enumerate(system.links) if x.inerter}
+        if not inertances:
             return None
-        zero = jnp.zeros_like(delassus[0, 0])
-        inertances = jnp.stack([zero + (x.inertance if x else 0.0) for x in parts])
-        whole = inverse_of(delassus)
-        reduced = inverse_of(whole + jnp.diag(inertances))
-        return Inerters(inertances, reduced @ whole, reduced)
+        masses, links = range(len(system.masses)), system.topology.links
+        signs = np.array([[(mass == i) - (mass == j) for mass in masses] for i, j in links], float)
+        inverse = jnp.stack(inverse_masses)
+        delassus = (signs.astype(inverse.dtype) * inverse[None]) @ signs.T.astype(inverse.dtype)
+        by_link = jnp.stack([inertances.get(k, 0 * inverse[0]) for k in range(len(links))])
+        reduction = inverse_of(jnp.eye(len(links), dtype=inverse.dtype) + delassus * by_link[None])
+        return Inerters(inertances, reduction, reduction @ delassus)
 
     def for_masses_over(self, share: jax.Array) -> Inerters:
         """The same where all masses and inertances are divided by a number."""
-        return Inerters(self.inertances / share, self.reduction, self.delassus * share)
+        inertances = {k: b / share for k, b in self.inertances.items()}
+        return Inerters(inertances, self.reduction, self.delassus * share)
 
-    def reduced(self, pulls: jax.Array) -> jax.Array:
-        """Relative accelerations without the links' forces."""
-        return times(self.reduction, pulls)
+    def reduced(self, pulls: Sequence[jax.Array]) -> list[jax.Array]:
+        """Relative accelerations without the links' forces, from those without inerters."""
+        return [*times(self.reduction, jnp.stack(pulls))]
 
-    def forces(self, pulls: jax.Array, totals: jax.Array) -> jax.Array:
-        """Forces of the inerters, from a and the forces of the links."""
-        return self.inertances * (self.reduced(pulls) - times(self.delassus, totals))
+    def forces(
+        self, pulls: Sequence[jax.Array], totals: Sequence[jax.Array]
+    ) -> dict[int, jax.Array]:
+        """Forces of the inerters by link, from reduced ``pulls`` and the other forces of links."""
+        accelerations = jnp.stack(pulls) - times(self.delassus, jnp.stack(totals))
+        return {k: b * accelerations[k] for k, b in self.inertances.items()}

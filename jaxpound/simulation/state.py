@@ -16,15 +16,8 @@ import jax.numpy as jnp
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import System
-from jaxpound.model.topology import GROUND, Ends, LinkGroup, Topology, elongation, link_groups
-from jaxpound.simulation.contact.forces import seen_by_faces
-from jaxpound.simulation.contact.group import (
-    ContactState,
-    Coupling,
-    coupling,
-    delassus_of,
-    needs_flow,
-)
+from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
+from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, needs_flow
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
@@ -52,21 +45,9 @@ class StepConstants(NamedTuple):
     hysteresis: tuple[HysteresisConstants | None, ...]  # of the rods
     frictions: tuple[jax.Array, ...]
     couplings: tuple[Coupling | None, ...]  # by group of links; None without a local flow
-    inerters: tuple[Inerters | None, ...]  # by group of links
+    inerters: Inerters | None
     slots: int  # impacts recorded for each link in one step
     initial_elongations: tuple[jax.Array, ...] | None  # of the rods; None at rest
-
-    @property
-    def inertances(self) -> dict[int, jax.Array]:
-        """Those of links in groups with inerters, by link."""
-        pairs = ((group.links, y.inertances) for group, y in self.groups_with_inerters)
-        return {k: b for links, values in pairs for k, b in zip(links, values, strict=False)}
-
-    @property
-    def groups_with_inerters(self) -> list[tuple[LinkGroup, Inerters]]:
-        """The groups of links with inerters, and these."""
-        groups = zip(link_groups(self.topology), self.inerters, strict=True)
-        return [(group, inerters) for group, inerters in groups if inerters is not None]
 
     @property
     def is_long(self) -> bool:
@@ -147,22 +128,16 @@ def step_constants(
         for rod in system.rods
     ]
     hysteresis = each(HysteresisConstants, laws, [rod.stiffness for rod in system.rods])
-    links, couplings, inerters = system.links, list[Any](), list[Any]()
-    for group in link_groups(topology):
-        of_group = coupled = None
-        if any(links[k].inerter for k in group.links) or needs_flow(group, links):
-            delassus, shares = delassus_of(topology, group, inverse)
-            if (of_group := Inerters.of(group, links, delassus)) is not None:
-                delassus = of_group.delassus
-            coupled = coupling(group, links, delassus, shares)
-        inerters.append(of_group)
-        couplings.append(coupled if needs_flow(group, links) else None)
+    groups, links = link_groups(topology), system.links
+    flowing = [group if needs_flow(group, links) else None for group in groups]
+    inerters = Inerters.of(system, inverse)
+    couplings = each(lambda group: coupling(topology, group, links, inverse, inerters), flowing)
     initial = None
     if displaced is not None:
         initial = tuple(elongation(ends, displaced) for ends in topology.rods)
     frictions = tuple(link.friction for link in links)
-    by_group = tuple(couplings), tuple(inerters)
-    return StepConstants(topology, inverse, rods, hysteresis, frictions, *by_group, slots, initial)
+    of_links = frictions, couplings, inerters, slots
+    return StepConstants(topology, inverse, rods, hysteresis, *of_links, initial)
 
 
 def start_state(
@@ -201,7 +176,7 @@ def for_half_kick(system: StepConstants, share: jax.Array) -> StepConstants:
     """Inverse masses times the share: the first kick is half a step."""
     inverse_masses = tuple(share * inverse for inverse in system.inverse_masses)
     couplings = each(lambda x: x._replace(delassus=share * x.delassus), system.couplings)
-    inerters = each(lambda x: x.for_masses_over(share), system.inerters)
+    inerters = system.inerters and system.inerters.for_masses_over(share)
     return system._replace(inverse_masses=inverse_masses, couplings=couplings, inerters=inerters)
 
 
@@ -259,44 +234,22 @@ def of_all_masses(
 def link_pulls(
     system: StepConstants, loads: Sequence[jax.Array], shaking: jax.Array
 ) -> list[jax.Array]:
-    """Relative accelerations of the links' ends without their forces."""
-    pulls = _pulls_of_masses(system, loads, shaking)
-    for group, inerters in system.groups_with_inerters:
-        by_link = inerters.reduced(jnp.stack([pulls[k] for k in group.links[: len(group.hanging)]]))
-        for k, pull in zip(group.links, seen_by_faces(by_link, group.faces), strict=True):
-            pulls[k] = pull
-    return pulls
-
-
-def inerter_forces(
-    system: StepConstants,
-    loads: Sequence[jax.Array],
-    shaking: jax.Array,
-    link_forces: Sequence[jax.Array],
-) -> dict[int, jax.Array]:
-    """Forces of inerters by link, under loads of rods and forces of friction and contact."""
-    forces: dict[int, jax.Array] = {}
-    pulls = _pulls_of_masses(system, loads, shaking)
-    for group, inerters in system.groups_with_inerters:
-        n = len(group.hanging)
-        totals = [link_forces[k] for k in group.links[:n]]
-        for face, k in zip(group.links[n:], group.faces, strict=True):
-            totals[k] = totals[k] - link_forces[face]
-        by_link = jnp.stack([pulls[k] for k in group.links[:n]])
-        forces |= dict(zip(group.links, inerters.forces(by_link, jnp.stack(totals)), strict=False))
-    return forces
-
-
-def _pulls_of_masses(
-    system: StepConstants, loads: Sequence[jax.Array], shaking: jax.Array
-) -> list[jax.Array]:
-    """Relative accelerations of ends without the links; between masses u'' drops out."""
-    inverse = system.inverse_masses
-    pulls = []
+    """Relative accelerations of the links' ends without these; between masses u'' drops out."""
+    pulls, inverse = list[jax.Array](), system.inverse_masses
     for ends in system.topology.links:
         left, right = (shaking if end == GROUND else loads[end] * inverse[end] for end in ends)
         pulls.append(left - right)
-    return pulls
+    return pulls if system.inerters is None else system.inerters.reduced(pulls)
+
+
+def inerter_forces(
+    system: StepConstants, forces: Sequence[Any], shaking: jax.Array, totals: Sequence[jax.Array]
+) -> dict[int, jax.Array]:
+    """Forces of inerters by link, under forces of rods, and of friction and contact."""
+    if system.inerters is None:
+        return {}
+    pulls = link_pulls(system, system.topology.loads(forces), shaking)
+    return system.inerters.forces(pulls, totals)
 
 
 def link_inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:

@@ -25,7 +25,6 @@ from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
 from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
-from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
@@ -103,7 +102,7 @@ def step(
         links=links,
     )
     totals = [motions[k].total_force for k in range(len(closings))]
-    inertia = state.inerter_forces(whole, topology.loads(forces), acceleration, totals)
+    inertia = state.inerter_forces(whole, forces, acceleration, totals)
     seen = tuple(
         LinkInstant(s, motions[k].velocity_now, motions[k], inertia.get(k))
         for k, s in enumerate(closings)
@@ -267,11 +266,11 @@ class _Step(NamedTuple):
         closings = [link.closing for link in self.before.links]
         contacts: list[ContactState | None] = [None] * len(closings)
         motions: dict[int, LinkMotion] = {}
-        for group, inerters in zip(link_groups(system.topology), system.inerters, strict=True):
+        for group in link_groups(system.topology):
             if len(group.hanging) > 1:
                 continue
             k = group.links[0]
-            motions[k] = self._slide(k, pulls[k], inerters)
+            motions[k] = self._slide(k, pulls[k])
             if group.faces:
                 single = jax.tree.map(lambda y: y[None], motions[k])
                 motions |= _by_link(group, contact_group.with_other_faces(single, group.faces))
@@ -297,13 +296,13 @@ class _Step(NamedTuple):
                 contacts[k] = state.contact_at_start(contacts[k], link, motions[k], starts, self.dt)
         return closings, contacts, motions
 
-    def _slide(self, k: int, pull: jax.Array, inerters: Inerters | None) -> LinkMotion:
+    def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
         """Motion of a link that shares no mass, without contact."""
         link, ends, system = self.before.links[k], self.system.topology.links[k], self.system
         rise = self._rise(pull, link.pull, GROUND in ends)
         inverse_mass = state.link_inverse_mass(ends, system.inverse_masses)
-        if inerters is not None:
-            inverse_mass = inerters.delassus[0, 0]
+        if system.inerters is not None:
+            inverse_mass = system.inerters.delassus[k, k]
         friction = system.frictions[k]
         motion = self.scheme.friction.slide(
             LinkStep(link.velocity, link.phase, pull, rise, inverse_mass, friction, self.dt)
@@ -329,9 +328,9 @@ class _Step(NamedTuple):
         for k in links:
             if mass in (ends := system.topology.links[k]):
                 force = motions[k].mean_force
-                if (inertance := system.inertances.get(k)) is not None:
+                if system.inerters is not None and k in system.inerters.inertances:
                     kick = motions[k].velocity - self.before.links[k].velocity
-                    force = force + inertance * kick / self.dt
+                    force = force + system.inerters.inertances[k] * kick / self.dt
                 load = load - force if ends[0] == mass else load + force
         v = v_before + self.dt * (load * system.inverse_masses[mass] - self.shaking)
         free = _FreeMass(x + self.dt * v, v, x, (v_before + v) / 2)

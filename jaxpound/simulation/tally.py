@@ -169,15 +169,15 @@ class _ObservedInstant(NamedTuple):
         changed: Mapping[int, jax.Array] = MappingProxyType({}),
     ) -> jax.Array:
         """A load on a mass with that of inerters, steps after now, as links change their forces."""
-        if not any(self.system.inerters):
+        if self.system.inerters is None:
             return load
         rods = zip(self.now.forces, self.last_forces, strict=True)
-        loads = self.system.topology.loads([force + (force - last) * late for force, last in rods])
+        forces = [force + (force - last) * late for force, last in rods]
         shaking = self.now.ground_acceleration
         shaking = shaking + (shaking - self.last_shaking) * late
         links = enumerate(self.now.links)
         totals = [changed.get(k, link.motion.total_force) for k, link in links]
-        inertia = inerter_forces(self.system, loads, shaking, totals)
+        inertia = inerter_forces(self.system, forces, shaking, totals)
         return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
 
 

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxpound._extrema import larger
 from jaxpound.model.contact import with_mass
@@ -38,6 +39,7 @@ from jaxpound.simulation.contact.forces import (
 )
 from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
 from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
+from jaxpound.simulation.inertance import Inerters
 
 
 class Coupling(NamedTuple):
@@ -84,11 +86,17 @@ def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
     return len(group.hanging) > 1 or any(x.contact or x.velocity_friction for x in of_group)
 
 
-def delassus_of(
-    topology: Topology, group: LinkGroup, inverse: tuple[jax.Array, ...]
-) -> tuple[jax.Array, dict[int, jax.Array]]:
-    """G of a group, (n, n), and by mass the shares of closings; ``inverse`` are inverse masses."""
-    ends = [topology.links[k] for k in group.links[: len(group.hanging)]]
+def coupling(
+    topology: Topology,
+    group: LinkGroup,
+    links: tuple[Link, ...],
+    inverse: tuple[jax.Array, ...],
+    inerters: Inerters | None,
+) -> Coupling:
+    """The constants of a group; ``inverse`` are the inverse masses."""
+    n, of_group = len(group.hanging), [links[k] for k in group.links]
+    link_of_face = (*range(n), *group.faces)
+    ends = [topology.links[k] for k in group.links[:n]]
     signs = {
         mass: jnp.asarray([(mass == i) - (mass == j) for i, j in ends], inverse[0].dtype)
         for mass in group.masses
@@ -96,18 +104,9 @@ def delassus_of(
     weighed = [inverse[mass] * jnp.outer(sign, sign) for mass, sign in signs.items()]
     delassus = sum(weighed[1:], weighed[0])
     whole = inverse_of(delassus)
-    return delassus, {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
-
-
-def coupling(
-    group: LinkGroup,
-    links: tuple[Link, ...],
-    delassus: jax.Array,
-    shares: dict[int, jax.Array],
-) -> Coupling:
-    """The constants of a group."""
-    n, of_group = len(group.hanging), [links[k] for k in group.links]
-    link_of_face = (*range(n), *group.faces)
+    shares = {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
+    if inerters is not None:  # whose impulses do not change the shares
+        delassus = inerters.delassus[np.ix_(group.links[:n], group.links[:n])]
     return Coupling(
         delassus=delassus,
         mass_shares={mass: _of_links_alone(share, group.faces) for mass, share in shares.items()},
