@@ -80,7 +80,7 @@ class TunedMassSection(Section):
 
     def __post_init__(self) -> None:
         if self.inertance_ratio is None:
-            self.require_all(("mass_ratio",), " or inertance_ratio")
+            self.require_all(("mass_ratio",), " or 'inertance_ratio'")
             self.refuse_any(("floor",), "must not be given without inertance_ratio")
 
     def on(

@@ -142,9 +142,9 @@ class Objective:
     links (if there are several): ``peak_x3``, ``peak_f5``, ``peak_drift_2`` (of a storey between
     two floors), ``slip_distance_2``, ``damper_force_2``. Of several dampers there is also
     ``total_damper_force``, the sum of all slip forces and of the forces of viscous dampers at their
-    reference velocity: a limit on it is a budget that the dampers share. ``peak_drift`` and
-    ``peak_acceleration`` are the largest of all storeys and floors, and ``peak_contact``,
-    ``peak_impulse`` and ``peak_penetration`` of several links the largest of all.
+    reference velocity, and of inerters ``total_inertance``: a limit on it is a budget that they
+    share. ``peak_drift`` and ``peak_acceleration`` are the largest of all storeys and floors, and
+    ``peak_contact``, ``peak_impulse`` and ``peak_penetration`` of several links the largest of all.
 
     Examples
     --------

@@ -23,7 +23,7 @@ from jaxpound.ground.run_input import require_time_unit
 from jaxpound.model.system import Link, common_gap, gravity_of, is_closable
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link
-from jaxpound.results.named import limited_demands, limited_values, viscous_forces
+from jaxpound.results.named import inertances, limited_demands, limited_values, viscous_forces
 from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
@@ -156,13 +156,15 @@ class DesignProblem:
         """The ``columns`` of structures in one earthquake."""
         response, system = demand(structures, ground, self.grid, self.scheme), structures.system()
         gaps = [system.links[k].gap for k in self._closable]
-        forces: Any = [link.friction for link in system.links], viscous_forces(system)
-        if self.scales is not None:
-            response = self.scales.to_si(response)
-            gaps = [x * self.scales.length for x in gaps]
-            unit = self.scales.force
-            forces = jax.tree.map(lambda x: x * unit, forces)
-        columns = limited_values(system, response, *forces)
+        frictions = [link.friction for link in system.links]
+        amounts: Any = frictions, viscous_forces(system), inertances(system)
+        if (scales := self.scales) is not None:
+            response = scales.to_si(response)
+            gaps = [x * scales.length for x in gaps]
+            units = scales.force, scales.force, scales.mass
+            of_kinds = zip(amounts, units, strict=True)
+            amounts = [[x * unit for x in of_kind] for of_kind, unit in of_kinds]
+        columns = limited_values(system, response, *amounts)
         if gaps:
             columns |= {"initial_gap": sum(gaps) / len(gaps)}
         return {name: jnp.asarray(columns[name], response.min_gap.dtype) for name in self.columns}

@@ -48,11 +48,13 @@ DemandSpec = str | Callable[[Demand], Any]
 """A demand by its name, or a function of a run's ``Demand``."""
 
 _DAMPER, _ALL_DAMPERS = "damper_force", "total_damper_force"
+_INERTANCE = "total_inertance"
 
 _further = partial(Quantity, limited=True)
 _FURTHER = {
     _DAMPER: _further("force", "slip force of the damper", _DAMPER, "slip force"),
     _ALL_DAMPERS: _further("force", "forces of all dampers together", "", "total damper force"),
+    _INERTANCE: _further("mass", "inertances of all inerters together", "", "total inertance"),
     REQUIRED_GAP: Quantity("length", "required gap", REQUIRED_GAP, "required gap"),
     OVERLAP: Quantity("length", "overlap"),
     "initial_gap": Quantity("length", "gap at rest"),
@@ -143,16 +145,23 @@ def limited_demands(system: System) -> tuple[str, ...]:
 
     Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value; the slip forces
     of links (``damper_force``) and, of several dampers, the sum of these and of the forces of
-    viscous ones at their reference velocity; the largest demands of ``over_all``.
+    viscous ones at their reference velocity; the sum of inertances; the largest demands of
+    ``over_all``.
     """
     topology, n, has = system.topology, len(system.links), _present(system)
     n_dampers = n + len(viscous_forces(system))
     names = [of_link(_DAMPER, k, n) for k in range(n)] + [_ALL_DAMPERS] * (n_dampers > 1)
+    names += [_INERTANCE] * bool(inertances(system))
     for quantity, names_of in columns_of(Demand, sizes_of(topology)):
         if quantity.limited:
             present = has[quantity.only] if quantity.only else itertools.repeat(True)
             names += itertools.compress(names_of, present)
     return (*names, *_over_all(system))
+
+
+def inertances(system: System) -> list[Any]:
+    """The inertance of each inerter."""
+    return [link.inerter.inertance for link in system.links if link.inerter]
 
 
 def viscous_forces(system: System) -> list[Any]:
@@ -233,11 +242,16 @@ def all_demands(system: System, demand: Demand) -> dict[str, Any]:
 
 
 def limited_values(
-    system: System, demand: Demand, slip_forces: Sequence[Any], viscous: Sequence[Any] = ()
+    system: System,
+    demand: Demand,
+    slip_forces: Sequence[Any],
+    viscous: Sequence[Any] = (),
+    of_inerters: Sequence[Any] = (),
 ) -> dict[str, Any]:
     """The ``limited_demands`` of a run by name, among other scalars.
 
-    ``slip_forces`` are those of the links, ``viscous`` are the ``viscous_forces``.
+    ``slip_forces`` are those of the links, ``viscous`` are the ``viscous_forces`` and
+    ``of_inerters`` the ``inertances``, in the units of the demand.
     """
     n = len(slip_forces)
     return (
@@ -245,7 +259,7 @@ def limited_values(
         | over_all(system, demand)
         | {name: jnp.abs(x) for name, x in demand.flat("residual_offset").items()}
         | {of_link(_DAMPER, k, n): x for k, x in enumerate(slip_forces)}
-        | {_ALL_DAMPERS: sum([*slip_forces, *viscous])}
+        | {_ALL_DAMPERS: sum([*slip_forces, *viscous]), _INERTANCE: sum(of_inerters)}
     )
 
 

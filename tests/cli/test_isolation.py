@@ -3,6 +3,7 @@
 What they become, how they are written back, their parameters, mistakes, and what a run says.
 """
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -86,6 +87,22 @@ WEAK, SMOOTH = (
 )
 YIELDS = "yield_force = 2e6\nhardening = 0.1\n"
 LEAD_WALL = f"{LEAD}, ultimate_displacement = 0.6, wall = {{gap = 0.3}}}}\n"
+
+
+def tuned_inerter(**options):
+    """On bearings, where all floors are one higher."""
+    building, (link,) = jp.tuned_inerter_damper(FRAME, 0.05, damping_ratio=0.1, **options)
+    on_bearings, _ = isolated(jp.LeadRubber(2.5, 0.05), building)
+    below = None if link.next_floor is None else link.next_floor + 1
+    return (on_bearings,), (dataclasses.replace(link, floor=4, next_floor=below),)
+
+
+def with_inerter():
+    between = {"gap": 0.1, "inerter": jp.Inerter(2e5)}
+    return (FRAME, FRAME), (jp.FloorLink(0, 1, **between),)
+
+
+TUNED_INERTER = "tuned_mass = {inertance_ratio = 0.05, damping_ratio = 0.1"
 FORMS = {
     "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
     "lead rubber": (STOREYS + LEAD_WALL, one(*lead_rubber())),
@@ -101,6 +118,16 @@ FORMS = {
     "tuned mass": (
         f"{STOREYS}tuned_mass = {{mass_ratio = 0.05, damping_ratio = 0.1}}",
         one(jp.tuned_mass_damper(FRAME, 0.05, damping_ratio=0.1), ()),
+    ),
+    "inerter": (
+        f"{STOREYS}{STOREYS}[[link]]\nbuilding = 1\nfloor = 2\ngap = 0.1\n"
+        "inerter = {inertance = 2e5}",
+        with_inerter(),
+    ),
+    "tuned inerter": (f"{STOREYS}{TUNED_INERTER}}}\n{LEAD}}}", tuned_inerter()),
+    "tuned inerter above a floor": (
+        f"{STOREYS}{TUNED_INERTER}, floor = 1, mass_ratio = 0.02}}\n{LEAD}}}",
+        tuned_inerter(floor=0, mass_ratio=0.02),
     ),
     "left face": (
         f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\nside = 'left'\n"
@@ -217,6 +244,8 @@ test_links = refusals(
     (f"{POWER}}}", "damper lacks the key 'exponent', which law = \"power\" needs"),
     (POWER.replace("r'", "s'") + "}", 'damper law = "powes" must be one of "power"; did you mean'),
     ("damper = {law = 'power', force = 1, exponent = 1}", "damper lacks the key 'stiffness'"),
+    ("inerter = {}", "inerter lacks the key 'inertance'"),
+    ("inerter = {inertance = -1}", "inerter inertance = -1 kg must be between 0 and 1e.12"),
     ("velocity_friction = {increase = 1}", "velocity_friction lacks the key 'velocity'"),
     (
         f"gap = 0.1\nside = 'left'\n{SECOND.replace('2', '1')}",
@@ -238,13 +267,19 @@ test_bearings = refusals(
     before=r"row.toml: \[\[building\]\] 1 isolation ",
 )
 test_masses = refusals(
-    ("{}", "lacks the key 'mass_ratio'"),
+    ("{}", "lacks the key 'mass_ratio' or 'inertance_ratio'"),
     ("{mass_ratio = 0}", "mass_ratio = 0 must be between 0.0001 and 10"),
+    ("{inertance_ratio = 20}", "inertance_ratio = 20 must be between 0.0001 and 10"),
+    ("{mass_ratio = 0.1, floor = 1}", "floor must not be given without inertance_ratio"),
     of=lambda table: layout_of(f"{STOREYS}tuned_mass = {table}"),
     before=r"row.toml: \[\[building\]\] 1 tuned_mass ",
 )
 test_forms = refusals(
     (f"{PAIR}isolation]", r"\[building_1\] has an unknown key 'isolation'; it belongs in \[\[bui"),
+    (
+        f"{STOREYS}tuned_mass = {{inertance_ratio = 0.1, floor = 3}}",
+        r"\[\[building\]\] 1 tuned_mass: floor = 3 must be below the roof, from 1 to 2",
+    ),
     (f"{PAIR}tuned_mass]", r"unknown key 'tuned_mass'; it belongs in \[\[building\]\]"),
     (
         f"{GROUND}velocity_friction = {{increase = 1e3, velocity = 0.02}}\n{RUN}",

@@ -103,6 +103,33 @@ def test_a_comparison_tells_of_each_link_and_goals_of_the_closest(design):
     assert float(jp.GapAtRest()(*gaps)) == pytest.approx(-np.mean(GAPS))
 
 
+def test_a_budget_of_inertance_is_placed_where_it_is_best():
+    earthquakes = jp.Ensemble.drawn(jp.Scenarios(ROW, WAVES), 4, sampling="sobol")
+
+    def with_inerters(inertances):
+        links = (
+            dataclasses.replace(link, friction=0.0, inerter=jp.Inerter(b))
+            for link, b in zip(ROW.links, inertances, strict=True)
+        )
+        return dataclasses.replace(ROW, links=tuple(links))
+
+    @jax.jit
+    @jax.vmap
+    def mean(share):
+        row = with_inerters((share * BUDGET, (1 - share) * BUDGET))
+        return jax.vmap(lambda g: jp.demand(row, g, GRID).min_gap)(earthquakes.grounds).mean()
+
+    space = jp.DesignSpace(with_inerters((0.3, 0.3)), {"links.*.inerter.inertance": (0.0, BUDGET)})
+    within = jp.Objective(limits={"total_inertance": BUDGET})
+    design = jp.design_damper(space, earthquakes, GRID, objective=within, fresh=None, **SEARCH)
+    inertances = np.array([*design.values.values()])
+    assert design.prices["total_inertance"] == pytest.approx(inertances.sum(), rel=1e-6)
+    assert inertances.sum() <= BUDGET * 1.001
+    placements = mean(np.linspace(0, 1, 21))
+    assert placements.max() - placements.min() > 0.01
+    assert design.objective >= placements.max() - 1e-3
+
+
 def test_a_budget_of_viscous_dampers_is_placed_where_it_is_best():
     def with_dampers(forces):
         dampers = [jp.Rod(jp.PowerLaw(force, 0.4), 5.0) for force in forces]

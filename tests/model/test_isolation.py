@@ -1,4 +1,4 @@
-"""Bearings, moat walls and tuned masses, in closed form."""
+"""Bearings and moat walls, in closed form."""
 
 import numpy as np
 import pytest
@@ -149,48 +149,7 @@ def test_friction_grows_with_the_velocity_from_slow_to_fast():
     assert bearing.damping_ratio(0.2) == FrictionPendulum(2.24, 0.04).damping_ratio(0.2)
 
 
-@pytest.mark.parametrize("ratio", [0.02, 0.1])
-def test_a_tuned_mass_on_an_undamped_block_leaves_den_hartog_s_equal_peaks(ratio):
-    block = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
-    tuned = jp.tuned_mass_damper(block, ratio)
-    top, own = tuned.storeys[1], np.sqrt(block.stiffness / block.mass)
-    assert top.mass == pytest.approx(ratio * block.mass, rel=1e-9)
-    frequency = np.sqrt(top.dynamic_stiffness / top.mass)
-    assert frequency == pytest.approx(own / (1 + ratio), rel=1e-9)
-    # Den Hartog's ratio is over 2 m Ω, Ω being the block's frequency and not that of the mass.
-    of_block = top.damping_ratio * frequency / own
-    assert of_block == pytest.approx(np.sqrt(3 * ratio / (8 * (1 + ratio) ** 3)), rel=1e-6)
-    omega = own * np.linspace(0.7, 1.2, 20_001)
-    masses, stiffness = matrices(tuned)
-    moduli = np.asarray(top.zener().complex_modulus(omega))[:, None, None]
-    way = np.array([[1.0, -1.0], [-1.0, 1.0]]) * float(top.stiffness)
-    dynamic = stiffness - way + way * moduli - masses * omega[:, None, None] ** 2
-    load = np.broadcast_to(np.array([[1.0], [0.0]]), (omega.size, 2, 1))
-    amplitude = np.abs(np.linalg.solve(dynamic, load)[:, 0, 0]) * block.stiffness
-    inner = amplitude[1:-1]
-    peaks = inner[(inner > amplitude[:-2]) & (inner > amplitude[2:])]
-    # He makes the mean of two optima, whose peaks are equal but for 4e-4 at a tenth.
-    np.testing.assert_allclose(peaks, np.sqrt(1 + 2 / ratio), rtol=5e-3)
-    assert peaks[0] == pytest.approx(peaks[1], rel=4e-3)
-
-
-def test_a_tuned_mass_is_a_share_of_the_modal_mass_at_the_roof():
-    tuned = jp.tuned_mass_damper(FRAME, 0.05, frequency_ratio=0.9, damping_ratio=0.2)
-    assert tuned.storeys[:3] == FRAME.storeys
-    assert tuned.heights == (3.0,) * 4
-    shape = np.sin((np.arange(3) + 1) * np.pi / 7)  # of equal floors on equal storeys
-    modal_mass = 300e3 * np.sum((shape / shape[-1]) ** 2)
-    top = tuned.storeys[3]
-    assert top.mass == pytest.approx(0.05 * modal_mass, rel=1e-6)
-    assert top.natural_period == pytest.approx(0.5 / 0.9, rel=1e-6)
-    assert top.damping_ratio == pytest.approx(0.2, rel=1e-6)
-    # With hardly any damping the modes are those of the springs.
-    block = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
-    light = jp.tuned_mass_damper(block, 0.1, damping_ratio=1e-6)
-    np.testing.assert_allclose(light.modes().frequencies, frequencies(light), rtol=1e-6)
-
-
-PENDULUM, ISOLATED, TUNED = FrictionPendulum, jp.isolated, jp.tuned_mass_damper
+PENDULUM, ISOLATED = FrictionPendulum, jp.isolated
 NOT_POSITIVE = "must be positive and finite"
 
 test_bad_bearings_are_refused = refusals(
@@ -247,31 +206,4 @@ test_bad_buildings_are_refused = refusals(
         f"^isolated: height = 0 {NOT_POSITIVE}",
     ),
     (ISOLATED, FRAME, RUBBER, 1e11, "^isolated: base_mass = 1e.11 must be between 0.001 and"),
-    (
-        TUNED,
-        3.0,
-        0.05,
-        r"^tuned_mass_damper: building = 3.0 must be of type ShearBuilding or Build",
-    ),
-    (TUNED, FRAME, 0.0, f"^tuned_mass_damper: mass_ratio = 0 {NOT_POSITIVE}"),
-    (
-        lambda: TUNED(FRAME, 0.1, frequency_ratio=0),
-        f"^tuned_mass_.*frequency_ratio = 0 {NOT_POSITIVE}",
-    ),
-    (
-        lambda: TUNED(FRAME, 0.1, damping_ratio=0),
-        f"^tuned_mass_.*: damping_ratio = 0 {NOT_POSITIVE}",
-    ),
-    (
-        lambda: TUNED(FRAME, 0.1, damping_ratio=2.0),
-        "^tuned_mass_damper: damping_ratio = 2 must be between 0 and 1",
-    ),
-    (
-        lambda: TUNED(FRAME, 0.1, frequency_ratio=1e3),
-        "^tuned_mass_damper: frequency_ratio: period = 0.0005 must be between 0.002 and 60 s",
-    ),
-    (
-        lambda: TUNED(FRAME, 1e9, frequency_ratio=1),
-        "^tuned_mass_damper: mass_ratio: mass = .* must be between 0.001 and 1e.10",
-    ),
 )
