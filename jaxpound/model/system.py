@@ -173,7 +173,7 @@ class System:
 
     The equations of motion are M x'' = −B_r f − B_l (q + p) − M 1 u'', with the rods' forces f, the
     links' friction q and contact force p, and the ground acceleration u''; displacements x are
-    relative to the ground.
+    relative to the ground. Inerters add B_l b B_lᵀ x'' on the left.
 
     Raises ``ValueError`` if an end names no mass, a mass has no path of rods to the ground, or
     links close a ring.

@@ -164,7 +164,7 @@ def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
     layout = layout_of(text)
     assert [building.n_floors for building in layout.buildings] == [5, 5, 5]
-    assert layout.tables == (1, 2, 2, None, None)
+    assert layout.tables == (1, 2, 2, None, None, None)
     said = [key for bearing in layout.bearings if bearing for key in bearing.stated()]
     assert {*said} == {*type(layout.bearings[0]).__struct_fields__}
     told = re.findall(r"`((?:link|building)\.1\.[\w.]+)`", page)
