@@ -246,8 +246,7 @@ def inerter_forces(
     system: StepConstants, forces: Sequence[Any], shaking: jax.Array, totals: Sequence[jax.Array]
 ) -> dict[int, jax.Array]:
     """Forces of inerters by link, under forces of rods, and of friction and contact."""
-    if system.inerters is None:
-        return {}
+    assert system.inerters is not None
     pulls = link_pulls(system, system.topology.loads(forces), shaking)
     return system.inerters.forces(pulls, totals)
 

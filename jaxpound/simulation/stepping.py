@@ -101,8 +101,10 @@ def step(
         yielding=tuple(None if rod is None else rod.state for rod in yielding),
         links=links,
     )
-    totals = [motions[k].total_force for k in range(len(closings))]
-    inertia = state.inerter_forces(whole, forces, acceleration, totals)
+    inertia: dict[int, jax.Array] = {}
+    if whole.inerters is not None:
+        totals = [motions[k].total_force for k in range(len(closings))]
+        inertia = state.inerter_forces(whole, forces, acceleration, totals)
     seen = tuple(
         LinkInstant(s, motions[k].velocity_now, motions[k], inertia.get(k))
         for k, s in enumerate(closings)
