@@ -267,10 +267,8 @@ class FactorBounds(NamedTuple):
         common, most = 1.0, self.high / factors.min()
         if shortfall(common) < 0:  # the smallest that reaches ``least``
             if (reached := shortfall(most)) < 0:
-                rule = (
-                    f"must be at most {reached + least:.4g}, which factors of {self.high:g} reach"
-                )
-                raise InvalidInput(SCALED_TO, "least", f"{least:g}", rule)
+                largest = f"{reached + least:.4g}, which factors of {self.high:g} reach"
+                raise InvalidInput(SCALED_TO, "least", f"{least:g}", f"must be at most {largest}")
             common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
         return selected, np.minimum(common * factors, self.high)
 

@@ -26,10 +26,8 @@ def too_short(name: str, period: float, dt: float) -> list[str]:
     """A sentence if a wavelet's period has too few steps of ``dt``."""
     if not period < STEPS_PER_WAVELET * dt:
         return []
-    return [
-        f"ground: {name} is {period / dt:.3g} time steps long and should be at least "
-        f"{STEPS_PER_WAVELET}: a finer time grid resolves it"
-    ]
+    length = f"{period / dt:.3g} time steps long and should be at least {STEPS_PER_WAVELET}"
+    return [f"ground: {name} is {length}: a finer time grid resolves it"]
 
 
 @pytree_dataclass

@@ -181,10 +181,8 @@ class SuiteRuns:
         peaks = suite.pgas * factors
         if peaks.max() > MOST_PGA:
             i = int(np.argmax(peaks))
-            findings.append(
-                f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of {peaks[i]:.4g} "
-                f"g; it should be at most {MOST_PGA:.0f} g"
-            )
+            scaled_up = f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
+            findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {MOST_PGA:.0f} g")
         warn(owner, findings, options.strict)
         require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
         # Padded with zeros: the ground is at rest after a record.
