@@ -82,11 +82,10 @@ class AugmentedLagrangian:
 
     def texts(self, state: SearchState, data: ProblemData) -> tuple[str, str]:
         """The programs of ``iterate`` as text, to distinguish one search from another."""
-        results = jax.eval_shape(self.gradient, *_gradient_arguments(state), 0, data)
-        return (
-            self.gradient.lower(*_gradient_arguments(state), 0, data).as_text(),
-            self.update.lower(state, *results, 0, data).as_text(),
-        )
+        arguments = (*_gradient_arguments(state), 0, data)
+        results = jax.eval_shape(self.gradient, *arguments)
+        update = self.update.lower(state, *results, 0, data)
+        return self.gradient.lower(*arguments).as_text(), update.as_text()
 
     def jacobian(self, scaled: np.ndarray, starts: int, data: ProblemData) -> tuple[Point, Any]:
         """A design, and the derivatives of −J and every excess by its scaled variables, (1 + m, d).
