@@ -191,9 +191,8 @@ class NonstationaryNoise(Checked, GroundDraw):
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, in g and seconds."""
         z = reals("NonstationaryNoise", z, self.dimension)
-        noise = evolving_noise(
-            z, self.dt, self.frequency, self.frequency_slope, self.mid_time, self.damping
-        )
+        oscillator = self.frequency, self.frequency_slope, self.mid_time, self.damping
+        noise = evolving_noise(z, self.dt, *oscillator)
         t = np.arange(self.samples, dtype=z.dtype) * self.dt
         samples = noise * modulation(t, self.arias_intensity, self.duration, self.mid_time)
         if self.high_pass is not None:

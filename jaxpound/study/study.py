@@ -271,8 +271,7 @@ class Study(DemandColumns):
 
     def told(self) -> list[str]:
         """Columns that tables show: no parameters of scenarios, no slip without friction."""
-        drawn = self.about["identity"]["parameters"]
-        names = [name for name in self.columns if name not in drawn]
+        names = [name for name in self.columns if name not in self.about["identity"]["parameters"]]
         return without_idle_dampers(names, lambda name: self._moments[name].largest)
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -286,10 +285,8 @@ class Study(DemandColumns):
         return index, columns
 
     def _tables(self) -> list[TextTable]:
-        rows = []
-        for name in self.told():
-            m = self.moments(name)
-            rows.append((name, m.mean, m.std, m.smallest, m.largest, self.unit(name)))
+        moments = [(name, self.moments(name)) for name in self.told()]
+        rows = [(x, m.mean, m.std, m.smallest, m.largest, self.unit(x)) for x, m in moments]
         units = "dimensionless" if self.scales is None else "SI"
         units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
