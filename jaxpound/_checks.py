@@ -295,9 +295,8 @@ def enforce(owner: str, rules: Iterable[Rule]) -> None:
             value, holds = np.broadcast_arrays(rule.value, holds)
             first = np.unravel_index(np.argmin(holds), holds.shape)
             index = f" (at index [{', '.join(map(str, first))}])" if first else ""
-            raise InvalidInput(
-                owner, rule.name, f"{value[first].item():.8g}{index}", f"must be {rule.says}"
-            )
+            shown = f"{value[first].item():.8g}{index}"
+            raise InvalidInput(owner, rule.name, shown, f"must be {rule.says}")
 
 
 def all_hold(rules: Iterable[Rule]) -> jax.Array:

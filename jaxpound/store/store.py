@@ -226,10 +226,9 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     except (ValueError, TypeError, AttributeError, RecursionError) as error:  # no JSON object
         raise ValueError(f"{owner}: {MANIFEST} is damaged ({error})") from error
     if (version := content.get("format")) != _FORMAT:
-        raise ValueError(
-            f"{owner}: format {reprlib.repr(version)} must be {_FORMAT}; another version of "
-            "jaxpound made it: use that version, or run the study anew into another folder"
-        )
+        rule = f"format {reprlib.repr(version)} must be {_FORMAT}; another version of jaxpound made"
+        advice = "use that version, or run the study anew into another folder"
+        raise ValueError(f"{owner}: {rule} it: {advice}")
     if not intact:
         raise ValueError(f"{owner}: {MANIFEST} is damaged (its checksum is wrong)")
     _check_identity(owner, content.get("identity"))
@@ -309,11 +308,7 @@ def describe(value: Any) -> Any:
 
 
 def identity(
-    search: str,
-    columns: tuple[str, ...],
-    chunk_size: int,
-    program: str,
-    **inputs: Any,
+    search: str, columns: tuple[str, ...], chunk_size: int, program: str, **inputs: Any
 ) -> dict[str, Any]:
     """Everything that determines the numbers of an analysis, as JSON.
 
