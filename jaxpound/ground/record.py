@@ -166,9 +166,8 @@ class Record(motion.GroundMotion):
             raise InvalidInput(owner, "dt", "", rule)
         positive_number(owner, dt=dt)
         dt, old = float(dt), float(self.dt)
-        if dt > self.duration:
-            rule = f"must be at most the record's duration, {self.duration:.8g}"
-            raise InvalidInput(owner, "dt", f"{dt:.8g}", rule)
+        rule = f"at most the record's duration, {self.duration:.8g}"
+        enforce(owner, [Rule("dt", dt, dt <= self.duration, rule)])
         if dt <= old:
             n = int((self.n_samples - 1) * old / dt * (1 + 1e-7)) + 1
             place = np.minimum(np.arange(n) * (dt / old), self.n_samples - 1)

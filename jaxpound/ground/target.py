@@ -334,11 +334,8 @@ class ScaledSuite(Shown):
         low, high = self.range
         notes_at = ["at a bound" if name in self.at_bound else "" for name in self.suite.names]
         rows = [*zip(self.suite.names, self.factors, self.misfits, notes_at, strict=True)]
-        notes = [
-            f"misfit: root mean square of ln(spectrum / target), periods {low:.4g} to {high:.4g}",
-            f"mean of the suite: misfit {self.misfit:.4g}, at least {self.least_ratio:.4g} of the "
-            "target",
-            *self.findings(),
-        ]
+        misfit = f"root mean square of ln(spectrum / target), periods {low:.4g} to {high:.4g}"
+        mean = f"misfit {self.misfit:.4g}, at least {self.least_ratio:.4g} of the target"
+        notes = [f"misfit: {misfit}", f"mean of the suite: {mean}", *self.findings()]
         title = f"Scaled to the target spectrum{self.target.named()}"
         return [TextTable(title, ("record", "factor", "misfit", ""), rows, notes, digits=4)]

@@ -148,8 +148,7 @@ class Pulse(GroundMotion):
         ν, rad, 0 for a symmetric velocity and π/2 for an antisymmetric one; γ > 0, the duration in
         periods, usually 1 to 3.
     time_unit
-        Unit of time: "1/ω1" (also spelled "1/omega1"), that of the dimensionless model, or "s";
-        ``Scales.to_dimensionless`` converts a pulse in seconds.
+        Unit of time, as of ``Record``: "1/ω1" or "s", which ``Scales.to_dimensionless`` converts.
 
     Examples
     --------

@@ -145,11 +145,9 @@ class AnnualRate(Shown):
             between = f"it lies between {low} and {high}"
             range_ = f"whatever it is there, the rate is {low}" if low == high else between
             below, above = 100 * self.below / self.value, 100 * self.above / self.value
-            notes += [
-                f"{below:.3g} % of it from {self.measure} below {self.ends[0]:.4g}, "
-                f"{above:.3g} % from above {self.ends[1]:.4g},",
-                f"where the hazard curve is continued: {range_}",
-            ]
+            weaker = f"{below:.3g} % of it from {self.measure} below {self.ends[0]:.4g}"
+            notes.append(f"{weaker}, {above:.3g} % from above {self.ends[1]:.4g},")
+            notes.append(f"where the hazard curve is continued: {range_}")
         return [TextTable(f"Mean annual rate of {self.event}", (), rows, [*notes, *self.warnings])]
 
 

@@ -92,11 +92,9 @@ class IncrementalDynamicAnalysis(Shown):
         ]
         words = suite_runs.demand_in_words(self.demand, self.si)
         n, reached = len(rows), int(np.isfinite(self.capacities).sum())
-        notes = [
-            f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}",
-            f"{reached} of {n} records reach it; a capacity is the first crossing on the ladder of "
-            f"{len(self.intensities)} intensities, refined",
-        ]
+        capacity = f"first crossing on the ladder of {len(self.intensities)} intensities, refined"
+        notes = [f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}"]
+        notes.append(f"{reached} of {n} records reach it; a capacity is the {capacity}")
         if self.returning:
             notes.append(f"below it again at higher intensities: {', '.join(self.returning)}")
         columns = ("record", "intensity as it is", "capacity", "factor")

@@ -240,7 +240,6 @@ def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 
 def _site(
     owner: str, names: list[str], rows: list[list[str]], site: int | str | None, first: int
 ) -> list[str]:
-    """The row of the site."""
     sites = [row[names.index("name")] for row in rows] if "name" in names else []
     if site is None:
         if len(rows) > 1:

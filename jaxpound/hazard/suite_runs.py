@@ -70,8 +70,7 @@ class AnalysisOptions(NamedTuple):
         elif threshold is None:
             named.require_threshold(owner, self.demand)
         limit = float(number(owner, "threshold", threshold))
-        if not np.isfinite(limit):
-            raise InvalidInput(owner, "threshold", str(limit), "must be finite")
+        enforce(owner, [Rule("threshold", limit, np.isfinite(limit), "finite")])
         return name, limit
 
     def time_grid(self, owner: str, suite: RecordSuite) -> TimeGrid:

@@ -294,7 +294,6 @@ class DesignPointSearch:
         return dataclasses.replace(event, warnings=signs)
 
     def _event(self, method: str, samples: Samples, **fields: Any) -> RareEvent:
-        """The event by samples, with further fields."""
         if len(samples):
             fields |= {"probability": samples.probability, "cov": samples.cov}
         fields |= samples._asdict()

@@ -155,10 +155,8 @@ def simulated(
                 more = min(len(levels), needed, room * len(levels) // runs.count)
     least, most = min(map(len, levels)), max(map(len, levels))
     depths = f"{most} level{'s' * (most > 1)}" if least == most else f"{least} to {most} levels"
-    method = (
-        f"{why}subset simulation by adaptive conditional sampling, {len(levels)} repeats of {n:,} "
-        f"samples a level, p0 = {p0:.3g}, {depths}; c.o.v. by repeats"
-    )
+    method = f"{why}subset simulation by adaptive conditional sampling, {len(levels)} repeats of"
+    method += f" {n:,} samples a level, p0 = {p0:.3g}, {depths}; c.o.v. by repeats"
     estimates, spread = _estimate(levels)
     bound, warnings = _bound(levels, round(p0 * n))
     if runs.failed:

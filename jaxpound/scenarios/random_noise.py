@@ -137,9 +137,7 @@ class NonstationaryNoise(Checked, GroundDraw):
     and is multiplied by a gamma function of time. The motion is the acceleration of a critically
     damped oscillator under this noise, so that velocity and displacement return to zero. It is
     linear in one standard normal number for each sample. ``SiteBasedNoise`` draws the six
-    parameters for an earthquake and a site, too.
-
-    Raises ``ValueError`` if an argument breaks its rule, or the memory has no room for the samples.
+    parameters for an earthquake and a site, too. Raises ``ValueError`` as ``FilteredNoise``.
 
     Parameters
     ----------

@@ -154,7 +154,6 @@ class Store:
         return sorted(number for number in numbers if number in chunks)
 
     def _matching(self, pattern: re.Pattern[str]) -> list[tuple[Path, re.Match[str]]]:
-        """Files of the folder whose names match a pattern."""
         pairs = ((path, pattern.fullmatch(path.name)) for path in self.folder.iterdir())
         return [(path, match) for path, match in pairs if match]
 

@@ -245,10 +245,9 @@ class Study(DemandColumns):
             return {name: self._read(name) for name in kept}
         scenarios = self.scenarios
         if scenarios is None or self.points is None:
-            raise ValueError(
-                "Study.parameters: not kept (keep_parameters=True keeps them), and the scenarios "
-                "are not known; call monte_carlo with the same arguments and store"
-            )
+            reason = "not kept (keep_parameters=True keeps them), and the scenarios are not known"
+            remedy = "call monte_carlo with the same arguments and store"
+            raise ValueError(f"Study.parameters: {reason}; {remedy}")
         values = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(self.points())
         return {name: np.asarray(values[name]) for name in parameter_names(scenarios)}
 

@@ -117,12 +117,10 @@ def _among(data: bytes, signs: bytes) -> NDArray[np.bool_]:
 
 def _lines(data: bytes, encoding: str) -> Iterator[TextLine]:
     """Lines that are not blank. Some PEER files end them in CR CR LF, which counts as one end."""
-    number = 0
-    for chunk in io.BytesIO(data):
-        for line in chunk.rstrip(b"\r\n").split(b"\r"):
-            number += 1
-            if line and trimmed(text := line.decode(encoding)):
-                yield TextLine(number, text)
+    lines = (x for chunk in io.BytesIO(data) for x in chunk.rstrip(b"\r\n").split(b"\r"))
+    for number, line in enumerate(lines, 1):
+        if line and trimmed(text := line.decode(encoding)):
+            yield TextLine(number, text)
 
 
 def trimmed(text: str) -> str:
