@@ -86,8 +86,7 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
         if limit.most < RAREST:
             rule = f"must be at least {RAREST:g}"
             raise InvalidInput(place, "probability", f"{limit.most:.8g}", rule)
-        at_most = limit.at_most
-        if at_most is not None and problem.scales is not None:
+        if (at_most := limit.at_most) is not None and problem.scales is not None:
             at_most /= float(problem.scales.unit_of(kind_of(name)))
         scenarios = DesignScenarios(ensemble.scenarios, nominal, tuple(ensemble.uncertain))
         try:

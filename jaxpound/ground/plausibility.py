@@ -150,8 +150,7 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
             findings.append(f"ground: {_share(len(examples), n)} {problem}; of one, {examples[0]}")
     if in_g or any(records_in(grounds)):
         pgas = np.asarray(_pgas(grounds, grid))
-        beyond = int((pgas > MOST_PGA).sum())
-        if beyond > LEAST_SHARE * n:
+        if (beyond := int((pgas > MOST_PGA).sum())) > LEAST_SHARE * n:
             subject = f"ground: PGA of {_share(beyond, n)}, up to {np.nanmax(pgas):.4g} g,"
             findings.append(_beyond(subject))
     return findings

@@ -280,8 +280,7 @@ class SamplesRate:
     repeats: np.ndarray | None = None  # of each sample, where those of a repeat are correlated
 
     def __post_init__(self) -> None:
-        x = self.intensity[self.hits]
-        if not x.size:
+        if not (x := self.intensity[self.hits]).size:
             rule = "must pound, for the rate to have intensities"
             raise InvalidInput(_OWNER, "a sample", "", rule)
         valid = (x > 0) & np.isfinite(x)

@@ -286,8 +286,7 @@ class HazardCurve(Shown):
         if intensity is None:
             if not drawn:
                 _require_drawn(owner, self._points, study, "intensity, such as 'pga'")
-            share = target / self.annual_rate[0]
-            if share >= 1:
+            if (share := target / self.annual_rate[0]) >= 1:
                 most = f"{self.annual_rate[0]:.4g}"
                 rule = f"in {years:.4g} years, {target:.4g}, must be below the curve's largest rate"
                 name = "the annual rate of probability"

@@ -63,8 +63,7 @@ class AnalysisOptions(NamedTuple):
             if not any(is_closable(link.gap) for link in self.structures.system().links):
                 raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
             if threshold is None:
-                gap = common_gap(self.structures)
-                if gap is None:
+                if (gap := common_gap(self.structures)) is None:
                     return OVERLAP, 0.0
                 return REQUIRED_GAP, float(gap) * (float(scales.length) if scales else 1.0)
         elif threshold is None:
@@ -177,8 +176,7 @@ class SuiteRuns:
         factors = np.ones(len(suite)) if highest is None else highest / self.intensity.unscaled
         findings = imprecise(structures.system(), factors)
         findings += [finding for record in scaled for finding in unseen(record, grid)]
-        peaks = suite.pgas * factors
-        if peaks.max() > MOST_PGA:
+        if (peaks := suite.pgas * factors).max() > MOST_PGA:
             i = int(np.argmax(peaks))
             scaled_up = f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
             findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {MOST_PGA:.0f} g")

@@ -344,8 +344,7 @@ class SearchRuns:
         run: Callable[[np.ndarray], Sequence[np.ndarray]],
     ) -> dict[BatchId, np.ndarray]:
         """Results, shape (m, n), of batches of points; missing ones are run and stored together."""
-        missing = {name: z for name, z in batches.items() if name not in self._finished}
-        if missing:
+        if missing := {name: z for name, z in batches.items() if name not in self._finished}:
             results = np.stack(run(np.concatenate([*missing.values()])))
             sizes = [len(z) for z in missing.values()]
             if self._log is not None:

@@ -114,8 +114,7 @@ class UncertainStructures:
         if not (symmetric and np.allclose(np.diag(matrix), 1, rtol=0, atol=1e-9)):
             rule = "must be symmetric and finite, with a diagonal of 1"
             raise InvalidInput(owner, "correlation", "", rule)
-        least = float(np.linalg.eigvalsh(matrix)[0])
-        if not least > _DEFINITE:
+        if not (least := float(np.linalg.eigvalsh(matrix)[0])) > _DEFINITE:
             rule = f"must be positive definite, but its smallest eigenvalue is {least:.3g}"
             raise InvalidInput(owner, "correlation", "", rule)
         return matrix

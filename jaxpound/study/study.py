@@ -68,8 +68,7 @@ class Study(DemandColumns):
         identity = store.manifest["identity"]
         if other := identity.get("search"):
             raise ValueError(f"store {folder} must hold a study, but holds {other}")
-        moments = dict(finished(store, store.held()))
-        if not moments:
+        if not (moments := dict(finished(store, store.held()))):
             raise ValueError(f"store {folder} must hold at least one finished chunk")
         if scales := identity["scales"]:
             scales = Scales(scales["mass"], scales["frequency"], scales["gravity"])
@@ -182,8 +181,7 @@ class Study(DemandColumns):
         if not (is_whole(link) and 0 <= link < self.n_links):
             rule = f"must be the number of one of the {self.n_links} links, from 0"
             raise InvalidInput(owner, "link", repr(link), rule)
-        column = of_link(name, int(link), self.n_links)
-        if column not in self._moments:
+        if (column := of_link(name, int(link), self.n_links)) not in self._moments:
             rule = "must have a finite gap and no law of contact, for its required gap to be known"
             raise InvalidInput(owner, "link", str(link), rule)
         if name == "min_gap" and not self._moments[column].n and self.failed < len(self):
@@ -210,8 +208,7 @@ class Study(DemandColumns):
     def required_gaps(self, probability: float, confidence: float = 0.95) -> RequiredGaps:
         """``required_gap`` of each link that has one, as a table; ``ValueError`` if none has."""
         n = self.n_links
-        links = [k for k in range(n) if of_link("required_gap", k, n) in self.columns]
-        if not links:
+        if not (links := [k for k in range(n) if of_link("required_gap", k, n) in self.columns]):
             self._column("required_gap")
         gaps = {k: self.required_gap(probability, confidence, link=k) for k in links}
         places = link_places(self.topology)
@@ -225,8 +222,7 @@ class Study(DemandColumns):
         must be a pair: two buildings of one storey and one link, which has a gap.
         """
         require_share("separation", "probability", probability)
-        oscillators = self.about["oscillators"]
-        if oscillators is None:
+        if (oscillators := self.about["oscillators"]) is None:
             rule = "must be a pair: two buildings of one storey and one link, which has a gap"
             raise InvalidInput("Study.separation", "structures", "", rule)
         u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))

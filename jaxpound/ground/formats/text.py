@@ -102,8 +102,7 @@ def read_file(file: Path) -> TextFile:
         encoding = "utf-8"
     except UnicodeDecodeError:
         encoding = "latin-1"
-    lines = list(_lines(data, encoding))
-    if not lines:
+    if not (lines := list(_lines(data, encoding))):
         raise MisreadError(None, "is empty: it must hold rows of numbers")
     return TextFile(lines, data.endswith((b"\n", b"\r")))
 
