@@ -171,17 +171,17 @@ class RareEvent(Shown):
     def _densities(self) -> Float[np.ndarray, " n"]:
         """Each sample's part of n times the density of values at the limit."""
         weights, values, hit = self.weights, self.values, self._parts
-        rule = f"must have at least {_FEWEST} samples, of several values, that reach the limit"
-        few = InvalidInput("RareEvent.slope", "the event", "", f"{rule} state")
+        rule = "must have at least {} samples, of several values, that reach the limit state"
+        refusal = InvalidInput("RareEvent.slope", "the event", "", rule.format(_FEWEST))
         if np.count_nonzero(hit) < _FEWEST:
-            raise few
+            raise refusal
         order = np.argsort(-values, kind="stable")
         order = order[np.cumsum(weights[order]) > 0]
         exceeded = (np.cumsum(weights[order]) - weights[order] / 2) / hit.sum()
         logs = np.log(exceeded)
         high, low = np.interp([-_NEAR, _NEAR], logs, values[order])
         if not high > low:
-            raise few
+            raise refusal
         densities, near = np.zeros(len(values)), np.abs(logs) <= _NEAR
         densities[order[near]] = weights[order[near]] / exceeded[near] / (high - low)
         return densities

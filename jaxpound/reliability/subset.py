@@ -246,8 +246,8 @@ def _warnings(by_repeat: Sequence[list[Level]], cov: float | None, max_runs: int
         part = f"one of {len(p)} repeats makes {share:.0%} of the estimate"
         yield f"{part}, which has found what the others miss: {advice}"
     if spread > _LARGE_COV:
-        use = f"a coefficient of variation of {spread:.2g} tells the order of magnitude at best"
-        yield f"{use}: take more repeats, or more samples a level (n)"
+        precision = f"a coefficient of variation of {spread:.2g} tells the order of magnitude"
+        yield f"{precision} at best: take more repeats, or more samples a level (n)"
     if cov is not None and spread > cov:
         above = f"the coefficient of variation is {spread:.2g}, above {cov:.2g}"
         yield f"{above}: raise max_runs = {max_runs:,}"

@@ -38,7 +38,7 @@ class UncertainStructures:
     nominal, uncertain
         The structures that have all other parameters, and distributions by field path:
         ``{"friction": LogNormal(0.25, 0.2), "rod_1.tau_x": ...}``. Patterns are as in
-        ``DesignSpace``: ``{"buildings.0.rods.*.stiffness": ...}`` draws that of each storey.
+        ``DesignSpace``: ``{"buildings.0.rods.*.stiffness": ...}`` draws each storey's stiffness.
     correlation
         Correlation of the standard normal numbers from which parameters are drawn (a Gaussian
         copula; for lognormal parameters, the correlation of the logarithms). A number correlates

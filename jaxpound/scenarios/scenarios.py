@@ -86,7 +86,6 @@ class Composed:
         return [x.draw(z[i:j]) if isinstance(x, Draw) else x for x, i, j in self._ranges()]
 
     def _parameters(self, z: Any) -> list[dict[str, Any]]:
-
         return [parameters(x, z[i:j], i) if j > i else {} for x, i, j in self._ranges()]
 
     def _ranges(self) -> Iterator[tuple[Any, int, int]]:
